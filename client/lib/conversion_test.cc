@@ -39,7 +39,8 @@ TEST(ConversionTest, EnumeratorsHaveTheNumbersOfTheApi) {
        {InitializationStatus::kTooFewLines, v1::INITIALIZATION_STATUS_TOO_FEW_LINES},
        {InitializationStatus::kNoPoseFits, v1::INITIALIZATION_STATUS_NO_POSE_FITS},
        {InitializationStatus::kVerifying, v1::INITIALIZATION_STATUS_VERIFYING},
-       {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS}});
+       {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS},
+       {InitializationStatus::kNotSearchable, v1::INITIALIZATION_STATUS_NOT_SEARCHABLE}});
   ExpectNumbersOfTheApi<v1::LogLevel, LogLevel>({{LogLevel::kDebug, v1::LOG_LEVEL_DEBUG},
                                                  {LogLevel::kInfo, v1::LOG_LEVEL_INFO},
                                                  {LogLevel::kWarning, v1::LOG_LEVEL_WARNING},
@@ -179,7 +180,8 @@ TEST(ConversionTest, HealthHasTheReasonForAMissingPose) {
         {v1::INITIALIZATION_STATUS_TOO_FEW_LINES, InitializationStatus::kTooFewLines},
         {v1::INITIALIZATION_STATUS_NO_POSE_FITS, InitializationStatus::kNoPoseFits},
         {v1::INITIALIZATION_STATUS_VERIFYING, InitializationStatus::kVerifying},
-        {v1::INITIALIZATION_STATUS_AMBIGUOUS, InitializationStatus::kAmbiguous}}) {
+        {v1::INITIALIZATION_STATUS_AMBIGUOUS, InitializationStatus::kAmbiguous},
+        {v1::INITIALIZATION_STATUS_NOT_SEARCHABLE, InitializationStatus::kNotSearchable}}) {
     message.clear_objects();
     v1::ObjectHealth& object = *message.add_objects();
     object.set_object_id("cube");

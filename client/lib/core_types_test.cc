@@ -70,6 +70,7 @@ TEST(CoreTypesTest, StatesHaveTheNamesOfTheApi) {
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kNoPoseFits), "NO_POSE_FITS");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kVerifying), "VERIFYING");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kAmbiguous), "AMBIGUOUS");
+  EXPECT_EQ(InitializationStatusName(InitializationStatus::kNotSearchable), "NOT_SEARCHABLE");
 }
 
 }  // namespace

@@ -11,6 +11,9 @@
 namespace evpose {
 namespace {
 
+// All points of a tile lie within half its diagonal, sqrt(2) / 2 of its side, of its centre.
+constexpr double kHalfDiagonalPx = 0.7072 * TileGrid::kTilePx;
+
 // Restricts [low, high] to the x with lower <= offset + slope x <= upper.
 void Restrict(double offset, double slope, double lower, double upper, double& low, double& high) {
   constexpr double kFlat = 1e-9;  // below it, x changes the expression by less than 1e-5 px within an image
@@ -23,6 +26,40 @@ void Restrict(double offset, double slope, double lower, double upper, double& l
   if (first > last) std::swap(first, last);
   low = std::max(low, first);
   high = std::min(high, last);
+}
+
+// Returns the slope of the border between an element and its neighbour, README, equation (9); nullopt if the image
+// turns by more than 90 degrees between them, as at the ends of a circle that is seen edge-on.
+std::optional<double> BorderSlope(const ImageLine& line, const ImageLine& neighbour) {
+  const double cosine = line.direction.dot(neighbour.direction);
+  if (!neighbour.in_view() || cosine <= 0.0) return std::nullopt;
+  const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
+  return normal.dot(neighbour.direction) / (1.0 + cosine);
+}
+
+// Sets what only elements have, after the images of all lines are known.
+void JoinElements(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
+                  absl::Span<ImageLine> image_lines) {
+  for (size_t k = 0; k < lines.size(); ++k) {
+    ImageLine& line = image_lines[k];
+    if (!lines[k].is_element || !line.in_view()) continue;
+    line.is_element = true;
+    line.prior_contrast = lines[k].prior_contrast;
+    const Eigen::Vector3d arm = state.camera_from_object.rotation * (0.5 * (lines[k].p1 + lines[k].p2));
+    const Eigen::Vector3d point = arm + state.camera_from_object.translation_m;
+    const Eigen::Vector3d velocity = state.twist.head<3>() + state.twist.tail<3>().cross(arm);
+    const Eigen::Vector2d focal_px(camera.fx_px, camera.fy_px);
+    const Eigen::Vector2d image_velocity =
+        focal_px.cwiseProduct(velocity.head<2>() - velocity.z() / point.z() * point.head<2>()) / point.z();
+    line.along_dot_px_per_s = point.z() > 0.0 ? line.direction.dot(image_velocity) : 0.0;
+    const std::array<int, 2> neighbours = {lines[k].previous, lines[k].next};
+    for (int end = 0; end < 2; ++end) {
+      if (neighbours[end] < 0) continue;
+      const std::optional<double> slope = BorderSlope(line, image_lines[neighbours[end]]);
+      line.is_joined[end] = slope.has_value();
+      line.border[end] = slope.value_or(0.0);
+    }
+  }
 }
 
 }  // namespace
@@ -47,6 +84,7 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
     line.direction = extent / length_px;
     line.length_px = length_px;
   }
+  JoinElements(camera, state, lines, absl::MakeSpan(image_lines));
 }
 
 void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
@@ -93,9 +131,9 @@ void KeepLinesWithin(double reach_px, const ImageLine* lines, Observation& event
   uint8_t count = 0;
   for (const uint16_t index : event.Lines()) {
     const ImageLine& line = lines[index];
-    const double along_px = line.AlongPx(event.u_px, event.v_px);
-    const bool is_near =
-        std::abs(DistancePx(event, line)) <= reach_px && along_px >= -reach_px && along_px <= line.length_px + reach_px;
+    const double distance_px = DistancePx(event, line);
+    const bool is_near = std::abs(distance_px) <= reach_px &&
+                         line.Spans(AlongPx(event, line), distance_px, reach_px, kJoinedReachRatio * reach_px);
     event.lines[count] = index;
     count += is_near ? 1 : 0;
   }
@@ -119,8 +157,7 @@ void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
   }
   num_pages_ = 1;
   touched_.clear();
-  // All points of a tile lie within half its diagonal, sqrt(2) / 2 of its side, of its centre.
-  const double reach = reach_px + 0.7072 * kTilePx;
+  const double reach = reach_px + kHalfDiagonalPx;
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
     const ImageLine& line = lines[k];
@@ -167,7 +204,10 @@ void TileGrid::EnterRow(int row, absl::Span<const ImageLine> lines, size_t index
   double low = -kMarginPx;
   double high = columns_ * kTilePx - kMarginPx;
   Restrict(across, normal.x(), -reach, reach, low, high);
-  Restrict(along, line.direction.x(), -reach, line.length_px + reach, low, high);
+  // A tile's events at a joint may belong to either element, and move with the image within the window.
+  const double joined_reach = kHalfDiagonalPx + 2.0 * kJoinedReachRatio * (reach - kHalfDiagonalPx);
+  Restrict(along, line.direction.x(), -(line.is_joined[0] ? joined_reach : reach),
+           line.length_px + (line.is_joined[1] ? joined_reach : reach), low, high);
   // Tiles whose centre (column + 0.5) kTilePx - kMarginPx lies in [low, high].
   const double first_centre = std::ceil((low + kMarginPx) / kTilePx - 0.5);
   const double last_centre = std::floor((high + kMarginPx) / kTilePx - 0.5);
@@ -185,8 +225,13 @@ void TileGrid::EnterRow(int row, absl::Span<const ImageLine> lines, size_t index
 
 void TileGrid::Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile) {
   const auto distance_px = [&](size_t k) {
-    const Eigen::Vector2d from_p1 = centre_px - lines[k].p1_px;
-    return std::abs(lines[k].direction.x() * from_p1.y() - lines[k].direction.y() * from_p1.x());
+    const ImageLine& line = lines[k];
+    const Eigen::Vector2d from_p1 = centre_px - line.p1_px;
+    const double across = std::abs(line.direction.x() * from_p1.y() - line.direction.y() * from_p1.x());
+    if (!line.is_element) return across;
+    const double along = line.direction.dot(from_p1);
+    const double beyond = std::max({0.0, -along, along - line.length_px});
+    return std::sqrt(across * across + beyond * beyond) + kTilePx * (1.0 - line.prior_contrast);
   };
   const auto is_nearer = [&](uint16_t a, uint16_t b) { return distance_px(a) < distance_px(b); };
   uint16_t* const farthest = std::max_element(tile.lines, tile.lines + kSlots, is_nearer);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Association of events with lines (core/association/README.md, section 2): moving image lines, a grid of image tiles
-// with the lines near each tile, and the lines nearest to an event.
+// with the lines near each tile, and the lines nearest to an event. A line is a straight line of the model, or one of
+// the elements that approximate a curve or a contour (section 5).
 #pragma once
 
 #include <Eigen/Core>
@@ -17,26 +18,53 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/motion_prior.h"
 #include "core/geometry/projected_line.h"
+#include "core/mesh/types/edge_curve.h"
 #include "core/models/visibility.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {
 
-// A visible part of a model line, object frame, metres.
+// A visible part of a model line, or an edge element: object frame, metres.
 struct TrackedLine {
-  int model_line = 0;  // index into ObjectModel::lines
+  // Number of its edge curve, to which everything belongs that is learned over time: the index of a line in
+  // ObjectModel::lines, or EdgeElement::curve, but see ModelEdges::CurveOf().
+  int curve = 0;
   Eigen::Vector3d p1;
   Eigen::Vector3d p2;
   // Upper bound of the image width of the narrowest adjacent face, pixels. The two edges of a face that is seen nearly
-  // edge-on cannot be distinguished. Infinite for a line without faces.
+  // edge-on cannot be distinguished. Infinite for a line without flat faces.
   double narrowest_face_px = std::numeric_limits<double>::infinity();
+  // Part of a curve or contour. The elements of a curve are consecutive, and the normals of their images point to the
+  // same side of it.
+  bool is_element = false;
+  EdgeKind kind = EdgeKind::kCrease;
+  float prior_contrast = 1.0f;  // EdgeElement::prior_contrast
+  // The elements that continue the curve at p1 and at p2, indices into the same list; -1: the curve ends there.
+  int previous = -1;
+  int next = -1;
 
-  // The reader must check the range of `model_line`. The face width depends on the view and is not part of the state.
+  // The reader must check the ranges of `curve`, `previous` and `next`. The face width depends on the view and is not
+  // part of the state.
   static void VisitState(auto& archive, auto& self) {
-    auto& [model_line, p1, p2, narrowest_face_px] = self;
-    archive(model_line, Finite(p1), Finite(p2));
+    auto& [curve, p1, p2, narrowest_face_px, is_element, kind, prior_contrast, previous, next] = self;
+    archive(curve, Finite(p1), Finite(p2), is_element, AtMost(kind, EdgeKind::kContour),
+            InRange(prior_contrast, 0.0f, 1.0f), previous, next);
   }
 };
+
+// Calls `visit(first, end)` for each edge curve: a straight line alone, or the elements [first, end) of one curve.
+template <typename Visit>
+void ForEachCurve(absl::Span<const TrackedLine> lines, const Visit& visit) {
+  for (size_t first = 0; first < lines.size();) {
+    size_t end = first + 1;
+    while (lines[first].is_element && end < lines.size() && lines[end].is_element &&
+           lines[end].curve == lines[first].curve) {
+      ++end;
+    }
+    visit(first, end);
+    first = end;
+  }
+}
 
 // The moving image of a TrackedLine. The signed distance of bearing b from it is d = (a + tau a_dot) . b pixels, where
 // tau is the time in seconds since the time of the state.
@@ -51,6 +79,14 @@ struct ImageLine {
   Eigen::Vector2d p1_px = Eigen::Vector2d::Zero();
   Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // unit, from p1 to p2
   double length_px = 0.0;                               // 0 if the line is not in view; no event is then near it
+  // The following members differ from their defaults for elements only.
+  bool is_element = false;
+  float prior_contrast = 1.0f;
+  double along_dot_px_per_s = 0.0;  // velocity of the element along itself
+  // For p1 and p2: whether another element continues there, and the slope of the border between the two, README,
+  // equation (9).
+  std::array<bool, 2> is_joined = {false, false};
+  std::array<double, 2> border = {0.0, 0.0};
 
   bool in_view() const { return length_px > 0.0; }
   // Returns the undistorted pixel at a fraction of the length.
@@ -59,10 +95,35 @@ struct ImageLine {
   double AlongPx(double u_px, double v_px) const {
     return (u_px - p1_px.x()) * direction.x() + (v_px - p1_px.y()) * direction.y();
   }
+  // Returns whether a point at this coordinate along the line and this distance from it lies between the ends, or at
+  // most margin_px beyond an end at which no element continues, or joined_margin_px beyond a border.
+  bool Spans(double along_px, double distance_px, double margin_px, double joined_margin_px) const {
+    const double begin_px = along_px + border[0] * distance_px;
+    const double end_px = along_px + border[1] * distance_px;
+    return begin_px >= -(is_joined[0] ? joined_margin_px : margin_px) &&
+           end_px <= length_px + (is_joined[1] ? joined_margin_px : margin_px);
+  }
 };
 
+// Calls `visit(first, end)` for each straight line, and for each arc: successive elements of a curve whose images turn
+// by at most 45 degrees in total. A longer arc restricts a pose more than one line does. `lines` are the images of
+// `tracked`.
+template <typename Visit>
+void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, const Visit& visit) {
+  constexpr double kLeastCosine = 0.7071;
+  ForEachCurve(tracked, [&](size_t first, size_t end) {
+    size_t begin = first;
+    for (size_t k = first + 1; k < end; ++k) {
+      if (lines[k].direction.dot(lines[begin].direction) >= kLeastCosine) continue;
+      visit(begin, k);
+      begin = k;
+    }
+    visit(begin, end);
+  });
+}
+
 // Computes one image line per tracked line, in the same order, without a_dot_jacobian. Lines behind the camera have
-// length 0.
+// length 0. TrackedLine::previous and next must be valid.
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines);
 
@@ -84,7 +145,8 @@ struct Observation {
   double u_px = 0.0;  // undistorted pixel
   double v_px = 0.0;
   double tau_s = 0.0;  // time since the middle of the window
-  // Indices of the candidate lines. Six bound the memory; in a tile with more lines those nearest to its centre stay.
+  // Indices of the candidate lines. Six bound the memory; in a tile with more lines those nearest to its centre stay,
+  // but an element with a low prior contrast counts as farther away.
   static constexpr int kMaxLines = 6;
   std::array<uint16_t, kMaxLines> lines = {};
   uint8_t num_lines = 0;
@@ -106,6 +168,10 @@ struct Observation {
 // outside the sensor.
 std::optional<Observation> Observe(const CameraModel& camera, const UndistortionTable& undistortion,
                                    const WindowEvent& event, int64_t t_us);
+
+// Distance beyond a joint up to which events are candidates of an element, relative to the reach across it: half of the
+// range in which the pose may still move the joint. A larger one would make every event a candidate of the whole chain.
+inline constexpr double kJoinedReachRatio = 0.25;
 
 // A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance. Memory: 16
 // bytes for each cell of 8 x 8 tiles, and 900 bytes for each cell with lines.
@@ -168,7 +234,7 @@ class TileGrid {
   Tile& Touch(uint32_t tile);
   void EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach_px);
   // Enters a line into a full tile, in place of the line that is farthest from the tile's centre, if the new line is
-  // nearer.
+  // nearer. For each tile side by which the prior contrast of an element is below one, it counts as one side farther.
   static void Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile);
 
   int columns_ = 0;
@@ -190,6 +256,11 @@ struct NearLines {
   double distance_px[2] = {0.0, 0.0};
 };
 
+// Returns the coordinate along the line at the time of the event, pixels.
+inline double AlongPx(const Observation& event, const ImageLine& line) {
+  return line.AlongPx(event.u_px, event.v_px) - event.tau_s * line.along_dot_px_per_s;
+}
+
 // Returns the signed distance of an event from the expected position of a line's events at the time of the event.
 inline double DistancePx(const Observation& event, const ImageLine& line) {
   const Eigen::Vector3d& a = line.a_expected;
@@ -197,11 +268,12 @@ inline double DistancePx(const Observation& event, const ImageLine& line) {
          event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
 }
 
-// Removes the candidate lines that are farther than reach_px from the event, across the line or beyond its ends.
+// Removes the candidate lines that are farther than reach_px from the event, across the line or beyond its ends, or
+// kJoinedReachRatio times as far beyond an end at which another element continues.
 void KeepLinesWithin(double reach_px, const ImageLine* lines, Observation& event);
 
 // Returns the nearest two of the candidates that have the event in their gate: |d| <= gate_px, and at most
-// end_margin_px beyond an end point.
+// end_margin_px beyond an end point. An event at a joint belongs to one of the two elements.
 inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16_t> candidates, const ImageLine* lines,
                                double gate_px, double end_margin_px) {
   NearLines near;
@@ -211,8 +283,7 @@ inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16
     const double d = DistancePx(event, line);
     const double distance = d < 0.0 ? -d : d;
     if (!(distance <= best[1])) continue;
-    const double along = line.AlongPx(event.u_px, event.v_px);
-    if (along < -end_margin_px || along > line.length_px + end_margin_px || !line.in_view()) continue;
+    if (!line.Spans(AlongPx(event, line), d, end_margin_px, 0.0) || !line.in_view()) continue;
     const int slot = distance <= best[0] ? 0 : 1;
     if (slot == 0) {
       near.line[1] = near.line[0];

@@ -29,7 +29,12 @@ double NormalDensity(double distance_px, double sigma_px) {
 BoundingSphere BoundingSphereOf(const ObjectModel& model) {
   BoundingSphere sphere;
   for (const ModelLine& line : model.lines) sphere.centre += 0.5 * (line.p1 + line.p2);
-  if (!model.lines.empty()) sphere.centre /= static_cast<double>(model.lines.size());
+  if (!model.lines.empty()) {
+    sphere.centre /= static_cast<double>(model.lines.size());
+  } else if (!model.vertices.empty()) {
+    for (const Eigen::Vector3d& vertex : model.vertices) sphere.centre += vertex;
+    sphere.centre /= static_cast<double>(model.vertices.size());
+  }
   const auto enclose = [&](const Eigen::Vector3d& point) {
     sphere.radius_m = std::max(sphere.radius_m, (point - sphere.centre).norm());
   };
@@ -134,10 +139,13 @@ bool Competitors::Explains(const Observation& event) const {
 
 bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const {
   std::vector<TrackedLine> visible;
+  std::vector<int> place_of(lines.size(), -1);  // of elements: index in `visible`
   std::vector<const Body*> before;
   bool hides = false;
-  for (const TrackedLine& line : lines) {
+  for (size_t k = 0; k < lines.size(); ++k) {
+    const TrackedLine& line = lines[k];
     YieldPoint();
+    place_of[k] = static_cast<int>(visible.size());
     const Eigen::Vector3d p1 = camera_from_object * line.p1;
     const Eigen::Vector3d p2 = camera_from_object * line.p2;
     const BoundingSphere segment{0.5 * (p1 + p2), 0.5 * (p2 - p1).norm()};
@@ -148,12 +156,29 @@ bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::ve
     }
     if (before.empty()) {
       visible.push_back(line);
+    } else if (line.is_element) {
+      // An element is short: it is visible or hidden as its middle.
+      const bool is_hidden = IsHidden(camera_from_object * (0.5 * (line.p1 + line.p2)), before);
+      hides |= is_hidden;
+      if (is_hidden) place_of[k] = -1;
+      if (!is_hidden) visible.push_back(line);
     } else {
       hides |= AppendVisibleParts(camera_from_object, line, before, visible);
     }
   }
+  for (TrackedLine& line : visible) {
+    if (line.previous >= 0) line.previous = place_of[line.previous];
+    if (line.next >= 0) line.next = place_of[line.next];
+  }
   lines.swap(visible);
   return hides;
+}
+
+bool Competitors::IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies) {
+  return std::any_of(bodies.begin(), bodies.end(), [&](const Body* body) {
+    const Eigen::Vector3d eye = body->object_from_camera.translation_m;
+    return !body->visibility->IsPointVisible(eye, body->object_from_camera * point_camera);
+  });
 }
 
 bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
@@ -167,13 +192,7 @@ bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, c
   const double length_px = (projected->p2_px - projected->p1_px).norm();
   const int steps = static_cast<int>(std::clamp(length_px / kStepPx, 2.0, static_cast<double>(kMaxSteps)));
   const auto at = [&](double s) -> Eigen::Vector3d { return line.p1 + s * (line.p2 - line.p1); };
-  const auto is_hidden = [&](double s) {
-    const Eigen::Vector3d point_camera = camera_from_object * at(s);
-    return std::any_of(bodies.begin(), bodies.end(), [&](const Body* body) {
-      const Eigen::Vector3d eye = body->object_from_camera.translation_m;
-      return !body->visibility->IsPointVisible(eye, body->object_from_camera * point_camera);
-    });
-  };
+  const auto is_hidden = [&](double s) { return IsHidden(camera_from_object * at(s), bodies); };
   const auto boundary = [&](double seen, double hidden) {
     for (int i = 0; i < kBisections; ++i) {
       const double middle = 0.5 * (seen + hidden);
@@ -189,11 +208,11 @@ bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, c
     const double previous = static_cast<double>(i - 1) / steps;
     const bool now_hidden = is_hidden(s);
     if (!now_hidden && was_hidden) begin = i == 0 ? 0.0 : boundary(s, previous);
-    if (now_hidden && !was_hidden) visible.push_back({line.model_line, at(begin), at(boundary(previous, s))});
+    if (now_hidden && !was_hidden) visible.push_back({line.curve, at(begin), at(boundary(previous, s))});
     hides |= now_hidden;
     was_hidden = now_hidden;
   }
-  if (!was_hidden) visible.push_back({line.model_line, at(begin), line.p2});
+  if (!was_hidden) visible.push_back({line.curve, at(begin), line.p2});
   return hides;
 }
 

@@ -18,7 +18,8 @@
 namespace evpose {
 
 // A sphere that contains an object, metres, in the object frame unless stated otherwise. Its centre is the mean of the
-// lines' end points, which is invariant under the object's symmetries.
+// straight lines' end points, or of the vertices of a model without such lines; it is invariant under the object's
+// discrete symmetries.
 struct BoundingSphere {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   double radius_m = 0.0;
@@ -58,8 +59,8 @@ class Competitors {
   // Returns whether the event lies so near to a line of another object that this line is a more likely cause than
   // clutter.
   bool Explains(const Observation& event) const;
-  // Replaces the lines of an object at this pose by the parts that no other object hides. Returns whether any part is
-  // hidden.
+  // Replaces the lines of an object at this pose by the parts that no other object hides; an element stays as a whole
+  // or is removed. Returns whether any part is hidden.
   bool RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const;
 
  private:
@@ -68,7 +69,8 @@ class Competitors {
     RigidTransform object_from_camera;
     BoundingSphere sphere;  // camera frame
   };
-  // Appends the parts of one line that `bodies` do not hide. Returns whether any part is hidden.
+  static bool IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies);
+  // Appends the parts of one straight line that `bodies` do not hide. Returns whether any part is hidden.
   bool AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
                           absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const;
 

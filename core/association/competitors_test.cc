@@ -117,8 +117,36 @@ TEST_F(CompetitorsTest, CutsALineWhereItIsHidden) {
   EXPECT_NEAR(kCamera.Project(pose * lines[1].p1).x(), kCamera.cx_px + edge_px, 1.0);
   EXPECT_EQ(lines[0].p1.x(), -0.44);
   EXPECT_EQ(lines[1].p2.x(), 0.44);
-  EXPECT_EQ(lines[0].model_line, 7);
-  EXPECT_EQ(lines[1].model_line, 7);
+  EXPECT_EQ(lines[0].curve, 7);
+  EXPECT_EQ(lines[1].curve, 7);
+}
+
+TEST_F(CompetitorsTest, ElementsStayJoinedWhereSomeAreHidden) {
+  AddCube(front_);
+  // A row of elements behind the cube, from 100 to 540 px, 11 px each.
+  const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
+  std::vector<TrackedLine> lines(40);
+  for (int k = 0; k < 40; ++k) {
+    lines[k].p1 = {-0.44 + 0.022 * k, 0.0, 0.0};
+    lines[k].p2 = {-0.44 + 0.022 * (k + 1), 0.0, 0.0};
+    lines[k].is_element = true;
+    lines[k].previous = k - 1;
+    lines[k].next = k + 1 < 40 ? k + 1 : -1;
+  }
+  EXPECT_TRUE(competitors_.RemoveHidden(pose, lines));
+  ASSERT_GT(lines.size(), 10u);
+  ASSERT_LT(lines.size(), 30u);
+  int ends = 0;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    if (lines[k].next < 0) {
+      ++ends;
+      continue;
+    }
+    const TrackedLine& next = lines[static_cast<size_t>(lines[k].next)];
+    EXPECT_EQ(next.p1, lines[k].p2);
+    EXPECT_EQ(next.previous, static_cast<int>(k));
+  }
+  EXPECT_EQ(ends, 2) << "one on the right, and one where the cube begins";
 }
 
 TEST_F(CompetitorsTest, ADistantObjectHidesNothing) {

@@ -48,17 +48,21 @@ class GroupLine {
         a_dot_(Across(line.a_dot, group)),
         along_{AllLanes(line.direction.x()), AllLanes(line.direction.y()),
                AllLanes(line.AlongPx(group.origin_px.x(), group.origin_px.y()))},
+        along_dot_(AllLanes(line.along_dot_px_per_s)),
+        border_{AllLanes(line.border[0]), AllLanes(line.border[1])},
         length_px_(AllLanes(line.length_px)) {}
 
-  // The same quantities as evpose::DistancePx() and ImageLine::AlongPx().
+  // The same quantities as evpose::DistancePx() and evpose::AlongPx().
   Lanes DistancePx(const EventLanes& event) const {
     return At(a_, event.bx, event.by) + event.tau_s * At(a_dot_, event.bx, event.by);
   }
-  Lanes AlongPx(const EventLanes& event) const { return At(along_, event.u_px, event.v_px); }
+  Lanes AlongPx(const EventLanes& event) const { return At(along_, event.u_px, event.v_px) - event.tau_s * along_dot_; }
   Lanes length_px() const { return length_px_; }
-  // Returns the mask of the used lanes with |distance| <= gate_px and a position between the line's ends.
+  // Returns the mask of the used lanes with |distance| <= gate_px and a position between the line's ends, as
+  // ImageLine::Spans() without margins.
   LaneMask IsGated(const EventLanes& event, Lanes distance_px, Lanes along_px, Lanes gate_px) const {
-    return (Abs(distance_px) <= gate_px) & (along_px >= 0.0f) & (along_px <= length_px_) & (event.is_event > 0.0f);
+    return (Abs(distance_px) <= gate_px) & (along_px + border_[0] * distance_px >= 0.0f) &
+           (along_px + border_[1] * distance_px <= length_px_) & (event.is_event > 0.0f);
   }
 
  private:
@@ -69,6 +73,8 @@ class GroupLine {
   static Lanes At(const Affine& affine, Lanes x, Lanes y) { return affine[0] * x + affine[1] * y + affine[2]; }
 
   const Affine a_, a_dot_, along_;
+  const Lanes along_dot_;
+  const std::array<Lanes, 2> border_;
   const Lanes length_px_;
 };
 

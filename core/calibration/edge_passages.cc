@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/association/association.h"
-#include "core/association/visible_lines.h"
+#include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/robust.h"
 #include "core/windows/pixel_history.h"
@@ -72,11 +72,11 @@ class Collector : public EdgePassageCollector {
         camera_(camera),
         undistortion_(std::move(undistortion)),
         truth_(std::move(truth)),
-        visibility_(*model_, {.grazing_cosine = 0.0}),
-        visible_lines_(*model_, camera_, visibility_),
+        edges_(*model_, {.grazing_cosine = 0.0}, {}),
+        visible_edges_(camera_, edges_),
         history_({camera.width_px, camera.height_px}),
         grid_(camera_),
-        open_(model_->lines.size()),
+        open_(std::min<size_t>(model_->lines.size(), ModelEdges::kMaxCurves)),
         slot_begin_us_(truth_.front().t_us) {}
 
   void AddEvents(absl::Span<const Event> events) override {
@@ -109,9 +109,9 @@ class Collector : public EdgePassageCollector {
   const CameraModel camera_;
   const UndistortionTable undistortion_;
   const Trajectory truth_;
-  const VisibilityTester visibility_;
+  const ModelEdges edges_;
   const ExpTable table_;
-  VisibleLines visible_lines_;
+  VisibleEdges visible_edges_;
   PixelHistory history_;
   TileGrid grid_;
   std::vector<OpenPassage> open_;  // indexed by model line
@@ -144,7 +144,7 @@ void Collector::CloseSlot() {
   const std::optional<MotionState> truth = slot_.empty() ? std::nullopt : TruthOfSlot();
   if (truth) {
     num_events_with_truth_ += slot_.size();
-    const absl::Span<const TrackedLine> tracked = visible_lines_.At(truth->camera_from_object);
+    const absl::Span<const TrackedLine> tracked = visible_edges_.At(truth->camera_from_object);
     ProjectLines(camera_, *truth, tracked, lines_);
     grid_.Build(lines_, kAlonePx + kGridMarginPx);
     AddSweeps(tracked);
@@ -161,12 +161,13 @@ void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
   direction_.assign(lines_.size(), 0.0);
   for (size_t k = 0; k < lines_.size(); ++k) {
     const ImageLine& line = lines_[k];
-    if (line.length_px < options_.min_length_px) continue;
+    // Elements are too short for a passage; they tell which events are not those of a straight line.
+    if (line.is_element || line.length_px < options_.min_length_px) continue;
     const double first = NormalSpeedPxPerS(camera_, line, 0.0), last = NormalSpeedPxPerS(camera_, line, 1.0);
     if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < options_.min_speed_px_per_s) continue;
     direction_[k] = first > 0.0 ? 1.0 : -1.0;
-    OpenPassage& open = open_[tracked[k].model_line];
-    if (open.direction != direction_[k]) ClosePassage(tracked[k].model_line);
+    OpenPassage& open = open_[tracked[k].curve];
+    if (open.direction != direction_[k]) ClosePassage(tracked[k].curve);
     open.direction = direction_[k];
     const double speed = 0.5 * std::abs(first + last);
     const double swept_px2 = line.length_px * speed * kSlotUs * 1e-6;
@@ -184,7 +185,7 @@ void Collector::AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<
   const NearLines near = FindNearLines(seen, lines_.data(), kAlonePx, kAlonePx);
   if (near.count == 0 || direction_[near.line[0]] == 0.0) return;
   const ImageLine& line = lines_[near.line[0]];
-  OpenPassage& open = open_[tracked[near.line[0]].model_line];
+  OpenPassage& open = open_[tracked[near.line[0]].curve];
   const double along = line.AlongPx(seen.u_px, seen.v_px);
   const double distance = near.distance_px[0];
   if (std::abs(distance) < options_.own_px && along >= 0.0 && along <= line.length_px)

@@ -67,7 +67,7 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
     ImageLine& line = lines[k];
-    const size_t index = static_cast<size_t>(tracked[k].model_line);
+    const size_t index = static_cast<size_t>(tracked[k].curve);
     if (!line.in_view()) continue;
     // Late time stamps displace the events to an earlier position of the line.
     line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
@@ -92,19 +92,25 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
   // Pixels per second. Slower lines produce too few events compared with noise, and their direction may be wrong.
   constexpr double kMinSpeedPxPerS = 20.0;
   constexpr double kMinLengthPx = 10.0;  // the events at the ends of a shorter line dominate its counts
-  for (size_t k = 0; k < lines.size(); ++k) {
-    const ImageLine& line = lines[k];
-    if (line.length_px < kMinLengthPx) continue;
-    const double first = NormalSpeedPxPerS(camera_, line, 0.1);
-    const double last = NormalSpeedPxPerS(camera_, line, 0.9);
-    if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
-    const size_t index = static_cast<size_t>(tracked[k].model_line);
-    if (index >= profiles_.size()) profiles_.resize(index + 1);
-    const double half_px_s = 0.5 * line.length_px * duration_s;
-    const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.25)),
-                                             half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.75))};
-    Add(counts[k], 0.5 * (first + last), swept_px2, profiles_[index]);
-  }
+  ForEachCurve(tracked, [&](size_t begin, size_t end) {
+    // The ends of an element at which another one continues are no ends of the curve.
+    double length_px = 0.0;
+    for (size_t k = begin; k < end; ++k) length_px += lines[k].length_px;
+    if (length_px < kMinLengthPx) return;
+    for (size_t k = begin; k < end; ++k) {
+      const ImageLine& line = lines[k];
+      if (!line.in_view()) continue;
+      const double first = NormalSpeedPxPerS(camera_, line, 0.1);
+      const double last = NormalSpeedPxPerS(camera_, line, 0.9);
+      if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
+      const size_t index = static_cast<size_t>(tracked[k].curve);
+      if (index >= profiles_.size()) profiles_.resize(index + 1);
+      const double half_px_s = 0.5 * line.length_px * duration_s;
+      const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.25)),
+                                               half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.75))};
+      Add(counts[k], 0.5 * (first + last), swept_px2, profiles_[index]);
+    }
+  });
 }
 
 void EdgeBias::Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,

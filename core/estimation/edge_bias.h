@@ -77,8 +77,8 @@ class EdgeBias {
   // Sets ImageLine::a_expected of each line: the image line displaced to the expected position of its events. `tracked`
   // and `lines` have the same order and length.
   void Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const;
-  // Updates the counts of each line after a window was accepted. `counts` has one entry per line; `duration_s` is that
-  // of the window.
+  // Updates the counts of each edge curve after a window was accepted; those of a curve with several elements are
+  // summed. `counts` has one entry per line; `duration_s` is that of the window.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
              absl::Span<const EdgeCounts> counts, double duration_s);
 
@@ -121,7 +121,7 @@ class EdgeBias {
   const EdgeOptions options_;
   const SensorProfile sensor_;
   const CameraModel camera_;
-  std::vector<Profile> profiles_;  // indexed by model line
+  std::vector<Profile> profiles_;  // indexed by TrackedLine::curve
 };
 
 }  // namespace evpose

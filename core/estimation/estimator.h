@@ -47,12 +47,24 @@ struct DeficitCounts {
   }
 };
 
+// What the absence of events near a line means, if the line moves across itself.
+enum class Expectation : uint8_t {
+  kEvents,   // the estimate is wrong: a straight line, or a curve that has shown events or has a high contrast
+  kPerhaps,  // nothing yet for the motion: a contour against a background that may be as bright as the object
+  kNothing,  // nothing: the curve has moved without events while the pose was confirmed
+};
+
 // The events of a window near the predicted lines. All pointers and spans are valid during the call only.
 struct WindowInput : AssociatedEvents {
   bool is_confirmed = false;  // the pose before this window is that of a confirmed track; otherwise no correction for
                               // flicker is applied
   absl::Span<const TrackedLine> lines;
   absl::Span<const DeficitCounts> past_deficit_counts;  // of `lines`, from earlier windows; empty: none
+  absl::Span<const Expectation> expectations;           // of `lines`; empty: kEvents for all
+
+  Expectation ExpectationOf(size_t line) const {
+    return expectations.empty() ? Expectation::kEvents : expectations[line];
+  }
 };
 
 struct WindowFit {

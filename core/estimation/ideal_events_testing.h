@@ -49,8 +49,9 @@ std::function<bool(const Eigen::Vector2d& pixel, double t_s)> HiddenBehind(const
 // Merges several streams, each in order of time, into one in order of time.
 std::vector<Event> MergeEvents(const std::vector<std::vector<Event>>& streams);
 
-// Returns the events in order of time. The object must be convex: a line is visible when one of its faces is turned
-// towards the camera.
+// Returns the events in order of time. The straight lines must be those of a convex object: a line is visible when one
+// of its faces is turned towards the camera. Curves and contours are those of an EdgeElementExtractor with short
+// chords.
 std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& camera, const Motion& motion,
                                    const IdealEventOptions& options);
 

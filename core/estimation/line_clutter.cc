@@ -28,30 +28,36 @@ void LineClutter::Add(const LineCounts& counts, int direction, double gate_px, M
 void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                             absl::Span<const LineCounts> counts, double counts_gate_px, const MixtureDensity& density,
                             std::vector<LineDensities>& densities) const {
+  densities.assign(tracked.size(), LineDensities::Of(density));
+  ForEachCurve(tracked, [&](size_t first, size_t end) {
+    const auto index = static_cast<size_t>(tracked[first].curve);
+    Memory memory = index < lines_.size() ? lines_[index] : Memory();
+    for (size_t k = first; k < end && !counts.empty(); ++k) {
+      if (lines[k].in_view()) Add(counts[k], Direction(lines[k]), counts_gate_px, memory);
+    }
+    for (size_t k = first; k < end; ++k) {
+      if (lines[k].in_view()) SetDensities(memory, Direction(lines[k]), density, densities[k]);
+    }
+  });
+}
+
+void LineClutter::SetDensities(const Memory& memory, int direction, const MixtureDensity& density,
+                               LineDensities& line) {
   // Events of the line, a lower bound for the denominators: fewer are no estimate of the rate or of the polarity.
   constexpr double kFewEvents = 10.0;
   const double shared = density.Outlier();
-  densities.clear();
-  for (size_t k = 0; k < tracked.size(); ++k) {
-    LineDensities& line = densities.emplace_back(LineDensities::Of(density));
-    if (!lines[k].in_view()) continue;
-    const auto index = static_cast<size_t>(tracked[k].model_line);
-    const int direction = Direction(lines[k]);
-    Memory memory = index < lines_.size() ? lines_[index] : Memory();
-    if (!counts.empty()) Add(counts[k], direction, counts_gate_px, memory);
-    const double own = memory.own[0] + memory.own[1];
-    // The factor 2 drops the probability 1/2 of each polarity, as LineDensities::own does: the mean over both
-    // polarities equals the density without them.
-    const double scale = 2.0 * (1.0 - density.outlier_ratio) / std::max(own, kFewEvents);
-    for (int polarity = 0; polarity < 2; ++polarity) {
-      const double of_polarity = memory.own[direction > 0 ? polarity : 1 - polarity];
-      if (direction != 0) line.own[polarity] = (2.0 * of_polarity + kFewEvents) / (own + kFewEvents);
-      const double negative = scale * memory.beside_per_px[0][polarity];
-      const double positive = scale * memory.beside_per_px[1][polarity];
-      const double denser = std::max(negative, positive);
-      line.beside[0][polarity] = std::max(shared, direction == 0 ? denser : negative);
-      line.beside[1][polarity] = std::max(shared, direction == 0 ? denser : positive);
-    }
+  const double own = memory.own[0] + memory.own[1];
+  // The factor 2 drops the probability 1/2 of each polarity, as LineDensities::own does: the mean over both polarities
+  // equals the density without them.
+  const double scale = 2.0 * (1.0 - density.outlier_ratio) / std::max(own, kFewEvents);
+  for (int polarity = 0; polarity < 2; ++polarity) {
+    const double of_polarity = memory.own[direction > 0 ? polarity : 1 - polarity];
+    if (direction != 0) line.own[polarity] = (2.0 * of_polarity + kFewEvents) / (own + kFewEvents);
+    const double negative = scale * memory.beside_per_px[0][polarity];
+    const double positive = scale * memory.beside_per_px[1][polarity];
+    const double denser = std::max(negative, positive);
+    line.beside[0][polarity] = std::max(shared, direction == 0 ? denser : negative);
+    line.beside[1][polarity] = std::max(shared, direction == 0 ? denser : positive);
   }
 }
 
@@ -61,12 +67,16 @@ void LineClutter::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const 
   // enough to follow a change of the background within tens of milliseconds.
   constexpr double kMemoryEvents = 100.0;
   const double strip_px = (1.0 - LineCounts::kLateralRatio) * gate_px;
-  for (size_t k = 0; k < counts.size(); ++k) {
-    if (!lines[k].in_view()) continue;
-    const auto index = static_cast<size_t>(tracked[k].model_line);
+  if (counts.empty()) return;
+  ForEachCurve(tracked, [&](size_t first, size_t end) {
+    const absl::Span<const ImageLine> of_curve = lines.subspan(first, end - first);
+    if (std::none_of(of_curve.begin(), of_curve.end(), [](const ImageLine& line) { return line.in_view(); })) return;
+    const auto index = static_cast<size_t>(tracked[first].curve);
     if (index >= lines_.size()) lines_.resize(index + 1);
     Memory& memory = lines_[index];
-    Add(counts[k], Direction(lines[k]), gate_px, memory);
+    for (size_t k = first; k < end; ++k) {
+      if (lines[k].in_view()) Add(counts[k], Direction(lines[k]), gate_px, memory);
+    }
     double all = memory.own[0] + memory.own[1];
     for (const ByPolarity& side : memory.beside_per_px) all += strip_px * (side[0] + side[1]);
     const double keep = std::min(1.0, kMemoryEvents / std::max(all, 1.0));
@@ -74,7 +84,7 @@ void LineClutter::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const 
       memory.own[polarity] *= keep;
       for (ByPolarity& side : memory.beside_per_px) side[polarity] *= keep;
     }
-  }
+  });
 }
 
 }  // namespace evpose

@@ -36,10 +36,18 @@ struct LineCounts {
   ByPolarity own = {};  // observations attributed to the line, by polarity
   // Clutter farther from the line than kLateralRatio of the gate, by side and polarity.
   std::array<ByPolarity, 2> beside = {};
+
+  void Add(const LineCounts& other) {
+    for (int polarity = 0; polarity < 2; ++polarity) {
+      own[polarity] += other.own[polarity];
+      for (int side = 0; side < 2; ++side) beside[side][polarity] += other.beside[side][polarity];
+    }
+  }
   static constexpr double kLateralRatio = 2.0 / 3.0;  // beyond it the events of the line itself are negligible
 };
 
-// Averages the counts of each model line over about the last hundred events.
+// Averages the counts of each edge curve over about the last hundred events. The counts of the elements of a curve in a
+// window are summed.
 class LineClutter {
  public:
   explicit LineClutter(const CameraModel& camera) : camera_(camera) {}
@@ -83,9 +91,11 @@ class LineClutter {
   // +1 or -1 for motion along or against the normal; 0 at rest.
   int Direction(const ImageLine& line) const;
   static void Add(const LineCounts& counts, int direction, double gate_px, Memory& memory);
+  // Densities of one line from the counts of its curve. `line` has the densities without clutter beside it.
+  static void SetDensities(const Memory& memory, int direction, const MixtureDensity& density, LineDensities& line);
 
   const CameraModel camera_;
-  std::vector<Memory> lines_;  // indexed by model line
+  std::vector<Memory> lines_;  // indexed by TrackedLine::curve
 };
 
 }  // namespace evpose

@@ -160,5 +160,40 @@ TEST_F(OneSidedClutter, DoesNotDisplaceTheLineOnceItIsLearned) {
   EXPECT_NEAR(sums_[0].sums.weight(), 20'000.0, 1000.0);
 }
 
+TEST(LineClutter, SumsTheElementsOfACurve) {
+  const CameraModel camera = MakeCamera(1280, 720, 1000.0);
+  std::vector<TrackedLine> whole = {{2, {0.0, -0.06, 0.0}, {0.0, 0.06, 0.0}}};
+  std::vector<TrackedLine> elements(6);
+  for (int k = 0; k < 6; ++k) {
+    elements[k].curve = 2;
+    elements[k].p1 = {0.0, -0.06 + 0.02 * k, 0.0};
+    elements[k].p2 = {0.0, -0.04 + 0.02 * k, 0.0};
+    elements[k].is_element = true;
+  }
+  MotionState state;
+  state.camera_from_object = MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+  state.twist[0] = 0.5;
+  std::vector<ImageLine> of_whole, of_elements;
+  ProjectLines(camera, state, whole, of_whole);
+  ProjectLines(camera, state, elements, of_elements);
+  LineClutter a(camera), b(camera);
+  const LineCounts sixth = {{kBelow.own[0] / 6, kBelow.own[1] / 6},
+                            {{{kBelow.beside[0][0] / 6, kBelow.beside[0][1] / 6}, {0.0, 0.0}}}};
+  std::vector<LineDensities> densities_a, densities_b;
+  for (int i = 0; i < 5; ++i) {
+    a.Learn(whole, of_whole, std::vector<LineCounts>{kBelow}, kDensity.gate_px);
+    b.Learn(elements, of_elements, std::vector<LineCounts>(6, sixth), kDensity.gate_px);
+  }
+  a.Densities(whole, of_whole, std::vector<LineCounts>{kBelow}, kDensity.gate_px, kDensity, densities_a);
+  b.Densities(elements, of_elements, std::vector<LineCounts>(6, sixth), kDensity.gate_px, kDensity, densities_b);
+  ASSERT_EQ(densities_b.size(), 6u);
+  for (const LineDensities& density : densities_b) {
+    for (int polarity = 0; polarity < 2; ++polarity) {
+      EXPECT_NEAR(density.beside[0][polarity], densities_a[0].beside[0][polarity], 1e-12);
+      EXPECT_NEAR(density.own[polarity], densities_a[0].own[polarity], 1e-12);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace evpose

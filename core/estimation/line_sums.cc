@@ -57,6 +57,23 @@ void LineEquations::Marginalise(const LineDisplacement& displacement) {
   m11_ -= weighted1 * m10_basis.transpose();
 }
 
+void SharedDisplacement::Add(const LineEquations& equations, const Eigen::Matrix<double, 3, 2>& basis) {
+  const Eigen::Matrix<double, 3, 2> m00_basis = equations.m00_ * basis;
+  const Eigen::Matrix<double, 3, 2> m01_basis = equations.m01_ * basis;
+  cross_.topRows<6>() += equations.a_ * m00_basis + equations.b_ * m01_basis;
+  cross_.bottomRows<6>() += equations.a_ * m01_basis;
+  information_ += basis.transpose() * m00_basis;
+  residual_ += basis.transpose() * equations.d0_;
+}
+
+void SharedDisplacement::Marginalise(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const {
+  Eigen::Matrix2d information = information_;
+  information.diagonal().array() += 2.0 / (sigma_px * sigma_px);  // as in LineEquations::Marginalise()
+  const Eigen::Matrix<double, 12, 2> weighted = cross_ * information.inverse();
+  hessian -= weighted * cross_.transpose();
+  gradient -= weighted * residual_;
+}
+
 void LineEquations::AddTo(Matrix12d& hessian, Vector12d& gradient) const {
   const PoseRows pose_m0 = a_ * m00_ + b_ * m01_.transpose();
   const PoseRows pose_m1 = a_ * m01_ + b_ * m11_;

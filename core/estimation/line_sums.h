@@ -64,6 +64,7 @@ class LineEquations {
   void AddTo(Matrix12d& hessian, Vector12d& gradient) const;
 
  private:
+  friend class SharedDisplacement;
   // A and B transposed, one row per parameter of the pose: stored in columns of six, which multiply with few
   // instructions.
   using PoseRows = Eigen::Matrix<double, 6, 3>;
@@ -72,6 +73,21 @@ class LineEquations {
   // cheaper than in the 12 x 12 equations.
   Eigen::Matrix3d m00_, m01_, m11_;
   Eigen::Vector3d d0_, d1_;
+};
+
+// A displacement that the elements of an arc share (core/estimation/README.md, section 7). The equations of each
+// element are added to the normal equations without a displacement of its own; Marginalise() then corrects these.
+class SharedDisplacement {
+ public:
+  // `basis` maps the displacement of the arc to the bearing, as LineDisplacement::basis does for a line.
+  void Add(const LineEquations& equations, const Eigen::Matrix<double, 3, 2>& basis);
+  // `sigma_px` is that of LineDisplacement, for the ends of the arc.
+  void Marginalise(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const;
+
+ private:
+  Eigen::Matrix<double, 12, 2> cross_ = Eigen::Matrix<double, 12, 2>::Zero();  // of pose and twist with displacement
+  Eigen::Matrix2d information_ = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d residual_ = Eigen::Vector2d::Zero();
 };
 
 }  // namespace evpose

@@ -93,7 +93,7 @@ class MixtureEstimator : public WindowEstimator {
       const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
       density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
       noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
-      if (input.is_confirmed) CorrectFlickerBias(input.shares.events_per_observation, density.gate_px);
+      if (input.is_confirmed) CorrectFlickerBias(input, density.gate_px);
       const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
       // The added variance shrinks by a factor of ten per pass and is negligible below 1 % of that of the events.
       if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
@@ -128,7 +128,7 @@ class MixtureEstimator : public WindowEstimator {
     if (gated > 0.0) {
       outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
     }
-    LearnDisplacement();
+    LearnDisplacement(input.lines);
     counts_.clear();
     for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
@@ -147,16 +147,20 @@ class MixtureEstimator : public WindowEstimator {
 
  private:
   // Sets the flicker bias of each line (flicker_bias.h) from the counts of the last pass.
-  void CorrectFlickerBias(const ByPolarity& events_per_observation, double gate_px) {
-    for (size_t k = 0; k < lines_.size(); ++k) {
-      const double shift_px = FlickerBiasPx(line_counts_[k], events_per_observation, gate_px, sigma_px_);
-      lines_[k].a_expected.z() -= shift_px - flicker_biases_px_[k];
-      flicker_biases_px_[k] = shift_px;
-    }
+  void CorrectFlickerBias(const WindowInput& input, double gate_px) {
+    ForEachCurve(input.lines, [&](size_t first, size_t end) {
+      LineCounts counts;
+      for (size_t k = first; k < end; ++k) counts.Add(line_counts_[k]);
+      const double shift_px = FlickerBiasPx(counts, input.shares.events_per_observation, gate_px, sigma_px_);
+      for (size_t k = first; k < end; ++k) {
+        lines_[k].a_expected.z() -= shift_px - flicker_biases_px_[k];
+        flicker_biases_px_[k] = shift_px;
+      }
+    });
   }
   // Updates the scale of the common displacement of the events of a line from the mean residuals of the lines
   // (core/estimation/README.md, section 7).
-  void LearnDisplacement() {
+  void LearnDisplacement(absl::Span<const TrackedLine> tracked) {
     // Sum of weights of a line that contributes: the mean of fewer events is dominated by their own noise.
     constexpr double kMinWeight = 20.0;
     // Share of a new window in the running mean, which therefore covers about 100 windows.
@@ -168,17 +172,22 @@ class MixtureEstimator : public WindowEstimator {
     double count = 0.0;
     double squares_px2 = 0.0;
     double observed_squares = 0.0;
-    for (size_t k = 0; k < lines_.size(); ++k) {
-      const LineSums& sums = sums_[k].sums;
-      if (sums.weight() < kMinWeight || !lines_[k].in_view()) continue;
-      const double mean_px = sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
-      const double w = sums.weight();
-      const double observed = sums_[k].ObservedRatio(sigma_px_);
+    ForEachArc(tracked, lines_, [&](size_t first, size_t end) {
+      double mean_px = 0.0, w = 0.0, ambiguous_px2 = 0.0;
+      for (size_t k = first; k < end; ++k) {
+        if (!lines_[k].in_view()) continue;
+        const LineSums& sums = sums_[k].sums;
+        mean_px += sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
+        w += sums.weight();
+        ambiguous_px2 += sums_[k].ambiguous_px2;
+      }
+      if (w < kMinWeight) return;
+      const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, sigma_px_);
       squares_px2 +=
           mean_px * mean_px / (w * w) - observed * sigma_px_ * sigma_px_ * options_.events_per_information / w;
       observed_squares += observed * observed;
       count += 1.0;
-    }
+    });
     if (count <= kLinesOfAPose) return;
     const double mean_px2 = squares_px2 / (observed_squares * (1.0 - kLinesOfAPose / count));
     displacement_px2_ += kForget * (mean_px2 - displacement_px2_);
@@ -228,20 +237,51 @@ class MixtureEstimator : public WindowEstimator {
     const double event_scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
     const double displacement_px =
         options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
-    for (size_t k = 0; k < lines_.size(); ++k) {
-      YieldPoint(k);
-      if (!lines_[k].in_view() || sums_[k].sums.weight() <= 0.0) continue;
+    const auto equations_of = [&](size_t k) {
       const double scale =
           information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
-      LineEquations equations(sums_[k].sums, lines_[k], scale);
-      const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[k]));
-      if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[k]), line_px});
+      return LineEquations(sums_[k].sums, lines_[k], scale);
+    };
+    ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
+      YieldPoint(first);
+      if (input.lines[first].is_element) {
+        AddArc(input.lines, first, end, displacement_px, equations_of, hessian, gradient);
+        return;
+      }
+      if (!HasEvents(first)) return;
+      LineEquations equations = equations_of(first);
+      const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[first]));
+      if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[first]), line_px});
       equations.AddTo(hessian, gradient);
-    }
+    });
     CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
                     deficit_counts_);
     return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
                            1.0 / options_.events_per_information, hessian, gradient);
+  }
+  bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
+  // Adds the equations of the elements [first, end) of an arc, whose displacement is marginalised once
+  // (core/estimation/README.md, section 7).
+  template <typename EquationsOf>
+  void AddArc(absl::Span<const TrackedLine> tracked, size_t first, size_t end, double displacement_px,
+              const EquationsOf& equations_of, Matrix12d& hessian, Vector12d& gradient) const {
+    double arc_px = 0.0, narrow_px = 0.0;
+    for (size_t k = first; k < end; ++k) arc_px += lines_[k].length_px;
+    SharedDisplacement displacement;
+    double begin_px = 0.0;
+    for (size_t k = first; k < end; ++k) {
+      const double middle = (2.0 * begin_px + lines_[k].length_px) / arc_px - 1.0;  // position in the arc, in [-1, 1]
+      begin_px += lines_[k].length_px;
+      if (!HasEvents(k)) continue;
+      Eigen::Matrix<double, 3, 2> basis = AlongLine(camera_, lines_[k]);
+      basis.col(1) = middle * basis.col(0) + lines_[k].length_px / arc_px * basis.col(1);
+      const LineEquations equations = equations_of(k);
+      equations.AddTo(hessian, gradient);
+      displacement.Add(equations, basis);
+      narrow_px = std::max(narrow_px, NarrowFacePx(tracked[k]));
+    }
+    const double sigma_px = std::hypot(displacement_px, narrow_px);
+    if (sigma_px > 0.0) displacement.Marginalise(sigma_px, hessian, gradient);
   }
   double MovementPx(const Vector12d& dx, double duration_s) const {
     double largest = 0.0;
@@ -318,22 +358,38 @@ void DeficitCounts::Add(const DeficitCounts& window) {
   }
 }
 
+void PoolCounts(absl::Span<DeficitCounts> counts) {
+  double expected = 0.0, observed = 0.0;
+  for (const DeficitCounts& element : counts) {
+    expected += element.expected[0] + element.expected[1];
+    observed += element.observed[0] + element.observed[1];
+  }
+  if (!(expected > 0.0)) return;
+  for (DeficitCounts& element : counts) {
+    for (int half = 0; half < 2; ++half) element.observed[half] = observed * element.expected[half] / expected;
+  }
+}
+
 void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                      absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
                      double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts) {
   AssignDefaults(lines.size(), deficit_counts);
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
-    if (!lines[k].in_view()) continue;
+    if (!lines[k].in_view() || input.ExpectationOf(k) != Expectation::kEvents) continue;
     const double half_px = 0.5 * lines[k].length_px;
+    const double events_per_px2 = min_events_per_px2 * lines[k].prior_contrast;
     for (int half = 0; half < 2; ++half) {
       const double speed = std::max(std::abs(HalfSpeedRow(camera, lines[k], half).dot(twist)), kMinSpeedPxPerS);
-      deficit_counts[k].expected[half] = min_events_per_px2 * half_px * speed * input.duration_s;
+      deficit_counts[k].expected[half] = events_per_px2 * half_px * speed * input.duration_s;
       const double events = sums[k].half_weight[half][0] * input.shares.events_per_observation[0] +
                             sums[k].half_weight[half][1] * input.shares.events_per_observation[1];
       deficit_counts[k].observed[half] = events - noise_per_px * half_px;
     }
   }
+  ForEachCurve(input.lines, [&](size_t first, size_t end) {
+    if (input.lines[first].is_element) PoolCounts(absl::MakeSpan(deficit_counts).subspan(first, end - first));
+  });
 }
 
 double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> lines,

@@ -75,12 +75,17 @@ struct EstimatorOptions {
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const EstimatorOptions& options, const CameraModel& camera);
 
 // Computes the expected and the observed events of each half line in a window for `twist`, README section 4. `sums` are
-// those of the last pass. `noise_per_px` of the explained events per pixel of the length of a line are attributed to
-// the background; `min_events_per_px2` is that of MixtureOptions. `deficit_counts` is overwritten with one entry per
-// line.
+// those of the last pass; lines without Expectation::kEvents have no counts, and the observed events of a curve are
+// divided among its elements in proportion to the expected ones (PoolCounts). `noise_per_px` of the explained events
+// per pixel of the length of a line are attributed to the background; `min_events_per_px2` is that of MixtureOptions.
+// `deficit_counts` is overwritten with one entry per line.
 void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                      absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
                      double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts);
+
+// Divides the observed events of several elements of one curve among them in proportion to their expected events: a
+// single element is expected to produce less than one event in a window.
+void PoolCounts(absl::Span<DeficitCounts> counts);
 
 // Adds the event deficit (core/estimation/README.md, equation (10)) to the normal equations of the twist and returns
 // the missing share of the expected events, in [0, 1].

@@ -312,5 +312,27 @@ TEST_F(DisplacedLines, OfANarrowFaceCarryLittleInformation) {
   EXPECT_GT(with_faces_of(0.0), with_faces_of(0.5));
 }
 
+TEST(PoolCounts, DividesTheEventsOfACurveByTheExpectedOnes) {
+  std::vector<DeficitCounts> counts(3);
+  counts[0] = {{1.0, 1.0}, {4.0, 0.0}};
+  counts[1] = {{2.0, 0.0}, {0.0, 0.0}};
+  PoolCounts(absl::MakeSpan(counts));
+  EXPECT_EQ(counts[0].observed, (std::array<double, 2>{1.0, 1.0}));
+  EXPECT_EQ(counts[1].observed, (std::array<double, 2>{2.0, 0.0}));
+  EXPECT_EQ(counts[2].observed, (std::array<double, 2>{0.0, 0.0}));
+}
+
+TEST_F(MixtureTest, OnlyExpectedLinesHaveADeficit) {
+  Accumulate({}, {0.5, 0.2, 5.0});
+  WindowInput input;
+  input.lines = tracked_;
+  input.duration_s = 0.01;
+  const std::vector<Expectation> expectations = {Expectation::kEvents, Expectation::kPerhaps};
+  input.expectations = expectations;
+  CountForDeficit(camera_, input, lines_, sums_, state_.twist, 0.0, 0.15, deficit_counts_);
+  EXPECT_GT(deficit_counts_[0].expected[0], 0.0);
+  EXPECT_EQ(deficit_counts_[1].expected[0], 0.0);
+}
+
 }  // namespace
 }  // namespace evpose

@@ -195,12 +195,12 @@ EdgeCounts MixtureLine::Counts(const ByPolarity& events_per_observation) const {
   return counts;
 }
 
-double MixtureLine::ObservedRatio(double sigma_px) const {
+double MixtureLine::ObservedRatio(double ambiguous_px2, double weight, double sigma_px) {
   // Lower bound: with few events of the line among many others the estimated spread is too uncertain for a smaller
   // ratio.
   constexpr double kLeast = 0.1;
-  if (sums.weight() <= 0.0) return kLeast;
-  return std::clamp(1.0 - ambiguous_px2 / (sigma_px * sigma_px * sums.weight()), kLeast, 1.0);
+  if (weight <= 0.0) return kLeast;
+  return std::clamp(1.0 - ambiguous_px2 / (sigma_px * sigma_px * weight), kLeast, 1.0);
 }
 
 }  // namespace evpose

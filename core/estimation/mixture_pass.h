@@ -28,7 +28,9 @@ struct MixtureLine {
   // Observed information about the position of the line divided by the complete one, in [0.1, 1]: the missing
   // information principle (Louis, "Finding the observed information matrix when using the EM algorithm", 1982).
   // `sigma_px` is the standard deviation of the events about the line.
-  double ObservedRatio(double sigma_px) const;
+  double ObservedRatio(double sigma_px) const { return ObservedRatio(ambiguous_px2, sums.weight(), sigma_px); }
+  // The same for the sums of several elements.
+  static double ObservedRatio(double ambiguous_px2, double weight, double sigma_px);
   ByPolarity weight() const { return {half_weight[0][0] + half_weight[1][0], half_weight[0][1] + half_weight[1][1]}; }
   // Counts for edge_bias.h. `events_per_observation` is the downsampling factor of each polarity.
   EdgeCounts Counts(const ByPolarity& events_per_observation) const;

@@ -29,10 +29,23 @@ double Distance(const InfiniteLine& line, const Vector3d& point) {
 
 bool IsParallel(const InfiniteLine& a, const InfiniteLine& b) { return a.direction.cross(b.direction).norm() < kSame; }
 
+// The lines are compared in pairs, so that only this many of the longest are.
+constexpr size_t kMaxCompared = 1024;
+
+std::vector<ModelLine> LongestOf(const ObjectModel& model) {
+  std::vector<ModelLine> lines = model.lines;
+  if (lines.size() <= kMaxCompared) return lines;
+  std::stable_sort(lines.begin(), lines.end(), [](const ModelLine& a, const ModelLine& b) {
+    return (a.p2 - a.p1).squaredNorm() > (b.p2 - b.p1).squaredNorm();
+  });
+  lines.resize(kMaxCompared);
+  return lines;
+}
+
 // Collinear pieces are one line, because they constrain a pose in the same way.
 std::vector<InfiniteLine> DistinctLines(const ObjectModel& model) {
   std::vector<InfiniteLine> lines;
-  for (const ModelLine& line : model.lines) {
+  for (const ModelLine& line : LongestOf(model)) {
     const Vector3d extent = line.p2 - line.p1;
     if (!(extent.norm() > kSame * model.diameter_m)) continue;
     const InfiniteLine candidate{line.p1, extent.normalized()};

@@ -19,8 +19,11 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Number of lines that are searched for, the longest first: enough to determine a pose; more would only cost time.
+// Number of lines that are searched for, the longest first: enough to determine a pose; more would only cost time. A
+// model with more lines is a detailed part, most of whose lines are short and hidden; the time of a search grows with
+// the number of lines and of directions, and kFewLines still show three and more from every side.
 constexpr size_t kMaxLines = 256;
+constexpr size_t kFewLines = 128;
 // Directions closer than this are equal for the search; a segment of 100 px cannot resolve less.
 constexpr double kSameDirectionRad = 0.01;
 // Number of directions up to which their symmetries are computed. The time grows with its fourth power, and an object
@@ -67,7 +70,7 @@ void SearchModel::ChooseLines(const ObjectModel& model) {
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int i, int j) { return length_m(i) > length_m(j); });
   while (!order.empty() && !(length_m(order.back()) > 0.0)) order.pop_back();
-  if (order.size() > kMaxLines) order.resize(kMaxLines);
+  if (order.size() > kMaxLines) order.resize(kFewLines);
 
   shape_.vertices = model.vertices;
   shape_.triangles = model.triangles;

@@ -6,10 +6,11 @@
 
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/models/object_model.h"
 #include "core/mesh/triangle_bvh.h"
+#include "core/models/object_model.h"
 
 namespace evpose {
 
@@ -36,6 +37,13 @@ struct VisibilityOptions {
   absl::Status Validate() const;
 };
 
+// The origin of the rays that test a line through `middle` for occlusion; `origin` is the camera's centre before
+// (object frame). False if all faces of the line are turned away; a line without faces is never. In a grazing view,
+// whether a face hides its own lines would depend on rounding errors of the pose: the origin is moved to where the view
+// is no longer grazing (core/models/README.md, section 6).
+bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::Vector3d& middle, double grazing_cosine,
+                   Eigen::Vector3d& origin);
+
 // Tests lines by ray casting against the mesh. Immutable after construction; thread-compatible. Keeps a reference:
 // `model` must outlive it.
 class VisibilityTester {
@@ -48,14 +56,20 @@ class VisibilityTester {
   // The same; replaces the content of `segments` and reuses its memory.
   void FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
                            std::vector<VisibleSegment>& segments) const;
+  // The same for a part of the lines, indices into ObjectModel::lines in increasing order.
+  void FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
+                           absl::Span<const int> lines, std::vector<VisibleSegment>& segments) const;
   // Whether the segment from `origin_object` to `point_object` meets no face before the point.
   bool IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const;
+  // The search tree of the model's triangles.
+  const TriangleBvh& faces() const { return faces_; }
 
  private:
   const ObjectModel* model_;
   VisibilityOptions options_;
   TriangleBvh faces_;
   double tolerance_m_;
+  std::vector<int> all_lines_;
 };
 
 }  // namespace evpose

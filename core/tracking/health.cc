@@ -17,6 +17,16 @@ namespace {
 // Events of a line: fewer cannot reach the significance, even if all of them are near.
 constexpr double kTestableEvents = 20.0;
 
+// LineStatistics::lines of the elements of a curve, of a total length in pixels.
+int NumLines(absl::Span<const TrackedLine> elements, absl::Span<const ImageLine> lines, double length_px) {
+  // Pixels. A shorter arc has too few events to determine a direction, and could fit clutter.
+  constexpr double kMinArcPx = 30.0;
+  int arcs = 0;
+  ForEachArc(elements, lines, [&](size_t, size_t) { ++arcs; });
+  const int long_enough = static_cast<int>(std::min(length_px / kMinArcPx, LineStatistics::kMaxLines + 0.0));
+  return std::max(1, std::min(arcs, long_enough));
+}
+
 }  // namespace
 
 absl::Status HealthOptions::Validate() const {
@@ -49,13 +59,14 @@ void LineStatistics::Add(const LineStatistics& other, double kept_ratio) {
   noise = kept_ratio * noise + other.noise;
   expected = kept_ratio * expected + other.expected;
   length_px = kept_ratio * length_px + other.length_px;
+  lines = std::max(lines, other.lines);
 }
 
-TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines)
+TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_curves)
     : options_(options),
       min_events_per_px2_(min_events_per_px2),
-      statistics_(num_model_lines),
-      memory_(num_model_lines) {}
+      statistics_(static_cast<size_t>(num_curves)),
+      memory_(static_cast<size_t>(num_curves)) {}
 
 void TrackHealth::Reset() {
   const double left = std::max(0.0, 1.0 - span_s_ * 1e6 / static_cast<double>(options_.memory_us));
@@ -66,13 +77,27 @@ void TrackHealth::Reset() {
   gate_px2_s_ = 0.0;
 }
 
+void TrackHealth::EnterLines(const WindowInput& input, absl::Span<const ImageLine> lines) {
+  window_lines_.clear();
+  places_.clear();
+  ForEachCurve(input.lines, [&](size_t first, size_t end) {
+    LineStatistics& evidence = statistics_[input.lines[first].curve];
+    double length_px = 0.0;
+    for (size_t k = first; k < end; ++k) {
+      places_.push_back({window_lines_.size(), length_px});
+      length_px += lines[k].length_px;
+    }
+    if (input.lines[first].is_element) {
+      evidence.lines = std::max(evidence.lines, NumLines(input.lines.subspan(first, end - first),
+                                                         lines.subspan(first, end - first), length_px));
+    }
+    window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / length_px, {}, {}});
+  });
+}
+
 void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                             const Vector6d& twist) {
-  window_lines_.clear();
-  for (size_t k = 0; k < lines.size(); ++k) {
-    LineStatistics& evidence = statistics_[input.lines[k].model_line];
-    window_lines_.push_back({&evidence, static_cast<double>(evidence.along.size()) / lines[k].length_px, {}, {}});
-  }
+  EnterLines(input, lines);
   AddEvents(*input.sorted, lines);
   for (const WindowLine& line : window_lines_) {
     for (int polarity = 0; polarity < 2; ++polarity) {
@@ -86,12 +111,14 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     const double gate_px2 = 2.0 * options_.gate_px * lines[k].length_px;
     const double observed_ratio = input.shares.observations_per_background_event;
     gate_px2_s_ += gate_px2 * input.duration_s * observed_ratio;
-    LineStatistics& evidence = statistics_[input.lines[k].model_line];
+    LineStatistics& evidence = statistics_[input.lines[k].curve];
     evidence.noise += input.background_per_px2 * gate_px2 * observed_ratio;
     evidence.length_px += lines[k].length_px * input.duration_s;
+    if (input.ExpectationOf(k) == Expectation::kNothing) continue;
+    const double events_per_px2 = min_events_per_px2_ * lines[k].prior_contrast;
     for (const double fraction : {0.25, 0.75}) {
       const double speed = std::abs(BearingOf(camera, lines[k].PointAt(fraction)).dot(lines[k].jacobian * twist));
-      evidence.expected += min_events_per_px2_ * 0.5 * lines[k].length_px * speed * input.duration_s;
+      evidence.expected += events_per_px2 * 0.5 * lines[k].length_px * speed * input.duration_s;
     }
   }
   span_s_ += input.duration_s;
@@ -103,6 +130,8 @@ void TrackHealth::AddEvents(const LineEvents& events, absl::Span<const ImageLine
   for (const LineGroup& group : events.groups()) {
     if (!lines[group.line].in_view()) continue;
     const GroupLine line(group, lines[group.line]);
+    WindowLine& window_line = window_lines_[places_[group.line].window_line];
+    const double begin_px = places_[group.line].begin_px;
     for (size_t i = 0; i < group.events.size(); ++i) {
       const EventLanes& event = group.events[i];
       const Lanes distance_px = line.DistancePx(event);
@@ -111,7 +140,7 @@ void TrackHealth::AddEvents(const LineEvents& events, absl::Span<const ImageLine
       const LaneMask counts = is_own & line.IsGated(event, distance_px, along_px, gate_px);
       for (int lane = 0; lane < kNumLanes; ++lane) {
         if (counts[lane] == 0) continue;
-        AddEvent(distance_px[lane], along_px[lane], event.competing[lane], group.polarity, window_lines_[group.line]);
+        AddEvent(distance_px[lane], begin_px + along_px[lane], event.competing[lane], group.polarity, window_line);
       }
     }
   }
@@ -243,10 +272,10 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
     present_length += PresentRatio(line, credited_ratio * line.noise) * length_px;
     if (!IsTestable(line)) line.Add(memory_[k]);
     if (!IsTestable(line)) continue;
-    ++result.testable_lines;
+    result.testable_lines += line.lines;
     testable_length += length_px;
     if (!(ExcessSigma(line) >= options_.significance_sigma)) continue;
-    ++result.supported_lines;
+    result.supported_lines += line.lines;
     supported_length += length_px;
   }
   result.sigma = ExcessSigma(total);

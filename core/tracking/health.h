@@ -69,7 +69,7 @@ struct HealthOptions {
   absl::Status Validate() const;
 };
 
-// The counts of one model line since the last test result.
+// The counts of one straight line or curve since the last test result.
 struct LineStatistics {
   double gated = 0.0;  // events within gate_px of the line for which no other line is nearer
   // Equation (1) of the README: the gated events within near_px minus their expected number under clutter, and the
@@ -83,18 +83,23 @@ struct LineStatistics {
   // crosses it are concentrated at one place.
   Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   double length_px = 0.0;  // mean projected length, weighted by time
+  // Number of straight lines that constrain a pose as much: of a curve, its arcs of 45 degrees that are long enough.
+  int lines = 1;
 
   // Multiplies the counts by `kept_ratio`, then adds `other`.
   void Add(const LineStatistics& other, double kept_ratio = 1.0);
 
+  static constexpr int kMaxLines = 8;  // of a circle
+
   // Most lines of a large model have no counts; one flag is stored for each of these.
   static void VisitState(auto& archive, auto& self) {
-    auto& [gated, excess, variance, noise, expected, along, length_px] = self;
-    bool is_empty = gated == 0 && excess == 0 && variance == 0 && noise == 0 && expected == 0 && length_px == 0;
+    auto& [gated, excess, variance, noise, expected, along, length_px, lines] = self;
+    bool is_empty =
+        gated == 0 && excess == 0 && variance == 0 && noise == 0 && expected == 0 && length_px == 0 && lines == 1;
     archive(is_empty);
     if (is_empty) return;
     archive(Finite(gated), Finite(excess), Finite(variance), Finite(noise), Finite(expected), Finite(along),
-            Finite(length_px));
+            Finite(length_px), InRange(lines, 1, kMaxLines));
   }
 };
 
@@ -124,7 +129,7 @@ class TrackHealth {
   // Distance in pixels from the lines up to which AddWindow() needs the events.
   static double ReachPx(const HealthOptions& options) { return options.gate_px + 2.0; }
 
-  TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_model_lines);
+  TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_curves);
 
   // Adds the counts of a window. `lines` are the images of `input.lines` at the estimated state, in the same order;
   // `twist` is the estimated one (m/s, rad/s).
@@ -144,7 +149,7 @@ class TrackHealth {
   HealthResult Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines, int64_t patience_us);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines,
+    auto& [options, min_events_per_px2, evidence, memory, span_s, gated, gate_px2_s, was_quiet, window_lines, places,
            distance_px, is_nearest] = self;
     for (auto& line : evidence) archive(line);
     for (auto& line : memory) archive(line);
@@ -180,13 +185,20 @@ class TrackHealth {
   double gated_ = 0.0;
   double gate_px2_s_ = 0.0;  // area of the gates times time
   bool was_quiet_ = false;   // the last test result was kFewEvents
-  struct WindowLine {
+  struct WindowLine {        // a straight line or a curve
     LineStatistics* evidence;
     double places_per_px;                               // of LineStatistics::along
     std::array<double, 2> gated_of = {}, near_of = {};  // events in the gate and near the line, by polarity
   };
   void AddEvent(double distance_px, double along_px, double competing, uint8_t polarity, WindowLine& line);
+  // Enters the lines of the window into window_lines_ and places_.
+  void EnterLines(const WindowInput& input, absl::Span<const ImageLine> lines);
   std::vector<WindowLine> window_lines_;
+  struct Place {
+    size_t window_line = 0;  // index into window_lines_
+    double begin_px = 0.0;   // length of the elements before this one in their curve
+  };
+  std::vector<Place> places_;         // of each line of the window
   std::vector<Lanes> distance_px_;    // of events in several gates; infinite beyond the gates
   std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event; indexed like distance_px_
 };

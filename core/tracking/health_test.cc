@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <vector>
 
 #include "core/estimation/ideal_events_testing.h"
@@ -192,6 +193,85 @@ TEST_F(HealthTest, AnObjectAtRestStaysQuietInDenseNoise) {
   EXPECT_EQ(flood(), Kind::kUnsupported);
   for (int i = 0; i < 20 && TestNow().kind == Kind::kOpen; ++i) CloseWindow();
   EXPECT_EQ(flood(), Kind::kFewEvents);
+}
+
+// A circle of elements, 60 px in radius, as one curve.
+class RingHealthTest : public ::testing::Test {
+ protected:
+  static constexpr int kElements = 48;
+  RingHealthTest() : tracked_(kElements) {
+    const auto corner = [](int i) {
+      const double angle = 2.0 * M_PI * i / kElements;
+      return Eigen::Vector3d(0.06 * std::cos(angle), 0.06 * std::sin(angle), 0.0);
+    };
+    for (int k = 0; k < kElements; ++k) {
+      tracked_[k].p1 = corner(k);
+      tracked_[k].p2 = corner(k + 1);
+      tracked_[k].is_element = true;
+      tracked_[k].previous = (k + kElements - 1) % kElements;
+      tracked_[k].next = (k + 1) % kElements;
+    }
+    state_.camera_from_object = testing::MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
+    state_.twist[0] = 0.2;
+    ProjectLines(camera_, state_, tracked_, lines_);
+    grid_.Build(lines_, 12.0);
+  }
+  HealthResult Judge(int events, double half_width_px, double background_per_px2 = 0.0,
+                     absl::Span<const Expectation> expectations = {}) {
+    std::vector<Observation> observations;
+    for (int i = 0; i < events; ++i) {
+      Observation event;
+      const double angle = random_.Uniform(0.0, 2.0 * M_PI);
+      const double radius = 60.0 + random_.Uniform(-half_width_px, half_width_px);
+      event.u_px = camera_.cx_px + radius * std::cos(angle);
+      event.v_px = camera_.cy_px + radius * std::sin(angle);
+      const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
+      event.bx = bearing.x();
+      event.by = bearing.y();
+      grid_.GiveLines(event);
+      KeepLinesWithin(10.0, lines_.data(), event);
+      observations.push_back(event);
+    }
+    WindowInput input;
+    const LineEvents sorted(observations, tracked_.size());
+    input.sorted = &sorted;
+    input.duration_s = 0.01;
+    input.lines = tracked_;
+    input.background_per_px2 = background_per_px2;
+    input.expectations = expectations;
+    TrackHealth health(options_, 0.15, 1);
+    health.AddWindow(camera_, input, lines_, state_.twist);
+    return health.Test(kKeep, kSure, 3, 1000);
+  }
+
+  const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);
+  const HealthOptions options_;
+  std::vector<TrackedLine> tracked_;
+  MotionState state_;
+  std::vector<ImageLine> lines_;
+  TileGrid grid_{camera_};
+  Random random_{3};
+};
+
+TEST_F(RingHealthTest, ACircleConstrainsAPoseAsSeveralLines) {
+  const HealthResult result = Judge(400, 1.0);
+  EXPECT_EQ(result.kind, Kind::kSupported);
+  EXPECT_GE(result.supported_lines, 6);
+  EXPECT_LE(result.supported_lines, LineStatistics::kMaxLines);
+  EXPECT_EQ(Judge(400, 8.0).kind, Kind::kUnsupported);
+}
+
+TEST_F(RingHealthTest, EventsAtJointsAreCountedOnce) {
+  // All events are within the gate of one element each: the circle has no gaps and no overlaps.
+  EXPECT_GT(Judge(400, 1.0).sigma, 0.95 * 400 * 0.75 / std::sqrt(400 * 0.25 * 0.75 * options_.dispersion));
+}
+
+TEST_F(RingHealthTest, ASilentCurveIsNotTestable) {
+  // A background that explains all events in the gates: 700 events in a ring of 60 px.
+  constexpr double kBackground = 700.0 / (60.0 * 2.0 * M_PI * 60.0);
+  EXPECT_GT(Judge(700, 30.0, kBackground).testable_lines, 0) << "the motion should have produced events";
+  const std::vector<Expectation> silent(kElements, Expectation::kNothing);
+  EXPECT_EQ(Judge(700, 30.0, kBackground, silent).testable_lines, 0);
 }
 
 }  // namespace

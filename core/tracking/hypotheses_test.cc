@@ -27,8 +27,8 @@ Vector6d SomeTwist() {
 TrackContext MakeContext() {
   const TrackerOptions options = IdealSensor();
   const auto model = Cube();
-  VisibilityTester visibility(*model, options.visibility);
-  return {model, kCamera, MakeCameraTables(kCamera).value(), options, std::move(visibility)};
+  auto edges = std::make_shared<const ModelEdges>(*model, options.visibility, options.elements);
+  return {model, kCamera, MakeCameraTables(kCamera).value(), options, std::move(edges)};
 }
 
 MotionState Start(const TrackContext& context, const RigidTransform& pose) {

@@ -105,6 +105,8 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
     if (MaySearchAgain() && window.t_end_us >= next_search_us_) SearchAgain(window);
   } else if (initializer_ != nullptr) {
     Search(window, estimates);
+  } else if (context_.options.initialization.is_automatic) {
+    report_.status = InitializationStatus::kNotSearchable;
   }
 }
 
@@ -309,7 +311,7 @@ void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& nea
   const MotionState state = Predict(before.motion, t_us, context_.options.motion);
   const BoundingSphere sphere = SphereAt(state.camera_from_object);
   if (near && !MayOverlap(context_.camera, *near, sphere, kMarginPx)) return;
-  competitors.Add(state, before.lines, context_.visibility, sphere_, context_.options.sensor.pixel_noise_px);
+  competitors.Add(state, before.lines, context_.edges->visibility(), sphere_, context_.options.sensor.pixel_noise_px);
 }
 
 BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object) const {
@@ -361,10 +363,12 @@ void ObjectTracker::LoadState(StateReader& reader) {
 bool ObjectTracker::IsConsistent() const {
   if ((phase_ == ObjectPhase::kSearching) != hypotheses_.empty()) return false;
   if (given_at_us_ && (*given_at_us_ < -kMaxStateTime_us || *given_at_us_ > kMaxStateTime_us)) return false;
-  const int num_lines = static_cast<int>(context_.model->lines.size());
-  return std::all_of(past_states_.begin(), past_states_.end(), [num_lines](const PastState& state) {
-    return std::all_of(state.lines.begin(), state.lines.end(), [num_lines](const TrackedLine& line) {
-      return line.model_line >= 0 && line.model_line < num_lines;
+  const int num_curves = context_.edges->num_curves();
+  return std::all_of(past_states_.begin(), past_states_.end(), [num_curves](const PastState& state) {
+    const auto num_lines = static_cast<int>(state.lines.size());
+    const auto is_index = [num_lines](int line) { return line >= -1 && line < num_lines; };
+    return std::all_of(state.lines.begin(), state.lines.end(), [&](const TrackedLine& line) {
+      return line.curve >= 0 && line.curve < num_curves && is_index(line.previous) && is_index(line.next);
     });
   });
 }

@@ -22,6 +22,7 @@ enum class InitializationStatus {
   kNoPoseFits,        // lines were detected, but no pose of the model fits them and is supported by the events
   kVerifying,         // a pose, found or given, is being tested against the events
   kAmbiguous,         // two poses explain the events equally well so far
+  kNotSearchable,     // the model has too few straight lines for a search; a pose must be given
 };
 std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
 
@@ -32,7 +33,7 @@ struct InitializationReport {
 
   static void VisitState(auto& archive, auto& self) {
     auto& [status, attempts, num_lines] = self;
-    archive(AtMost(status, InitializationStatus::kAmbiguous), attempts, num_lines);
+    archive(AtMost(status, InitializationStatus::kNotSearchable), attempts, num_lines);
   }
 };
 

@@ -13,20 +13,28 @@ constexpr double kMaxDeficitRatio = 0.5;
 
 // Whether a second fit explains the object better than the first: it must explain more events, and gain on most of the
 // lines that have events. Another edge that passes by has many events, but on few of the lines.
-bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const ImageLine> lines) {
-  // Events of a line in both fits together: fewer cannot show a difference of kSigma standard deviations.
+bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const TrackedLine> tracked,
+              absl::Span<const ImageLine> lines) {
+  // Events of a line or curve in both fits together: fewer cannot show a difference of kSigma standard deviations.
   constexpr double kMinEvents = 3.0;
   // Standard deviations for one line; the majority of the lines makes the decision significant.
   constexpr double kSigma = 2.0;
   if (second.explained_signal_ratio() <= first.explained_signal_ratio()) return false;
   if (second.deficit_ratio > kMaxDeficitRatio) return false;
   double active_px = 0.0, improved_px = 0.0;
-  for (size_t k = 0; k < second.line_events.size(); ++k) {
-    const double both = second.line_events[k] + first.line_events[k];
-    if (both < kMinEvents) continue;
-    active_px += lines[k].length_px;
-    if (second.line_events[k] - first.line_events[k] > kSigma * std::sqrt(both)) improved_px += lines[k].length_px;
-  }
+  if (second.line_events.empty()) return true;
+  ForEachCurve(tracked, [&](size_t begin, size_t end) {
+    double in_second = 0.0, in_first = 0.0, length_px = 0.0;
+    for (size_t k = begin; k < end; ++k) {
+      in_second += second.line_events[k];
+      in_first += first.line_events[k];
+      length_px += lines[k].length_px;
+    }
+    const double both = in_second + in_first;
+    if (both < kMinEvents) return;
+    active_px += length_px;
+    if (in_second - in_first > kSigma * std::sqrt(both)) improved_px += length_px;
+  });
   return improved_px >= 0.5 * active_px;
 }
 
@@ -34,19 +42,23 @@ bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const 
 
 PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
     : context_(context),
-      visible_lines_(*context.model, context.camera, context.visibility),
+      visible_edges_(context.camera, *context.edges),
       associator_(context.camera, *context.tables),
       estimator_(context.options.MakeEstimator(context.camera)),
-      health_(context.options.health, context.options.mixture.min_events_per_px2,
-              static_cast<int>(context.model->lines.size())),
+      health_(context.options.health, context.options.mixture.min_events_per_px2, context.edges->num_curves()),
+      activity_(context.edges->num_curves(), context.options.mixture.min_events_per_px2),
       motion_(start),
-      deficit_counts_(context.model->lines.size()) {
-  const std::vector<ModelLine>& lines = context.model->lines;
-  for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
+      deficit_counts_(static_cast<size_t>(context.edges->num_curves())) {
+  for (const int index : context.edges->lines()) {
+    const ModelLine& line = context.model->lines[index];
+    all_lines_.push_back({context.edges->CurveOf(static_cast<uint32_t>(index)), line.p1, line.p2});
+  }
+  size_t max_lines = all_lines_.size();
+  if (context.edges->elements().has_curves()) max_lines += context.options.elements.max_elements;
   // Both are reserved here because the second one is seldom used, so that it would allocate while tracking.
   for (WindowFit* const fit : {&fit_, &second_fit_}) {
-    fit->line_events.reserve(lines.size());
-    fit->deficit_counts.reserve(lines.size());
+    fit->line_events.reserve(max_lines);
+    fit->deficit_counts.reserve(max_lines);
   }
 }
 
@@ -64,12 +76,11 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     return std::nullopt;
   }
   motion_ = fit.state;
-  for (size_t k = 0; k < fit.deficit_counts.size(); ++k)
-    deficit_counts_[input.lines[k].model_line].Add(fit.deficit_counts[k]);
 
   const CameraModel& camera = context_.camera;
   const HealthOptions& health = context_.options.health;
   ProjectLines(camera, motion_, input.lines, image_lines_);
+  Learn(input, fit);
   if (PredictedSpreadPx(camera, motion_, image_lines_) > health.max_uncertainty_px) {
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
@@ -93,6 +104,48 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   return MakeEstimate(fit, input);
 }
 
+void PoseTrack::Learn(const WindowInput& input, const WindowFit& fit) {
+  if (!fit.deficit_counts.empty()) {
+    ForEachCurve(input.lines, [&](size_t first, size_t end) {
+      DeficitCounts window;
+      for (size_t k = first; k < end; ++k) {
+        for (int half = 0; half < 2; ++half) {
+          window.expected[half] += fit.deficit_counts[k].expected[half];
+          window.observed[half] += fit.deficit_counts[k].observed[half];
+        }
+      }
+      deficit_counts_[input.lines[first].curve].Add(window);
+    });
+  }
+  if (phase_ != TrackPhase::kConfirmed || fit.line_events.empty()) return;
+  activity_.Add(context_.camera, input, image_lines_, fit.line_events);
+  // What the window shows counts for its test.
+  for (size_t k = 0; k < expectations_.size(); ++k) expectations_[k] = activity_.Of(input.lines[k]);
+}
+
+void PoseTrack::Remember(WindowInput& input) {
+  past_deficit_counts_.clear();
+  expectations_.clear();
+  ForEachCurve(input.lines, [&](size_t first, size_t end) {
+    // The counts of a curve are divided among its elements as the expected events are, by length.
+    double length_px = 0.0;
+    for (size_t k = first; k < end; ++k) length_px += image_lines_[k].length_px;
+    for (size_t k = first; k < end; ++k) {
+      DeficitCounts& past = past_deficit_counts_.emplace_back(deficit_counts_[input.lines[k].curve]);
+      if (!input.lines[k].is_element) continue;
+      const double share = length_px > 0.0 ? image_lines_[k].length_px / length_px : 0.0;
+      for (int half = 0; half < 2; ++half) {
+        past.expected[half] *= share;
+        past.observed[half] *= share;
+      }
+    }
+  });
+  input.past_deficit_counts = past_deficit_counts_;
+  if (!context_.edges->elements().has_curves()) return;
+  for (const TrackedLine& line : input.lines) expectations_.push_back(activity_.Of(line));
+  input.expectations = expectations_;
+}
+
 void PoseTrack::OnGap(int64_t gap_us) {
   // supported_at_us_ stays: the knowledge of the pose has aged by the gap.
   unsupported_since_us_ += gap_us;
@@ -101,7 +154,7 @@ void PoseTrack::OnGap(int64_t gap_us) {
 
 std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
-  ProjectLines(context_.camera, motion_, visible_lines_.At(motion_.camera_from_object), image_lines_);
+  ProjectLines(context_.camera, motion_, visible_edges_.At(motion_.camera_from_object), image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
   image_lines_.clear();
   associator_.ClearLines();
@@ -155,7 +208,7 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
     const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
     estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor, second_fit_);
     input = wide_input;
-    if (!IsBetter(second_fit_, fit_, image_lines_)) return fit_;
+    if (!IsBetter(second_fit_, fit_, input.lines, image_lines_)) return fit_;
     std::swap(fit_, second_fit_);
   }
   estimator_->Accept(fit_, input);
@@ -215,7 +268,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
                               double gate_factor) {
   WindowInput input;
   input.is_confirmed = phase_ != TrackPhase::kTentative && is_fully_tested_;
-  input.lines = estimator_->UsesVisibility() ? visible_lines_.At(predicted.camera_from_object) : all_lines_;
+  input.lines = estimator_->UsesVisibility() ? visible_edges_.At(predicted.camera_from_object) : all_lines_;
   is_occluded_ = is_partly_occluded_ = false;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
     unoccluded_lines_.assign(input.lines.begin(), input.lines.end());
@@ -236,9 +289,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   };
   static_cast<AssociatedEvents&>(input) =
       associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), competing);
-  past_deficit_counts_.clear();
-  for (const TrackedLine& line : input.lines) past_deficit_counts_.push_back(deficit_counts_[line.model_line]);
-  input.past_deficit_counts = past_deficit_counts_;
+  Remember(input);
   return input;
 }
 
@@ -298,19 +349,20 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 }
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
-  auto& [context, visible_lines, all_lines, associator, estimator, health, phase, motion, usual_explained_ratio,
-         recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us, is_fully_tested,
-         supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded, is_partly_occluded, image_lines,
-         rates, past_deficit_counts, fit, second_fit] = self;
+  auto& [context, visible_edges, all_lines, associator, estimator, health, activity, phase, motion,
+         usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us,
+         is_fully_tested, supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded,
+         is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
-  archive(visible_lines, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
+  archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
           Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
           AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),
           is_fully_tested, InRange(supported_at_us, -kMax_us, kMax_us),
           InRange(unsupported_since_us, -kMax_us, kMax_us));
   archive(associator.near_events());
   for (auto& counts : deficit_counts) archive(counts);
+  archive(activity);
 }
 
 void PoseTrack::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

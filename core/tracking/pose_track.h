@@ -11,12 +11,12 @@
 #include "core/association/association.h"
 #include "core/association/camera_tables.h"
 #include "core/association/competitors.h"
-#include "core/association/visible_lines.h"
+#include "core/association/visible_edges.h"
 #include "core/association/window_associator.h"
 #include "core/estimation/estimator.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/motion_prior.h"
-#include "core/models/visibility.h"
+#include "core/tracking/curve_activity.h"
 #include "core/tracking/health.h"
 #include "core/tracking/pose_estimate.h"
 #include "core/tracking/track_phase.h"
@@ -31,7 +31,7 @@ struct TrackContext {
   CameraModel camera;
   std::shared_ptr<const CameraTables> tables;
   TrackerOptions options;
-  VisibilityTester visibility;
+  std::shared_ptr<const ModelEdges> edges;  // of `model`
   std::shared_ptr<PhaseReporter> phase_reporter = std::make_shared<PhaseReporter>();
 };
 
@@ -97,19 +97,25 @@ class PoseTrack {
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
+  // Sets the counts and expectations of earlier windows for the lines of the window.
+  void Remember(WindowInput& input);
+  // Stores what the fit of an accepted window tells about the curves.
+  void Learn(const WindowInput& input, const WindowFit& fit);
+
   const TrackContext& context_;
-  VisibleLines visible_lines_;
+  VisibleEdges visible_edges_;
   std::vector<TrackedLine> all_lines_;
   WindowAssociator associator_;
   std::unique_ptr<WindowEstimator> estimator_;
   TrackHealth health_;
+  CurveActivity activity_;
 
   TrackPhase phase_ = TrackPhase::kTentative;
   MotionState motion_;
   double usual_explained_ratio_ = 0.0;  // running mean of the explained ratio of the signal
   double recent_signal_ = 0.0;          // running sums of the gated events, above the background and of the background
   double recent_background_ = 0.0;
-  std::vector<DeficitCounts> deficit_counts_;  // counts of earlier windows, by model line
+  std::vector<DeficitCounts> deficit_counts_;  // counts of earlier windows, by TrackedLine::curve
   int num_contradictions_ = 0;                 // test results that contradicted the tentative pose
   int64_t followed_since_us_ = -1;             // begin of the first window, microseconds; -1 before it
   bool is_fully_tested_ = false;      // min_tested_ratio of its lines was testable in at least one result with support
@@ -123,6 +129,7 @@ class PoseTrack {
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
   std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
+  std::vector<Expectation> expectations_;           // of the lines of the window; empty without elements
   WindowFit fit_;
   WindowFit second_fit_;
 };

@@ -80,14 +80,9 @@ class WindowTracker : public Tracker {
 };
 
 absl::Status CheckModel(const ObjectModel* model) {
-  if (model == nullptr) return absl::InvalidArgumentError("the model is missing; give a model with lines");
-  if (model->lines.empty())
-    return absl::InvalidArgumentError("the model has no line to track; give a model with edges");
-  // Tiles store 16-bit numbers of lines, and a line may have several visible parts.
-  constexpr size_t kMaxLines = 4096;
-  if (model->lines.size() > kMaxLines) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("the model has ", model->lines.size(), " lines; at most ", kMaxLines, " can be tracked"));
+  if (model == nullptr) return absl::InvalidArgumentError("the model is missing; give a model with edges");
+  if (model->lines.empty() && !HasCurvedEdges(*model)) {
+    return absl::InvalidArgumentError("the model has no edge to track; give a model with edges or curved surfaces");
   }
   for (size_t k = 0; k < model->lines.size(); ++k) {
     if (!model->lines[k].p1.allFinite() || !model->lines[k].p2.allFinite()) {
@@ -97,8 +92,10 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
+// Returns null for a model that is tracked from given poses only, because its lines determine none.
 absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
                                                                  std::shared_ptr<LineDetector> detector) {
+  if (!IsSearchable(*object.model) && HasCurvedEdges(*object.model)) return std::unique_ptr<PoseInitializer>();
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search,
                           MakePoseSearch(object.model, camera, {}, object.search_model));
   return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search));
@@ -113,8 +110,8 @@ std::string_view TrackStateName(TrackState state) {
 }
 
 std::string_view InitializationStatusName(InitializationStatus status) {
-  static constexpr std::array<std::string_view, static_cast<size_t>(InitializationStatus::kAmbiguous) + 1> kNames = {
-      "NOT_NEEDED", "WAITING_FOR_EVENTS", "TOO_FEW_LINES", "NO_POSE_FITS", "VERIFYING", "AMBIGUOUS"};
+  static constexpr std::array<std::string_view, static_cast<size_t>(InitializationStatus::kNotSearchable) + 1> kNames =
+      {"NOT_NEEDED", "WAITING_FOR_EVENTS", "TOO_FEW_LINES", "NO_POSE_FITS", "VERIFYING", "AMBIGUOUS", "NOT_SEARCHABLE"};
   return kNames[static_cast<size_t>(status)];
 }
 
@@ -158,7 +155,8 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     if (detector != nullptr) {
       EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detector));
     }
-    TrackContext context{object.model, camera, tables, options, VisibilityTester(*object.model, options.visibility)};
+    TrackContext context{object.model, camera, tables, options,
+                         std::make_shared<const ModelEdges>(*object.model, options.visibility, options.elements)};
     context.phase_reporter->object_index = static_cast<uint32_t>(trackers.size());
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));
   }

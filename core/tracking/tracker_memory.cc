@@ -5,7 +5,9 @@
 #include <set>
 
 #include "core/association/association.h"
+#include "core/association/visible_edges.h"
 #include "core/detection/line_detector.h"
+#include "core/initialization/pose_search.h"
 #include "core/tracking/tracker_options.h"
 #include "core/windows/pixel_history.h"
 
@@ -20,35 +22,62 @@ constexpr uint64_t kDetectionBytes = 14u << 20;
 constexpr uint64_t kSearchBytes = 6u << 20;
 // A hypothesis: observations of its events, the same by line, and the sums of its estimator.
 constexpr uint64_t kTrackBytes = 400u << 10;
-// A line of the model in a hypothesis: image lines with their Jacobians and statistics, twice the capacity.
-constexpr uint64_t kTrackLineBytes = 2500;
-// A line of the model in the past states of an object, which other objects need: 80 bytes in at most 400 windows of the
-// search's memory, half of the lines being visible.
-constexpr uint64_t kPastLineBytes = 16u << 10;
+// A visible line or element in a hypothesis: image lines with their Jacobians and sums, twice the capacity.
+constexpr uint64_t kTrackLineBytes = 2200;
+// What a hypothesis learns of an edge curve.
+constexpr uint64_t kTrackCurveBytes = 500;
+// A visible line or element in the past states of an object, which other objects need: 96 bytes in at most 400 windows
+// of the search's memory; and the bytes of it that are saved.
+constexpr uint64_t kPastLineBytes = 400 * 96;
+constexpr uint64_t kStatePastLineBytes = 400 * 70;
 // A triangle in a search tree (VisibilityTester), and a line or a vertex with a triangle in a model.
 constexpr uint64_t kTreeTriangleBytes = 160;
 constexpr uint64_t kModelLineBytes = 400;
 constexpr uint64_t kModelTriangleBytes = 40;
+// A point of a curve with its normals, and a triangle of a curved surface with the normals at its corners.
+constexpr uint64_t kCurvePointBytes = 72;
+constexpr uint64_t kSurfaceTriangleBytes = 40;
+// A triangle of a curved surface in the tables of an EdgeElementExtractor.
+constexpr uint64_t kElementTriangleBytes = 200;
 // A cell of 64 x 64 pixels: its page in a grid, and its background rate.
 constexpr uint64_t kCellBytes = 64;
 constexpr uint64_t kPageBytes = 1024;
+
+// Upper bounds of the lines and elements that a hypothesis sees in a window.
+uint64_t VisibleLinesOf(const ObjectModel& model, const TrackerOptions& options) {
+  // Half of the lines of a small model are visible; a line of a large one may have two visible parts.
+  const bool has_many_lines = model.lines.size() > ModelEdges::kMaxLines;
+  const uint64_t lines = has_many_lines ? 2 * ModelEdges::kMaxLines : model.lines.size();
+  return lines + (HasCurvedEdges(model) ? static_cast<uint64_t>(options.elements.max_elements) : 0);
+}
+
+uint64_t CurvesOf(const ObjectModel& model) {
+  constexpr uint64_t kArcsOfRegion = 8;  // octants of the image normal
+  const uint64_t curves = model.lines.size() + model.curves.size() + kArcsOfRegion * model.surface.regions.size();
+  return std::min<uint64_t>(curves, ModelEdges::kMaxCurves);
+}
 
 // Without the model itself.
 uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_others, const TrackerOptions& options) {
   // Challengers are followed separately until they join.
   const auto num_tracks = static_cast<uint64_t>(std::max(1, 3 * options.initialization.max_candidates));
-  const uint64_t num_lines = model.lines.size();
+  const uint64_t num_lines = VisibleLinesOf(model, options);
   uint64_t bytes = kSearchBytes + kTreeTriangleBytes * model.triangles.size();
   bytes += static_cast<uint64_t>(options.initialization.max_events) * sizeof(WindowEvent);
-  bytes += num_tracks * (kTrackBytes + kTrackLineBytes * num_lines + kCellBytes * num_cells);
+  bytes += num_tracks *
+           (kTrackBytes + kTrackLineBytes * num_lines + kTrackCurveBytes * CurvesOf(model) + kCellBytes * num_cells);
+  if (!model.surface.empty()) bytes += kElementTriangleBytes * model.triangles.size();
   bytes += 2 * kPageBytes * num_cells;
   if (has_others) bytes += kPastLineBytes * num_lines + (kCellBytes + kPageBytes) * num_cells;  // Competitors
   return bytes;
 }
 
 uint64_t ModelBytes(const ObjectModel& model) {
+  uint64_t bytes = model.surface.empty() ? 0 : kSurfaceTriangleBytes * model.triangles.size();
+  for (const EdgeCurve& curve : model.curves) bytes += kCurvePointBytes * curve.points.size();
   // The second tree is that of the SearchModel.
-  return kModelLineBytes * model.lines.size() + kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
+  return bytes + kModelLineBytes * model.lines.size() +
+         kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
          kTreeTriangleBytes * model.triangles.size() + sizeof(RigidTransform) * model.symmetries.size();
 }
 
@@ -74,6 +103,9 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
   }
   memory.max_state_bytes = num_pixels / 5 + 2 * kStateEventBytes * static_cast<uint64_t>(options.windows.max_events) +
                            models.size() * (kStateEventBytes * search_events + kTrackBytes);
+  for (const auto& model : models) {
+    if (models.size() > 1) memory.max_state_bytes += kStatePastLineBytes * VisibleLinesOf(*model, options);
+  }
   return memory;
 }
 

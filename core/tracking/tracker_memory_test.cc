@@ -43,6 +43,24 @@ TEST(TrackerMemory, CountsTheModelOnceAndItsTreesForEachObject) {
   EXPECT_GT(apart, twice + 100.0);
 }
 
+TEST(TrackerMemory, OfAModelWithManyLinesIsThatOfItsVisibleOnes) {
+  const CameraModel camera = MakeCamera(640, 480, 500.0);
+  ObjectModel model = *MakeCube(0.2);
+  model.lines.resize(1000, model.lines[0]);
+  const double thousand = MegabytesOf(camera, {std::make_shared<const ObjectModel>(model)});
+  model.lines.resize(100'000, model.lines[0]);
+  const double many = MegabytesOf(camera, {std::make_shared<const ObjectModel>(model)});
+  EXPECT_LT(many, thousand + 45.0) << "400 bytes for each line of the model itself";
+}
+
+TEST(TrackerMemory, CountsElements) {
+  const CameraModel camera = MakeCamera(640, 480, 500.0);
+  ObjectModel model = *MakeCube(0.2);
+  const double straight = MegabytesOf(camera, {std::make_shared<const ObjectModel>(model)});
+  model.surface.regions.resize(3);
+  EXPECT_GT(MegabytesOf(camera, {std::make_shared<const ObjectModel>(model)}), straight + 5.0);
+}
+
 TEST(TrackerMemory, OfALargeSensorIsFarBelowATableOfItsPixels) {
   const CameraModel large = MakeCamera(4096, 4096, 3000.0);
   EXPECT_LT(MegabytesOf(large, {MakeCube(0.2)}), 100.0);

@@ -41,6 +41,7 @@ absl::Status TrackerOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(InGroup("sensor", sensor.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("windows", windows.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("visibility", visibility.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("elements", elements.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("initial", initial.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("initialization", initialization.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("motion", motion.Validate()));

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "absl/status/status.h"
+#include "core/contours/edge_elements.h"
 #include "core/detection/line_detector.h"
 #include "core/estimation/mixture_estimator.h"
 #include "core/geometry/motion_prior.h"
@@ -65,6 +66,7 @@ struct TrackerOptions : EstimatorOptions {
   EstimatorFactory estimator_factory;
   WindowOptions windows;
   VisibilityOptions visibility;
+  EdgeElementOptions elements;
   InitialPoseOptions initial;
   InitializationOptions initialization;
   MotionPriorOptions motion;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/baselines/estimators/estimator_factory.h"
+#include "core/contours/contour_shapes_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 #include "core/tracking/tracker.h"
@@ -232,6 +233,30 @@ TEST(TrackerState, AGivenPoseContinuesIdentically) {
   EXPECT_GT(RunMoved(scene, 6).losses, 0u);
 }
 
+// Two round objects from given poses: one is lost and given again.
+Scene RoundObjects() {
+  Scene scene;
+  scene.options = IdealSensor();
+  const std::vector<std::shared_ptr<const ObjectModel>> models = {
+      std::make_shared<const ObjectModel>(TorusModel(0.06, 0.025, 64, 32)),
+      std::make_shared<const ObjectModel>(CylinderModel(0.05, 0.03, 48))};
+  const std::vector<RigidTransform> starts = {MakePose({-0.08, 0.0, 0.5}, {1.0, 0.5, 0.2}),
+                                              MakePose({0.1, 0.02, 0.6}, {0.9, -0.4, 0.0})};
+  std::vector<std::vector<Event>> streams;
+  for (size_t i = 0; i < models.size(); ++i) {
+    scene.objects.push_back({models[i], starts[i]});
+    IdealEventOptions options;
+    options.duration_us = 100'000;
+    options.seed = i + 1;
+    streams.push_back(MakeIdealEvents(
+        *models[i], kCamera, testing::ConstantTwist(starts[i], Twist(0.2, 0.1, 0.0, 0.8, -1.0, 0.5)), options));
+  }
+  scene.events = MergeEvents(streams);
+  return scene;
+}
+
+TEST(TrackerState, RoundObjectsContinueIdentically) { EXPECT_GT(RunMoved(RoundObjects(), 10).estimates.size(), 100u); }
+
 // A damaged state is rejected, or the tracker processes the following events without a failure.
 void TryDamaged(const Scene& scene, const std::string& damaged, absl::Span<const Event> events, int* num_loaded) {
   const auto tracker = MakeTracker(scene);
@@ -251,7 +276,7 @@ void TryDamaged(const Scene& scene, const std::string& damaged, absl::Span<const
 
 TEST(TrackerState, DamagedStatesAreRejectedOrTracked) {
   Random random(7);
-  for (const Scene& scene : {FoundLostAndFoundAgain(), Crossing(true)}) {
+  for (const Scene& scene : {FoundLostAndFoundAgain(), Crossing(true), RoundObjects()}) {
     const Story story = RunMoved(scene, 8);
     int num_loaded = 0;
     for (int i = 0; i < 40; ++i) {

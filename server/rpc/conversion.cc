@@ -22,7 +22,7 @@ static_assert(EnumNumber(Encoding::kFlat64) == v1::EventEncoding_MAX);
 static_assert(EnumNumber(OverloadPolicy::kLatest) == v1::OverloadPolicy_MAX);
 static_assert(EnumNumber(DropReason::kReader) == v1::DropReason_MAX);
 static_assert(EnumNumber(TrackState::kLost) == v1::TrackState_MAX);
-static_assert(EnumNumber(InitializationStatus::kAmbiguous) == v1::InitializationStatus_MAX);
+static_assert(EnumNumber(InitializationStatus::kNotSearchable) == v1::InitializationStatus_MAX);
 static_assert(EnumNumber(SessionState::kEnded) == v1::SessionState_MAX);
 static_assert(EnumNumber(ModelFormat::kStl) == v1::ModelFormat_MAX);
 
@@ -97,6 +97,8 @@ std::string WhyThereIsNoPose(const InitializationReport& report) {
       return "the events have not confirmed the first pose yet";
     case InitializationStatus::kAmbiguous:
       return "two poses explain the events equally well so far";
+    case InitializationStatus::kNotSearchable:
+      return "the model has too few straight lines for a search; give the initial pose, or reset the pose";
   }
   return "";
 }

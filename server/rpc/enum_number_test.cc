@@ -53,6 +53,8 @@ TEST(EnumNumberTest, TheApiAndTheStoreHaveTheSameNumbers) {
        pb::INITIALIZATION_STATUS_VERIFYING},
       {EnumNumber(InitializationStatus::kAmbiguous), v1::INITIALIZATION_STATUS_AMBIGUOUS,
        pb::INITIALIZATION_STATUS_AMBIGUOUS},
+      {EnumNumber(InitializationStatus::kNotSearchable), v1::INITIALIZATION_STATUS_NOT_SEARCHABLE,
+       pb::INITIALIZATION_STATUS_NOT_SEARCHABLE},
       {EnumNumber(ModelFormat::kObj), v1::MODEL_FORMAT_OBJ, pb::MODEL_FORMAT_OBJ},
       {EnumNumber(ModelFormat::kPly), v1::MODEL_FORMAT_PLY, pb::MODEL_FORMAT_PLY},
       {EnumNumber(ModelFormat::kStl), v1::MODEL_FORMAT_STL, pb::MODEL_FORMAT_STL},

@@ -92,7 +92,7 @@ absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::stri
   Models models;
   for (const ObjectConfig& object : config.objects) {
     EVPOSE_ASSIGN_OR_RETURN(ModelUse use, models_.UseStored(tenant, object.model));
-    if (const absl::Status status = CheckLinesDeterminePose(*use.model); !status.ok()) {
+    if (const absl::Status status = CheckIsTrackable(*use.model); !status.ok()) {
       return InvalidField(absl::StrCat("config.objects[", models.models.size(), "].model"), status.message());
     }
     models.models.push_back(std::move(use.model));

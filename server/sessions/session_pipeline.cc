@@ -18,7 +18,7 @@ namespace {
 constexpr int64_t kSliceUs = 1000;
 
 // Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
-constexpr uint32_t kTrackerStateVersion = 1;
+constexpr uint32_t kTrackerStateVersion = 2;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);
@@ -26,6 +26,18 @@ void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model->vertices, model->triangles, model->symmetries);
   writer.Count(model->lines.size());
   for (const ModelLine& line : model->lines) writer(line.p1, line.p2, line.face_normals);
+  writer.Count(model->curves.size());
+  for (const EdgeCurve& curve : model->curves) {
+    const auto kind = static_cast<uint8_t>(curve.kind);
+    writer(kind, curve.points, curve.face_normals, curve.turn_rad);
+  }
+  const SmoothSurface& surface = model->surface;
+  writer(surface.region_of, surface.normals);
+  writer.Count(surface.regions.size());
+  for (const SurfaceRegion& region : surface.regions) {
+    const auto shape = static_cast<uint8_t>(region.shape);
+    writer(shape, region.point, region.axis, region.radius_m, region.half_angle_rad, region.is_convex);
+  }
 }
 
 std::string ConfigurationDigest(const SessionConfig& config,

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/association/camera_tables.h"
 #include "core/baselines/estimators/estimator_factory.h"
+#include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
@@ -31,6 +32,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config
     objects.push_back({models[i], object.initial_camera_from_object, object.reference_rotation});
     const absl::Status status = objects.back().Validate();
     if (!status.ok()) return InvalidField(absl::StrCat("config.objects[", i, "]"), status.message());
+    if (HasCurvedEdges(*models[i]) && !IsSearchable(*models[i])) continue;  // it is tracked from given poses
     auto search_model = shared.search_models.Get(models[i].get(), [&] { return MakeSearchModel(models[i]); });
     if (!search_model.ok())
       return InvalidField(absl::StrCat("config.objects[", i, "].model"), search_model.status().message());

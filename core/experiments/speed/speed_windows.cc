@@ -15,9 +15,9 @@ namespace {
 absl::StatusOr<std::unique_ptr<const TrackContext>> MakeContext(const SpeedRecording& recording) {
   EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(recording.camera));
   const TrackerOptions options;
-  return std::make_unique<const TrackContext>(TrackContext{recording.model, recording.camera, std::move(tables),
-                                                           options,
-                                                           VisibilityTester(*recording.model, options.visibility)});
+  return std::make_unique<const TrackContext>(
+      TrackContext{recording.model, recording.camera, std::move(tables), options,
+                   std::make_shared<const ModelEdges>(*recording.model, options.visibility, options.elements)});
 }
 
 // Tracks the object and stores the predicted state of each window.
@@ -82,7 +82,7 @@ std::vector<SpeedWindow> WithCutLines(const std::vector<SpeedWindow>& windows, i
     for (const TrackedLine& line : windows[i].lines) {
       const Eigen::Vector3d piece = (line.p2 - line.p1) / num_pieces;
       for (int k = 0; k < num_pieces; ++k) {
-        cut[i].lines.push_back({line.model_line * num_pieces + k, line.p1 + k * piece, line.p1 + (k + 1) * piece});
+        cut[i].lines.push_back({line.curve * num_pieces + k, line.p1 + k * piece, line.p1 + (k + 1) * piece});
       }
     }
   }

@@ -82,8 +82,9 @@ absl::StatusOr<std::unique_ptr<PoseSource>> MakeTrackingOracle(std::shared_ptr<c
   // Arguments that a tracker rejects are rejected here, too.
   EVPOSE_RETURN_IF_ERROR(Tracker::Create(model, camera, options, std::nullopt).status());
   EVPOSE_ASSIGN_OR_RETURN(auto tables, MakeCameraTables(camera));
-  return std::make_unique<TrackingOracle>(
-      TrackContext{model, camera, std::move(tables), options, VisibilityTester(*model, options.visibility)}, truth);
+  auto edges = std::make_shared<const ModelEdges>(*model, options.visibility, options.elements);
+  return std::make_unique<TrackingOracle>(TrackContext{model, camera, std::move(tables), options, std::move(edges)},
+                                          truth);
 }
 
 }  // namespace evpose

@@ -24,7 +24,7 @@ constexpr uint32_t kDecoderFormat = 1;
 static_assert(EnumNumber(Encoding::kFlat64) == pb::Encoding_MAX);
 static_assert(EnumNumber(OverloadPolicy::kLatest) == pb::OverloadPolicy_MAX);
 static_assert(EnumNumber(TrackState::kLost) == pb::TrackState_MAX);
-static_assert(EnumNumber(InitializationStatus::kAmbiguous) == pb::InitializationStatus_MAX);
+static_assert(EnumNumber(InitializationStatus::kNotSearchable) == pb::InitializationStatus_MAX);
 
 // Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
 class RecordCheck {

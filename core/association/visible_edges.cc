@@ -1,0 +1,308 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/visible_edges.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "core/association/competitors.h"
+#include "core/base/yield_point.h"
+
+namespace evpose {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// Changes of the view below which the visible parts are not computed again: translation of the image, pixels, which
+// moves the ends of a visible part by little against a line's length; and rotation, radians (0.3 degrees). Faces that
+// turn towards or away from the camera are checked separately, at every pose.
+constexpr double kChangePx = 2.0;
+constexpr double kChangeRad = 0.005;
+// The same for elements: 1.5 degrees and 2 % of the distance. Contours slide in between; what changes is mostly which
+// elements are visible, README, section 5.
+constexpr double kElementChangeRad = 0.026;
+constexpr double kElementChangeOfDistance = 0.02;
+// Steps of the visibility test of a line in a model with many lines, most of which are short.
+constexpr int kFewSamples = 8;
+// Of a model with many lines, at most so many are tested to choose those of a view: hidden ones are among them.
+constexpr size_t kMaxTested = 384;
+// Ends of successive elements may differ by the displacement that halves the error of a chord, below half a pixel.
+constexpr double kJointPx = 1.0;
+// Least cosine of the turn between successive elements: the chords of a circle of 3 px in radius turn by 47 degrees.
+// Where a curve turns by more, it has a corner.
+constexpr double kMinJointCosine = 0.5;
+
+VisibilityOptions WithFewSamples(VisibilityOptions options, bool has_many_lines) {
+  if (has_many_lines) options.samples_per_line = std::min(options.samples_per_line, kFewSamples);
+  return options;
+}
+
+std::vector<int> LongestLines(const ObjectModel& model, size_t max_lines) {
+  std::vector<int> order(model.lines.size());
+  std::iota(order.begin(), order.end(), 0);
+  if (order.size() <= max_lines) return order;
+  std::vector<double> squares_m2;
+  for (const ModelLine& line : model.lines) squares_m2.push_back((line.p2 - line.p1).squaredNorm());
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return squares_m2[a] > squares_m2[b]; });
+  order.resize(max_lines);
+  std::sort(order.begin(), order.end());
+  return order;
+}
+
+// Angle in which the view of a point at `centre` differs between two camera centres, by its sine; above 90 degrees 1.
+double SineBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return a.dot(b) > 0.0 ? a.cross(b).norm() / (a.norm() * b.norm()) : 1.0;
+}
+
+}  // namespace
+
+ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibility,
+                       const EdgeElementOptions& elements)
+    : model_(model),
+      visibility_(model, WithFewSamples(visibility, has_many_lines())),
+      elements_(model, visibility_.faces(), elements),
+      lines_(LongestLines(model, kMaxPool)),
+      num_curves_(static_cast<int>(
+          std::min<uint64_t>(kMaxCurves, std::max<uint64_t>(elements_.num_curves(), model.lines.size())))),
+      centre_(BoundingSphereOf(model).centre) {
+  for (const EdgeCurve& curve : model.curves) flat_faces_.push_back(FlatFacesOf(curve));
+}
+
+ModelEdges::FlatFaces ModelEdges::FlatFacesOf(const EdgeCurve& curve) {
+  constexpr double kSameNormal = 1e-3;  // the rounding of a face in single precision, and far below a tessellation step
+  FlatFaces faces = {{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()}, 0.0};
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& point : curve.points) middle += point / static_cast<double>(curve.points.size());
+  for (const Eigen::Vector3d& point : curve.points) {
+    faces.diameter_m = std::max(faces.diameter_m, 2.0 * (point - middle).norm());
+  }
+  for (int side = 0; side < 2 && !curve.face_normals.empty(); ++side) {
+    const Eigen::Vector3d& first = curve.face_normals.front()[side];
+    const bool is_flat = std::all_of(curve.face_normals.begin(), curve.face_normals.end(),
+                                     [&](const auto& normals) { return (normals[side] - first).norm() < kSameNormal; });
+    if (is_flat) faces.normals[side] = first;
+  }
+  return faces;
+}
+
+double ModelEdges::NarrowestFacePx(uint32_t curve, const Eigen::Vector3d& to_eye, double focal_px) const {
+  const size_t index = curve - model_.lines.size();
+  if (curve < model_.lines.size() || index >= flat_faces_.size()) return kInfinity;
+  double narrowest_px = kInfinity;
+  const double width_px = focal_px * flat_faces_[index].diameter_m / to_eye.squaredNorm();
+  for (const Eigen::Vector3d& normal : flat_faces_[index].normals) {
+    if (normal.isZero()) continue;
+    narrowest_px = std::min(narrowest_px, width_px * std::abs(normal.dot(to_eye)));
+  }
+  return narrowest_px;
+}
+
+VisibleEdges::VisibleEdges(const CameraModel& camera, const ModelEdges& edges) : camera_(camera), edges_(edges) {
+  if (!edges.has_many_lines()) chosen_ = edges.lines();
+}
+
+bool VisibleEdges::ViewChanged(const RigidTransform& camera_from_object) const {
+  if (!computed_at_) return true;
+  const Vector6d change = Difference(camera_from_object, *computed_at_);
+  const double depth_m = camera_from_object.translation_m.norm();
+  const double focal_px = camera_.MaxFocalPx();
+  return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
+}
+
+bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int level) const {
+  if (!extracted_at_ || level != level_) return true;
+  if (Difference(camera_from_object, *extracted_at_).tail<3>().norm() > kElementChangeRad) return true;
+  const Eigen::Vector3d now = camera_from_object.Inverse().translation_m - edges_.centre();
+  const Eigen::Vector3d then = extracted_at_->Inverse().translation_m - edges_.centre();
+  return SineBetween(now, then) > kElementChangeRad ||
+         std::abs(now.norm() - then.norm()) > kElementChangeOfDistance * then.norm();
+}
+
+void VisibleEdges::FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const {
+  facing.clear();
+  for (const int index : chosen_) {
+    const ModelLine& line = edges_.model().lines[index];
+    for (const Eigen::Vector3d& normal : line.face_normals) facing.push_back(normal.dot(eye - line.p1) > 0.0);
+  }
+}
+
+absl::Span<const TrackedLine> VisibleEdges::At(const RigidTransform& camera_from_object) {
+  if (edges_.elements().has_curves() || edges_.has_many_lines()) {
+    const int level = DetailLevel(edges_.model(), camera_, camera_from_object, level_);
+    if (ElementsChanged(camera_from_object, level)) {
+      ExtractAt(camera_from_object, level);
+      if (edges_.has_many_lines()) computed_at_.reset();  // the chosen lines may be others
+    }
+  }
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  FacingFaces(eye, facing_now_);
+  if (facing_now_ != facing_ || ViewChanged(camera_from_object)) {
+    facing_.swap(facing_now_);
+    ComputeAt(camera_from_object);
+  }
+  PlaceElements(eye);
+  MeasureFaces(eye);
+  return lines_;
+}
+
+void VisibleEdges::MeasureFaces(const Eigen::Vector3d& eye) {
+  const double focal_px = camera_.MaxFocalPx();
+  const ObjectModel& model = edges_.model();
+  for (size_t k = 0; k < segments_.size(); ++k) {
+    TrackedLine& line = lines_[k];
+    const Eigen::Vector3d to_eye = eye - 0.5 * (line.p1 + line.p2);
+    const double width_px = focal_px * model.diameter_m / to_eye.squaredNorm();
+    line.narrowest_face_px = kInfinity;
+    for (const Eigen::Vector3d& normal : model.lines[segments_[k].line].face_normals) {
+      line.narrowest_face_px = std::min(line.narrowest_face_px, width_px * std::abs(normal.dot(to_eye)));
+    }
+  }
+  for (size_t k = 0; k < elements_.size(); ++k) {
+    TrackedLine& line = lines_[segments_.size() + k];
+    const Eigen::Vector3d to_eye = eye - 0.5 * (line.p1 + line.p2);
+    line.narrowest_face_px = edges_.NarrowestFacePx(elements_[k].curve, to_eye, focal_px);
+  }
+}
+
+void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
+  computed_at_ = camera_from_object;
+  lines_.clear();
+  edges_.visibility().FindVisibleSegments(camera_, camera_from_object, chosen_, segments_);
+  for (const VisibleSegment& segment : segments_) {
+    const ModelLine& line = edges_.model().lines[segment.line];
+    const Eigen::Vector3d extent = line.p2 - line.p1;
+    lines_.push_back({edges_.CurveOf(static_cast<uint32_t>(segment.line)), line.p1 + segment.begin * extent,
+                      line.p1 + segment.end * extent});
+  }
+}
+
+void VisibleEdges::ExtractAt(const RigidTransform& camera_from_object, int level) {
+  extracted_at_ = camera_from_object;
+  level_ = level;
+  if (edges_.has_many_lines()) ChooseLines(camera_from_object);
+  elements_.clear();
+  if (edges_.elements().has_curves()) edges_.elements().Extract(camera_, camera_from_object, level, elements_);
+  std::stable_sort(elements_.begin(), elements_.end(), [this](const EdgeElement& a, const EdgeElement& b) {
+    return edges_.CurveOf(a.curve) < edges_.CurveOf(b.curve);
+  });
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  for (EdgeElement& element : elements_) {
+    if (element.kind != EdgeKind::kContour) continue;
+    // The outward normal of the surface is the side on which the distance is positive.
+    if ((element.p1 - eye).cross(element.p2 - eye).dot(element.normals[0] + element.normals[1]) >= 0.0) continue;
+    std::swap(element.p1, element.p2);
+    std::swap(element.normals[0], element.normals[1]);
+    std::swap(element.radius_m[0], element.radius_m[1]);
+  }
+  joined_.clear();
+  for (const EdgeElement& element : elements_) {
+    TrackedLine& line = joined_.emplace_back();
+    line.curve = edges_.CurveOf(element.curve);
+    line.p1 = element.p1;
+    line.p2 = element.p2;
+    line.is_element = true;
+    line.kind = element.kind;
+    line.prior_contrast = element.prior_contrast;
+  }
+  FindNeighbours(camera_from_object);
+}
+
+void VisibleEdges::FindNeighbours(const RigidTransform& camera_from_object) {
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  std::vector<std::pair<double, int>> begins;  // first coordinate of p1, and the element
+  for (size_t k = 0; k < joined_.size(); ++k) begins.emplace_back(joined_[k].p1.x(), static_cast<int>(k));
+  std::sort(begins.begin(), begins.end());
+  for (size_t k = 0; k < joined_.size(); ++k) {
+    YieldPoint(k);
+    TrackedLine& line = joined_[k];
+    const Eigen::Vector3d along = (line.p2 - line.p1).normalized();
+    double least_m = kJointPx * (line.p2 - eye).norm() / camera_.MaxFocalPx();
+    int nearest = -1;
+    auto at = std::lower_bound(begins.begin(), begins.end(), std::pair(line.p2.x() - least_m, -1));
+    for (const double last = line.p2.x() + least_m; at != begins.end() && at->first <= last; ++at) {
+      const TrackedLine& other = joined_[at->second];
+      const double distance_m = (other.p1 - line.p2).norm();
+      if (other.kind != line.kind || other.previous >= 0 || at->second == static_cast<int>(k)) continue;
+      if (!(distance_m < least_m) || along.dot((other.p2 - other.p1).normalized()) < kMinJointCosine) continue;
+      least_m = distance_m;
+      nearest = at->second;
+    }
+    if (nearest < 0) continue;
+    line.next = nearest;
+    joined_[nearest].previous = static_cast<int>(k);
+  }
+}
+
+void VisibleEdges::ChooseLines(const RigidTransform& camera_from_object) {
+  struct Candidate {
+    double weight_px = 0.0;
+    int line = 0;
+  };
+  // An edge between a face that is seen and one that is not is an outline, whose contrast is the highest.
+  constexpr double kOutlineWeight = 2.0;
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  const double focal_px = camera_.MaxFocalPx();
+  std::vector<Candidate> candidates;
+  for (const int index : edges_.lines()) {
+    YieldPoint(static_cast<size_t>(index));
+    const ModelLine& line = edges_.model().lines[index];
+    const auto is_facing = [&](const Eigen::Vector3d& normal) { return normal.dot(eye - line.p1) > 0.0; };
+    const auto facing = std::count_if(line.face_normals.begin(), line.face_normals.end(), is_facing);
+    if (facing == 0 && !line.face_normals.empty()) continue;
+    const bool is_outline = facing < static_cast<std::ptrdiff_t>(line.face_normals.size());
+    const Eigen::Vector3d to_middle = 0.5 * (line.p1 + line.p2) - eye;
+    if (!(to_middle.norm() > 0.0)) continue;
+    const double across_m = to_middle.cross(line.p2 - line.p1).norm() / to_middle.norm();
+    candidates.push_back({(is_outline ? kOutlineWeight : 1.0) * focal_px * across_m / to_middle.norm(), index});
+  }
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.weight_px > b.weight_px; });
+  chosen_.clear();
+  std::vector<int> tested;
+  for (size_t begin = 0; begin < std::min(candidates.size(), kMaxTested) && chosen_.size() < ModelEdges::kMaxLines;
+       begin += ModelEdges::kMaxLines) {
+    tested.clear();
+    const size_t end = std::min(begin + ModelEdges::kMaxLines, candidates.size());
+    for (size_t i = begin; i < end; ++i) tested.push_back(candidates[i].line);
+    std::sort(tested.begin(), tested.end());
+    edges_.visibility().FindVisibleSegments(camera_, camera_from_object, tested, segments_);
+    for (const VisibleSegment& segment : segments_) {
+      if (chosen_.empty() || chosen_.back() != segment.line) chosen_.push_back(segment.line);
+    }
+  }
+  if (chosen_.size() > ModelEdges::kMaxLines) chosen_.resize(ModelEdges::kMaxLines);
+  std::sort(chosen_.begin(), chosen_.end());
+}
+
+void VisibleEdges::PlaceElements(const Eigen::Vector3d& eye) {
+  const int offset = static_cast<int>(segments_.size());
+  lines_.resize(segments_.size());
+  for (size_t k = 0; k < elements_.size(); ++k) {
+    EdgeElement placed = elements_[k];
+    SlideContour(eye, placed);
+    TrackedLine& line = lines_.emplace_back(joined_[k]);
+    line.p1 = placed.p1;
+    line.p2 = placed.p2;
+    if (line.previous >= 0) line.previous += offset;
+    if (line.next >= 0) line.next += offset;
+  }
+}
+
+void VisibleEdges::SaveState(StateWriter& writer) const { writer(computed_at_, extracted_at_, level_); }
+
+void VisibleEdges::LoadState(StateReader& reader) {
+  facing_.clear();
+  segments_.clear();
+  lines_.clear();
+  reader(computed_at_, extracted_at_, InRange(level_, -1, kNumDetailLevels - 1));
+  reader.Check(extracted_at_.has_value() == (level_ >= 0), "elements without the level of detail");
+  if (!reader.ok()) return;
+  if (extracted_at_) ExtractAt(RigidTransform(*extracted_at_), level_);
+  if (!computed_at_) return;
+  const RigidTransform pose = *computed_at_;
+  FacingFaces(pose.Inverse().translation_m, facing_);
+  ComputeAt(pose);
+}
+
+}  // namespace evpose

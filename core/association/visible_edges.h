@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The visible edges of a model at a pose: the parts of its straight lines, by ray casting, and the elements of its
+// curves and contours. Both are computed again only when the view has changed (core/association/README.md, sections 3
+// and 5).
+#pragma once
+
+#include <array>
+#include <optional>
+#include <vector>
+
+#include "core/association/association.h"
+#include "core/contours/edge_elements.h"
+#include "core/models/object_model.h"
+#include "core/models/visibility.h"
+
+namespace evpose {
+
+// Finds the visible edges of a model; shared by all its hypotheses. Immutable after construction, thread-compatible.
+// Keeps a reference: `model` must outlive it.
+class ModelEdges {
+ public:
+  ModelEdges(const ObjectModel& model, const VisibilityOptions& visibility, const EdgeElementOptions& elements);
+  ModelEdges(const ModelEdges&) = delete;
+  ModelEdges& operator=(const ModelEdges&) = delete;
+
+  const ObjectModel& model() const { return model_; }
+  const VisibilityTester& visibility() const { return visibility_; }
+  const EdgeElementExtractor& elements() const { return elements_; }
+
+  // More straight lines than this are not tested at every pose: the best kMaxLines visible ones are chosen for a view.
+  // It is more than the simple models have for which all lines are tested.
+  static constexpr size_t kMaxLines = 128;
+  // The straight lines that take part, indices in increasing order: all, or the kMaxPool longest ones.
+  static constexpr size_t kMaxPool = 4096;
+  const std::vector<int>& lines() const { return lines_; }
+  bool has_many_lines() const { return model_.lines.size() > kMaxLines; }
+
+  // Upper bound of TrackedLine::curve: what a hypothesis learns needs memory for each number.
+  int num_curves() const { return num_curves_; }
+  // Returns TrackedLine::curve of an EdgeElement::curve. The curves of a model with more than kMaxCurves share numbers;
+  // of two with the same number seldom both are visible.
+  static constexpr int kMaxCurves = 1024;
+  int CurveOf(uint32_t curve) const { return static_cast<int>(curve % static_cast<uint32_t>(kMaxCurves)); }
+
+  // Upper bounds of the image widths of the faces beside a curve, TrackedLine::narrowest_face_px. `to_eye` is the
+  // vector from the element to the camera centre, object frame. Infinite for contours and beside curved faces.
+  double NarrowestFacePx(uint32_t curve, const Eigen::Vector3d& to_eye, double focal_px) const;
+  // Centre of the object, object frame.
+  const Eigen::Vector3d& centre() const { return centre_; }
+
+ private:
+  // The normals of the flat faces beside a curve, zero for others, and the diameter of the curve.
+  struct FlatFaces {
+    std::array<Eigen::Vector3d, 2> normals;
+    double diameter_m = 0.0;
+  };
+  static FlatFaces FlatFacesOf(const EdgeCurve& curve);
+
+  const ObjectModel& model_;
+  const VisibilityTester visibility_;
+  const EdgeElementExtractor elements_;
+  std::vector<int> lines_;
+  int num_curves_ = 0;
+  std::vector<FlatFaces> flat_faces_;  // of ObjectModel::curves
+  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
+};
+
+// The visible edges of one hypothesis.
+class VisibleEdges {
+ public:
+  // `edges` must outlive the object.
+  VisibleEdges(const CameraModel& camera, const ModelEdges& edges);
+
+  // Returns the visible parts of the straight lines, then the elements by TrackedLine::curve, object frame, metres.
+  // Valid until the next call.
+  absl::Span<const TrackedLine> At(const RigidTransform& camera_from_object);
+
+  // The state is the poses at which lines and elements were last computed, and the level of detail.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
+ private:
+  // Sets TrackedLine::narrowest_face_px for the camera centre `eye` (object frame). The bound assumes faces as wide as
+  // the object's diameter.
+  void MeasureFaces(const Eigen::Vector3d& eye);
+  // Computes the visible parts of the straight lines at the pose.
+  void ComputeAt(const RigidTransform& camera_from_object);
+  bool ViewChanged(const RigidTransform& camera_from_object) const;
+  // Extracts the elements at the pose, and chooses the straight lines of a model that has many.
+  void ExtractAt(const RigidTransform& camera_from_object, int level);
+  // Whether the elements must be extracted again at this pose and level.
+  bool ElementsChanged(const RigidTransform& camera_from_object, int level) const;
+  void ChooseLines(const RigidTransform& camera_from_object);
+  // Sets TrackedLine::previous and next of the elements.
+  void FindNeighbours(const RigidTransform& camera_from_object);
+  // Replaces the elements in lines_ by those for the camera centre `eye`: contours slide along the surface.
+  void PlaceElements(const Eigen::Vector3d& eye);
+  // For each face of each chosen line: whether it faces the camera. This decides about the visibility of lines and must
+  // be exact to a tenth of a degree: a line of a face that has turned away pulls the pose back to where the face was
+  // visible, and the events of a missing line are attributed to its neighbour (core/association/README.md, section 3).
+  void FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const;
+
+  const CameraModel camera_;
+  const ModelEdges& edges_;
+  std::optional<RigidTransform> computed_at_;
+  std::optional<RigidTransform> extracted_at_;  // only for models with elements or many lines
+  int level_ = -1;                              // of detail; negative before the first extraction
+  std::vector<int> chosen_;                     // straight lines that are tested
+  std::vector<bool> facing_;
+  std::vector<bool> facing_now_;
+  std::vector<VisibleSegment> segments_;
+  std::vector<EdgeElement> elements_;  // as extracted, by TrackedLine::curve
+  std::vector<TrackedLine> joined_;    // of elements_; previous and next are indices into joined_
+  std::vector<TrackedLine> lines_;     // the visible parts of segments_, then the elements
+};
+
+}  // namespace evpose

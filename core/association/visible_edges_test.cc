@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/association/visible_edges.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/contours/contour_shapes_testing.h"
+#include "core/estimation/ideal_events_testing.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+namespace {
+
+using testing::MakeCamera;
+using testing::MakeCube;
+using testing::MakePose;
+
+class VisibleEdgesTest : public ::testing::Test {
+ protected:
+  VisibleEdgesTest() : edges_(*cube_, TrackerOptions().visibility, {}), lines_(camera_, edges_) {}
+
+  // A pose turned about the image's horizontal axis by this angle from the pose in which the lower face is seen
+  // edge-on.
+  static RigidTransform TurnedFromEdgeOn(double angle_rad) {
+    return MakePose({0.0, 0.0, 1.0}, {std::asin(kHalfEdgeM) + angle_rad, 0.0, 0.0});
+  }
+  static double NarrowestPx(absl::Span<const TrackedLine> lines) {
+    double narrowest_px = 1e9;
+    for (const TrackedLine& line : lines) narrowest_px = std::min(narrowest_px, line.narrowest_face_px);
+    return narrowest_px;
+  }
+
+  static constexpr double kHalfEdgeM = 0.1;
+  static constexpr double kFocalPx = 1000.0;
+  const std::shared_ptr<const ObjectModel> cube_ = MakeCube(2.0 * kHalfEdgeM);
+  const CameraModel camera_ = MakeCamera(1280, 720, kFocalPx);
+  const ModelEdges edges_;
+  VisibleEdges lines_;
+};
+
+TEST_F(VisibleEdgesTest, TheWidthOfAFaceFollowsItsAngle) {
+  for (const double angle_rad : {0.003, 0.01, -0.003, -0.01}) {
+    // The bound: the camera's height above the face, divided by the squared distance of the lines (0.9 to 1.1 m), for a
+    // face as wide as the cube's diagonal.
+    const double height_m = std::abs(std::sin(std::asin(kHalfEdgeM) + angle_rad) - kHalfEdgeM);
+    const double narrowest_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(angle_rad)));
+    EXPECT_GT(narrowest_px, kFocalPx * cube_->diameter_m * height_m / (1.15 * 1.15)) << angle_rad;
+    EXPECT_LT(narrowest_px, kFocalPx * cube_->diameter_m * height_m / (0.85 * 0.85)) << angle_rad;
+  }
+}
+
+TEST_F(VisibleEdgesTest, TheWidthOfAFaceIsUpdatedWithoutANewRayCast) {
+  constexpr double kStepRad = 0.0005;  // below the rotation that causes a new ray cast
+  const double before_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(0.002)));
+  const double after_px = NarrowestPx(lines_.At(TurnedFromEdgeOn(0.002 + kStepRad)));
+  EXPECT_NEAR(after_px / before_px, 1.25, 0.01);
+}
+
+TEST_F(VisibleEdgesTest, ALineWithoutFacesHasNoNarrowOne) {
+  ObjectModel wires = *cube_;
+  wires.vertices.clear();
+  wires.triangles.clear();
+  for (ModelLine& line : wires.lines) line.face_normals.clear();
+  const ModelEdges edges(wires, TrackerOptions().visibility, {});
+  VisibleEdges lines(camera_, edges);
+  const absl::Span<const TrackedLine> seen = lines.At(TurnedFromEdgeOn(0.0));
+  ASSERT_EQ(seen.size(), wires.lines.size());
+  for (const TrackedLine& line : seen) EXPECT_TRUE(std::isinf(line.narrowest_face_px));
+}
+
+// A disc of flat faces with many straight creases: a fan of thin wedges, each a step higher than the last.
+ObjectModel ManyLines(int count) {
+  ObjectModel model = *MakeCube(0.1);
+  model.lines.clear();
+  for (int i = 0; i < count; ++i) {
+    const double angle = 2.0 * M_PI * i / count, length_m = 0.02 + 0.03 * ((i * 7) % count) / count;
+    ModelLine line{{0.0, 0.0, -0.05}, {length_m * std::cos(angle), length_m * std::sin(angle), -0.05}, {}};
+    line.p1 = 0.1 * line.p2 + 0.9 * line.p1;
+    line.face_normals.push_back({0.0, 0.0, -1.0});
+    model.lines.push_back(line);
+  }
+  return model;
+}
+
+TEST(VisibleEdges, ChoosesTheLongestLinesOfAModelWithMany) {
+  const ObjectModel model = ManyLines(1000);
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  const ModelEdges edges(model, TrackerOptions().visibility, {});
+  EXPECT_TRUE(edges.has_many_lines());
+  EXPECT_EQ(edges.num_curves(), 1000);
+  VisibleEdges visible(camera, edges);
+  const RigidTransform pose = MakePose({0.0, 0.0, 0.5}, {0.1, 0.1, 0.0});
+  const absl::Span<const TrackedLine> lines = visible.At(pose);
+  EXPECT_EQ(lines.size(), ModelEdges::kMaxLines);
+  double shortest_m = 1.0;
+  for (const TrackedLine& line : lines) shortest_m = std::min(shortest_m, (line.p2 - line.p1).norm());
+  EXPECT_GT(shortest_m, 0.9 * 0.045);
+  // The choice stays for a small change of the view and is the same after the state was loaded.
+  const std::vector<TrackedLine> before(lines.begin(), lines.end());
+  StateWriter writer;
+  visible.SaveState(writer);
+  const std::string state = writer.Take();
+  VisibleEdges loaded(camera, edges);
+  StateReader reader(state);
+  loaded.LoadState(reader);
+  ASSERT_TRUE(reader.Finish().ok());
+  const RigidTransform next = MakePose({0.001, 0.0, 0.503}, {0.11, 0.1, 0.0});
+  const absl::Span<const TrackedLine> a = visible.At(next), b = loaded.At(next);
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t k = 0; k < a.size(); ++k) {
+    EXPECT_EQ(a[k].curve, b[k].curve);
+    EXPECT_EQ(a[k].curve, before[k].curve);
+    EXPECT_EQ(a[k].p2, b[k].p2);
+  }
+}
+
+TEST(VisibleEdges, CurvesOfALargeModelShareNumbers) {
+  const ObjectModel model = ManyLines(3000);
+  const ModelEdges edges(model, TrackerOptions().visibility, {});
+  EXPECT_EQ(edges.num_curves(), ModelEdges::kMaxCurves);
+  EXPECT_EQ(edges.CurveOf(7), 7);
+  EXPECT_LT(edges.CurveOf(2999), edges.num_curves());
+}
+
+class RoundEdgesTest : public ::testing::Test {
+ protected:
+  // The views around the object, `step` of a circle apart.
+  static RigidTransform PoseAt(double angle_rad) { return MakePose({0.0, 0.0, 0.5}, {1.0 + angle_rad, 0.2, 0.0}); }
+  static bool HasElement(absl::Span<const TrackedLine> lines) {
+    return std::any_of(lines.begin(), lines.end(), [](const TrackedLine& line) { return line.is_element; });
+  }
+
+  const ObjectModel torus_ = TorusModel(0.06, 0.02, 64, 32);
+  const CameraModel camera_ = MakeCamera(640, 480, 600.0);
+  const ModelEdges edges_{torus_, TrackerOptions().visibility, {}};
+};
+
+TEST_F(RoundEdgesTest, ElementsAreChainsOnOneSideOfTheirCurve) {
+  VisibleEdges visible(camera_, edges_);
+  const absl::Span<const TrackedLine> lines = visible.At(PoseAt(0.0));
+  ASSERT_GT(lines.size(), 30u);
+  size_t joints = 0;
+  const Eigen::Vector3d eye = PoseAt(0.0).Inverse().translation_m;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    EXPECT_TRUE(lines[k].is_element);
+    EXPECT_LT(lines[k].curve, edges_.num_curves());
+    if (k > 0) EXPECT_GE(lines[k].curve, lines[k - 1].curve);
+    if (lines[k].next < 0) continue;
+    const TrackedLine& next = lines[static_cast<size_t>(lines[k].next)];
+    EXPECT_EQ(next.previous, static_cast<int>(k));
+    EXPECT_LT((next.p1 - lines[k].p2).norm() * 600.0 / (next.p1 - eye).norm(), 1.0);
+    ++joints;
+  }
+  EXPECT_GT(joints, lines.size() * 3 / 4);
+}
+
+TEST_F(RoundEdgesTest, ContoursSlideBetweenExtractions) {
+  VisibleEdges visible(camera_, edges_);
+  const absl::Span<const TrackedLine> first = visible.At(PoseAt(0.0));
+  const std::vector<TrackedLine> before(first.begin(), first.end());
+  const absl::Span<const TrackedLine> after = visible.At(PoseAt(0.02));  // 1.1 degrees
+  ASSERT_EQ(after.size(), before.size());
+  size_t moved = 0;
+  for (size_t k = 0; k < after.size(); ++k) {
+    EXPECT_EQ(after[k].curve, before[k].curve);
+    moved += after[k].p1 != before[k].p1 ? 1 : 0;
+  }
+  EXPECT_GT(moved, after.size() / 2);
+  // Back at the first view the elements are the first ones again, because they slide from where they were extracted.
+  const absl::Span<const TrackedLine> again = visible.At(PoseAt(0.0));
+  for (size_t k = 0; k < again.size(); ++k) EXPECT_LT((again[k].p1 - before[k].p1).norm(), 1e-4);
+}
+
+TEST_F(RoundEdgesTest, ALoadedStateHasTheSameElements) {
+  VisibleEdges visible(camera_, edges_);
+  for (int i = 0; i < 40; ++i) {
+    visible.At(PoseAt(0.011 * i));
+    StateWriter writer;
+    visible.SaveState(writer);
+    const std::string state = writer.Take();
+    VisibleEdges loaded(camera_, edges_);
+    StateReader reader(state);
+    loaded.LoadState(reader);
+    ASSERT_TRUE(reader.Finish().ok());
+    VisibleEdges copy = visible;
+    const absl::Span<const TrackedLine> a = copy.At(PoseAt(0.011 * i + 0.004));
+    const absl::Span<const TrackedLine> b = loaded.At(PoseAt(0.011 * i + 0.004));
+    ASSERT_EQ(a.size(), b.size());
+    for (size_t k = 0; k < a.size(); ++k) {
+      EXPECT_EQ(a[k].curve, b[k].curve);
+      EXPECT_EQ(a[k].p1, b[k].p1);
+      EXPECT_EQ(a[k].next, b[k].next);
+    }
+  }
+}
+
+TEST_F(RoundEdgesTest, TheNumberOfElementsHasABound) {
+  const ObjectModel dense = TorusModel(0.06, 0.02, 256, 128);
+  const ModelEdges few(dense, TrackerOptions().visibility, {.max_elements = 60});
+  VisibleEdges visible(camera_, few);
+  EXPECT_LE(visible.At(PoseAt(0.0)).size(), 60u);
+  EXPECT_TRUE(HasElement(visible.At(PoseAt(0.0))));
+}
+
+TEST(VisibleEdges, AFlatCapSeenEdgeOnIsNarrow) {
+  const ObjectModel cylinder = CylinderModel(0.05, 0.04, 64);
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  const ModelEdges edges(cylinder, TrackerOptions().visibility, {});
+  const auto narrowest_px = [&](double height_m) {
+    // The camera looks at the axis from the side, that much above the plane of the upper cap.
+    const Eigen::Vector3d eye(0.5, 0.0, 0.05 + height_m);
+    double narrowest_px = 1e9;
+    for (size_t k = 0; k < cylinder.curves.size(); ++k) {
+      const auto curve = static_cast<uint32_t>(cylinder.lines.size() + k);
+      const Eigen::Vector3d rim = cylinder.curves[k].points.front();
+      narrowest_px = std::min(narrowest_px, edges.NarrowestFacePx(curve, eye - rim, 600.0));
+    }
+    return narrowest_px;
+  };
+  EXPECT_LT(narrowest_px(0.002), 1.0);
+  EXPECT_GT(narrowest_px(0.1), 10.0);
+  const auto contour = static_cast<uint32_t>(cylinder.lines.size() + cylinder.curves.size());
+  EXPECT_TRUE(std::isinf(edges.NarrowestFacePx(contour, {0.5, 0.0, 0.0}, 600.0)));
+}
+
+}  // namespace
+}  // namespace evpose

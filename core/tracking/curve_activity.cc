@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/curve_activity.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace evpose {
+
+Expectation CurveActivity::Of(const TrackedLine& line) const {
+  // Events that prove a curve, relative to the least rate that is expected of it: the chance that as many come from
+  // something else is small, and curves with contrast show ten times the least rate.
+  constexpr double kMinEvents = 20.0;
+  constexpr double kProvenFactor = 2.0;
+  // Swept area without the expected events after which a curve is taken as silent: at the least rate it had 60 events.
+  constexpr double kSilentPx2 = 400.0;
+  // Prior contrast of creases, boundaries and painted lines from which on they count as straight lines do: between that
+  // of a crease of 40 degrees, which most light shows, and that of a lesser one (core/contours/README.md, section 4).
+  constexpr float kHighContrast = 0.7f;
+  if (!line.is_element) return Expectation::kEvents;
+  const Counts& counts = counts_[static_cast<size_t>(line.curve)];
+  const double least = min_events_per_px2_ * counts.swept_px2;
+  if (counts.events >= std::max(kMinEvents, kProvenFactor * least)) return Expectation::kEvents;
+  if (counts.swept_px2 >= kSilentPx2 && counts.events < least * line.prior_contrast) return Expectation::kNothing;
+  const bool is_fixed = line.kind != EdgeKind::kContour;
+  return is_fixed && line.prior_contrast >= kHighContrast ? Expectation::kEvents : Expectation::kPerhaps;
+}
+
+void CurveActivity::Add(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
+                        absl::Span<const double> line_events) {
+  // Swept area over which the rate is averaged: an arc of 60 px at 300 px/s sweeps it in 60 ms. The background of a
+  // contour changes within such times.
+  constexpr double kMemoryPx2 = 1000.0;
+  constexpr double kOwnWidthPx = 2.0;  // events of the background within it are attributed to a line
+  ForEachCurve(input.lines, [&](size_t first, size_t end) {
+    if (!input.lines[first].is_element) return;
+    Counts& counts = counts_[static_cast<size_t>(input.lines[first].curve)];
+    for (size_t k = first; k < end; ++k) {
+      if (!lines[k].in_view()) continue;
+      const double noise = input.background_per_px2 * kOwnWidthPx * lines[k].length_px;
+      counts.events += line_events[k] * input.shares.mean_events_per_observation - noise;
+      counts.swept_px2 += lines[k].length_px * std::abs(NormalSpeedPxPerS(camera, lines[k], 0.5)) * input.duration_s;
+    }
+    const double keep = std::min(1.0, kMemoryPx2 / std::max(counts.swept_px2, 1.0));
+    counts.swept_px2 *= keep;
+    counts.events = std::max(0.0, keep * counts.events);
+  });
+}
+
+}  // namespace evpose

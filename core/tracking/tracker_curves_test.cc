@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Tracking of objects with curved edges and contours from a given pose, on ideal events.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "core/contours/contour_shapes_testing.h"
+#include "core/estimation/ideal_events_testing.h"
+#include "core/tracking/pose_track.h"
+#include "core/tracking/tracker.h"
+#include "core/tracking/tracker_options.h"
+#include "core/tracking/tracking_testing.h"
+
+namespace evpose {
+namespace {
+
+using testing::ConstantTwist;
+using testing::IdealEventOptions;
+using testing::MakeIdealEvents;
+using testing::MakePose;
+using testing::Motion;
+
+enum class Shape { kCylinder, kTorus, kCapsule, kPlate };
+
+std::shared_ptr<const ObjectModel> ModelOf(Shape shape) {
+  switch (shape) {
+    case Shape::kCylinder:
+      return std::make_shared<const ObjectModel>(CylinderModel(0.07, 0.04, 64));
+    case Shape::kTorus:
+      return std::make_shared<const ObjectModel>(TorusModel(0.06, 0.025, 96, 48));
+    case Shape::kCapsule:
+      return std::make_shared<const ObjectModel>(CapsuleModel(0.05, 0.04, 96, 48));
+    case Shape::kPlate:
+      break;
+  }
+  return std::make_shared<const ObjectModel>(PlateWithHoles(0.04, 0.02, 0.005, 64, {-0.09, 0.0, 0.09}));
+}
+
+struct RoundRun {
+  std::vector<PoseEstimate> estimates;
+  std::unique_ptr<Tracker> tracker;
+};
+
+RoundRun Follow(const std::shared_ptr<const ObjectModel>& model, const std::vector<Event>& events,
+                const RigidTransform& start) {
+  RoundRun run;
+  run.tracker = Tracker::Create(model, kCamera, IdealSensor(), start).value();
+  run.tracker->AddEvents(events, run.estimates);
+  run.tracker->Finish(run.estimates);
+  return run;
+}
+
+// Largest errors over the estimates: position relative to the depth, and the angle between the z axes, about which the
+// objects are symmetric, rad.
+struct RoundErrors {
+  double position_of_depth = 0.0;
+  double axis_rad = 0.0;
+};
+
+RoundErrors ErrorsOf(const std::vector<PoseEstimate>& estimates, const Motion& motion) {
+  RoundErrors errors;
+  for (const PoseEstimate& estimate : estimates) {
+    const RigidTransform truth = motion(estimate.t_us * 1e-6);
+    const RigidTransform& pose = estimate.camera_from_object;
+    errors.position_of_depth = std::max(errors.position_of_depth,
+                                        (pose.translation_m - truth.translation_m).norm() / truth.translation_m.norm());
+    errors.axis_rad = std::max(
+        errors.axis_rad, Eigen::Vector3d(pose.rotation.col(2)).cross(Eigen::Vector3d(truth.rotation.col(2))).norm());
+  }
+  return errors;
+}
+
+const RigidTransform kRoundStart = MakePose({0.02, -0.01, 0.5}, {1.0, 0.5, 0.2});
+
+class TracksRoundObjects : public ::testing::TestWithParam<Shape> {};
+
+TEST_P(TracksRoundObjects, FromTheTruePose) {
+  const auto model = ModelOf(GetParam());
+  const Motion motion = ConstantTwist(kRoundStart, Twist(0.25, 0.1, 0.05, 0.8, -0.6, 0.4));
+  for (const uint64_t seed : {1u, 2u, 3u}) {
+    IdealEventOptions options;
+    options.duration_us = 120'000;
+    options.seed = seed;
+    const std::vector<Event> events = MakeIdealEvents(*model, kCamera, motion, options);
+    const RoundRun run = Follow(model, events, kRoundStart);
+    EXPECT_EQ(run.tracker->state(), TrackState::kTracking) << seed;
+    EXPECT_EQ(run.tracker->losses(), 0u) << seed;
+    ASSERT_GT(run.estimates.size(), 50u) << seed;
+    const RoundErrors errors = ErrorsOf(run.estimates, motion);
+    EXPECT_LT(errors.position_of_depth, 6e-3) << seed;
+    EXPECT_LT(errors.axis_rad, 0.02) << seed;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Shapes, TracksRoundObjects,
+                         ::testing::Values(Shape::kCylinder, Shape::kTorus, Shape::kCapsule, Shape::kPlate));
+
+TEST(TrackerCurves, AContourWithoutEventsDoesNotBrakeTheObject) {
+  const auto model = ModelOf(Shape::kTorus);
+  const Motion motion = ConstantTwist(kRoundStart, Twist(0.3, 0.1, 0.0, 0.3, 0.2, 0.0));
+  IdealEventOptions options;
+  options.duration_us = 150'000;
+  // The background is as bright as the object on the right of its centre.
+  options.is_hidden = [&](const Eigen::Vector2d& pixel, double t_s) {
+    return pixel.x() > kCamera.Project(motion(t_s).translation_m).x();
+  };
+  const std::vector<Event> events = MakeIdealEvents(*model, kCamera, motion, options);
+  const RoundRun run = Follow(model, events, kRoundStart);
+  EXPECT_EQ(run.tracker->losses(), 0u);
+  ASSERT_GT(run.estimates.size(), 50u);
+  EXPECT_LT(ErrorsOf(run.estimates, motion).position_of_depth, 0.02);
+}
+
+TEST(TrackerCurves, AnObjectThatStopsIsHeld) {
+  const auto model = ModelOf(Shape::kCylinder);
+  const auto path = [](double t) { return std::min(t, 0.08); };
+  const Motion motion = [path](double t) {
+    return Perturb(kRoundStart, path(t) * Twist(0.25, 0.1, 0.0, 0.5, 0.3, 0.0));
+  };
+  IdealEventOptions options;
+  options.duration_us = 250'000;
+  const RoundRun run = Follow(model, MakeIdealEvents(*model, kCamera, motion, options), kRoundStart);
+  EXPECT_EQ(run.tracker->losses(), 0u);
+  ASSERT_GT(run.estimates.size(), 50u);
+  EXPECT_LT(ErrorsOf(run.estimates, motion).position_of_depth, 0.01);
+}
+
+TEST(TrackerCurves, AModelWithoutLinesIsNotSearchedFor) {
+  const auto model = ModelOf(Shape::kTorus);
+  const Motion motion = ConstantTwist(kRoundStart, Twist(0.25, 0.1, 0.0, 0.5, 0.0, 0.0));
+  IdealEventOptions options;
+  options.duration_us = 60'000;
+  const std::vector<Event> events = MakeIdealEvents(*model, kCamera, motion, options);
+  auto tracker = Tracker::Create(model, kCamera, IdealSensor(), std::nullopt).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(events, estimates);
+  EXPECT_TRUE(estimates.empty());
+  EXPECT_EQ(tracker->state(), TrackState::kInitializing);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotSearchable);
+  EXPECT_EQ(tracker->initialization().attempts, 0u);
+  // A pose that the client gives is tracked.
+  tracker->ResetPose(motion(0.06));
+  options.t_begin_us = 60'000;
+  const Motion later = [&](double t) { return motion(t + 0.06); };
+  tracker->AddEvents(MakeIdealEvents(*model, kCamera, later, options), estimates);
+  EXPECT_EQ(tracker->state(), TrackState::kTracking);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotNeeded);
+}
+
+TEST(TrackerCurves, AModelNeedsAnEdge) {
+  ObjectModel model = *testing::MakeCube(0.1);
+  model.lines.clear();
+  const auto tracker = Tracker::Create(std::make_shared<const ObjectModel>(model), kCamera, IdealSensor(), kRoundStart);
+  EXPECT_EQ(tracker.status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(TrackerCurves, TheCostDependsOnTheImageAndNotOnTheMesh) {
+  const Motion motion = ConstantTwist(kRoundStart, Twist(0.25, 0.1, 0.05, 0.8, -0.6, 0.4));
+  IdealEventOptions options;
+  options.duration_us = 10'000;
+  for (const int count : {48, 384}) {
+    const auto model = std::make_shared<const ObjectModel>(TorusModel(0.06, 0.025, count, count / 2));
+    const TrackerOptions tracker_options = IdealSensor();
+    const auto edges = std::make_shared<const ModelEdges>(*model, tracker_options.visibility, tracker_options.elements);
+    const TrackContext context{model, kCamera, MakeCameraTables(kCamera).value(), tracker_options, edges};
+    PoseTrack track(context, InitialMotionState(kRoundStart, 0, kCamera.fx_px, tracker_options.initial));
+    EventWindower windower(tracker_options.windows, {kCamera.width_px, kCamera.height_px});
+    size_t most = 0;
+    windower.Add(MakeIdealEvents(*model, kCamera, motion, options), [&](const EventWindow& window) {
+      track.OnWindow(window);
+      most = std::max(most, track.lines().size());
+    });
+    EXPECT_GT(most, 30u) << count;
+    EXPECT_LE(most, static_cast<size_t>(tracker_options.elements.max_elements)) << count;
+  }
+}
+
+}  // namespace
+}  // namespace evpose
