@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/estimation/free_motion.h"
+
 namespace evpose {
 namespace {
 
@@ -41,6 +43,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
               static_cast<int>(context.model->lines.size())),
       motion_(start),
       deficit_counts_(context.model->lines.size()) {
+  RemoveFreeMotion(context.model->continuous_symmetry, motion_);
   const std::vector<ModelLine>& lines = context.model->lines;
   for (size_t k = 0; k < lines.size(); ++k) all_lines_.push_back({static_cast<int>(k), lines[k].p1, lines[k].p2});
   // Both are reserved here because the second one is seldom used, so that it would allocate while tracking.
@@ -63,6 +66,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
+  RemoveFreeMotion(context_.model->continuous_symmetry, motion_, fit_.state);  // `fit` refers to fit_
   motion_ = fit.state;
   for (size_t k = 0; k < fit.deficit_counts.size(); ++k)
     deficit_counts_[input.lines[k].model_line].Add(fit.deficit_counts[k]);
@@ -101,6 +105,7 @@ void PoseTrack::OnGap(int64_t gap_us) {
 
 std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
+  RemoveFreeMotion(context_.model->continuous_symmetry, motion_);
   ProjectLines(context_.camera, motion_, visible_lines_.At(motion_.camera_from_object), image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
   image_lines_.clear();
@@ -198,6 +203,7 @@ MotionState PoseTrack::Predicted(int64_t t_us, double noise_factor) const {
     predicted.camera_from_object = motion_.camera_from_object;
     predicted.twist.setZero();
   }
+  RemoveFreeMotion(context_.model->continuous_symmetry, predicted);
   return predicted;
 }
 
@@ -321,7 +327,8 @@ PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& in
   PoseEstimate estimate;
   estimate.t_us = fit.state.t_us;
   estimate.camera_from_object = fit.state.camera_from_object;
-  estimate.covariance = PublishedCovariance(fit.state);
+  estimate.covariance = WithFreeAngle(context_.model->continuous_symmetry, fit.state.camera_from_object,
+                                      PublishedCovariance(fit.state));
   estimate.twist = fit.state.twist;
   estimate.state = ReportedState(phase_);
   estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.shares.mean_events_per_observation));
