@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "evpose/storage/v1/model.pb.h"
+#include "server/models/stored_symmetry.h"
 
 namespace evpose::server {
 namespace {
@@ -53,6 +54,7 @@ std::string EncodePreparedModel(const ObjectModel& model) {
     for (int row = 0; row < 3; ++row) Append(symmetry.rotation.row(row).transpose(), *stored.mutable_symmetries());
     Append(symmetry.translation_m, *stored.mutable_symmetries());
   }
+  if (model.continuous_symmetry) *stored.mutable_continuous_symmetry() = ToStored(*model.continuous_symmetry);
   for (const std::string& notice : model.notices) stored.add_notices(notice);
   return stored.SerializeAsString();
 }
@@ -78,6 +80,7 @@ absl::StatusOr<ObjectModel> DecodePreparedModel(absl::string_view encoded) {
     symmetry.translation_m = VectorAt(stored.symmetries(), at + 9);
     model.symmetries.push_back(symmetry);
   }
+  model.continuous_symmetry = SymmetryOf(stored);
   for (const std::string& notice : stored.notices()) model.notices.push_back(notice);
   return model;
 }
