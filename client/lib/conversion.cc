@@ -35,6 +35,15 @@ absl::Time FromProto(const google::protobuf::Timestamp& time) {
 
 Eigen::Vector3d FromProto(const v1::Vector3& v) { return {v.x(), v.y(), v.z()}; }
 
+std::optional<ContinuousSymmetry> SymmetryFromProto(const v1::Model& message) {
+  const v1::ContinuousSymmetry& symmetry = message.continuous_symmetry();
+  const bool is_sphere = symmetry.kind() == v1::ContinuousSymmetry::KIND_SPHERE;
+  if (!is_sphere && symmetry.kind() != v1::ContinuousSymmetry::KIND_AXIS) return std::nullopt;
+  return ContinuousSymmetry{
+      is_sphere ? ContinuousSymmetry::Kind::kSphere : ContinuousSymmetry::Kind::kAxis, FromProto(symmetry.centre_m()),
+      FromProto(symmetry.axis()), symmetry.is_flippable()};
+}
+
 absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message) {
   const v1::Quaternion& q = message.rotation();
   EVPOSE_ASSIGN_OR_RETURN(
@@ -249,6 +258,7 @@ ModelInfo FromProto(const v1::Model& message) {
           .num_faces = message.num_faces(),
           .num_lines = message.num_lines(),
           .num_symmetries = message.num_symmetries(),
+          .continuous_symmetry = SymmetryFromProto(message),
           .diameter_m = message.diameter_m(),
           .metres_per_unit = message.metres_per_unit(),
           .crease_angle_deg = message.crease_angle_deg(),

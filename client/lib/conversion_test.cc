@@ -81,6 +81,28 @@ TEST(ConversionTest, ModelHasItsSymmetries) {
   EXPECT_EQ(FromProto(message).num_symmetries, 24u);
 }
 
+TEST(ConversionTest, ModelHasItsContinuousSymmetry) {
+  v1::Model message;
+  EXPECT_FALSE(FromProto(message).continuous_symmetry.has_value());
+  v1::ContinuousSymmetry& symmetry = *message.mutable_continuous_symmetry();
+  symmetry.mutable_centre_m()->set_x(0.25);
+  symmetry.mutable_axis()->set_y(1.0);
+  symmetry.set_is_flippable(true);
+  for (const auto& [theirs, ours] : {std::pair{v1::ContinuousSymmetry::KIND_AXIS, ContinuousSymmetry::Kind::kAxis},
+                                     {v1::ContinuousSymmetry::KIND_SPHERE, ContinuousSymmetry::Kind::kSphere}}) {
+    symmetry.set_kind(theirs);
+    const ModelInfo model = FromProto(message);
+    ASSERT_TRUE(model.continuous_symmetry.has_value());
+    EXPECT_EQ(model.continuous_symmetry->kind, ours);
+    EXPECT_EQ(static_cast<int>(ours), static_cast<int>(theirs));
+    EXPECT_EQ(model.continuous_symmetry->centre_m, Eigen::Vector3d(0.25, 0, 0));
+    EXPECT_EQ(model.continuous_symmetry->axis, Eigen::Vector3d(0, 1, 0));
+    EXPECT_TRUE(model.continuous_symmetry->is_flippable);
+  }
+  symmetry.set_kind(static_cast<v1::ContinuousSymmetry::Kind>(99));
+  EXPECT_FALSE(FromProto(message).continuous_symmetry.has_value());
+}
+
 TEST(ConversionTest, ConfigKeepsTheReferenceRotationAndAnAbsentPose) {
   SessionConfig config;
   config.objects.resize(2);

@@ -2,25 +2,50 @@
 #include "core/evaluation/consistency.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
+#include "core/models/continuous_symmetry.h"
 #include "core/numerics/statistics.h"
 
 namespace evpose {
 
-double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance) {
+namespace {
+
+// e^T covariance^-1 e; NaN unless the covariance is finite and positive definite.
+template <typename Vector, typename Matrix>
+double QuadraticForm(const Vector& error, const Matrix& covariance) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   if (!covariance.allFinite()) return kNan;
   // Metres and radians differ by orders of magnitude, so the covariance is scaled to a correlation matrix first.
-  const Vector6d variance = covariance.diagonal();
+  const Vector variance = covariance.diagonal();
   if (!(variance.minCoeff() > 0.0)) return kNan;
-  const Vector6d scale = variance.cwiseSqrt().cwiseInverse();
-  const Eigen::LLT<Matrix6d> cholesky(Matrix6d(scale.asDiagonal() * covariance * scale.asDiagonal()));
+  const Vector scale = variance.cwiseSqrt().cwiseInverse();
+  const Eigen::LLT<Matrix> cholesky(Matrix(scale.asDiagonal() * covariance * scale.asDiagonal()));
   if (cholesky.info() != Eigen::Success) return kNan;
-  const Vector6d error = scale.cwiseProduct(Difference(truth, estimate));
-  return cholesky.matrixL().solve(error).squaredNorm();
+  return cholesky.matrixL().solve(Vector(scale.cwiseProduct(error))).squaredNorm();
+}
+
+}  // namespace
+
+double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance) {
+  return QuadraticForm(Difference(truth, estimate), covariance);
+}
+
+double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance,
+                              const ContinuousSymmetry& symmetry) {
+  const FreeDirections free = FreeDirectionsAt(symmetry, estimate);
+  const Eigen::MatrixXd basis = Eigen::MatrixXd(free).householderQr().householderQ() * Eigen::MatrixXd::Identity(6, 6);
+  const Eigen::MatrixXd observable = basis.rightCols(6 - free.cols()).transpose();
+  const Eigen::VectorXd error = observable * Difference(truth, estimate);
+  return QuadraticForm(error, Eigen::MatrixXd(observable * covariance * observable.transpose()));
+}
+
+int NumObservable(const std::optional<ContinuousSymmetry>& symmetry) {
+  if (!symmetry) return 6;
+  return symmetry->kind == ContinuousSymmetry::Kind::kAxis ? 5 : 3;
 }
 
 Consistency SummariseConsistency(std::vector<double> normalised_errors_squared) {

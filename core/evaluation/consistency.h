@@ -5,9 +5,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
 
 namespace evpose {
 
@@ -18,6 +20,12 @@ inline constexpr double kNeesMedian = 5.348;
 // the same tangent space (rigid_transform.h). NaN unless P is finite and positive definite. For a symmetric object,
 // `truth` must be the nearest equivalent true pose.
 double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance);
+// The same for the 5 directions that the events of an object with an axis of symmetry determine, or the 3 of a sphere:
+// the error and the covariance along the free directions are marginalised (README, equation (4)).
+double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance,
+                              const ContinuousSymmetry& symmetry);
+// Number of degrees of freedom of the error of an object: 6, less the free directions of its symmetry.
+int NumObservable(const std::optional<ContinuousSymmetry>& symmetry);
 
 struct Consistency {
   uint64_t num_poses = 0;    // number of poses with a positive definite covariance

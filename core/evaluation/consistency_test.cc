@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/models/continuous_symmetry.h"
 #include "core/numerics/random.h"
 
 namespace evpose {
@@ -65,6 +66,28 @@ TEST(ConsistencyTest, ByHand) {
   EXPECT_NEAR(NormalisedErrorSquared(kTruth, estimate, covariance), 4.0, 1e-9);
   estimate.rotation = ExpSo3({0.0, 0.0, -0.06}) * kTruth.rotation;
   EXPECT_NEAR(NormalisedErrorSquared(kTruth, estimate, covariance), 4.0 + 9.0, 1e-6);
+}
+
+TEST(ConsistencyTest, OfASymmetricObjectTheFreeDirectionsDoNotCount) {
+  const ContinuousSymmetry axis = {ContinuousSymmetry::Kind::kAxis, {0.1, -0.2, 0.3}, Eigen::Vector3d::UnitY(), false};
+  const ContinuousSymmetry ball = {ContinuousSymmetry::Kind::kSphere, {0.1, -0.2, 0.3}, Eigen::Vector3d::Zero(), false};
+  EXPECT_EQ(NumObservable(std::nullopt), 6);
+  EXPECT_EQ(NumObservable(axis), 5);
+  EXPECT_EQ(NumObservable(ball), 3);
+  Random random(7);
+  // Medians of chi-square distributions with five and three degrees of freedom.
+  for (const auto& [symmetry, median] : {std::pair{axis, 4.351}, {ball, 2.366}}) {
+    for (const double free_variance : {0.0, 3.29}) {
+      std::vector<double> values;
+      for (int i = 0; i < 20'000; ++i) {
+        const RigidTransform estimate = Draw(Covariance(), random);
+        const FreeDirections free = FreeDirectionsAt(symmetry, estimate);
+        const Matrix6d covariance = Covariance() + free_variance * free * free.transpose();
+        values.push_back(NormalisedErrorSquared(kTruth, estimate, covariance, symmetry));
+      }
+      EXPECT_NEAR(SummariseConsistency(values).median, median, 0.1) << free_variance;
+    }
+  }
 }
 
 TEST(ConsistencyTest, CountsPosesWithoutCovariance) {

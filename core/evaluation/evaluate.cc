@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/models/continuous_symmetry.h"
 #include "core/numerics/statistics.h"
 
 namespace evpose {
@@ -167,8 +168,11 @@ absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& 
     TrajectoryError error;
     error.t_us = pose.t_us;
     error.estimated_pose = pose.camera_from_object;
-    error.true_pose = NearestEquivalent(true_pose, pose.camera_from_object, options.symmetries);
-    error.position_m = (pose.camera_from_object.translation_m - error.true_pose.translation_m).norm();
+    const std::optional<ContinuousSymmetry>& continuous = options.continuous_symmetry;
+    error.true_pose = continuous ? NearestEquivalent(true_pose, *continuous, pose.camera_from_object)
+                                 : NearestEquivalent(true_pose, pose.camera_from_object, options.symmetries);
+    const Eigen::Vector3d centre = continuous ? continuous->centre : Eigen::Vector3d(Eigen::Vector3d::Zero());
+    error.position_m = (pose.camera_from_object * centre - error.true_pose * centre).norm();
     error.position_of_depth = error.position_m / true_pose.translation_m.z();
     error.rotation_rad = RotationAngle(error.true_pose.rotation, pose.camera_from_object.rotation);
     error.is_good =

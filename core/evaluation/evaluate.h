@@ -29,6 +29,9 @@ struct EvaluationOptions {
   // Rigid motions that map the object onto itself (object_from_object), with or without the identity. Each estimate is
   // compared with the nearest equivalent true pose: smallest rotation, then smallest distance.
   std::vector<RigidTransform> symmetries;
+  // Instead of `symmetries`. The rotation error is the angle between the axes, the smaller one if the symmetry is
+  // flippable; that of a sphere is 0. The position error is that of the symmetry's centre.
+  std::optional<ContinuousSymmetry> continuous_symmetry;
 
   // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
@@ -58,7 +61,8 @@ struct Evaluation {
   uint64_t num_poses = 0;  // estimates within the truth's time span
   // Share of the truth's time span for which good estimates are valid (see max_gap_us).
   double coverage_ratio = 0.0;
-  // Distance between the estimated and the true position of the object's origin in the camera frame.
+  // Distance between the estimated and the true position of the object's origin, or of the centre of its continuous
+  // symmetry, in the camera frame.
   double position_rmse_m = kUndefinedError;
   double position_mean_m = kUndefinedError;
   double position_median_m = kUndefinedError;

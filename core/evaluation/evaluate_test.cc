@@ -6,6 +6,8 @@
 
 #include <cmath>
 
+#include "core/models/continuous_symmetry.h"
+
 namespace evpose {
 namespace {
 
@@ -120,6 +122,33 @@ TEST(Evaluate, SymmetriesGivenByTheCaller) {
   const Evaluation half = EvaluateOk(TruthAtRest(), {Pose(0, {0.2, 0, 2}, {0, 0, M_PI})}, options);
   EXPECT_NEAR(half.position_rmse_m, 0.0, 1e-12);
   EXPECT_NEAR(half.rotation_max_rad, 0.0, 1e-7);
+}
+
+TEST(Evaluate, OfAnAxisOfSymmetryTheAxesAreCompared) {
+  // The axis is parallel to x through (0, 0.5, 0): half a turn of the estimate about it moves its origin by 1 m.
+  const ContinuousSymmetry axis = {ContinuousSymmetry::Kind::kAxis, {0, 0.5, 0}, Eigen::Vector3d::UnitX(), false};
+  const RigidTransform spun = AboutCentre(axis, ExpSo3({2.8, 0, 0}));
+  const Eigen::Vector3d centre(0, 0.5, 0);
+  // Tilted by 3 degrees about the centre, which is 0.01 m beside the truth.
+  const auto tilted = [&](double angle_deg) {
+    const Eigen::Matrix3d tilt = ExpSo3({0, 0, angle_deg * kDegree});
+    const RigidTransform pose = {tilt, Eigen::Vector3d(0.01, 0, 2) + centre - tilt * centre};
+    return Trajectory{{0, pose * spun}};
+  };
+  EvaluationOptions options;
+  EXPECT_GT(EvaluateOk(TruthAtRest(), tilted(3), options).rotation_max_rad, 90 * kDegree);
+  options.continuous_symmetry = axis;
+  const Evaluation e = EvaluateOk(TruthAtRest(), tilted(3), options);
+  EXPECT_NEAR(e.rotation_max_rad, 3 * kDegree, 1e-7);
+  EXPECT_NEAR(e.position_rmse_m, 0.01, 1e-9);
+  EXPECT_NEAR(e.position_rmse_of_depth, 0.005, 1e-9);
+  EXPECT_NEAR(EvaluateOk(TruthAtRest(), tilted(178), options).rotation_max_rad, 178 * kDegree, 1e-6);
+  options.continuous_symmetry->is_flippable = true;
+  EXPECT_NEAR(EvaluateOk(TruthAtRest(), tilted(178), options).rotation_max_rad, 2 * kDegree, 1e-6);
+  options.continuous_symmetry = {ContinuousSymmetry::Kind::kSphere, centre, Eigen::Vector3d::Zero(), false};
+  const Evaluation sphere = EvaluateOk(TruthAtRest(), tilted(50), options);
+  EXPECT_NEAR(sphere.rotation_max_rad, 0.0, 1e-6);
+  EXPECT_NEAR(sphere.position_rmse_m, 0.01, 1e-9);
 }
 
 TEST(Evaluate, IgnoresEstimatesOutsideTheTruth) {

@@ -11,6 +11,7 @@
 #include "core/initialization/rotation_search.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/search_segment.h"
+#include "core/models/continuous_symmetry.h"
 
 namespace evpose {
 namespace {
@@ -130,6 +131,7 @@ class LinePoseSearch : public PoseSearch {
       return RotationAngle(a.rotation, c.rotation) < kSamePoseRad &&
              (a.translation_m - c.translation_m).norm() < kSamePoseRatio * a.translation_m.norm();
     };
+    if (model_->continuous_symmetry) return near(NearestEquivalent(b, *model_->continuous_symmetry, a));
     return near(b) || std::any_of(model_->symmetries.begin(), model_->symmetries.end(),
                                   [&](const RigidTransform& symmetry) { return near(b * symmetry); });
   }

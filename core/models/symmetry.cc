@@ -201,10 +201,39 @@ class GroupSearch {
     if (IsIn(group_, rough, 0.1)) return;
     const std::optional<Matrix3d> rotation = Refine(rough, {kRoughTolerance, kRoughTolerance}, 1.0);
     if (!rotation.has_value() || IsIn(group_, *rotation, kSameRotation)) return;
+    const std::optional<Matrix3d> power = LargePower(*rotation);
+    if (!power.has_value() || !MapsSurface(*power) || !MapsSurface(*rotation)) return;
+    if (MapsAllLines(*rotation)) AddGenerator(*rotation);
+  }
+
+  bool MapsSurface(const Matrix3d& rotation) {
     if (surface_ == nullptr) surface_ = std::make_unique<CentredSurface>(model_, lines_.centre(), tolerance_m_);
-    const bool is_symmetry = surface_->IsMappedOntoItself(*rotation, kMaxSurfaceSamples, work_.surface_samples);
+    const bool is_mapped = surface_->IsMappedOntoItself(rotation, kMaxSurfaceSamples, work_.surface_samples);
     was_cut_short_ |= work_.surface_samples >= kMaxSurfaceSamples;
-    if (is_symmetry && MapsAllLines(*rotation)) AddGenerator(*rotation);
+    return is_mapped;
+  }
+
+  // A rotation by a small angle moves a small part near the axis by less than the tolerance, so that the part does not
+  // contradict it. A power of the rotation by about kLargeAngle, which is a symmetry if the rotation is, does so.
+  // Returns the refined power, the rotation itself if its angle is large, and nullopt if the power maps lines off lines.
+  std::optional<Matrix3d> LargePower(const Matrix3d& rotation) {
+    constexpr double kSmallAngle = 1.0, kLargeAngle = 2.4;  // rad; the golden section of a turn is no common symmetry
+    const double angle = RotationAngle(rotation, Matrix3d::Identity());
+    if (angle >= kSmallAngle || angle * radius_m_ <= tolerance_m_) return rotation;
+    // Binary exponentiation. Each product is refined, so that errors do not add up.
+    Matrix3d power = Matrix3d::Identity(), square = rotation;
+    for (auto exponent = static_cast<uint64_t>(std::lround(kLargeAngle / angle)); exponent > 0; exponent /= 2) {
+      if (exponent % 2 == 1) {
+        const std::optional<Matrix3d> product = Refine(power * square, {kProductTolerance}, kProductTolerance);
+        if (!product.has_value()) return std::nullopt;
+        power = *product;
+      }
+      if (exponent == 1) break;
+      const std::optional<Matrix3d> product = Refine(square * square, {kProductTolerance}, kProductTolerance);
+      if (!product.has_value()) return std::nullopt;
+      square = *product;
+    }
+    return power;
   }
 
   // Whether the set contains the rotation, up to a distance of that many tolerances at the outermost point.
@@ -304,6 +333,7 @@ void AddNotice(std::string notice, std::vector<std::string>* notices) {
 
 std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tolerance_ratio,
                                            std::vector<std::string>* notices, SymmetryWork* work) {
+  if (model.continuous_symmetry.has_value()) return {};
   const double tolerance_m = tolerance_ratio * model.diameter_m;
   if (!(tolerance_m > 0.0)) return {RigidTransform()};
   if (model.lines.size() > kMaxLines) {

@@ -8,8 +8,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/models/object_model.h"
+#include "absl/types/span.h"
 #include "core/mesh/triangle_bvh.h"
+#include "core/models/object_model.h"
 
 namespace evpose {
 
@@ -21,7 +22,11 @@ class CentredSurface {
   CentredSurface(const ObjectModel& model, const Eigen::Vector3d& centre, double tolerance_m);
 
   // Adds the number of tested samples to `samples`. Returns false when it reaches `max_samples`.
-  bool IsMappedOntoItself(const Eigen::Matrix3d& rotation, int64_t max_samples, int64_t& samples) const;
+  bool IsMappedOntoItself(const Eigen::Matrix3d& rotation, int64_t max_samples, int64_t& samples) const {
+    return IsMappedOntoItself(absl::MakeConstSpan(&rotation, 1), max_samples, samples);
+  }
+  // The same for several rotations that are symmetries together: each sample is tested with one of them in turn.
+  bool IsMappedOntoItself(absl::Span<const Eigen::Matrix3d> rotations, int64_t max_samples, int64_t& samples) const;
 
  private:
   struct Sample {

@@ -260,8 +260,15 @@ TEST(SymmetryTest, NoiseAboveTheToleranceLeavesNone) {
 
 // --- Large ones
 
+// A model with its discrete symmetries alone.
+ObjectModel WithDiscreteSymmetries(ObjectModel model) {
+  model.continuous_symmetry.reset();
+  model.symmetries = FindSymmetries(model, 1e-3, &model.notices);
+  return model;
+}
+
 TEST(SymmetryTest, PrismOfManySides) {
-  const ObjectModel model = MustParse(Prism(500), ModelFormat::kObj, AsIs());
+  const ObjectModel model = WithDiscreteSymmetries(MustParse(Prism(500), ModelFormat::kObj, AsIs()));
   EXPECT_THAT(model.lines, SizeIs(1000));
   EXPECT_THAT(model.symmetries, SizeIs(1000));
   EXPECT_THAT(model.notices, IsEmpty());
@@ -281,6 +288,16 @@ TEST(SymmetryTest, OneMarkOnAPrismOfManySides) {
   EXPECT_THAT(MustParse(obj + "\n", ModelFormat::kObj, AsIs()).symmetries, SizeIs(1));
 }
 
+TEST(SymmetryTest, ASmallFaceInsideAPrismOfManySidesCounts) {
+  // A turn by one side moves the face by less than the tolerance.
+  constexpr int kSides = 480;
+  std::string obj = Prism(kSides) + "v 0.01 0 0.4\nv 0.02 0.01 0.4\nv 0.01 0.02 0.41\nf -3 -2 -1\nl ";
+  for (int i = 0; i <= kSides; ++i) absl::StrAppend(&obj, 2 * (i % kSides) + 1, " ");
+  obj += "\nl ";
+  for (int i = 0; i <= kSides; ++i) absl::StrAppend(&obj, 2 * (i % kSides) + 2, " ");
+  EXPECT_THAT(WithDiscreteSymmetries(MustParse(obj, ModelFormat::kObj, AsIs())).symmetries, SizeIs(1));
+}
+
 TEST(SymmetryTest, TooManyLinesAreReported) {
   ObjectModel model = MustParse(Cube());
   while (model.lines.size() < 10000) model.lines.push_back(model.lines[model.lines.size() % 12]);
@@ -291,7 +308,8 @@ TEST(SymmetryTest, TooManyLinesAreReported) {
 
 TEST(SymmetryTest, ComparisonsOfRotationsGrowWithTheGroup) {
   const auto comparisons_of = [](int sides) {
-    const ObjectModel prism = MustParse(Prism(sides), ModelFormat::kObj, AsIs());
+    ObjectModel prism = MustParse(Prism(sides), ModelFormat::kObj, AsIs());
+    prism.continuous_symmetry.reset();
     SymmetryWork work;
     EXPECT_THAT(FindSymmetries(prism, 1e-4, nullptr, &work), SizeIs(2 * sides));
     EXPECT_GT(work.rotation_comparisons, 0);

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "core/base/yield_point.h"
-#include "core/models/symmetry.h"
+#include "core/models/continuous_symmetry.h"
 #include "core/numerics/sampling.h"
 
 namespace evpose {
@@ -102,7 +102,7 @@ void Hypotheses::DropEqual() {
     for (size_t j = entries_.size(); --j > i;) {
       YieldPoint();
       const RigidTransform other =
-          NearestEquivalent(entries_[j].track->motion().camera_from_object, context_.model->symmetries, kept);
+          NearestEquivalent(entries_[j].track->motion().camera_from_object, *context_.model, kept);
       if (RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&
           (kept.translation_m - other.translation_m).norm() < options.merge_depth_ratio * kept.translation_m.norm()) {
         Remove(j);

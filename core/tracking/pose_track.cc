@@ -5,6 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/estimation/free_motion.h"
+
 namespace evpose {
 namespace {
 
@@ -49,6 +51,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       activity_(context.edges->num_curves(), context.options.mixture.min_events_per_px2),
       motion_(start),
       deficit_counts_(static_cast<size_t>(context.edges->num_curves())) {
+  RemoveFreeMotion(context.model->continuous_symmetry, motion_);
   for (const int index : context.edges->lines()) {
     const ModelLine& line = context.model->lines[index];
     all_lines_.push_back({context.edges->CurveOf(static_cast<uint32_t>(index)), line.p1, line.p2});
@@ -75,6 +78,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
+  RemoveFreeMotion(context_.model->continuous_symmetry, motion_, fit_.state);  // `fit` refers to fit_
   motion_ = fit.state;
 
   const CameraModel& camera = context_.camera;
@@ -154,6 +158,7 @@ void PoseTrack::OnGap(int64_t gap_us) {
 
 std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
+  RemoveFreeMotion(context_.model->continuous_symmetry, motion_);
   ProjectLines(context_.camera, motion_, visible_edges_.At(motion_.camera_from_object), image_lines_);
   const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
   image_lines_.clear();
@@ -251,6 +256,7 @@ MotionState PoseTrack::Predicted(int64_t t_us, double noise_factor) const {
     predicted.camera_from_object = motion_.camera_from_object;
     predicted.twist.setZero();
   }
+  RemoveFreeMotion(context_.model->continuous_symmetry, predicted);
   return predicted;
 }
 
@@ -373,7 +379,8 @@ PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& in
   PoseEstimate estimate;
   estimate.t_us = fit.state.t_us;
   estimate.camera_from_object = fit.state.camera_from_object;
-  estimate.covariance = PublishedCovariance(fit.state);
+  estimate.covariance = WithFreeAngle(context_.model->continuous_symmetry, fit.state.camera_from_object,
+                                      PublishedCovariance(fit.state));
   estimate.twist = fit.state.twist;
   estimate.state = ReportedState(phase_);
   estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.shares.mean_events_per_observation));

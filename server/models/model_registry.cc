@@ -12,6 +12,7 @@
 #include "core/numerics/hash.h"
 #include "evpose/storage/v1/model.pb.h"
 #include "server/models/prepared_model.h"
+#include "server/models/stored_symmetry.h"
 #include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
@@ -37,6 +38,7 @@ std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_he
   stored.set_num_faces(static_cast<uint32_t>(model.triangles.size()));
   stored.set_num_lines(static_cast<uint32_t>(model.lines.size()));
   stored.set_num_symmetries(static_cast<uint32_t>(std::max<size_t>(1, model.symmetries.size())));
+  if (model.continuous_symmetry) *stored.mutable_continuous_symmetry() = ToStored(*model.continuous_symmetry);
   stored.set_diameter_m(model.diameter_m);
   stored.set_sha256_hex(sha256_hex);
   stored.set_prepared_bytes(prepared_bytes);
@@ -60,6 +62,7 @@ ModelInfo InfoOf(const ModelRecord& record) {
     info.num_faces = summary->num_faces();
     info.num_lines = summary->num_lines();
     info.num_symmetries = summary->num_symmetries();
+    info.continuous_symmetry = SymmetryOf(*summary);
     info.diameter_m = summary->diameter_m();
     info.sha256_hex = summary->sha256_hex();
     info.notices.assign(summary->notices().begin(), summary->notices().end());

@@ -35,6 +35,7 @@ struct ModelInfo {
   uint32_t num_faces = 0;
   uint32_t num_lines = 0;
   uint32_t num_symmetries = 1;
+  std::optional<ContinuousSymmetry> continuous_symmetry;
   double diameter_m = 0.0;
   std::string sha256_hex;  // of the file's bytes
   std::vector<std::string> notices;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "evpose/storage/v1/model.pb.h"
+#include "server/models/stored_symmetry.h"
 
 namespace evpose::server {
 namespace {
@@ -56,11 +57,6 @@ bool HasWholeParts(const PreparedModel& stored) {
   for (const auto& curve : stored.curves()) {
     is_whole &= curve.points_size() % 3 == 0 && curve.points_size() >= 6 &&
                 IsAtMost(curve.kind(), EdgeKind::kPainted) && curve.normals_size() == 2 * (curve.points_size() - 3);
-  }
-  if (stored.has_continuous_symmetry()) {
-    const auto& symmetry = stored.continuous_symmetry();
-    is_whole &= IsAtMost(symmetry.kind(), ContinuousSymmetry::Kind::kSphere) && symmetry.centre_size() == 3 &&
-                symmetry.axis_size() == 3;
   }
   return is_whole;
 }
@@ -146,13 +142,7 @@ std::string EncodePreparedModel(const ObjectModel& model) {
     for (int row = 0; row < 3; ++row) Append(symmetry.rotation.row(row).transpose(), *stored.mutable_symmetries());
     Append(symmetry.translation_m, *stored.mutable_symmetries());
   }
-  if (model.continuous_symmetry.has_value()) {
-    auto& added = *stored.mutable_continuous_symmetry();
-    added.set_kind(static_cast<uint32_t>(model.continuous_symmetry->kind));
-    Append(model.continuous_symmetry->centre, *added.mutable_centre());
-    Append(model.continuous_symmetry->axis, *added.mutable_axis());
-    added.set_is_flippable(model.continuous_symmetry->is_flippable);
-  }
+  if (model.continuous_symmetry) *stored.mutable_continuous_symmetry() = ToStored(*model.continuous_symmetry);
   for (const std::string& notice : model.notices) stored.add_notices(notice);
   return stored.SerializeAsString();
 }
@@ -182,11 +172,7 @@ absl::StatusOr<ObjectModel> DecodePreparedModel(absl::string_view encoded) {
     symmetry.translation_m = VectorAt(stored.symmetries(), at + 9);
     model.symmetries.push_back(symmetry);
   }
-  if (stored.has_continuous_symmetry()) {
-    const auto& symmetry = stored.continuous_symmetry();
-    model.continuous_symmetry = {static_cast<ContinuousSymmetry::Kind>(symmetry.kind()), VectorAt(symmetry.centre(), 0),
-                                 VectorAt(symmetry.axis(), 0), symmetry.is_flippable()};
-  }
+  model.continuous_symmetry = SymmetryOf(stored);
   for (const std::string& notice : stored.notices()) model.notices.push_back(notice);
   return model;
 }

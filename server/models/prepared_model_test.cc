@@ -110,6 +110,20 @@ TEST(PreparedModelTest, RefusesPartsOfASurface) {
   EXPECT_TRUE(is_refused(model)) << "a contour, which belongs to a view";
 }
 
+TEST(PreparedModelTest, AContinuousSymmetryComesBackToTheBit) {
+  ObjectModel model = PreparedCube();
+  EXPECT_FALSE(DecodePreparedModel(EncodePreparedModel(model))->continuous_symmetry.has_value());
+  for (const auto kind : {ContinuousSymmetry::Kind::kAxis, ContinuousSymmetry::Kind::kSphere}) {
+    model.continuous_symmetry = {kind, {0.1, -0.2, 1.0 / 3.0}, {0.0, 0.6, 0.8}, kind == ContinuousSymmetry::Kind::kAxis};
+    const ObjectModel decoded = DecodePreparedModel(EncodePreparedModel(model)).value();
+    ASSERT_TRUE(decoded.continuous_symmetry.has_value());
+    EXPECT_EQ(decoded.continuous_symmetry->kind, kind);
+    EXPECT_EQ(decoded.continuous_symmetry->centre, model.continuous_symmetry->centre);
+    EXPECT_EQ(decoded.continuous_symmetry->axis, model.continuous_symmetry->axis);
+    EXPECT_EQ(decoded.continuous_symmetry->is_flippable, model.continuous_symmetry->is_flippable);
+  }
+}
+
 TEST(PreparedModelTest, RefusesIndicesOutOfRangeAndOtherBytes) {
   ObjectModel cube = PreparedCube();
   cube.triangles[3][1] = static_cast<uint32_t>(cube.vertices.size());

@@ -162,6 +162,15 @@ v1::RigidTransform ToProto(const RigidTransform& transform) {
   return out;
 }
 
+v1::ContinuousSymmetry ToProto(const ContinuousSymmetry& symmetry) {
+  v1::ContinuousSymmetry out;
+  out.set_kind(EnumNumber<v1::ContinuousSymmetry::Kind>(symmetry.kind));
+  *out.mutable_centre_m() = ToProto(symmetry.centre);
+  if (symmetry.kind == ContinuousSymmetry::Kind::kAxis) *out.mutable_axis() = ToProto(symmetry.axis);
+  out.set_is_flippable(symmetry.is_flippable);
+  return out;
+}
+
 v1::SessionConfig ToProto(const SessionConfig& config) {
   v1::SessionConfig out;
   out.set_encoding(EnumNumber<v1::EventEncoding>(config.encoding));
@@ -389,6 +398,7 @@ v1::Model ToProto(const ModelInfo& model) {
   out.set_crease_angle_deg(model.reading.crease_angle_deg);
   out.set_sha256(absl::HexStringToBytes(model.sha256_hex));
   for (const std::string& notice : model.notices) out.add_notices(notice);
+  if (model.continuous_symmetry) *out.mutable_continuous_symmetry() = ToProto(*model.continuous_symmetry);
   return out;
 }
 

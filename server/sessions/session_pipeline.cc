@@ -24,6 +24,9 @@ void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);
   if (model == nullptr) return;
   writer(model->vertices, model->triangles, model->symmetries);
+  if (const auto& symmetry = model->continuous_symmetry) {
+    writer(static_cast<uint32_t>(symmetry->kind), symmetry->centre, symmetry->axis, symmetry->is_flippable);
+  }
   writer.Count(model->lines.size());
   for (const ModelLine& line : model->lines) writer(line.p1, line.p2, line.face_normals);
   writer.Count(model->curves.size());

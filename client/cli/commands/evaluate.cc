@@ -39,6 +39,7 @@ struct Row {
   std::string name;
   Evaluation evaluation;
   std::optional<Consistency> consistency;  // of estimates with covariances
+  int nees_degrees_of_freedom = 6;
 };
 
 // Splits "NAME=FILE"; the name of a FILE alone is the file.
@@ -58,7 +59,11 @@ absl::StatusOr<std::optional<Consistency>> EvaluateConsistency(const Trajectory&
   size_t next = 0;
   for (const TrajectoryError& error : errors) {
     while (estimate.trajectory[next].t_us != error.t_us) ++next;
-    values.push_back(NormalisedErrorSquared(error.true_pose, error.estimated_pose, estimate.covariances[next]));
+    const Matrix6d& covariance = estimate.covariances[next];
+    values.push_back(options.continuous_symmetry
+                         ? NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance,
+                                                  *options.continuous_symmetry)
+                         : NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance));
   }
   return SummariseConsistency(std::move(values));
 }
@@ -73,7 +78,10 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   }
   EvaluationOptions options;
   options.max_gap_us = std::llround(arguments.max_gap_ms * 1e3);
-  if (arguments.is_symmetric) options.symmetries = model->symmetries;
+  if (arguments.is_symmetric) {
+    options.symmetries = model->symmetries;
+    options.continuous_symmetry = model->continuous_symmetry;
+  }
   std::vector<Row> rows;
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
@@ -86,7 +94,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
     }
     EVPOSE_ASSIGN_OR_RETURN(const std::optional<Consistency> consistency,
                             EvaluateConsistency(truth, estimate, options));
-    rows.push_back({name, *evaluation, consistency});
+    rows.push_back({name, *evaluation, consistency, NumObservable(options.continuous_symmetry)});
   }
   return rows;
 }
@@ -110,6 +118,7 @@ Json RowJson(const Row& row) {
                {"losses", e.losses},
                {"pose_rate_hz", e.pose_rate_hz}};
   if (!row.consistency) return json;
+  json["nees_degrees_of_freedom"] = row.nees_degrees_of_freedom;
   json["nees_median"] = row.consistency->median;
   json["nees_p5"] = row.consistency->p5;
   json["nees_p95"] = row.consistency->p95;
@@ -201,6 +210,8 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       "how often such a period ended. Positions are compared in the camera frame, without alignment.\n"
       "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
       "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n"
+      "With --symmetric, a model with an axis of symmetry has 5 (median 4.4), a sphere 3 (2.4); their positions are those\n"
+      "of the symmetry's centre, their rotation errors the angles between the axes.\n"
       "An estimate without poses is printed as a row of \"-\", and the exit status is 1.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose models: lists, uploads, describes and deletes the models of a server.
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -21,12 +22,36 @@ struct ModelArguments {
   bool is_json = false;
 };
 
+Json VectorJson(const Eigen::Vector3d& vector) { return {vector.x(), vector.y(), vector.z()}; }
+
+Json SymmetryJson(const std::optional<ContinuousSymmetry>& symmetry) {
+  if (!symmetry) return nullptr;
+  if (symmetry->kind == ContinuousSymmetry::Kind::kSphere) {
+    return {{"kind", "SPHERE"}, {"centre_m", VectorJson(symmetry->centre_m)}};
+  }
+  return {{"kind", "AXIS"},
+          {"centre_m", VectorJson(symmetry->centre_m)},
+          {"axis", VectorJson(symmetry->axis)},
+          {"is_flippable", symmetry->is_flippable}};
+}
+
+std::string SymmetryText(const ModelInfo& model) {
+  if (!model.continuous_symmetry) {
+    return absl::StrCat(model.num_symmetries, model.num_symmetries == 1 ? " symmetry" : " symmetries");
+  }
+  const ContinuousSymmetry& symmetry = *model.continuous_symmetry;
+  if (symmetry.kind == ContinuousSymmetry::Kind::kSphere) return "symmetric about a centre";
+  return absl::StrFormat("symmetric about the axis (%.3f, %.3f, %.3f)%s", symmetry.axis.x(), symmetry.axis.y(),
+                         symmetry.axis.z(), symmetry.is_flippable ? " and turned over" : "");
+}
+
 Json ModelJson(const ModelInfo& model) {
   return {{"name", model.name},
           {"size_bytes", model.size_bytes},
           {"faces", model.num_faces},
           {"lines", model.num_lines},
           {"symmetries", model.num_symmetries},
+          {"continuous_symmetry", SymmetryJson(model.continuous_symmetry)},
           {"diameter_m", model.diameter_m},
           {"metres_per_unit", model.metres_per_unit},
           {"crease_angle_deg", model.crease_angle_deg},
@@ -37,8 +62,8 @@ Json ModelJson(const ModelInfo& model) {
 
 void PrintModel(const ModelInfo& model, std::ostream& out) {
   out << model.name
-      << absl::StrFormat("  %d lines  %d faces  %d %s  diameter %.4f m\n", model.num_lines, model.num_faces,
-                         model.num_symmetries, model.num_symmetries == 1 ? "symmetry" : "symmetries", model.diameter_m);
+      << absl::StrFormat("  %d lines  %d faces  %s  diameter %.4f m\n", model.num_lines, model.num_faces,
+                         SymmetryText(model), model.diameter_m);
 }
 
 absl::Status Print(const ModelInfo& model, bool is_json, CliContext& context) {

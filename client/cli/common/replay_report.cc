@@ -49,6 +49,7 @@ Json ReplayReport::ObjectsJson() const {
     Json json = ObjectJson(object);
     json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
     json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
+    json["has_continuous_symmetry"] = i < models.size() && models[i].has_continuous_symmetry;
     json["model_diameter_m"] = i < models.size() ? models[i].diameter_m : 0.0;
     objects.push_back(std::move(json));
   }
@@ -93,6 +94,9 @@ void ReplayReport::Print(std::ostream& stream) const {
     stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
     if (model.num_symmetries > 1) {
       stream << "; looks the same in " << model.num_symmetries << " orientations; a pose represents all of them";
+    }
+    if (model.has_continuous_symmetry) {
+      stream << "; symmetric about an axis or a centre; the rotation about it is not measured";
     }
     stream << "\n";
   }

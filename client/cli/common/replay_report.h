@@ -32,6 +32,7 @@ struct ReplayReport {
     std::vector<std::string> notices;
     uint32_t num_symmetries = 1;
     double diameter_m = 0.0;
+    bool has_continuous_symmetry = false;
   };
   std::vector<Model> models;  // of the objects, in their order
 

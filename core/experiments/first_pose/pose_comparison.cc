@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/models/symmetry.h"
+#include "core/models/continuous_symmetry.h"
 
 namespace evpose {
 namespace {
@@ -30,7 +30,7 @@ double ReprojectionError(const ObjectModel& model, const CameraModel& camera, ab
 
 PoseError ComparePoses(const ObjectModel& model, const CameraModel& camera, absl::Span<const VisibleSegment> visible,
                        const RigidTransform& truth, const RigidTransform& estimate) {
-  const RigidTransform nearest = NearestEquivalent(estimate, model.symmetries, truth);
+  const RigidTransform nearest = NearestEquivalent(estimate, model, truth);
   PoseError error;
   error.rotation_rad = RotationAngle(nearest.rotation, truth.rotation);
   error.translation_ratio = (nearest.translation_m - truth.translation_m).norm() / truth.translation_m.z();

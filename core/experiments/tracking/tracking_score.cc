@@ -151,6 +151,7 @@ absl::StatusOr<TrackingScore> ScoreTracking(const SimulationOptions& run, const 
                                             const TrackingOutput& output) {
   EvaluationOptions options;
   options.symmetries = model.symmetries;
+  options.continuous_symmetry = model.continuous_symmetry;
   const Trajectory estimate = PosesOf(output);
   TrackingScore score;
   EVPOSE_ASSIGN_OR_RETURN(score.evaluation, Evaluate(truth, estimate, options));

@@ -95,13 +95,24 @@ struct ServerInfo {
   absl::Duration session_expiry;   // how long a session without a stream is kept
 };
 
+// A continuous group of motions that map an object onto itself: the rotation of the object by them is not measured, and
+// the covariance of its poses has the variance pi^2 / 3 rad^2 along them.
+struct ContinuousSymmetry {
+  enum class Kind { kAxis = 1, kSphere };
+  Kind kind = Kind::kAxis;
+  Eigen::Vector3d centre_m = Eigen::Vector3d::Zero();  // object frame; a point of the axis, or the centre
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();      // unit; zero for a sphere
+  bool is_flippable = false;  // so do the half turns about the axes through the centre that are perpendicular to `axis`
+};
+
 struct ModelInfo {
   std::string name;  // "models/{id}"
   ModelFormat format = ModelFormat::kObj;
   uint64_t size_bytes = 0;
   uint32_t num_faces = 0;
   uint32_t num_lines = 0;
-  uint32_t num_symmetries = 1;
+  uint32_t num_symmetries = 1;                            // 1 with a continuous symmetry
+  std::optional<ContinuousSymmetry> continuous_symmetry;  // absent also for a kind of a later server
   double diameter_m = 0.0;
   double metres_per_unit = 1.0;
   double crease_angle_deg = 0.0;
