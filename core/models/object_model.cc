@@ -14,12 +14,12 @@
 #include "core/base/check_range.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "core/models/collinear_lines.h"
 #include "core/mesh/loading/model_readers.h"
 #include "core/mesh/mesh_topology.h"
+#include "core/mesh/triangle_bvh.h"
+#include "core/models/collinear_lines.h"
 #include "core/models/model_lines.h"
 #include "core/models/symmetry.h"
-#include "core/mesh/triangle_bvh.h"
 #include "core/numerics/math.h"
 
 namespace evpose {
@@ -133,8 +133,11 @@ absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh raw, const ModelOptions& op
   on_step("finding lines");
   if (has_line_elements) {
     model.lines = PaintedLines(raw, TriangleBvh(raw.points, raw.triangles), model.diameter_m);
-  } else {
-    EVPOSE_ASSIGN_OR_RETURN(model.lines, CreaseLines(raw, options.crease_angle_deg, options.max_lines));
+  }
+  if (!has_line_elements || !raw.lines_are_all) {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelLine> creases,
+                            CreaseLines(raw, options.crease_angle_deg, options.max_lines));
+    model.lines.insert(model.lines.end(), creases.begin(), creases.end());
   }
   on_step("joining lines");
   MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(raw), model.lines, model.notices);
