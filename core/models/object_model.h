@@ -22,7 +22,8 @@
 
 namespace evpose {
 
-enum class ModelFormat { kObj, kPly, kStl };
+// kMesh is a message of the API, which ParseObjectModel() does not read (server/models/mesh_message.h).
+enum class ModelFormat { kObj, kPly, kStl, kMesh };
 
 struct ModelLine {
   Eigen::Vector3d p1;  // object frame, metres
@@ -46,10 +47,10 @@ struct ContinuousSymmetry {
 struct ObjectModel {
   std::vector<Eigen::Vector3d> vertices;           // object frame, metres
   std::vector<std::array<uint32_t, 3>> triangles;  // counter-clockwise seen from outside
-  std::vector<ModelLine> lines;   // straight edges
-  std::vector<EdgeCurve> curves;  // curved edges
-  SmoothSurface surface;          // of `triangles`; empty if no region is curved
-  double diameter_m = 0.0;  // largest distance between two points of the model
+  std::vector<ModelLine> lines;                    // straight edges
+  std::vector<EdgeCurve> curves;                   // curved edges
+  SmoothSurface surface;                           // of `triangles`; empty if no region is curved
+  double diameter_m = 0.0;                         // largest distance between two points of the model
   // object_from_object motions that map the object onto itself (symmetry.h), the identity first. Empty means the
   // identity alone.
   std::vector<RigidTransform> symmetries;
