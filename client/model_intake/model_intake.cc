@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/model_intake/model_intake.h"
 
-#include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -14,6 +14,7 @@
 #include "client/model_intake/texture_lines.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/mesh/loading/text_lines.h"
 #include "server/models/mesh_message.h"
 
 namespace evpose::client {
@@ -38,11 +39,12 @@ absl::StatusOr<ModelFile> ConvertScene(const std::string& path, SceneFormat form
 // then images are not needed.
 absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, ModelFile file) {
   bool has_materials = false, has_lines = false;
-  for (size_t at = 0; at < file.bytes.size(); ++at) {
-    const absl::string_view line = absl::string_view(file.bytes).substr(at);
-    has_materials = has_materials || absl::StartsWith(line, "mtllib");
-    has_lines = has_lines || absl::StartsWith(line, "l ");
-    at = std::min(file.bytes.find('\n', at), file.bytes.size());
+  LineReader lines(file.bytes);
+  std::vector<absl::string_view> words;
+  while (const std::optional<absl::string_view> line = lines.Next()) {
+    SplitWords(*line, words);
+    has_materials = has_materials || (!words.empty() && words[0] == "mtllib");
+    has_lines = has_lines || (!words.empty() && words[0] == "l");
   }
   if (!has_materials || has_lines) return file;
   // A file that the server can read is not refused because of its materials.
