@@ -2,20 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 # Installs the dependencies of evpose from Debian 12's packages.
 #   deploy/install-dependencies.sh            for building and running
-#   deploy/install-dependencies.sh --package  also for making Debian packages
-#   deploy/install-dependencies.sh --test     also for tests and linters
+#   deploy/install-dependencies.sh --step     also for evpose-convert-step, which reads STEP and IGES files
+#   deploy/install-dependencies.sh --package  also for making Debian packages, that of evpose-convert-step included
+#   deploy/install-dependencies.sh --test     all of these, and for tests and linters
 # Needs root or sudo. Does nothing if everything is installed.
 set -euo pipefail
 
 build_packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
-  libabsl-dev libboost-dev libceres-dev libcli11-dev libeigen3-dev libgrpc++-dev libhiredis-dev libmeshoptimizer-dev
+  libabsl-dev libassimp-dev libboost-dev libceres-dev libcli11-dev libeigen3-dev libgrpc++-dev libhiredis-dev
+  libmeshoptimizer-dev
   libopencv-calib3d-dev libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev libopencv-videoio-dev
   libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
   libprotobuf-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
 )
-package_packages=(dpkg-dev file)
+# OpenCASCADE: 180 MB with its dependencies.
+step_packages=(libocct-data-exchange-dev libocct-foundation-dev libocct-modeling-algorithms-dev libocct-modeling-data-dev)
+package_packages=("${step_packages[@]}" dpkg-dev file)
 test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-grpcio python3-matplotlib python3-numpy python3-protobuf python3-yaml redis-server shellcheck systemd)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
@@ -27,9 +31,10 @@ wanted=("${build_packages[@]}")
 is_for_tests=false
 case "${1:-}" in
   "") ;;
+  --step) wanted+=("${step_packages[@]}") ;;
   --package) wanted+=("${package_packages[@]}") ;;
   --test) wanted+=("${test_packages[@]}") is_for_tests=true ;;
-  *) echo "usage: $0 [--package | --test]" >&2; exit 2 ;;
+  *) echo "usage: $0 [--step | --package | --test]" >&2; exit 2 ;;
 esac
 
 # libpcl-dev depends on VTK, Java and Qt, libflann-dev on MPI and HDF5: 3 GB for 12 MB of headers. Only the headers are

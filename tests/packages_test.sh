@@ -18,6 +18,13 @@ for component in server client dev; do
   [[ $(dpkg-deb --field "$package" Depends) == *libgrpc++* ]] || fail "evpose-$component does not name its libraries"
   [[ -f $work/root/usr/share/doc/evpose-$component/copyright ]] || fail "evpose-$component has no copyright"
 done
+# Only where OpenCASCADE is installed.
+if [[ -x $build/client/convert_step/evpose-convert-step ]]; then
+  package=$(echo "$work"/packages/evpose-convert-step_*.deb)
+  dpkg-deb --extract "$package" "$work/root"
+  [[ $(dpkg-deb --field "$package" Depends) == *libocct* ]] || fail "evpose-convert-step does not name its libraries"
+  "$work/root/usr/bin/evpose-convert-step" --help | grep -q '^Usage: ' || fail "evpose-convert-step does not run"
+fi
 version=$(dpkg-deb --field "$work"/packages/evpose-server_*.deb Version)
 for program in evpose evpose-server; do
   said=$("$work/root/usr/bin/$program" --version)

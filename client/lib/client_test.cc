@@ -138,11 +138,15 @@ TEST_F(ModelsTest, UploadStreamsTheFileWithItsDigest) {
   UploadOptions options;
   options.format = ModelFormat::kStl;
   options.metres_per_unit = 0.001;
+  options.crease_angle_deg = 12.5;
+  options.surface = ModelSurface::kAsIs;
   const auto model = client_->UploadModel(file, options);
   ASSERT_TRUE(model.ok()) << model.status();
   EXPECT_EQ(model->name, "models/1");
   EXPECT_EQ(models_.header.format(), v1::MODEL_FORMAT_STL);
   EXPECT_EQ(models_.header.metres_per_unit(), 0.001);
+  EXPECT_EQ(models_.header.crease_angle_deg(), 12.5);
+  EXPECT_EQ(models_.header.surface(), v1::MODEL_SURFACE_AS_IS);
   EXPECT_EQ(models_.header.size_bytes(), file.size());
   EXPECT_EQ(absl::BytesToHexString(models_.header.sha256()), Sha256Hex(file));
   EXPECT_EQ(models_.bytes, std::string(file.begin(), file.end()));

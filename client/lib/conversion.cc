@@ -195,6 +195,7 @@ absl::Duration FromProto(const google::protobuf::Duration& duration) {
 }
 
 v1::ModelFormat ToProto(ModelFormat format) { return static_cast<v1::ModelFormat>(format); }
+v1::ModelSurface ToProto(ModelSurface surface) { return static_cast<v1::ModelSurface>(surface); }
 
 v1::RigidTransform ToProto(const Transform& transform) {
   v1::RigidTransform message;
@@ -262,6 +263,7 @@ ModelInfo FromProto(const v1::Model& message) {
           .diameter_m = message.diameter_m(),
           .metres_per_unit = message.metres_per_unit(),
           .crease_angle_deg = message.crease_angle_deg(),
+          .surface = FromProto(message.surface(), ModelSurface::kSmooth),
           .sha256_hex = absl::BytesToHexString(message.sha256()),
           .create_time = FromProto(message.create_time()),
           .notices = {message.notices().begin(), message.notices().end()}};

@@ -33,6 +33,7 @@ v1::ErrorReason ReasonOf(const absl::Status& status);
 std::string_view ApiName(std::string_view name, std::string_view prefix);
 
 v1::ModelFormat ToProto(ModelFormat format);
+v1::ModelSurface ToProto(ModelSurface surface);
 v1::SessionConfig ToProto(const SessionConfig& config);
 v1::RigidTransform ToProto(const Transform& transform);
 v1::TrackRequest::ResetPose ToProto(const PoseReset& reset);  // without its number

@@ -28,7 +28,10 @@ TEST(ConversionTest, EnumeratorsHaveTheNumbersOfTheApi) {
                                                            {EventEncoding::kFlat64, v1::EVENT_ENCODING_FLAT64}});
   ExpectNumbersOfTheApi<v1::ModelFormat, ModelFormat>({{ModelFormat::kObj, v1::MODEL_FORMAT_OBJ},
                                                        {ModelFormat::kPly, v1::MODEL_FORMAT_PLY},
-                                                       {ModelFormat::kStl, v1::MODEL_FORMAT_STL}});
+                                                       {ModelFormat::kStl, v1::MODEL_FORMAT_STL},
+                                                       {ModelFormat::kMesh, v1::MODEL_FORMAT_MESH}});
+  ExpectNumbersOfTheApi<v1::ModelSurface, ModelSurface>(
+      {{ModelSurface::kSmooth, v1::MODEL_SURFACE_SMOOTH}, {ModelSurface::kAsIs, v1::MODEL_SURFACE_AS_IS}});
   ExpectNumbersOfTheApi<v1::TrackState, TrackState>({{TrackState::kInitializing, v1::TRACK_STATE_INITIALIZING},
                                                      {TrackState::kTracking, v1::TRACK_STATE_TRACKING},
                                                      {TrackState::kDegraded, v1::TRACK_STATE_DEGRADED},

@@ -15,9 +15,13 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/model_readers.h"
+#include "core/mesh/mesh_repair.h"
 #include "core/mesh/mesh_topology.h"
+#include "core/mesh/region_shapes.h"
+#include "core/mesh/simplify.h"
 #include "core/mesh/surface_regions.h"
 #include "core/models/collinear_lines.h"
+#include "core/models/continuous_symmetry.h"
 #include "core/models/edge_curves.h"
 #include "core/models/symmetry.h"
 #include "core/numerics/math.h"
@@ -25,8 +29,6 @@
 namespace evpose {
 namespace {
 
-// Points closer than this are welded, relative to the model's size: a few roundings of single precision.
-constexpr double kWeldTolerance = 1e-6;
 // Diagonal of the bounding box: from a thousandth of a millimetre, below what a lens resolves, to 10 km, far beyond the
 // objects whose edges an event camera sees. Squares of such sizes keep their precision; others are wrong units.
 constexpr double kMinSizeM = 1e-6;
@@ -37,6 +39,10 @@ constexpr double kMaxRelativeOffset = 1e5;
 // Relative to the diameter: 0.3 px at an object size of 300 px, below what distinguishes two orientations in an image,
 // but above the rounding errors of drawings.
 constexpr double kSymmetryTolerance = 1e-3;
+// A mesh of more triangles is simplified, with an error, relative to the diameter, of at most 0.03 px at an object size
+// of 300 px.
+constexpr size_t kMaxPlainTriangles = 60'000;
+constexpr double kSimplificationError = 1e-4;
 // All pairs of more points would take longer than some milliseconds.
 constexpr size_t kMaxExactDiameterPoints = 2048;
 
@@ -120,17 +126,25 @@ void ScaleMesh(double factor, RawMesh& mesh) {
   }
 }
 
-// The edges of the model: the line elements, if there are any, else those of the surface.
+// The edges of the model: its line elements, and those of the surface unless the line elements are all.
 void FindEdges(const RawMesh& mesh, const SurfaceEdges& surface, const ModelOptions& options, ModelStepListener on_step,
                ObjectModel& model) {
   on_step("finding lines");
-  if (mesh.lines.empty()) {
-    AddSurfaceEdges(mesh, surface, model);
-  } else {
-    AddPaintedEdges(mesh, options.is_smooth, model);
-  }
+  if (mesh.lines.empty() || !mesh.lines_are_all) AddSurfaceEdges(mesh, surface, model);
+  if (!mesh.lines.empty()) AddPaintedEdges(mesh, options.is_smooth, model);
   on_step("joining lines");
   MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(mesh), model.lines, model.notices);
+}
+
+// Reduces the triangles of a dense mesh, which cost time whenever the view changes.
+void Simplify(SmoothSurface& surface, RawMesh& mesh, ObjectModel& model) {
+  if (mesh.triangles.size() <= kMaxPlainTriangles || surface.empty()) return;
+  const Simplification result =
+      SimplifyMesh(kMaxPlainTriangles, kSimplificationError * model.diameter_m, mesh, surface);
+  if (result.triangles_after == result.triangles_before) return;
+  model.notices.push_back(absl::StrFormat("%d triangles simplified to %d, at most %.2g of the diameter apart",
+                                          result.triangles_before, result.triangles_after,
+                                          result.error_m / model.diameter_m));
 }
 
 bool IsFlat(const SmoothSurface& surface) {
@@ -150,15 +164,18 @@ absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& o
   EVPOSE_RETURN_IF_ERROR(CheckExtent(mesh));
   const bool has_line_elements = !mesh.lines.empty();
   ObjectModel model;
-  on_step("welding points");
-  Weld(kWeldTolerance * BoundingBoxDiagonal(mesh), mesh, model.notices);
-  on_step("orienting triangles");
-  OrientTriangles(mesh, model.notices);
+  if (!mesh.has_unit) NoteImplausibleSize(mesh, options.metres_per_unit, model.notices);
+  on_step("repairing the mesh");
+  DescribeRepair(RepairMesh(mesh), model.notices);
   on_step("measuring the diameter");
   model.diameter_m = Diameter(mesh.points);
   on_step("finding creases");
   SurfaceEdges surface = FindSurface(mesh, {options.crease_angle_deg, options.is_smooth}, model.diameter_m);
   FindEdges(mesh, surface, options, on_step, model);
+  if (!IsFlat(surface.surface)) {
+    on_step("fitting shapes");
+    FitShapes(mesh, model.diameter_m, surface.surface);
+  }
   const bool is_flat = IsFlat(surface.surface);
   if (model.lines.empty() && model.curves.empty() && is_flat) {
     return absl::InvalidArgumentError(
@@ -168,10 +185,13 @@ absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& o
                                             "as OBJ line elements (l)",
                                             options.crease_angle_deg));
   }
+  on_step("simplifying the mesh");
+  Simplify(surface.surface, mesh, model);
   if (!is_flat) model.surface = std::move(surface.surface);
   TakeTriangles(std::move(mesh), model);
   on_step("finding symmetries");
-  model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
+  model.continuous_symmetry = FindContinuousSymmetry(model, &model.notices);
+  if (!model.continuous_symmetry) model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
   return model;
 }
 

@@ -22,7 +22,8 @@
 
 namespace evpose {
 
-enum class ModelFormat { kObj, kPly, kStl };
+// kMesh is a message of the API, which ParseObjectModel() does not read (server/models/mesh_message.h).
+enum class ModelFormat { kObj, kPly, kStl, kMesh };
 
 struct ModelLine {
   Eigen::Vector3d p1;  // object frame, metres

@@ -18,6 +18,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
 #include "core/base/status_macros.h"
+#include "server/models/mesh_message.h"
 #include "server/models/prepared_model.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
@@ -41,7 +42,7 @@ class InProcessPreparer : public ModelPreparer {
   absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format, const ModelOptions& options,
                                       const Cancellation& cancellation) const override {
     if (cancellation.is_cancelled()) return PreparationCancelled();
-    EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, ParseObjectModel(file, format, options));
+    EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, ParseModelFile(file, format, options));
     return EncodePreparedModel(model);
   }
 };
@@ -138,10 +139,10 @@ class ChildPreparer : public ModelPreparer {
   absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format, const ModelOptions& options,
                                       const Cancellation& cancellation) const override {
     PreparationProcess process;
-    EVPOSE_RETURN_IF_ERROR(
-        process.Start({program_, absl::StrCat(EnumNumber(format)), absl::StrFormat("%.17g", options.metres_per_unit),
-                       absl::StrFormat("%.17g", options.crease_angle_deg), absl::StrCat(options.max_bytes),
-                       absl::StrCat(budget_.cpu_seconds), absl::StrCat(budget_.memory_bytes)}));
+    EVPOSE_RETURN_IF_ERROR(process.Start(
+        {program_, absl::StrCat(EnumNumber(format)), absl::StrFormat("%.17g", options.metres_per_unit),
+         absl::StrFormat("%.17g", options.crease_angle_deg), options.is_smooth ? "1" : "0",
+         absl::StrCat(options.max_bytes), absl::StrCat(budget_.cpu_seconds), absl::StrCat(budget_.memory_bytes)}));
     EVPOSE_ASSIGN_OR_RETURN(std::string output, process.Exchange(file, cancellation));
     const int status = process.Wait();
     return Result(std::move(output), status);

@@ -20,7 +20,7 @@ namespace evpose::server {
 class ModelPreparer {
  public:
   virtual ~ModelPreparer() = default;
-  // Returns the serialized model (prepared_model.h). Errors: those of ParseObjectModel(); CANCELLED.
+  // Returns the serialized model (prepared_model.h). Errors: those of ParseModelFile(); CANCELLED.
   virtual absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format,
                                               const ModelOptions& options, const Cancellation& cancellation) const = 0;
 };
@@ -44,9 +44,9 @@ struct PreparationBudget {
 std::unique_ptr<ModelPreparer> MakeChildModelPreparer(const std::string& program, const PreparationBudget& budget);
 
 // The protocol between the server and evpose-prepare-model. Arguments: format (a number of ModelFormat), metres per
-// unit, crease angle in degrees, bytes of the largest file, processor seconds, bytes of memory. Standard input: the
-// file. Standard output: a line "step NAME" before each step, then a line "model" and the serialized model, or a line
-// "error" and the message of INVALID_ARGUMENT.
+// unit, crease angle in degrees, whether the surface is smooth (1 or 0), bytes of the largest file, processor seconds,
+// bytes of memory. Standard input: the file. Standard output: a line "step NAME" before each step, then a line "model"
+// and the serialized model, or a line "error" and the message of INVALID_ARGUMENT.
 inline constexpr char kPreparationStep[] = "step ";
 inline constexpr char kPreparationModel[] = "model\n";
 inline constexpr char kPreparationError[] = "error\n";

@@ -10,6 +10,7 @@
 #include "core/models/cube_files_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "server/models/mesh_message.h"
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
@@ -41,6 +42,20 @@ TEST_F(ChildPreparerTest, MakesTheSameModelAsTheServerItself) {
   const auto in_process = MakeModelPreparer()->Prepare(BytesOf(Cube()), ModelFormat::kObj, {}, cancellation_);
   ASSERT_TRUE(in_process.ok());
   const auto by_child = Prepare(EVPOSE_PREPARE_MODEL, Cube());
+  ASSERT_TRUE(by_child.ok()) << by_child.status();
+  EXPECT_TRUE(*by_child == *in_process);
+}
+
+TEST_F(ChildPreparerTest, PassesAllOptionsAndFormatsOn) {
+  const ModelOptions options = {.metres_per_unit = 0.5, .crease_angle_deg = 12.5, .is_smooth = false};
+  RawMesh mesh;
+  mesh.points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  mesh.triangles = {{0, 1, 2}};
+  const std::vector<uint8_t> file = BytesOf(EncodeMesh(mesh));
+  const auto in_process = MakeModelPreparer()->Prepare(file, ModelFormat::kMesh, options, cancellation_);
+  ASSERT_TRUE(in_process.ok()) << in_process.status();
+  const auto by_child =
+      MakeChildModelPreparer(EVPOSE_PREPARE_MODEL, {})->Prepare(file, ModelFormat::kMesh, options, cancellation_);
   ASSERT_TRUE(by_child.ok()) << by_child.status();
   EXPECT_TRUE(*by_child == *in_process);
 }

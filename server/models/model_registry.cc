@@ -22,6 +22,8 @@
 namespace evpose::server {
 namespace {
 
+constexpr uint8_t kSurfaceAsIs = 2;  // MODEL_SURFACE_AS_IS of the API
+
 absl::Status ModelNotFound(absl::string_view name) {
   return WithReason(absl::NotFoundError(absl::StrCat("there is no model \"", Shortened(name), "\": upload it first")),
                     v1::MODEL_NOT_FOUND, {{"model", Shortened(name)}});
@@ -75,6 +77,8 @@ ModelInfo InfoOf(const ModelRecord& record) {
 std::string ModelName(const ModelReading& reading, absl::Span<const uint8_t> bytes) {
   StateWriter parameters;
   parameters(EnumNumber<uint8_t>(reading.format), reading.metres_per_unit, reading.crease_angle_deg);
+  // Not for the default, so that the models of earlier servers keep their names.
+  if (!reading.is_smooth) parameters(kSurfaceAsIs);
   const std::string prefix = parameters.Take();
   Sha256 digest;
   digest.Update({reinterpret_cast<const uint8_t*>(prefix.data()), prefix.size()});
@@ -102,6 +106,7 @@ ModelOptions ModelRegistry::LoadingOptions(const ModelReading& reading) const {
   ModelOptions options;
   options.metres_per_unit = reading.metres_per_unit;
   options.crease_angle_deg = reading.crease_angle_deg;
+  options.is_smooth = reading.is_smooth;
   options.max_bytes = options_.limits.max_model_bytes;
   return options;
 }

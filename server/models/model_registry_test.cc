@@ -73,6 +73,12 @@ TEST_F(ModelRegistryTest, TheStoreIsFullOfFilesAndOfWhatWasDerivedFromThem) {
   EXPECT_TRUE(upload(taken + 2 * prepared_bytes).ok());
 }
 
+TEST_F(ModelRegistryTest, NamesOfSmoothModelsAreThoseOfEarlierServers) {
+  const std::vector<uint8_t> bytes = {'x'};
+  EXPECT_EQ(ModelName({}, bytes), "models/68cbc6bc67a5a4bce92c4500e25f24f06c31c2ed11d5856d130aba57502a9e1b");
+  EXPECT_NE(ModelName({.is_smooth = false}, bytes), ModelName({}, bytes));
+}
+
 TEST_F(ModelRegistryTest, AModelIsReleasedWithItsLastSession) {
   const auto models = Open();
   const std::string name = models->Upload("lab", {}, "", CubeFile()).value().name;

@@ -16,6 +16,7 @@
 
 #include "absl/strings/numbers.h"
 #include "core/models/object_model.h"
+#include "server/models/mesh_message.h"
 #include "server/models/model_preparer.h"
 #include "server/models/prepared_model.h"
 #include "server/runtime/enum_number.h"
@@ -34,11 +35,12 @@ struct Arguments {
 };
 
 bool Parse(int argc, char** argv, Arguments& arguments) {
-  return argc == 7 && absl::SimpleAtoi(argv[1], &arguments.format) &&
+  return argc == 8 && absl::SimpleAtoi(argv[1], &arguments.format) &&
          absl::SimpleAtod(argv[2], &arguments.options.metres_per_unit) &&
          absl::SimpleAtod(argv[3], &arguments.options.crease_angle_deg) &&
-         absl::SimpleAtoi(argv[4], &arguments.options.max_bytes) && absl::SimpleAtoi(argv[5], &arguments.cpu_seconds) &&
-         absl::SimpleAtoi(argv[6], &arguments.memory_bytes);
+         absl::SimpleAtob(argv[4], &arguments.options.is_smooth) &&
+         absl::SimpleAtoi(argv[5], &arguments.options.max_bytes) && absl::SimpleAtoi(argv[6], &arguments.cpu_seconds) &&
+         absl::SimpleAtoi(argv[7], &arguments.memory_bytes);
 }
 
 void SetLimit(__rlimit_resource resource, uint64_t soft, uint64_t hard) {
@@ -73,8 +75,8 @@ std::vector<uint8_t> ReadInput() {
 int Prepare(const Arguments& arguments) {
   const std::vector<uint8_t> file = ReadInput();
   const absl::StatusOr<ObjectModel> model =
-      ParseObjectModel(file, EnumValue<ModelFormat>(arguments.format), arguments.options,
-                       [](absl::string_view step) { std::cout << kPreparationStep << step << std::endl; });
+      ParseModelFile(file, EnumValue<ModelFormat>(arguments.format), arguments.options,
+                     [](absl::string_view step) { std::cout << kPreparationStep << step << std::endl; });
   if (model.ok()) {
     std::cout << kPreparationModel << EncodePreparedModel(*model);
   } else {

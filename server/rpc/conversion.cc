@@ -24,7 +24,7 @@ static_assert(EnumNumber(DropReason::kReader) == v1::DropReason_MAX);
 static_assert(EnumNumber(TrackState::kLost) == v1::TrackState_MAX);
 static_assert(EnumNumber(InitializationStatus::kNotSearchable) == v1::InitializationStatus_MAX);
 static_assert(EnumNumber(SessionState::kEnded) == v1::SessionState_MAX);
-static_assert(EnumNumber(ModelFormat::kStl) == v1::ModelFormat_MAX);
+static_assert(EnumNumber(ModelFormat::kMesh) == v1::ModelFormat_MAX);
 
 absl::Status NotSupported(absl::string_view field, int number) {
   return InvalidField(field, absl::StrCat("is ", number, ", which this server does not support"));
@@ -261,6 +261,8 @@ absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& hea
   EVPOSE_ASSIGN_OR_RETURN(out.format, EnumFromProto<ModelFormat>("header.format", header.format()));
   if (header.has_metres_per_unit()) out.metres_per_unit = header.metres_per_unit();
   if (header.has_crease_angle_deg()) out.crease_angle_deg = header.crease_angle_deg();
+  if (!v1::ModelSurface_IsValid(header.surface())) return NotSupported("header.surface", header.surface());
+  out.is_smooth = header.surface() != v1::MODEL_SURFACE_AS_IS;
   return out;
 }
 
@@ -396,6 +398,7 @@ v1::Model ToProto(const ModelInfo& model) {
   *out.mutable_create_time() = ToProto(model.create_time);
   out.set_metres_per_unit(model.reading.metres_per_unit);
   out.set_crease_angle_deg(model.reading.crease_angle_deg);
+  out.set_surface(model.reading.is_smooth ? v1::MODEL_SURFACE_SMOOTH : v1::MODEL_SURFACE_AS_IS);
   out.set_sha256(absl::HexStringToBytes(model.sha256_hex));
   for (const std::string& notice : model.notices) out.add_notices(notice);
   if (model.continuous_symmetry) *out.mutable_continuous_symmetry() = ToProto(*model.continuous_symmetry);

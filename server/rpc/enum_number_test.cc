@@ -58,6 +58,7 @@ TEST(EnumNumberTest, TheApiAndTheStoreHaveTheSameNumbers) {
       {EnumNumber(ModelFormat::kObj), v1::MODEL_FORMAT_OBJ, pb::MODEL_FORMAT_OBJ},
       {EnumNumber(ModelFormat::kPly), v1::MODEL_FORMAT_PLY, pb::MODEL_FORMAT_PLY},
       {EnumNumber(ModelFormat::kStl), v1::MODEL_FORMAT_STL, pb::MODEL_FORMAT_STL},
+      {EnumNumber(ModelFormat::kMesh), v1::MODEL_FORMAT_MESH, pb::MODEL_FORMAT_MESH},
   };
   for (const auto& [number, api, stored] : values) {
     EXPECT_EQ(number, api);

@@ -48,6 +48,13 @@ inline std::vector<v1::UploadModelRequest> UploadRequests(const std::string& fil
   return requests;
 }
 
+// The messages that upload a serialized Mesh.
+inline std::vector<v1::UploadModelRequest> MeshUploadRequests(const std::string& mesh) {
+  std::vector<v1::UploadModelRequest> requests = UploadRequests(mesh);
+  requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_MESH);
+  return requests;
+}
+
 inline grpc::Status UploadModel(v1::ModelService::Stub& models, const std::vector<v1::UploadModelRequest>& requests,
                                 v1::Model* model) {
   grpc::ClientContext context;

@@ -317,10 +317,12 @@ TEST_F(ServerTest, RefusesUploadsThatAreNoModel) {
       {"header.size_bytes", [](auto& requests) { requests.push_back(requests[1]); }},
       {"header.sha256", [](auto& requests) { requests[0].mutable_header()->set_sha256("short"); }},
       {"header.sha256", [](auto& requests) { requests[0].mutable_header()->set_sha256(std::string(32, 'x')); }},
+      {"header.surface", [](auto& requests) { requests[0].mutable_header()->set_surface(v1::ModelSurface(9)); }},
       {"header", [](auto& requests) { requests[0].mutable_header()->set_metres_per_unit(-1); }},
       {"header", [](auto& requests) { requests[0].mutable_header()->set_crease_angle_deg(std::nan("")); }},
       {"chunk", [](auto& requests) { requests = UploadRequests("this is no model\n"); }},
       {"chunk", [](auto& requests) { requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_STL); }},
+      {"chunk", [](auto& requests) { requests[0].mutable_header()->set_format(v1::MODEL_FORMAT_MESH); }},
   };
   for (const auto& [field, spoil] : cases) {
     std::vector<v1::UploadModelRequest> requests = UploadRequests(kCubeObj);

@@ -4,7 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
+
 #include "absl/time/time.h"
+#include "evpose/v1/mesh.pb.h"
 #include "server/rpc/server_testing.h"
 
 namespace evpose::server {
@@ -28,6 +32,45 @@ TEST_F(UploadTest, AnUploadHasADeadlineForTheWholeFile) {
   const grpc::Status status = stream->Finish();
   EXPECT_EQ(Describe(status), "DEADLINE_EXCEEDED UPLOAD_TIMEOUT");
   EXPECT_THAT(status.error_message(), testing::HasSubstr("the file did not arrive within"));
+}
+
+// The cube of kCubeObj, whose faces are quadrilaterals.
+v1::Mesh CubeMesh() {
+  v1::Mesh mesh;
+  for (int i = 0; i < 8; ++i) {
+    for (const int bit : {1, 2, 4}) mesh.add_positions((i & bit) != 0 ? 0.1f : -0.1f);
+  }
+  for (const auto& [a, b, c, d] : {std::array{0, 2, 3, 1}, std::array{4, 5, 7, 6}, std::array{0, 1, 5, 4},
+                                   std::array{2, 6, 7, 3}, std::array{0, 4, 6, 2}, std::array{1, 3, 7, 5}}) {
+    for (const int corner : {a, b, c, a, c, d}) mesh.add_triangles(static_cast<uint32_t>(corner));
+  }
+  return mesh;
+}
+
+TEST_F(UploadTest, UploadsAMesh) {
+  v1::Model model;
+  std::vector<v1::UploadModelRequest> requests = MeshUploadRequests(CubeMesh().SerializeAsString());
+  ASSERT_EQ(Describe(Upload(requests, &model)), "OK");
+  EXPECT_EQ(model.format(), v1::MODEL_FORMAT_MESH);
+  EXPECT_EQ(model.surface(), v1::MODEL_SURFACE_SMOOTH);
+  EXPECT_EQ(model.num_faces(), 12u);
+  EXPECT_EQ(model.num_lines(), 12u);
+  EXPECT_EQ(model.num_symmetries(), 24u);
+  EXPECT_NEAR(model.diameter_m(), 0.2 * std::sqrt(3.0), 1e-6);
+  requests[0].mutable_header()->set_surface(v1::MODEL_SURFACE_AS_IS);
+  v1::Model as_is;
+  ASSERT_EQ(Describe(Upload(requests, &as_is)), "OK");
+  EXPECT_EQ(as_is.surface(), v1::MODEL_SURFACE_AS_IS);
+  EXPECT_NE(as_is.name(), model.name());
+}
+
+TEST_F(UploadTest, RefusesAMeshWithItsFieldAndIndex) {
+  v1::Mesh mesh = CubeMesh();
+  mesh.set_triangles(7, 8);
+  v1::Model model;
+  const grpc::Status status = Upload(MeshUploadRequests(mesh.SerializeAsString()), &model);
+  EXPECT_EQ(Describe(status), "INVALID_ARGUMENT chunk");
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("Mesh.triangles[7]: is 8, but there are 8 points"));
 }
 
 }  // namespace

@@ -262,9 +262,7 @@ TEST_P(StoreSuite, KeepsModelsOfTenantsApart) {
   const ModelRecord model = store_->ReadModel("", "models/b").value();
   EXPECT_EQ(std::string(model.bytes->begin(), model.bytes->end()) + model.prepared,
             std::string("another\0prepared", 16));
-  EXPECT_EQ(model.reading.format, ModelFormat::kStl);
-  EXPECT_EQ(model.reading.metres_per_unit, 0.001);
-  EXPECT_EQ(model.reading.crease_angle_deg, 12.5);
+  EXPECT_EQ(model.reading, Model("", "", "").reading);
   EXPECT_EQ(model.create_time, Model("", "", "").create_time);
   EXPECT_EQ(store_->ReadModel("tenant", "models/a")->bytes->size(), 3u);
   EXPECT_EQ(store_->ReadModel("", "models/a").status().code(), StatusCode::kNotFound);

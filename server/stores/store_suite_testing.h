@@ -65,13 +65,14 @@ inline std::string Noise(size_t size, uint64_t seed) {
 }
 
 inline ModelRecord Model(const std::string& name, const std::string& tenant, const std::string& bytes) {
-  return {.name = name,
-          .tenant = tenant,
-          .reading = {.format = ModelFormat::kStl, .metres_per_unit = 0.001, .crease_angle_deg = 12.5},
-          .create_time = absl::FromUnixNanos(1'700'000'000'987'654'321),
-          .summary = "summary",
-          .bytes = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end()),
-          .prepared = std::string("\0prepared", 9)};
+  return {
+      .name = name,
+      .tenant = tenant,
+      .reading = {.format = ModelFormat::kStl, .metres_per_unit = 0.001, .crease_angle_deg = 12.5, .is_smooth = false},
+      .create_time = absl::FromUnixNanos(1'700'000'000'987'654'321),
+      .summary = "summary",
+      .bytes = std::make_shared<const std::vector<uint8_t>>(bytes.begin(), bytes.end()),
+      .prepared = std::string("\0prepared", 9)};
 }
 
 // Commits and waits for the result.

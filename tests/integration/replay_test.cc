@@ -482,6 +482,10 @@ TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {
   EXPECT_NE(scaled.Json()["name"], first.Json()["name"]);
   EXPECT_NEAR(scaled.Json()["diameter_m"], first.Json()["diameter_m"].get<double>() * 0.001, 1e-9);
   EXPECT_EQ(Run({"models", "get", first.Json()["name"], "--server", address_, "--json"}).Json(), first.Json());
+  const CliResult as_is = upload({"--surface", "as-is", "--crease-angle", "20"});
+  EXPECT_EQ(as_is.Json()["surface"], "as-is");
+  EXPECT_EQ(as_is.Json()["crease_angle_deg"], 20.0);
+  EXPECT_NE(as_is.Json()["name"], first.Json()["name"]);
 }
 
 }  // namespace

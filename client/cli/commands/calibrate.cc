@@ -13,7 +13,9 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/calibration_picture.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/common/model_arguments.h"
 #include "client/cli/common/progress.h"
+#include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/sensor_calibration.h"
@@ -37,7 +39,7 @@ struct CalibrateArguments {
   std::string name;
   std::string out;
   std::string picture;
-  double metres_per_unit = 1.0;
+  ModelReadingArguments reading;
   bool is_json = false;
 };
 
@@ -69,8 +71,7 @@ struct CalibrationInput {
 absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, size_t i) {
   CalibrationInput input;
   EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(Of(arguments.cameras, i)));
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model,
-                          LoadObjectModel(Of(arguments.models, i), {.metres_per_unit = arguments.metres_per_unit}));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(Of(arguments.models, i)));
   EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
   if (truth.size() < 2)
     return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
@@ -196,10 +197,11 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("recordings", arguments->recordings, "Prophesee RAW or DAT files of one sensor and lens")->required();
   app.add_option("--truth", arguments->truths, "Known poses, TUM, on the sensor's clock; one for each recording")
       ->required();
-  app.add_option("--model", arguments->models, "Object: OBJ, PLY or STL; one for all or one for each")->required();
+  app.add_option("--model", arguments->models, absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"))
+      ->required();
   app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
       ->required();
-  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model files", AboveZero());
+  arguments->reading.AddTo(app);
   app.add_option(
       "--start", arguments->start,
       "Initial profile; its value is kept for each constant that the recordings do not determine. Default: an EVK4");

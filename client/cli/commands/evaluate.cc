@@ -13,6 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/table_cell.h"
 #include "core/base/status_macros.h"
@@ -29,7 +30,7 @@ struct EvaluateArguments {
   std::vector<std::string> estimates;  // FILE or NAME=FILE
   std::string model;
   std::string camera;
-  double metres_per_unit = 1.0;
+  ModelReadingArguments reading;
   double max_gap_ms = 20.0;
   bool is_symmetric = false;
   bool is_json = false;
@@ -73,7 +74,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   std::optional<ObjectModel> model;
   std::optional<CameraModel> camera;
   if (!arguments.model.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(model, LoadObjectModel(arguments.model, {.metres_per_unit = arguments.metres_per_unit}));
+    EVPOSE_ASSIGN_OR_RETURN(model, arguments.reading.Load(arguments.model));
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
   EvaluationOptions options;
@@ -198,7 +199,7 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       ->take_all();
   AddFile(app, "--model", arguments->model, "Object model, for the reprojection error");
   AddFile(app, "--camera", arguments->camera, "Camera file, for the reprojection error");
-  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model file", AboveZero());
+  arguments->reading.AddTo(app);
   AddOption(app, "--max-gap-ms", arguments->max_gap_ms,
             "A pose counts towards the coverage for at most this time, in milliseconds", CLI::Range(0.001, 1e6));
   app.add_flag("--symmetric", arguments->is_symmetric,

@@ -9,6 +9,8 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/time.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/common/model_arguments.h"
+#include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -18,7 +20,7 @@ struct ModelArguments {
   ServerArguments server;
   std::string name;
   std::string file;
-  double metres_per_unit = 1.0;
+  ModelReadingArguments reading;
   bool is_json = false;
 };
 
@@ -55,6 +57,7 @@ Json ModelJson(const ModelInfo& model) {
           {"diameter_m", model.diameter_m},
           {"metres_per_unit", model.metres_per_unit},
           {"crease_angle_deg", model.crease_angle_deg},
+          {"surface", model.surface == ModelSurface::kSmooth ? "smooth" : "as-is"},
           {"sha256", model.sha256_hex},
           {"create_time", absl::FormatTime(model.create_time, absl::UTCTimeZone())},
           {"notices", model.notices}};
@@ -80,14 +83,10 @@ absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
 }
 
 absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
-  UploadOptions options = {.metres_per_unit = arguments.metres_per_unit};
-  EVPOSE_ASSIGN_OR_RETURN(options.format, ModelFormatFromPath(arguments.file));
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadModel(arguments.file));
+  EVPOSE_ASSIGN_OR_RETURN(const ModelUpload upload, arguments.reading.ReadForUpload(arguments.file));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  const absl::StatusOr<ModelInfo> model =
-      client->UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
-  if (!model.ok()) return ModelError(arguments.file, model.status());
-  return Print(*model, arguments.is_json, context);
+  EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, UploadModel(*client, arguments.file, upload));
+  return Print(model, arguments.is_json, context);
 }
 
 absl::Status RunGet(const ModelArguments& arguments, CliContext& context) {
@@ -133,8 +132,8 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
   add("list", "All models, one on each line", RunList, [](CLI::App&, ModelArguments&) {});
   add("upload", "Upload a model; identical files and options get the same name", RunUpload,
       [](CLI::App& command, ModelArguments& arguments) {
-        AddFile(command, "file", arguments.file, "OBJ, PLY or STL")->required();
-        AddOption(command, "--scale", arguments.metres_per_unit, "Metres per unit of the file", AboveZero());
+        AddFile(command, "file", arguments.file, kModelFormats)->required();
+        arguments.reading.AddTo(command);
       });
   add("get", "One model", RunGet, add_name);
   add("delete", "Delete a model that no session uses", RunDelete, add_name);

@@ -16,6 +16,8 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/frame_painter.h"
+#include "client/cli/common/model_arguments.h"
+#include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/events/event_reader.h"
@@ -36,7 +38,7 @@ struct RenderArguments {
   std::string model;
   std::string camera;
   std::string out;
-  double metres_per_unit = 1.0;
+  ModelReadingArguments reading;
   std::optional<double> at_s;
   double window_ms = 10.0;
   double fps = 30.0;
@@ -59,8 +61,7 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   RenderInputs inputs;
   inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
-  EVPOSE_ASSIGN_OR_RETURN(inputs.model,
-                          LoadObjectModel(arguments.model, {.metres_per_unit = arguments.metres_per_unit}));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
   EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadTumTrajectory(arguments.poses));
   EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, {.stop = context.is_interrupted}));
   EVPOSE_RETURN_IF_ERROR(
@@ -237,10 +238,10 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RenderArguments>();
   AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
   AddFile(app, "--poses", arguments->poses, "Trajectory, TUM")->required();
-  AddFile(app, "--model", arguments->model, "Object: OBJ, PLY or STL")->required();
+  AddFile(app, "--model", arguments->model, absl::StrCat("Object: ", kModelFormats))->required();
   AddFile(app, "--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
   AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->required();
-  AddOption(app, "--scale", arguments->metres_per_unit, "Metres per unit of the model file", AboveZero());
+  arguments->reading.AddTo(app);
   app.add_option("--at", arguments->at_s,
                  "Time of the picture, seconds on the sensor's clock; default: the middle of the trajectory");
   AddOption(app, "--window-ms", arguments->window_ms, "Duration of the drawn events around that time, in milliseconds",

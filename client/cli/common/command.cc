@@ -19,7 +19,6 @@
 #include "client/lib/server_address.h"
 #include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
-#include "core/models/object_model.h"
 
 namespace evpose::client {
 namespace {
@@ -95,12 +94,6 @@ CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, 
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description) {
   return app.add_option(name, names, description)->delimiter(',')->type_name("NAME,...");
-}
-
-absl::StatusOr<std::string> ReadModel(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(std::string bytes, ReadFile(path, ModelOptions().max_bytes));
-  if (bytes.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": the model file is empty"));
-  return bytes;
 }
 
 void AddSessionName(CLI::App& app, std::string& name) {

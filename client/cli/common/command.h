@@ -55,9 +55,6 @@ CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, 
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description);
 
-// Reads the bytes of a model file. Errors name the path: those of ReadFile(); INVALID_ARGUMENT for an empty file.
-absl::StatusOr<std::string> ReadModel(const std::string& path);
-
 // Rewords the status of a model upload, which names fields of the API, for the owner of the file.
 absl::Status ModelError(const std::string& path, const absl::Status& status);
 

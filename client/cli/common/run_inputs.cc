@@ -11,6 +11,7 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
 #include "client/lib/core_types.h"
+#include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
 
@@ -59,7 +60,7 @@ absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& argume
     return UsageError("give --model MODEL, or --object ID=MODEL for each of several objects");
   }
   if (!arguments.model.empty()) {
-    objects.push_back({TrackedObject().object_id, arguments.model, {}, {}, {}});
+    objects.push_back({TrackedObject().object_id, arguments.model, {}, {}});
     return objects;
   }
   for (const std::string& text : arguments.objects) {
@@ -67,7 +68,7 @@ absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& argume
     for (const InputObject& other : objects) {
       if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " was given twice"));
     }
-    objects.push_back({id_and_model.first, id_and_model.second, {}, {}, {}});
+    objects.push_back({id_and_model.first, id_and_model.second, {}, {}});
   }
   return objects;
 }
@@ -146,9 +147,7 @@ class StoppableReader final : public RecordingReader {
 
 absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
   for (InputObject& object : objects) {
-    EVPOSE_ASSIGN_OR_RETURN(object.upload.format, ModelFormatFromPath(object.model_path));
-    object.upload.metres_per_unit = arguments.metres_per_unit;
-    EVPOSE_ASSIGN_OR_RETURN(object.model_bytes, ReadModel(object.model_path));
+    EVPOSE_ASSIGN_OR_RETURN(object.model, arguments.reading.ReadForUpload(object.model_path));
   }
   return absl::OkStatus();
 }
@@ -204,10 +203,8 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& a
   config.sensor = FromCore(inputs.sensor);
   report.models.clear();
   for (const InputObject& input : inputs.objects) {
-    const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(input.model_bytes.data()),
-                                          input.model_bytes.size());
-    absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
-    if (!model.ok()) return ModelError(input.model_path, model.status());
+    absl::StatusOr<ModelInfo> model = UploadModel(client, input.model_path, input.model);
+    if (!model.ok()) return model.status();
     report.models.push_back({input.id, model->notices, model->num_symmetries, model->diameter_m,
                              model->continuous_symmetry.has_value()});
     config.objects.push_back(
@@ -229,13 +226,13 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 
 void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
   AddFile(app, "recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
-  AddFile(app, "--model", model, "Object: OBJ, PLY or STL");
+  AddFile(app, "--model", model, absl::StrCat("Object: ", kModelFormats));
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")
       ->allow_extra_args(false);
   AddFile(app, "--camera", camera, "Camera: ROS camera_info YAML")->required();
   AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
-  AddOption(app, "--scale", metres_per_unit, "Metres per unit of the model file", AboveZero());
+  reading.AddTo(app);
   app.add_option("--init-pose", init_poses,
                  "Pose camera_from_object at the first event; without it, the pose is searched for in the events. With "
                  "--object: \"ID=tx ...\", once for each object with a known pose")

@@ -11,6 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
+#include "client/cli/common/model_arguments.h"
 #include "client/cli/common/replay_report.h"
 #include "core/estimation/sensor_profile.h"
 #include "core/events/recording_reader.h"
@@ -30,7 +31,7 @@ struct RunArguments {
   std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"
   std::string estimator = "mixture";
   size_t chunk_bytes = 0;
-  double metres_per_unit = 1.0;
+  ModelReadingArguments reading;
   double max_outage_s = 120.0;
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
@@ -42,8 +43,7 @@ struct RunArguments {
 struct InputObject {
   std::string id;
   std::string model_path;
-  std::string model_bytes;
-  UploadOptions upload;
+  ModelUpload model;
   std::optional<Transform> initial_pose;
 };
 

@@ -8,15 +8,14 @@
 
 #include <cerrno>
 #include <csignal>
-#include <cstdlib>
-#include <filesystem>
+#include <optional>
 #include <system_error>
 #include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "client/model_intake/program_path.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -24,22 +23,12 @@ namespace {
 
 constexpr char kProgram[] = "evpose-server";
 
-absl::StatusOr<std::string> FindProgram() {
-  std::error_code error;
-  std::vector<std::filesystem::path> directories;
-  const std::filesystem::path own = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
-  if (!error) directories = {own, own / "../../server"};  // installed; in a build
-  const char* const path = std::getenv("PATH");
-  for (const absl::string_view directory : absl::StrSplit(path == nullptr ? "" : path, ':', absl::SkipEmpty())) {
-    directories.emplace_back(std::string(directory));
-  }
-  for (const std::filesystem::path& directory : directories) {
-    const std::string program = (directory / kProgram).string();
-    if (std::filesystem::is_regular_file(program, error) && access(program.c_str(), X_OK) == 0) return program;
-  }
-  return absl::NotFoundError(absl::StrCat("there is no ", kProgram, " beside ", own.string(),
-                                          "/evpose nor in the PATH: install it there, or give --server HOST:PORT of "
-                                          "one that runs"));
+absl::StatusOr<std::string> FindServer() {
+  const std::optional<std::string> program = FindProgram(kProgram, "../../server");
+  if (program.has_value()) return *program;
+  return absl::NotFoundError(absl::StrCat("there is no ", kProgram,
+                                          " beside evpose nor in the PATH: install it there, or give --server "
+                                          "HOST:PORT of one that runs"));
 }
 
 std::vector<char*> Pointers(std::vector<std::string>& texts) {
@@ -85,7 +74,7 @@ std::string ReadLine(int descriptor) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::Start(const std::vector<std::string>& arguments) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string program, FindProgram());
+  EVPOSE_ASSIGN_OR_RETURN(const std::string program, FindServer());
   std::vector<std::string> words = {program, "--listen", "127.0.0.1:0", "--store", "memory", "--log-level", "error"};
   words.insert(words.end(), arguments.begin(), arguments.end());
   std::vector<std::string> variables = Environment();

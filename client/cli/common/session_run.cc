@@ -45,12 +45,14 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
                    inputs.reader->header().geometry.width_px, "x", inputs.reader->header().geometry.height_px);
   identity["--out"] = absolute(arguments.out);
   identity["--estimator"] = arguments.estimator;
-  identity["--scale"] = absl::StrCat(arguments.metres_per_unit);
+  identity["--scale"] = absl::StrCat(arguments.reading.metres_per_unit);
+  identity["--crease-angle"] = absl::StrCat(arguments.reading.crease_angle_deg);
+  identity["--surface"] = arguments.reading.surface;
   identity["--chunk-bytes"] = absl::StrCat(arguments.chunk_bytes);
   identity["--init-pose"] = "";
   for (const std::string& pose : arguments.init_poses) absl::StrAppend(&identity["--init-pose"], pose, ";");
   identity["--reset-pose"] = absl::StrJoin(arguments.reset_poses, ";");
-  for (const InputObject& object : inputs.objects) identity["model of " + object.id] = Digest(object.model_bytes);
+  for (const InputObject& object : inputs.objects) identity["model of " + object.id] = Digest(object.model.bytes);
   identity["--camera"] = absolute(arguments.camera);
   identity["--sensor"] = absolute(arguments.sensor);
   return identity;

@@ -20,6 +20,10 @@ struct RawMesh {
   std::vector<Eigen::Vector3d> points;
   std::vector<std::array<uint32_t, 3>> triangles;  // indices of points
   std::vector<std::array<uint32_t, 2>> lines;      // indices of points
+  // True: `lines`, if there are any, are all lines of the object, as the line elements of an OBJ are. False: they are
+  // drawn on the surface beside the edges at which it turns or ends.
+  bool lines_are_all = true;
+  bool has_unit = false;  // the file states its unit
   // The normals that the file states for the corners of the triangles, unit; zero for a corner without one. Empty if
   // the file states none.
   std::vector<std::array<Eigen::Vector3f, 3>> corner_normals;

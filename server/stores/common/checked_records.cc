@@ -34,7 +34,7 @@ absl::Status Damaged(absl::string_view what, absl::string_view why) {
 
 absl::Status DamagedChecksum(absl::string_view what) { return Damaged(what, "its checksum does not match"); }
 
-static_assert(EnumNumber(ModelFormat::kStl) == storage::v1::ModelFormat_MAX);
+static_assert(EnumNumber(ModelFormat::kMesh) == storage::v1::ModelFormat_MAX);
 
 std::string RecordOf(absl::string_view session) { return absl::StrCat("the record of ", session); }
 std::string ModelHeaderOf(absl::string_view tenant, absl::string_view name) {
@@ -98,6 +98,7 @@ std::string EncodeModelHeader(const ModelRecord& model) {
   stored.set_format(EnumNumber<storage::v1::ModelFormat>(model.reading.format));
   stored.set_metres_per_unit(model.reading.metres_per_unit);
   stored.set_crease_angle_deg(model.reading.crease_angle_deg);
+  stored.set_keeps_facets(!model.reading.is_smooth);
   stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
   stored.set_summary(model.summary);
   stored.set_file_bytes(model.bytes->size());
@@ -110,7 +111,7 @@ absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::st
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(what, std::move(encoded)));
   storage::v1::ModelHeader stored;
   if (!stored.ParseFromString(bytes)) return Damaged(what, "it cannot be parsed");
-  if (stored.format() < storage::v1::MODEL_FORMAT_OBJ || stored.format() > storage::v1::MODEL_FORMAT_STL) {
+  if (stored.format() < storage::v1::MODEL_FORMAT_OBJ || stored.format() > storage::v1::MODEL_FORMAT_MESH) {
     return Damaged(what, "the format of the file is unknown");
   }
   const uint64_t all_bytes = encoded_bytes - std::min<uint64_t>(encoded_bytes, kChecksumBytes);
@@ -119,7 +120,8 @@ absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::st
                      .tenant = std::string(tenant),
                      .reading = {.format = EnumValue<ModelFormat>(stored.format()),
                                  .metres_per_unit = stored.metres_per_unit(),
-                                 .crease_angle_deg = stored.crease_angle_deg()},
+                                 .crease_angle_deg = stored.crease_angle_deg(),
+                                 .is_smooth = !stored.keeps_facets()},
                      .create_time = absl::FromUnixNanos(stored.create_time_ns()),
                      .summary = stored.summary(),
                      .file_bytes = stored.file_bytes() > 0 ? stored.file_bytes() : all_bytes};

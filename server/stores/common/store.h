@@ -25,6 +25,7 @@ struct ModelReading {
   ModelFormat format = ModelFormat::kObj;
   double metres_per_unit = 1.0;
   double crease_angle_deg = 30.0;
+  bool is_smooth = true;  // ModelOptions::is_smooth
 
   friend bool operator==(const ModelReading&, const ModelReading&) = default;
 };

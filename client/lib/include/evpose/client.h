@@ -50,6 +50,8 @@ bool IsToken(absl::string_view text);
 struct UploadOptions {
   ModelFormat format = ModelFormat::kObj;
   double metres_per_unit = 1.0;
+  double crease_angle_deg = 30.0;  // edges at which the surface turns by more are lines
+  ModelSurface surface = ModelSurface::kSmooth;
 };
 
 struct WatchPosesOptions {

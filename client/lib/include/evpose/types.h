@@ -60,7 +60,10 @@ std::string_view EventEncodingName(EventEncoding encoding);  // "EVT3", "EVT2.1"
 enum class PoseEstimator { kMixture = 1, kStaticMm, kStaticLs, kStaticM, kStaticS, kErrorStateFilter };
 
 // Format of a model file.
-enum class ModelFormat { kObj = 1, kPly, kStl };
+enum class ModelFormat { kObj = 1, kPly, kStl, kMesh };
+
+// What the facets of a model stand for: a smooth surface, or themselves.
+enum class ModelSurface { kSmooth = 1, kAsIs };
 
 // State of an object's track. kUnknown is a state of a later server; it means that there is no confirmed pose.
 enum class TrackState { kUnknown, kInitializing, kTracking, kDegraded, kLost };
@@ -116,6 +119,7 @@ struct ModelInfo {
   double diameter_m = 0.0;
   double metres_per_unit = 1.0;
   double crease_angle_deg = 0.0;
+  ModelSurface surface = ModelSurface::kSmooth;
   std::string sha256_hex;
   absl::Time create_time = absl::InfinitePast();
   std::vector<std::string> notices;

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/convert_step/step_reader.h"
+
+#include <BRepBndLib.hxx>
+#include <BRepMesh_IncrementalMesh.hxx>
+#include <BRep_Tool.hxx>
+#include <Bnd_Box.hxx>
+#include <Eigen/Geometry>
+#include <IGESControl_Reader.hxx>
+#include <Poly_Triangulation.hxx>
+#include <STEPControl_Reader.hxx>
+#include <Standard_Failure.hxx>
+#include <TopExp_Explorer.hxx>
+#include <TopLoc_Location.hxx>
+#include <TopoDS.hxx>
+#include <TopoDS_Shape.hxx>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "client/convert_step/face_surface.h"
+
+namespace evpose::client {
+namespace {
+
+// OpenCASCADE converts the unit of every file to millimetres, for which its tolerances are made.
+constexpr double kMetresPerUnit = 1e-3;
+// Where a surface has no normal, the one of a point this share of the way to the middle of the triangle is taken.
+constexpr double kTowardsMiddle = 0.01;
+
+Eigen::Vector3d PointOf(const Poly_Triangulation& mesh, const TopLoc_Location& location, int node) {
+  const gp_Pnt point = mesh.Node(node).Transformed(location.Transformation());
+  return {point.X(), point.Y(), point.Z()};
+}
+
+Eigen::Vector2d ParametersOf(const Poly_Triangulation& mesh, int node) {
+  return {mesh.UVNode(node).X(), mesh.UVNode(node).Y()};
+}
+
+// The nodes of a triangle, counter-clockwise seen from outside.
+std::array<int, 3> NodesOf(const Poly_Triangulation& mesh, int triangle, bool is_reversed) {
+  std::array<int, 3> nodes;
+  mesh.Triangle(triangle).Get(nodes[0], nodes[1], nodes[2]);
+  if (is_reversed) std::swap(nodes[1], nodes[2]);
+  return nodes;
+}
+
+// The normals of the surface at the corners of a triangle; that of the triangle where there is no other.
+std::array<Eigen::Vector3d, 3> CornerNormals(const FaceSurface& surface, const Poly_Triangulation& mesh,
+                                             const std::array<int, 3>& nodes,
+                                             const std::array<Eigen::Vector3d, 3>& points) {
+  const Eigen::Vector3d of_triangle = (points[1] - points[0]).cross(points[2] - points[0]).normalized();
+  std::array<Eigen::Vector3d, 3> normals = {of_triangle, of_triangle, of_triangle};
+  if (!mesh.HasUVNodes()) return normals;
+  const Eigen::Vector2d middle =
+      (ParametersOf(mesh, nodes[0]) + ParametersOf(mesh, nodes[1]) + ParametersOf(mesh, nodes[2])) / 3.0;
+  for (size_t i = 0; i < 3; ++i) {
+    const Eigen::Vector2d parameters = ParametersOf(mesh, nodes[i]);
+    Eigen::Vector3d normal = surface.Normal(parameters);
+    if (normal.isZero(0.0)) normal = surface.Normal(parameters + kTowardsMiddle * (middle - parameters));
+    if (!normal.isZero(0.0)) normals[i] = normal;
+  }
+  return normals;
+}
+
+// Appends the triangles of a face as one region.
+void AppendFace(const TopoDS_Face& face, RawMesh& out) {
+  TopLoc_Location location;
+  const opencascade::handle<Poly_Triangulation> mesh = BRep_Tool::Triangulation(face, location);
+  if (mesh.IsNull()) return;  // a face without area
+  const FaceSurface surface(face);
+  const auto first = static_cast<uint32_t>(out.points.size());
+  for (int i = 1; i <= mesh->NbNodes(); ++i) out.points.push_back(kMetresPerUnit * PointOf(*mesh, location, i));
+  SmoothSurface& exact = out.exact_surface;
+  const auto region = static_cast<uint32_t>(exact.regions.size());
+  for (int i = 1; i <= mesh->NbTriangles(); ++i) {
+    const std::array<int, 3> nodes = NodesOf(*mesh, i, face.Orientation() == TopAbs_REVERSED);
+    std::array<Eigen::Vector3d, 3> points;
+    for (size_t k = 0; k < 3; ++k) points[k] = PointOf(*mesh, location, nodes[k]);
+    const double area = (points[1] - points[0]).cross(points[2] - points[0]).norm();
+    if (!(area > 0.0)) continue;
+    const std::array<Eigen::Vector3d, 3> normals = CornerNormals(surface, *mesh, nodes, points);
+    if (exact.regions.size() == region) exact.regions.push_back(surface.Region(points[0], normals[0], kMetresPerUnit));
+    const auto index = [&](size_t k) { return first + static_cast<uint32_t>(nodes[k] - 1); };
+    out.triangles.push_back({index(0), index(1), index(2)});
+    exact.region_of.push_back(region);
+    exact.normals.push_back({normals[0].cast<float>(), normals[1].cast<float>(), normals[2].cast<float>()});
+  }
+}
+
+absl::StatusOr<TopoDS_Shape> ReadShape(const std::string& path) {
+  const std::string extension = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+  std::unique_ptr<XSControl_Reader> reader;
+  if (extension == ".igs" || extension == ".iges") {
+    reader = std::make_unique<IGESControl_Reader>();
+  } else {
+    reader = std::make_unique<STEPControl_Reader>();
+  }
+  if (reader->ReadFile(path.c_str()) != IFSelect_RetDone) {
+    return absl::InvalidArgumentError("cannot be read: it is no STEP or IGES file, or it is damaged");
+  }
+  reader->TransferRoots();
+  TopoDS_Shape shape = reader->OneShape();
+  if (shape.IsNull()) return absl::InvalidArgumentError("has no shape");
+  return shape;
+}
+
+absl::StatusOr<RawMesh> Triangulate(const TopoDS_Shape& shape, const StepOptions& options) {
+  Bnd_Box box;
+  BRepBndLib::Add(shape, box);
+  if (box.IsVoid()) return absl::InvalidArgumentError("has no face");
+  const double deflection = options.deflection_ratio * std::sqrt(box.SquareExtent());
+  const BRepMesh_IncrementalMesh mesher(shape, deflection, /*isRelative=*/false, options.turn_rad);
+  RawMesh mesh;
+  for (TopExp_Explorer faces(shape, TopAbs_FACE); faces.More(); faces.Next()) {
+    AppendFace(TopoDS::Face(faces.Current()), mesh);
+    if (mesh.triangles.size() > options.max_triangles) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("has more than ", options.max_triangles, " triangles; remove small parts"));
+    }
+  }
+  if (mesh.triangles.empty()) return absl::InvalidArgumentError("has no face");
+  return mesh;
+}
+
+}  // namespace
+
+absl::StatusOr<RawMesh> ReadStep(const std::string& path, const StepOptions& options) {
+  try {
+    const absl::StatusOr<TopoDS_Shape> shape = ReadShape(path);
+    if (!shape.ok()) return shape.status();
+    return Triangulate(*shape, options);
+  } catch (const Standard_Failure& failure) {
+    return absl::InvalidArgumentError(absl::StrCat("OpenCASCADE cannot convert it: ", failure.GetMessageString()));
+  }
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// STEP and IGES files, read and triangulated by OpenCASCADE (client/convert_step/README.md).
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "core/mesh/types/raw_mesh.h"
+
+namespace evpose::client {
+
+struct StepOptions {
+  // Largest distance between a facet and the surface, relative to the diagonal of the model: 0.15 px at a size of 300
+  // px.
+  double deflection_ratio = 5e-4;
+  // Largest angle by which the surface turns along a facet, radians: circles, however small, have at least 21 sides.
+  double turn_rad = 0.3;
+  size_t max_triangles = 2'000'000;  // what a server accepts
+};
+
+// Returns the faces of a file in metres, with their exact normals and shapes. Errors: INVALID_ARGUMENT for a file that
+// cannot be read or has no face, and for more triangles than the options allow.
+absl::StatusOr<RawMesh> ReadStep(const std::string& path, const StepOptions& options = {});
+
+}  // namespace evpose::client

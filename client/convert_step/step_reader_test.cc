@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/convert_step/step_reader.h"
+
+#include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCone.hxx>
+#include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepPrimAPI_MakeSphere.hxx>
+#include <BRepPrimAPI_MakeTorus.hxx>
+#include <Eigen/Geometry>
+#include <IGESControl_Writer.hxx>
+#include <Interface_Static.hxx>
+#include <STEPControl_Writer.hxx>
+#include <TopoDS_Shape.hxx>
+#include <cmath>
+#include <map>
+
+#include "client/model_intake/step_conversion.h"
+#include "core/base/output_file.h"
+#include "core/base/temporary_directory.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/models/mesh_message.h"
+#include "tests/data/test_data.h"
+
+namespace evpose::client {
+namespace {
+
+class StepReaderTest : public testing::Test {
+ protected:
+  // Writes a shape in millimetres as a STEP file of this unit.
+  std::string Write(const TopoDS_Shape& shape, const char* unit = "MM") {
+    STEPControl_Writer writer;  // defines the parameters
+    Interface_Static::SetCVal("write.step.unit", unit);
+    EXPECT_EQ(writer.Transfer(shape, STEPControl_AsIs), IFSelect_RetDone);
+    const std::string path = directory_.File("part.step");
+    EXPECT_EQ(writer.Write(path.c_str()), IFSelect_RetDone);
+    return path;
+  }
+
+  const TemporaryDirectory directory_;
+};
+
+std::map<RegionShape, int> CountShapes(const RawMesh& mesh) {
+  std::map<RegionShape, int> counts;
+  for (const SurfaceRegion& region : mesh.exact_surface.regions) ++counts[region.shape];
+  return counts;
+}
+
+// The normals at the corners are outward: within a right angle of that of the triangle, whose winding is outward.
+void ExpectOutward(const RawMesh& mesh) {
+  double volume = 0.0;
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto& [a, b, c] = mesh.triangles[i];
+    const Eigen::Vector3d &p = mesh.points[a], &q = mesh.points[b], &r = mesh.points[c];
+    volume += p.dot(q.cross(r)) / 6.0;
+    const Eigen::Vector3d normal = (q - p).cross(r - p).normalized();
+    for (const Eigen::Vector3f& corner : mesh.exact_surface.normals[i]) {
+      EXPECT_NEAR(corner.norm(), 1.0f, 1e-5f);
+      EXPECT_GT(corner.cast<double>().dot(normal), 0.8);
+    }
+  }
+  EXPECT_GT(volume, 0.0);
+}
+
+TEST_F(StepReaderTest, ACylinderHasItsExactShapeInMetresInEveryUnit) {
+  for (const char* unit : {"MM", "INCH", "M"}) {
+    const auto mesh = ReadStep(Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape(), unit));
+    ASSERT_TRUE(mesh.ok()) << mesh.status();
+    EXPECT_EQ(CountShapes(*mesh), (std::map<RegionShape, int>{{RegionShape::kPlane, 2}, {RegionShape::kCylinder, 1}}));
+    for (const SurfaceRegion& region : mesh->exact_surface.regions) {
+      if (region.shape != RegionShape::kCylinder) continue;
+      EXPECT_NEAR(region.radius_m, 0.01, 1e-9);
+      EXPECT_NEAR(std::abs(region.axis.z()), 1.0, 1e-12);
+      EXPECT_LT(region.point.head<2>().norm(), 1e-9);
+      EXPECT_TRUE(region.is_convex);
+    }
+    ExpectOutward(*mesh);
+    Eigen::AlignedBox3d box;
+    for (const Eigen::Vector3d& point : mesh->points) box.extend(point);
+    EXPECT_NEAR(box.sizes().z(), 0.03, 1e-9);
+  }
+}
+
+TEST_F(StepReaderTest, ConesSpheresAndFreeSurfacesHaveOutwardNormalsAlsoAtTheirPoles) {
+  const auto cone = ReadStep(Write(BRepPrimAPI_MakeCone(10.0, 0.0, 20.0).Shape()));
+  ASSERT_TRUE(cone.ok()) << cone.status();
+  ExpectOutward(*cone);
+  for (const SurfaceRegion& region : cone->exact_surface.regions) {
+    if (region.shape != RegionShape::kCone) continue;
+    EXPECT_LT((region.point - Eigen::Vector3d(0, 0, 0.02)).norm(), 1e-9);
+    EXPECT_NEAR(region.axis.z(), -1.0, 1e-12);
+    EXPECT_NEAR(region.half_angle_rad, std::atan(0.5), 1e-9);
+  }
+  const auto sphere = ReadStep(Write(BRepPrimAPI_MakeSphere(gp_Pnt(1, 2, 3), 10.0).Shape()));
+  ASSERT_TRUE(sphere.ok()) << sphere.status();
+  ExpectOutward(*sphere);
+  ASSERT_EQ(CountShapes(*sphere), (std::map<RegionShape, int>{{RegionShape::kSphere, 1}}));
+  EXPECT_LT((sphere->exact_surface.regions[0].point - Eigen::Vector3d(1e-3, 2e-3, 3e-3)).norm(), 1e-9);
+  const auto torus = ReadStep(Write(BRepPrimAPI_MakeTorus(10.0, 3.0).Shape()));
+  ASSERT_TRUE(torus.ok()) << torus.status();
+  ExpectOutward(*torus);
+  EXPECT_EQ(CountShapes(*torus), (std::map<RegionShape, int>{{RegionShape::kFree, 1}}));
+}
+
+TEST_F(StepReaderTest, IgesFilesAreReadLikewise) {
+  IGESControl_Writer writer("MM", 1);  // 1: faces of solids
+  ASSERT_TRUE(writer.AddShape(BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()));
+  writer.ComputeModel();
+  const std::string path = directory_.File("part.igs");
+  ASSERT_TRUE(writer.Write(path.c_str()));
+  const auto mesh = ReadStep(path);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ(mesh->triangles.size(), 12u);
+  ExpectOutward(*mesh);
+}
+
+TEST_F(StepReaderTest, BadFilesAndTooManyTrianglesAreErrors) {
+  const std::string path = Write(BRepPrimAPI_MakeSphere(10.0).Shape());
+  EXPECT_THAT(std::string(ReadStep(path, {.max_triangles = 10}).status().message()),
+              testing::HasSubstr("more than 10 triangles"));
+  const std::string bytes = ReadFile(path, 1u << 20).value();
+  for (const size_t size : {size_t{0}, bytes.size() / 4}) {
+    ASSERT_TRUE(WriteFile(path, bytes.substr(0, size)).ok());
+    EXPECT_EQ(ReadStep(path).status().code(), absl::StatusCode::kInvalidArgument) << size;
+  }
+  EXPECT_EQ(ReadStep(directory_.File("none.step")).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST_F(StepReaderTest, TheProgramPrintsTheMeshOrItsError) {
+  const std::string path = Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape());
+  const auto printed = RunConverter(EVPOSE_CONVERT_STEP, path);
+  ASSERT_TRUE(printed.ok()) << printed.status();
+  EXPECT_TRUE(*printed == server::EncodeMesh(*ReadStep(path)));
+  ASSERT_TRUE(WriteFile(path, "prose\n").ok());
+  EXPECT_THAT(std::string(RunConverter(EVPOSE_CONVERT_STEP, path).status().message()),
+              testing::StartsWith("cannot be read"));
+}
+
+TEST_F(StepReaderTest, APublicPartIsRead) {
+  const std::string path = FindTestData("cad/featuretype.STEP");
+  if (path.empty()) GTEST_SKIP() << "no cad/featuretype.STEP";
+  const auto mesh = ReadStep(path);
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_GT(CountShapes(*mesh)[RegionShape::kCylinder], 10);
+  ExpectOutward(*mesh);
+}
+
+}  // namespace
+}  // namespace evpose::client

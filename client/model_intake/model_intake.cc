@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/model_intake/model_intake.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "client/model_intake/scene_reader.h"
+#include "client/model_intake/step_conversion.h"
+#include "client/model_intake/texture_lines.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/mesh/loading/text_lines.h"
+#include "server/models/mesh_message.h"
+
+namespace evpose::client {
+namespace {
+
+absl::Span<const uint8_t> AsBytes(const std::string& text) {
+  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
+}
+
+absl::Status AtPath(const std::string& path, const absl::Status& status) {
+  if (status.ok() || absl::StartsWith(status.message(), path)) return status;
+  return absl::Status(status.code(), absl::StrCat(path, ": ", status.message()));
+}
+
+absl::StatusOr<ModelFile> ConvertScene(const std::string& path, SceneFormat format) {
+  EVPOSE_ASSIGN_OR_RETURN(Scene scene, ReadScene(path, format, ModelOptions().max_triangles));
+  AddTextureLines(scene);
+  return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene.mesh), std::move(scene.notices)};
+}
+
+// Replaces an OBJ by a mesh with the edges of its images, if it has any. Line elements are all lines of the object:
+// then images are not needed.
+absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, ModelFile file) {
+  bool has_materials = false, has_lines = false;
+  LineReader lines(file.bytes);
+  std::vector<absl::string_view> words;
+  while (const std::optional<absl::string_view> line = lines.Next()) {
+    SplitWords(*line, words);
+    has_materials = has_materials || (!words.empty() && words[0] == "mtllib");
+    has_lines = has_lines || (!words.empty() && words[0] == "l");
+  }
+  if (!has_materials || has_lines) return file;
+  // A file that the server can read is not refused because of its materials.
+  absl::StatusOr<Scene> scene = ReadScene(path, SceneFormat::kObj, ModelOptions().max_triangles);
+  if (!scene.ok()) {
+    file.notices.push_back(absl::StrCat("the images of the model are not used: ", scene.status().message()));
+    return file;
+  }
+  AddTextureLines(*scene);
+  file.notices = scene->notices;
+  if (scene->mesh.lines.empty()) return file;
+  return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene->mesh), std::move(scene->notices)};
+}
+
+absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path) {
+  const std::string extension = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+  if (extension == ".step" || extension == ".stp" || extension == ".igs" || extension == ".iges") {
+    EVPOSE_ASSIGN_OR_RETURN(std::string mesh, ConvertStep(path));
+    return ModelFile{evpose::ModelFormat::kMesh, std::move(mesh), {}};
+  }
+  for (const auto& [name, format] : {std::pair(".gltf", SceneFormat::kGltf), std::pair(".glb", SceneFormat::kGlb),
+                                     std::pair(".dae", SceneFormat::kDae), std::pair(".off", SceneFormat::kOff),
+                                     std::pair(".3mf", SceneFormat::k3mf)}) {
+    if (extension == name) return ConvertScene(path, format);
+  }
+  const absl::StatusOr<evpose::ModelFormat> format = evpose::ModelFormatFromPath(path);
+  if (!format.ok()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("unknown model format; the name must end in .obj, .ply, .stl, .gltf, .glb, .dae, .off, .3mf, "
+                     ".step, .stp, .iges or .igs"));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(std::string bytes, ReadFile(path, ModelOptions().max_bytes));
+  if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
+  ModelFile file{*format, std::move(bytes), {}};
+  return *format == evpose::ModelFormat::kObj ? ReadObjFile(path, std::move(file)) : file;
+}
+
+}  // namespace
+
+absl::StatusOr<ModelFile> ReadModelFile(const std::string& path) {
+  absl::StatusOr<ModelFile> file = ReadKnownFormat(path);
+  if (!file.ok()) return AtPath(path, file.status());
+  return file;
+}
+
+absl::StatusOr<ObjectModel> LoadModelFile(const std::string& path, const ModelOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  EVPOSE_ASSIGN_OR_RETURN(const ModelFile file, ReadModelFile(path));
+  absl::StatusOr<ObjectModel> model = server::ParseModelFile(AsBytes(file.bytes), file.format, options);
+  if (!model.ok()) return AtPath(path, model.status());
+  model->notices.insert(model->notices.begin(), file.notices.begin(), file.notices.end());
+  return model;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Model files of all formats that the client accepts, as the formats that a server accepts
+// (client/model_intake/README.md).
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "core/models/object_model.h"
+
+namespace evpose::client {
+
+// The formats, for descriptions of options.
+inline constexpr char kModelFormats[] = "OBJ, PLY, STL, glTF, GLB, DAE, OFF, 3MF, STEP or IGES";
+
+struct ModelFile {
+  evpose::ModelFormat format = evpose::ModelFormat::kObj;
+  std::string bytes;                 // in that format
+  std::vector<std::string> notices;  // for the user: what of the file is not used, and why
+};
+
+// Reads a model file, whose format the extension of its name states. OBJ, PLY and STL are returned as they are, except
+// for an OBJ with images whose edges become lines; the others are converted to kMesh. Units that the file states are
+// converted to metres. Errors have the path: those of ReadFile(); INVALID_ARGUMENT for an unknown extension, a file
+// that is empty, malformed, of another format or too large, and an unknown unit; FAILED_PRECONDITION if the program
+// that converts the format is not installed.
+absl::StatusOr<ModelFile> ReadModelFile(const std::string& path);
+
+// Returns the model that a server makes of the file with these options, with the notices of ReadModelFile() before its
+// own. Errors have the path: those of ReadModelFile() and of ParseModelFile().
+absl::StatusOr<ObjectModel> LoadModelFile(const std::string& path, const ModelOptions& options = {});
+
+}  // namespace evpose::client

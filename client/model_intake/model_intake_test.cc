@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/model_intake/model_intake.h"
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "core/base/output_file.h"
+#include "core/base/temporary_directory.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/models/mesh_message.h"
+#include "tests/data/test_data.h"
+
+namespace evpose::client {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::SizeIs;
+using testing::StartsWith;
+
+std::string Data(const std::string& name) { return FindTestData("models/" + name); }
+
+RawMesh MeshOf(const std::string& path) {
+  const absl::StatusOr<ModelFile> file = ReadModelFile(path);
+  EXPECT_TRUE(file.ok()) << file.status();
+  if (!file.ok()) return {};
+  EXPECT_EQ(file->format, evpose::ModelFormat::kMesh);
+  absl::StatusOr<RawMesh> mesh =
+      server::ParseMesh({reinterpret_cast<const uint8_t*>(file->bytes.data()), file->bytes.size()}, 100);
+  EXPECT_TRUE(mesh.ok()) << mesh.status();
+  return mesh.ok() ? *std::move(mesh) : RawMesh();
+}
+
+// Volume that the triangles enclose; positive if they are counter-clockwise seen from outside.
+double Volume(const RawMesh& mesh) {
+  double volume = 0.0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    volume += mesh.points[a].dot(mesh.points[b].cross(mesh.points[c])) / 6.0;
+  }
+  return volume;
+}
+
+class BoxOfEachFormatTest : public testing::TestWithParam<const char*> {};
+
+TEST_P(BoxOfEachFormatTest, HasTheSizeInMetresTheAxesOfTheFileAndItsWinding) {
+  const double unit = std::string(GetParam()) == "box.off" ? 0.01 : 1.0;
+  const RawMesh mesh = MeshOf(Data(GetParam()));
+  EXPECT_THAT(mesh.triangles, SizeIs(12));
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& point : mesh.points) box.extend(Eigen::Vector3d(unit * point));
+  EXPECT_LT((box.min() - Eigen::Vector3d::Zero()).norm(), 1e-8);
+  EXPECT_LT((box.max() - Eigen::Vector3d(0.01, 0.02, 0.03)).norm(), 1e-8);
+  EXPECT_NEAR(Volume(mesh) * unit * unit * unit, 6e-6, 1e-11);
+}
+
+TEST_P(BoxOfEachFormatTest, IsAModelOfTwelveEdges) {
+  const double scale = std::string(GetParam()) == "box.off" ? 0.01 : 1.0;
+  const absl::StatusOr<ObjectModel> model = LoadModelFile(Data(GetParam()), {.metres_per_unit = scale});
+  ASSERT_TRUE(model.ok()) << model.status();
+  EXPECT_NEAR(model->diameter_m, 0.01 * std::sqrt(14.0), 1e-8);
+  EXPECT_THAT(model->vertices, SizeIs(8));
+  EXPECT_GE(model->lines.size(), 12u) << "a label adds some";
+}
+
+TEST_P(BoxOfEachFormatTest, FilesThatAreCutOffOrEmptyAreErrorsWithThePath) {
+  const TemporaryDirectory directory;
+  const std::string bytes = ReadFile(Data(GetParam()), 1u << 20).value();
+  const std::string path = directory.File(GetParam());
+  for (const size_t size : {size_t{0}, bytes.size() / 3, 2 * bytes.size() / 3}) {
+    ASSERT_TRUE(WriteFile(path, bytes.substr(0, size)).ok());
+    const absl::Status status = LoadModelFile(path).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << size << ": " << status;
+    EXPECT_THAT(std::string(status.message()), StartsWith(path));
+  }
+}
+
+TEST_P(BoxOfEachFormatTest, AnotherContentIsNamed) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File(GetParam());
+  ASSERT_TRUE(WriteFile(path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").ok());
+  EXPECT_EQ(LoadModelFile(path).status().message(),
+            path + ": its content is not of the format that the extension of its name states");
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, BoxOfEachFormatTest,
+                         testing::Values("box.off", "box.dae", "box.3mf", "box_inch.3mf", "label_box.gltf",
+                                         "label_box.glb"),
+                         [](const auto& info) {
+                           std::string name = info.param;
+                           for (char& c : name) c = c == '.' ? '_' : c;
+                           return name;
+                         });
+
+TEST(ModelIntakeTest, NormalsOfCornersFollowTheirNode) {
+  const RawMesh mesh = MeshOf(Data("label_box.gltf"));
+  ASSERT_EQ(mesh.corner_normals.size(), mesh.triangles.size());
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto& [a, b, c] = mesh.triangles[i];
+    const Eigen::Vector3d normal =
+        (mesh.points[b] - mesh.points[a]).cross(mesh.points[c] - mesh.points[a]).normalized();
+    for (const Eigen::Vector3f& corner : mesh.corner_normals[i]) {
+      EXPECT_GT(corner.cast<double>().dot(normal), 0.999);
+    }
+  }
+}
+
+TEST(ModelIntakeTest, AnUnknownUnitIsNamed) {
+  EXPECT_THAT(std::string(LoadModelFile(Data("box_parsec.3mf")).status().message()),
+              AllOf(StartsWith(Data("box_parsec.3mf")), HasSubstr("its unit \"parsec\" is unknown")));
+}
+
+TEST(ModelIntakeTest, AUnitOfColladaThatIsNotAboveZeroIsAnError) {
+  const TemporaryDirectory directory;
+  std::string text = ReadFile(Data("box.dae"), 1u << 20).value();
+  for (const char* unit : {"0", "-1", "nan", "one"}) {
+    std::string changed = text;
+    changed.replace(changed.find("0.01"), 4, unit);
+    ASSERT_TRUE(WriteFile(directory.File("box.dae"), changed).ok());
+    EXPECT_THAT(std::string(LoadModelFile(directory.File("box.dae")).status().message()),
+                HasSubstr("it must be a number above 0"))
+        << unit;
+  }
+}
+
+TEST(ModelIntakeTest, FilesThatServersReadPassUnchanged) {
+  const TemporaryDirectory directory;
+  const std::string obj = "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  ASSERT_TRUE(WriteFile(directory.File("a.obj"), obj).ok());
+  const absl::StatusOr<ModelFile> file = ReadModelFile(directory.File("a.obj"));
+  ASSERT_TRUE(file.ok()) << file.status();
+  EXPECT_EQ(file->format, evpose::ModelFormat::kObj);
+  EXPECT_EQ(file->bytes, obj);
+  ASSERT_TRUE(WriteFile(directory.File("a.stl"), "anything").ok());
+  EXPECT_EQ(ReadModelFile(directory.File("a.stl"))->format, evpose::ModelFormat::kStl);
+}
+
+TEST(ModelIntakeTest, UnknownExtensionsAndMissingFilesAreErrors) {
+  EXPECT_THAT(std::string(ReadModelFile("a.blend").status().message()),
+              AllOf(StartsWith("a.blend: unknown model format"), HasSubstr(".3mf")));
+  EXPECT_EQ(ReadModelFile("/nowhere/a.glb").status().code(), absl::StatusCode::kNotFound);
+}
+
+TEST(ModelIntakeTest, PublicFilesOfEachFormatAreRead) {
+  for (const char* name : {"cad/blue_cube.dae", "cad/ballA.off", "cad/counterX.3MF"}) {
+    const std::string path = FindTestData(name);
+    if (path.empty()) GTEST_SKIP() << "no " << name;
+    const absl::StatusOr<ModelFile> file = ReadModelFile(path);
+    ASSERT_TRUE(file.ok()) << file.status();
+    const absl::StatusOr<RawMesh> mesh = server::ParseMesh(
+        {reinterpret_cast<const uint8_t*>(file->bytes.data()), file->bytes.size()}, ModelOptions().max_triangles);
+    ASSERT_TRUE(mesh.ok()) << mesh.status();
+    Eigen::AlignedBox3d box;
+    for (const Eigen::Vector3d& point : mesh->points) box.extend(point);
+    const double size = box.sizes().maxCoeff();
+    if (std::string(name) == "cad/counterX.3MF") EXPECT_LT(size, 1.0) << "millimetres";
+    if (std::string(name) == "cad/blue_cube.dae") EXPECT_NEAR(size, 2.0, 1e-6);
+    if (std::string(name) == "cad/ballA.off") EXPECT_EQ(mesh->triangles.size(), 3796u);
+  }
+}
+
+}  // namespace
+}  // namespace evpose::client

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/model_intake/scene_reader.h"
+
+#include <assimp/config.h>
+#include <assimp/mesh.h>
+#include <assimp/scene.h>
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <assimp/Importer.hpp>
+#include <exception>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "client/model_intake/scene_images.h"
+#include "client/model_intake/scene_units.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+// Larger than what a server accepts, because images, animations and XML take space that a mesh does not need.
+constexpr size_t kMaxFileBytes = size_t{512} << 20;
+// Nodes of a scene; an assembly has some thousand.
+constexpr size_t kMaxNodes = 1'000'000;
+
+struct PlacedNode {
+  const aiNode* node;
+  Eigen::Affine3d scene_from_node;
+};
+
+Eigen::Affine3d ToEigen(const aiMatrix4x4& m) {
+  Eigen::Affine3d transform;
+  transform.matrix() << m.a1, m.a2, m.a3, m.a4, m.b1, m.b2, m.b3, m.b4, m.c1, m.c2, m.c3, m.c4, 0.0, 0.0, 0.0, 1.0;
+  return transform;
+}
+
+Eigen::Vector3d ToEigen(const aiVector3D& v) { return {v.x, v.y, v.z}; }
+
+// Collects the meshes of a scene. Every index that Assimp returns is checked, because some of its readers pass on those
+// of the file.
+class SceneCollector {
+ public:
+  SceneCollector(const aiScene& scene, double metres_per_unit, size_t max_triangles)
+      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({max_triangles, max_triangles}) {
+    out_.mesh.lines_are_all = false;
+  }
+
+  absl::StatusOr<Scene> Collect(SceneImages images) {
+    std::vector<PlacedNode> open = {{scene_.mRootNode, Eigen::Affine3d::Identity()}};
+    for (size_t visited = 0; !open.empty(); ++visited) {
+      if (visited == kMaxNodes) return absl::InvalidArgumentError(absl::StrCat("has more than ", kMaxNodes, " nodes"));
+      const auto [node, parent] = open.back();
+      open.pop_back();
+      const Eigen::Affine3d placed = parent * ToEigen(node->mTransformation);
+      for (unsigned i = 0; i < node->mNumMeshes; ++i) {
+        if (node->mMeshes[i] >= scene_.mNumMeshes)
+          return absl::InvalidArgumentError("a node names a mesh that is not there");
+        EVPOSE_RETURN_IF_ERROR(AddMesh(*scene_.mMeshes[node->mMeshes[i]], placed, images));
+      }
+      for (unsigned i = node->mNumChildren; i > 0; --i) open.push_back({node->mChildren[i - 1], placed});
+    }
+    if (out_.mesh.triangles.empty() && out_.mesh.lines.empty()) {
+      return absl::InvalidArgumentError("has no triangle and no line");
+    }
+    FinishCorners();
+    out_.images = std::move(images).Take(out_.notices);
+    return std::move(out_);
+  }
+
+ private:
+  absl::Status AddMesh(const aiMesh& mesh, const Eigen::Affine3d& placed, SceneImages& images) {
+    const auto first = static_cast<uint32_t>(out_.mesh.points.size());
+    const Eigen::Matrix3d linear = placed.linear();
+    const double determinant = linear.determinant();
+    // Normals are mapped by the inverse transpose, whose multiple by the determinant also exists for flat matrices.
+    Eigen::Matrix3d cofactors;
+    for (int i = 0; i < 3; ++i) cofactors.col(i) = linear.col((i + 1) % 3).cross(linear.col((i + 2) % 3));
+    if (determinant < 0.0) cofactors = -cofactors;
+    const auto [image, channel] = images.ImageOf(mesh);
+    for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
+      const Eigen::Vector3d point = metres_per_unit_ * (placed * ToEigen(mesh.mVertices[i]));
+      if (!point.allFinite()) return absl::InvalidArgumentError("a coordinate is not finite");
+      out_.mesh.points.push_back(point);
+      const Eigen::Vector3d normal =
+          mesh.HasNormals() ? cofactors * ToEigen(mesh.mNormals[i]) : Eigen::Vector3d::Zero();
+      const double length = normal.norm();
+      point_normals_.push_back(length > 0.0 && std::isfinite(length) ? Eigen::Vector3f((normal / length).cast<float>())
+                                                                     : Eigen::Vector3f::Zero());
+      Eigen::Vector2d position = Eigen::Vector2d::Zero();
+      if (image >= 0) position = ToEigen(mesh.mTextureCoords[channel][i]).head<2>();
+      point_positions_.push_back(position);
+    }
+    for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
+      EVPOSE_RETURN_IF_ERROR(AddFace(mesh.mFaces[i], mesh.mNumVertices, first, determinant < 0.0));
+    }
+    out_.image_of.resize(out_.mesh.triangles.size(), image);
+    return absl::OkStatus();
+  }
+
+  absl::Status AddFace(const aiFace& face, unsigned num_vertices, uint32_t first, bool is_mirrored) {
+    corners_.clear();
+    for (unsigned i = 0; i < face.mNumIndices; ++i) {
+      if (face.mIndices[i] >= num_vertices) {
+        return absl::InvalidArgumentError(absl::StrCat("a face has the vertex index ", face.mIndices[i],
+                                                       ", but its mesh has ", num_vertices, " vertices"));
+      }
+      corners_.push_back(first + face.mIndices[i]);
+    }
+    if (corners_.size() == 2) {
+      EVPOSE_RETURN_IF_ERROR(counter_.AddLines(1));
+      out_.mesh.lines.push_back({corners_[0], corners_[1]});
+    }
+    if (corners_.size() < 3) return absl::OkStatus();  // points have no extent
+    EVPOSE_RETURN_IF_ERROR(counter_.AddFace(corners_.size()));
+    if (is_mirrored) std::reverse(corners_.begin(), corners_.end());
+    AppendPolygon(corners_, out_.mesh);
+    return absl::OkStatus();
+  }
+
+  // Values of points become those of corners; then points that nothing uses are removed, because they would count as a
+  // part of the object's size.
+  void FinishCorners() {
+    const bool has_normals = std::any_of(point_normals_.begin(), point_normals_.end(),
+                                         [](const Eigen::Vector3f& normal) { return !normal.isZero(0.0f); });
+    for (const auto& [a, b, c] : out_.mesh.triangles) {
+      if (has_normals) out_.mesh.corner_normals.push_back({point_normals_[a], point_normals_[b], point_normals_[c]});
+      out_.image_positions.push_back({point_positions_[a], point_positions_[b], point_positions_[c]});
+    }
+    constexpr uint32_t kUnused = ~0u;
+    std::vector<uint32_t> index(out_.mesh.points.size(), kUnused);
+    std::vector<Eigen::Vector3d> used;
+    const auto use = [&](uint32_t& point) {
+      if (index[point] == kUnused) {
+        index[point] = static_cast<uint32_t>(used.size());
+        used.push_back(out_.mesh.points[point]);
+      }
+      point = index[point];
+    };
+    for (auto& triangle : out_.mesh.triangles) std::for_each(triangle.begin(), triangle.end(), use);
+    for (auto& line : out_.mesh.lines) std::for_each(line.begin(), line.end(), use);
+    out_.mesh.points = std::move(used);
+  }
+
+  const aiScene& scene_;
+  const double metres_per_unit_;
+  ElementCounter counter_;
+  Scene out_;
+  std::vector<uint32_t> corners_;
+  std::vector<Eigen::Vector3f> point_normals_;
+  std::vector<Eigen::Vector2d> point_positions_;
+};
+
+const aiScene* Import(Assimp::Importer& importer, const std::string& path) {
+  // The axes stay those of the file, so that a pose refers to the coordinates of the CAD model. The unit of COLLADA is
+  // applied by Assimp, as a scale of the root node.
+  importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
+  importer.SetPropertyBool(AI_CONFIG_IMPORT_NO_SKELETON_MESHES, true);
+  return importer.ReadFile(path, 0);
+}
+
+}  // namespace
+
+absl::StatusOr<Scene> ReadScene(const std::string& path, SceneFormat format, size_t max_triangles) {
+  double metres_per_unit = 1.0;
+  {
+    EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(path, kMaxFileBytes));
+    EVPOSE_RETURN_IF_ERROR(CheckContents(contents, format));
+  }
+  try {
+    if (format == SceneFormat::k3mf) {
+      EVPOSE_ASSIGN_OR_RETURN(metres_per_unit, MetresPerUnitOf3mf(path));
+    }
+    Assimp::Importer importer;
+    const aiScene* const scene = Import(importer, path);
+    if (scene == nullptr || scene->mRootNode == nullptr) {
+      return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", importer.GetErrorString()));
+    }
+    return SceneCollector(*scene, metres_per_unit, max_triangles).Collect(SceneImages(*scene, path));
+  } catch (const std::exception& error) {  // of Assimp or OpenCV
+    return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", error.what()));
+  }
+}
+
+}  // namespace evpose::client

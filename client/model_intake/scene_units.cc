@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/model_intake/scene_units.h"
+
+#include <assimp/DefaultIOSystem.h>
+#include <assimp/ZipArchiveIOSystem.h>
+
+#include <algorithm>
+#include <assimp/IOStream.hpp>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+
+namespace evpose::client {
+namespace {
+
+// The unit stands in the first element of the model, or in the asset element near the beginning of a COLLADA file.
+constexpr size_t kHeadBytes = size_t{64} << 10;
+
+// 3D Manufacturing Format, Core Specification 1.3, section 3.4: ST_Unit. The default is the millimetre.
+constexpr std::pair<absl::string_view, double> k3mfUnits[] = {
+    {"micron", 1e-6}, {"millimeter", 1e-3}, {"centimeter", 1e-2}, {"inch", 0.0254}, {"foot", 0.3048}, {"meter", 1.0}};
+
+// The value of an attribute of the first element of this name; nullopt if there is none.
+std::optional<std::string> Attribute(absl::string_view xml, absl::string_view element, absl::string_view name) {
+  size_t begin = 0;
+  do {
+    begin = xml.find(absl::StrCat("<", element), begin);
+    if (begin == absl::string_view::npos) return std::nullopt;
+    begin += element.size() + 1;
+  } while (begin < xml.size() && !absl::ascii_isspace(xml[begin]));
+  const absl::string_view tag = xml.substr(begin, std::min(xml.find('>', begin), xml.size()) - begin);
+  for (size_t at = tag.find(name); at != absl::string_view::npos; at = tag.find(name, at + 1)) {
+    if (at == 0 || !absl::ascii_isspace(tag[at - 1])) continue;  // the end of another name, or within a value
+    absl::string_view rest = absl::StripLeadingAsciiWhitespace(tag.substr(at + name.size()));
+    if (!absl::StartsWith(rest, "=")) continue;
+    rest = absl::StripLeadingAsciiWhitespace(rest.substr(1));
+    if (rest.empty() || (rest[0] != '"' && rest[0] != '\'')) continue;
+    return std::string(rest.substr(1, std::min(rest.find(rest[0], 1), rest.size()) - 1));
+  }
+  return std::nullopt;
+}
+
+bool HasSignature(absl::string_view contents, SceneFormat format) {
+  const absl::string_view text =
+      absl::StripLeadingAsciiWhitespace(absl::StartsWith(contents, "\xEF\xBB\xBF") ? contents.substr(3) : contents);
+  switch (format) {
+    case SceneFormat::kObj:
+      return true;
+    case SceneFormat::kGltf:
+      return absl::StartsWith(text, "{");
+    case SceneFormat::kGlb:
+      return absl::StartsWith(contents, "glTF");
+    case SceneFormat::kDae:
+      return absl::StrContains(contents.substr(0, kHeadBytes), "<COLLADA");
+    case SceneFormat::kOff:
+      return absl::StrContains(text.substr(0, 8), "OFF");  // also COFF, NOFF, STOFF
+    case SceneFormat::k3mf:
+      return absl::StartsWith(contents, "PK");
+  }
+  return false;
+}
+
+}  // namespace
+
+absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
+  if (contents.empty()) return absl::InvalidArgumentError("the model file is empty");
+  if (!HasSignature(contents, format)) {
+    return absl::InvalidArgumentError("its content is not of the format that the extension of its name states");
+  }
+  if (format != SceneFormat::kDae) return absl::OkStatus();
+  const std::optional<std::string> unit = Attribute(contents.substr(0, kHeadBytes), "unit", "meter");
+  double metres = 1.0;
+  if (!unit || (absl::SimpleAtod(*unit, &metres) && metres > 0.0 && std::isfinite(metres))) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("its unit has \"", *unit, "\" metres; it must be a number above 0"));
+}
+
+absl::StatusOr<double> MetresPerUnitOf3mf(const std::string& path) {
+  Assimp::DefaultIOSystem files;
+  Assimp::ZipArchiveIOSystem archive(&files, path);
+  std::vector<std::string> names;
+  if (archive.isOpen()) archive.getFileList(names);
+  const auto is_model = [](const std::string& name) { return absl::EndsWithIgnoreCase(name, ".model"); };
+  const auto model = std::find_if(names.begin(), names.end(), is_model);
+  if (model == names.end()) return absl::InvalidArgumentError("is no 3MF file: it is no archive with a .model file");
+  Assimp::IOStream* const stream = archive.Open(model->c_str(), "rb");
+  if (stream == nullptr) return absl::InvalidArgumentError(absl::StrCat(*model, " in the archive cannot be read"));
+  std::string head(std::min(stream->FileSize(), kHeadBytes), '\0');
+  head.resize(stream->Read(head.data(), 1, head.size()));
+  archive.Close(stream);
+  const std::string unit = Attribute(head, "model", "unit").value_or("millimeter");
+  for (const auto& [name, metres] : k3mfUnits) {
+    if (unit == name) return metres;
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat("its unit \"", unit.substr(0, 40),
+                   "\" is unknown; 3MF has micron, millimeter, centimeter, inch, foot and meter"));
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/model_intake/scene_units.h"
+
+#include <string>
+
+#include "gtest/gtest.h"
+#include "tests/data/test_data.h"
+
+namespace evpose::client {
+namespace {
+
+TEST(SceneUnitsTest, UnitsOf3mfAreThoseOfItsModel) {
+  EXPECT_EQ(*MetresPerUnitOf3mf(FindTestData("models/box_inch.3mf")), 0.0254);
+  EXPECT_EQ(*MetresPerUnitOf3mf(FindTestData("models/box.3mf")), 1e-3) << "the default";
+  EXPECT_EQ(MetresPerUnitOf3mf(FindTestData("models/box.off")).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(SceneUnitsTest, TheUnitOfColladaIsFoundAmongOtherAttributesAndElements) {
+  const auto check = [](const std::string& asset) {
+    return CheckContents("<?xml?><COLLADA><asset>" + asset + "</asset>", SceneFormat::kDae);
+  };
+  EXPECT_TRUE(check("").ok()) << "the default is a metre";
+  EXPECT_TRUE(check("<unit name=\"meter\" meter=\"1\"/>").ok());
+  EXPECT_TRUE(check("<units meter=\"0\"/><unit\n meter = '0.0254' name='inch'/>").ok());
+  EXPECT_FALSE(check("<unit name=\"meter\" meter=\"0\"/>").ok());
+  EXPECT_FALSE(check("<unit name=\" meter='1'\" meter=\"-1\"/>").ok());
+  EXPECT_FALSE(check("<unit meter=\"1").ok() && check("<unit meter=\"").ok());
+}
+
+TEST(SceneUnitsTest, SignaturesTellFormatsApart) {
+  EXPECT_TRUE(CheckContents("\xEF\xBB\xBF {\"asset\":1}", SceneFormat::kGltf).ok());
+  EXPECT_TRUE(CheckContents("STOFF 1 0 0", SceneFormat::kOff).ok());
+  EXPECT_FALSE(CheckContents("glTF", SceneFormat::kGltf).ok());
+  EXPECT_FALSE(CheckContents("{", SceneFormat::kGlb).ok());
+  EXPECT_FALSE(CheckContents("", SceneFormat::kObj).ok());
+}
+
+}  // namespace
+}  // namespace evpose::client

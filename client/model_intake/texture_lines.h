@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Painted lines from the images on a mesh.
+#pragma once
+
+#include <cstddef>
+
+#include "client/model_intake/scene_reader.h"
+
+namespace evpose::client {
+
+struct TextureLineOptions {
+  // Most lines of a model. Those of a carton with labels are some hundred; of a photograph, the strongest are kept.
+  size_t max_lines = 2000;
+  // Edges that are shorter on the object, relative to the diagonal of its bounding box: 3 px at a size of 300 px.
+  double min_length_ratio = 0.01;
+};
+
+// Appends the edges of the images to `scene.mesh.lines`: those with the largest product of length and contrast. A
+// notice says how many were found.
+void AddTextureLines(Scene& scene, const TextureLineOptions& options = {});
+
+}  // namespace evpose::client

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/model_intake/texture_lines.h"
+
+#include <cmath>
+#include <filesystem>
+#include <opencv2/imgproc.hpp>
+#include <string>
+
+#include "client/model_intake/model_intake.h"
+#include "client/model_intake/texture_edges.h"
+#include "core/base/output_file.h"
+#include "core/base/temporary_directory.h"
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "server/models/mesh_message.h"
+#include "tests/data/test_data.h"
+
+namespace evpose::client {
+namespace {
+
+using testing::Contains;
+using testing::HasSubstr;
+
+// A dark disc on a bright ground.
+cv::Mat Disc(double radius_px) {
+  constexpr int kFraction = 6;
+  cv::Mat image(128, 128, CV_8U, cv::Scalar(220));
+  cv::circle(image, {64 << kFraction, 64 << kFraction}, static_cast<int>(radius_px * (1 << kFraction)), cv::Scalar(40),
+             cv::FILLED, cv::LINE_AA, kFraction);
+  return image;
+}
+
+TEST(TextureEdgesTest, TheRimOfADiscIsOneRingToAFractionOfAPixel) {
+  const cv::Mat image = Disc(40.0);
+  const std::vector<TextureEdge> edges = FindTextureEdges(image, cv::Mat(image.size(), CV_8U, cv::Scalar(255)));
+  ASSERT_EQ(edges.size(), 1u);
+  EXPECT_EQ(edges[0].points.front(), edges[0].points.back());
+  EXPECT_GT(edges[0].points.size(), 12u);
+  for (const Eigen::Vector2d& point : edges[0].points) {
+    EXPECT_NEAR((point - Eigen::Vector2d(64, 64)).norm(), 40.0, 0.75);
+  }
+  // log((220 / 255)^2.2 + 0.02) - log((40 / 255)^2.2 + 0.02)
+  EXPECT_NEAR(edges[0].contrast, 2.99, 0.3);
+}
+
+TEST(TextureEdgesTest, WeakEdgesAndThoseOutsideTheMaskAreNotTaken) {
+  cv::Mat image(64, 64, CV_8U, cv::Scalar(200));
+  image.colRange(32, 64).setTo(190);
+  cv::Mat everywhere(image.size(), CV_8U, cv::Scalar(255));
+  EXPECT_TRUE(FindTextureEdges(image, everywhere).empty());
+  image.colRange(32, 64).setTo(20);
+  EXPECT_EQ(FindTextureEdges(image, everywhere).size(), 1u);
+  everywhere.colRange(20, 44).setTo(0);
+  EXPECT_TRUE(FindTextureEdges(image, everywhere).empty());
+}
+
+// The unit square, of two triangles, with the image on it `repetitions` times in each direction.
+Scene Square(const cv::Mat& image, double repetitions) {
+  Scene scene;
+  scene.mesh.points = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+  scene.mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  const double r = repetitions;
+  scene.image_of = {0, 0};
+  scene.image_positions = {{Eigen::Vector2d(0, 0), Eigen::Vector2d(r, 0), Eigen::Vector2d(r, r)},
+                           {Eigen::Vector2d(0, 0), Eigen::Vector2d(r, r), Eigen::Vector2d(0, r)}};
+  scene.images = {image};
+  return scene;
+}
+
+double Length(const RawMesh& mesh) {
+  double length = 0.0;
+  for (const auto& [a, b] : mesh.lines) length += (mesh.points[a] - mesh.points[b]).norm();
+  return length;
+}
+
+TEST(TextureLinesTest, EdgesMoveToTheObjectAndImagesRepeat) {
+  const double circumference = 2.0 * M_PI * 40.0 / 128.0;
+  Scene once = Square(Disc(40.0), 1.0);
+  AddTextureLines(once);
+  EXPECT_NEAR(Length(once.mesh), circumference, 0.02 * circumference);
+  for (const auto& [a, b] : once.mesh.lines) {
+    // Pixel 64 is at (64 + 0.5) / 128 from the left and from the top.
+    const Eigen::Vector3d centre(64.5 / 128.0, 1.0 - 64.5 / 128.0, 0.0);
+    for (const uint32_t end : {a, b}) EXPECT_NEAR((once.mesh.points[end] - centre).norm(), 40.0 / 128.0, 0.01);
+  }
+  Scene thrice = Square(Disc(40.0), 3.0);
+  AddTextureLines(thrice);
+  EXPECT_NEAR(Length(thrice.mesh), 3.0 * circumference, 0.06 * circumference);
+}
+
+TEST(TextureLinesTest, TheNumberOfLinesIsBounded) {
+  Scene scene = Square(Disc(40.0), 1.0);
+  AddTextureLines(scene, {.max_lines = 5});
+  EXPECT_TRUE(scene.mesh.lines.empty()) << "an edge is taken as a whole or not at all";
+  EXPECT_THAT(scene.notices, Contains(HasSubstr(": 0 painted lines of ")));
+}
+
+class LabelTest : public testing::TestWithParam<const char*> {};
+
+TEST_P(LabelTest, TheSquareOnTheBoxBecomesPaintedLines) {
+  const absl::StatusOr<ModelFile> file = ReadModelFile(FindTestData("models/" + std::string(GetParam())));
+  ASSERT_TRUE(file.ok()) << file.status();
+  ASSERT_EQ(file->format, evpose::ModelFormat::kMesh);
+  const RawMesh mesh =
+      server::ParseMesh({reinterpret_cast<const uint8_t*>(file->bytes.data()), file->bytes.size()}, 100).value();
+  EXPECT_NEAR(Length(mesh), 2.0 * (0.005 + 0.010), 0.001);
+  for (const auto& line : mesh.lines) {
+    for (const uint32_t end : line) {
+      const Eigen::Vector3d& point = mesh.points[end];
+      EXPECT_NEAR(point.z(), 0.03, 1e-8);
+      // Distance from the outline of the square: smoothing rounds its corners.
+      const double x = std::abs(point.x() - 0.005) / 0.0025, y = std::abs(point.y() - 0.010) / 0.0050;
+      EXPECT_NEAR(std::max(x, y), 1.0, 0.06);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, LabelTest, testing::Values("label_box.gltf", "label_box.glb", "label_box.obj"),
+                         [](const auto& info) { return std::string(info.param).substr(10); });
+
+TEST(TextureLinesTest, AMissingImageIsANoticeAndTheModelIsReadWithout) {
+  const TemporaryDirectory directory;
+  for (const char* name : {"label_box.gltf", "label_box.obj", "label.mtl"}) {
+    std::filesystem::copy(FindTestData("models/" + std::string(name)), directory.File(name));
+  }
+  for (const char* name : {"label_box.gltf", "label_box.obj"}) {
+    const absl::StatusOr<ObjectModel> model = LoadModelFile(directory.File(name));
+    ASSERT_TRUE(model.ok()) << model.status();
+    EXPECT_EQ(model->lines.size(), 12u);
+    EXPECT_THAT(model->notices, Contains(HasSubstr("image label.png: its edges are not used")));
+  }
+}
+
+}  // namespace
+}  // namespace evpose::client

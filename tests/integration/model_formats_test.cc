@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Tests that commands accept models of all formats.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <string>
+
+#include "server/rpc/server.h"
+#include "tests/data/test_data.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+class ModelFormatsTest : public CliTest {};
+
+TEST_F(ModelFormatsTest, AnUploadConvertsOtherFormats) {
+  const auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  const CliResult label =
+      Run({"models", "upload", FindTestData("models/label_box.glb"), "--server", address, "--json"});
+  ASSERT_EQ(label.status, 0) << label.err;
+  EXPECT_NEAR(label.Json()["diameter_m"].get<double>(), 0.01 * std::sqrt(14.0), 1e-7);
+  EXPECT_GE(label.Json()["lines"], 16) << "twelve edges of the box and four of the label";
+  EXPECT_THAT(label.Json()["notices"][0].get<std::string>(), HasSubstr("painted lines"));
+  const CliResult parsec = Run({"models", "upload", FindTestData("models/box_parsec.3mf"), "--server", address});
+  EXPECT_EQ(parsec.status, 1);
+  EXPECT_THAT(parsec.err, HasSubstr("box_parsec.3mf: its unit \"parsec\" is unknown"));
+}
+
+TEST_F(ModelFormatsTest, AReplayAndAnEvaluationReadTheSameModelInProcess) {
+  SimulateCube(0.02);
+  const std::string model = FindTestData("models/box_inch.3mf");
+  const CliResult replay =
+      Run({"replay", Path("cube/recording.raw"), "--model", model, "--camera", Path("cube/camera.yaml"), "--json"});
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  EXPECT_NEAR(replay.Json()["model_diameter_m"].get<double>(), 0.01 * std::sqrt(14.0), 1e-7);
+  const CliResult evaluation =
+      Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", Path("cube/truth.tum"), "--model", model,
+           "--camera", Path("cube/camera.yaml"), "--symmetric", "--scale", "2", "--surface", "as-is"});
+  EXPECT_EQ(evaluation.status, 0) << evaluation.err;
+}
+
+}  // namespace
+}  // namespace evpose
