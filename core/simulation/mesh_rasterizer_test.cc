@@ -10,11 +10,11 @@
 namespace evpose {
 namespace {
 
-constexpr int kWidth = 40;
-constexpr PixelRect kImage = {0, 0, kWidth, 30};
-
 class MeshRasterizerTest : public testing::Test {
  protected:
+  static constexpr int kWidth = 40;
+  static constexpr PixelRect kImage = {0, 0, kWidth, 30};
+
   MeshRasterizerTest() { rasterizer_.Begin(kImage); }
 
   static ScreenVertex At(double x, double y, float depth_m, float light) { return {{x, y}, 1.0f / depth_m, light}; }

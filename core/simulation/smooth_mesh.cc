@@ -69,7 +69,7 @@ Middle MiddleOf(const Vector3d& p1, const Vector3d& p2, const Vector3d& n1, cons
   const Vector3d normal = sum - along * (2.0 * along.dot(sum) / along.squaredNorm());
   const double length = normal.norm();
   // Normals that differ by a right angle or more, as at the tip of a cone, determine no surface between them.
-  if (n1.dot(n2) <= 0.0 || length < 0.5) return {n1, 0.0};
+  if (n1.dot(n2) <= 0.0 || !(length >= 0.5)) return {n1, 0.0};
   const Vector3d unit = normal / length;
   const double rise1 = along.dot(n1) / (1.0 + n1.dot(unit));
   const double rise2 = -along.dot(n2) / (1.0 + n2.dot(unit));
