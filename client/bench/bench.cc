@@ -11,6 +11,8 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
     runners.emplace_back(command, add_command(*command, context));
   };
   add("initialization", "First poses from lines, by evpose and by published methods", AddBenchInitializationCommand);
+  add("models", "Model files: preparation, and tracking from the true pose on simulated recordings",
+      AddBenchModelsCommand);
   add("speed", "Decoding, tracking, first poses and the way through a server: how long they take",
       AddBenchSpeedCommand);
   add("synthetic",

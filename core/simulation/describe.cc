@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/numerics/hash.h"
 
 namespace evpose {
 namespace {
@@ -16,6 +17,7 @@ class Description {
   void Add(const char* name, double value) { absl::StrAppendFormat(&text_, "%s %.17g\n", name, value); }
   // Also for a bool: 0 or 1.
   void Add(const char* name, std::integral auto value) { absl::StrAppendFormat(&text_, "%s %d\n", name, value); }
+  void Add(const char* name, const std::string& value) { absl::StrAppend(&text_, name, " ", value, "\n"); }
   std::string Take() { return std::move(text_); }
 
  private:
@@ -65,10 +67,27 @@ void AddOccluder(const OccluderOptions& options, Description& out) {
   out.Add("scene.occluder.tilt_ratio", tilt_ratio);
 }
 
+void AddModel(const ObjectModel& model, const MeshFinish& finish, Description& out) {
+  const auto& [reflectance, specular_ratio] = finish;
+  Sha256 digest;
+  const auto add = [&digest](const auto& elements) {
+    if (elements.empty()) return;
+    digest.Update({reinterpret_cast<const uint8_t*>(elements.data()), elements.size() * sizeof(elements[0])});
+  };
+  add(model.vertices);
+  add(model.triangles);
+  add(model.surface.normals);
+  add(model.surface.region_of);
+  out.Add("scene.model", digest.FinishHex());
+  out.Add("scene.finish.reflectance", reflectance);
+  out.Add("scene.finish.specular_ratio", specular_ratio);
+}
+
 void AddScene(const SceneOptions& options, Description& out) {
-  const auto& [object, size_m, motion, background, light, occluder, lens_blur_px] = options;
+  const auto& [object, size_m, motion, background, light, occluder, lens_blur_px, model, finish] = options;
   out.Add("scene.object", static_cast<int64_t>(object));
   out.Add("scene.object_size_m", size_m);
+  if (model != nullptr) AddModel(*model, finish, out);
   AddMotion(motion, out);
   AddBackground(background, out);
   AddLight(light, out);

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/simulation/objects.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <utility>
 
 #include "core/models/symmetry.h"
+#include "core/numerics/random.h"
+#include "core/simulation/random_rotation.h"
 
 namespace evpose {
 namespace {
@@ -131,6 +134,7 @@ class ObjectBuilder {
         object_.model.diameter_m = std::max(object_.model.diameter_m, (a - b).norm());
       }
     }
+    object_.extremes = object_.model.vertices;
     object_.model.symmetries = FindSymmetries(object_.model);
     object_.view_from_object = view_from_object;
     return std::move(object_);
@@ -279,6 +283,20 @@ SceneObject MakeSceneObject(SimulatedObject object, double size_m) {
       return MakeSpacecraft(size_m);
   }
   return {};
+}
+
+SceneObject MakeModelObject(const ObjectModel& model, uint64_t seed) {
+  SceneObject object;
+  Eigen::AlignedBox3d box;
+  for (const Vector3d& vertex : model.vertices) box.extend(vertex);
+  for (int i = 0; i < 8; ++i) object.extremes.push_back(box.corner(static_cast<Eigen::AlignedBox3d::CornerType>(i)));
+  object.centre_m = box.center();
+  for (const Vector3d& vertex : model.vertices) {
+    object.radius_m = std::max(object.radius_m, (vertex - object.centre_m).norm());
+  }
+  Random random(seed);
+  object.view_from_object = DrawRotation(random);
+  return object;
 }
 
 std::vector<int> PaintersOrder(const std::vector<Body>& bodies, const Vector3d& camera_object) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <vector>
 
 #include "core/geometry/rigid_transform.h"
@@ -37,14 +38,19 @@ struct Body {
 };
 
 struct SceneObject {
-  ObjectModel model;
-  std::vector<Body> bodies;
-  double radius_m = 0.0;  // radius of the sphere about the origin that contains the object
+  ObjectModel model;                                   // without its faces for a model of the user
+  std::vector<Body> bodies;                            // empty for a model of the user
+  std::vector<Eigen::Vector3d> extremes;               // points whose convex hull contains the object
+  Eigen::Vector3d centre_m = Eigen::Vector3d::Zero();  // object frame; the motion is that of this point
+  double radius_m = 0.0;                               // radius of the sphere about the centre that contains the object
   Eigen::Matrix3d view_from_object = Eigen::Matrix3d::Identity();  // an attitude in which most faces are visible
 };
 
 // Makes an object with the longest side `size_m`, positive.
 SceneObject MakeSceneObject(SimulatedObject object, double size_m);
+
+// The place and the size of a model with faces; its attitude is random.
+SceneObject MakeModelObject(const ObjectModel& model, uint64_t seed);
 
 // Returns the indices of the bodies from the farthest to the nearest, for a camera position in the object frame.
 std::vector<int> PaintersOrder(const std::vector<Body>& bodies, const Eigen::Vector3d& camera_object);

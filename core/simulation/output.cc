@@ -3,7 +3,9 @@
 // Writes a simulation as a directory of files.
 #include <filesystem>
 #include <memory>
+#include <string>
 #include <system_error>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/output_file.h"
@@ -71,6 +73,15 @@ class StagingDirectory {
   bool is_published_ = false;
 };
 
+// Lines that were found in the mesh of a user are left out: a reader finds them again, and would take them for painted
+// ones that replace those of the mesh.
+std::string ModelText(const SimulationOptions& options, ObjectModel model) {
+  if (options.scene.model != nullptr) {
+    std::erase_if(model.lines, [](const ModelLine& line) { return line.kind != EdgeKind::kPainted; });
+  }
+  return ObjectModelToObj(model);
+}
+
 }  // namespace
 
 absl::StatusOr<SimulationReport> SimulateToDirectory(const SimulationOptions& options, const std::string& directory,
@@ -79,7 +90,7 @@ absl::StatusOr<SimulationReport> SimulateToDirectory(const SimulationOptions& op
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<StagingDirectory> staging, StagingDirectory::Create(directory));
   EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, SimulatedModel(options));
-  EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf("model.obj"), ObjectModelToObj(model)));
+  EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf("model.obj"), ModelText(options, model)));
   EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf("camera.yaml"), CameraModelToYaml(options.camera)));
   EVPOSE_RETURN_IF_ERROR(WriteTumTrajectory(staging->PathOf("truth.tum"), SimulatedTruth(options)));
   const SensorGeometry geometry = {options.camera.width_px, options.camera.height_px};

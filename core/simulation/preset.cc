@@ -4,6 +4,7 @@
 #include <array>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -39,6 +40,13 @@ absl::StatusOr<ObjectPreset> FindObject(std::string_view name) {
   return FindNamed(kObjects, std::string(name), "no simulated object is called \"$0\"");
 }
 
+absl::StatusOr<CameraModel> FindCamera(std::string_view name) {
+  if (name == "evk4") return SimulationOptions::SimulatedEvk4Camera();
+  if (name == "vga") return SimulationOptions::SimulatedVgaCamera();
+  return absl::InvalidArgumentError(absl::StrCat("no simulated camera is called \"", std::string(name),
+                                                 "\"; known are: ", absl::StrJoin(SimulatedCameraNames(), ", ")));
+}
+
 }  // namespace
 
 std::string_view SimulatedObjectName(SimulatedObject object) { return kObjects[static_cast<size_t>(object)].name; }
@@ -68,17 +76,32 @@ absl::StatusOr<SimulationOptions> SimulationPreset(std::string_view object_name,
                                                    double speed_scale) {
   SimulationOptions options;
   EVPOSE_ASSIGN_OR_RETURN(const ObjectPreset preset, FindObject(object_name));
-  if (camera_name == "vga") {
-    options.camera = SimulationOptions::SimulatedVgaCamera();
-  } else if (camera_name != "evk4") {
-    return absl::InvalidArgumentError(absl::StrCat("no simulated camera is called \"", std::string(camera_name),
-                                                   "\"; known are: ", absl::StrJoin(SimulatedCameraNames(), ", ")));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(options.camera, FindCamera(camera_name));
   EVPOSE_RETURN_IF_ERROR(CheckRange("speed_scale", speed_scale, 0.0, 100.0));
   options.scene.object = preset.object;
   options.scene.object_size_m = preset.size_m;
   options.scene.motion.speed_m_per_s = speed_scale * preset.speed_m_per_s;
   options.scene.motion.angular_speed_rad_per_s = speed_scale * preset.angular_speed_rad_per_s;
+  return options;
+}
+
+absl::StatusOr<SimulationOptions> ModelSimulationPreset(std::shared_ptr<const ObjectModel> model,
+                                                        std::string_view camera_name, double speed_scale) {
+  // At this multiple of its diameter, an object has 300 px in the image of an EVK4 (f = 1030 px): half of its height.
+  constexpr double kDepthToDiameter = 3.4;
+  constexpr double kSpeedToDepth = 0.31;  // per second: that of the cube, 320 px/s
+  // Of the light. A lamp and bright walls: faces that are turned away from the lamp have a quarter of its light.
+  constexpr double kDiffuseRatio = 0.75;
+  SimulationOptions options;
+  EVPOSE_ASSIGN_OR_RETURN(options.camera, FindCamera(camera_name));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("speed_scale", speed_scale, 0.0, 100.0));
+  MotionOptions& motion = options.scene.motion;
+  motion.depth_m = kDepthToDiameter * model->diameter_m;
+  motion.speed_m_per_s = speed_scale * kSpeedToDepth * motion.depth_m;
+  motion.angular_speed_rad_per_s = speed_scale * motion.angular_speed_rad_per_s;
+  options.scene.light.diffuse_ratio = kDiffuseRatio;
+  options.scene.model = std::move(model);
+  EVPOSE_RETURN_IF_ERROR(options.scene.Validate());
   return options;
 }
 

@@ -14,8 +14,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Unit vector towards the light, camera frame: above, to the left, and on the side of the camera.
-const Vector3d kLightDirectionCamera = Vector3d(-0.4, -0.6, -0.7).normalized();
 // Length of the pieces, pixels, into which edges are divided, because distortion bends them. Over one piece the
 // deviation from a straight line is far below 0.01 px for usual lenses (plumb-bob model).
 constexpr double kPiecePx = 12.0;
@@ -47,6 +45,10 @@ SceneRenderer::SceneRenderer(const SceneOptions& options, const SceneObject& obj
       sharp_(background_.size()),
       picture_(background_.size()) {
   PaintBackground(seed);
+  if (options.model != nullptr) {
+    const double nearest_m = options.motion.depth_m * (1.0 - options.motion.depth_swing_ratio) - object.radius_m;
+    mesh_ = std::make_unique<MeshRenderer>(*options.model, options, camera, nearest_m);
+  }
   if (options.background.has_moving_edge) edgeless_ = background_;
 }
 
@@ -114,10 +116,11 @@ std::vector<SceneRenderer::Shape> SceneRenderer::BodyShapes(const Body& body, co
                                                             double light) const {
   std::vector<Shape> shapes;
   const double diffuse_ratio = options_.light.diffuse_ratio;
+  const Vector3d light_direction = LightDirectionCamera();
   for (const Surface& surface : body.surfaces) {
     const Vector3d normal = camera_from_object.rotation * surface.normal;
     if (normal.dot(camera_from_object * surface.outline[0]) >= 0.0) continue;  // faces away from the camera
-    const double lit = std::max(0.0, normal.dot(kLightDirectionCamera));
+    const double lit = std::max(0.0, normal.dot(light_direction));
     const double shade = light * (1.0 - diffuse_ratio + diffuse_ratio * lit);
     shapes.push_back({ProjectOutline(surface.outline, camera_from_object), shade * surface.reflectance, 1.0});
     for (const Paint& paint : surface.paints) {
@@ -134,9 +137,9 @@ double SceneRenderer::OccluderX(const RigidTransform& camera_from_object, double
   // The phase of 0.6 cycles places the bar on the left of the centre at the start.
   const double swing_px = amplitude_px * Swing(SwingHz(options.speed_px_per_s, amplitude_px) * t_s + 0.6);
   if (!options.follows_object) return 0.5 * camera_.width_px + swing_px;
-  Vector3d origin = camera_from_object.translation_m;
-  origin.z() = std::max(origin.z(), kNearM);
-  const Vector2d place = camera_.Distort(camera_.Project(origin));
+  Vector3d centre = camera_from_object * object_.centre_m;
+  centre.z() = std::max(centre.z(), kNearM);
+  const Vector2d place = camera_.Distort(camera_.Project(centre));
   // The bar is tilted; this is its position in the row of the image's centre.
   return place.x() - options.tilt_ratio * (place.y() - 0.5 * camera_.height_px) + swing_px;
 }
@@ -210,7 +213,7 @@ PixelRect SceneRenderer::Render(const RigidTransform& camera_from_object, double
   layers.push_back(OccluderShapes(camera_from_object, t_s));
   const int radius = blur_.radius_px();
   const PixelRect swept = MoveBackgroundEdge(t_s).Grown(radius).Intersection(image_);
-  PixelRect drawn;
+  PixelRect drawn = mesh_ == nullptr ? PixelRect() : mesh_->Render(camera_from_object, light);
   for (const std::vector<Shape>& shapes : layers) drawn = drawn.Union(ShapesRect(shapes));
   drawn = drawn.Grown(radius).Intersection(image_);
   const bool all = background_light != last_background_light_;
@@ -225,6 +228,7 @@ PixelRect SceneRenderer::Render(const RigidTransform& camera_from_object, double
     const size_t row = static_cast<size_t>(y) * image_.x1;
     for (size_t i = row + source.x0; i < row + source.x1; ++i) sharp_[i] = background_[i] * factor;
   }
+  if (mesh_ != nullptr) mesh_->CompositeOnto(sharp_);
   for (const std::vector<Shape>& shapes : layers) Composite(shapes);
   blur_.Apply(sharp_, image_.x1, image_.y1, changed, picture_);
   return changed;
@@ -233,9 +237,9 @@ PixelRect SceneRenderer::Render(const RigidTransform& camera_from_object, double
 double SceneRenderer::LargestMotionPx(const RigidTransform& pose_a, double t_a_s, const RigidTransform& pose_b,
                                       double t_b_s) const {
   double largest = 0.0;
-  for (const Vector3d& vertex : object_.model.vertices) {
-    const Vector3d a = pose_a * vertex;
-    const Vector3d b = pose_b * vertex;
+  for (const Vector3d& point : object_.extremes) {
+    const Vector3d a = pose_a * point;
+    const Vector3d b = pose_b * point;
     if (a.z() < kNearM || b.z() < kNearM) continue;
     largest = std::max(largest, (camera_.Project(a) - camera_.Project(b)).norm());
   }

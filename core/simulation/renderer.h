@@ -4,11 +4,13 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
+#include "core/simulation/mesh_renderer.h"
 #include "core/simulation/objects.h"
 #include "core/simulation/rasterizer.h"
 #include "core/simulation/scene.h"
@@ -28,7 +30,7 @@ class SceneRenderer {
   // Light per pixel, row by row: 1 is white paint under full light.
   const std::vector<float>& picture() const { return picture_; }
 
-  // Returns the largest motion in the image between two times, pixels, of the object's vertices, the occluder and the
+  // Returns the largest motion in the image between two times, pixels, of the object's extremes, the occluder and the
   // moving edge of the background.
   double LargestMotionPx(const RigidTransform& pose_a, double t_a_s, const RigidTransform& pose_b, double t_b_s) const;
 
@@ -60,9 +62,10 @@ class SceneRenderer {
   PixelRect image_;
   CoverageRasterizer rasterizer_;
   GaussianBlur blur_;
-  std::vector<float> background_;  // without the lens, under full light
-  std::vector<float> edgeless_;    // the same without the moving edge; empty if there is none
-  std::vector<float> sharp_;       // the image without the lens
+  std::unique_ptr<MeshRenderer> mesh_;  // of SceneOptions::model
+  std::vector<float> background_;       // without the lens, under full light
+  std::vector<float> edgeless_;         // the same without the moving edge; empty if there is none
+  std::vector<float> sharp_;            // the image without the lens
   std::vector<float> picture_;
   PixelRect last_rect_;
   double last_background_light_ = -1.0;

@@ -29,9 +29,18 @@ absl::Status OccluderOptions::Validate() const {
   return CheckRange("OccluderOptions.tilt_ratio", tilt_ratio, -2.0, 2.0);
 }
 
+absl::Status MeshFinish::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MeshFinish.reflectance", reflectance, 0.0, 1.0));
+  return CheckRange("MeshFinish.specular_ratio", specular_ratio, 0.0, 1.0);
+}
+
 absl::Status SceneOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("SceneOptions.object_size_m", object_size_m, 1e-3, 1e3));
   EVPOSE_RETURN_IF_ERROR(CheckRange("SceneOptions.lens_blur_px", lens_blur_px, 0.0, 2.0));
+  if (model != nullptr && model->triangles.empty()) {
+    return absl::InvalidArgumentError("SceneOptions.model has no face, only lines; a surface can be simulated");
+  }
+  EVPOSE_RETURN_IF_ERROR(finish.Validate());
   EVPOSE_RETURN_IF_ERROR(motion.Validate());
   EVPOSE_RETURN_IF_ERROR(background.Validate());
   EVPOSE_RETURN_IF_ERROR(light.Validate());

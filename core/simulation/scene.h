@@ -3,12 +3,14 @@
 // The simulated scene: an object, its motion, the background, the light, an occluder.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/models/object_model.h"
 #include "core/simulation/motion.h"
 
 namespace evpose {
@@ -76,6 +78,18 @@ struct OccluderOptions {
   absl::Status Validate() const;
 };
 
+// The finish of the whole surface of a model, without paint.
+struct MeshFinish {
+  double reflectance = 0.6;  // share of white: primed metal, or light plastic; five times the background
+  // Light of the highlight's centre. 0.15 is half a matt varnish: its border moves as an edge that is not on the
+  // object, with about one contrast threshold.
+  double specular_ratio = 0.15;
+
+  absl::Status Validate() const;
+};
+// The highlight is the cosine of the angle to the mirror direction's middle to the power of 2^4: 17 degrees to half.
+inline constexpr int kGlossSquarings = 4;
+
 struct SceneOptions {
   SimulatedObject object = SimulatedObject::kCube;
   double object_size_m = 0.20;  // its longest side (spacecraft: span)
@@ -86,6 +100,10 @@ struct SceneOptions {
   // Standard deviation of the lens's point spread, in addition to the square aperture of the pixel. 0.5 px: a good
   // small lens in focus; 0: ideal.
   double lens_blur_px = 0.5;
+  // An object of the user instead of `object` and `object_size_m`; null: those. Its surface is rendered as the model's
+  // regions describe it: smooth within a region.
+  std::shared_ptr<const ObjectModel> model;
+  MeshFinish finish;
 
   absl::Status Validate() const;
 };

@@ -2,6 +2,7 @@
 #include "core/simulation/simulator.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
@@ -23,13 +24,40 @@ constexpr double kStepSafety = 0.95;
 
 // Independent random streams from one seed.
 constexpr uint64_t kMotionStream = 0x6d6f74696f6eULL;
+constexpr uint64_t kAttitudeStream = 0x6174746974756465ULL;
 constexpr uint64_t kTextureStream = 0x74657874757265ULL;
 constexpr uint64_t kSensorStream = 0x73656e736f72ULL;
 
-absl::StatusOr<MotionPath> MakePath(const SimulationOptions& options, const SceneObject& object) {
-  return MotionPath::Create(options.scene.motion, options.camera, object.radius_m, object.view_from_object,
-                            options.path_seed.value_or(options.seed) ^ kMotionStream);
+uint64_t PathSeed(const SimulationOptions& options) { return options.path_seed.value_or(options.seed); }
+
+SceneObject MakeObject(const SimulationOptions& options) {
+  const SceneOptions& scene = options.scene;
+  if (scene.model != nullptr) return MakeModelObject(*scene.model, PathSeed(options) ^ kAttitudeStream);
+  return MakeSceneObject(scene.object, scene.object_size_m);
 }
+
+// The motion of the object's frame, of which the path is that of its centre.
+class ObjectPath {
+ public:
+  static absl::StatusOr<ObjectPath> Create(const SimulationOptions& options, const SceneObject& object) {
+    EVPOSE_ASSIGN_OR_RETURN(MotionPath path,
+                            MotionPath::Create(options.scene.motion, options.camera, object.radius_m,
+                                               object.view_from_object, PathSeed(options) ^ kMotionStream));
+    return ObjectPath(std::move(path), object.centre_m);
+  }
+
+  RigidTransform CameraFromObject(double t_s) const {
+    RigidTransform pose = path_.CameraFromObject(t_s);
+    pose.translation_m -= pose.rotation * centre_m_;
+    return pose;
+  }
+
+ private:
+  ObjectPath(MotionPath path, const Eigen::Vector3d& centre_m) : path_(std::move(path)), centre_m_(centre_m) {}
+
+  MotionPath path_;
+  Eigen::Vector3d centre_m_;
+};
 
 double Seconds(int64_t t_us) { return static_cast<double>(t_us) * 1e-6; }
 
@@ -42,7 +70,7 @@ struct Step {
 
 // Returns the longest step from t_us on in which the image moves by at most max_step_px, and at most twice as long as
 // the last step.
-Step ChooseStep(const SimulationOptions& options, const MotionPath& path, const SceneRenderer& renderer, int64_t t_us,
+Step ChooseStep(const SimulationOptions& options, const ObjectPath& path, const SceneRenderer& renderer, int64_t t_us,
                 const RigidTransform& pose, int64_t last_length_us) {
   const auto longest_us = static_cast<int64_t>(renderer.LongestStepS() * 1e6);
   int64_t length_us = std::clamp<int64_t>(2 * last_length_us, 1, longest_us);
@@ -73,16 +101,15 @@ absl::Status SimulationOptions::Validate() const {
     return absl::InvalidArgumentError(absl::StrFormat("SimulationOptions.camera is %dx%d; EVT3 addresses %dx%d at most",
                                                       camera.width_px, camera.height_px, kMaxSidePx, kMaxSidePx));
   }
-  const SceneObject object = MakeSceneObject(scene.object, scene.object_size_m);
-  return MakePath(*this, object).status();
+  return ObjectPath::Create(*this, MakeObject(*this)).status();
 }
 
 absl::StatusOr<SimulationReport> Simulate(const SimulationOptions& options,
                                           const std::function<absl::Status(absl::Span<const Event>)>& on_events,
                                           const std::function<void(double progress_ratio)>& on_progress) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  const SceneObject object = MakeSceneObject(options.scene.object, options.scene.object_size_m);
-  EVPOSE_ASSIGN_OR_RETURN(const MotionPath path, MakePath(options, object));
+  const SceneObject object = MakeObject(options);
+  EVPOSE_ASSIGN_OR_RETURN(const ObjectPath path, ObjectPath::Create(options, object));
   SceneRenderer renderer(options.scene, object, options.camera, options.seed ^ kTextureStream);
   RigidTransform pose = path.CameraFromObject(0.0);
   renderer.Render(pose, 0.0);
@@ -122,8 +149,7 @@ absl::StatusOr<SimulationReport> Simulate(const SimulationOptions& options,
 Trajectory SimulatedTruth(const SimulationOptions& options) {
   Trajectory truth;
   if (!options.Validate().ok()) return truth;
-  const SceneObject object = MakeSceneObject(options.scene.object, options.scene.object_size_m);
-  const absl::StatusOr<MotionPath> path = MakePath(options, object);
+  const absl::StatusOr<ObjectPath> path = ObjectPath::Create(options, MakeObject(options));
   for (int64_t t_us = 0; t_us <= options.duration_us; t_us += kTruthStepUs) {
     truth.push_back({options.t_begin_us + t_us, path->CameraFromObject(Seconds(t_us))});
   }
@@ -135,7 +161,7 @@ Trajectory SimulatedTruth(const SimulationOptions& options) {
 
 absl::StatusOr<ObjectModel> SimulatedModel(const SimulationOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  return MakeSceneObject(options.scene.object, options.scene.object_size_m).model;
+  return options.scene.model != nullptr ? *options.scene.model : MakeObject(options).model;
 }
 
 }  // namespace evpose

@@ -202,6 +202,39 @@ def flicker(result):
     return table(["recordings with a wrong pose as TRACKING, longest period"] + header, lines)
 
 
+def models(result):
+    """A line for each shape, over its tessellations and seeds."""
+    rows = []
+    found = [row for row in result["models"] if "error" not in row]
+    for shape in distinct(row["model"].rpartition("-")[0] for row in result["models"]):
+        variants = [row for row in found if row["model"].rpartition("-")[0] == shape]
+        refused = [row["model"] for row in result["models"] if "error" in row and row["model"].rpartition("-")[0] == shape]
+        runs = [run for row in variants for run in row["runs"]]
+        if not runs:
+            rows.append([shape, "not prepared"] + ["-"] * 7)
+            continue
+
+        def mean(key, decimals, factor=1.0, runs=runs):
+            return cell(factor * statistics.mean(run[key] for run in runs), decimals)
+
+        def worst(key, decimals, factor=1.0, runs=runs):
+            return cell(factor * max(run[key] for run in runs), decimals)
+
+        kept = sum(run["outcome"] == "kept" for run in runs)
+        weak = sum(run["outcome"] == "weak" for run in runs)
+        rows.append([
+            shape, f"{kept} of {len(runs)}" + (f", {weak} weak" if weak else "") + (f"; refused: {len(refused)}" if refused else ""),
+            f"{mean('position_rmse_of_depth', 3, 100)}, {worst('position_rmse_of_depth', 3, 100)}",
+            f"{mean('rotation_median_deg', 2)} / {mean('rotation_p95_deg', 2)}",
+            worst("longest_wrong_tracking_s", 0, 1000), worst("compute_ratio", 2),
+            cell(1000 * max(row["preparation_s"] for row in variants), 0),
+            f"{max(row['triangles'] for row in variants)}", cell(statistics.mean(row["mean_elements"] for row in variants), 0),
+        ])
+    return table(["shape", "kept", "position RMSE, % of depth: mean, worst", "rotation median / p95, deg",
+                  "longest wrong while TRACKING, ms", "processor time per sensor time, worst", "preparation, ms, worst",
+                  "triangles, most", "elements"], rows)
+
+
 def read_json(text):
     # A benchmark writes null for a figure that no run has.
     return json.loads(text, object_pairs_hook=lambda pairs: {k: float("nan") if v is None else v for k, v in pairs})
@@ -210,8 +243,9 @@ def read_json(text):
 class Run:
     """A command, and the sections of the page that its output fills."""
 
-    def __init__(self, command, quick, sections, read=read_json):
+    def __init__(self, command, quick, sections, read=read_json, setup=()):
         self.command, self.quick, self.sections, self.read = command, quick, sections, read
+        self.setup = setup  # command that makes its input
 
     def arguments(self, is_quick):
         """Of --quick, the options replace those of the same name."""
@@ -230,6 +264,8 @@ RUNS = [
         {"tracking": tracking}),
     Run(["tests/bench/event_rate.sh"], [("--objects", "cube"), ("--seeds", "31")], {"event-rate": event_rates}, read=str),
     Run(["tests/bench/flicker.py"], [("--objects", "book"), ("--seeds", "1")], {"flicker": flicker}),
+    Run(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3"], [("--seeds", "1"), ("--duration", "0.2")],
+        {"models": models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
     Run(BENCH + ["initialization"], [("--trials", "10"), ("--methods", "evpose,ransac")], {"first-pose": first_pose}),
     Run(BENCH + ["initialization", "--from-events"], [("--starts", "5"), ("--duration", "0.5"), ("--returns", "1")],
         {"from-events": from_events}),
@@ -256,13 +292,13 @@ def machine():
 
 
 def output_of(arguments):
-    """What the command prints as JSON. `bench speed` writes it to a file."""
+    """What the command prints as JSON. `bench speed` and `bench models` write it to a file."""
     program = EVPOSE if arguments[0] == "evpose" else os.path.join(ROOT, arguments[0])
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "table.json")
-        writes_file = arguments[1:3] == ["bench", "speed"]
+        writes_file = arguments[1:3] in (["bench", "speed"], ["bench", "models"])
         done = subprocess.run([program] + arguments[1:] + (["--json", path] if writes_file else ["--json"]),
-                              stdout=subprocess.PIPE, text=True, check=False)
+                              stdout=subprocess.PIPE, text=True, check=False, cwd=ROOT)
         if done.returncode != 0:
             fail(f"{' '.join(arguments)} ended with status {done.returncode}")
         if not writes_file:
@@ -273,6 +309,8 @@ def output_of(arguments):
 
 def measure(run, sections, is_quick):
     arguments = run.arguments(is_quick)
+    if run.setup:
+        subprocess.run([os.path.join(ROOT, run.setup[0])] + run.setup[1:], cwd=ROOT, stderr=subprocess.DEVNULL, check=True)
     result = run.read(output_of(arguments))
     version = subprocess.run([EVPOSE, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"

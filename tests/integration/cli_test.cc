@@ -71,6 +71,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
                               "models delete",
                               "bench",
                               "bench initialization",
+                              "bench models",
                               "bench synthetic",
                               "bench tracking",
                               "calibrate",

@@ -3,8 +3,10 @@
 // evpose simulate: writes a simulated recording with its true poses.
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -12,13 +14,20 @@
 #include "client/cli/common/progress.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/tracking/tracking_scenarios.h"
+#include "core/models/object_model.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {
 namespace {
 
+constexpr const char* kSmooth = "smooth";
+constexpr const char* kAsIs = "as-is";
+
 struct SimulateArguments {
   std::string object = "cube";
+  std::string model;  // file; replaces the object
+  ModelOptions model_options;
+  std::string surface = kSmooth;
   std::string camera = "evk4";
   std::string scenario;
   std::string out;
@@ -51,10 +60,19 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
   return options;
 }
 
+// The standard scene of the object or of the model.
+absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments) {
+  if (arguments.model.empty()) return SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale);
+  ModelOptions options = arguments.model_options;
+  options.is_smooth = arguments.surface == kSmooth;
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(arguments.model, options));
+  return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), arguments.camera,
+                               arguments.speed_scale);
+}
+
 absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
   if (!arguments.scenario.empty()) return MakeScenario(arguments);
-  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options,
-                          SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale));
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePreset(arguments));
   options.duration_us = std::llround(arguments.duration_s.value_or(kDurationS) * 1e6);
   options.t_begin_us = std::llround(arguments.start_s * 1e6);
   options.seed = arguments.seed;
@@ -67,7 +85,9 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   }
   options.sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
   options.scene.lens_blur_px = arguments.scene.lens_blur_px;
+  const double diffuse_ratio = options.scene.light.diffuse_ratio;
   options.scene.light = arguments.scene.light;
+  options.scene.light.diffuse_ratio = diffuse_ratio;
   options.scene.background = arguments.scene.background;
   options.scene.occluder = arguments.scene.occluder;
   if (options.scene.occluder.follows_object) {
@@ -124,6 +144,23 @@ void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
             "Rate of additional random events during 50 ms of every second, Mev/s", CLI::Range(0.0, 100.0));
 }
 
+void AddModelOptions(CLI::App& app, SimulateArguments& arguments, CLI::Option* object) {
+  CLI::Option* model = AddFile(app, "--model", arguments.model,
+                               "Model file (OBJ, PLY or STL) to simulate instead of --object, seen at a size of about "
+                               "300 pixels from a random side, which --path-seed determines")
+                           ->excludes(object);
+  AddOption(app, "--scale", arguments.model_options.metres_per_unit, "Metres per unit of the model file; 0.001 for mm",
+            AboveZero())
+      ->needs(model);
+  AddOption(app, "--crease-angle", arguments.model_options.crease_angle_deg,
+            "Degrees by which the surface of the model turns at a sharp edge", CLI::Range(1.0, 179.0))
+      ->needs(model);
+  AddOption(app, "--surface", arguments.surface,
+            "smooth: the facets of curved regions stand for a smooth surface; as-is: the object has these facets",
+            CLI::IsMember({kSmooth, kAsIs}))
+      ->needs(model);
+}
+
 void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   std::vector<std::string> motions;
   for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
@@ -133,7 +170,9 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--scenario", arguments.scenario,
                  "A complete scene of `evpose bench tracking`; --duration shortens it")
       ->check(CLI::IsMember(scenarios));
-  AddOption(app, "--object", arguments.object, "The simulated object", CLI::IsMember(SimulatedObjectNames()));
+  CLI::Option* object =
+      AddOption(app, "--object", arguments.object, "The simulated object", CLI::IsMember(SimulatedObjectNames()));
+  AddModelOptions(app, arguments, object);
   AddOption(app, "--camera", arguments.camera, "The sensor and its lens", CLI::IsMember(SimulatedCameraNames()));
   app.add_option("--duration", arguments.duration_s, "Seconds")->check(CLI::Range(0.001, 1800.0))->default_str("5");
   AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", CLI::Range(0.0, 100.0));
@@ -176,15 +215,16 @@ CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SimulateArguments>();
   AddOptions(app, *arguments);
   for (const char* name :
-       {"--object", "--camera", "--speed", "--motion", "--noise", "--background-activity", "--hot-pixels", "--flood",
-        "--flicker", "--light-change", "--occluder", "--occluder-on-object", "--moving-edge", "--textured-background",
-        "--threshold", "--bandwidth", "--refractory", "--lens-blur"}) {
+       {"--object", "--model", "--camera", "--speed", "--motion", "--noise", "--background-activity", "--hot-pixels",
+        "--flood", "--flicker", "--light-change", "--occluder", "--occluder-on-object", "--moving-edge",
+        "--textured-background", "--threshold", "--bandwidth", "--refractory", "--lens-blur"}) {
     app.get_option("--scenario")->excludes(app.get_option(name));
   }
   app.footer(
       "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj and camera.yaml.\n\n"
       "Example:\n"
-      "  evpose simulate --object cube --camera vga --duration 0.5 --noise 0.1 --out cube");
+      "  evpose simulate --object cube --camera vga --duration 0.5 --noise 0.1 --out cube\n"
+      "  evpose simulate --model cube/model.obj --camera vga --duration 0.1 --textured-background --out part");
   return [arguments, &context] { return RunSimulate(*arguments, context); };
 }
 

@@ -13,10 +13,10 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/first_pose/pose_determinacy.h"
-#include "core/experiments/random_rotation.h"
 #include "core/models/symmetry.h"
 #include "core/numerics/random.h"
 #include "core/simulation/objects.h"
+#include "core/simulation/random_rotation.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose {

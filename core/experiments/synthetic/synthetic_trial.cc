@@ -7,11 +7,11 @@
 #include <numeric>
 #include <optional>
 
-#include "core/experiments/random_rotation.h"
 #include "core/geometry/image_segment.h"
 #include "core/geometry/projected_line.h"
 #include "core/numerics/math.h"
 #include "core/numerics/random.h"
+#include "core/simulation/random_rotation.h"
 
 namespace evpose {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Random rotations of the experiments.
+// Random rotations of simulations and experiments.
 #pragma once
 
 #include <Eigen/Geometry>

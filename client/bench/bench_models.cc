@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose bench models: preparation of model files, and tracking from the true pose.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "client/bench/bench.h"
+#include "client/bench/bench_models_output.h"
+#include "client/cli/common/progress.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/simulation/simulator.h"
+
+namespace evpose::client {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ModelsArguments {
+  ModelBenchOptions options;  // without the models and the duration
+  std::string directory;
+  std::vector<std::string> names;
+  double duration_s = 1.5;
+  double metres_per_unit = 1.0;
+  std::string json;
+};
+
+constexpr const char* kListName = "models.json";
+
+// The entries of models.json, which tests/bench/models/generate.py writes.
+absl::StatusOr<std::vector<BenchModel>> ReadList(const fs::path& directory) {
+  constexpr size_t kMaxListBytes = 1 << 22;
+  const std::string path = (directory / kListName).string();
+  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxListBytes));
+  const Json list = Json::parse(text, nullptr, /*allow_exceptions=*/false);
+  const auto error = [&path](size_t entry, const char* field) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: entry %d has no valid \"%s\"", path, entry, field));
+  };
+  if (!list.is_array()) return absl::InvalidArgumentError(absl::StrCat(path, ": must be a JSON array of models"));
+  std::vector<BenchModel> models;
+  for (const Json& entry : list) {
+    for (const char* field : {"name", "file", "reference"}) {
+      if (!entry.is_object() || !entry.contains(field) || !entry[field].is_string()) return error(models.size(), field);
+    }
+    if (!entry.contains("metres_per_unit") || !entry["metres_per_unit"].is_number()) {
+      return error(models.size(), "metres_per_unit");
+    }
+    models.push_back({entry["name"].get<std::string>(), (directory / entry["file"].get<std::string>()).string(),
+                      entry["metres_per_unit"].get<double>(),
+                      (directory / entry["reference"].get<std::string>()).string()});
+  }
+  return models;
+}
+
+// All model files of a directory, by name; each is its own reference.
+absl::StatusOr<std::vector<BenchModel>> FindFiles(const fs::path& directory, double metres_per_unit) {
+  std::error_code error;
+  std::vector<BenchModel> models;
+  for (fs::directory_iterator entry(directory, error), end; !error && entry != end; entry.increment(error)) {
+    const fs::path& path = entry->path();
+    if (!ModelFormatFromPath(path.string()).ok()) continue;
+    models.push_back({path.filename().string(), path.string(), metres_per_unit, ""});
+  }
+  if (error) return absl::NotFoundError(absl::StrCat(directory.string(), ": ", error.message()));
+  std::sort(models.begin(), models.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+  return models;
+}
+
+absl::StatusOr<std::vector<BenchModel>> FindModels(const ModelsArguments& arguments) {
+  const fs::path directory = arguments.directory;
+  std::error_code error;
+  const bool has_list = fs::exists(directory / kListName, error);
+  EVPOSE_ASSIGN_OR_RETURN(std::vector<BenchModel> models,
+                          has_list ? ReadList(directory) : FindFiles(directory, arguments.metres_per_unit));
+  if (models.empty()) return UsageError(absl::StrCat("--models ", arguments.directory, ": has no model file"));
+  if (arguments.names.empty()) return models;
+  std::vector<BenchModel> chosen;
+  for (const std::string& name : arguments.names) {
+    const auto found =
+        std::find_if(models.begin(), models.end(), [&](const auto& model) { return model.name == name; });
+    if (found != models.end()) {
+      chosen.push_back(*found);
+      continue;
+    }
+    const std::string known = absl::StrJoin(
+        models, ", ", [](std::string* out, const BenchModel& model) { absl::StrAppend(out, model.name); });
+    return UsageError(absl::StrCat("--names: no model is called \"", name, "\"; there are ", known));
+  }
+  return chosen;
+}
+
+absl::Status RunModels(const ModelsArguments& arguments, CliContext& context) {
+  ModelBenchOptions options = arguments.options;
+  options.duration_us = std::llround(arguments.duration_s * 1e6);
+  EVPOSE_ASSIGN_OR_RETURN(options.models, FindModels(arguments));
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.json));
+  ProgressLine progress(context);
+  std::vector<ModelBenchRow> rows;
+  PrintModelsHeader(context.out);
+  const auto on_row = [&](const ModelBenchRow& row) {
+    progress.Clear();
+    PrintModelsRow(row, context.out);
+    rows.push_back(row);
+  };
+  const auto on_progress = [&](double ratio, const std::string& text) {
+    progress.Show(ratio, absl::StrFormat("%3.0f %%  %s", 100.0 * ratio, text));
+    return !context.IsInterrupted();
+  };
+  EVPOSE_RETURN_IF_ERROR(RunModelBench(options, on_row, on_progress));
+  progress.Clear();
+  PrintModelsSummary(rows, context.out);
+  return FinishOutput(json, ModelsJson(rows, options).dump(2) + "\n");
+}
+
+}  // namespace
+
+CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<ModelsArguments>();
+  app.add_option("--models", arguments->directory,
+                 "Directory of tests/bench/models/generate.py, or with any model files (OBJ, PLY, STL)")
+      ->type_name("DIR")
+      ->required();
+  AddNames(app, "--names", arguments->names, "Run only these models");
+  AddOption(app, "--scale", arguments->metres_per_unit,
+            "Metres per unit of the files of a directory without models.json; 0.001 for mm", AboveZero());
+  AddOption(app, "--seeds", arguments->options.num_seeds, "Number of recordings of each model", CLI::Range(1, 1000));
+  AddOption(app, "--duration", arguments->duration_s, "Length of a recording, seconds", CLI::Range(0.01, 1800.0));
+  AddOption(app, "--camera", arguments->options.camera, "The sensor and its lens",
+            CLI::IsMember(SimulatedCameraNames()));
+  AddOption(app, "--noise", arguments->options.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9));
+  app.add_option("--recordings", arguments->options.recordings,
+                 "Directory where the simulated recordings are kept and reused")
+      ->type_name("DIR");
+  AddFile(app, "--json", arguments->json, "JSON file with all runs; it appears only when it is complete");
+  app.footer(absl::StrCat(kModelsTableHelp,
+                          "\nExample:\n"
+                          "  evpose simulate --object cube --camera vga --duration 0.01 --out part\n"
+                          "  evpose bench models --models part --camera vga --seeds 1 --duration 0.1"));
+  return [arguments, &context] { return RunModels(*arguments, context); };
+}
+
+}  // namespace evpose::client

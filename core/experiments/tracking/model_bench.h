@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Benchmark of model files: preparation, and tracking from the true pose on simulated recordings of the exact surface.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "core/experiments/tracking/tracking_score.h"
+#include "core/models/object_model.h"
+#include "core/tracking/pose_estimate.h"
+#include "core/tracking/tracker_options.h"
+
+namespace evpose {
+
+struct BenchModel {
+  std::string name;
+  std::string path;              // the file that is prepared and tracked
+  double metres_per_unit = 1.0;  // of that file
+  // File in metres with the surface that is rendered, in the same object frame; empty: `path`.
+  std::string reference_path;
+};
+
+struct ModelBenchOptions {
+  std::vector<BenchModel> models;  // at least one
+  // [1, 1000]; seeds 1, 2, ... determine attitude, motion, pixels and noise. The background is plain for odd seeds and
+  // textured for even ones.
+  int num_seeds = 3;
+  int64_t duration_us = 1'500'000;  // of a recording, microseconds
+  double noise_ratio = 0.05;        // share of the events that are noise, as in the other benchmarks
+  std::string camera = "evk4";      // name of a simulated camera
+  // Directory of the recordings, with a subdirectory for each run, to use them again. Empty: none is stored.
+  std::string recordings;
+  TrackerOptions tracker;
+
+  // INVALID_ARGUMENT names the field.
+  absl::Status Validate() const;
+};
+
+enum class ModelOutcome {
+  kKept,  // a good pose was reported all the time, to the end
+  kWeak,  // not, but before the first loss a direction that is no symmetry was known worse than 12 px
+  kLost,
+};
+
+struct ModelRun {
+  uint64_t seed = 0;
+  double events_per_s = 0.0;
+  ModelOutcome outcome = ModelOutcome::kLost;
+  // Of the poses that are not weak (LargestSigmaPx() above 12); NaN without any. Errors are modulo the symmetries.
+  double position_rmse_of_depth = 0.0;
+  double rotation_median_rad = 0.0;
+  double rotation_p95_rad = 0.0;
+  double longest_wrong_s = 0.0;       // as TrackingScore::longest_wrong_tracking_s, without the weak poses
+  double longest_weak_wrong_s = 0.0;  // with them
+  double weak_ratio = 0.0;            // share of the poses that are weak
+  double compute_ratio = 0.0;         // processor time / sensor time
+};
+
+struct ModelBenchRow {
+  BenchModel model;
+  // Why the model cannot be tracked; empty if it can. Otherwise the following members are not set.
+  std::string error;
+  double preparation_s = 0.0;  // processor time from the file to the model
+  double diameter_m = 0.0;
+  size_t triangles = 0;  // of the prepared model
+  size_t lines = 0;      // straight edges
+  size_t curves = 0;     // curved edges
+  size_t regions = 0;    // of the smooth surface
+  // "none", the number of rotations of a discrete symmetry, "axis", "sphere".
+  std::string symmetry;
+  double mean_elements = 0.0;  // visible lines and edge elements at poses of the first run
+  std::vector<ModelRun> runs;  // by seed
+
+  // Means over the runs: NaN if one of them has no pose. Maxima of the time with a wrong pose and of the processor
+  // time.
+  ModelRun summary;
+  int num_kept = 0;
+  int num_weak = 0;
+  int worst_run = 0;  // index: lost before weak before kept, then the largest position error
+};
+
+// Called with the finished share of the work, in [0, 1], and a description of the present step; returning false ends
+// the work with CANCELLED. May be null.
+using ModelBenchProgress = std::function<bool(double done_ratio, const std::string& text)>;
+
+// Runs the benchmark. The result is a function of the options and the files, except for the processor times. `on_row`
+// is called after each model. A model that cannot be prepared has a row with the error. Errors: those of Validate() and
+// of PlayRun(); a reference that cannot be read.
+absl::Status RunModelBench(const ModelBenchOptions& options, const std::function<void(const ModelBenchRow&)>& on_row,
+                           const ModelBenchProgress& on_progress = nullptr);
+
+// Largest standard deviation, in pixels at the outline, of the motions of the object that are no continuous symmetry of
+// it (core/experiments/README.md, section 3), from the covariance of a pose.
+class OutlineUncertainty {
+ public:
+  // Keeps a reference to the model, which must outlive it.
+  OutlineUncertainty(const ObjectModel& model, double focal_px);
+
+  double LargestSigmaPx(const PoseEstimate& pose) const;
+
+ private:
+  const ObjectModel& model_;
+  double focal_px_;
+  Eigen::Vector3d centre_;  // of the box about the model, object frame
+};
+
+}  // namespace evpose

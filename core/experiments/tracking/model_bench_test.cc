@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/tracking/model_bench.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_format.h"
+#include "core/base/output_file.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector3d;
+using ::testing::HasSubstr;
+
+// A prism with regular ends of `sides` corners, as an OBJ file in millimetres.
+std::string PrismObj(int sides, double radius_mm, double height_mm) {
+  std::string obj;
+  for (int i = 0; i < sides; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / sides;
+    for (const double z : {0.0, height_mm}) {
+      absl::StrAppendFormat(&obj, "v %.6f %.6f %.6f\n", radius_mm * std::cos(angle), radius_mm * std::sin(angle), z);
+    }
+  }
+  std::string low = "f", high = "f";
+  for (int i = 0; i < sides; ++i) {
+    const int next = (i + 1) % sides;
+    absl::StrAppendFormat(&obj, "f %d %d %d %d\n", 2 * i + 1, 2 * next + 1, 2 * next + 2, 2 * i + 2);
+    absl::StrAppendFormat(&low, " %d", 2 * (sides - 1 - i) + 1);
+    absl::StrAppendFormat(&high, " %d", 2 * i + 2);
+  }
+  return obj + low + "\n" + high + "\n";
+}
+
+class ModelBenchTest : public testing::Test {
+ protected:
+  ModelBenchTest() {
+    std::filesystem::remove_all(directory_);
+    std::filesystem::create_directories(directory_);
+  }
+  ~ModelBenchTest() override { std::filesystem::remove_all(directory_); }
+
+  BenchModel AddFile(const std::string& name, const std::string& content) const {
+    const std::string path = (directory_ / name).string();
+    EXPECT_TRUE(WriteFile(path, content).ok());
+    return {name, path, 1e-3, ""};
+  }
+  static ModelBenchOptions ShortOptions() {
+    ModelBenchOptions options;
+    options.num_seeds = 1;
+    options.duration_us = 250'000;
+    options.camera = "vga";
+    return options;
+  }
+
+  const std::filesystem::path directory_ = std::filesystem::path(testing::TempDir()) / "evpose-model-bench";
+};
+
+TEST_F(ModelBenchTest, KeepsPrismaticModels) {
+  ModelBenchOptions options = ShortOptions();
+  options.models = {AddFile("box.obj", PrismObj(4, 70.0, 60.0)), AddFile("prism.obj", PrismObj(6, 60.0, 50.0))};
+  std::vector<ModelBenchRow> rows;
+  const absl::Status status = RunModelBench(options, [&](const ModelBenchRow& row) { rows.push_back(row); });
+  ASSERT_TRUE(status.ok()) << status;
+  ASSERT_EQ(rows.size(), 2u);
+  for (const ModelBenchRow& row : rows) {
+    SCOPED_TRACE(row.model.name);
+    ASSERT_EQ(row.error, "");
+    ASSERT_EQ(row.runs.size(), 1u);
+    EXPECT_EQ(row.num_kept, 1);
+    EXPECT_LT(row.summary.position_rmse_of_depth, 0.003);
+    EXPECT_LT(row.summary.rotation_median_rad, 0.01);
+    EXPECT_EQ(row.summary.longest_wrong_s, 0.0);
+    EXPECT_GT(row.summary.events_per_s, 1e5);
+    EXPECT_GT(row.summary.compute_ratio, 0.0);
+    EXPECT_GE(row.mean_elements, 7.0) << "the edges of two or three faces are visible";
+    EXPECT_EQ(row.curves, 0u);
+  }
+  EXPECT_EQ(rows[0].lines, 12u);
+  EXPECT_EQ(rows[1].lines, 18u);
+  EXPECT_EQ(rows[0].symmetry, "8");
+  EXPECT_NEAR(rows[1].diameter_m, std::hypot(0.12, 0.05), 1e-6);
+}
+
+TEST_F(ModelBenchTest, ModelThatCannotBePreparedHasTheReason) {
+  ModelBenchOptions options = ShortOptions();
+  options.models = {AddFile("broken.obj", "v 1 2 3\nf 1 2 3\n")};
+  std::vector<ModelBenchRow> rows;
+  ASSERT_TRUE(RunModelBench(options, [&](const ModelBenchRow& row) { rows.push_back(row); }).ok());
+  ASSERT_EQ(rows.size(), 1u);
+  EXPECT_THAT(rows[0].error, HasSubstr("broken.obj"));
+  EXPECT_TRUE(rows[0].runs.empty());
+}
+
+TEST_F(ModelBenchTest, EndsWhenItIsInterrupted) {
+  ModelBenchOptions options = ShortOptions();
+  options.models = {AddFile("box.obj", PrismObj(4, 70.0, 60.0))};
+  const absl::Status status = RunModelBench(
+      options, [](const ModelBenchRow&) { FAIL(); }, [](double, const std::string&) { return false; });
+  EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
+}
+
+TEST_F(ModelBenchTest, ValidatesItsOptions) {
+  ModelBenchOptions options = ShortOptions();
+  EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("models"));
+  options.models = {AddFile("box.obj", "")};
+  EXPECT_TRUE(options.Validate().ok());
+  options.models[0].metres_per_unit = 0.0;
+  EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("metres_per_unit"));
+  options.models[0].metres_per_unit = 1.0;
+  options.camera = "none";
+  EXPECT_FALSE(options.Validate().ok());
+}
+
+// A box 0.2 m wide about (0.3, 0, 0), one metre in front of the camera, turned by 0.4 rad about y.
+class OutlineUncertaintyTest : public testing::Test {
+ protected:
+  OutlineUncertaintyTest() {
+    for (int i = 0; i < 8; ++i) {
+      model_.vertices.emplace_back(i & 1 ? 0.4 : 0.2, i & 2 ? 0.1 : -0.1, i & 4 ? 0.1 : -0.1);
+    }
+    model_.diameter_m = 0.2;
+    pose_.camera_from_object.rotation = ExpSo3({0.0, 0.4, 0.0});
+    pose_.camera_from_object.translation_m =
+        Vector3d(0.0, 0.0, 1.0) - pose_.camera_from_object.rotation * Vector3d(0.3, 0.0, 0.0);
+  }
+
+  // The covariance of one motion with the standard deviation 1: the rotation by `rotation` (rad, axes of the camera)
+  // about a point of the object, then the translation.
+  Matrix6d CovarianceOf(const Vector3d& rotation, const Vector3d& about_object, const Vector3d& translation) const {
+    Vector6d motion;
+    motion << translation - rotation.cross(pose_.camera_from_object.rotation * about_object), rotation;
+    return motion * motion.transpose();
+  }
+  double SigmaOf(const Matrix6d& covariance) {
+    pose_.covariance = covariance;
+    return OutlineUncertainty(model_, 1000.0).LargestSigmaPx(pose_);
+  }
+
+  static constexpr double kTolerancePx = 1e-6;
+  const Vector3d centre_ = {0.3, 0.0, 0.0};
+  ObjectModel model_;
+  PoseEstimate pose_;
+};
+
+TEST_F(OutlineUncertaintyTest, IsInPixelsAtTheOutline) {
+  const Vector3d zero = Vector3d::Zero();
+  EXPECT_NEAR(SigmaOf(CovarianceOf(zero, zero, {1e-3, 0, 0})), 1.0, kTolerancePx);
+  EXPECT_NEAR(SigmaOf(CovarianceOf(zero, zero, {0, 0, 1e-2})), 1.0, kTolerancePx) << "the size changes by 1 %";
+  EXPECT_NEAR(SigmaOf(CovarianceOf({0, 0, 0.01}, centre_, zero)), 1.0, kTolerancePx);
+  EXPECT_GT(SigmaOf(CovarianceOf({0, 0, 0.01}, zero, zero)), 2.5) << "a rotation about the origin moves the centre";
+}
+
+TEST_F(OutlineUncertaintyTest, MotionsAlongTheSymmetryDoNotCount) {
+  const Vector3d axis_object = Vector3d(1.0, 2.0, -1.0).normalized();
+  const Vector3d axis_camera = pose_.camera_from_object.rotation * axis_object;
+  const Vector3d beside = {0.25, 0.03, 0.02};
+  const Matrix6d spin = CovarianceOf(axis_camera, beside, Vector3d::Zero());
+  const Matrix6d shift = CovarianceOf(Vector3d::Zero(), Vector3d::Zero(), {0, 1e-3, 0});
+  EXPECT_GT(SigmaOf(spin + shift), 90.0);
+  model_.continuous_symmetry = {ContinuousSymmetry::Kind::kAxis, beside, axis_object};
+  EXPECT_LE(SigmaOf(spin + shift), 1.0 + kTolerancePx);
+  EXPECT_GT(SigmaOf(spin + shift), 0.1);
+  EXPECT_GT(SigmaOf(spin + CovarianceOf(axis_camera.unitOrthogonal(), beside, Vector3d::Zero())), 50.0);
+  model_.continuous_symmetry = {ContinuousSymmetry::Kind::kSphere, beside, Vector3d::Zero()};
+  EXPECT_LE(SigmaOf(spin + CovarianceOf(axis_camera.unitOrthogonal(), beside, Vector3d::Zero())), kTolerancePx);
+}
+
+}  // namespace
+}  // namespace evpose
