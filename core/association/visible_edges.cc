@@ -172,8 +172,10 @@ void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
   for (const VisibleSegment& segment : segments_) {
     const ModelLine& line = edges_.model().lines[segment.line];
     const Eigen::Vector3d extent = line.p2 - line.p1;
-    lines_.push_back({edges_.CurveOf(static_cast<uint32_t>(segment.line)), line.p1 + segment.begin * extent,
-                      line.p1 + segment.end * extent});
+    lines_.push_back({.curve = edges_.CurveOf(static_cast<uint32_t>(segment.line)),
+                      .p1 = line.p1 + segment.begin * extent,
+                      .p2 = line.p1 + segment.end * extent,
+                      .kind = line.kind});
   }
 }
 

@@ -8,7 +8,7 @@
 #include <limits>
 #include <numbers>
 
-#include "core/association/visible_lines.h"
+#include "core/association/visible_edges.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/motion_prior.h"
@@ -54,8 +54,8 @@ class ModelViewer {
         options_(options),
         centre_(model.continuous_symmetry ? model.continuous_symmetry->centre : CentreOf(model)),
         distance_m_(camera.MaxFocalPx() * model.diameter_m / options.object_px),
-        tester_(model, VisibilityOptions()),
-        visible_(model, camera, tester_) {}
+        edges_(model, VisibilityOptions(), EdgeElementOptions()),
+        visible_(camera, edges_) {}
 
   ModelView From(const Eigen::Vector3d& direction) {
     ModelView view;
@@ -129,8 +129,8 @@ class ModelViewer {
   const ModelViewOptions options_;
   const Eigen::Vector3d centre_;
   const double distance_m_;
-  const VisibilityTester tester_;
-  VisibleLines visible_;
+  const ModelEdges edges_;
+  VisibleEdges visible_;
   std::vector<ImageLine> image_lines_;
 };
 

@@ -19,7 +19,7 @@ namespace {
 constexpr double kNearlyParallelCosine = 0.999;
 constexpr double kMatchingNormalCosine = 0.9;  // 25 degrees
 // Comparisons of two lines: less than a second. Those of ordinary models are some tens for each line.
-constexpr int64_t kMaxComparisons = 100'000'000;
+constexpr int64_t kMaxPairs = 100'000'000;
 // Cells of a grid along each axis, most.
 constexpr double kMaxCells = 128.0;
 
@@ -152,10 +152,10 @@ std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> li
   // the tolerance, and so is a gap.
   const LineGrid grid(lines, 2.0 * tolerance_m);
   int64_t comparisons = 0;
-  for (uint32_t i = 0; i < lines.size() && comparisons < kMaxComparisons; ++i) {
+  for (uint32_t i = 0; i < lines.size() && comparisons < kMaxPairs; ++i) {
     for (const Eigen::Vector3d* end : {&lines[i].p1, &lines[i].p2}) {
       grid.VisitNear(*end, [&](uint32_t j) {
-        if (i != j && ++comparisons < kMaxComparisons) compare(std::min(i, j), std::max(i, j));
+        if (i != j && ++comparisons < kMaxPairs) compare(std::min(i, j), std::max(i, j));
       });
     }
   }
