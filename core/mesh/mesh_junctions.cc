@@ -21,8 +21,8 @@ namespace {
 // Real files need two or three: the last one finds nothing. Vertices whose distance is near the tolerance can need
 // splits that alternate for ever.
 constexpr int kMaxRounds = 6;
-// Vertices that may be inserted into sides, per triangle of a small and in total for a large mesh: bounds memory. In the
-// worst real file seen, a cube whose every edge has a T-junction, 3 triangles in 4 are split.
+// Vertices that may be inserted into sides, per triangle of a small and in total for a large mesh: bounds memory. In
+// the worst real file seen, a cube whose every edge has a T-junction, 3 triangles in 4 are split.
 constexpr size_t kMaxSplitsPerTriangle = 4;
 constexpr size_t kSplitsForAnySize = 1'000'000;
 // Nodes of the tree that all searches may visit, per triangle. A search among edges of similar sizes visits about 60.
@@ -181,8 +181,8 @@ class JunctionCloser {
       const uint32_t low = insertions_[begin].low, high = insertions_[begin].high;
       while (end < insertions_.size() && insertions_[end].low == low && insertions_[end].high == high) ++end;
       for (const EdgeUse& use : UsesOfEdge(uses_, low, high)) {
-        sides.push_back({use.triangle, use.side, use.is_forward,
-                         absl::MakeConstSpan(insertions_).subspan(begin, end - begin)});
+        sides.push_back(
+            {use.triangle, use.side, use.is_forward, absl::MakeConstSpan(insertions_).subspan(begin, end - begin)});
       }
       begin = end;
     }

@@ -13,9 +13,9 @@
 namespace evpose {
 namespace {
 
+using Eigen::Vector3d;
 using ::testing::ElementsAre;
 using ::testing::SizeIs;
-using Eigen::Vector3d;
 using Corners = std::array<uint32_t, 3>;
 
 constexpr double kToleranceM = 1e-5;

@@ -19,8 +19,8 @@ namespace evpose {
 namespace {
 
 // Limits on the work, on average for each triangle, which are twice what real files need: nodes of the tree that its
-// search visits, where a comparison of two triangles takes as long as some nodes; triangles that overlap it; and cuts of
-// its pieces by one of them.
+// search visits, where a comparison of two triangles takes as long as some nodes; triangles that overlap it; and cuts
+// of its pieces by one of them.
 constexpr size_t kOverlapNodesPerSearch = 400;
 constexpr size_t kNodesPerComparison = 8;
 constexpr size_t kOverlapsPerTriangle = 8;
@@ -135,10 +135,12 @@ class OverlapRemover {
     uses_ = SortedEdgeUses(mesh_.triangles);
     std::vector<bool> remove(mesh_.triangles.size(), false);
     // A single face left would be the hole of a body whose side the patch was.
-    AddPatches(is_copy_, [](size_t faces) { return faces != 1; }, remove);
+    AddPatches(
+        is_copy_, [](size_t faces) { return faces != 1; }, remove);
     AddRemovableWalls(remove);
     // A copy with the other winding. An odd number of faces is the end of a sheet, or a wall within a body.
-    AddPatches(is_second_, [](size_t faces) { return faces % 2 == 0; }, remove);
+    AddPatches(
+        is_second_, [](size_t faces) { return faces % 2 == 0; }, remove);
     report_.removed_triangles = RemoveTriangles(remove, mesh_);
     if (report_.removed_triangles == 0) FindCoveredEdges();
     return report_;
@@ -289,14 +291,15 @@ class OverlapRemover {
     std::vector<uint32_t> open;
     ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
       const EdgeUse* first = nullptr;
-      size_t rest = 0, walls = 0;
+      size_t rest = 0;
       for (const EdgeUse& use : uses) {
         if (remove[use.triangle]) continue;
         if (first == nullptr) first = &use;
         bodies.Join(first->triangle, use.triangle);
-        ++(is_wall_[use.triangle] ? walls : rest);
+        if (!is_wall_[use.triangle]) ++rest;
       }
-      if (rest % 2 != 0 || (rest == 0 && walls > 0 && AreOnOneSide(uses))) open.push_back(uses[0].triangle);
+      if (first == nullptr) return;
+      if (rest % 2 != 0 || (rest == 0 && AreOnOneSide(uses))) open.push_back(first->triangle);
     });
     std::vector<bool> must_stay(mesh_.triangles.size(), true);  // of a body without other faces than walls
     for (uint32_t t = 0; t < remove.size(); ++t) {

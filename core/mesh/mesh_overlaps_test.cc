@@ -12,9 +12,9 @@
 namespace evpose {
 namespace {
 
+using Eigen::Vector3d;
 using ::testing::ElementsAre;
 using ::testing::SizeIs;
-using Eigen::Vector3d;
 
 constexpr double kOverlapToleranceM = 1e-5;
 

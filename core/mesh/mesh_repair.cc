@@ -123,8 +123,12 @@ void NoteImplausibleSize(const RawMesh& in_metres, double metres_per_unit, std::
     const char* name;
     double metres;
   };
-  constexpr Unit kUnits[] = {  // the more frequent ones first
-      {"millimetres", 0.001}, {"metres", 1.0}, {"inches", 0.0254}, {"centimetres", 0.01}, {"micrometres", 1e-6}};
+  constexpr Unit kUnits[] = {// the more frequent ones first
+                             {"millimetres", 0.001},
+                             {"metres", 1.0},
+                             {"inches", 0.0254},
+                             {"centimetres", 0.01},
+                             {"micrometres", 1e-6}};
   const auto taken_as = std::find_if(std::begin(kUnits), std::end(kUnits),
                                      [&](const Unit& unit) { return unit.metres == metres_per_unit; });
   const auto probable = std::find_if(std::begin(kUnits), std::end(kUnits), [&](const Unit& unit) {

@@ -19,11 +19,11 @@
 namespace evpose {
 namespace {
 
+using Eigen::Vector3d;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
-using Eigen::Vector3d;
 
 RawMesh UnitBox() {
   RawMesh mesh;
@@ -110,7 +110,8 @@ TEST(RepairMeshTest, SoupOfShuffledTurnedRepeatedAndSplitTrianglesIsTheBox) {
     std::swap(mesh.triangles[trial][0], mesh.triangles[trial][1]);
     for (int copies = 0; copies < 3; ++copies) mesh.triangles.push_back(mesh.triangles[random() % count]);
     std::shuffle(mesh.triangles.begin(), mesh.triangles.end(), random);
-    for (auto& triangle : mesh.triangles) std::rotate(triangle.begin(), triangle.begin() + random() % 3, triangle.end());
+    for (auto& triangle : mesh.triangles)
+      std::rotate(triangle.begin(), triangle.begin() + random() % 3, triangle.end());
     const RepairReport report = RepairMesh(mesh);
     EXPECT_EQ(IrregularEdges(mesh), 0u);
     EXPECT_TRUE(report.is_closed && report.is_oriented && report.is_complete);
@@ -133,8 +134,9 @@ TEST(RepairMeshTest, EachClosedShellIsOutward) {
   EXPECT_EQ(report.shells, 4u);
   EXPECT_TRUE(report.is_closed);
   EXPECT_NEAR(EnclosedVolume(mesh), 67.0, 1e-9);
-  EXPECT_THAT(NoticesOf(report), ElementsAre("36 triangles turned: their winding differed from that of their neighbours "
-                                             "or was inward"));
+  EXPECT_THAT(NoticesOf(report),
+              ElementsAre("36 triangles turned: their winding differed from that of their neighbours "
+                          "or was inward"));
 }
 
 TEST(RepairMeshTest, OpenAndOneSidedSurfacesAreReported) {
@@ -155,8 +157,8 @@ TEST(RepairMeshTest, NormalsAndRegionsStayWithTheirTriangles) {
   std::mt19937 random(3);
   RawMesh mesh;
   AddBox(Vector3d::Zero(), Vector3d::Ones(), mesh);
-  AddPlate({0, 0, 1}, Vector3d::UnitX(), Vector3d::UnitY(), mesh, 2, 2);                    // instead of the last side
-  AddPlate({0.2, 0.2, 0}, 0.5 * Vector3d::UnitY(), 0.5 * Vector3d::UnitX(), mesh);          // a label
+  AddPlate({0, 0, 1}, Vector3d::UnitX(), Vector3d::UnitY(), mesh, 2, 2);            // instead of the last side
+  AddPlate({0.2, 0.2, 0}, 0.5 * Vector3d::UnitY(), 0.5 * Vector3d::UnitX(), mesh);  // a label
   mesh.triangles.erase(mesh.triangles.begin() + 10, mesh.triangles.begin() + 12);
   mesh.exact_surface.regions.resize(6);
   for (auto& triangle : mesh.triangles) {
@@ -242,11 +244,11 @@ TEST(DescribeRepairTest, EachRepairIsReported) {
   report.duplicate_triangles = 4;
   report.overlapping_triangles = 5;
   report.is_complete = false;
-  EXPECT_THAT(NoticesOf(report),
-              ElementsAre("1 points merged with others within the tolerance of welding",
-                          "3 triangles without area dropped", "4 duplicate triangles dropped",
-                          "2 edges split at vertices of other triangles that lie on them",
-                          HasSubstr("5 overlapping triangles dropped"), HasSubstr("more faults than are repaired")));
+  EXPECT_THAT(
+      NoticesOf(report),
+      ElementsAre("1 points merged with others within the tolerance of welding", "3 triangles without area dropped",
+                  "4 duplicate triangles dropped", "2 edges split at vertices of other triangles that lie on them",
+                  HasSubstr("5 overlapping triangles dropped"), HasSubstr("more faults than are repaired")));
 }
 
 TEST(NoteImplausibleSizeTest, NamesTheSizeAndTheProbableScale) {

@@ -65,9 +65,8 @@ TEST(ObjReaderTest, NormalsBelongToCorners) {
   const Eigen::Vector3f z(0, 0, 1), slanted(0.6f, 0, 0.8f), y(0, -1, 0);
   ASSERT_THAT(mesh.triangles, SizeIs(4));
   EXPECT_THAT(mesh.triangles[1], Triangle({3, 0, 1}));
-  EXPECT_THAT(mesh.corner_normals,
-              ElementsAre(ElementsAre(kNoNormal, kNoNormal, kNoNormal), ElementsAre(y, z, slanted),
-                          ElementsAre(y, slanted, slanted), ElementsAre(z, kNoNormal, slanted)));
+  EXPECT_THAT(mesh.corner_normals, ElementsAre(ElementsAre(kNoNormal, kNoNormal, kNoNormal), ElementsAre(y, z, slanted),
+                                               ElementsAre(y, slanted, slanted), ElementsAre(z, kNoNormal, slanted)));
 }
 
 TEST(ObjReaderTest, UnusableNormalsAreNone) {
