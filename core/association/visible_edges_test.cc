@@ -146,7 +146,7 @@ TEST_F(RoundEdgesTest, ElementsAreChainsOnOneSideOfTheirCurve) {
   for (size_t k = 0; k < lines.size(); ++k) {
     EXPECT_TRUE(lines[k].is_element);
     EXPECT_LT(lines[k].curve, edges_.num_curves());
-    if (k > 0) EXPECT_GE(lines[k].curve, lines[k - 1].curve);
+    EXPECT_GE(lines[k].curve, lines[k > 0 ? k - 1 : 0].curve);
     if (lines[k].next < 0) continue;
     const TrackedLine& next = lines[static_cast<size_t>(lines[k].next)];
     EXPECT_EQ(next.previous, static_cast<int>(k));
@@ -206,18 +206,17 @@ TEST_F(RoundEdgesTest, TheNumberOfElementsHasABound) {
 
 TEST(VisibleEdges, AFlatCapSeenEdgeOnIsNarrow) {
   const ObjectModel cylinder = CylinderModel(0.05, 0.04, 64);
-  const CameraModel camera = MakeCamera(640, 480, 600.0);
   const ModelEdges edges(cylinder, TrackerOptions().visibility, {});
   const auto narrowest_px = [&](double height_m) {
     // The camera looks at the axis from the side, that much above the plane of the upper cap.
     const Eigen::Vector3d eye(0.5, 0.0, 0.05 + height_m);
-    double narrowest_px = 1e9;
+    double least_px = 1e9;
     for (size_t k = 0; k < cylinder.curves.size(); ++k) {
       const auto curve = static_cast<uint32_t>(cylinder.lines.size() + k);
       const Eigen::Vector3d rim = cylinder.curves[k].points.front();
-      narrowest_px = std::min(narrowest_px, edges.NarrowestFacePx(curve, eye - rim, 600.0));
+      least_px = std::min(least_px, edges.NarrowestFacePx(curve, eye - rim, 600.0));
     }
-    return narrowest_px;
+    return least_px;
   };
   EXPECT_LT(narrowest_px(0.002), 1.0);
   EXPECT_GT(narrowest_px(0.1), 10.0);

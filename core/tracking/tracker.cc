@@ -82,7 +82,7 @@ class WindowTracker : public Tracker {
 absl::Status CheckModel(const ObjectModel* model) {
   if (model == nullptr) return absl::InvalidArgumentError("the model is missing; give a model with edges");
   if (model->lines.empty() && !HasCurvedEdges(*model)) {
-    return absl::InvalidArgumentError("the model has no edge to track; give a model with edges or curved surfaces");
+    return absl::InvalidArgumentError("the model has no line or curve to track; give a model with edges");
   }
   for (size_t k = 0; k < model->lines.size(); ++k) {
     if (!model->lines[k].p1.allFinite() || !model->lines[k].p2.allFinite()) {

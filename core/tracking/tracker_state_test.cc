@@ -233,7 +233,7 @@ TEST(TrackerState, AGivenPoseContinuesIdentically) {
   EXPECT_GT(RunMoved(scene, 6).losses, 0u);
 }
 
-// Two round objects from given poses: one is lost and given again.
+// Two round objects from given poses.
 Scene RoundObjects() {
   Scene scene;
   scene.options = IdealSensor();
@@ -246,10 +246,10 @@ Scene RoundObjects() {
   for (size_t i = 0; i < models.size(); ++i) {
     scene.objects.push_back({models[i], starts[i]});
     IdealEventOptions options;
-    options.duration_us = 100'000;
+    options.duration_us = 300'000;
     options.seed = i + 1;
     streams.push_back(MakeIdealEvents(
-        *models[i], kCamera, testing::ConstantTwist(starts[i], Twist(0.2, 0.1, 0.0, 0.8, -1.0, 0.5)), options));
+        *models[i], kCamera, testing::ConstantTwist(starts[i], Twist(0.15, 0.1, 0.0, 0.8, -1.0, 0.5)), options));
   }
   scene.events = MergeEvents(streams);
   return scene;
