@@ -132,8 +132,8 @@ TEST(ContinuousSymmetryTest, NoDiscreteSymmetriesAreSearchedFor) {
 TEST(ContinuousSymmetryTest, PolygonalObjectsHaveNone) {
   const std::string plate =
       "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 .05\nv 1 0 .05\nv 1 1 .05\nv 0 1 .05\n" + std::string(kCubeFaces);
-  for (const std::string& obj : {Cube(), Prism(3), Prism(6), Prism(12), plate,
-                                 std::string("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")}) {
+  for (const std::string& obj :
+       {Cube(), Prism(3), Prism(6), Prism(12), plate, std::string("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")}) {
     std::vector<std::string> notices;
     EXPECT_FALSE(FindContinuousSymmetry(MustParse(obj), &notices).has_value()) << obj;
     EXPECT_THAT(notices, IsEmpty()) << obj;
@@ -144,10 +144,11 @@ TEST(ContinuousSymmetryTest, AGearHasNone) {
   const auto teeth = [](double angle, double, double radius) {
     return radius > 0.29 && std::sin(12.0 * angle + 0.01) > 0.0 ? 0.33 : radius;
   };
-  EXPECT_FALSE(Find(testing::Lathe({testing::StraightPiece({0, 0}, {0.3, 0}), testing::StraightPiece({0.3, 0}, {0.3, 0.1}),
-                                    testing::StraightPiece({0.3, 0.1}, {0, 0.1})},
-                                   240, teeth))
-                   .has_value());
+  EXPECT_FALSE(
+      Find(testing::Lathe({testing::StraightPiece({0, 0}, {0.3, 0}), testing::StraightPiece({0.3, 0}, {0.3, 0.1}),
+                           testing::StraightPiece({0.3, 0.1}, {0, 0.1})},
+                          240, teeth))
+          .has_value());
 }
 
 TEST(ContinuousSymmetryTest, AMugWithAHandleHasNone) {
@@ -176,8 +177,8 @@ TEST(ContinuousSymmetryTest, AKeywayBreaksTheSymmetry) {
   ObjectModel shaft = testing::Lathe(profile, 120, keyway);
   EXPECT_FALSE(Find(shaft).has_value()) << "by its surface alone";
   for (const double angle : {1.0, 1.3}) {
-    shaft.lines.push_back({{0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.2},
-                           {0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.8}, {}});
+    shaft.lines.push_back(
+        {{0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.2}, {0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.8}, {}});
   }
   EXPECT_FALSE(Find(shaft).has_value());
 }

@@ -215,7 +215,8 @@ class GroupSearch {
 
   // A rotation by a small angle moves a small part near the axis by less than the tolerance, so that the part does not
   // contradict it. A power of the rotation by about kLargeAngle, which is a symmetry if the rotation is, does so.
-  // Returns the refined power, the rotation itself if its angle is large, and nullopt if the power maps lines off lines.
+  // Returns the refined power, the rotation itself if its angle is large, and nullopt if the power maps lines off
+  // lines.
   std::optional<Matrix3d> LargePower(const Matrix3d& rotation) {
     constexpr double kSmallAngle = 1.0, kLargeAngle = 2.4;  // rad; the golden section of a turn is no common symmetry
     const double angle = RotationAngle(rotation, Matrix3d::Identity());

@@ -208,8 +208,8 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& a
                                           input.model_bytes.size());
     absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
     if (!model.ok()) return ModelError(input.model_path, model.status());
-    report.models.push_back({input.id, model->notices, model->num_symmetries, model->diameter_m,
-                             model->continuous_symmetry.has_value()});
+    report.models.push_back(
+        {input.id, model->notices, model->num_symmetries, model->diameter_m, model->continuous_symmetry.has_value()});
     config.objects.push_back(
         {.object_id = input.id, .model = model->name, .initial_camera_from_object = input.initial_pose});
   }
