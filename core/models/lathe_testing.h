@@ -12,7 +12,7 @@
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
 
-namespace evpose::testing {
+namespace evpose::lathe {
 
 // Part of a profile between two points (radius, height), with the normals (radial, axial) of the surface at both.
 struct LathePiece {
@@ -148,4 +148,4 @@ inline void Move(const RigidTransform& motion, ObjectModel& model) {
   }
 }
 
-}  // namespace evpose::testing
+}  // namespace evpose::lathe

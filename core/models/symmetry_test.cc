@@ -359,7 +359,7 @@ TEST(NearestEquivalentTest, OfEquallyNearOnesTheFirst) {
 
 TEST(NearestEquivalentTest, WithoutSymmetriesThePoseItself) {
   const RigidTransform pose{ExpSo3({0.4, -0.2, 0.9}), {0.1, 0.2, 3.0}};
-  EXPECT_EQ(NearestEquivalent(pose, {}, RigidTransform()).rotation, pose.rotation);
+  EXPECT_EQ(NearestEquivalent(pose, absl::Span<const RigidTransform>(), RigidTransform()).rotation, pose.rotation);
 }
 
 }  // namespace
