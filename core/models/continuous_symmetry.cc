@@ -95,7 +95,8 @@ class Confirmation {
     const Vector3d across = direction.unitOrthogonal();
     const Matrix3d half_turn = 2.0 * across * across.transpose() - Matrix3d::Identity();
     samples = 0;
-    symmetry.is_flippable = rings.AreFlippable() && surface.IsMappedOntoItself(half_turn, kMaxSamples, samples);
+    symmetry.is_flippable =
+        rings.AreFlippable() && surface.IsMappedOntoItself(absl::MakeConstSpan(&half_turn, 1), kMaxSamples, samples);
     return symmetry;
   }
 

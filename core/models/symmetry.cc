@@ -208,7 +208,7 @@ class GroupSearch {
 
   bool MapsSurface(const Matrix3d& rotation) {
     if (surface_ == nullptr) surface_ = std::make_unique<CentredSurface>(model_, lines_.centre(), tolerance_m_);
-    const bool is_mapped = surface_->IsMappedOntoItself(rotation, kMaxSurfaceSamples, work_.surface_samples);
+    const bool is_mapped = surface_->IsMappedOntoItself(rotation, kMaxSurfaceSamples, work_.surface_samples, witness_);
     was_cut_short_ |= work_.surface_samples >= kMaxSurfaceSamples;
     return is_mapped;
   }
@@ -319,6 +319,7 @@ class GroupSearch {
   const double tolerance_m_;
   const CentredSegments lines_;
   double radius_m_ = 0.0;
+  size_t witness_ = 0;                       // sample of the surface that has contradicted a rotation
   std::unique_ptr<CentredSurface> surface_;  // built for the first rotation that needs it; most models have none
   RotationSet group_;                        // the identity first
   std::vector<Matrix3d> generators_;
