@@ -39,9 +39,8 @@ std::optional<ContinuousSymmetry> SymmetryFromProto(const v1::Model& message) {
   const v1::ContinuousSymmetry& symmetry = message.continuous_symmetry();
   const bool is_sphere = symmetry.kind() == v1::ContinuousSymmetry::KIND_SPHERE;
   if (!is_sphere && symmetry.kind() != v1::ContinuousSymmetry::KIND_AXIS) return std::nullopt;
-  return ContinuousSymmetry{
-      is_sphere ? ContinuousSymmetry::Kind::kSphere : ContinuousSymmetry::Kind::kAxis, FromProto(symmetry.centre_m()),
-      FromProto(symmetry.axis()), symmetry.is_flippable()};
+  return ContinuousSymmetry{is_sphere ? ContinuousSymmetry::Kind::kSphere : ContinuousSymmetry::Kind::kAxis,
+                            FromProto(symmetry.centre_m()), FromProto(symmetry.axis()), symmetry.is_flippable()};
 }
 
 absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message) {

@@ -12,10 +12,10 @@
 namespace evpose {
 namespace {
 
-const ContinuousSymmetry kFreeAxis = {ContinuousSymmetry::Kind::kAxis, {0.1, -0.2, 0.3},
-                                      Eigen::Vector3d(1, 2, -2).normalized(), false};
-const ContinuousSymmetry kFreeSphere = {ContinuousSymmetry::Kind::kSphere, {0.1, -0.2, 0.3}, Eigen::Vector3d::Zero(),
-                                        false};
+const ContinuousSymmetry kFreeAxis = {
+    ContinuousSymmetry::Kind::kAxis, {0.1, -0.2, 0.3}, Eigen::Vector3d(1, 2, -2).normalized(), false};
+const ContinuousSymmetry kFreeSphere = {
+    ContinuousSymmetry::Kind::kSphere, {0.1, -0.2, 0.3}, Eigen::Vector3d::Zero(), false};
 
 // A state with a covariance like that of a tracker.
 MotionState TurningState() {

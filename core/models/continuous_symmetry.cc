@@ -42,12 +42,13 @@ std::array<Matrix3d, kNumRotations> IrrationalRotations(const Vector3d& axis, bo
   const std::array<Vector3d, 3> oblique = {Vector3d(1, 2, 3).normalized(), Vector3d(3, -1, 2).normalized(),
                                            Vector3d(-2, 3, 1).normalized()};
   std::array<Matrix3d, kNumRotations> rotations;
-  for (int k = 0; k < kNumRotations; ++k) rotations[k] = ExpSo3((k + 1) * golden_rad * (is_sphere ? oblique[k % 3] : axis));
+  for (int k = 0; k < kNumRotations; ++k)
+    rotations[k] = ExpSo3((k + 1) * golden_rad * (is_sphere ? oblique[k % 3] : axis));
   return rotations;
 }
 
-// Largest distance, metres, between the sides of the triangles and the smooth surface whose normals turn from one end to
-// the other: of a circular arc of length L and angle a, the sagitta is L a / 8.
+// Largest distance, metres, between the sides of the triangles and the smooth surface whose normals turn from one end
+// to the other: of a circular arc of length L and angle a, the sagitta is L a / 8.
 double LargestSagitta(const ObjectModel& model) {
   if (model.surface.normals.size() != model.triangles.size()) return 0.0;
   double largest_m = 0.0;
@@ -86,8 +87,7 @@ class Confirmation {
     if (rings.broken_ratio() > kNearlyBroken) return std::nullopt;
     const CentredSurface surface(model_, centre, surface_tolerance_m_);
     int64_t samples = 0;
-    if (!has_rings ||
-        !surface.IsMappedOntoItself(IrrationalRotations(direction, false), kMaxSamples, samples)) {
+    if (!has_rings || !surface.IsMappedOntoItself(IrrationalRotations(direction, false), kMaxSamples, samples)) {
       AddNotice(has_rings ? "surface" : "lines", direction, notices);
       return std::nullopt;
     }
@@ -95,7 +95,8 @@ class Confirmation {
     const Vector3d across = direction.unitOrthogonal();
     const Matrix3d half_turn = 2.0 * across * across.transpose() - Matrix3d::Identity();
     samples = 0;
-    symmetry.is_flippable = rings.AreFlippable() && surface.IsMappedOntoItself(half_turn, kMaxSamples, samples);
+    symmetry.is_flippable =
+        rings.AreFlippable() && surface.IsMappedOntoItself(absl::MakeConstSpan(&half_turn, 1), kMaxSamples, samples);
     return symmetry;
   }
 
@@ -113,11 +114,15 @@ class Confirmation {
   const double surface_tolerance_m_;
 };
 
-// The sign of an eigenvector is arbitrary: the largest component becomes positive.
-Vector3d WithPositiveComponent(const Vector3d& direction) {
+// The sign of an eigenvector is arbitrary: the largest component becomes positive. Components that are rounding errors
+// of single precision become zero.
+Vector3d Canonical(Vector3d direction) {
+  constexpr double kRounding = 1e-6;
   int largest = 0;
   direction.cwiseAbs().maxCoeff(&largest);
-  return direction[largest] < 0.0 ? Vector3d(-direction) : direction;
+  if (direction[largest] < 0.0) direction = -direction;
+  for (double& component : direction) component = std::abs(component) < kRounding ? 0.0 : component;
+  return direction.normalized();
 }
 
 // The trace of reference^T R, the larger the nearer.
@@ -141,8 +146,7 @@ std::optional<ContinuousSymmetry> FindContinuousSymmetry(const ObjectModel& mode
     // A ball with a line has the axis of the line, if any.
     axis = FindSlippageAxis(moments, LineSlippage(model, moments));
   }
-  return confirmation.Axis(moments.centroid + moments.radius_m * axis.point, WithPositiveComponent(axis.direction),
-                           notices);
+  return confirmation.Axis(moments.centroid + moments.radius_m * axis.point, Canonical(axis.direction), notices);
 }
 
 FreeDirections FreeDirectionsAt(const ContinuousSymmetry& symmetry, const RigidTransform& camera_from_object) {
@@ -170,8 +174,8 @@ RigidTransform NearestWithoutFlip(const RigidTransform& camera_from_object, cons
   // core/models/README.md, equation (8).
   const double along = axis.dot(relative * axis);
   const double x = relative.trace() - along;
-  const double y = axis.dot(Vector3d(relative(1, 2) - relative(2, 1), relative(2, 0) - relative(0, 2),
-                                     relative(0, 1) - relative(1, 0)));
+  const double y = axis.dot(
+      Vector3d(relative(1, 2) - relative(2, 1), relative(2, 0) - relative(0, 2), relative(0, 1) - relative(1, 0)));
   const double length = std::sqrt(x * x + y * y);
   // All angles are equally near if the axes are opposite.
   if (!(length > 1e-9)) return camera_from_object;

@@ -45,13 +45,13 @@ struct RoundShape {
 };
 
 std::vector<RoundShape> RoundShapes() {
-  return {{"cylinder", [](int sides) { return testing::Cylinder(sides); }, true, 0.0},
-          {"disc", [](int sides) { return testing::Cylinder(sides, 0.5, 0.02); }, true, 0.0},
-          {"rod", [](int sides) { return testing::Cylinder(sides, 0.05, 3.0); }, true, 0.0},
-          {"capsule", testing::Capsule, true, 0.0},
-          {"torus", testing::Torus, true, 0.0},
-          {"cone", testing::Cone, false, 0.0},
-          {"bottle", testing::Bottle, false, 0.0}};
+  return {{"cylinder", [](int sides) { return lathe::Cylinder(sides); }, true, 0.0},
+          {"disc", [](int sides) { return lathe::Cylinder(sides, 0.5, 0.02); }, true, 0.0},
+          {"rod", [](int sides) { return lathe::Cylinder(sides, 0.05, 3.0); }, true, 0.0},
+          {"capsule", lathe::Capsule, true, 0.0},
+          {"torus", lathe::Torus, true, 0.0},
+          {"cone", lathe::Cone, false, 0.0},
+          {"bottle", lathe::Bottle, false, 0.0}};
 }
 
 TEST(ContinuousSymmetryTest, SurfacesOfRevolutionHaveTheirAxis) {
@@ -60,7 +60,7 @@ TEST(ContinuousSymmetryTest, SurfacesOfRevolutionHaveTheirAxis) {
       for (const RigidTransform& placement : {RigidTransform(), kPlacement}) {
         SCOPED_TRACE(absl::StrCat(shape.name, " of ", sides, " sides"));
         ObjectModel model = shape.make(sides);
-        testing::Move(placement, model);
+        lathe::Move(placement, model);
         std::vector<std::string> notices;
         const std::optional<ContinuousSymmetry> found = FindContinuousSymmetry(model, &notices);
         ASSERT_TRUE(found.has_value());
@@ -81,8 +81,8 @@ TEST(ContinuousSymmetryTest, SurfacesOfRevolutionHaveTheirAxis) {
 
 TEST(ContinuousSymmetryTest, ABallIsASphere) {
   for (const int sides : {24, 64, 120}) {
-    ObjectModel model = testing::Ball(sides);
-    testing::Move(kPlacement, model);
+    ObjectModel model = lathe::Ball(sides);
+    lathe::Move(kPlacement, model);
     const std::optional<ContinuousSymmetry> found = Find(model);
     ASSERT_TRUE(found.has_value());
     EXPECT_EQ(found->kind, Kind::kSphere);
@@ -92,7 +92,7 @@ TEST(ContinuousSymmetryTest, ABallIsASphere) {
 
 TEST(ContinuousSymmetryTest, ABallWithARingHasTheAxisOfTheRing) {
   for (const double height : {0.0, 0.3}) {
-    ObjectModel model = testing::Ball(64);
+    ObjectModel model = lathe::Ball(64);
     EdgeCurve ring;
     const double radius = std::sqrt(0.25 - height * height);
     for (int i = 0; i <= 64; ++i) {
@@ -101,7 +101,7 @@ TEST(ContinuousSymmetryTest, ABallWithARingHasTheAxisOfTheRing) {
     }
     ring.kind = EdgeKind::kPainted;
     model.curves.push_back(ring);
-    testing::Move(kPlacement, model);
+    lathe::Move(kPlacement, model);
     const std::optional<ContinuousSymmetry> found = Find(model);
     ASSERT_TRUE(found.has_value());
     EXPECT_EQ(found->kind, Kind::kAxis);
@@ -132,8 +132,8 @@ TEST(ContinuousSymmetryTest, NoDiscreteSymmetriesAreSearchedFor) {
 TEST(ContinuousSymmetryTest, PolygonalObjectsHaveNone) {
   const std::string plate =
       "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 .05\nv 1 0 .05\nv 1 1 .05\nv 0 1 .05\n" + std::string(kCubeFaces);
-  for (const std::string& obj : {Cube(), Prism(3), Prism(6), Prism(12), plate,
-                                 std::string("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")}) {
+  for (const std::string& obj :
+       {Cube(), Prism(3), Prism(6), Prism(12), plate, std::string("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")}) {
     std::vector<std::string> notices;
     EXPECT_FALSE(FindContinuousSymmetry(MustParse(obj), &notices).has_value()) << obj;
     EXPECT_THAT(notices, IsEmpty()) << obj;
@@ -144,18 +144,18 @@ TEST(ContinuousSymmetryTest, AGearHasNone) {
   const auto teeth = [](double angle, double, double radius) {
     return radius > 0.29 && std::sin(12.0 * angle + 0.01) > 0.0 ? 0.33 : radius;
   };
-  EXPECT_FALSE(Find(testing::Lathe({testing::StraightPiece({0, 0}, {0.3, 0}), testing::StraightPiece({0.3, 0}, {0.3, 0.1}),
-                                    testing::StraightPiece({0.3, 0.1}, {0, 0.1})},
-                                   240, teeth))
+  EXPECT_FALSE(Find(lathe::Lathe({lathe::StraightPiece({0, 0}, {0.3, 0}), lathe::StraightPiece({0.3, 0}, {0.3, 0.1}),
+                                  lathe::StraightPiece({0.3, 0.1}, {0, 0.1})},
+                                 240, teeth))
                    .has_value());
 }
 
 TEST(ContinuousSymmetryTest, AMugWithAHandleHasNone) {
-  ObjectModel mug = testing::Cylinder(64, 0.4, 1.0);
-  ObjectModel handle = testing::Torus(32);
+  ObjectModel mug = lathe::Cylinder(64, 0.4, 1.0);
+  ObjectModel handle = lathe::Torus(32);
   // Half of the ring is inside the mug.
   for (Eigen::Vector3d& vertex : handle.vertices) vertex *= 0.5;
-  testing::Move({ExpSo3({M_PI / 2, 0, 0}), {0.4, 0, 0}}, handle);
+  lathe::Move({ExpSo3({M_PI / 2, 0, 0}), {0.4, 0, 0}}, handle);
   const auto first = static_cast<uint32_t>(mug.vertices.size());
   mug.vertices.insert(mug.vertices.end(), handle.vertices.begin(), handle.vertices.end());
   for (const auto& [i, j, k] : handle.triangles) mug.triangles.push_back({first + i, first + j, first + k});
@@ -169,21 +169,21 @@ TEST(ContinuousSymmetryTest, AKeywayBreaksTheSymmetry) {
   const auto keyway = [](double angle, double height, double radius) {
     return radius == 0.1 && angle > 1.0 && angle < 1.3 && height > 0.2 && height < 0.8 ? 0.08 : radius;
   };
-  std::vector<testing::LathePiece> profile = {testing::StraightPiece({0, 0}, {0.1, 0})};
-  for (int i = 0; i < 20; ++i) profile.push_back(testing::StraightPiece({0.1, 0.05 * i}, {0.1, 0.05 * (i + 1)}));
-  profile.push_back(testing::StraightPiece({0.1, 1}, {0, 1}));
-  EXPECT_TRUE(Find(testing::Lathe(profile, 120)).has_value());
-  ObjectModel shaft = testing::Lathe(profile, 120, keyway);
+  std::vector<lathe::LathePiece> profile = {lathe::StraightPiece({0, 0}, {0.1, 0})};
+  for (int i = 0; i < 20; ++i) profile.push_back(lathe::StraightPiece({0.1, 0.05 * i}, {0.1, 0.05 * (i + 1)}));
+  profile.push_back(lathe::StraightPiece({0.1, 1}, {0, 1}));
+  EXPECT_TRUE(Find(lathe::Lathe(profile, 120)).has_value());
+  ObjectModel shaft = lathe::Lathe(profile, 120, keyway);
   EXPECT_FALSE(Find(shaft).has_value()) << "by its surface alone";
   for (const double angle : {1.0, 1.3}) {
-    shaft.lines.push_back({{0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.2},
-                           {0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.8}, {}});
+    shaft.lines.push_back(
+        {{0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.2}, {0.1 * std::cos(angle), 0.1 * std::sin(angle), 0.8}, {}});
   }
   EXPECT_FALSE(Find(shaft).has_value());
 }
 
 TEST(ContinuousSymmetryTest, APaintedLineBreaksTheSymmetryAndIsReported) {
-  ObjectModel model = testing::Cylinder(64);
+  ObjectModel model = lathe::Cylinder(64);
   Paint({0.3, 0, -0.2}, {0.3, 0, 0.2}, model);
   std::vector<std::string> notices;
   EXPECT_FALSE(FindContinuousSymmetry(model, &notices).has_value());
@@ -191,7 +191,7 @@ TEST(ContinuousSymmetryTest, APaintedLineBreaksTheSymmetryAndIsReported) {
 }
 
 TEST(ContinuousSymmetryTest, ALineOnTheAxisDoesNot) {
-  ObjectModel model = testing::Cylinder(64);
+  ObjectModel model = lathe::Cylinder(64);
   Paint({0, 0, 0.5}, {0, 0, 0.9}, model);
   const std::optional<ContinuousSymmetry> found = Find(model);
   ASSERT_TRUE(found.has_value());
@@ -199,7 +199,7 @@ TEST(ContinuousSymmetryTest, ALineOnTheAxisDoesNot) {
 }
 
 TEST(ContinuousSymmetryTest, AnIncompleteRingBreaksTheSymmetry) {
-  ObjectModel model = testing::Cylinder(64);
+  ObjectModel model = lathe::Cylinder(64);
   ASSERT_TRUE(Find(model).has_value());
   std::vector<Eigen::Vector3d>& points = model.curves[0].points;
   points.resize(points.size() - 3);
@@ -211,12 +211,12 @@ TEST(ContinuousSymmetryTest, ASmallDentWithoutLinesBreaksTheSymmetry) {
   const auto dent = [](double angle, double height, double radius) {
     return radius == 0.3 && std::abs(angle - 2.0) < 0.2 && height == 0.5 ? 0.28 : radius;
   };
-  std::vector<testing::LathePiece> profile = {testing::StraightPiece({0, 0}, {0.3, 0})};
-  for (int i = 0; i < 20; ++i) profile.push_back(testing::StraightPiece({0.3, 0.05 * i}, {0.3, 0.05 * (i + 1)}));
-  profile.push_back(testing::StraightPiece({0.3, 1}, {0, 1}));
-  ASSERT_TRUE(Find(testing::Lathe(profile, 100)).has_value());
+  std::vector<lathe::LathePiece> profile = {lathe::StraightPiece({0, 0}, {0.3, 0})};
+  for (int i = 0; i < 20; ++i) profile.push_back(lathe::StraightPiece({0.3, 0.05 * i}, {0.3, 0.05 * (i + 1)}));
+  profile.push_back(lathe::StraightPiece({0.3, 1}, {0, 1}));
+  ASSERT_TRUE(Find(lathe::Lathe(profile, 100)).has_value());
   std::vector<std::string> notices;
-  EXPECT_FALSE(FindContinuousSymmetry(testing::Lathe(profile, 100, dent), &notices).has_value());
+  EXPECT_FALSE(FindContinuousSymmetry(lathe::Lathe(profile, 100, dent), &notices).has_value());
   EXPECT_THAT(notices, ElementsAre(HasSubstr("its surface")));
 }
 

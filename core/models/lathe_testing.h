@@ -12,7 +12,7 @@
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
 
-namespace evpose::testing {
+namespace evpose::lathe {
 
 // Part of a profile between two points (radius, height), with the normals (radial, axial) of the surface at both.
 struct LathePiece {
@@ -30,7 +30,8 @@ inline LathePiece StraightPiece(const Eigen::Vector2d& a, const Eigen::Vector2d&
 inline void AppendArc(const Eigen::Vector2d& centre, double radius, double from_rad, double to_rad, int pieces,
                       std::vector<LathePiece>& profile) {
   for (int i = 0; i < pieces; ++i) {
-    const double t0 = from_rad + (to_rad - from_rad) * i / pieces, t1 = from_rad + (to_rad - from_rad) * (i + 1) / pieces;
+    const double t0 = from_rad + (to_rad - from_rad) * i / pieces,
+                 t1 = from_rad + (to_rad - from_rad) * (i + 1) / pieces;
     const Eigen::Vector2d n0(std::cos(t0), std::sin(t0)), n1(std::cos(t1), std::sin(t1));
     profile.push_back({centre + radius * n0, centre + radius * n1, n0, n1});
   }
@@ -147,4 +148,4 @@ inline void Move(const RigidTransform& motion, ObjectModel& model) {
   }
 }
 
-}  // namespace evpose::testing
+}  // namespace evpose::lathe

@@ -208,14 +208,15 @@ class GroupSearch {
 
   bool MapsSurface(const Matrix3d& rotation) {
     if (surface_ == nullptr) surface_ = std::make_unique<CentredSurface>(model_, lines_.centre(), tolerance_m_);
-    const bool is_mapped = surface_->IsMappedOntoItself(rotation, kMaxSurfaceSamples, work_.surface_samples);
+    const bool is_mapped = surface_->IsMappedOntoItself(rotation, kMaxSurfaceSamples, work_.surface_samples, witness_);
     was_cut_short_ |= work_.surface_samples >= kMaxSurfaceSamples;
     return is_mapped;
   }
 
   // A rotation by a small angle moves a small part near the axis by less than the tolerance, so that the part does not
   // contradict it. A power of the rotation by about kLargeAngle, which is a symmetry if the rotation is, does so.
-  // Returns the refined power, the rotation itself if its angle is large, and nullopt if the power maps lines off lines.
+  // Returns the refined power, the rotation itself if its angle is large, and nullopt if the power maps lines off
+  // lines.
   std::optional<Matrix3d> LargePower(const Matrix3d& rotation) {
     constexpr double kSmallAngle = 1.0, kLargeAngle = 2.4;  // rad; the golden section of a turn is no common symmetry
     const double angle = RotationAngle(rotation, Matrix3d::Identity());
@@ -318,6 +319,7 @@ class GroupSearch {
   const double tolerance_m_;
   const CentredSegments lines_;
   double radius_m_ = 0.0;
+  size_t witness_ = 0;                       // sample of the surface that has contradicted a rotation
   std::unique_ptr<CentredSurface> surface_;  // built for the first rotation that needs it; most models have none
   RotationSet group_;                        // the identity first
   std::vector<Matrix3d> generators_;

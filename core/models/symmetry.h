@@ -25,13 +25,15 @@ struct SymmetryWork {
 // most objects 1, a prism as many as its number of sides allows. Points closer than `tolerance_ratio` of the diameter
 // are the same; lines are the same only if the normals of their faces match. The division of a surface into triangles
 // and of an edge into lines has no effect. If all lines lie on one axis through the centre, only the identity is
-// returned. Of a model with a continuous symmetry, none are searched for, and the result is empty. The work is bounded (8192 lines, 4096 symmetries, and each count of SymmetryWork). At the bound, the result
-// is the group found so far, and `notices`, unless null, gets a notice. `work`, unless null, gets what was counted.
+// returned. Of a model with a continuous symmetry, none are searched for, and the result is empty. The work is bounded
+// (8192 lines, 4096 symmetries, and each count of SymmetryWork). At the bound, the result is the group found so far,
+// and `notices`, unless null, gets a notice. `work`, unless null, gets what was counted.
 std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tolerance_ratio = 1e-3,
                                            std::vector<std::string>* notices = nullptr, SymmetryWork* work = nullptr);
 
-// Returns the equivalent pose camera_from_object * S, S one of the discrete `symmetries`, whose rotation is nearest to that of the reference; if several
-// are, the first of them in the order of `symmetries`. Without symmetries, returns the pose itself.
+// Returns the equivalent pose camera_from_object * S, S one of the discrete `symmetries`, whose rotation is nearest to
+// that of the reference; if several are, the first of them in the order of `symmetries`. Without symmetries, returns
+// the pose itself.
 RigidTransform NearestEquivalent(const RigidTransform& camera_from_object, absl::Span<const RigidTransform> symmetries,
                                  const RigidTransform& reference);
 

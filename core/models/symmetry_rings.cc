@@ -20,7 +20,11 @@ constexpr double kMaxTurnRad = kPi / 2.0;
 
 AxialRings::AxialRings(const ObjectModel& model, const Eigen::Vector3d& centre, const Eigen::Vector3d& axis,
                        double tolerance_m)
-    : centre_(centre), axis_(axis), first_(axis.unitOrthogonal()), second_(axis.cross(first_)), tolerance_m_(tolerance_m) {
+    : centre_(centre),
+      axis_(axis),
+      first_(axis.unitOrthogonal()),
+      second_(axis.cross(first_)),
+      tolerance_m_(tolerance_m) {
   for (const ModelLine& line : model.lines) AddSegment(line.p1, line.p2, line.kind, false);
   for (const EdgeCurve& curve : model.curves) {
     for (size_t i = 0; i + 1 < curve.points.size(); ++i) {

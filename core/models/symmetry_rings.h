@@ -12,14 +12,15 @@
 
 namespace evpose {
 
-// Rotations about an axis map lines and curves onto themselves if and only if they are complete circles about it, or lie
-// on it. Immutable.
+// Rotations about an axis map lines and curves onto themselves if and only if they are complete circles about it, or
+// lie on it. Immutable.
 class AxialRings {
  public:
   // `axis` is a unit vector, `tolerance_m` the largest distance between equal points.
   AxialRings(const ObjectModel& model, const Eigen::Vector3d& centre, const Eigen::Vector3d& axis, double tolerance_m);
 
-  // Share of the length of all lines and curves that is neither part of a complete circle nor on the axis; 0 without any.
+  // Share of the length of all lines and curves that is neither part of a complete circle nor on the axis; 0 without
+  // any.
   double broken_ratio() const { return length_m_ > 0.0 ? broken_m_ / length_m_ : 0.0; }
   // Whether half turns about the axes through the centre that are perpendicular to `axis` map circles onto circles.
   bool AreFlippable() const;

@@ -76,15 +76,28 @@ bool CentredSurface::IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d&
   return faces_.HasNear(point, distance_m, normal, normal.isZero() ? 0.0 : kSameSideCosine);
 }
 
+bool CentredSurface::IsMapped(const Sample& sample, const Eigen::Matrix3d& rotation) const {
+  const double distance_m = (sample.is_on_surface ? kOnSurface : kNoLongerOff) * tolerance_m_;
+  return IsNear(rotation * sample.point, rotation * sample.normal, distance_m) == sample.is_on_surface;
+}
+
+bool CentredSurface::IsMappedOntoItself(const Eigen::Matrix3d& rotation, int64_t max_samples, int64_t& samples,
+                                        size_t& witness) const {
+  for (size_t i = 0; i < samples_.size(); ++i) {
+    if (++samples >= max_samples) return false;
+    const size_t sample = (witness + i) % samples_.size();
+    if (IsMapped(samples_[sample], rotation)) continue;
+    witness = sample;
+    return false;
+  }
+  return true;
+}
+
 bool CentredSurface::IsMappedOntoItself(absl::Span<const Eigen::Matrix3d> rotations, int64_t max_samples,
                                         int64_t& samples) const {
   for (size_t i = 0; i < samples_.size(); ++i) {
     if (++samples >= max_samples) return false;
-    const Sample& sample = samples_[i];
-    const Eigen::Matrix3d& rotation = rotations[i % rotations.size()];
-    const double distance_m = (sample.is_on_surface ? kOnSurface : kNoLongerOff) * tolerance_m_;
-    const bool is_on_surface = IsNear(rotation * sample.point, rotation * sample.normal, distance_m);
-    if (is_on_surface != sample.is_on_surface) return false;
+    if (!IsMapped(samples_[i], rotations[i % rotations.size()])) return false;
   }
   return true;
 }

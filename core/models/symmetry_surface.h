@@ -22,9 +22,10 @@ class CentredSurface {
   CentredSurface(const ObjectModel& model, const Eigen::Vector3d& centre, double tolerance_m);
 
   // Adds the number of tested samples to `samples`. Returns false when it reaches `max_samples`.
-  bool IsMappedOntoItself(const Eigen::Matrix3d& rotation, int64_t max_samples, int64_t& samples) const {
-    return IsMappedOntoItself(absl::MakeConstSpan(&rotation, 1), max_samples, samples);
-  }
+  // `witness` is the index of the sample that is tested first and becomes that of the one that fails: a sample that
+  // contradicts one rotation often contradicts the next one, too.
+  bool IsMappedOntoItself(const Eigen::Matrix3d& rotation, int64_t max_samples, int64_t& samples,
+                          size_t& witness) const;
   // The same for several rotations that are symmetries together: each sample is tested with one of them in turn.
   bool IsMappedOntoItself(absl::Span<const Eigen::Matrix3d> rotations, int64_t max_samples, int64_t& samples) const;
 
@@ -36,6 +37,7 @@ class CentredSurface {
   };
   void AddSamples(const std::vector<Eigen::Vector3d>& points, const std::array<uint32_t, 3>& triangle,
                   std::vector<Sample>& samples) const;
+  bool IsMapped(const Sample& sample, const Eigen::Matrix3d& rotation) const;
   // Whether a face is within the distance of the point and, unless the normal is zero, has a similar normal.
   bool IsNear(const Eigen::Vector3d& point, const Eigen::Vector3d& normal, double distance_m) const;
 

@@ -280,8 +280,7 @@ RigidTransform ObjectTracker::ReferenceAt(int64_t t_us) const {
 }
 
 MotionState ObjectTracker::StartState(const FirstPose& first) const {
-  const RigidTransform pose =
-      NearestEquivalent(first.camera_from_object, *context_.model, ReferenceAt(first.t_us));
+  const RigidTransform pose = NearestEquivalent(first.camera_from_object, *context_.model, ReferenceAt(first.t_us));
   const double focal_px = context_.camera.MaxFocalPx();
   MotionState state = InitialMotionState(pose, first.t_us, focal_px, context_.options.initial);
   state.twist = first.twist;

@@ -379,8 +379,8 @@ PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& in
   PoseEstimate estimate;
   estimate.t_us = fit.state.t_us;
   estimate.camera_from_object = fit.state.camera_from_object;
-  estimate.covariance = WithFreeAngle(context_.model->continuous_symmetry, fit.state.camera_from_object,
-                                      PublishedCovariance(fit.state));
+  estimate.covariance =
+      WithFreeAngle(context_.model->continuous_symmetry, fit.state.camera_from_object, PublishedCovariance(fit.state));
   estimate.twist = fit.state.twist;
   estimate.state = ReportedState(phase_);
   estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.shares.mean_events_per_observation));

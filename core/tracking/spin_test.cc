@@ -23,8 +23,8 @@ std::shared_ptr<const ObjectModel> Can(bool is_round) {
   can->symmetries.clear();
   can->continuous_symmetry.reset();
   if (is_round) {
-    can->continuous_symmetry = ContinuousSymmetry{
-        ContinuousSymmetry::Kind::kAxis, Eigen::Vector3d(0, 0, 0.04), Eigen::Vector3d::UnitZ(), true};
+    can->continuous_symmetry = ContinuousSymmetry{ContinuousSymmetry::Kind::kAxis, Eigen::Vector3d(0, 0, 0.04),
+                                                  Eigen::Vector3d::UnitZ(), true};
   }
   return can;
 }
@@ -37,7 +37,8 @@ testing::Motion Swing(double tilt_rad, double spin_rad_per_s) {
     const double phase = 2.0 * M_PI * t_s / 0.2;
     RigidTransform pose = kCanStart;
     pose.rotation = ExpSo3({0, tilt_rad * std::sin(phase), 0}) * pose.rotation * ExpSo3({0, 0, spin_rad_per_s * t_s});
-    pose.translation_m += Eigen::Vector3d(0.03 * std::sin(phase), 0.02 * std::sin(phase + 1.0) - 0.02 * std::sin(1.0), 0);
+    pose.translation_m +=
+        Eigen::Vector3d(0.03 * std::sin(phase), 0.02 * std::sin(phase + 1.0) - 0.02 * std::sin(1.0), 0);
     return pose;
   };
 }
@@ -79,7 +80,7 @@ TEST(SpinTest, TheAngleFollowsTheMinimalMotionAndTheAxisIsRight) {
   for (size_t i = 0; i < estimates.size(); ++i) {
     const PoseEstimate& estimate = estimates[i];
     const RigidTransform& pose = estimate.camera_from_object;
-    if (i > 0) EXPECT_LT(SpinDeg(estimates[i - 1].camera_from_object, pose), 1e-6);
+    EXPECT_LT(SpinDeg(estimates[i > 0 ? i - 1 : 0].camera_from_object, pose), 1e-6);
     const Eigen::Vector3d axis = pose.rotation.col(2);
     EXPECT_NEAR(axis.dot(estimate.twist.tail<3>()), 0.0, 1e-9);
     const RigidTransform truth = motion(1e-6 * static_cast<double>(estimate.t_us));

@@ -114,7 +114,8 @@ TEST(PreparedModelTest, AContinuousSymmetryComesBackToTheBit) {
   ObjectModel model = PreparedCube();
   EXPECT_FALSE(DecodePreparedModel(EncodePreparedModel(model))->continuous_symmetry.has_value());
   for (const auto kind : {ContinuousSymmetry::Kind::kAxis, ContinuousSymmetry::Kind::kSphere}) {
-    model.continuous_symmetry = {kind, {0.1, -0.2, 1.0 / 3.0}, {0.0, 0.6, 0.8}, kind == ContinuousSymmetry::Kind::kAxis};
+    model.continuous_symmetry = {
+        kind, {0.1, -0.2, 1.0 / 3.0}, {0.0, 0.6, 0.8}, kind == ContinuousSymmetry::Kind::kAxis};
     const ObjectModel decoded = DecodePreparedModel(EncodePreparedModel(model)).value();
     ASSERT_TRUE(decoded.continuous_symmetry.has_value());
     EXPECT_EQ(decoded.continuous_symmetry->kind, kind);

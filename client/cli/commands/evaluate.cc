@@ -61,10 +61,10 @@ absl::StatusOr<std::optional<Consistency>> EvaluateConsistency(const Trajectory&
   for (const TrajectoryError& error : errors) {
     while (estimate.trajectory[next].t_us != error.t_us) ++next;
     const Matrix6d& covariance = estimate.covariances[next];
-    values.push_back(options.continuous_symmetry
-                         ? NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance,
-                                                  *options.continuous_symmetry)
-                         : NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance));
+    values.push_back(
+        options.continuous_symmetry
+            ? NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance, *options.continuous_symmetry)
+            : NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance));
   }
   return SummariseConsistency(std::move(values));
 }
@@ -211,7 +211,8 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       "how often such a period ended. Positions are compared in the camera frame, without alignment.\n"
       "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
       "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n"
-      "With --symmetric, a model with an axis of symmetry has 5 (median 4.4), a sphere 3 (2.4); their positions are those\n"
+      "With --symmetric, a model with an axis of symmetry has 5 (median 4.4), a sphere 3 (2.4); their positions are "
+      "those\n"
       "of the symmetry's centre, their rotation errors the angles between the axes.\n"
       "An estimate without poses is printed as a row of \"-\", and the exit status is 1.\n\n"
       "Example:\n"
