@@ -7,12 +7,14 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/mesh/types/edge_curve.h"
 #include "core/mesh/triangle_bvh.h"
+#include "core/mesh/types/edge_curve.h"
 #include "core/models/object_model.h"
 
 namespace evpose {
@@ -46,9 +48,9 @@ struct EdgeElementOptions {
   absl::Status Validate() const;
 };
 
-// The level of detail is a power of 1.5 times the size of a pixel at the object relative to the diameter of the object:
-// a number from 0 (finest) to kNumDetailLevels - 1. `previous` is the level in use: it is kept until the size differs
-// from it by more than hysteresis allows. Negative: none.
+// The level of detail of curves: the size of a pixel at the object relative to the diameter of the object in steps of
+// 1.5, from 0 (finest, an object 3000 pixels wide) to kNumDetailLevels - 1. `previous` is the level in use: it is kept
+// until the size differs by 10 % more than the step. Negative: none.
 inline constexpr int kNumDetailLevels = 16;
 int DetailLevel(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object,
                 int previous);
@@ -58,6 +60,9 @@ int DetailLevel(const ObjectModel& model, const CameraModel& camera, const Rigid
 class EdgeElementExtractor {
  public:
   EdgeElementExtractor(const ObjectModel& model, const TriangleBvh& faces, const EdgeElementOptions& options);
+  ~EdgeElementExtractor();
+  EdgeElementExtractor(const EdgeElementExtractor&) = delete;
+  EdgeElementExtractor& operator=(const EdgeElementExtractor&) = delete;
 
   // Whether the model has edges beside its straight lines: curves, or curved regions that have contours.
   bool has_curves() const;
@@ -73,11 +78,14 @@ class EdgeElementExtractor {
   const ObjectModel& model_;
   const TriangleBvh& faces_;
   const EdgeElementOptions options_;
+  struct Prepared;
+  std::unique_ptr<const Prepared> prepared_;
 };
 
 // Moves the ends of a contour element along the surface to where the surface turns away from the camera centre `eye`
-// (object frame), with the radius of curvature along the ray: exact for spheres and cylinders, of third order in the
-// change of the view else (core/contours/README.md). Elements that are fixed to the object stay.
+// (object frame), with the radius of curvature along the ray: exact for spheres, of third order in the change of the
+// view else (core/contours/README.md, equation (6)). The errors of successive calls add up: slide a copy of the element
+// that was extracted. Elements that are fixed to the object stay.
 void SlideContour(const Eigen::Vector3d& eye, EdgeElement& element);
 
 }  // namespace evpose

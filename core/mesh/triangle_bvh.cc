@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
+#include <utility>
 
 #include "core/base/yield_point.h"
 
@@ -37,7 +39,64 @@ double SquaredDistanceToSegment(const Eigen::Vector3d& point, const Eigen::Vecto
   return (point - a - t * edge).squaredNorm();
 }
 
+double SquaredDistanceToBounds(const Eigen::Vector3d& point, const std::array<std::array<float, 3>, 2>& bounds) {
+  double distance2 = 0.0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double outside = std::max({bounds[0][axis] - point[axis], point[axis] - bounds[1][axis], 0.0});
+    distance2 += outside * outside;
+  }
+  return distance2;
+}
+
+// The float next to `value` that is not above (below) it.
+float RoundedDown(double value) {
+  const auto rounded = static_cast<float>(value);
+  return rounded > value ? std::nextafter(rounded, -std::numeric_limits<float>::infinity()) : rounded;
+}
+float RoundedUp(double value) { return -RoundedDown(-value); }
+
+// Parameters of a ray that meets no box.
+constexpr float kMissed = 2.0f;
+// Slack of the comparison of two parameters in [0, 1], each with a relative error of at most 4 roundings to float.
+constexpr float kParameterSlack = 1e-6f;
+// Slack of a coordinate relative to its size: 4 roundings to float.
+constexpr double kCoordinateSlack = 0x1p-22;
+// A direction along which a segment moves less than this, m, has no extent along the axis.
+constexpr float kLeastDirection = 1e-18f;
+
 }  // namespace
+
+// A segment in single precision. The slack that makes the boxes larger than the rounding errors is added to the origin:
+// `origins[0]` is subtracted from least, `origins[1]` from greatest coordinates.
+struct TriangleBvh::Ray {
+  Ray(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double extent_m) {
+    for (int axis = 0; axis < 3; ++axis) {
+      const double slack = kCoordinateSlack * (std::abs(origin[axis]) + extent_m);
+      origins[0][axis] = RoundedUp(origin[axis] + slack);
+      origins[1][axis] = RoundedDown(origin[axis] - slack);
+      const auto rounded = static_cast<float>(direction[axis]);
+      const float component = std::abs(rounded) < kLeastDirection ? kLeastDirection : rounded;
+      is_backward[axis] = component < 0.0f ? 1 : 0;
+      inverse[axis] = 1.0f / component;
+    }
+  }
+
+  // The parameter in [0, 1] at which the segment enters the box, or kMissed. A parameter that is not a number, of an
+  // origin beyond the range of float, restricts nothing.
+  float Enter(const Node& node) const {
+    float begin = 0.0f, end = 1.0f;
+    for (int axis = 0; axis < 3; ++axis) {
+      const int near = is_backward[axis], far = 1 - near;
+      begin = std::max(begin, (node.bounds[near][axis] - origins[near][axis]) * inverse[axis]);
+      end = std::min(end, (node.bounds[far][axis] - origins[far][axis]) * inverse[axis]);
+    }
+    return begin <= end + kParameterSlack ? begin : kMissed;
+  }
+
+  std::array<std::array<float, 3>, 2> origins;
+  std::array<float, 3> inverse;
+  std::array<int, 3> is_backward;
+};
 
 TriangleBvh::TriangleBvh(absl::Span<const Eigen::Vector3d> vertices,
                          absl::Span<const std::array<uint32_t, 3>> triangles) {
@@ -45,27 +104,46 @@ TriangleBvh::TriangleBvh(absl::Span<const Eigen::Vector3d> vertices,
   std::vector<uint32_t> order(triangles.size());
   std::iota(order.begin(), order.end(), 0u);
   triangles_.reserve(triangles.size());
+  Eigen::AlignedBox3d box;
+  for (const std::array<uint32_t, 3>& triangle : triangles) {
+    for (const uint32_t corner : triangle) box.extend(vertices[corner]);
+  }
+  centre_ = box.center();
+  extent_m_ = 0.5 * box.sizes().maxCoeff();
   Build({vertices, triangles}, absl::MakeSpan(order));
+}
+
+TriangleBvh::Node TriangleBvh::MakeNode(const Eigen::AlignedBox3d& box) const {
+  Node node;
+  for (int axis = 0; axis < 3; ++axis) {
+    node.bounds[0][axis] = RoundedDown(box.min()[axis] - centre_[axis]);
+    node.bounds[1][axis] = RoundedUp(box.max()[axis] - centre_[axis]);
+  }
+  return node;
+}
+
+void TriangleBvh::AppendLeaf(const Mesh& mesh, absl::Span<const uint32_t> triangles, const Eigen::AlignedBox3d& box) {
+  leaves_.push_back({box, static_cast<uint32_t>(triangles_.size()), static_cast<uint32_t>(triangles.size())});
+  for (const uint32_t triangle : triangles) {
+    const auto& [i, j, k] = mesh.triangles[triangle];
+    const Eigen::Vector3d edge1 = mesh.vertices[j] - mesh.vertices[i], edge2 = mesh.vertices[k] - mesh.vertices[i];
+    triangles_.push_back({mesh.vertices[i], edge1, edge2, edge1.cross(edge2).normalized()});
+  }
 }
 
 void TriangleBvh::Build(const Mesh& mesh, absl::Span<uint32_t> triangles) {
   const size_t node = nodes_.size();
-  nodes_.emplace_back();
   Eigen::AlignedBox3d box, centres;
   for (const uint32_t triangle : triangles) {
     const auto& [i, j, k] = mesh.triangles[triangle];
     box.extend(mesh.vertices[i]).extend(mesh.vertices[j]).extend(mesh.vertices[k]);
     centres.extend(mesh.vertices[i] + mesh.vertices[j] + mesh.vertices[k]);
   }
-  nodes_[node].box = box;
+  nodes_.push_back(MakeNode(box));
   if (triangles.size() <= kMaxLeafTriangles) {
-    nodes_[node].first = static_cast<uint32_t>(triangles_.size());
-    nodes_[node].count = static_cast<uint32_t>(triangles.size());
-    for (const uint32_t triangle : triangles) {
-      const auto& [i, j, k] = mesh.triangles[triangle];
-      const Eigen::Vector3d edge1 = mesh.vertices[j] - mesh.vertices[i], edge2 = mesh.vertices[k] - mesh.vertices[i];
-      triangles_.push_back({mesh.vertices[i], edge1, edge2, edge1.cross(edge2).normalized()});
-    }
+    nodes_[node].first = static_cast<uint32_t>(leaves_.size());
+    nodes_[node].is_leaf = 1;
+    AppendLeaf(mesh, triangles, box);
     return;
   }
   int axis;
@@ -85,38 +163,53 @@ void TriangleBvh::Build(const Mesh& mesh, absl::Span<uint32_t> triangles) {
   Build(mesh, triangles.subspan(half));
 }
 
-bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point,
-                             double plane_tolerance_m) const {
-  if (nodes_.empty()) return false;
+bool TriangleBvh::LeafOccludes(const Leaf& leaf, const Eigen::Vector3d& origin, const Eigen::Vector3d& point,
+                               double plane_tolerance_m) const {
   const Eigen::Vector3d direction = point - origin;
-  const Eigen::Vector3d inverse_direction = direction.cwiseInverse();
-  const auto occludes = [&](const Triangle& triangle) {
+  for (uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i) {
+    const Triangle& triangle = triangles_[i];
     const double point_height = triangle.normal.dot(point - triangle.corner);
-    if (std::abs(point_height) <= plane_tolerance_m) return false;
+    if (std::abs(point_height) <= plane_tolerance_m) continue;
     const double origin_height = triangle.normal.dot(origin - triangle.corner);
-    if ((point_height > 0.0) == (origin_height > 0.0)) return false;
+    if ((point_height > 0.0) == (origin_height > 0.0)) continue;
     const Eigen::Vector3d p = direction.cross(triangle.edge2);
     const double determinant = triangle.edge1.dot(p);
     const Eigen::Vector3d s = origin - triangle.corner;
     const double u = s.dot(p) / determinant;
     const double v = direction.dot(s.cross(triangle.edge1)) / determinant;
-    return u >= 0.0 && v >= 0.0 && u + v <= 1.0;
-  };
+    if (!(u >= 0.0 && v >= 0.0 && u + v <= 1.0)) continue;
+    // The boxes of the nodes are larger than the triangles. This test makes the result independent of that; it is
+    // monotone in the box, so that those of the nodes above need no test.
+    return MeetsBox(leaf.box, origin, direction, direction.cwiseInverse());
+  }
+  return false;
+}
+
+bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point,
+                             double plane_tolerance_m) const {
+  if (nodes_.empty()) return false;
+  const Ray ray(origin - centre_, point - origin, extent_m_);
+  if (ray.Enter(nodes_[0]) == kMissed) return false;
   std::array<uint32_t, kMaxDepth> waiting;
   int waiting_count = 0;
   uint32_t current = 0;
   for (size_t visited = 0;; ++visited) {
     YieldPoint(visited);
     const Node& node = nodes_[current];
-    if (MeetsBox(node.box, origin, direction, inverse_direction)) {
-      for (uint32_t i = 0; i < node.count; ++i) {
-        if (occludes(triangles_[node.first + i])) return true;
+    if (node.is_leaf == 0) {
+      uint32_t near = current + 1, far = node.first;
+      float enter_near = ray.Enter(nodes_[near]), enter_far = ray.Enter(nodes_[far]);
+      if (enter_far < enter_near) {
+        std::swap(near, far);
+        std::swap(enter_near, enter_far);
       }
-      if (node.count == 0) {
-        waiting[waiting_count++] = node.first;
-        ++current;
+      if (enter_far != kMissed) waiting[waiting_count++] = far;
+      if (enter_near != kMissed) {
+        current = near;
         continue;
       }
+    } else if (LeafOccludes(leaves_[node.first], origin, point, plane_tolerance_m)) {
+      return true;
     }
     if (waiting_count == 0) return false;
     current = waiting[--waiting_count];
@@ -139,18 +232,24 @@ void TriangleBvh::VisitNear(const Eigen::Vector3d& point, double radius_m, const
   std::array<uint32_t, kMaxDepth> waiting;
   int waiting_count = 0;
   uint32_t current = 0;
+  const Eigen::Vector3d relative = point - centre_;
+  // The exact box of a leaf decides; those of the nodes are enlarged beyond the rounding errors.
+  const double slack_m = kCoordinateSlack * (relative.cwiseAbs().maxCoeff() + extent_m_);
+  const double node_radius2 = (radius_m + 2.0 * slack_m) * (radius_m + 2.0 * slack_m);
   while (true) {
     const Node& node = nodes_[current];
-    if (node.box.squaredExteriorDistance(point) <= radius_m * radius_m) {
-      for (uint32_t i = 0; i < node.count; ++i) {
-        const Triangle& triangle = triangles_[node.first + i];
-        const double distance2 = squared_distance(triangle);
-        if (distance2 <= radius_m * radius_m && visit(triangle, distance2)) return;
-      }
-      if (node.count == 0) {
+    if (SquaredDistanceToBounds(relative, node.bounds) <= node_radius2) {
+      if (node.is_leaf == 0) {
         waiting[waiting_count++] = node.first;
         ++current;
         continue;
+      }
+      const Leaf& leaf = leaves_[node.first];
+      if (leaf.box.squaredExteriorDistance(point) <= radius_m * radius_m) {
+        for (uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i) {
+          const double distance2 = squared_distance(triangles_[i]);
+          if (distance2 <= radius_m * radius_m && visit(triangles_[i], distance2)) return;
+        }
       }
     }
     if (waiting_count == 0) return;

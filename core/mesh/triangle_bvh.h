@@ -41,11 +41,18 @@ class TriangleBvh {
     Eigen::Vector3d edge1, edge2;  // to the other two corners
     Eigen::Vector3d normal;        // unit
   };
+  // Half a cache line. The boxes are relative to `centre_` and rounded outwards to single precision.
   struct Node {
-    Eigen::AlignedBox3d box;
-    uint32_t first = 0;  // leaf: first triangle; else: right child (the left one follows its parent)
-    uint32_t count = 0;  // leaf: number of triangles; else 0
+    std::array<std::array<float, 3>, 2> bounds;  // least and greatest coordinates
+    uint32_t first = 0;                          // leaf: index into `leaves_`; else: right child (the left one follows)
+    uint32_t is_leaf = 0;
   };
+  struct Leaf {
+    Eigen::AlignedBox3d box;  // exact
+    uint32_t first = 0;       // first triangle
+    uint32_t count = 0;
+  };
+  struct Ray;
 
   struct Mesh {
     absl::Span<const Eigen::Vector3d> vertices;
@@ -56,9 +63,16 @@ class TriangleBvh {
   void VisitNear(const Eigen::Vector3d& point, double radius_m, const Visit& visit) const;
   // Appends the tree of these triangles and reorders the span.
   void Build(const Mesh& mesh, absl::Span<uint32_t> triangles);
+  void AppendLeaf(const Mesh& mesh, absl::Span<const uint32_t> triangles, const Eigen::AlignedBox3d& box);
+  Node MakeNode(const Eigen::AlignedBox3d& box) const;
+  bool LeafOccludes(const Leaf& leaf, const Eigen::Vector3d& origin, const Eigen::Vector3d& point,
+                    double plane_tolerance_m) const;
 
   std::vector<Triangle> triangles_;  // in leaf order
   std::vector<Node> nodes_;          // depth first
+  std::vector<Leaf> leaves_;
+  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();  // of the box of all triangles
+  double extent_m_ = 0.0;                             // largest distance of a coordinate from the centre
 };
 
 }  // namespace evpose

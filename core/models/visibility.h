@@ -6,10 +6,11 @@
 
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/models/object_model.h"
 #include "core/mesh/triangle_bvh.h"
+#include "core/models/object_model.h"
 
 namespace evpose {
 
@@ -35,6 +36,13 @@ struct VisibilityOptions {
 
   absl::Status Validate() const;
 };
+
+// The origin of the rays that test a line through `middle` for occlusion; `origin` is the camera's centre before
+// (object frame). False if all faces of the line are turned away; a line without faces is never. In a grazing view,
+// whether a face hides its own lines would depend on rounding errors of the pose: the origin is moved to where the view
+// is no longer grazing (core/models/README.md, section 6).
+bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::Vector3d& middle, double grazing_cosine,
+                   Eigen::Vector3d& origin);
 
 // Tests lines by ray casting against the mesh. Immutable after construction; thread-compatible. Keeps a reference:
 // `model` must outlive it.

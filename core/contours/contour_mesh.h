@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The triangles of curved regions, and the occluding contours on them (core/contours/README.md, sections 1 and 2).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "core/contours/rim_point.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+// Successive points of one contour, on one region.
+struct RimChain {
+  uint32_t region = 0;  // number among the curved regions
+  uint32_t begin = 0;   // points [begin, end)
+  uint32_t end = 0;
+  bool is_ring = false;  // the last point is the first one again
+};
+
+struct Rims {
+  std::vector<RimPoint> points;
+  std::vector<RimChain> chains;
+};
+
+// Immutable after construction. Keeps a reference: `model` must outlive it.
+class ContourMesh {
+ public:
+  explicit ContourMesh(const ObjectModel& model);
+
+  uint32_t num_regions() const { return num_regions_; }  // curved ones
+  // The contours as seen from `eye`, in the order of the triangles. Segments between successive points whose sagitta is
+  // larger than `max_sagitta_rad` as seen from the eye are divided.
+  void FindRims(const Eigen::Vector3d& eye, double max_sagitta_rad, Rims& rims) const;
+
+ private:
+  static constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
+  struct Triangle {
+    std::array<uint32_t, 3> corners;     // indices of points and normals that are shared within a region
+    std::array<uint32_t, 3> neighbours;  // across the edges from corner k to k + 1: 3 * triangle + edge, or kNone
+    uint32_t region;                     // index into the regions of the model
+  };
+  struct Crossing {
+    uint32_t triangle;
+    uint8_t in, out;  // the edges at which the contour enters and leaves
+    bool is_visited;
+  };
+  struct Sight;  // the eye, and the height of the eye's rays above the tangent planes at the corners
+
+  void AddTriangles(const std::vector<uint32_t>& curved_number);
+  void LinkTriangles();
+  // The triangles through which contours pass, in ascending order.
+  std::vector<Crossing> FindCrossings(const Sight& sight) const;
+  void FollowContour(const Sight& sight, absl::Span<Crossing> crossings, size_t first, Rims& rims) const;
+  Eigen::Vector3d CrossingOfEdge(const Sight& sight, const Triangle& triangle, int edge) const;
+  // Curvature of the surface along the ray, 1/m.
+  double CurvatureAlongRay(const Sight& sight, const Triangle& triangle, const Eigen::Vector3d& ray) const;
+  // The contour point at barycentric coordinates; `other` is the second triangle at an edge, or the same one.
+  RimPoint MakeRimPoint(const Sight& sight, const Triangle& triangle, const Triangle& other,
+                        const Eigen::Vector3d& barycentric) const;
+  void AppendDivided(const Sight& sight, const Triangle& triangle, const Eigen::Vector3d& from,
+                     const Eigen::Vector3d& to, const RimPoint& end, Rims& rims) const;
+
+  const ObjectModel& model_;
+  uint32_t num_regions_ = 0;
+  std::vector<uint32_t> region_number_;  // of each region of the model among the curved ones
+  std::vector<Triangle> triangles_;
+  std::vector<std::array<uint32_t, 3>> corners_of_;  // those of `triangles_`, without gaps for the search
+  std::vector<Eigen::Vector3d> points_;
+  std::array<std::vector<double>, 3> normals_;  // by coordinate
+  std::vector<double> heights_m_;               // normal . point
+};
+
+}  // namespace evpose

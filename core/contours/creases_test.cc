@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include "core/contours/contour_shapes_testing.h"
+#include "core/contours/edge_elements.h"
+#include "core/contours/element_view.h"
+
+namespace evpose {
+namespace {
+
+constexpr double kHoleM = 0.02, kThicknessM = 0.01;
+constexpr int kPlateFacets = 32;
+
+ObjectModel Plate() { return PlateWithHoles(0.06, kHoleM, kThicknessM, kPlateFacets, {-0.06, 0.06}); }
+
+std::vector<EdgeElement> OfCurve(const std::vector<EdgeElement>& elements, uint32_t curve) {
+  std::vector<EdgeElement> found;
+  for (const EdgeElement& element : elements) {
+    if (element.curve == curve) found.push_back(element);
+  }
+  return found;
+}
+
+double LengthM(const std::vector<EdgeElement>& elements) {
+  double length_m = 0.0;
+  for (const EdgeElement& element : elements) length_m += (element.p2 - element.p1).norm();
+  return length_m;
+}
+
+// Distance, pixels, of the image of a point from that of the circle of radius `radius_m` about (x, 0, z).
+double FromCirclePx(const Eigen::Vector3d& point, double x, double radius_m, const Eigen::Vector3d& eye) {
+  const Eigen::Vector2d offset(point.x() - x, point.y());
+  return (offset.norm() - radius_m) * 700.0 / (point - eye).norm();
+}
+
+TEST(CreasesTest, FrontRimsOfHolesAreTheirCircles) {
+  const ObjectModel plate = Plate();
+  for (const Eigen::Vector3d& eye : {Eigen::Vector3d(0, 0, 0.4), Eigen::Vector3d(0.2, 0.1, 0.3)}) {
+    const auto elements = ElementsOf(plate, eye);
+    for (const auto& [curve, x] : {std::pair(0u, -0.06), std::pair(2u, 0.06)}) {
+      const auto rim = OfCurve(elements, curve);
+      EXPECT_NEAR(LengthM(rim) / (2.0 * std::numbers::pi * kHoleM), 1.0, 0.03);
+      double sum_px = 0.0;
+      for (const EdgeElement& element : rim) {
+        EXPECT_EQ(element.kind, EdgeKind::kCrease);
+        EXPECT_EQ(element.radius_m[0], 0.0);
+        for (const Eigen::Vector3d& point : SamplesOf(element)) {
+          EXPECT_NEAR(FromCirclePx(point, x, kHoleM, eye), 0.0, 0.25);
+          EXPECT_NEAR(point.z(), 0.0, 1e-9);
+          sum_px += FromCirclePx(point, x, kHoleM, eye);
+        }
+      }
+      // The polygon of 32 sides is 0.1 px smaller in the mean, the chords are not.
+      EXPECT_NEAR(sum_px / (5.0 * static_cast<double>(rim.size())), 0.0, 0.03);
+    }
+  }
+}
+
+TEST(CreasesTest, RimsBehindAreSeenThroughTheHoleOnly) {
+  const ObjectModel plate = Plate();
+  for (const Eigen::Vector3d& eye : {Eigen::Vector3d(0, 0, 0.4), Eigen::Vector3d(0.25, 0.1, 0.2)}) {
+    const auto elements = ElementsOf(plate, eye);
+    for (const auto& [curve, x] : {std::pair(1u, -0.06), std::pair(3u, 0.06)}) {
+      const auto is_open = [&](const Eigen::Vector3d& point, double tolerance_m) {
+        const double fraction = -point.z() / (eye.z() - point.z());
+        const Eigen::Vector3d in_front = point + fraction * (eye - point);
+        return std::hypot(in_front.x() - x, in_front.y()) < kHoleM + tolerance_m;
+      };
+      double open_m = 0.0;
+      for (int i = 0; i < 1000; ++i) {
+        const Eigen::Vector2d p = kHoleM * OnCircle(i / 1000.0);
+        if (is_open({p.x() + x, p.y(), -kThicknessM}, 0.0)) open_m += 2.0 * std::numbers::pi * kHoleM / 1000.0;
+      }
+      const auto rim = OfCurve(elements, curve);
+      EXPECT_NEAR(LengthM(rim), open_m, 0.1 * 2.0 * std::numbers::pi * kHoleM);
+      for (const EdgeElement& element : rim) EXPECT_TRUE(is_open(0.5 * (element.p1 + element.p2), 1e-3));
+    }
+  }
+}
+
+TEST(CreasesTest, FacesTurnedAwayHideTheirCurves) {
+  const ObjectModel cylinder = CylinderModel(0.08, 0.05, 64);
+  const Eigen::Vector3d eye(0.3, 0.1, 0.3);
+  const auto elements = ElementsOf(cylinder, eye);
+  // The whole rim of the cap in front, and half of that behind, which is an outline.
+  EXPECT_NEAR(LengthM(OfCurve(elements, 1)) / (2.0 * std::numbers::pi * 0.05), 1.0, 0.03);
+  EXPECT_NEAR(LengthM(OfCurve(elements, 0)) / (2.0 * std::numbers::pi * 0.05), 0.47, 0.06);
+  for (const EdgeElement& element : OfCurve(elements, 0)) EXPECT_EQ(element.prior_contrast, 1.0f);
+  size_t num_inner = 0;
+  for (const EdgeElement& element : OfCurve(elements, 1)) num_inner += element.prior_contrast < 1.0f;
+  EXPECT_GT(num_inner, OfCurve(elements, 1).size() / 4);
+  EXPECT_LT(num_inner, OfCurve(elements, 1).size() * 3 / 4);
+}
+
+TEST(CreasesTest, BluntCreasesHaveASmallPriorContrast) {
+  ObjectModel plate = Plate();
+  const auto contrast = [&] { return OfCurve(ElementsOf(plate, {0, 0, 0.4}), 0).at(0).prior_contrast; };
+  const float sharp = contrast();
+  plate.curves[0].turn_rad = 0.5;
+  EXPECT_LT(contrast(), sharp);
+}
+
+TEST(CreasesTest, BoundaryIsSeenFromItsFront) {
+  ObjectModel disc;
+  disc.curves.push_back(RingCurve({0, 0, 0}, 0.05, 64, {0, 0, 1}, 1.0));
+  disc.curves[0].kind = EdgeKind::kBoundary;
+  for (auto& normals : disc.curves[0].face_normals) normals[1].setZero();
+  disc.diameter_m = 0.1;
+  disc.vertices = {{0, 0, 0}};
+  EXPECT_GT(ElementsOf(disc, {0.1, 0.1, 0.4}).size(), 8u);
+  EXPECT_TRUE(ElementsOf(disc, {0.1, 0.1, -0.4}).empty());
+}
+
+TEST(CreasesTest, SmallCurvesAndParallelOnesAreDropped) {
+  ObjectModel disc;
+  disc.curves.push_back(RingCurve({0, 0, 0}, 0.05, 64, {0, 0, 1}, 1.0));
+  disc.diameter_m = 0.1;
+  disc.vertices = {{0, 0, 0}};
+  const Eigen::Vector3d eye(0, 0, 0.5);
+  const double length_px = LengthPx(ElementsOf(disc, eye), EdgeKind::kCrease, eye);
+  EXPECT_NEAR(length_px, 2.0 * std::numbers::pi * 70.0, 3.0);
+  disc.curves.push_back(RingCurve({0, 0, 0}, 0.0003, 16, {0, 0, 1}, 1.0));  // perimeter 2.6 px
+  EXPECT_TRUE(OfCurve(ElementsOf(disc, eye), 1).empty());
+  disc.curves[1] = RingCurve({0, 0, 0}, 0.049, 64, {0, 0, 1}, 1.0);  // 1.4 px beside the other
+  EXPECT_NEAR(LengthPx(ElementsOf(disc, eye), EdgeKind::kCrease, eye), length_px, 0.1 * length_px);
+  disc.curves[1] = RingCurve({0, 0, 0}, 0.046, 64, {0, 0, 1}, 1.0);  // 5.6 px
+  EXPECT_NEAR(LengthPx(ElementsOf(disc, eye), EdgeKind::kCrease, eye), 1.92 * length_px, 0.02 * length_px);
+}
+
+TEST(CreasesTest, FewerElementsCoverTheImageAndKeepTheOutline) {
+  EdgeElementOptions options;
+  options.max_elements = 24;
+  const Eigen::Vector3d eye(0.2, 0.1, 0.3);
+  const ObjectModel model = CylinderModel(0.08, 0.05, 64);
+  const auto all = ElementsOf(model, eye), few = ElementsOf(model, eye, options);
+  ASSERT_GT(all.size(), 32u);
+  EXPECT_EQ(few.size(), 24u);
+  std::array<int, 4> quadrants = {};
+  const RigidTransform pose = ViewFrom(eye);
+  for (const EdgeElement& element : few) {
+    EXPECT_EQ(element.prior_contrast, 1.0f);
+    const Eigen::Vector3d middle = pose * Eigen::Vector3d(0.5 * (element.p1 + element.p2));
+    ++quadrants[(middle.x() > 0.0) + 2 * (middle.y() > 0.0)];
+  }
+  for (const int count : quadrants) EXPECT_GE(count, 2);
+}
+
+TEST(CreasesTest, CoarserLevelsHaveFewerElements) {
+  const ObjectModel plate = Plate();
+  const TriangleBvh faces(plate.vertices, plate.triangles);
+  const EdgeElementExtractor extractor(plate, faces, {});
+  std::vector<EdgeElement> elements;
+  size_t previous = 1000;
+  for (const int level : {0, 5, 8, 11}) {
+    extractor.Extract(ContourCamera(), ViewFrom({0, 0, 0.4}), level, elements);
+    EXPECT_LT(elements.size(), previous) << level;
+    previous = elements.size();
+  }
+}
+
+TEST(CreasesTest, OctantsAreCentredOnTheAxes) {
+  for (int i = 0; i < 64; ++i) {
+    const double turn = (i + 0.5) / 64.0;
+    EXPECT_EQ(ImageOctant(OnCircle(turn)), static_cast<int>(std::floor(8.0 * turn + 0.5)) % 8) << i;
+  }
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/contours/edge_elements.h"
+
+#include <algorithm>
+
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
+#include "core/contours/contour_mesh.h"
+#include "core/contours/curve_levels.h"
+#include "core/contours/element_view.h"
+
+namespace evpose {
+namespace {
+
+constexpr int kOctants = 8;
+// A level is kept while the size of a pixel is beyond its step by less than this factor.
+constexpr double kLevelHysteresis = 1.1;
+// Depth of an object whose centre is not in front of the camera, relative to its diameter.
+constexpr double kLeastDepth = 0.1;
+// The centre of the object is that of the box about as many vertices.
+constexpr size_t kCentreVertices = 64;
+// Candidates that are tested for occlusion, relative to the largest number of elements: bounds the number of rays.
+constexpr size_t kCandidatesPerElement = 4;
+
+Eigen::Vector3d CentreOf(const ObjectModel& model) {
+  Eigen::AlignedBox3d box;
+  const size_t step = std::max<size_t>(1, model.vertices.size() / kCentreVertices);
+  for (size_t i = 0; i < model.vertices.size(); i += step) box.extend(model.vertices[i]);
+  return box.isEmpty() ? Eigen::Vector3d::Zero() : Eigen::Vector3d(box.center());
+}
+
+}  // namespace
+
+absl::Status EdgeElementOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgeElementOptions.sagitta_px", sagitta_px, 0.01, 10.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgeElementOptions.min_chain_px", min_chain_px, 0.0, 1000.0));
+  return CheckRange("EdgeElementOptions.max_elements", max_elements, 1, 10'000);
+}
+
+int DetailLevel(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object,
+                int previous) {
+  const double depth_m = std::max((camera_from_object * CentreOf(model)).z(), kLeastDepth * model.diameter_m);
+  const double size = depth_m / (camera.MaxFocalPx() * model.diameter_m);
+  const auto step_above = [](int level) { return level + 1 < kNumDetailLevels ? PixelSizeOfLevel(level + 1) : 1e300; };
+  if (previous >= 0 && previous < kNumDetailLevels) {
+    const double least = previous > 0 ? PixelSizeOfLevel(previous) : 0.0;
+    if (size * kLevelHysteresis >= least && size < step_above(previous) * kLevelHysteresis) return previous;
+  }
+  int level = 0;
+  while (level + 1 < kNumDetailLevels && size >= step_above(level)) ++level;
+  return level;
+}
+
+struct EdgeElementExtractor::Prepared {
+  ContourMesh mesh;
+  CurveLevels curves;
+};
+
+EdgeElementExtractor::EdgeElementExtractor(const ObjectModel& model, const TriangleBvh& faces,
+                                           const EdgeElementOptions& options)
+    : model_(model),
+      faces_(faces),
+      options_(options),
+      prepared_(new Prepared{ContourMesh(model), CurveLevels(model, options.sagitta_px)}) {}
+
+EdgeElementExtractor::~EdgeElementExtractor() = default;
+
+bool EdgeElementExtractor::has_curves() const { return !model_.curves.empty() || prepared_->mesh.num_regions() > 0; }
+
+uint32_t EdgeElementExtractor::num_curves() const {
+  return static_cast<uint32_t>(model_.lines.size() + model_.curves.size()) + kOctants * prepared_->mesh.num_regions();
+}
+
+void EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
+                                   std::vector<EdgeElement>& elements) const {
+  elements.clear();
+  if (!has_curves()) return;
+  const ElementView view{camera, camera_from_object, camera_from_object.Inverse().translation_m};
+  std::vector<Candidate> candidates;
+  prepared_->curves.VisitChords(level, [&](EdgeElement element, size_t curve) {
+    if (IsTurnedAway(view, element)) return;
+    if (element.kind == EdgeKind::kCrease) element.prior_contrast = CreaseContrast(model_.curves[curve].turn_rad);
+    AppendCandidates(view, element, element.curve, candidates);
+  });
+  Rims rims;
+  prepared_->mesh.FindRims(view.eye, options_.sagitta_px / camera.MaxFocalPx(), rims);
+  AppendContours(view, rims, options_.sagitta_px, static_cast<uint32_t>(model_.lines.size() + model_.curves.size()),
+                 candidates);
+  RemoveShortChains(options_.min_chain_px, candidates);
+  KeepStrongest(kCandidatesPerElement * static_cast<size_t>(options_.max_elements), candidates);
+  KeepVisible(view, model_, faces_, candidates);
+  RemoveShortChains(options_.min_chain_px, candidates);
+  SelectElements(options_.max_elements, candidates);
+  elements.reserve(candidates.size());
+  for (const Candidate& candidate : candidates) elements.push_back(candidate.element);
+}
+
+}  // namespace evpose

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <tuple>
+
+#include "core/base/yield_point.h"
+#include "core/contours/element_view.h"
+
+namespace evpose {
+namespace {
+
+// Elements within this distance, which turn by less than 15 degrees, share their events.
+constexpr double kParallelPx = 2.0;
+constexpr double kParallelSine = 0.26;
+// Cells in which the elements of a view are counted: tiles of the box about all elements, and orientations.
+constexpr int kTilesPerSide = 4;
+constexpr int kOrientations = 4;
+
+struct Ranked {
+  uint32_t index = 0;
+  bool is_outline = false;
+  double weight = 0.0;
+  Eigen::Vector2d middle_px;
+  Eigen::Vector2d direction;
+  double half_length_px = 0.0;
+  int rank = 0;  // among those of one cell
+
+  bool operator<(const Ranked& other) const {
+    return std::tuple(!is_outline, rank, -weight, index) <
+           std::tuple(!other.is_outline, other.rank, -other.weight, other.index);
+  }
+};
+
+bool IsBeside(const Ranked& element, const Ranked& stronger) {
+  const Eigen::Vector2d& along = stronger.direction;
+  const auto across = [&along](const Eigen::Vector2d& v) { return std::abs(along.x() * v.y() - along.y() * v.x()); };
+  if (across(element.direction) > kParallelSine) return false;
+  const Eigen::Vector2d offset = element.middle_px - stronger.middle_px;
+  return std::abs(along.dot(offset)) <= stronger.half_length_px && across(offset) < kParallelPx;
+}
+
+// Ranks elements, the strongest first, among those of the same cell.
+void RankInCells(std::vector<Ranked>& ranked) {
+  Eigen::AlignedBox2d box;
+  for (const Ranked& element : ranked) box.extend(element.middle_px);
+  const Eigen::Vector2d size = box.sizes();
+  std::array<int, kTilesPerSide* kTilesPerSide* kOrientations> counts = {};
+  const auto tile = [&](const Ranked& element, int axis) {
+    if (!(size[axis] > 0.0)) return 0;
+    const double position = (element.middle_px[axis] - box.min()[axis]) / size[axis];
+    return std::min(static_cast<int>(kTilesPerSide * position), kTilesPerSide - 1);
+  };
+  for (Ranked& element : ranked) {
+    const int orientation = ImageOctant(element.direction) % kOrientations;
+    const int cell = (tile(element, 0) * kTilesPerSide + tile(element, 1)) * kOrientations + orientation;
+    element.rank = counts[cell]++;
+  }
+}
+
+// Keeps the candidates with these numbers in their order.
+void Keep(std::vector<uint32_t> indices, std::vector<Candidate>& candidates) {
+  std::sort(indices.begin(), indices.end());
+  for (size_t i = 0; i < indices.size(); ++i) candidates[i] = candidates[indices[i]];
+  candidates.resize(indices.size());
+}
+
+std::vector<uint32_t> IndicesOf(const std::vector<Ranked>& ranked) {
+  std::vector<uint32_t> indices;
+  indices.reserve(ranked.size());
+  for (const Ranked& element : ranked) indices.push_back(element.index);
+  return indices;
+}
+
+}  // namespace
+
+void KeepStrongest(size_t count, std::vector<Candidate>& candidates) {
+  if (candidates.size() <= count) return;
+  std::vector<uint32_t> indices(candidates.size());
+  std::iota(indices.begin(), indices.end(), 0u);
+  std::nth_element(indices.begin(), indices.begin() + count, indices.end(), [&](uint32_t a, uint32_t b) {
+    const double weight_a = candidates[a].weight(), weight_b = candidates[b].weight();
+    return weight_a != weight_b ? weight_a > weight_b : a < b;
+  });
+  indices.resize(count);
+  Keep(std::move(indices), candidates);
+}
+
+void SelectElements(int max_elements, std::vector<Candidate>& candidates) {
+  std::vector<Ranked> ranked;
+  ranked.reserve(candidates.size());
+  for (uint32_t i = 0; i < candidates.size(); ++i) {
+    const Candidate& candidate = candidates[i];
+    const double length_px = candidate.length_px();
+    if (!(length_px > 0.0)) continue;
+    ranked.push_back({i, candidate.is_outline, candidate.weight(), 0.5 * (candidate.p1_px + candidate.p2_px),
+                      (candidate.p2_px - candidate.p1_px) / length_px, 0.5 * length_px});
+  }
+  std::sort(ranked.begin(), ranked.end());
+  size_t kept = 0;
+  for (size_t i = 0; i < ranked.size(); ++i) {
+    YieldPoint(i);
+    const Ranked element = ranked[i];
+    const auto is_beside = [&element](const Ranked& stronger) { return IsBeside(element, stronger); };
+    if (std::none_of(ranked.begin(), ranked.begin() + kept, is_beside)) ranked[kept++] = element;
+  }
+  ranked.resize(kept);
+  if (ranked.size() > static_cast<size_t>(max_elements)) {
+    RankInCells(ranked);
+    std::sort(ranked.begin(), ranked.end());
+    ranked.resize(max_elements);
+  }
+  Keep(IndicesOf(ranked), candidates);
+}
+
+}  // namespace evpose

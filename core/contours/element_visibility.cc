@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "core/base/yield_point.h"
+#include "core/contours/element_view.h"
+#include "core/models/visibility.h"
+
+namespace evpose {
+namespace {
+
+// Distances relative to the diameter. The points of elements lie on the surface, not on the triangles that approximate
+// it: they are tested this far nearer to the eye and outside of the surface.
+constexpr double kTowardsEye = 3e-3;
+constexpr double kOutwards = 1e-3;
+// Whether an occluding edge has the background behind it is decided this far, pixels, beside it.
+constexpr double kBesidePx = 1.5;
+// Rays to the background end this many diameters behind the object.
+constexpr double kBackground = 2.0;
+// Prior contrasts. An inner contour separates parts of one colour; a crease changes the brightness with the angle by
+// which the surface turns, by less than the threshold of a sensor in most light below 40 degrees.
+constexpr float kOutlineContrast = 1.0f;
+constexpr float kInnerContrast = 0.5f;
+constexpr float kSharpContrast = 0.8f;
+constexpr float kBluntContrast = 0.5f;
+constexpr double kSharpTurnRad = 0.7;  // 40 degrees
+
+// How one candidate is seen.
+struct EdgeSight {
+  Eigen::Vector3d origin;    // of the rays
+  Eigen::Vector3d outwards;  // unit normal of a side that faces the eye; zero for a wire
+  Eigen::Vector3d beside;    // in the image beyond an occluding edge; zero for other edges
+  bool is_turned_away = false;
+};
+
+EdgeSight LookAtContour(const ElementView& view, const EdgeElement& element) {
+  const Eigen::Vector3d normal = (element.normals[0] + element.normals[1]).normalized();
+  return {view.eye, normal, normal, false};
+}
+
+EdgeSight LookAtEdge(const ElementView& view, const EdgeElement& element, double grazing_cosine) {
+  EdgeSight sight{view.eye, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(), false};
+  std::array<Eigen::Vector3d, 2> normals;
+  size_t num_normals = 0, num_back = 0;
+  const Eigen::Vector3d middle = 0.5 * (element.p1 + element.p2);
+  const Eigen::Vector3d to_eye = view.eye - middle;
+  double best_height_m = 0.0;
+  for (const Eigen::Vector3d& normal : element.normals) {
+    if (normal.isZero()) continue;
+    const double height_m = normal.dot(to_eye);
+    if (height_m < 0.0) ++num_back;
+    if (num_normals == 0 || height_m > best_height_m) {
+      best_height_m = height_m;
+      sight.outwards = normal;
+    }
+    normals[num_normals++] = normal;
+  }
+  sight.is_turned_away = !FindRayOrigin({normals.data(), num_normals}, middle, grazing_cosine, sight.origin);
+  if (num_normals == 2 && num_back == 1) {
+    const Eigen::Vector3d across = to_eye.cross(element.p2 - element.p1).normalized();
+    sight.beside = across.dot(element.normals[0] + element.normals[1]) < 0.0 ? Eigen::Vector3d(-across) : across;
+  }
+  return sight;
+}
+
+class Looker {
+ public:
+  Looker(const ElementView& view, const ObjectModel& model, const TriangleBvh& faces)
+      : view_(view), model_(model), faces_(faces), has_distortion_(view.camera.HasDistortion()) {}
+
+  EdgeSight Look(const EdgeElement& element) const {
+    return element.kind == EdgeKind::kContour ? LookAtContour(view_, element)
+                                              : LookAtEdge(view_, element, VisibilityOptions().grazing_cosine);
+  }
+
+  bool Sees(const EdgeSight& sight, const Eigen::Vector3d& point) const {
+    if (has_distortion_ && !view_.camera.IsInImage(view_.Project(point))) return false;
+    const Eigen::Vector3d towards = (sight.origin - point).normalized();
+    const Eigen::Vector3d moved = point + model_.diameter_m * (kTowardsEye * towards + kOutwards * sight.outwards);
+    return !faces_.IsOccluded(sight.origin, moved, VisibilityOptions().surface_tolerance * model_.diameter_m);
+  }
+
+  // Sets the prior contrast. Whether an occluding edge has the background behind it needs a ray.
+  void Rate(const EdgeSight& sight, Candidate& candidate) const {
+    EdgeElement& element = candidate.element;
+    if (element.kind == EdgeKind::kBoundary) {
+      candidate.is_outline = true;
+    } else if (!sight.beside.isZero()) {
+      const Eigen::Vector3d middle = 0.5 * (element.p1 + element.p2);
+      const double pixel_m = (middle - view_.eye).norm() / view_.camera.MaxFocalPx();
+      const Eigen::Vector3d start = middle + kBesidePx * pixel_m * sight.beside;
+      const Eigen::Vector3d end = start + kBackground * model_.diameter_m * (start - view_.eye).normalized();
+      candidate.is_outline = !faces_.IsOccluded(start, end, 0.0);
+    }
+    if (candidate.is_outline) {
+      element.prior_contrast = kOutlineContrast;
+    } else if (element.kind == EdgeKind::kContour) {
+      element.prior_contrast = kInnerContrast;
+    }
+  }
+
+ private:
+  const ElementView& view_;
+  const ObjectModel& model_;
+  const TriangleBvh& faces_;
+  const bool has_distortion_;
+};
+
+// Cuts a candidate to its visible part; false if most of it is hidden.
+bool CutToVisible(const ElementView& view, const Looker& looker, const EdgeSight& sight, Candidate& candidate) {
+  const Eigen::Vector3d along = candidate.element.p2 - candidate.element.p1;
+  const auto sees = [&](double fraction) { return looker.Sees(sight, candidate.element.p1 + fraction * along); };
+  const bool sees_first = sees(1.0 / 6.0), sees_last = sees(5.0 / 6.0);
+  if (sees_first && sees_last) return true;
+  if (!sees_first && !sees_last) return false;
+  if (!sees(0.5)) return false;
+  candidate.element = PartOf(candidate.element, sees_first ? 0.0 : 1.0 / 3.0, sees_first ? 2.0 / 3.0 : 1.0);
+  (sees_first ? candidate.p2_px : candidate.p1_px) =
+      view.Project(sees_first ? candidate.element.p2 : candidate.element.p1);
+  return true;
+}
+
+}  // namespace
+
+float CreaseContrast(double turn_rad) { return turn_rad < kSharpTurnRad ? kBluntContrast : kSharpContrast; }
+
+bool IsTurnedAway(const ElementView& view, const EdgeElement& element) {
+  return LookAtEdge(view, element, VisibilityOptions().grazing_cosine).is_turned_away;
+}
+
+void KeepVisible(const ElementView& view, const ObjectModel& model, const TriangleBvh& faces,
+                 std::vector<Candidate>& candidates) {
+  const Looker looker(view, model, faces);
+  size_t kept = 0;
+  for (size_t i = 0; i < candidates.size(); ++i) {
+    YieldPoint(i);
+    Candidate candidate = candidates[i];
+    const EdgeSight sight = looker.Look(candidate.element);
+    if (sight.is_turned_away || !CutToVisible(view, looker, sight, candidate)) continue;
+    looker.Rate(sight, candidate);
+    candidates[kept++] = candidate;
+  }
+  candidates.resize(kept);
+}
+
+}  // namespace evpose
