@@ -157,6 +157,9 @@ def triangulated(polygon):
     return [t for t in triangles if is_left(*t) > 1e-12]
 
 
+ON_EDGE = 1e-9  # square millimetres
+
+
 def is_ear(points, rest, i, j, k):
     a, b, c = points[i], points[j], points[k]
     if is_left(a, b, c) <= 1e-12:
@@ -167,7 +170,8 @@ def is_ear(points, rest, i, j, k):
         q = points[m]
         if q[0] < low_x or q[0] > high_x or q[1] < low_y or q[1] > high_y or q in (a, b, c):
             continue
-        if is_left(a, b, q) >= 0 and is_left(b, c, q) >= 0 and is_left(c, a, q) >= 0:
+        # A point on an edge, up to rounding, would end as a junction in the middle of an edge.
+        if is_left(a, b, q) >= -ON_EDGE and is_left(b, c, q) >= -ON_EDGE and is_left(c, a, q) >= -ON_EDGE:
             return False
     return True
 
@@ -194,9 +198,16 @@ class Part:
 
     def flat(self, outline, holes, place, normal):
         """A plane face: a counter-clockwise outline seen from `normal`, clockwise holes; place((x, y)) is the point in space."""
-        polygon = with_bridges(outline, holes)
+        original = {}
+
+        def turned(p):
+            # By an angle at which no two points of the shapes are in one row, as bridges need it.
+            q = (p[0] * math.cos(0.3) - p[1] * math.sin(0.3), p[0] * math.sin(0.3) + p[1] * math.cos(0.3))
+            original[q] = p
+            return q
+        polygon = with_bridges([turned(p) for p in outline], [[turned(p) for p in ring] for ring in holes])
         for corners in triangulated(polygon):
-            self.triangle(tuple(place(p) for p in corners), (normal, normal, normal))
+            self.triangle(tuple(place(original[p]) for p in corners), (normal, normal, normal))
 
     def revolve(self, strokes):
         """About z: strokes of (radius, z), with the outside on their right-hand side."""

@@ -142,7 +142,7 @@ def blade(n):
         angle = 2 * math.pi * v
         chord, twist = 34 - 12 * u, 0.2 + 0.8 * u
         x = 0.5 * chord * math.cos(angle)
-        y = 0.11 * chord * math.sin(angle) * (1 + 0.75 * math.cos(angle)) + 0.08 * chord * (1 - math.cos(angle) ** 2)
+        y = 0.16 * chord * math.sin(angle) * (1 + 0.4 * math.cos(angle)) + 0.05 * chord * (1 - math.cos(angle) ** 2)
         return (x * math.cos(twist) - y * math.sin(twist), x * math.sin(twist) + y * math.cos(twist), 90 * u)
     part = Part(n).surface(point, max(6, n // 3), n)
     part.lids(point, n, 0.0, 90.0)
