@@ -43,7 +43,7 @@ Eigen::Vector3d ToEigen(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 class SceneCollector {
  public:
   SceneCollector(const aiScene& scene, double metres_per_unit, size_t max_triangles)
-      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({max_triangles, max_triangles}) {
+      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({max_triangles}) {
     out_.mesh.lines_are_all = false;
   }
 
@@ -83,11 +83,11 @@ class SceneCollector {
       const Eigen::Vector3d point = metres_per_unit_ * (placed * ToEigen(mesh.mVertices[i]));
       if (!point.allFinite()) return absl::InvalidArgumentError("a coordinate is not finite");
       out_.mesh.points.push_back(point);
-      const Eigen::Vector3d normal =
-          mesh.HasNormals() ? cofactors * ToEigen(mesh.mNormals[i]) : Eigen::Vector3d::Zero();
+      Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+      if (mesh.HasNormals()) normal = cofactors * ToEigen(mesh.mNormals[i]);
       const double length = normal.norm();
-      point_normals_.push_back(length > 0.0 && std::isfinite(length) ? Eigen::Vector3f((normal / length).cast<float>())
-                                                                     : Eigen::Vector3f::Zero());
+      const bool is_direction = length > 0.0 && std::isfinite(length);
+      point_normals_.push_back(is_direction ? (normal / length).cast<float>().eval() : Eigen::Vector3f::Zero().eval());
       Eigen::Vector2d position = Eigen::Vector2d::Zero();
       if (image >= 0) position = ToEigen(mesh.mTextureCoords[channel][i]).head<2>();
       point_positions_.push_back(position);

@@ -12,6 +12,7 @@
 #include "absl/time/clock.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/commands/model_picture.h"
+#include "client/cli/common/model_arguments.h"
 #include "core/base/status_macros.h"
 #include "core/evaluation/model_views.h"
 #include "core/models/object_model.h"
@@ -23,7 +24,7 @@ struct InspectArguments {
   std::string file;
   std::string camera;
   std::string picture;
-  double metres_per_unit = 1.0;
+  ModelReadingArguments reading;
   bool is_json = false;
 };
 
@@ -49,8 +50,7 @@ absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
   }
   Inspection inspection;
   const absl::Time start = absl::Now();
-  EVPOSE_ASSIGN_OR_RETURN(inspection.model,
-                          LoadObjectModel(arguments.file, {.metres_per_unit = arguments.metres_per_unit}));
+  EVPOSE_ASSIGN_OR_RETURN(inspection.model, arguments.reading.Load(arguments.file));
   const absl::Time prepared = absl::Now();
   inspection.preparation = prepared - start;
   EVPOSE_ASSIGN_OR_RETURN(inspection.views, ViewModel(inspection.model, camera));
@@ -114,8 +114,8 @@ ViewSummary Summarise(const std::vector<ModelView>& views) {
 
 std::string SymmetryText(const ObjectModel& model) {
   if (model.continuous_symmetry) {
-    const ContinuousSymmetry& symmetry = *model.continuous_symmetry;
-    if (symmetry.kind == ContinuousSymmetry::Kind::kSphere) return "sphere: the rotation cannot be known";
+    const evpose::ContinuousSymmetry& symmetry = *model.continuous_symmetry;
+    if (symmetry.kind == evpose::ContinuousSymmetry::Kind::kSphere) return "sphere: the rotation cannot be known";
     const Eigen::Vector3d& axis = symmetry.axis;
     return absl::StrFormat("continuous about the axis (%.3f, %.3f, %.3f)%s: the angle about it cannot be known",
                            axis.x(), axis.y(), axis.z(), symmetry.is_flippable ? " and half turns across it" : "");
@@ -147,9 +147,9 @@ std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummar
 Json SymmetryJson(const ObjectModel& model) {
   Json json = {{"discrete", std::max<size_t>(1, model.symmetries.size())}, {"continuous", nullptr}};
   if (!model.continuous_symmetry) return json;
-  const ContinuousSymmetry& symmetry = *model.continuous_symmetry;
+  const evpose::ContinuousSymmetry& symmetry = *model.continuous_symmetry;
   const auto vector = [](const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); };
-  json["continuous"] = {{"kind", symmetry.kind == ContinuousSymmetry::Kind::kSphere ? "sphere" : "axis"},
+  json["continuous"] = {{"kind", symmetry.kind == evpose::ContinuousSymmetry::Kind::kSphere ? "sphere" : "axis"},
                         {"centre_m", vector(symmetry.centre)},
                         {"axis", vector(symmetry.axis)},
                         {"is_flippable", symmetry.is_flippable}};
@@ -240,8 +240,8 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   CLI::App* const app = models.add_subcommand(
       "inspect", "What the tracker makes of a model file: repairs, edges, symmetry, certainty; needs no server");
   auto arguments = std::make_shared<InspectArguments>();
-  AddFile(*app, "file", arguments->file, "OBJ, PLY or STL")->required();
-  AddOption(*app, "--scale", arguments->metres_per_unit, "Metres per unit of the file", AboveZero());
+  AddFile(*app, "file", arguments->file, "Model file of any format")->required();
+  arguments->reading.AddTo(*app);
   AddFile(*app, "--camera", arguments->camera, "Camera: ROS camera_info YAML; default: an EVK4 with 49 degrees");
   AddFile(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
   app->add_flag("--json", arguments->is_json, "JSON on standard output");
