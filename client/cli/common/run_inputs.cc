@@ -203,10 +203,8 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& a
   config.sensor = FromCore(inputs.sensor);
   report.models.clear();
   for (const InputObject& input : inputs.objects) {
-    const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(input.model_bytes.data()),
-                                          input.model_bytes.size());
-    absl::StatusOr<ModelInfo> model = client.UploadModel(bytes, input.upload);
-    if (!model.ok()) return ModelError(input.model_path, model.status());
+    absl::StatusOr<ModelInfo> model = UploadModel(client, input.model_path, input.model);
+    if (!model.ok()) return model.status();
     report.models.push_back(
         {input.id, model->notices, model->num_symmetries, model->diameter_m, model->continuous_symmetry.has_value()});
     config.objects.push_back(
