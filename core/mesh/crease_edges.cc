@@ -24,13 +24,12 @@ constexpr double kMinTurnShare = 0.6;
 constexpr double kContinuedShare = 2.0 / 3.0;
 // Scale test: length of the path, relative to the diameter: 6 px at 300 px.
 constexpr double kPathShare = 0.02;
-// Rad, 60 degrees: a path of the scale test ends there, at the other side of a thin wall.
-constexpr double kWallAngle = std::numbers::pi / 3.0;
 // Tessellation test. The outermost facet of a fillet turns by half a step; 0.6 degrees allow for roundings.
 constexpr double kStepRatio = 2.0, kStepTolerance = 0.6 * kRadPerDeg;
 // Largest distance between the facets and the surface, relative to the diameter: 1.2 px at 300 px.
 constexpr double kMaxSagitta = 0.004;
-// CAD programs turn by less between facets.
+// CAD programs turn by less between facets. A path of the scale test ends at a sharper edge, beyond which there is the
+// other side of a thin wall or of a chamfer.
 constexpr double kMaxStep = 40.0 * kRadPerDeg;
 // Edges that turn by less are diagonals of flat or nearly flat quadrilaterals.
 constexpr double kLeastTurn = 0.3 * kRadPerDeg;
@@ -173,7 +172,7 @@ class CreaseFinder {
     path_.clear();
     WalkAcross(graph_, side, longest_m, work_, [this](const PathStep& step) {
       path_.push_back(step);
-      return std::abs(graph_.turn_rad(step.exit)) < kWallAngle;
+      return std::abs(graph_.turn_rad(step.exit)) < kMaxStep;
     });
     const double h_m = path_.empty() ? 0.0 : 0.5 * std::min(longest_m, path_.back().to_m);
     std::array<Eigen::Vector3d, 2> means = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};

@@ -157,7 +157,7 @@ class CurveCutter {
       const Eigen::Vector3d here = Vector(chain, k);
       if (segments.empty() || AngleBetween(first, here) > kStraightAngle) {
         first = here;
-        segments.push_back({k, k, Eigen::Vector3d::Zero(), 0.0});
+        segments.emplace_back().first_edge = k;
       }
       ChainSegment& last = segments.back();
       last.end_edge = k + 1;
