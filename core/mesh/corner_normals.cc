@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/corner_normals.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstdint>
+#include <numeric>
+
+namespace evpose {
+namespace {
+
+// Corners that share a vertex and are connected across smooth sides: a disjoint-set forest. Corner c of triangle t has
+// the number 3 t + c.
+class CornerFans {
+ public:
+  CornerFans(const FacetGraph& graph, const std::vector<bool>& is_smooth) : parent_(is_smooth.size()) {
+    std::iota(parent_.begin(), parent_.end(), 0u);
+    for (uint32_t side = 0; side < parent_.size(); ++side) {
+      if (!is_smooth[side]) continue;
+      // The opposite side has the other direction: it begins where this one ends.
+      const uint32_t opposite = graph.opposite(side);
+      Join(side, After(opposite));
+    }
+  }
+
+  uint32_t Root(uint32_t corner) {
+    while (parent_[corner] != corner) corner = parent_[corner] = parent_[parent_[corner]];
+    return corner;
+  }
+
+ private:
+  static uint32_t After(uint32_t corner) { return corner / 3 * 3 + (corner + 1) % 3; }
+
+  void Join(uint32_t a, uint32_t b) {
+    a = Root(a);
+    b = Root(b);
+    parent_[std::max(a, b)] = std::min(a, b);
+  }
+
+  std::vector<uint32_t> parent_;
+};
+
+double CornerAngle(const FacetGraph& graph, uint32_t corner) {
+  const uint32_t triangle = corner / 3;
+  const auto& corners = graph.mesh().triangles[triangle];
+  const auto& points = graph.mesh().points;
+  const Eigen::Vector3d& here = points[corners[corner % 3]];
+  return AngleBetween(points[corners[(corner + 1) % 3]] - here, points[corners[(corner + 2) % 3]] - here);
+}
+
+}  // namespace
+
+std::vector<std::array<Eigen::Vector3f, 3>> CornerNormals(const FacetGraph& graph, const std::vector<bool>& is_smooth) {
+  CornerFans fans(graph, is_smooth);
+  const auto num_corners = static_cast<uint32_t>(is_smooth.size());
+  std::vector<Eigen::Vector3d> sums(num_corners, Eigen::Vector3d::Zero());
+  for (uint32_t corner = 0; corner < num_corners; ++corner) {
+    sums[fans.Root(corner)] += CornerAngle(graph, corner) * graph.normal(corner / 3);
+  }
+  std::vector<std::array<Eigen::Vector3f, 3>> normals(num_corners / 3);
+  for (uint32_t corner = 0; corner < num_corners; ++corner) {
+    const Eigen::Vector3d& sum = sums[fans.Root(corner)];
+    // Opposite facets may cancel each other at the tip of a sliver.
+    const bool has_direction = sum.squaredNorm() > 1e-12;
+    normals[corner / 3][corner % 3] = (has_direction ? sum.normalized() : graph.normal(corner / 3)).cast<float>();
+  }
+  return normals;
+}
+
+}  // namespace evpose

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Normals of a smooth surface at the corners of its triangles (core/mesh/SURFACE.md, section 3).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "core/mesh/facet_graph.h"
+
+namespace evpose {
+
+// For each corner, the mean of the normals of the triangles at its vertex that are connected across smooth sides,
+// weighted with their angles there; unit. `is_smooth[side]` is equal for both sides of an edge, and false for a side
+// without an opposite.
+std::vector<std::array<Eigen::Vector3f, 3>> CornerNormals(const FacetGraph& graph, const std::vector<bool>& is_smooth);
+
+}  // namespace evpose

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/facet_graph.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "absl/types/span.h"
+#include "core/numerics/math.h"
+
+namespace evpose {
+namespace {
+
+// A path of four hundredths of the diameter crosses some 40 triangles of a regular mesh of a million.
+constexpr int kMaxSteps = 96;
+
+// The side at which a path leaves a triangle that it has entered at `entry`, and the distance to it; kNone if rounding
+// errors leave no such side.
+std::pair<uint32_t, double> ExitOf(const FacetGraph& graph, uint32_t entry, const Eigen::Vector3d& point,
+                                   const Eigen::Vector3d& direction) {
+  constexpr double kParallel = 1e-12;
+  uint32_t exit = FacetGraph::kNone;
+  double distance_m = 0.0;
+  for (uint32_t offset = 1; offset < 3; ++offset) {
+    const uint32_t side = entry / 3 * 3 + (entry + offset) % 3;
+    const Eigen::Vector3d into = graph.Into(side);
+    const double rate = -direction.dot(into);
+    if (rate < kParallel) continue;
+    const double here_m = std::max(0.0, (point - graph.begin(side)).dot(into)) / rate;
+    if (exit != FacetGraph::kNone && here_m >= distance_m) continue;
+    exit = side;
+    distance_m = here_m;
+  }
+  return {exit, distance_m};
+}
+
+}  // namespace
+
+double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return DeterministicAtan2(a.cross(b).norm(), a.dot(b));
+}
+
+FacetGraph::FacetGraph(const RawMesh& mesh)
+    : mesh_(mesh),
+      uses_(SortedEdgeUses(mesh.triangles)),
+      opposite_(3 * mesh.triangles.size(), kNone),
+      turn_rad_(3 * mesh.triangles.size(), 0.0f) {
+  normals_.reserve(mesh.triangles.size());
+  for (const auto& [i, j, k] : mesh.triangles) {
+    normals_.push_back((mesh.points[j] - mesh.points[i]).cross(mesh.points[k] - mesh.points[i]).normalized());
+  }
+  ForEachEdge(uses_, [this](absl::Span<const EdgeUse> uses) {
+    if (uses.size() != 2 || uses[0].is_forward == uses[1].is_forward) return;
+    const uint32_t first = 3 * uses[0].triangle + uses[0].side, second = 3 * uses[1].triangle + uses[1].side;
+    opposite_[first] = second;
+    opposite_[second] = first;
+    const Eigen::Vector3d &n1 = normals_[uses[0].triangle], &n2 = normals_[uses[1].triangle];
+    const double angle = AngleBetween(n1, n2);
+    const bool is_convex = n1.cross(n2).dot(end(first) - begin(first)) >= 0.0;
+    turn_rad_[first] = turn_rad_[second] = static_cast<float>(is_convex ? angle : -angle);
+  });
+}
+
+void WalkAcross(const FacetGraph& graph, uint32_t side, double max_length_m, int64_t& work,
+                absl::FunctionRef<bool(const PathStep& step)> visit) {
+  Eigen::Vector3d point = 0.5 * (graph.begin(side) + graph.end(side));
+  Eigen::Vector3d direction = graph.Into(side);
+  double length_m = 0.0;
+  for (int i = 0; i < kMaxSteps && length_m < max_length_m && work > 0; ++i) {
+    --work;
+    const auto [exit, distance_m] = ExitOf(graph, side, point, direction);
+    if (exit == FacetGraph::kNone || !visit({side / 3, length_m, length_m + distance_m, exit})) return;
+    const uint32_t next = graph.opposite(exit);
+    if (next == FacetGraph::kNone) return;
+    point += distance_m * direction;
+    length_m += distance_m;
+    const Eigen::Vector3d along = graph.Along(exit);
+    const double cosine = direction.dot(along);
+    direction = cosine * along + std::sqrt(std::max(0.0, 1.0 - cosine * cosine)) * graph.Into(next);
+    side = next;
+  }
+}
+
+}  // namespace evpose

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mesh/surface_regions.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "absl/types/span.h"
+#include "core/mesh/corner_normals.h"
+#include "core/mesh/crease_edges.h"
+#include "core/mesh/facet_graph.h"
+#include "core/numerics/math.h"
+
+namespace evpose {
+namespace {
+
+// A region is flat if its points are at most that far from a plane, relative to the diameter (0.15 px at 300 px), and
+// its facets are inclined to it by at most 2 degrees.
+constexpr double kFlatTolerance = 5e-4;
+constexpr double kFlatAngle = 2.0 * std::numbers::pi / 180.0;
+
+// For each side of the triangles, whether the surface continues smoothly to the opposite one.
+std::vector<bool> SmoothSides(const FacetGraph& graph, absl::Span<const MeshEdge> edges) {
+  std::vector<bool> is_smooth(3 * graph.mesh().triangles.size());
+  for (uint32_t side = 0; side < is_smooth.size(); ++side) is_smooth[side] = graph.opposite(side) != FacetGraph::kNone;
+  for (const MeshEdge& edge : edges) {
+    for (const uint32_t triangle : edge.triangles) {
+      const auto& corners = graph.mesh().triangles[triangle];
+      for (uint32_t s = 0; s < 3; ++s) {
+        const uint32_t from = corners[s], to = corners[(s + 1) % 3];
+        const bool is_side =
+            (from == edge.ends[0] && to == edge.ends[1]) || (from == edge.ends[1] && to == edge.ends[0]);
+        if (is_side) is_smooth[3 * triangle + s] = false;
+      }
+    }
+  }
+  return is_smooth;
+}
+
+// Numbers the connected parts of the surface in the order of their first triangles. Returns their number.
+uint32_t FloodRegions(const FacetGraph& graph, const std::vector<bool>& is_smooth, std::vector<uint32_t>& region_of) {
+  region_of.assign(is_smooth.size() / 3, FacetGraph::kNone);
+  uint32_t num_regions = 0;
+  std::vector<uint32_t> open;
+  for (uint32_t seed = 0; seed < region_of.size(); ++seed) {
+    if (region_of[seed] != FacetGraph::kNone) continue;
+    region_of[seed] = num_regions;
+    open.assign(1, seed);
+    while (!open.empty()) {
+      const uint32_t triangle = open.back();
+      open.pop_back();
+      for (uint32_t side = 3 * triangle; side < 3 * triangle + 3; ++side) {
+        if (!is_smooth[side]) continue;
+        const uint32_t neighbour = graph.opposite(side) / 3;
+        if (region_of[neighbour] != FacetGraph::kNone) continue;
+        region_of[neighbour] = num_regions;
+        open.push_back(neighbour);
+      }
+    }
+    ++num_regions;
+  }
+  return num_regions;
+}
+
+// Marks the flat regions as planes and gives their corners the normal of the plane.
+void FindPlanes(const FacetGraph& graph, double diameter_m, SmoothSurface& surface) {
+  const RawMesh& mesh = graph.mesh();
+  std::vector<double> area(surface.regions.size(), 0.0);
+  std::vector<bool> is_flat(surface.regions.size(), true);
+  const auto triangle_area = [&](const std::array<uint32_t, 3>& t) {
+    return 0.5 * (mesh.points[t[1]] - mesh.points[t[0]]).cross(mesh.points[t[2]] - mesh.points[t[0]]).norm();
+  };
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    const auto& [i, j, k] = mesh.triangles[t];
+    const double weight = triangle_area(mesh.triangles[t]);
+    SurfaceRegion& region = surface.regions[surface.region_of[t]];
+    region.point += weight / 3.0 * (mesh.points[i] + mesh.points[j] + mesh.points[k]);
+    region.axis += weight * graph.normal(t);
+    area[surface.region_of[t]] += weight;
+  }
+  for (size_t r = 0; r < surface.regions.size(); ++r) {
+    surface.regions[r].point /= area[r];
+    surface.regions[r].axis.normalize();
+  }
+  const double min_cosine = DeterministicSinCos(kFlatAngle).cos;
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    const uint32_t r = surface.region_of[t];
+    const SurfaceRegion& region = surface.regions[r];
+    is_flat[r] = is_flat[r] && graph.normal(t).dot(region.axis) >= min_cosine;
+    for (const uint32_t vertex : mesh.triangles[t]) {
+      const double distance_m = std::abs((mesh.points[vertex] - region.point).dot(region.axis));
+      is_flat[r] = is_flat[r] && distance_m <= kFlatTolerance * diameter_m;
+    }
+  }
+  for (size_t r = 0; r < surface.regions.size(); ++r) {
+    if (is_flat[r]) {
+      surface.regions[r].shape = RegionShape::kPlane;
+    } else {
+      surface.regions[r] = SurfaceRegion();
+    }
+  }
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    const SurfaceRegion& region = surface.regions[surface.region_of[t]];
+    if (region.is_flat()) surface.normals[t].fill(region.axis.cast<float>());
+  }
+}
+
+}  // namespace
+
+SurfaceEdges FindSurface(const RawMesh& mesh, const CreaseOptions& options, double diameter_m) {
+  const FacetGraph graph(mesh);
+  SurfaceEdges result;
+  result.edges = FindCreases(graph, options, diameter_m);
+  if (!options.is_smooth) return result;
+  if (!mesh.exact_surface.empty()) {
+    result.surface = mesh.exact_surface;
+    return result;
+  }
+  const std::vector<bool> is_smooth = SmoothSides(graph, result.edges);
+  result.surface.regions.resize(FloodRegions(graph, is_smooth, result.surface.region_of));
+  result.surface.normals = CornerNormals(graph, is_smooth);
+  FindPlanes(graph, diameter_m, result.surface);
+  return result;
+}
+
+}  // namespace evpose

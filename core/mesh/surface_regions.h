@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Separates the surface that a mesh approximates from its tessellation: creases, boundaries and smooth regions
+// (core/mesh/SURFACE.md).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "core/mesh/types/edge_curve.h"
+#include "core/mesh/types/raw_mesh.h"
+#include "core/mesh/types/smooth_surface.h"
+
+namespace evpose {
+
+struct CreaseOptions {
+  // Least angle, degrees, by which the surface turns at a crease; default and reason: ModelOptions, which checks it.
+  double crease_angle_deg = 30.0;
+  // False: the facets are the surface. Every edge that turns by more is a crease, and there are no regions.
+  bool is_smooth = true;
+};
+
+// An edge of the mesh at which the surface turns or ends.
+struct MeshEdge {
+  std::array<uint32_t, 2> ends;       // indices of points, ascending
+  std::vector<uint32_t> triangles;    // that have it as a side
+  EdgeKind kind = EdgeKind::kCrease;  // kCrease or kBoundary
+  double turn_rad = 0.0;              // angle between the normals of the first two triangles; 0 for a boundary
+};
+
+struct SurfaceEdges {
+  std::vector<MeshEdge> edges;
+  // Regions of shape kFree and kPlane, or those of `mesh.exact_surface`. Empty if `options.is_smooth` is false.
+  SmoothSurface surface;
+};
+
+// Vertices of the mesh must be shared. `diameter_m` is that of the model. Time: O(n log n), and at most 40 million
+// steps from triangle to triangle; edges beyond them are decided by the angle of their two triangles.
+SurfaceEdges FindSurface(const RawMesh& mesh, const CreaseOptions& options, double diameter_m);
+
+}  // namespace evpose
