@@ -12,8 +12,8 @@
 
 namespace evpose::server {
 
-// To be raised with every change of core/models that alters the result of ParseObjectModel().
-inline constexpr uint32_t kPreparationVersion = 1;
+// To be raised with every change of core/models or core/mesh that alters the result of ParseObjectModel().
+inline constexpr uint32_t kPreparationVersion = 2;
 
 std::string EncodePreparedModel(const ObjectModel& model);
 // Returns the encoded model, equal to the bit. Errors: DATA_LOSS.

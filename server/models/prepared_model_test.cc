@@ -34,6 +34,82 @@ TEST(PreparedModelTest, ComesBackToTheBit) {
   }
 }
 
+// A model with two of everything that a cube does not have.
+ObjectModel CurvedModel() {
+  ObjectModel model = PreparedCube();
+  model.lines[2].kind = EdgeKind::kPainted;
+  model.curves.resize(2);
+  model.curves[0] = {EdgeKind::kBoundary,
+                     {{0.1, 0.2, 0.3}, {1.0 / 3.0, 0.0, 0.0}, {0.1, 0.2, 0.3}},
+                     {{{{0, 0, 1}, {0, 0, 0}}}, {{{0, 1, 0}, {0, 0, 0}}}},
+                     0.0};
+  model.curves[1] = {EdgeKind::kCrease, {{1, 2, 3}, {4, 5, 6}}, {{{{1, 0, 0}, {0, 1, 0}}}}, 0.7};
+  model.surface.regions.resize(2);
+  model.surface.regions[0] = {RegionShape::kPlane, {0, 0, 0.1}, {0, 0, 1}, 0.0, 0.0, true};
+  model.surface.regions[1] = {RegionShape::kCone, {0.3, 0, 0}, {1, 0, 0}, 0.25, 0.125, false};
+  for (size_t t = 0; t < model.triangles.size(); ++t) {
+    model.surface.region_of.push_back(t % 2);
+    const float number = 1.0f / static_cast<float>(t + 3);
+    model.surface.normals.push_back({Eigen::Vector3f(number, 0, 1), {0, number, 2}, {3, 4, number}});
+  }
+  model.symmetries.clear();
+  model.continuous_symmetry = {ContinuousSymmetry::Kind::kAxis, {0.1, 0, 0}, {0, 1, 0}, true};
+  return model;
+}
+
+TEST(PreparedModelTest, CurvesAndSurfaceComeBackToTheBit) {
+  const ObjectModel model = CurvedModel();
+  const ObjectModel decoded = DecodePreparedModel(EncodePreparedModel(model)).value();
+  EXPECT_EQ(decoded.lines[2].kind, EdgeKind::kPainted);
+  EXPECT_EQ(decoded.lines[3].kind, EdgeKind::kCrease);
+  ASSERT_EQ(decoded.curves.size(), 2u);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(decoded.curves[i].kind, model.curves[i].kind);
+    EXPECT_EQ(decoded.curves[i].points, model.curves[i].points);
+    EXPECT_EQ(decoded.curves[i].face_normals, model.curves[i].face_normals);
+    EXPECT_EQ(decoded.curves[i].turn_rad, model.curves[i].turn_rad);
+  }
+  EXPECT_TRUE(decoded.curves[0].is_ring());
+  EXPECT_EQ(decoded.surface.region_of, model.surface.region_of);
+  EXPECT_EQ(decoded.surface.normals, model.surface.normals);
+  ASSERT_EQ(decoded.surface.regions.size(), 2u);
+  for (size_t i = 0; i < 2; ++i) {
+    const SurfaceRegion &back = decoded.surface.regions[i], &region = model.surface.regions[i];
+    EXPECT_EQ(back.shape, region.shape);
+    EXPECT_EQ(back.point, region.point);
+    EXPECT_EQ(back.axis, region.axis);
+    EXPECT_EQ(back.radius_m, region.radius_m);
+    EXPECT_EQ(back.half_angle_rad, region.half_angle_rad);
+    EXPECT_EQ(back.is_convex, region.is_convex);
+  }
+  ASSERT_TRUE(decoded.continuous_symmetry.has_value());
+  EXPECT_EQ(decoded.continuous_symmetry->kind, ContinuousSymmetry::Kind::kAxis);
+  EXPECT_EQ(decoded.continuous_symmetry->centre, model.continuous_symmetry->centre);
+  EXPECT_EQ(decoded.continuous_symmetry->axis, model.continuous_symmetry->axis);
+  EXPECT_TRUE(decoded.continuous_symmetry->is_flippable);
+}
+
+TEST(PreparedModelTest, RefusesPartsOfASurface) {
+  const auto is_refused = [](const ObjectModel& model) {
+    return absl::IsDataLoss(DecodePreparedModel(EncodePreparedModel(model)).status());
+  };
+  ObjectModel model = CurvedModel();
+  model.surface.region_of[5] = 2;
+  EXPECT_TRUE(is_refused(model)) << "a region that does not exist";
+  model = CurvedModel();
+  model.surface.normals.pop_back();
+  EXPECT_TRUE(is_refused(model)) << "a triangle without normals";
+  model = CurvedModel();
+  model.surface.regions.clear();
+  EXPECT_TRUE(is_refused(model)) << "normals without regions";
+  model = CurvedModel();
+  model.curves[0].points.pop_back();
+  EXPECT_TRUE(is_refused(model)) << "normals without a segment";
+  model = CurvedModel();
+  model.curves[1].kind = EdgeKind::kContour;
+  EXPECT_TRUE(is_refused(model)) << "a contour, which belongs to a view";
+}
+
 TEST(PreparedModelTest, RefusesIndicesOutOfRangeAndOtherBytes) {
   ObjectModel cube = PreparedCube();
   cube.triangles[3][1] = static_cast<uint32_t>(cube.vertices.size());
