@@ -268,27 +268,42 @@ TEST(ObjectModelTest, CollinearEdgesAreJoined) {
                                                             "(0 0.3 0.1)(0.3 0.3 0.1)", "(0.3 0 0.1)(0.3 0.3 0.1)"));
 }
 
-TEST(ObjectModelTest, CurvedEdgesAreNotJoined) {
-  // A disc of many corners, cut into triangles: its rim keeps all corners.
-  constexpr int kCorners = 360;
+// A disc of many corners, cut into triangles.
+std::string Disc(int corners) {
   std::string obj = "v 0 0 0\n";
-  for (int i = 0; i < kCorners; ++i) {
-    const double angle = 2 * M_PI * i / kCorners;
+  for (int i = 0; i < corners; ++i) {
+    const double angle = 2 * M_PI * i / corners;
     absl::StrAppendFormat(&obj, "v %.9g %.9g 0\n", std::cos(angle), std::sin(angle));
   }
-  for (int i = 0; i < kCorners; ++i) absl::StrAppendFormat(&obj, "f 1 %d %d\n", i + 2, (i + 1) % kCorners + 2);
-  EXPECT_THAT(MustParse(obj).lines, SizeIs(kCorners));
+  for (int i = 0; i < corners; ++i) absl::StrAppendFormat(&obj, "f 1 %d %d\n", i + 2, (i + 1) % corners + 2);
+  return obj;
+}
+
+TEST(ObjectModelTest, RimOfADiscIsOneCurve) {
+  const ObjectModel model = MustParse(Disc(360));
+  EXPECT_THAT(model.lines, IsEmpty());
+  ASSERT_THAT(model.curves, SizeIs(1));
+  EXPECT_TRUE(model.curves[0].is_ring());
+  EXPECT_EQ(model.curves[0].kind, EdgeKind::kBoundary);
+  EXPECT_THAT(model.curves[0].points, SizeIs(361));
+  for (const auto& normals : model.curves[0].face_normals) {
+    EXPECT_NEAR(normals[0].z(), 1.0, 1e-12);
+    EXPECT_TRUE(normals[1].isZero());
+  }
+  EXPECT_TRUE(model.surface.empty()) << "a disc is flat";
+}
+
+TEST(ObjectModelTest, FacetsThatAreTheSurfaceHaveStraightEdges) {
+  const ObjectModel disc = MustParse(Disc(360), ModelFormat::kObj, AsIs());
+  EXPECT_THAT(disc.lines, SizeIs(360));
+  EXPECT_THAT(disc.curves, IsEmpty());
+  const ObjectModel prism = MustParse(Prism(16), ModelFormat::kObj, AsIs());
+  EXPECT_THAT(prism.lines, SizeIs(32));
+  EXPECT_TRUE(prism.surface.empty());
 }
 
 TEST(ObjectModelTest, RingOfEdgesThatHardlyTurnIsCutNotJoinedToAPoint) {
-  constexpr int kCorners = 5000;
-  std::string obj = "v 0 0 0\n";
-  for (int i = 0; i < kCorners; ++i) {
-    const double angle = 2 * M_PI * i / kCorners;
-    absl::StrAppendFormat(&obj, "v %.9g %.9g 0\n", std::cos(angle), std::sin(angle));
-  }
-  for (int i = 0; i < kCorners; ++i) absl::StrAppendFormat(&obj, "f 1 %d %d\n", i + 2, (i + 1) % kCorners + 2);
-  const ObjectModel model = MustParse(obj);
+  const ObjectModel model = MustParse(Disc(5000), ModelFormat::kObj, AsIs());
   double length = 0.0;
   for (const ModelLine& line : model.lines) {
     length += (line.p2 - line.p1).norm();
@@ -301,10 +316,21 @@ TEST(ObjectModelTest, RingOfEdgesThatHardlyTurnIsCutNotJoinedToAPoint) {
 TEST(ObjectModelTest, CreaseAngle) {
   // 8 sides turn by 45 degrees, 16 by 22.5.
   EXPECT_THAT(MustParse(Prism(8)).lines, SizeIs(24));
-  EXPECT_THAT(MustParse(Prism(16)).lines, SizeIs(32));
+  const ObjectModel round = MustParse(Prism(16));
+  EXPECT_THAT(round.lines, IsEmpty());
+  ASSERT_THAT(round.curves, SizeIs(2));
+  for (const EdgeCurve& rim : round.curves) {
+    EXPECT_TRUE(rim.is_ring());
+    EXPECT_THAT(rim.points, SizeIs(17));
+    EXPECT_NEAR(rim.turn_rad, M_PI / 2, 1e-6);
+  }
+  EXPECT_THAT(round.surface.regions, SizeIs(3));
   ModelOptions options;
   options.crease_angle_deg = 20.0;
-  EXPECT_THAT(MustParse(Prism(16), ModelFormat::kObj, options).lines, SizeIs(48));
+  const ObjectModel prism = MustParse(Prism(16), ModelFormat::kObj, options);
+  EXPECT_THAT(prism.lines, SizeIs(48));
+  EXPECT_THAT(prism.curves, IsEmpty());
+  EXPECT_TRUE(prism.surface.empty());
 }
 
 std::string Sphere(int rings, int sectors) {
@@ -330,10 +356,60 @@ std::string Sphere(int rings, int sectors) {
   return obj;
 }
 
-TEST(ObjectModelTest, SmoothModelHasNoLine) {
-  EXPECT_THAT(ErrorOf(Sphere(24, 48)), HasSubstr("no line: no edge turns by more than 30 degrees"));
-  const ObjectModel painted = MustParse(absl::StrCat(Sphere(24, 48), "l 2 50\n"));
+TEST(ObjectModelTest, SphereHasNoEdgeButACurvedSurface) {
+  const ObjectModel sphere = MustParse(Sphere(24, 48));
+  EXPECT_THAT(sphere.lines, IsEmpty());
+  EXPECT_THAT(sphere.curves, IsEmpty());
+  ASSERT_THAT(sphere.surface.regions, SizeIs(1));
+  EXPECT_FALSE(sphere.surface.regions[0].is_flat());
+  for (size_t t = 0; t < sphere.triangles.size(); ++t) {
+    for (int corner = 0; corner < 3; ++corner) {
+      const Eigen::Vector3d& outward = sphere.vertices[sphere.triangles[t][corner]];
+      EXPECT_GT(sphere.surface.normals[t][corner].cast<double>().dot(outward), 0.9995);
+    }
+  }
+  EXPECT_THAT(ErrorOf(Sphere(24, 48), ModelFormat::kObj, AsIs()), HasSubstr("no edge turns by more than 30 degrees"));
+}
+
+TEST(ObjectModelTest, LineElementsReplaceEdgesButNotContours) {
+  const ObjectModel painted = MustParse(absl::StrCat(Prism(16), "l 1 2\n"));
   EXPECT_THAT(painted.lines, SizeIs(1));
+  EXPECT_THAT(painted.curves, IsEmpty());
+  EXPECT_FALSE(painted.surface.empty());
+  EXPECT_TRUE(MustParse(absl::StrCat(Cube(), "l 5 7\n")).surface.empty());
+}
+
+TEST(ObjectModelTest, PolylineOfManyShortPartsIsAPaintedCurve) {
+  std::string obj = Cube();
+  std::string polyline = "l 5 7\nl";
+  for (int i = 0; i <= 12; ++i) {
+    absl::StrAppendFormat(&obj, "v %.9g %.9g 1\n", 0.5 + 0.3 * std::cos(M_PI / 6 * i),
+                          0.5 + 0.3 * std::sin(M_PI / 6 * i));
+    absl::StrAppend(&polyline, " ", 9 + i);
+  }
+  const ObjectModel model = MustParse(absl::StrCat(obj, polyline, "\n"));
+  EXPECT_THAT(model.lines, SizeIs(1));
+  ASSERT_THAT(model.curves, SizeIs(1));
+  EXPECT_EQ(model.curves[0].kind, EdgeKind::kPainted);
+  EXPECT_TRUE(model.curves[0].is_ring());
+  EXPECT_THAT(model.curves[0].points, SizeIs(13));
+  for (const auto& normals : model.curves[0].face_normals) EXPECT_NEAR(normals[0].z(), 1.0, 1e-9);
+  const ObjectModel back = MustParse(ObjectModelToObj(model));
+  EXPECT_THAT(back.lines, SizeIs(1));
+  ASSERT_THAT(back.curves, SizeIs(1));
+  EXPECT_EQ(back.curves[0].points, model.curves[0].points);
+}
+
+TEST(ObjectModelTest, ManyLinesAreNoReasonToRefuse) {
+  // A comb of 3000 separate squares: 12,000 lines.
+  std::string obj;
+  constexpr int kSquares = 3000;
+  for (int i = 0; i < kSquares; ++i) {
+    const int x = i % 60, y = i / 60;
+    absl::StrAppendFormat(&obj, "v %d %d 0\nv %g %d 0\nv %g %g 0\nv %d %g 0\nf -4 -3 -2 -1\n", x, y, x + 0.5, y,
+                          x + 0.5, y + 0.5, x, y + 0.5);
+  }
+  EXPECT_THAT(MustParse(obj).lines, SizeIs(4 * kSquares));
 }
 
 TEST(ObjectModelTest, DiameterOfManyPointsIsWithinOnePercent) {
