@@ -33,6 +33,9 @@ constexpr int kNewtonSteps = 5;
 constexpr double kMaxFirstResidual = 0.05;
 // Keeps the equations regular if the samples do not determine a parameter, relative to their trace.
 constexpr double kDamping = 1e-13;
+// Distance from the axis relative to the radius. Nearer to the axis, as at the apex, the direction of the derivative is
+// that of an error.
+constexpr double kMinRelativeRadius = 0.02;
 // A flatter or steeper cone is a cylinder or a plane.
 constexpr double kMinConeSine = 1e-3, kMaxConeSine = 0.9999;
 
@@ -150,7 +153,7 @@ void StepRevolution(const std::vector<Eigen::Vector3d>& points, RevolutionKind k
     const double h = v.dot(shape.axis);
     const Eigen::Vector3d across = v - h * shape.axis;
     const double r = across.norm();
-    if (!(r > 0.0)) continue;  // the apex: the distance has no derivative
+    if (!(r > kMinRelativeRadius * std::abs(shape.radius))) continue;
     const double u1 = across.dot(e1) / r, u2 = across.dot(e2) / r;
     const double lever = -(c * h + s * r);
     const double by_angle = kind == RevolutionKind::kCone ? -s * (r - shape.radius) - c * h : 0.0;

@@ -31,6 +31,11 @@ constexpr size_t kErrorSamples = 4096;
 // Height of a triangle relative to its longest side below which it is a line.
 constexpr double kMinReducedHeight = 1e-7;
 
+// meshopt_simplify sums squares of coordinates in single precision, so that it does not resolve distances below some
+// 3e-4 of the size of its input. Regions are therefore reduced cell by cell: so many triangles on average, and so many
+// cells along the longest axis at most.
+constexpr double kTrianglesPerCell = 2000.0, kMaxCells = 16.0;
+
 constexpr uint32_t kNotCollected = ~0u;
 
 struct ReducedTriangles {
@@ -110,26 +115,76 @@ class RegionSimplifier {
     }
   }
 
-  // `indices` of `vertices_`, three for each triangle.
-  void Reduce(size_t target, double error_m, std::vector<uint32_t>& indices) const {
-    const double extent_m = box_.sizes().maxCoeff();
-    if (indices.size() <= 3 * target || !(extent_m > 0.0)) return;
-    // Relative to the corner of the region, so that single precision suffices.
-    std::vector<float> positions;
-    positions.reserve(3 * vertices_.size());
-    for (const Vertex& vertex : vertices_) {
-      const Eigen::Vector3f position = ((mesh_.points[vertex.point] - box_.min()) / extent_m).cast<float>();
-      positions.insert(positions.end(), {position.x(), position.y(), position.z()});
+  // `indices` of `vertices_`, three for each triangle. The second pass removes vertices at the borders of the cells of
+  // the first one, which are within its own cells.
+  void Reduce(size_t target, double error_m, std::vector<uint32_t>& indices) {
+    cell_index_.assign(vertices_.size(), kNotCollected);
+    for (const double shift : {0.0, 0.5}) {
+      if (indices.size() > 3 * target && box_.sizes().maxCoeff() > 0.0) ReduceCells(target, shift, error_m, indices);
     }
-    indices.resize(meshopt_simplify(indices.data(), indices.data(), indices.size(), positions.data(), vertices_.size(),
-                                    3 * sizeof(float), 3 * target, static_cast<float>(error_m / extent_m),
-                                    meshopt_SimplifyLockBorder, nullptr));
+  }
+
+  void ReduceCells(size_t target, double shift, double error_m, std::vector<uint32_t>& indices) {
+    const size_t count = indices.size() / 3;
+    const double cells = std::floor(std::sqrt(static_cast<double>(count) / kTrianglesPerCell));
+    const double cells_per_m = std::clamp(cells, 1.0, kMaxCells) / box_.sizes().maxCoeff();
+    std::vector<std::pair<uint32_t, uint32_t>> order;  // cell, triangle
+    order.reserve(count);
+    for (uint32_t t = 0; t < count; ++t) {
+      Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
+      for (int corner = 0; corner < 3; ++corner)
+        centroid += mesh_.points[vertices_[indices[3 * t + corner]].point] / 3.0;
+      const Eigen::Array3d cell = (centroid - box_.min()).array() * cells_per_m + shift;
+      const auto [x, y, z] = std::array<uint32_t, 3>{static_cast<uint32_t>(cell.x()), static_cast<uint32_t>(cell.y()),
+                                                     static_cast<uint32_t>(cell.z())};
+      order.emplace_back((x * 32 + y) * 32 + z, t);
+    }
+    std::sort(order.begin(), order.end());
+    const double share = static_cast<double>(target) / static_cast<double>(count);
+    std::vector<uint32_t> reduced, of_cell;
+    for (size_t i = 0; i < count; ++i) {
+      const uint32_t t = order[i].second;
+      of_cell.insert(of_cell.end(), {indices[3 * t], indices[3 * t + 1], indices[3 * t + 2]});
+      if (i + 1 < count && order[i + 1].first == order[i].first) continue;
+      ReduceCell(static_cast<size_t>(share * static_cast<double>(of_cell.size() / 3)), error_m, of_cell);
+      reduced.insert(reduced.end(), of_cell.begin(), of_cell.end());
+      of_cell.clear();
+    }
+    indices = std::move(reduced);
+  }
+
+  void ReduceCell(size_t target, double error_m, std::vector<uint32_t>& indices) {
+    std::vector<uint32_t> vertices;
+    Eigen::AlignedBox3d box;
+    for (uint32_t& index : indices) {
+      if (cell_index_[index] == kNotCollected) {
+        cell_index_[index] = static_cast<uint32_t>(vertices.size());
+        vertices.push_back(index);
+        box.extend(mesh_.points[vertices_[index].point]);
+      }
+      index = cell_index_[index];
+    }
+    for (const uint32_t vertex : vertices) cell_index_[vertex] = kNotCollected;
+    const double extent_m = box.sizes().maxCoeff();
+    if (indices.size() > 3 * target && extent_m > 0.0) {
+      std::vector<float> positions;
+      positions.reserve(3 * vertices.size());
+      for (const uint32_t vertex : vertices) {
+        const Eigen::Vector3f position = ((mesh_.points[vertices_[vertex].point] - box.min()) / extent_m).cast<float>();
+        positions.insert(positions.end(), {position.x(), position.y(), position.z()});
+      }
+      indices.resize(meshopt_simplify(indices.data(), indices.data(), indices.size(), positions.data(), vertices.size(),
+                                      3 * sizeof(float), 3 * target, static_cast<float>(error_m / extent_m),
+                                      meshopt_SimplifyLockBorder, nullptr));
+    }
+    for (uint32_t& index : indices) index = vertices[index];
   }
 
   const RawMesh& mesh_;
   const SmoothSurface& surface_;
   std::vector<uint32_t> index_;  // of a point in `vertices_`
   std::vector<Vertex> vertices_;
+  std::vector<uint32_t> cell_index_;  // of a vertex among those of a cell
   Eigen::AlignedBox3d box_;
 };
 

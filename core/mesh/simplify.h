@@ -16,7 +16,7 @@ struct Simplification {
   double error_m = 0.0;  // largest distance of sampled vertices that were removed from the new surface
 };
 
-// Removes vertices inside the regions of `surface`, which are the regions of `mesh`, until at most `max_triangles` are
+// Removes vertices inside the regions of `surface`, which are the regions of `mesh`, until about `max_triangles` are
 // left or no vertex can be removed within `max_error_m`, which is positive. The edges between regions, the boundaries
 // and the creases that end inside a region stay in place, and so do the points of the mesh, of which some are then
 // unused. `region_of` and `normals` are kept; `corner_normals` and `exact_surface` of the mesh, which refer to the
