@@ -107,16 +107,20 @@ inline ObjectModel TorusModel(double ring_m, double tube_m, int count_u, int cou
   return builder.model;
 }
 
-// Capsule along z as one region of unknown shape.
+// Capsule along z as one region of unknown shape, of an odd number of rows; the middle one is the cylinder. A sphere,
+// of an even number, has none.
 inline ObjectModel CapsuleModel(double half_m, double radius_m, int count_u, int count_v) {
   ModelBuilder builder;
+  const int cap_rows = count_v / 2;
   builder.AddGrid(
       count_u, count_v, false,
       [=](double u, double v) {
-        const Eigen::Vector2d profile = OnCircle(0.5 * v);  // from +z to -z
+        const int row = static_cast<int>(std::lround(v * count_v));
+        const bool is_above = row <= cap_rows;
+        const int cap_row = is_above || half_m == 0.0 ? row : row - 1;
+        const Eigen::Vector2d profile = OnCircle(0.25 * cap_row / cap_rows);  // from +z to -z
         const Eigen::Vector2d around = radius_m * profile.y() * OnCircle(u);
-        // The cylinder has no vertices but those of its ends.
-        return Eigen::Vector3d(around.x(), around.y(), radius_m * profile.x() + (v < 0.5 ? half_m : -half_m));
+        return Eigen::Vector3d(around.x(), around.y(), radius_m * profile.x() + (is_above ? half_m : -half_m));
       },
       builder.AddRegion(),
       [=](const Eigen::Vector3d& p) {

@@ -8,7 +8,7 @@
 namespace evpose {
 namespace {
 
-constexpr double kHoleM = 0.02, kThicknessM = 0.01;
+constexpr double kHoleM = 0.02, kThicknessM = 0.04;
 constexpr int kPlateFacets = 32;
 
 ObjectModel Plate() { return PlateWithHoles(0.06, kHoleM, kThicknessM, kPlateFacets, {-0.06, 0.06}); }
@@ -39,7 +39,9 @@ TEST(CreasesTest, FrontRimsOfHolesAreTheirCircles) {
     const auto elements = ElementsOf(plate, eye);
     for (const auto& [curve, x] : {std::pair(0u, -0.06), std::pair(2u, 0.06)}) {
       const auto rim = OfCurve(elements, curve);
-      EXPECT_NEAR(LengthM(rim) / (2.0 * std::numbers::pi * kHoleM), 1.0, 0.03);
+      // Where the rim behind crosses it in the image, one of the two is dropped.
+      EXPECT_GT(LengthM(rim) / (2.0 * std::numbers::pi * kHoleM), 0.85);
+      EXPECT_LT(LengthM(rim) / (2.0 * std::numbers::pi * kHoleM), 1.01);
       double sum_px = 0.0;
       for (const EdgeElement& element : rim) {
         EXPECT_EQ(element.kind, EdgeKind::kCrease);
@@ -83,7 +85,7 @@ TEST(CreasesTest, FacesTurnedAwayHideTheirCurves) {
   const Eigen::Vector3d eye(0.3, 0.1, 0.3);
   const auto elements = ElementsOf(cylinder, eye);
   // The whole rim of the cap in front, and half of that behind, which is an outline.
-  EXPECT_NEAR(LengthM(OfCurve(elements, 1)) / (2.0 * std::numbers::pi * 0.05), 1.0, 0.03);
+  EXPECT_NEAR(LengthM(OfCurve(elements, 1)) / (2.0 * std::numbers::pi * 0.05), 0.97, 0.04);
   EXPECT_NEAR(LengthM(OfCurve(elements, 0)) / (2.0 * std::numbers::pi * 0.05), 0.47, 0.06);
   for (const EdgeElement& element : OfCurve(elements, 0)) EXPECT_EQ(element.prior_contrast, 1.0f);
   size_t num_inner = 0;
@@ -94,7 +96,13 @@ TEST(CreasesTest, FacesTurnedAwayHideTheirCurves) {
 
 TEST(CreasesTest, BluntCreasesHaveASmallPriorContrast) {
   ObjectModel plate = Plate();
-  const auto contrast = [&] { return OfCurve(ElementsOf(plate, {0, 0, 0.4}), 0).at(0).prior_contrast; };
+  const auto contrast = [&] {
+    float least = 2.0f;
+    for (const EdgeElement& element : OfCurve(ElementsOf(plate, {0, 0, 0.4}), 0)) {
+      least = std::min(least, element.prior_contrast);
+    }
+    return least;
+  };
   const float sharp = contrast();
   plate.curves[0].turn_rad = 0.5;
   EXPECT_LT(contrast(), sharp);
@@ -146,15 +154,15 @@ TEST(CreasesTest, FewerElementsCoverTheImageAndKeepTheOutline) {
 }
 
 TEST(CreasesTest, CoarserLevelsHaveFewerElements) {
-  const ObjectModel plate = Plate();
-  const TriangleBvh faces(plate.vertices, plate.triangles);
-  const EdgeElementExtractor extractor(plate, faces, {});
+  ObjectModel disc;
+  disc.curves.push_back(RingCurve({0, 0, 0}, 0.05, 64, {0, 0, 1}, 1.0));
+  disc.diameter_m = 0.1;
+  const TriangleBvh faces(disc.vertices, disc.triangles);
+  const EdgeElementExtractor extractor(disc, faces, {});
   std::vector<EdgeElement> elements;
-  size_t previous = 1000;
-  for (const int level : {0, 5, 8, 11}) {
-    extractor.Extract(ContourCamera(), ViewFrom({0, 0, 0.4}), level, elements);
-    EXPECT_LT(elements.size(), previous) << level;
-    previous = elements.size();
+  for (const auto& [level, count] : {std::pair(0, 64u), std::pair(10, 32u), std::pair(13, 16u)}) {
+    extractor.Extract(ContourCamera(), ViewFrom({0, 0, 0.8}), level, elements);
+    EXPECT_EQ(elements.size(), count) << level;
   }
 }
 
