@@ -7,7 +7,9 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <assimp/Importer.hpp>
+#include <cmath>
 #include <exception>
 #include <utility>
 
@@ -83,11 +85,11 @@ class SceneCollector {
       const Eigen::Vector3d point = metres_per_unit_ * (placed * ToEigen(mesh.mVertices[i]));
       if (!point.allFinite()) return absl::InvalidArgumentError("a coordinate is not finite");
       out_.mesh.points.push_back(point);
-      const Eigen::Vector3d normal =
-          mesh.HasNormals() ? cofactors * ToEigen(mesh.mNormals[i]) : Eigen::Vector3d::Zero();
+      Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+      if (mesh.HasNormals()) normal = cofactors * ToEigen(mesh.mNormals[i]);
       const double length = normal.norm();
-      point_normals_.push_back(length > 0.0 && std::isfinite(length) ? Eigen::Vector3f((normal / length).cast<float>())
-                                                                     : Eigen::Vector3f::Zero());
+      if (length > 0.0 && std::isfinite(length)) normal /= length;
+      point_normals_.push_back(normal.cast<float>());
       Eigen::Vector2d position = Eigen::Vector2d::Zero();
       if (image >= 0) position = ToEigen(mesh.mTextureCoords[channel][i]).head<2>();
       point_positions_.push_back(position);
