@@ -45,7 +45,7 @@ Eigen::Vector3d ToEigen(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 class SceneCollector {
  public:
   SceneCollector(const aiScene& scene, double metres_per_unit, size_t max_triangles)
-      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({max_triangles, max_triangles}) {
+      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({.max_triangles = max_triangles}) {
     out_.mesh.lines_are_all = false;
   }
 
@@ -110,10 +110,7 @@ class SceneCollector {
       }
       corners_.push_back(first + face.mIndices[i]);
     }
-    if (corners_.size() == 2) {
-      EVPOSE_RETURN_IF_ERROR(counter_.AddLines(1));
-      out_.mesh.lines.push_back({corners_[0], corners_[1]});
-    }
+    if (corners_.size() == 2) out_.mesh.lines.push_back({corners_[0], corners_[1]});
     if (corners_.size() < 3) return absl::OkStatus();  // points have no extent
     EVPOSE_RETURN_IF_ERROR(counter_.AddFace(corners_.size()));
     if (is_mirrored) std::reverse(corners_.begin(), corners_.end());
