@@ -13,7 +13,7 @@ build_packages=(
   libabsl-dev libassimp-dev libboost-dev libceres-dev libcli11-dev libeigen3-dev libgrpc++-dev libhiredis-dev
   libmeshoptimizer-dev
   libopencv-calib3d-dev libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev libopencv-videoio-dev
-  libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
+  libminizip-dev libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
   libprotobuf-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
 )

@@ -31,6 +31,10 @@ FaceSurface::FaceSurface(const TopoDS_Face& face)
     : adaptor_(new Adaptor{BRepAdaptor_Surface(face)}), is_reversed_(face.Orientation() == TopAbs_REVERSED) {}
 FaceSurface::~FaceSurface() = default;
 
+Eigen::Vector3d FaceSurface::Point(const Eigen::Vector2d& parameters) const {
+  return ToEigen(adaptor_->surface.Value(parameters.x(), parameters.y()));
+}
+
 Eigen::Vector3d FaceSurface::Normal(const Eigen::Vector2d& parameters) const {
   gp_Pnt point;
   gp_Vec along_u, along_v;

@@ -19,6 +19,7 @@ class FaceSurface {
   FaceSurface(const FaceSurface&) = delete;
   FaceSurface& operator=(const FaceSurface&) = delete;
 
+  Eigen::Vector3d Point(const Eigen::Vector2d& parameters) const;
   // The outward unit normal at the parameters; zero where the surface has none, as at the apex of a cone.
   Eigen::Vector3d Normal(const Eigen::Vector2d& parameters) const;
   // Shape and parameters; `point` is a point of the face and `normal` the outward normal there. Lengths are multiplied

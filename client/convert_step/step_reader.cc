@@ -29,8 +29,8 @@ namespace {
 
 // OpenCASCADE converts the unit of every file to millimetres, for which its tolerances are made.
 constexpr double kMetresPerUnit = 1e-3;
-// Where a surface has no normal, the one of a point this share of the way to the middle of the triangle is taken.
-constexpr double kTowardsMiddle = 0.01;
+// Where a surface has no normal, that of a point this share of the way to the opposite side is taken.
+constexpr double kTowardsOpposite = 0.01;
 
 Eigen::Vector3d PointOf(const Poly_Triangulation& mesh, const TopLoc_Location& location, int node) {
   const gp_Pnt point = mesh.Node(node).Transformed(location.Transformation());
@@ -49,6 +49,16 @@ std::array<int, 3> NodesOf(const Poly_Triangulation& mesh, int triangle, bool is
   return nodes;
 }
 
+// Parameters near a pole, where one of the two parameters has no effect and the other is that of the pole. The first is
+// that of the middle of the opposite side.
+Eigen::Vector2d BesidePole(const FaceSurface& surface, const Eigen::Vector2d& pole, const Eigen::Vector2d& opposite) {
+  const Eigen::Vector2d near_pole = pole + kTowardsOpposite * (opposite - pole);
+  const Eigen::Vector2d u_is_free(opposite.x(), near_pole.y()), v_is_free(near_pole.x(), opposite.y());
+  const Eigen::Vector3d point = surface.Point(pole);
+  const double u_distance = (surface.Point(u_is_free) - point).norm();
+  return u_distance <= (surface.Point(v_is_free) - point).norm() ? u_is_free : v_is_free;
+}
+
 // The normals of the surface at the corners of a triangle; that of the triangle where there is no other.
 std::array<Eigen::Vector3d, 3> CornerNormals(const FaceSurface& surface, const Poly_Triangulation& mesh,
                                              const std::array<int, 3>& nodes,
@@ -56,12 +66,14 @@ std::array<Eigen::Vector3d, 3> CornerNormals(const FaceSurface& surface, const P
   const Eigen::Vector3d of_triangle = (points[1] - points[0]).cross(points[2] - points[0]).normalized();
   std::array<Eigen::Vector3d, 3> normals = {of_triangle, of_triangle, of_triangle};
   if (!mesh.HasUVNodes()) return normals;
-  const Eigen::Vector2d middle =
-      (ParametersOf(mesh, nodes[0]) + ParametersOf(mesh, nodes[1]) + ParametersOf(mesh, nodes[2])) / 3.0;
   for (size_t i = 0; i < 3; ++i) {
     const Eigen::Vector2d parameters = ParametersOf(mesh, nodes[i]);
     Eigen::Vector3d normal = surface.Normal(parameters);
-    if (normal.isZero(0.0)) normal = surface.Normal(parameters + kTowardsMiddle * (middle - parameters));
+    if (normal.isZero(0.0)) {
+      const Eigen::Vector2d opposite =
+          (ParametersOf(mesh, nodes[(i + 1) % 3]) + ParametersOf(mesh, nodes[(i + 2) % 3])) / 2.0;
+      normal = surface.Normal(BesidePole(surface, parameters, opposite));
+    }
     if (!normal.isZero(0.0)) normals[i] = normal;
   }
   return normals;

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <IGESControl_Writer.hxx>
 #include <Interface_Static.hxx>
+#include <STEPControl_Controller.hxx>
 #include <STEPControl_Writer.hxx>
 #include <TopoDS_Shape.hxx>
 #include <cmath>
@@ -29,8 +30,9 @@ class StepReaderTest : public testing::Test {
  protected:
   // Writes a shape in millimetres as a STEP file of this unit.
   std::string Write(const TopoDS_Shape& shape, const char* unit = "MM") {
-    STEPControl_Writer writer;  // defines the parameters
+    STEPControl_Controller::Init();  // defines the parameters
     Interface_Static::SetCVal("write.step.unit", unit);
+    STEPControl_Writer writer;
     EXPECT_EQ(writer.Transfer(shape, STEPControl_AsIs), IFSelect_RetDone);
     const std::string path = directory_.File("part.step");
     EXPECT_EQ(writer.Write(path.c_str()), IFSelect_RetDone);

@@ -7,7 +7,9 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <assimp/Importer.hpp>
+#include <cmath>
 #include <exception>
 #include <utility>
 
@@ -43,7 +45,7 @@ Eigen::Vector3d ToEigen(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 class SceneCollector {
  public:
   SceneCollector(const aiScene& scene, double metres_per_unit, size_t max_triangles)
-      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({max_triangles}) {
+      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({.max_triangles = max_triangles}) {
     out_.mesh.lines_are_all = false;
   }
 
@@ -86,8 +88,8 @@ class SceneCollector {
       Eigen::Vector3d normal = Eigen::Vector3d::Zero();
       if (mesh.HasNormals()) normal = cofactors * ToEigen(mesh.mNormals[i]);
       const double length = normal.norm();
-      const bool is_direction = length > 0.0 && std::isfinite(length);
-      point_normals_.push_back(is_direction ? (normal / length).cast<float>().eval() : Eigen::Vector3f::Zero().eval());
+      if (length > 0.0 && std::isfinite(length)) normal /= length;
+      point_normals_.push_back(normal.cast<float>());
       Eigen::Vector2d position = Eigen::Vector2d::Zero();
       if (image >= 0) position = ToEigen(mesh.mTextureCoords[channel][i]).head<2>();
       point_positions_.push_back(position);
@@ -108,10 +110,7 @@ class SceneCollector {
       }
       corners_.push_back(first + face.mIndices[i]);
     }
-    if (corners_.size() == 2) {
-      EVPOSE_RETURN_IF_ERROR(counter_.AddLines(1));
-      out_.mesh.lines.push_back({corners_[0], corners_[1]});
-    }
+    if (corners_.size() == 2) out_.mesh.lines.push_back({corners_[0], corners_[1]});
     if (corners_.size() < 3) return absl::OkStatus();  // points have no extent
     EVPOSE_RETURN_IF_ERROR(counter_.AddFace(corners_.size()));
     if (is_mirrored) std::reverse(corners_.begin(), corners_.end());

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/model_intake/scene_units.h"
 
-#include <assimp/DefaultIOSystem.h>
-#include <assimp/ZipArchiveIOSystem.h>
+#include <minizip/unzip.h>
 
 #include <algorithm>
-#include <assimp/IOStream.hpp>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -15,6 +14,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
 
 namespace evpose::client {
 namespace {
@@ -66,6 +66,25 @@ bool HasSignature(absl::string_view contents, SceneFormat format) {
   return false;
 }
 
+// The first bytes of the model in the archive.
+absl::StatusOr<std::string> HeadOfModel(const std::string& path) {
+  const auto close = [](void* archive) { unzClose(archive); };
+  const std::unique_ptr<void, decltype(close)> archive(unzOpen(path.c_str()), close);
+  if (archive == nullptr) return absl::InvalidArgumentError("is no 3MF file: it is no archive");
+  char name[256] = {};
+  for (int status = unzGoToFirstFile(archive.get()); status == UNZ_OK; status = unzGoToNextFile(archive.get())) {
+    unzGetCurrentFileInfo(archive.get(), nullptr, name, sizeof(name) - 1, nullptr, 0, nullptr, 0);
+    if (!absl::EndsWithIgnoreCase(name, ".model")) continue;
+    std::string head(kHeadBytes, '\0');
+    int size = unzOpenCurrentFile(archive.get());
+    if (size == UNZ_OK) size = unzReadCurrentFile(archive.get(), head.data(), static_cast<unsigned>(head.size()));
+    if (size <= 0) return absl::InvalidArgumentError(absl::StrCat(name, " in the archive cannot be read"));
+    head.resize(static_cast<size_t>(size));
+    return head;
+  }
+  return absl::InvalidArgumentError("is no 3MF file: its archive has no .model file");
+}
+
 }  // namespace
 
 absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
@@ -81,18 +100,7 @@ absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
 }
 
 absl::StatusOr<double> MetresPerUnitOf3mf(const std::string& path) {
-  Assimp::DefaultIOSystem files;
-  Assimp::ZipArchiveIOSystem archive(&files, path);
-  std::vector<std::string> names;
-  if (archive.isOpen()) archive.getFileList(names);
-  const auto is_model = [](const std::string& name) { return absl::EndsWithIgnoreCase(name, ".model"); };
-  const auto model = std::find_if(names.begin(), names.end(), is_model);
-  if (model == names.end()) return absl::InvalidArgumentError("is no 3MF file: it is no archive with a .model file");
-  Assimp::IOStream* const stream = archive.Open(model->c_str(), "rb");
-  if (stream == nullptr) return absl::InvalidArgumentError(absl::StrCat(*model, " in the archive cannot be read"));
-  std::string head(std::min(stream->FileSize(), kHeadBytes), '\0');
-  head.resize(stream->Read(head.data(), 1, head.size()));
-  archive.Close(stream);
+  EVPOSE_ASSIGN_OR_RETURN(const std::string head, HeadOfModel(path));
   const std::string unit = Attribute(head, "model", "unit").value_or("millimeter");
   for (const auto& [name, metres] : k3mfUnits) {
     if (unit == name) return metres;

@@ -116,7 +116,7 @@ TEST_P(LabelTest, TheSquareOnTheBoxBecomesPaintedLines) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Formats, LabelTest, testing::Values("label_box.gltf", "label_box.glb", "label_box.obj"),
-                         [](const auto& info) { return std::string(info.param).substr(10); });
+                         [](const auto& param) { return std::string(param.param).substr(10); });
 
 TEST(TextureLinesTest, AMissingImageIsANoticeAndTheModelIsReadWithout) {
   const TemporaryDirectory directory;

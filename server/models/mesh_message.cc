@@ -88,14 +88,6 @@ SmoothSurface SurfaceOf(const v1::Mesh& message) {
   return surface;
 }
 
-void Scale(double metres_per_unit, RawMesh& mesh) {
-  for (Eigen::Vector3d& point : mesh.points) point *= metres_per_unit;
-  for (SurfaceRegion& region : mesh.exact_surface.regions) {
-    region.point *= metres_per_unit;
-    region.radius_m *= metres_per_unit;
-  }
-}
-
 }  // namespace
 
 std::string EncodeMesh(const RawMesh& mesh) {
@@ -157,11 +149,7 @@ absl::StatusOr<ObjectModel> ParseModelFile(absl::Span<const uint8_t> bytes, Mode
   }
   on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ParseMesh(bytes, options.max_triangles));
-  // BuildObjectModel() scales the points alone.
-  Scale(options.metres_per_unit, mesh);
-  ModelOptions in_metres = options;
-  in_metres.metres_per_unit = 1.0;
-  return BuildObjectModel(std::move(mesh), in_metres, on_step);
+  return BuildObjectModel(std::move(mesh), options, on_step);
 }
 
 }  // namespace evpose::server
