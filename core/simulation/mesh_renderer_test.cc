@@ -67,12 +67,12 @@ TEST(MeshRendererTest, OutlineOfCoarseSphereIsThatOfTheSphere) {
   const double radius_px = 500.0 * 0.1 / std::sqrt(0.5 * 0.5 - 0.1 * 0.1);
   const double found_px = std::sqrt(covered / std::numbers::pi);
   EXPECT_NEAR(found_px, radius_px, 0.03);
-  // That of the facets, a polygon of 24 sides, is 0.3 px smaller.
+  // That of the facets, a polygon of 24 sides, is 0.6 px smaller.
   ObjectModel facets = SphereOf(12);
   facets.surface = {};
   double of_facets = 0.0;
   for (const float light : PictureOf(facets, options, 0.5)) of_facets += light;
-  EXPECT_LT(std::sqrt(of_facets / std::numbers::pi), radius_px - 0.2);
+  EXPECT_LT(std::sqrt(of_facets / std::numbers::pi), radius_px - 0.4);
 }
 
 TEST(MeshRendererTest, ShadesSmoothlyFromTheSideOfTheLamp) {
@@ -81,14 +81,14 @@ TEST(MeshRendererTest, ShadesSmoothlyFromTheSideOfTheLamp) {
   options.finish = {0.5, 0.0};
   const std::vector<float> picture = PictureOf(SphereOf(12), options, 0.5);
   const auto at = [&](double x, double y) {  // shares of the radius
-    return picture[static_cast<size_t>(239.5 + 50.0 * y) * 640 + static_cast<size_t>(319.5 + 50.0 * x)];
+    return picture[static_cast<size_t>(239.5 + 100.0 * y) * 640 + static_cast<size_t>(319.5 + 100.0 * x)];
   };
   EXPECT_GT(at(-0.4, -0.6), 0.45f);  // the lamp is above, to the left
   EXPECT_LT(at(0.6, 0.7), 0.05f);
   // No step at the borders of the facets: each is 15 degrees wide.
   float largest = 0.0f;
   for (int x = -70; x < 70; ++x) largest = std::max(largest, std::abs(at(0.01 * x, 0.1) - at(0.01 * (x + 1), 0.1)));
-  EXPECT_LT(largest, 0.02f);
+  EXPECT_LT(largest, 0.015f);
 }
 
 TEST(MeshRendererTest, HighlightIsOnTheSideOfTheLamp) {
@@ -98,7 +98,7 @@ TEST(MeshRendererTest, HighlightIsOnTheSideOfTheLamp) {
   const std::vector<float> picture = PictureOf(SphereOf(24), options, 0.5);
   const auto brightest = std::max_element(picture.begin(), picture.end()) - picture.begin();
   EXPECT_NEAR(picture[brightest], 0.4, 0.01);
-  EXPECT_LT(brightest % 640, 314);
+  EXPECT_LT(brightest % 640, 310);
   EXPECT_LT(brightest / 640, 230);
 }
 
