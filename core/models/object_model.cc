@@ -29,6 +29,10 @@
 namespace evpose {
 namespace {
 
+// A mesh of more triangles is simplified: the time of a view grows with their number.
+constexpr size_t kMaxKeptTriangles = 60'000;
+// Largest error of that, relative to the diameter: 0.03 px at 300 px.
+constexpr double kSimplifyTolerance = 1e-4;
 // Diagonal of the bounding box: from a thousandth of a millimetre, below what a lens resolves, to 10 km, far beyond the
 // objects whose edges an event camera sees. Squares of such sizes keep their precision; others are wrong units.
 constexpr double kMinSizeM = 1e-6;
@@ -39,10 +43,6 @@ constexpr double kMaxRelativeOffset = 1e5;
 // Relative to the diameter: 0.3 px at an object size of 300 px, below what distinguishes two orientations in an image,
 // but above the rounding errors of drawings.
 constexpr double kSymmetryTolerance = 1e-3;
-// A mesh of more triangles is simplified, with an error, relative to the diameter, of at most 0.03 px at an object size
-// of 300 px.
-constexpr size_t kMaxPlainTriangles = 60'000;
-constexpr double kSimplificationError = 1e-4;
 // All pairs of more points would take longer than some milliseconds.
 constexpr size_t kMaxExactDiameterPoints = 2048;
 
@@ -126,25 +126,14 @@ void ScaleMesh(double factor, RawMesh& mesh) {
   }
 }
 
-// The edges of the model: its line elements, and those of the surface unless the line elements are all.
+// The edges of the model: the line elements, and those of the surface unless the line elements are all.
 void FindEdges(const RawMesh& mesh, const SurfaceEdges& surface, const ModelOptions& options, ModelStepListener on_step,
                ObjectModel& model) {
   on_step("finding lines");
-  if (mesh.lines.empty() || !mesh.lines_are_all) AddSurfaceEdges(mesh, surface, model);
   if (!mesh.lines.empty()) AddPaintedEdges(mesh, options.is_smooth, model);
+  if (mesh.lines.empty() || !mesh.lines_are_all) AddSurfaceEdges(mesh, surface, model);
   on_step("joining lines");
   MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(mesh), model.lines, model.notices);
-}
-
-// Reduces the triangles of a dense mesh, which cost time whenever the view changes.
-void Simplify(SmoothSurface& surface, RawMesh& mesh, ObjectModel& model) {
-  if (mesh.triangles.size() <= kMaxPlainTriangles || surface.empty()) return;
-  const Simplification result =
-      SimplifyMesh(kMaxPlainTriangles, kSimplificationError * model.diameter_m, mesh, surface);
-  if (result.triangles_after == result.triangles_before) return;
-  model.notices.push_back(absl::StrFormat("%d triangles simplified to %d, at most %.2g of the diameter apart",
-                                          result.triangles_before, result.triangles_after,
-                                          result.error_m / model.diameter_m));
 }
 
 bool IsFlat(const SmoothSurface& surface) {
@@ -152,11 +141,18 @@ bool IsFlat(const SmoothSurface& surface) {
                      [](const SurfaceRegion& region) { return region.is_flat(); });
 }
 
-}  // namespace
+// Leaves fewer triangles of a dense mesh, inside its regions, to hide edges and to have contours.
+void Simplify(double diameter_m, RawMesh& mesh, SmoothSurface& surface, std::vector<std::string>& notices) {
+  if (surface.empty() || mesh.triangles.size() <= kMaxKeptTriangles) return;
+  const Simplification done = SimplifyMesh(kMaxKeptTriangles, kSimplifyTolerance * diameter_m, mesh, surface);
+  if (done.triangles_after == done.triangles_before) return;
+  notices.push_back(absl::StrFormat("the surface is simplified from %d to %d triangles, by at most %.2g m",
+                                    done.triangles_before, done.triangles_after, done.error_m));
+}
 
-absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step) {
-  EVPOSE_RETURN_IF_ERROR(options.Validate());
-  ScaleMesh(options.metres_per_unit, mesh);
+// For a mesh in metres.
+absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step,
+                                            std::vector<std::string> notices) {
   if (mesh.triangles.empty() && mesh.lines.empty()) {
     return absl::InvalidArgumentError(
         "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
@@ -164,18 +160,16 @@ absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& o
   EVPOSE_RETURN_IF_ERROR(CheckExtent(mesh));
   const bool has_line_elements = !mesh.lines.empty();
   ObjectModel model;
-  if (!mesh.has_unit) NoteImplausibleSize(mesh, options.metres_per_unit, model.notices);
+  model.notices = std::move(notices);
   on_step("repairing the mesh");
   DescribeRepair(RepairMesh(mesh), model.notices);
   on_step("measuring the diameter");
   model.diameter_m = Diameter(mesh.points);
   on_step("finding creases");
   SurfaceEdges surface = FindSurface(mesh, {options.crease_angle_deg, options.is_smooth}, model.diameter_m);
+  on_step("fitting shapes");
+  if (!surface.surface.empty()) FitShapes(mesh, model.diameter_m, surface.surface);
   FindEdges(mesh, surface, options, on_step, model);
-  if (!IsFlat(surface.surface)) {
-    on_step("fitting shapes");
-    FitShapes(mesh, model.diameter_m, surface.surface);
-  }
   const bool is_flat = IsFlat(surface.surface);
   if (model.lines.empty() && model.curves.empty() && is_flat) {
     return absl::InvalidArgumentError(
@@ -186,13 +180,23 @@ absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& o
                                             options.crease_angle_deg));
   }
   on_step("simplifying the mesh");
-  Simplify(surface.surface, mesh, model);
+  Simplify(model.diameter_m, mesh, surface.surface, model.notices);
   if (!is_flat) model.surface = std::move(surface.surface);
   TakeTriangles(std::move(mesh), model);
   on_step("finding symmetries");
   model.continuous_symmetry = FindContinuousSymmetry(model, &model.notices);
-  if (!model.continuous_symmetry) model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
+  if (!model.continuous_symmetry.has_value()) {
+    model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
+  }
   return model;
+}
+
+}  // namespace
+
+absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  ScaleMesh(options.metres_per_unit, mesh);
+  return BuildFromMetres(std::move(mesh), options, on_step, {});
 }
 
 absl::Status ModelOptions::Validate() const {
@@ -213,7 +217,10 @@ absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, Mo
   }
   on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ReadMesh(bytes, format, options));
-  return BuildObjectModel(std::move(mesh), options, on_step);
+  ScaleMesh(options.metres_per_unit, mesh);
+  std::vector<std::string> notices;
+  NoteImplausibleSize(mesh, options.metres_per_unit, notices);
+  return BuildFromMetres(std::move(mesh), options, on_step, std::move(notices));
 }
 
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {

@@ -268,51 +268,6 @@ TEST(ObjectModelTest, CollinearEdgesAreJoined) {
                                                             "(0 0.3 0.1)(0.3 0.3 0.1)", "(0.3 0 0.1)(0.3 0.3 0.1)"));
 }
 
-// A disc of many corners, cut into triangles.
-std::string Disc(int corners) {
-  std::string obj = "v 0 0 0\n";
-  for (int i = 0; i < corners; ++i) {
-    const double angle = 2 * M_PI * i / corners;
-    absl::StrAppendFormat(&obj, "v %.9g %.9g 0\n", std::cos(angle), std::sin(angle));
-  }
-  for (int i = 0; i < corners; ++i) absl::StrAppendFormat(&obj, "f 1 %d %d\n", i + 2, (i + 1) % corners + 2);
-  return obj;
-}
-
-TEST(ObjectModelTest, RimOfADiscIsOneCurve) {
-  const ObjectModel model = MustParse(Disc(360));
-  EXPECT_THAT(model.lines, IsEmpty());
-  ASSERT_THAT(model.curves, SizeIs(1));
-  EXPECT_TRUE(model.curves[0].is_ring());
-  EXPECT_EQ(model.curves[0].kind, EdgeKind::kBoundary);
-  EXPECT_THAT(model.curves[0].points, SizeIs(361));
-  for (const auto& normals : model.curves[0].face_normals) {
-    EXPECT_NEAR(normals[0].z(), 1.0, 1e-12);
-    EXPECT_TRUE(normals[1].isZero());
-  }
-  EXPECT_TRUE(model.surface.empty()) << "a disc is flat";
-}
-
-TEST(ObjectModelTest, FacetsThatAreTheSurfaceHaveStraightEdges) {
-  const ObjectModel disc = MustParse(Disc(360), ModelFormat::kObj, AsIs());
-  EXPECT_THAT(disc.lines, SizeIs(360));
-  EXPECT_THAT(disc.curves, IsEmpty());
-  const ObjectModel prism = MustParse(Prism(16), ModelFormat::kObj, AsIs());
-  EXPECT_THAT(prism.lines, SizeIs(32));
-  EXPECT_TRUE(prism.surface.empty());
-}
-
-TEST(ObjectModelTest, RingOfEdgesThatHardlyTurnIsCutNotJoinedToAPoint) {
-  const ObjectModel model = MustParse(Disc(5000), ModelFormat::kObj, AsIs());
-  double length = 0.0;
-  for (const ModelLine& line : model.lines) {
-    length += (line.p2 - line.p1).norm();
-    EXPECT_GT((0.5 * (line.p1 + line.p2)).norm(), 1.0 - 1e-4);
-  }
-  EXPECT_NEAR(length, 2 * M_PI, 1e-3);
-  EXPECT_LT(model.lines.size(), 1000u);
-}
-
 TEST(ObjectModelTest, CreaseAngle) {
   // 8 sides turn by 45 degrees, 16 by 22.5.
   EXPECT_THAT(MustParse(Prism(8)).lines, SizeIs(24));
@@ -377,39 +332,6 @@ TEST(ObjectModelTest, LineElementsReplaceEdgesButNotContours) {
   EXPECT_THAT(painted.curves, IsEmpty());
   EXPECT_FALSE(painted.surface.empty());
   EXPECT_TRUE(MustParse(absl::StrCat(Cube(), "l 5 7\n")).surface.empty());
-}
-
-TEST(ObjectModelTest, PolylineOfManyShortPartsIsAPaintedCurve) {
-  std::string obj = Cube();
-  std::string polyline = "l 5 7\nl";
-  for (int i = 0; i <= 12; ++i) {
-    absl::StrAppendFormat(&obj, "v %.9g %.9g 1\n", 0.5 + 0.3 * std::cos(M_PI / 6 * i),
-                          0.5 + 0.3 * std::sin(M_PI / 6 * i));
-    absl::StrAppend(&polyline, " ", 9 + i);
-  }
-  const ObjectModel model = MustParse(absl::StrCat(obj, polyline, "\n"));
-  EXPECT_THAT(model.lines, SizeIs(1));
-  ASSERT_THAT(model.curves, SizeIs(1));
-  EXPECT_EQ(model.curves[0].kind, EdgeKind::kPainted);
-  EXPECT_TRUE(model.curves[0].is_ring());
-  EXPECT_THAT(model.curves[0].points, SizeIs(13));
-  for (const auto& normals : model.curves[0].face_normals) EXPECT_NEAR(normals[0].z(), 1.0, 1e-9);
-  const ObjectModel back = MustParse(ObjectModelToObj(model));
-  EXPECT_THAT(back.lines, SizeIs(1));
-  ASSERT_THAT(back.curves, SizeIs(1));
-  EXPECT_EQ(back.curves[0].points, model.curves[0].points);
-}
-
-TEST(ObjectModelTest, ManyLinesAreNoReasonToRefuse) {
-  // A comb of 3000 separate squares: 12,000 lines.
-  std::string obj;
-  constexpr int kSquares = 3000;
-  for (int i = 0; i < kSquares; ++i) {
-    const int x = i % 60, y = i / 60;
-    absl::StrAppendFormat(&obj, "v %d %d 0\nv %g %d 0\nv %g %g 0\nv %d %g 0\nf -4 -3 -2 -1\n", x, y, x + 0.5, y,
-                          x + 0.5, y + 0.5, x, y + 0.5);
-  }
-  EXPECT_THAT(MustParse(obj).lines, SizeIs(4 * kSquares));
 }
 
 TEST(ObjectModelTest, DiameterOfManyPointsIsWithinOnePercent) {

@@ -119,7 +119,6 @@ absl::StatusOr<RawMesh> ParseMesh(absl::Span<const uint8_t> bytes, size_t max_tr
   EVPOSE_RETURN_IF_ERROR(CheckMesh(message, max_triangles));
   RawMesh mesh;
   mesh.lines_are_all = false;
-  mesh.has_unit = true;
   mesh.points.reserve(static_cast<size_t>(message.positions_size()) / 3);
   for (int i = 0; i < message.positions_size(); i += 3) {
     mesh.points.push_back({message.positions(i), message.positions(i + 1), message.positions(i + 2)});

@@ -23,7 +23,6 @@ struct RawMesh {
   // True: `lines`, if there are any, are all lines of the object, as the line elements of an OBJ are. False: they are
   // drawn on the surface beside the edges at which it turns or ends.
   bool lines_are_all = true;
-  bool has_unit = false;  // the file states its unit
   // The normals that the file states for the corners of the triangles, unit; zero for a corner without one. Empty if
   // the file states none.
   std::vector<std::array<Eigen::Vector3f, 3>> corner_normals;
