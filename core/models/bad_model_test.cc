@@ -133,12 +133,9 @@ TEST(BadModelTest, Limits) {
   EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options), HasSubstr("line 14: more than 11 triangles"));
   EXPECT_THAT(ErrorOf(AsciiPly(), ModelFormat::kPly, options), HasSubstr("more than 11 triangles"));
   EXPECT_THAT(ErrorOf(BinaryStl(MustParse(Cube())), ModelFormat::kStl, options), HasSubstr("more than 11 triangles"));
-  options = {};
-  options.max_lines = 11;
-  EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options), HasSubstr("12 lines, more than the limit of 11"));
-  options.max_lines = 2;
+  options.max_triangles = 2;
   EXPECT_THAT(ErrorOf(absl::StrCat(kCubeVertices, "l 1 2 3 4\n"), ModelFormat::kObj, options),
-              HasSubstr("line 9: more than 2 lines"));
+              HasSubstr("line 9: more than 2 triangles and line elements"));
   std::string polygon = "f";
   for (int i = 0; i < 600; ++i) polygon += " 1";
   EXPECT_THAT(ErrorOf(absl::StrCat(kCubeVertices, polygon)), HasSubstr("line 9: a face has 600 corners"));
@@ -155,9 +152,6 @@ TEST(BadModelTest, OptionsNameTheWrongField) {
     EXPECT_THAT(message(options), HasSubstr("crease_angle_deg"));
   }
   ModelOptions options;
-  options.max_lines = size_t{1} << 60;
-  EXPECT_THAT(message(options), HasSubstr("max_lines"));
-  options = {};
   options.max_triangles = size_t{1} << 60;
   EXPECT_THAT(message(options), HasSubstr("max_triangles"));
 }

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,8 @@ inline constexpr double kCollinearTolerance = 1e-5;
 // Normals with at least this cosine are one in the list of a line: 0.1 degree, above the rounding errors of small
 // faces.
 inline constexpr double kSameNormalCosine = 0.9999985;
+// Normals of a line, most. More faces do not meet at an edge of an object, and all are compared in pairs.
+inline constexpr size_t kMaxFaceNormals = 32;
 
 // Whether a normal of the list has more than that cosine to `normal`.
 bool ContainsNormal(const Eigen::Vector3d& normal, absl::Span<const Eigen::Vector3d> normals, double cosine);
@@ -30,7 +33,8 @@ bool HaveMatchingNormals(absl::Span<const Eigen::Vector3d> a, absl::Span<const E
 // members, in the order of the first lines of the groups. Two lines belong together if they overlap by at least
 // `min_overlap_m` (if negative, a gap up to its magnitude is allowed) and, with `same_faces`, have matching normals. If
 // a line of a group is farther than twice the tolerance from the joined line, the group stays as it is: many lines that
-// each turn a little form a curve. Compares all pairs.
+// each turn a little form a curve. A gap must not exceed the tolerance. Lines near each other are compared, 100 million
+// pairs at most; the rest then stays as it is.
 std::vector<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, double tolerance_m, double min_overlap_m,
                                      bool same_faces);
 

@@ -40,6 +40,13 @@ inline std::string Prism(int sides) {
   return absl::StrCat(obj, "f", low, "\nf", high, "\n", walls);
 }
 
+// For a mesh whose facets are the surface itself.
+inline ModelOptions AsIs() {
+  ModelOptions options;
+  options.is_smooth = false;
+  return options;
+}
+
 inline absl::StatusOr<ObjectModel> Parse(const std::string& text, ModelFormat format = ModelFormat::kObj,
                                          const ModelOptions& options = {}) {
   return ParseObjectModel({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, format, options);

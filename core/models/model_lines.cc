@@ -6,20 +6,16 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <numbers>
+#include <tuple>
 #include <utility>
 
-#include "absl/strings/str_format.h"
+#include "absl/strings/str_cat.h"
+#include "core/mesh/mesh_topology.h"
 #include "core/models/collinear_lines.h"
-#include "core/mesh/mesh_edges.h"
-#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
 
-// A mesh with more edges than this many times the limit on lines is refused before its edges are joined: bounds the
-// time.
-constexpr size_t kEdgesPerLine = 64;
 // Edges that turn by less than this (rad) continue each other. Single precision causes turns of 1e-4 at edges of a
 // thousandth of the model's size; a polygon of 1000 corners turns by 6e-3 at each.
 constexpr double kCollinearAngle = 2e-3;
@@ -30,36 +26,17 @@ constexpr double kSameFaceCosine = 0.99985;
 struct Edge {
   std::array<uint32_t, 2> ends;
   std::vector<Eigen::Vector3d> normals;
+  EdgeKind kind;
 };
 
 void AddDistinct(const Eigen::Vector3d& normal, std::vector<Eigen::Vector3d>& normals) {
+  if (normals.size() >= kMaxFaceNormals) return;
   if (!ContainsNormal(normal, normals, kSameNormalCosine)) normals.push_back(normal);
-}
-
-// Unit vector perpendicular to the edge, in the plane of the face and towards its inside.
-Eigen::Vector3d Wing(const RawMesh& model, const EdgeUse& use) {
-  const Eigen::Vector3d edge = (model.points[use.high] - model.points[use.low]).normalized();
-  const Eigen::Vector3d across =
-      model.points[model.triangles[use.triangle][(use.side + 2) % 3]] - model.points[use.low];
-  return (across - across.dot(edge) * edge).normalized();
 }
 
 Eigen::Vector3d Normal(const RawMesh& model, uint32_t triangle) {
   const auto& [i, j, k] = model.triangles[triangle];
   return (model.points[j] - model.points[i]).cross(model.points[k] - model.points[i]).normalized();
-}
-
-// Whether the surface continues across the edge without a crease. Wings serve for any winding and any number of faces,
-// unlike normals.
-bool IsSmooth(const RawMesh& model, absl::Span<const EdgeUse> uses, double crease_cosine) {
-  const Eigen::Vector3d first = Wing(model, uses[0]);
-  bool has_opposite = false;
-  for (const EdgeUse& use : uses.subspan(1)) {
-    const double cosine = first.dot(Wing(model, use));
-    if (std::abs(cosine) < crease_cosine) return false;
-    has_opposite |= cosine < 0.0;
-  }
-  return has_opposite;
 }
 
 // Joins edges that continue each other: links their ends, follows the chains and cuts them into straight parts.
@@ -156,6 +133,10 @@ class EdgeJoiner {
   // Appends the chain as one line if it is straight; else cuts it at the farthest vertex and repeats this for the parts
   // (Douglas and Peucker, 1973).
   void SplitChain(std::vector<ModelLine>& lines) {
+    // Cuts near the ends of all parts would take quadratic time. A chain that has taken as much as this is cut in the
+    // middle of its parts; ordinary ones take some log2(n) distances per vertex.
+    constexpr size_t kDistancesPerVertex = 64;
+    size_t distances_left = kDistancesPerVertex * chain_vertices_.size();
     std::vector<std::pair<size_t, size_t>> parts = {{0, chain_vertices_.size() - 1}};
     while (!parts.empty()) {
       const auto [begin, end] = parts.back();
@@ -172,9 +153,14 @@ class EdgeJoiner {
         cut = i;
       }
       // The two ends of a ring are one point and give no direction: it is cut in the middle.
-      if (chain_vertices_[begin] == chain_vertices_[end]) cut = begin + (end - begin) / 2;
+      const bool is_expensive = distances_left < end - begin;
+      distances_left -= is_expensive ? 0 : end - begin;
+      if (chain_vertices_[begin] == chain_vertices_[end] || (is_expensive && cut != begin)) {
+        cut = begin + (end - begin) / 2;
+      }
       if (cut == begin) {
-        lines.push_back({p1, p2, edges_[chain_edges_[(begin + end) / 2]].normals});
+        const Edge& middle = edges_[chain_edges_[(begin + end) / 2]];
+        lines.push_back({p1, p2, middle.normals, middle.kind});
         continue;
       }
       parts.push_back({cut, end});
@@ -191,61 +177,59 @@ class EdgeJoiner {
   std::vector<uint32_t> chain_edges_;
 };
 
-// Adds the normals of the faces nearest to one point of a line.
-void AddNormalsAt(const Eigen::Vector3d& point, const Eigen::Vector3d& direction, const TriangleBvh& faces,
-                  double diameter_m, std::vector<TriangleBvh::Near>& found, std::vector<Eigen::Vector3d>& normals) {
+// Adds the normals of the faces nearest to one point of a line. Returns the number of faces that were considered.
+int64_t AddNormalsAt(const Eigen::Vector3d& point, const Eigen::Vector3d& direction, const TriangleBvh& faces,
+                     double diameter_m, std::vector<TriangleBvh::Near>& found, std::vector<Eigen::Vector3d>& normals) {
   // Relative to the diameter. A line may be drawn a little above its face; the other side of a thin plate, which is at
   // another distance, does not belong to it.
   constexpr double kSurfaceTolerance = 1e-3, kSameDistance = 1e-5;
   // Sine of 2 degrees: steeper lines pierce the face.
   constexpr double kMaxSlope = 0.035;
   faces.FindNear(point, kSurfaceTolerance * diameter_m, found);
+  const auto num_found = static_cast<int64_t>(found.size());
   std::erase_if(found, [&](const TriangleBvh::Near& near) { return std::abs(near.normal.dot(direction)) > kMaxSlope; });
   double nearest_m = kSurfaceTolerance * diameter_m;
   for (const TriangleBvh::Near& near : found) nearest_m = std::min(nearest_m, near.distance_m);
   for (const TriangleBvh::Near& near : found) {
     if (near.distance_m <= nearest_m + kSameDistance * diameter_m) AddDistinct(near.normal, normals);
   }
+  return num_found;
 }
 
 }  // namespace
 
-absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawMesh& model, double crease_angle_deg, size_t max_lines) {
-  const double crease_cosine = DeterministicSinCos(crease_angle_deg * std::numbers::pi / 180.0).cos;
+std::vector<ModelLine> StraightLines(const RawMesh& mesh, absl::Span<const MeshEdge> mesh_edges) {
   std::vector<Edge> edges;
-  ForEachEdge(SortedEdgeUses(model.triangles), [&](absl::Span<const EdgeUse> uses) {
-    if (edges.size() > kEdgesPerLine * max_lines || IsSmooth(model, uses, crease_cosine)) return;
-    Edge edge{{uses[0].low, uses[0].high}, {}};
-    for (const EdgeUse& use : uses) AddDistinct(Normal(model, use.triangle), edge.normals);
+  edges.reserve(mesh_edges.size());
+  for (const MeshEdge& mesh_edge : mesh_edges) {
+    Edge edge{mesh_edge.ends, {}, mesh_edge.kind};
+    for (const uint32_t triangle : mesh_edge.triangles) AddDistinct(Normal(mesh, triangle), edge.normals);
     edges.push_back(std::move(edge));
-  });
-  const auto too_many = [&](size_t count) {
-    return absl::InvalidArgumentError(absl::StrFormat(
-        "the mesh has %s%d lines, more than the limit of %d; simplify it, raise the crease angle, or draw "
-        "the important lines as OBJ line elements (l)",
-        count > kEdgesPerLine * max_lines ? "over " : "", count, max_lines));
-  };
-  if (edges.size() > kEdgesPerLine * max_lines) return too_many(edges.size());
-  std::vector<ModelLine> lines = EdgeJoiner(model, edges, kCollinearTolerance * BoundingBoxDiagonal(model)).Join();
-  if (lines.size() > max_lines) return too_many(lines.size());
-  return lines;
+  }
+  return EdgeJoiner(mesh, edges, kCollinearTolerance * BoundingBoxDiagonal(mesh)).Join();
 }
 
-std::vector<ModelLine> PaintedLines(const RawMesh& model, const TriangleBvh& faces, double diameter_m) {
+std::vector<ModelLine> PaintedLines(const RawMesh& mesh, const TriangleBvh& faces, double diameter_m,
+                                    std::vector<std::string>& notices) {
   // Shares of the line at which faces are searched, irregular and away from the ends, where other faces begin. A face
   // counts if it is found at two of them: a line that crosses another face meets it at one.
   constexpr double kSamples[] = {0.13, 0.31, 0.5, 0.71, 0.87};
   constexpr int kMinSamples = 2;
+  constexpr int64_t kMaxFaces = 20'000'000;  // some seconds
   std::vector<ModelLine> lines;
   std::vector<TriangleBvh::Near> found;
   std::vector<std::pair<Eigen::Vector3d, int>> counted;
-  for (const auto& [i, j] : model.lines) {
-    ModelLine line{model.points[i], model.points[j], {}};
+  int64_t num_faces = 0;
+  size_t num_unsearched = 0;
+  for (const auto& [i, j] : mesh.lines) {
+    ModelLine line{mesh.points[i], mesh.points[j], {}, EdgeKind::kPainted};
     counted.clear();
+    if (num_faces > kMaxFaces) ++num_unsearched;
     for (const double sample : kSamples) {
+      if (num_faces > kMaxFaces) break;
       std::vector<Eigen::Vector3d> here;
-      AddNormalsAt(line.p1 + sample * (line.p2 - line.p1), (line.p2 - line.p1).normalized(), faces, diameter_m, found,
-                   here);
+      num_faces += 1 + AddNormalsAt(line.p1 + sample * (line.p2 - line.p1), (line.p2 - line.p1).normalized(), faces,
+                                    diameter_m, found, here);
       for (const Eigen::Vector3d& normal : here) {
         const auto same = std::find_if(counted.begin(), counted.end(),
                                        [&](const auto& entry) { return entry.first.dot(normal) > kSameNormalCosine; });
@@ -259,7 +243,13 @@ std::vector<ModelLine> PaintedLines(const RawMesh& model, const TriangleBvh& fac
     for (const auto& [normal, count] : counted) {
       if (count >= kMinSamples) line.face_normals.push_back(normal);
     }
+    // A line along an edge of the mesh is that edge.
+    if (line.face_normals.size() > 1) line.kind = EdgeKind::kCrease;
     lines.push_back(std::move(line));
+  }
+  if (num_unsearched > 0) {
+    notices.push_back(
+        absl::StrCat("the faces of ", num_unsearched, " lines were not searched: too many are near lines"));
   }
   return lines;
 }

@@ -3,24 +3,25 @@
 // The lines of a model, from the edges of its mesh or from its line elements (core/models/README.md, section 4).
 #pragma once
 
-#include <cstddef>
+#include <string>
 #include <vector>
 
-#include "absl/status/statusor.h"
-#include "core/mesh/mesh_topology.h"
-#include "core/models/object_model.h"
+#include "absl/types/span.h"
+#include "core/mesh/surface_regions.h"
 #include "core/mesh/triangle_bvh.h"
+#include "core/models/object_model.h"
 
 namespace evpose {
 
-// Boundary edges and edges at which the surface turns by more than the angle, with the normals of all their faces.
-// Collinear edges that continue each other are joined. `model` must be welded. Errors: INVALID_ARGUMENT for more than
-// `max_lines` lines.
-absl::StatusOr<std::vector<ModelLine>> CreaseLines(const RawMesh& model, double crease_angle_deg, size_t max_lines);
+// Edges of the surface as lines, with the normals of all their faces. Collinear edges that continue each other are
+// joined. `mesh` must be welded.
+std::vector<ModelLine> StraightLines(const RawMesh& mesh, absl::Span<const MeshEdge> edges);
 
 // The line elements with the normals of the faces on which they lie: the normals of both faces along an edge (one if
 // these are parallel), that of the face inside a face, none away from all faces. `faces` is the search tree of the same
-// mesh, `diameter_m` the diameter of the model.
-std::vector<ModelLine> PaintedLines(const RawMesh& model, const TriangleBvh& faces, double diameter_m);
+// mesh, `diameter_m` the diameter of the model. After 20 million faces near lines, the rest of the lines get none, and
+// `notices` say so.
+std::vector<ModelLine> PaintedLines(const RawMesh& mesh, const TriangleBvh& faces, double diameter_m,
+                                    std::vector<std::string>& notices);
 
 }  // namespace evpose

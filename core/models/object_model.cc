@@ -14,12 +14,12 @@
 #include "core/base/check_range.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "core/models/collinear_lines.h"
 #include "core/mesh/loading/model_readers.h"
 #include "core/mesh/mesh_topology.h"
-#include "core/models/model_lines.h"
+#include "core/mesh/surface_regions.h"
+#include "core/models/collinear_lines.h"
+#include "core/models/edge_curves.h"
 #include "core/models/symmetry.h"
-#include "core/mesh/triangle_bvh.h"
 #include "core/numerics/math.h"
 
 namespace evpose {
@@ -43,7 +43,7 @@ constexpr size_t kMaxExactDiameterPoints = 2048;
 // The elements of the file in its order.
 absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options) {
   const auto read = format == ModelFormat::kObj ? ReadObj : format == ModelFormat::kPly ? ReadPly : ReadStl;
-  EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, read(bytes, {options.max_lines, options.max_triangles}));
+  EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, read(bytes, {options.max_triangles}));
   return mesh;
 }
 
@@ -112,41 +112,64 @@ void TakeTriangles(RawMesh raw, ObjectModel& model) {
   model.triangles = std::move(raw.triangles);
 }
 
+void ScaleMesh(double factor, RawMesh& mesh) {
+  for (Eigen::Vector3d& point : mesh.points) point *= factor;
+  for (SurfaceRegion& region : mesh.exact_surface.regions) {
+    region.point *= factor;
+    region.radius_m *= factor;
+  }
+}
+
+// The edges of the model: the line elements, if there are any, else those of the surface.
+void FindEdges(const RawMesh& mesh, const SurfaceEdges& surface, const ModelOptions& options, ModelStepListener on_step,
+               ObjectModel& model) {
+  on_step("finding lines");
+  if (mesh.lines.empty()) {
+    AddSurfaceEdges(mesh, surface, model);
+  } else {
+    AddPaintedEdges(mesh, options.is_smooth, model);
+  }
+  on_step("joining lines");
+  MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(mesh), model.lines, model.notices);
+}
+
+bool IsFlat(const SmoothSurface& surface) {
+  return std::all_of(surface.regions.begin(), surface.regions.end(),
+                     [](const SurfaceRegion& region) { return region.is_flat(); });
+}
+
 }  // namespace
 
-absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh raw, const ModelOptions& options, ModelStepListener on_step) {
+absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  for (Eigen::Vector3d& point : raw.points) point *= options.metres_per_unit;
-  if (raw.triangles.empty() && raw.lines.empty()) {
+  ScaleMesh(options.metres_per_unit, mesh);
+  if (mesh.triangles.empty() && mesh.lines.empty()) {
     return absl::InvalidArgumentError(
         "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
   }
-  EVPOSE_RETURN_IF_ERROR(CheckExtent(raw));
-  const bool has_line_elements = !raw.lines.empty();
+  EVPOSE_RETURN_IF_ERROR(CheckExtent(mesh));
+  const bool has_line_elements = !mesh.lines.empty();
   ObjectModel model;
   on_step("welding points");
-  Weld(kWeldTolerance * BoundingBoxDiagonal(raw), raw, model.notices);
+  Weld(kWeldTolerance * BoundingBoxDiagonal(mesh), mesh, model.notices);
   on_step("orienting triangles");
-  OrientTriangles(raw, model.notices);
+  OrientTriangles(mesh, model.notices);
   on_step("measuring the diameter");
-  model.diameter_m = Diameter(raw.points);
-  on_step("finding lines");
-  if (has_line_elements) {
-    model.lines = PaintedLines(raw, TriangleBvh(raw.points, raw.triangles), model.diameter_m);
-  } else {
-    EVPOSE_ASSIGN_OR_RETURN(model.lines, CreaseLines(raw, options.crease_angle_deg, options.max_lines));
-  }
-  on_step("joining lines");
-  MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(raw), model.lines, model.notices);
-  if (model.lines.empty()) {
+  model.diameter_m = Diameter(mesh.points);
+  on_step("finding creases");
+  SurfaceEdges surface = FindSurface(mesh, {options.crease_angle_deg, options.is_smooth}, model.diameter_m);
+  FindEdges(mesh, surface, options, on_step, model);
+  const bool is_flat = IsFlat(surface.surface);
+  if (model.lines.empty() && model.curves.empty() && is_flat) {
     return absl::InvalidArgumentError(
-        has_line_elements
-            ? "has no line: all its line elements (l) have length zero"
-            : absl::StrFormat("has no line: no edge turns by more than %g degrees and none is a boundary; lower the "
-                              "crease angle, or draw the visible lines as OBJ line elements (l)",
-                              options.crease_angle_deg));
+        has_line_elements ? "has no line: all its line elements (l) have length zero"
+                          : absl::StrFormat("has no line and no curved surface: no edge turns by more than %g degrees "
+                                            "and none is a boundary; lower the crease angle, or draw the visible lines "
+                                            "as OBJ line elements (l)",
+                                            options.crease_angle_deg));
   }
-  TakeTriangles(std::move(raw), model);
+  if (!is_flat) model.surface = std::move(surface.surface);
+  TakeTriangles(std::move(mesh), model);
   on_step("finding symmetries");
   model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
   return model;
@@ -157,8 +180,7 @@ absl::Status ModelOptions::Validate() const {
   constexpr double kMaxCount = 1e8;
   EVPOSE_RETURN_IF_ERROR(CheckPositive("metres_per_unit", metres_per_unit));
   EVPOSE_RETURN_IF_ERROR(CheckRange("crease_angle_deg", crease_angle_deg, 0.0, 180.0, OpenEnds::kBoth));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_triangles", static_cast<double>(max_triangles), 0.0, kMaxCount));
-  return CheckRange("max_lines", static_cast<double>(max_lines), 0.0, kMaxCount);
+  return CheckRange("max_triangles", static_cast<double>(max_triangles), 0.0, kMaxCount);
 }
 
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
@@ -204,10 +226,16 @@ std::string ObjectModelToObj(const ObjectModel& model) {
     add_vertex(line.p1);
     add_vertex(line.p2);
   }
+  for (const EdgeCurve& curve : model.curves) {
+    for (const Eigen::Vector3d& point : curve.points) add_vertex(point);
+  }
   for (const auto& [i, j, k] : model.triangles) absl::StrAppendFormat(&obj, "f %d %d %d\n", i + 1, j + 1, k + 1);
-  for (size_t i = 0; i < model.lines.size(); ++i) {
-    const size_t first = model.vertices.size() + 2 * i + 1;
-    absl::StrAppendFormat(&obj, "l %d %d\n", first, first + 1);
+  size_t next = model.vertices.size() + 1;
+  for (size_t i = 0; i < model.lines.size(); ++i, next += 2) absl::StrAppendFormat(&obj, "l %d %d\n", next, next + 1);
+  for (const EdgeCurve& curve : model.curves) {
+    obj += 'l';
+    for (size_t i = 0; i < curve.points.size(); ++i) absl::StrAppendFormat(&obj, " %d", next++);
+    obj += '\n';
   }
   return obj;
 }

@@ -46,10 +46,10 @@ struct ContinuousSymmetry {
 struct ObjectModel {
   std::vector<Eigen::Vector3d> vertices;           // object frame, metres
   std::vector<std::array<uint32_t, 3>> triangles;  // counter-clockwise seen from outside
-  std::vector<ModelLine> lines;   // straight edges
-  std::vector<EdgeCurve> curves;  // curved edges
-  SmoothSurface surface;          // of `triangles`; empty if no region is curved
-  double diameter_m = 0.0;  // largest distance between two points of the model
+  std::vector<ModelLine> lines;                    // straight edges
+  std::vector<EdgeCurve> curves;                   // curved edges
+  SmoothSurface surface;                           // of `triangles`; empty if no region is curved
+  double diameter_m = 0.0;                         // largest distance between two points of the model
   // object_from_object motions that map the object onto itself (symmetry.h), the identity first. Empty means the
   // identity alone.
   std::vector<RigidTransform> symmetries;
@@ -60,26 +60,27 @@ struct ObjectModel {
 
 struct ModelOptions {
   double metres_per_unit = 1.0;  // scale of the file's numbers; 0.001 for millimetres
-  // An edge is a line if its faces' normals differ by more. A cylinder of 16 sides turns by 22.5 at each edge and is
-  // round; the creases of machined parts turn by 45 or 90.
+  // The surface has an edge where it turns by more, beyond what its curvature explains (core/mesh/README.md). A
+  // cylinder of 16 sides turns by 22.5 at each edge and is round; the creases of machined parts turn by 45 or 90.
   double crease_angle_deg = 30.0;
   // Facets of curved regions approximate a smooth surface, as those of an exported CAD model do. False: the object has
   // these facets itself, as in a recording that was rendered from the mesh; each crease of the tessellation is an edge.
   bool is_smooth = true;
-  size_t max_bytes = 64u << 20;      // larger files are refused: bounds the memory for uploads
-  size_t max_lines = 4096;           // lines are compared in pairs while loading, and all are projected for each window
-  size_t max_triangles = 2'000'000;  // bounds memory: the search tree takes some 150 bytes for each
+  size_t max_bytes = 64u << 20;  // larger files are refused: bounds the memory for uploads
+  // Of triangles and line elements together. Bounds memory: the search tree takes some 150 bytes for each.
+  size_t max_triangles = 2'000'000;
 
   absl::Status Validate() const;
 };
 
-// Reads a model file (formats: core/models/README.md, section 1). If an OBJ has line elements (`l`), they are the lines
-// of the model; else its lines are the crease and boundary edges of the mesh, collinear ones joined. Lines of length
-// zero and duplicates are dropped and overlapping lines merged, with a notice. Triangles get one winding, outward where
-// a surface is closed. Symmetries are found by FindSymmetries(). No other file is opened, even if the file names one.
-// Errors, INVALID_ARGUMENT: malformed (with the place), no line and no face, no line at all, a number that is not
-// finite, an index out of range, a size below 1e-6 m or above 1e4 m, more than the options allow. `on_step` is called
-// before each step with its name, such as "finding lines".
+// Reads a model file (formats: core/models/README.md, section 1). If an OBJ has line elements (`l`), they are the edges
+// of the model; else its edges are the creases and boundaries of the surface. Straight ones become lines, collinear
+// ones joined, others curves. The surface has contours besides where it is curved. Lines of length zero and duplicates
+// are dropped and overlapping lines merged, with a notice. Triangles get one winding, outward where a surface is
+// closed. Symmetries are found by FindSymmetries(). No other file is opened, even if the file names one. Errors,
+// INVALID_ARGUMENT: malformed (with the place), no line and no face, neither an edge nor a curved surface, a number
+// that is not finite, an index out of range, a size below 1e-6 m or above 1e4 m, more than the options allow. `on_step`
+// is called before each step with its name, such as "finding lines".
 using ModelStepListener = absl::FunctionRef<void(absl::string_view step)>;
 absl::StatusOr<ObjectModel> ParseObjectModel(
     absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options,
@@ -92,7 +93,8 @@ absl::StatusOr<ObjectModel> BuildObjectModel(
 absl::StatusOr<ObjectModel> LoadObjectModel(const std::string& path, const ModelOptions& options = {});
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path);
 
-// Writes OBJ text with `v`, `f` and `l` statements. Reading it back gives the same model up to single precision.
+// Writes OBJ text with `v`, `f` and `l` statements, where a curve is one `l` of all its points. Reading it back gives
+// the same model up to single precision; its curves are then painted ones.
 std::string ObjectModelToObj(const ObjectModel& model);
 
 }  // namespace evpose

@@ -268,43 +268,24 @@ TEST(ObjectModelTest, CollinearEdgesAreJoined) {
                                                             "(0 0.3 0.1)(0.3 0.3 0.1)", "(0.3 0 0.1)(0.3 0.3 0.1)"));
 }
 
-TEST(ObjectModelTest, CurvedEdgesAreNotJoined) {
-  // A disc of many corners, cut into triangles: its rim keeps all corners.
-  constexpr int kCorners = 360;
-  std::string obj = "v 0 0 0\n";
-  for (int i = 0; i < kCorners; ++i) {
-    const double angle = 2 * M_PI * i / kCorners;
-    absl::StrAppendFormat(&obj, "v %.9g %.9g 0\n", std::cos(angle), std::sin(angle));
-  }
-  for (int i = 0; i < kCorners; ++i) absl::StrAppendFormat(&obj, "f 1 %d %d\n", i + 2, (i + 1) % kCorners + 2);
-  EXPECT_THAT(MustParse(obj).lines, SizeIs(kCorners));
-}
-
-TEST(ObjectModelTest, RingOfEdgesThatHardlyTurnIsCutNotJoinedToAPoint) {
-  constexpr int kCorners = 5000;
-  std::string obj = "v 0 0 0\n";
-  for (int i = 0; i < kCorners; ++i) {
-    const double angle = 2 * M_PI * i / kCorners;
-    absl::StrAppendFormat(&obj, "v %.9g %.9g 0\n", std::cos(angle), std::sin(angle));
-  }
-  for (int i = 0; i < kCorners; ++i) absl::StrAppendFormat(&obj, "f 1 %d %d\n", i + 2, (i + 1) % kCorners + 2);
-  const ObjectModel model = MustParse(obj);
-  double length = 0.0;
-  for (const ModelLine& line : model.lines) {
-    length += (line.p2 - line.p1).norm();
-    EXPECT_GT((0.5 * (line.p1 + line.p2)).norm(), 1.0 - 1e-4);
-  }
-  EXPECT_NEAR(length, 2 * M_PI, 1e-3);
-  EXPECT_LT(model.lines.size(), 1000u);
-}
-
 TEST(ObjectModelTest, CreaseAngle) {
   // 8 sides turn by 45 degrees, 16 by 22.5.
   EXPECT_THAT(MustParse(Prism(8)).lines, SizeIs(24));
-  EXPECT_THAT(MustParse(Prism(16)).lines, SizeIs(32));
+  const ObjectModel round = MustParse(Prism(16));
+  EXPECT_THAT(round.lines, IsEmpty());
+  ASSERT_THAT(round.curves, SizeIs(2));
+  for (const EdgeCurve& rim : round.curves) {
+    EXPECT_TRUE(rim.is_ring());
+    EXPECT_THAT(rim.points, SizeIs(17));
+    EXPECT_NEAR(rim.turn_rad, M_PI / 2, 1e-6);
+  }
+  EXPECT_THAT(round.surface.regions, SizeIs(3));
   ModelOptions options;
   options.crease_angle_deg = 20.0;
-  EXPECT_THAT(MustParse(Prism(16), ModelFormat::kObj, options).lines, SizeIs(48));
+  const ObjectModel prism = MustParse(Prism(16), ModelFormat::kObj, options);
+  EXPECT_THAT(prism.lines, SizeIs(48));
+  EXPECT_THAT(prism.curves, IsEmpty());
+  EXPECT_TRUE(prism.surface.empty());
 }
 
 std::string Sphere(int rings, int sectors) {
@@ -330,10 +311,27 @@ std::string Sphere(int rings, int sectors) {
   return obj;
 }
 
-TEST(ObjectModelTest, SmoothModelHasNoLine) {
-  EXPECT_THAT(ErrorOf(Sphere(24, 48)), HasSubstr("no line: no edge turns by more than 30 degrees"));
-  const ObjectModel painted = MustParse(absl::StrCat(Sphere(24, 48), "l 2 50\n"));
+TEST(ObjectModelTest, SphereHasNoEdgeButACurvedSurface) {
+  const ObjectModel sphere = MustParse(Sphere(24, 48));
+  EXPECT_THAT(sphere.lines, IsEmpty());
+  EXPECT_THAT(sphere.curves, IsEmpty());
+  ASSERT_THAT(sphere.surface.regions, SizeIs(1));
+  EXPECT_FALSE(sphere.surface.regions[0].is_flat());
+  for (size_t t = 0; t < sphere.triangles.size(); ++t) {
+    for (int corner = 0; corner < 3; ++corner) {
+      const Eigen::Vector3d& outward = sphere.vertices[sphere.triangles[t][corner]];
+      EXPECT_GT(sphere.surface.normals[t][corner].cast<double>().dot(outward), 0.9995);
+    }
+  }
+  EXPECT_THAT(ErrorOf(Sphere(24, 48), ModelFormat::kObj, AsIs()), HasSubstr("no edge turns by more than 30 degrees"));
+}
+
+TEST(ObjectModelTest, LineElementsReplaceEdgesButNotContours) {
+  const ObjectModel painted = MustParse(absl::StrCat(Prism(16), "l 1 2\n"));
   EXPECT_THAT(painted.lines, SizeIs(1));
+  EXPECT_THAT(painted.curves, IsEmpty());
+  EXPECT_FALSE(painted.surface.empty());
+  EXPECT_TRUE(MustParse(absl::StrCat(Cube(), "l 5 7\n")).surface.empty());
 }
 
 TEST(ObjectModelTest, DiameterOfManyPointsIsWithinOnePercent) {

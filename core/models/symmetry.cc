@@ -21,9 +21,9 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Models with more lines are not searched: joining collinear lines compares all pairs.
+// Models with more lines are not searched: objects of so many edges have hardly any symmetry.
 constexpr size_t kMaxLines = 8192;
-// A prism of 1365 sides has as many lines as a model may have, and 2730 symmetries.
+// A prism of 2048 sides, which is round.
 constexpr size_t kMaxSymmetries = 4096;
 // Searches for the image of one line: some seconds.
 constexpr int64_t kMaxComparisons = 5'000'000;

@@ -29,6 +29,9 @@ constexpr uint64_t kPastLineBytes = 16u << 10;
 constexpr uint64_t kTreeTriangleBytes = 160;
 constexpr uint64_t kModelLineBytes = 400;
 constexpr uint64_t kModelTriangleBytes = 40;
+// The region and the normals of a triangle of a smooth surface, and a segment of a curved edge.
+constexpr uint64_t kModelSurfaceBytes = 40;
+constexpr uint64_t kModelSegmentBytes = 72;
 // A cell of 64 x 64 pixels: its page in a grid, and its background rate.
 constexpr uint64_t kCellBytes = 64;
 constexpr uint64_t kPageBytes = 1024;
@@ -47,8 +50,11 @@ uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_othe
 }
 
 uint64_t ModelBytes(const ObjectModel& model) {
+  uint64_t num_segments = 0;
+  for (const EdgeCurve& curve : model.curves) num_segments += curve.points.size();
   // The second tree is that of the SearchModel.
-  return kModelLineBytes * model.lines.size() + kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
+  return kModelSurfaceBytes * model.surface.region_of.size() + kModelSegmentBytes * num_segments +
+         kModelLineBytes * model.lines.size() + kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
          kTreeTriangleBytes * model.triangles.size() + sizeof(RigidTransform) * model.symmetries.size();
 }
 

@@ -15,7 +15,7 @@ namespace {
 constexpr ModelFormat kFormats[] = {ModelFormat::kObj, ModelFormat::kPly, ModelFormat::kStl};
 
 void Check(const ObjectModel& model, const ModelOptions& options) {
-  EVPOSE_FUZZ_REQUIRE(!model.lines.empty() && model.lines.size() <= options.max_lines);
+  EVPOSE_FUZZ_REQUIRE(!model.lines.empty() || !model.curves.empty() || !model.surface.empty());
   EVPOSE_FUZZ_REQUIRE(model.triangles.size() <= options.max_triangles);
   EVPOSE_FUZZ_REQUIRE(std::isfinite(model.diameter_m) && model.diameter_m > 0.0);
   for (const Eigen::Vector3d& vertex : model.vertices) EVPOSE_FUZZ_REQUIRE(vertex.allFinite());
@@ -25,6 +25,20 @@ void Check(const ObjectModel& model, const ModelOptions& options) {
   for (const ModelLine& line : model.lines) {
     EVPOSE_FUZZ_REQUIRE(line.p1.allFinite() && line.p2.allFinite() && line.p1 != line.p2);
     for (const Eigen::Vector3d& normal : line.face_normals) EVPOSE_FUZZ_REQUIRE(normal.allFinite());
+  }
+  for (const EdgeCurve& curve : model.curves) {
+    EVPOSE_FUZZ_REQUIRE(curve.points.size() >= 2 && curve.face_normals.size() + 1 == curve.points.size());
+    for (const Eigen::Vector3d& point : curve.points) EVPOSE_FUZZ_REQUIRE(point.allFinite());
+    for (const auto& normals : curve.face_normals) {
+      for (const Eigen::Vector3d& normal : normals) EVPOSE_FUZZ_REQUIRE(normal.allFinite());
+    }
+  }
+  if (model.surface.empty()) return;
+  EVPOSE_FUZZ_REQUIRE(model.surface.region_of.size() == model.triangles.size());
+  EVPOSE_FUZZ_REQUIRE(model.surface.normals.size() == model.triangles.size());
+  for (const uint32_t region : model.surface.region_of) EVPOSE_FUZZ_REQUIRE(region < model.surface.regions.size());
+  for (const auto& normals : model.surface.normals) {
+    for (const Eigen::Vector3f& normal : normals) EVPOSE_FUZZ_REQUIRE(normal.allFinite());
   }
 }
 
@@ -36,7 +50,6 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   FuzzInput input(data, size);
   const ModelFormat format = kFormats[input.Choice(std::size(kFormats))];
   ModelOptions options;
-  options.max_lines = 64;
   options.max_triangles = 256;
   const auto model = ParseObjectModel(input.Rest(), format, options);
   if (model.ok()) {

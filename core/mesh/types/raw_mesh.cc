@@ -70,16 +70,16 @@ absl::Status ElementCounter::AddFace(size_t corners) {
     return absl::InvalidArgumentError(
         absl::StrFormat("a face has %d corners, but at most %d are read; triangulate the model", corners, kMaxCorners));
   }
-  triangles_ += corners - 2;
-  if (triangles_ <= limits_.max_triangles) return absl::OkStatus();
-  return absl::InvalidArgumentError(
-      absl::StrFormat("more than %d triangles; simplify the model", limits_.max_triangles));
+  return Add(corners - 2);
 }
 
-absl::Status ElementCounter::AddLines(size_t count) {
-  lines_ += count;
-  if (lines_ <= limits_.max_lines) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrFormat("more than %d lines; leave out the small ones", limits_.max_lines));
+absl::Status ElementCounter::AddLines(size_t count) { return Add(count); }
+
+absl::Status ElementCounter::Add(size_t count) {
+  elements_ += count;
+  if (elements_ <= limits_.max_triangles) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("more than %d triangles and line elements; simplify the model", limits_.max_triangles));
 }
 
 void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh) {

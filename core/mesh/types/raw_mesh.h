@@ -28,8 +28,8 @@ struct RawMesh {
 };
 
 struct MeshLimits {
-  size_t max_lines = 0;
-  size_t max_triangles = 0;  // a polygon counts as the triangles into which it is cut
+  // A polygon counts as the triangles into which it is cut, and a line element as a triangle.
+  size_t max_triangles = 0;
 };
 
 // Counts the elements of a file while it is read, so that a file beyond the limits takes no further memory.
@@ -43,9 +43,10 @@ class ElementCounter {
   absl::Status AddLines(size_t count);
 
  private:
+  absl::Status Add(size_t count);
+
   MeshLimits limits_;
-  size_t lines_ = 0;
-  size_t triangles_ = 0;
+  size_t elements_ = 0;
 };
 
 // Cuts a polygon of at least 3 corners, which are indices of `mesh.points`, into triangles with the winding of the

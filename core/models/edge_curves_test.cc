@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/models/edge_curves.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/models/cube_files_testing.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+// A square plate of side 2 and height 0.2 with a hole of radius 0.5 and so many sides.
+std::string PlateWithHole(int sides) {
+  std::string obj;
+  for (const double z : {0.0, 0.2}) {
+    absl::StrAppendFormat(&obj, "v -1 -1 %g\nv 1 -1 %g\nv 1 1 %g\nv -1 1 %g\n", z, z, z, z);
+    for (int i = 0; i < sides; ++i) {
+      // Counter-clockwise, the first quarter before the corner at (-1, -1).
+      const double angle = -M_PI + 2 * M_PI * i / sides;
+      absl::StrAppendFormat(&obj, "v %.9g %.9g %g\n", 0.5 * std::cos(angle), 0.5 * std::sin(angle), z);
+    }
+  }
+  const int top = 4 + sides, quarter = sides / 4;
+  for (int side = 0; side < 4; ++side) {
+    const int next = (side + 1) % 4;
+    absl::StrAppendFormat(&obj, "f %d %d %d %d\n", 1 + side, 1 + next, 1 + next + top, 1 + side + top);
+    for (int i = 0; i < quarter; ++i) {
+      const int a = 5 + side * quarter + i, b = 5 + (side * quarter + i + 1) % sides;
+      absl::StrAppendFormat(&obj, "f %d %d %d\nf %d %d %d\n", 1 + side, b, a, 1 + side + top, a + top, b + top);
+      absl::StrAppendFormat(&obj, "f %d %d %d %d\n", b, a, a + top, b + top);
+    }
+    const int last = 5 + ((side + 1) * quarter) % sides;
+    absl::StrAppendFormat(&obj, "f %d %d %d\nf %d %d %d\n", 1 + side, 1 + next, last, 1 + side + top, last + top,
+                          1 + next + top);
+  }
+  return obj;
+}
+
+TEST(EdgeCurvesTest, HoleOfAPlateHasTwoRings) {
+  const ObjectModel plate = MustParse(PlateWithHole(32));
+  EXPECT_THAT(plate.lines, SizeIs(12));
+  ASSERT_THAT(plate.curves, SizeIs(2));
+  for (const EdgeCurve& rim : plate.curves) {
+    EXPECT_TRUE(rim.is_ring());
+    EXPECT_EQ(rim.kind, EdgeKind::kCrease);
+    EXPECT_THAT(rim.points, SizeIs(33));
+    EXPECT_NEAR(rim.turn_rad, M_PI / 2, 1e-6);
+    ASSERT_THAT(rim.face_normals, SizeIs(32));
+    for (size_t i = 0; i < 32; ++i) {
+      const Eigen::Vector3d middle = 0.5 * (rim.points[i] + rim.points[i + 1]);
+      const Eigen::Vector3d inward = -Eigen::Vector3d(middle.x(), middle.y(), 0.0).normalized();
+      const Eigen::Vector3d face(0, 0, middle.z() > 0.1 ? 1 : -1);
+      const auto& normals = rim.face_normals[i];
+      EXPECT_GT(std::max(normals[0].dot(inward), normals[1].dot(inward)), 0.999) << "the wall of the hole";
+      EXPECT_GT(std::max(normals[0].dot(face), normals[1].dot(face)), 0.999999);
+    }
+  }
+  EXPECT_THAT(plate.surface.regions, SizeIs(7));
+}
+
+TEST(EdgeCurvesTest, HoleOfEightSidesIsAPrism) {
+  const ObjectModel plate = MustParse(PlateWithHole(8));
+  EXPECT_THAT(plate.lines, SizeIs(12 + 24));
+  EXPECT_THAT(plate.curves, IsEmpty());
+  EXPECT_TRUE(plate.surface.empty());
+}
+
+TEST(EdgeCurvesTest, PrismaticModelsHaveTheLinesOfTheirFacets) {
+  for (const std::string& obj : {Cube(), Prism(3), Prism(6), Prism(8), Prism(10), PlateWithHole(8),
+                                 std::string("v 0 0 0\nv 3 0 0\nv 3 0 1\nv 0 0 1\nf 1 2 3 4\n"
+                                             "v 1 0 1\nv 2 0 1\nv 2 1 2\nv 1 1 2\nf 5 6 7 8\n")}) {
+    const ObjectModel smooth = MustParse(obj), facets = MustParse(obj, ModelFormat::kObj, AsIs());
+    EXPECT_THAT(smooth.curves, IsEmpty());
+    EXPECT_TRUE(smooth.surface.empty());
+    ASSERT_EQ(smooth.lines.size(), facets.lines.size());
+    for (size_t i = 0; i < smooth.lines.size(); ++i) {
+      EXPECT_EQ(smooth.lines[i].p1, facets.lines[i].p1);
+      EXPECT_EQ(smooth.lines[i].p2, facets.lines[i].p2);
+      EXPECT_EQ(smooth.lines[i].face_normals, facets.lines[i].face_normals);
+      EXPECT_EQ(smooth.lines[i].kind, facets.lines[i].kind);
+    }
+    EXPECT_EQ(smooth.symmetries.size(), facets.symmetries.size());
+  }
+}
+
+// A disc of many corners, cut into triangles.
+std::string Disc(int corners) {
+  std::string obj = "v 0 0 0\n";
+  for (int i = 0; i < corners; ++i) {
+    const double angle = 2 * M_PI * i / corners;
+    absl::StrAppendFormat(&obj, "v %.9g %.9g 0\n", std::cos(angle), std::sin(angle));
+  }
+  for (int i = 0; i < corners; ++i) absl::StrAppendFormat(&obj, "f 1 %d %d\n", i + 2, (i + 1) % corners + 2);
+  return obj;
+}
+
+TEST(EdgeCurvesTest, RimOfADiscIsOneCurve) {
+  const ObjectModel model = MustParse(Disc(360));
+  EXPECT_THAT(model.lines, IsEmpty());
+  ASSERT_THAT(model.curves, SizeIs(1));
+  EXPECT_TRUE(model.curves[0].is_ring());
+  EXPECT_EQ(model.curves[0].kind, EdgeKind::kBoundary);
+  EXPECT_THAT(model.curves[0].points, SizeIs(361));
+  for (const auto& normals : model.curves[0].face_normals) {
+    EXPECT_NEAR(normals[0].z(), 1.0, 1e-12);
+    EXPECT_TRUE(normals[1].isZero());
+  }
+  EXPECT_TRUE(model.surface.empty()) << "a disc is flat";
+}
+
+TEST(EdgeCurvesTest, FacetsThatAreTheSurfaceHaveStraightEdges) {
+  const ObjectModel disc = MustParse(Disc(360), ModelFormat::kObj, AsIs());
+  EXPECT_THAT(disc.lines, SizeIs(360));
+  EXPECT_THAT(disc.curves, IsEmpty());
+  const ObjectModel prism = MustParse(Prism(16), ModelFormat::kObj, AsIs());
+  EXPECT_THAT(prism.lines, SizeIs(32));
+  EXPECT_TRUE(prism.surface.empty());
+}
+
+TEST(EdgeCurvesTest, RingOfEdgesThatHardlyTurnIsCutNotJoinedToAPoint) {
+  const ObjectModel model = MustParse(Disc(5000), ModelFormat::kObj, AsIs());
+  double length = 0.0;
+  for (const ModelLine& line : model.lines) {
+    length += (line.p2 - line.p1).norm();
+    EXPECT_GT((0.5 * (line.p1 + line.p2)).norm(), 1.0 - 1e-4);
+  }
+  EXPECT_NEAR(length, 2 * M_PI, 1e-3);
+  EXPECT_LT(model.lines.size(), 1000u);
+}
+
+TEST(EdgeCurvesTest, PolylineOfManyShortPartsIsAPaintedCurve) {
+  std::string obj = Cube();
+  std::string polyline = "l 5 7\nl";
+  for (int i = 0; i <= 12; ++i) {
+    absl::StrAppendFormat(&obj, "v %.9g %.9g 1\n", 0.5 + 0.3 * std::cos(M_PI / 6 * i),
+                          0.5 + 0.3 * std::sin(M_PI / 6 * i));
+    absl::StrAppend(&polyline, " ", 9 + i);
+  }
+  const ObjectModel model = MustParse(absl::StrCat(obj, polyline, "\n"));
+  EXPECT_THAT(model.lines, SizeIs(1));
+  ASSERT_THAT(model.curves, SizeIs(1));
+  EXPECT_EQ(model.curves[0].kind, EdgeKind::kPainted);
+  EXPECT_TRUE(model.curves[0].is_ring());
+  EXPECT_THAT(model.curves[0].points, SizeIs(13));
+  for (const auto& normals : model.curves[0].face_normals) EXPECT_NEAR(normals[0].z(), 1.0, 1e-9);
+  const ObjectModel back = MustParse(ObjectModelToObj(model));
+  EXPECT_THAT(back.lines, SizeIs(1));
+  ASSERT_THAT(back.curves, SizeIs(1));
+  EXPECT_EQ(back.curves[0].points, model.curves[0].points);
+}
+
+TEST(EdgeCurvesTest, ManyLinesAreNoReasonToRefuse) {
+  // A comb of 3000 separate squares: 12,000 lines.
+  std::string obj;
+  constexpr int kSquares = 3000;
+  for (int i = 0; i < kSquares; ++i) {
+    const int x = i % 60, y = i / 60;
+    absl::StrAppendFormat(&obj, "v %d %d 0\nv %g %d 0\nv %g %g 0\nv %d %g 0\nf -4 -3 -2 -1\n", x, y, x + 0.5, y,
+                          x + 0.5, y + 0.5, x, y + 0.5);
+  }
+  EXPECT_THAT(MustParse(obj).lines, SizeIs(4 * kSquares));
+}
+
+TEST(EdgeCurvesTest, KindsOfLines) {
+  const ObjectModel sheet = MustParse("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n");
+  for (const ModelLine& line : sheet.lines) EXPECT_EQ(line.kind, EdgeKind::kBoundary);
+  for (const ModelLine& line : MustParse(Cube()).lines) EXPECT_EQ(line.kind, EdgeKind::kCrease);
+  const ObjectModel painted = MustParse(absl::StrCat(Cube(), "l 5 6\nl 5 7\n"));
+  ASSERT_THAT(painted.lines, SizeIs(2));
+  EXPECT_EQ(painted.lines[0].kind, EdgeKind::kCrease) << "along an edge of the mesh";
+  EXPECT_EQ(painted.lines[1].kind, EdgeKind::kPainted);
+}
+
+TEST(EdgeCurvesTest, PaintedPolygonsStayLines) {
+  std::string obj = Cube(), hexagon = "l", square = "l 5 6 7 8 5\n";
+  for (int i = 0; i <= 6; ++i) {
+    absl::StrAppendFormat(&obj, "v %.9g %.9g 1\n", 0.5 + 0.3 * std::cos(M_PI / 3 * i),
+                          0.5 + 0.3 * std::sin(M_PI / 3 * i));
+    absl::StrAppend(&hexagon, " ", 9 + i);
+  }
+  const ObjectModel model = MustParse(absl::StrCat(obj, square, hexagon, "\n"));
+  EXPECT_THAT(model.lines, SizeIs(10));
+  EXPECT_THAT(model.curves, IsEmpty());
+}
+
+}  // namespace
+}  // namespace evpose
