@@ -2,6 +2,7 @@
 #include "core/mesh/surface_regions.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <utility>
@@ -112,12 +113,16 @@ SurfaceEdges FindSurface(const RawMesh& mesh, const CreaseOptions& options, doub
   const FacetGraph graph(mesh);
   SurfaceEdges result;
   result.edges = FindCreases(graph, options, diameter_m);
+  const std::vector<bool> is_smooth = SmoothSides(graph, result.edges);
+  // Covered edges separate regions, but nothing is seen of them.
+  std::erase_if(result.edges, [&mesh](const MeshEdge& edge) {
+    return std::binary_search(mesh.covered_edges.begin(), mesh.covered_edges.end(), edge.ends);
+  });
   if (!options.is_smooth) return result;
   if (!mesh.exact_surface.empty()) {
     result.surface = mesh.exact_surface;
     return result;
   }
-  const std::vector<bool> is_smooth = SmoothSides(graph, result.edges);
   result.surface.regions.resize(FloodRegions(graph, is_smooth, result.surface.region_of));
   result.surface.normals = CornerNormals(graph, is_smooth);
   FindPlanes(graph, diameter_m, result.surface);

@@ -302,6 +302,13 @@ TEST(SurfaceRegionsTest, ExactFacesAreRegionsAndMeetInCreasesOrSmoothly) {
   EXPECT_EQ(CountOf(found.surface, RegionShape::kCylinder), 2u);
 }
 
+TEST(SurfaceRegionsTest, CoveredEdgesAreNone) {
+  RawMesh sheet = Sheet(1, 0.0);
+  EXPECT_THAT(Find(sheet).edges, SizeIs(4));
+  sheet.covered_edges = {{0, 1}, {1, 3}};
+  EXPECT_THAT(Find(sheet).edges, SizeIs(2));
+}
+
 TEST(SurfaceRegionsTest, SurfacesThatMeetInOneEdge) {
   // Three sheets at one edge: it is a crease of three triangles.
   RawMesh mesh;

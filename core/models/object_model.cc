@@ -15,9 +15,13 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/model_readers.h"
+#include "core/mesh/mesh_repair.h"
 #include "core/mesh/mesh_topology.h"
+#include "core/mesh/region_shapes.h"
+#include "core/mesh/simplify.h"
 #include "core/mesh/surface_regions.h"
 #include "core/models/collinear_lines.h"
+#include "core/models/continuous_symmetry.h"
 #include "core/models/edge_curves.h"
 #include "core/models/symmetry.h"
 #include "core/numerics/math.h"
@@ -25,8 +29,10 @@
 namespace evpose {
 namespace {
 
-// Points closer than this are welded, relative to the model's size: a few roundings of single precision.
-constexpr double kWeldTolerance = 1e-6;
+// A mesh of more triangles is simplified: the time of a view grows with their number.
+constexpr size_t kMaxKeptTriangles = 60'000;
+// Largest error of that, relative to the diameter: 0.03 px at 300 px.
+constexpr double kSimplifyTolerance = 1e-4;
 // Diagonal of the bounding box: from a thousandth of a millimetre, below what a lens resolves, to 10 km, far beyond the
 // objects whose edges an event camera sees. Squares of such sizes keep their precision; others are wrong units.
 constexpr double kMinSizeM = 1e-6;
@@ -120,15 +126,12 @@ void ScaleMesh(double factor, RawMesh& mesh) {
   }
 }
 
-// The edges of the model: the line elements, if there are any, else those of the surface.
+// The edges of the model: the line elements, and those of the surface unless the line elements are all.
 void FindEdges(const RawMesh& mesh, const SurfaceEdges& surface, const ModelOptions& options, ModelStepListener on_step,
                ObjectModel& model) {
   on_step("finding lines");
-  if (mesh.lines.empty()) {
-    AddSurfaceEdges(mesh, surface, model);
-  } else {
-    AddPaintedEdges(mesh, options.is_smooth, model);
-  }
+  if (!mesh.lines.empty()) AddPaintedEdges(mesh, options.is_smooth, model);
+  if (mesh.lines.empty() || !mesh.lines_are_all) AddSurfaceEdges(mesh, surface, model);
   on_step("joining lines");
   MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(mesh), model.lines, model.notices);
 }
@@ -138,11 +141,18 @@ bool IsFlat(const SmoothSurface& surface) {
                      [](const SurfaceRegion& region) { return region.is_flat(); });
 }
 
-}  // namespace
+// Leaves fewer triangles of a dense mesh, inside its regions, to hide edges and to have contours.
+void Simplify(double diameter_m, RawMesh& mesh, SmoothSurface& surface, std::vector<std::string>& notices) {
+  if (surface.empty() || mesh.triangles.size() <= kMaxKeptTriangles) return;
+  const Simplification done = SimplifyMesh(kMaxKeptTriangles, kSimplifyTolerance * diameter_m, mesh, surface);
+  if (done.triangles_after == done.triangles_before) return;
+  notices.push_back(absl::StrFormat("the surface is simplified from %d to %d triangles, by at most %.2g m",
+                                    done.triangles_before, done.triangles_after, done.error_m));
+}
 
-absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step) {
-  EVPOSE_RETURN_IF_ERROR(options.Validate());
-  ScaleMesh(options.metres_per_unit, mesh);
+// For a mesh in metres.
+absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step,
+                                            std::vector<std::string> notices) {
   if (mesh.triangles.empty() && mesh.lines.empty()) {
     return absl::InvalidArgumentError(
         "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
@@ -150,14 +160,15 @@ absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& o
   EVPOSE_RETURN_IF_ERROR(CheckExtent(mesh));
   const bool has_line_elements = !mesh.lines.empty();
   ObjectModel model;
-  on_step("welding points");
-  Weld(kWeldTolerance * BoundingBoxDiagonal(mesh), mesh, model.notices);
-  on_step("orienting triangles");
-  OrientTriangles(mesh, model.notices);
+  model.notices = std::move(notices);
+  on_step("repairing the mesh");
+  DescribeRepair(RepairMesh(mesh), model.notices);
   on_step("measuring the diameter");
   model.diameter_m = Diameter(mesh.points);
   on_step("finding creases");
   SurfaceEdges surface = FindSurface(mesh, {options.crease_angle_deg, options.is_smooth}, model.diameter_m);
+  on_step("fitting shapes");
+  if (!surface.surface.empty()) FitShapes(mesh, model.diameter_m, surface.surface);
   FindEdges(mesh, surface, options, on_step, model);
   const bool is_flat = IsFlat(surface.surface);
   if (model.lines.empty() && model.curves.empty() && is_flat) {
@@ -168,11 +179,24 @@ absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& o
                                             "as OBJ line elements (l)",
                                             options.crease_angle_deg));
   }
+  on_step("simplifying the mesh");
+  Simplify(model.diameter_m, mesh, surface.surface, model.notices);
   if (!is_flat) model.surface = std::move(surface.surface);
   TakeTriangles(std::move(mesh), model);
   on_step("finding symmetries");
-  model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
+  model.continuous_symmetry = FindContinuousSymmetry(model, &model.notices);
+  if (!model.continuous_symmetry.has_value()) {
+    model.symmetries = FindSymmetries(model, kSymmetryTolerance, &model.notices);
+  }
   return model;
+}
+
+}  // namespace
+
+absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  ScaleMesh(options.metres_per_unit, mesh);
+  return BuildFromMetres(std::move(mesh), options, on_step, {});
 }
 
 absl::Status ModelOptions::Validate() const {
@@ -193,7 +217,10 @@ absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, Mo
   }
   on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ReadMesh(bytes, format, options));
-  return BuildObjectModel(std::move(mesh), options, on_step);
+  ScaleMesh(options.metres_per_unit, mesh);
+  std::vector<std::string> notices;
+  NoteImplausibleSize(mesh, options.metres_per_unit, notices);
+  return BuildFromMetres(std::move(mesh), options, on_step, std::move(notices));
 }
 
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {
