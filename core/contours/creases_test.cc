@@ -75,7 +75,9 @@ TEST(CreasesTest, RimsBehindAreSeenThroughTheHoleOnly) {
       }
       const auto rim = OfCurve(elements, curve);
       EXPECT_NEAR(LengthM(rim), open_m, 0.1 * 2.0 * std::numbers::pi * kHoleM);
-      for (const EdgeElement& element : rim) EXPECT_TRUE(is_open(0.5 * (element.p1 + element.p2), 1e-3));
+      // In a grazing view of the wall, up to 1.2 degrees, the origin of the rays is moved away from it: by 2.2 mm in
+      // the plane of the rim in front; and the points are moved by 0.5 mm.
+      for (const EdgeElement& element : rim) EXPECT_TRUE(is_open(0.5 * (element.p1 + element.p2), 3.5e-3));
     }
   }
 }
