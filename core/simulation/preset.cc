@@ -90,8 +90,9 @@ absl::StatusOr<SimulationOptions> ModelSimulationPreset(std::shared_ptr<const Ob
   // At this multiple of its diameter, an object has 300 px in the image of an EVK4 (f = 1030 px): half of its height.
   constexpr double kDepthToDiameter = 3.4;
   constexpr double kSpeedToDepth = 0.31;  // per second: that of the cube, 320 px/s
-  // Of the light. A lamp and bright walls: faces that are turned away from the lamp have a quarter of its light.
-  constexpr double kDiffuseRatio = 0.75;
+  // Of the light. A lamp and bright walls: faces that are turned away from the lamp have a third of its light, which is
+  // twice that of the background, or two contrast thresholds.
+  constexpr double kDiffuseRatio = 0.65;
   SimulationOptions options;
   EVPOSE_ASSIGN_OR_RETURN(options.camera, FindCamera(camera_name));
   EVPOSE_RETURN_IF_ERROR(CheckRange("speed_scale", speed_scale, 0.0, 100.0));

@@ -80,7 +80,7 @@ struct OccluderOptions {
 
 // The finish of the whole surface of a model, without paint.
 struct MeshFinish {
-  double reflectance = 0.6;  // share of white: primed metal, or light plastic; five times the background
+  double reflectance = 0.7;  // share of white: primed metal, or light plastic; six times the background
   // Light of the highlight's centre. 0.15 is half a matt varnish: its border moves as an edge that is not on the
   // object, with about one contrast threshold.
   double specular_ratio = 0.15;

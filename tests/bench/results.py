@@ -264,7 +264,8 @@ RUNS = [
         {"tracking": tracking}),
     Run(["tests/bench/event_rate.sh"], [("--objects", "cube"), ("--seeds", "31")], {"event-rate": event_rates}, read=str),
     Run(["tests/bench/flicker.py"], [("--objects", "book"), ("--seeds", "1")], {"flicker": flicker}),
-    Run(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3"], [("--seeds", "1"), ("--duration", "0.2")],
+    # All tessellations of a shape are tracked on the same recordings.
+    Run(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
         {"models": models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
     Run(BENCH + ["initialization"], [("--trials", "10"), ("--methods", "evpose,ransac")], {"first-pose": first_pose}),
     Run(BENCH + ["initialization", "--from-events"], [("--starts", "5"), ("--duration", "0.5"), ("--returns", "1")],
