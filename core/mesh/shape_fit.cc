@@ -153,8 +153,8 @@ void StepRevolution(const std::vector<Eigen::Vector3d>& points, RevolutionKind k
     const double h = v.dot(shape.axis);
     const Eigen::Vector3d across = v - h * shape.axis;
     const double r = across.norm();
-    if (!(r > kMinRelativeRadius * std::abs(shape.radius))) continue;
-    const double u1 = across.dot(e1) / r, u2 = across.dot(e2) / r;
+    const bool is_on_axis = !(r > kMinRelativeRadius * std::abs(shape.radius));
+    const double u1 = is_on_axis ? 0.0 : across.dot(e1) / r, u2 = is_on_axis ? 0.0 : across.dot(e2) / r;
     const double lever = -(c * h + s * r);
     const double by_angle = kind == RevolutionKind::kCone ? -s * (r - shape.radius) - c * h : 0.0;
     const Vector6d row = (Vector6d() << lever * u1, lever * u2, -c * u1, -c * u2, -c, by_angle).finished();
