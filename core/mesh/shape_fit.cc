@@ -33,6 +33,9 @@ constexpr int kNewtonSteps = 5;
 constexpr double kMaxFirstResidual = 0.05;
 // Keeps the equations regular if the samples do not determine a parameter, relative to their trace.
 constexpr double kDamping = 1e-13;
+// The same for the steps of the refinement: one ring of vertices and an apex do not determine the tilt of a cone's
+// axis, and rounding errors of single precision must not change it.
+constexpr double kStepDamping = 1e-9;
 // Distance from the axis relative to the radius. Nearer to the axis, as at the apex, the direction of the derivative is
 // that of an error.
 constexpr double kMinRelativeRadius = 0.02;
@@ -153,15 +156,15 @@ void StepRevolution(const std::vector<Eigen::Vector3d>& points, RevolutionKind k
     const double h = v.dot(shape.axis);
     const Eigen::Vector3d across = v - h * shape.axis;
     const double r = across.norm();
-    if (!(r > kMinRelativeRadius * std::abs(shape.radius))) continue;
-    const double u1 = across.dot(e1) / r, u2 = across.dot(e2) / r;
+    const bool is_on_axis = !(r > kMinRelativeRadius * std::abs(shape.radius));
+    const double u1 = is_on_axis ? 0.0 : across.dot(e1) / r, u2 = is_on_axis ? 0.0 : across.dot(e2) / r;
     const double lever = -(c * h + s * r);
     const double by_angle = kind == RevolutionKind::kCone ? -s * (r - shape.radius) - c * h : 0.0;
     const Vector6d row = (Vector6d() << lever * u1, lever * u2, -c * u1, -c * u2, -c, by_angle).finished();
     a += row * row.transpose();
     b -= row * (c * (r - shape.radius) - s * h);
   }
-  a.diagonal().array() += kDamping * a.trace();
+  a.diagonal().array() += kStepDamping * a.trace();
   const Vector6d x = a.ldlt().solve(b);
   shape.axis = (shape.axis + x[0] * e1 + x[1] * e2).normalized();
   shape.point += x[2] * e1 + x[3] * e2;

@@ -25,8 +25,9 @@ constexpr uint32_t kMaxTrianglesAtVertex = 256;
 constexpr float kMaxNormalDifference2 = 1e-6f;
 // meshopt_simplify limits a mean distance over the planes of the triangles removed, which the largest exceeds.
 constexpr double kLimitOfMean = 0.5;
+constexpr double kNextLimit = 0.8;  // of the next attempt, times allowed / largest distance
 // Attempts, each with a smaller limit of the mean, to keep the largest distance within the limit.
-constexpr int kErrorAttempts = 3;
+constexpr int kErrorAttempts = 4;
 constexpr size_t kErrorSamples = 4096;
 // Height of a triangle relative to its longest side below which it is a line.
 constexpr double kMinReducedHeight = 1e-7;
@@ -257,7 +258,7 @@ Simplification SimplifyMesh(size_t max_triangles, double max_error_m, RawMesh& m
       surface.normals = std::move(triangles.surface.normals);
       return {before, mesh.triangles.size(), error_m};
     }
-    limit_m *= kLimitOfMean * max_error_m / error_m;
+    limit_m *= kNextLimit * max_error_m / error_m;
   }
   return {before, before, 0.0};
 }
