@@ -73,7 +73,8 @@ absl::StatusOr<std::string> HeadOfModel(const std::string& path) {
   if (archive == nullptr) return absl::InvalidArgumentError("is no 3MF file: it is no archive");
   char name[256] = {};
   for (int status = unzGoToFirstFile(archive.get()); status == UNZ_OK; status = unzGoToNextFile(archive.get())) {
-    unzGetCurrentFileInfo(archive.get(), nullptr, name, sizeof(name) - 1, nullptr, 0, nullptr, 0);
+    unz_file_info info;
+    unzGetCurrentFileInfo(archive.get(), &info, name, sizeof(name) - 1, nullptr, 0, nullptr, 0);
     if (!absl::EndsWithIgnoreCase(name, ".model")) continue;
     std::string head(kHeadBytes, '\0');
     int size = unzOpenCurrentFile(archive.get());
