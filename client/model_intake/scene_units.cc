@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -15,6 +16,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/mesh/loading/text_lines.h"
 
 namespace evpose::client {
 namespace {
@@ -34,16 +36,42 @@ std::optional<std::string> Attribute(absl::string_view xml, absl::string_view el
     if (begin == absl::string_view::npos) return std::nullopt;
     begin += element.size() + 1;
   } while (begin < xml.size() && !absl::ascii_isspace(xml[begin]));
-  const absl::string_view tag = xml.substr(begin, std::min(xml.find('>', begin), xml.size()) - begin);
-  for (size_t at = tag.find(name); at != absl::string_view::npos; at = tag.find(name, at + 1)) {
-    if (at == 0 || !absl::ascii_isspace(tag[at - 1])) continue;  // the end of another name, or within a value
-    absl::string_view rest = absl::StripLeadingAsciiWhitespace(tag.substr(at + name.size()));
-    if (!absl::StartsWith(rest, "=")) continue;
-    rest = absl::StripLeadingAsciiWhitespace(rest.substr(1));
-    if (rest.empty() || (rest[0] != '"' && rest[0] != '\'')) continue;
-    return std::string(rest.substr(1, std::min(rest.find(rest[0], 1), rest.size()) - 1));
+  absl::string_view rest = absl::StripLeadingAsciiWhitespace(xml.substr(begin));
+  while (!rest.empty() && rest[0] != '>' && rest[0] != '/') {
+    const size_t sign = rest.find('=');
+    if (sign == absl::string_view::npos) return std::nullopt;
+    const absl::string_view found = absl::StripTrailingAsciiWhitespace(rest.substr(0, sign));
+    rest = absl::StripLeadingAsciiWhitespace(rest.substr(sign + 1));
+    if (rest.empty() || (rest[0] != '"' && rest[0] != '\'')) return std::nullopt;
+    const size_t end = rest.find(rest[0], 1);
+    if (end == absl::string_view::npos) return std::nullopt;
+    if (found == name) return std::string(rest.substr(1, end - 1));
+    rest = absl::StripLeadingAsciiWhitespace(rest.substr(end + 1));
   }
   return std::nullopt;
+}
+
+// Assimp reads an OFF file that is cut off as far as it goes.
+absl::Status CheckOffIsComplete(absl::string_view contents) {
+  LineReader lines(contents);
+  std::vector<absl::string_view> words;
+  std::vector<int64_t> counts;  // of points, faces and edges
+  int64_t elements = 0;
+  while (const std::optional<absl::string_view> line = lines.Next()) {
+    SplitWords(line->substr(0, line->find('#')), words);
+    if (counts.size() >= 2) {
+      elements += words.empty() ? 0 : 1;
+      continue;
+    }
+    int64_t count;
+    for (const absl::string_view word : words) {
+      if (absl::SimpleAtoi(word, &count)) counts.push_back(count);
+    }
+  }
+  if (counts.size() < 2) return absl::InvalidArgumentError("does not state the numbers of its points and faces");
+  if (counts[0] <= elements && counts[1] <= elements - counts[0]) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("is cut off: it states ", counts[0], " points and ", counts[1],
+                                                 " faces, but has ", elements, " lines for them"));
 }
 
 bool HasSignature(absl::string_view contents, SceneFormat format) {
@@ -93,6 +121,7 @@ absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
   if (!HasSignature(contents, format)) {
     return absl::InvalidArgumentError("its content is not of the format that the extension of its name states");
   }
+  if (format == SceneFormat::kOff) return CheckOffIsComplete(contents);
   if (format != SceneFormat::kDae) return absl::OkStatus();
   const std::optional<std::string> unit = Attribute(contents.substr(0, kHeadBytes), "unit", "meter");
   double metres = 1.0;
