@@ -12,8 +12,8 @@
 
 namespace evpose::client {
 
-// `contents` is the file. Error: INVALID_ARGUMENT if it cannot be of the format, or if a COLLADA file states a unit
-// that is not above zero.
+// `contents` is the file. Error: INVALID_ARGUMENT if it cannot be of the format, if a COLLADA file states a unit that
+// is not above zero, or if an OFF file is cut off.
 absl::Status CheckContents(absl::string_view contents, SceneFormat format);
 
 // Metres per unit of a 3MF file. Assimp reads the coordinates alone. Error: INVALID_ARGUMENT for an archive without a
