@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/model_intake/scene_units.h"
 
-#include <minizip/unzip.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -15,18 +12,13 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "core/base/status_macros.h"
 #include "core/mesh/loading/text_lines.h"
 
 namespace evpose::client {
 namespace {
 
-// The unit stands in the first element of the model, or in the asset element near the beginning of a COLLADA file.
+// The asset element, with the unit, is near the beginning of a COLLADA file.
 constexpr size_t kHeadBytes = size_t{64} << 10;
-
-// 3D Manufacturing Format, Core Specification 1.3, section 3.4: ST_Unit. The default is the millimetre.
-constexpr std::pair<absl::string_view, double> k3mfUnits[] = {
-    {"micron", 1e-6}, {"millimeter", 1e-3}, {"centimeter", 1e-2}, {"inch", 0.0254}, {"foot", 0.3048}, {"meter", 1.0}};
 
 // The value of an attribute of the first element of this name; nullopt if there is none.
 std::optional<std::string> Attribute(absl::string_view xml, absl::string_view element, absl::string_view name) {
@@ -94,26 +86,6 @@ bool HasSignature(absl::string_view contents, SceneFormat format) {
   return false;
 }
 
-// The first bytes of the model in the archive.
-absl::StatusOr<std::string> HeadOfModel(const std::string& path) {
-  const auto close = [](void* archive) { unzClose(archive); };
-  const std::unique_ptr<void, decltype(close)> archive(unzOpen(path.c_str()), close);
-  if (archive == nullptr) return absl::InvalidArgumentError("is no 3MF file: it is no archive");
-  char name[256] = {};
-  for (int status = unzGoToFirstFile(archive.get()); status == UNZ_OK; status = unzGoToNextFile(archive.get())) {
-    unz_file_info info;
-    unzGetCurrentFileInfo(archive.get(), &info, name, sizeof(name) - 1, nullptr, 0, nullptr, 0);
-    if (!absl::EndsWithIgnoreCase(name, ".model")) continue;
-    std::string head(kHeadBytes, '\0');
-    int size = unzOpenCurrentFile(archive.get());
-    if (size == UNZ_OK) size = unzReadCurrentFile(archive.get(), head.data(), static_cast<unsigned>(head.size()));
-    if (size <= 0) return absl::InvalidArgumentError(absl::StrCat(name, " in the archive cannot be read"));
-    head.resize(static_cast<size_t>(size));
-    return head;
-  }
-  return absl::InvalidArgumentError("is no 3MF file: its archive has no .model file");
-}
-
 }  // namespace
 
 absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
@@ -127,17 +99,6 @@ absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
   double metres = 1.0;
   if (!unit || (absl::SimpleAtod(*unit, &metres) && metres > 0.0 && std::isfinite(metres))) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat("its unit has \"", *unit, "\" metres; it must be a number above 0"));
-}
-
-absl::StatusOr<double> MetresPerUnitOf3mf(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string head, HeadOfModel(path));
-  const std::string unit = Attribute(head, "model", "unit").value_or("millimeter");
-  for (const auto& [name, metres] : k3mfUnits) {
-    if (unit == name) return metres;
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat("its unit \"", unit.substr(0, 40),
-                   "\" is unknown; 3MF has micron, millimeter, centimeter, inch, foot and meter"));
 }
 
 }  // namespace evpose::client

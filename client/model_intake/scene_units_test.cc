@@ -4,16 +4,9 @@
 #include <string>
 
 #include "gtest/gtest.h"
-#include "tests/data/test_data.h"
 
 namespace evpose::client {
 namespace {
-
-TEST(SceneUnitsTest, UnitsOf3mfAreThoseOfItsModel) {
-  EXPECT_EQ(*MetresPerUnitOf3mf(FindTestData("models/box_inch.3mf")), 0.0254);
-  EXPECT_EQ(*MetresPerUnitOf3mf(FindTestData("models/box.3mf")), 1e-3) << "the default";
-  EXPECT_EQ(MetresPerUnitOf3mf(FindTestData("models/box.off")).status().code(), absl::StatusCode::kInvalidArgument);
-}
 
 TEST(SceneUnitsTest, TheUnitOfColladaIsFoundAmongOtherAttributesAndElements) {
   const auto check = [](const std::string& asset) {
