@@ -16,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/model_intake/scene_images.h"
 #include "client/model_intake/scene_units.h"
+#include "client/model_intake/three_mf_reader.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
@@ -44,8 +45,8 @@ Eigen::Vector3d ToEigen(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 // of the file.
 class SceneCollector {
  public:
-  SceneCollector(const aiScene& scene, double metres_per_unit, size_t max_triangles)
-      : scene_(scene), metres_per_unit_(metres_per_unit), counter_({.max_triangles = max_triangles}) {
+  SceneCollector(const aiScene& scene, size_t max_triangles)
+      : scene_(scene), counter_({.max_triangles = max_triangles}) {
     out_.mesh.lines_are_all = false;
   }
 
@@ -82,7 +83,7 @@ class SceneCollector {
     if (determinant < 0.0) cofactors = -cofactors;
     const auto [image, channel] = images.ImageOf(mesh);
     for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
-      const Eigen::Vector3d point = metres_per_unit_ * (placed * ToEigen(mesh.mVertices[i]));
+      const Eigen::Vector3d point = placed * ToEigen(mesh.mVertices[i]);
       if (!point.allFinite()) return absl::InvalidArgumentError("a coordinate is not finite");
       out_.mesh.points.push_back(point);
       Eigen::Vector3d normal = Eigen::Vector3d::Zero();
@@ -143,7 +144,6 @@ class SceneCollector {
   }
 
   const aiScene& scene_;
-  const double metres_per_unit_;
   ElementCounter counter_;
   Scene out_;
   std::vector<uint32_t> corners_;
@@ -162,21 +162,18 @@ const aiScene* Import(Assimp::Importer& importer, const std::string& path) {
 }  // namespace
 
 absl::StatusOr<Scene> ReadScene(const std::string& path, SceneFormat format, size_t max_triangles) {
-  double metres_per_unit = 1.0;
   {
     EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(path, kMaxFileBytes));
     EVPOSE_RETURN_IF_ERROR(CheckContents(contents, format));
   }
   try {
-    if (format == SceneFormat::k3mf) {
-      EVPOSE_ASSIGN_OR_RETURN(metres_per_unit, MetresPerUnitOf3mf(path));
-    }
+    if (format == SceneFormat::k3mf) return Read3mf(path, max_triangles);
     Assimp::Importer importer;
     const aiScene* const scene = Import(importer, path);
     if (scene == nullptr || scene->mRootNode == nullptr) {
       return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", importer.GetErrorString()));
     }
-    return SceneCollector(*scene, metres_per_unit, max_triangles).Collect(SceneImages(*scene, path));
+    return SceneCollector(*scene, max_triangles).Collect(SceneImages(*scene, path));
   } catch (const std::exception& error) {  // of Assimp or OpenCV
     return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", error.what()));
   }

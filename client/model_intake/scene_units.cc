@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/model_intake/scene_units.h"
 
-#include <minizip/unzip.h>
-
 #include <algorithm>
 #include <cmath>
-#include <memory>
+#include <cstdint>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -14,17 +12,13 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "core/base/status_macros.h"
+#include "core/mesh/loading/text_lines.h"
 
 namespace evpose::client {
 namespace {
 
-// The unit stands in the first element of the model, or in the asset element near the beginning of a COLLADA file.
+// The asset element, with the unit, is near the beginning of a COLLADA file.
 constexpr size_t kHeadBytes = size_t{64} << 10;
-
-// 3D Manufacturing Format, Core Specification 1.3, section 3.4: ST_Unit. The default is the millimetre.
-constexpr std::pair<absl::string_view, double> k3mfUnits[] = {
-    {"micron", 1e-6}, {"millimeter", 1e-3}, {"centimeter", 1e-2}, {"inch", 0.0254}, {"foot", 0.3048}, {"meter", 1.0}};
 
 // The value of an attribute of the first element of this name; nullopt if there is none.
 std::optional<std::string> Attribute(absl::string_view xml, absl::string_view element, absl::string_view name) {
@@ -34,16 +28,42 @@ std::optional<std::string> Attribute(absl::string_view xml, absl::string_view el
     if (begin == absl::string_view::npos) return std::nullopt;
     begin += element.size() + 1;
   } while (begin < xml.size() && !absl::ascii_isspace(xml[begin]));
-  const absl::string_view tag = xml.substr(begin, std::min(xml.find('>', begin), xml.size()) - begin);
-  for (size_t at = tag.find(name); at != absl::string_view::npos; at = tag.find(name, at + 1)) {
-    if (at == 0 || !absl::ascii_isspace(tag[at - 1])) continue;  // the end of another name, or within a value
-    absl::string_view rest = absl::StripLeadingAsciiWhitespace(tag.substr(at + name.size()));
-    if (!absl::StartsWith(rest, "=")) continue;
-    rest = absl::StripLeadingAsciiWhitespace(rest.substr(1));
-    if (rest.empty() || (rest[0] != '"' && rest[0] != '\'')) continue;
-    return std::string(rest.substr(1, std::min(rest.find(rest[0], 1), rest.size()) - 1));
+  absl::string_view rest = absl::StripLeadingAsciiWhitespace(xml.substr(begin));
+  while (!rest.empty() && rest[0] != '>' && rest[0] != '/') {
+    const size_t sign = rest.find('=');
+    if (sign == absl::string_view::npos) return std::nullopt;
+    const absl::string_view found = absl::StripTrailingAsciiWhitespace(rest.substr(0, sign));
+    rest = absl::StripLeadingAsciiWhitespace(rest.substr(sign + 1));
+    if (rest.empty() || (rest[0] != '"' && rest[0] != '\'')) return std::nullopt;
+    const size_t end = rest.find(rest[0], 1);
+    if (end == absl::string_view::npos) return std::nullopt;
+    if (found == name) return std::string(rest.substr(1, end - 1));
+    rest = absl::StripLeadingAsciiWhitespace(rest.substr(end + 1));
   }
   return std::nullopt;
+}
+
+// Assimp reads an OFF file that is cut off as far as it goes.
+absl::Status CheckOffIsComplete(absl::string_view contents) {
+  LineReader lines(contents);
+  std::vector<absl::string_view> words;
+  std::vector<int64_t> counts;  // of points, faces and edges
+  int64_t elements = 0;
+  while (const std::optional<absl::string_view> line = lines.Next()) {
+    SplitWords(line->substr(0, line->find('#')), words);
+    if (counts.size() >= 2) {
+      elements += words.empty() ? 0 : 1;
+      continue;
+    }
+    int64_t count;
+    for (const absl::string_view word : words) {
+      if (absl::SimpleAtoi(word, &count)) counts.push_back(count);
+    }
+  }
+  if (counts.size() < 2) return absl::InvalidArgumentError("does not state the numbers of its points and faces");
+  if (counts[0] <= elements && counts[1] <= elements - counts[0]) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("is cut off: it states ", counts[0], " points and ", counts[1],
+                                                 " faces, but has ", elements, " lines for them"));
 }
 
 bool HasSignature(absl::string_view contents, SceneFormat format) {
@@ -66,25 +86,6 @@ bool HasSignature(absl::string_view contents, SceneFormat format) {
   return false;
 }
 
-// The first bytes of the model in the archive.
-absl::StatusOr<std::string> HeadOfModel(const std::string& path) {
-  const auto close = [](void* archive) { unzClose(archive); };
-  const std::unique_ptr<void, decltype(close)> archive(unzOpen(path.c_str()), close);
-  if (archive == nullptr) return absl::InvalidArgumentError("is no 3MF file: it is no archive");
-  char name[256] = {};
-  for (int status = unzGoToFirstFile(archive.get()); status == UNZ_OK; status = unzGoToNextFile(archive.get())) {
-    unzGetCurrentFileInfo(archive.get(), nullptr, name, sizeof(name) - 1, nullptr, 0, nullptr, 0);
-    if (!absl::EndsWithIgnoreCase(name, ".model")) continue;
-    std::string head(kHeadBytes, '\0');
-    int size = unzOpenCurrentFile(archive.get());
-    if (size == UNZ_OK) size = unzReadCurrentFile(archive.get(), head.data(), static_cast<unsigned>(head.size()));
-    if (size <= 0) return absl::InvalidArgumentError(absl::StrCat(name, " in the archive cannot be read"));
-    head.resize(static_cast<size_t>(size));
-    return head;
-  }
-  return absl::InvalidArgumentError("is no 3MF file: its archive has no .model file");
-}
-
 }  // namespace
 
 absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
@@ -92,22 +93,12 @@ absl::Status CheckContents(absl::string_view contents, SceneFormat format) {
   if (!HasSignature(contents, format)) {
     return absl::InvalidArgumentError("its content is not of the format that the extension of its name states");
   }
+  if (format == SceneFormat::kOff) return CheckOffIsComplete(contents);
   if (format != SceneFormat::kDae) return absl::OkStatus();
   const std::optional<std::string> unit = Attribute(contents.substr(0, kHeadBytes), "unit", "meter");
   double metres = 1.0;
   if (!unit || (absl::SimpleAtod(*unit, &metres) && metres > 0.0 && std::isfinite(metres))) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat("its unit has \"", *unit, "\" metres; it must be a number above 0"));
-}
-
-absl::StatusOr<double> MetresPerUnitOf3mf(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string head, HeadOfModel(path));
-  const std::string unit = Attribute(head, "model", "unit").value_or("millimeter");
-  for (const auto& [name, metres] : k3mfUnits) {
-    if (unit == name) return metres;
-  }
-  return absl::InvalidArgumentError(
-      absl::StrCat("its unit \"", unit.substr(0, 40),
-                   "\" is unknown; 3MF has micron, millimeter, centimeter, inch, foot and meter"));
 }
 
 }  // namespace evpose::client

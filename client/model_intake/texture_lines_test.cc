@@ -110,7 +110,7 @@ TEST_P(LabelTest, TheSquareOnTheBoxBecomesPaintedLines) {
       EXPECT_NEAR(point.z(), 0.03, 1e-8);
       // Distance from the outline of the square: smoothing rounds its corners.
       const double x = std::abs(point.x() - 0.005) / 0.0025, y = std::abs(point.y() - 0.010) / 0.0050;
-      EXPECT_NEAR(std::max(x, y), 1.0, 0.06);
+      EXPECT_NEAR(std::max(x, y), 1.0, 1.5 / 16.0) << "one and a half of its pixels";
     }
   }
 }
