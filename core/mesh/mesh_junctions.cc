@@ -26,7 +26,10 @@ constexpr int kMaxRounds = 6;
 constexpr size_t kMaxSplitsPerTriangle = 4;
 constexpr size_t kSplitsForAnySize = 1'000'000;
 // Nodes of the tree that all searches may visit, per triangle. A search among edges of similar sizes visits about 60.
+// Beyond a number of nodes fewer are allowed, because those of a large tree are not in the cache.
 constexpr size_t kNodesPerTriangle = 400;
+constexpr size_t kNodesForAnySize = 20'000'000;
+constexpr size_t kNodesPerLateTriangle = 20;
 
 // A vertex on an edge, at a share of the way from its lower to its higher end.
 struct Insertion {
@@ -61,7 +64,7 @@ class JunctionCloser {
   JunctionCloser(double tolerance_m, RawMesh& mesh) : tolerance_m_(tolerance_m), mesh_(mesh) {
     const size_t count = mesh.triangles.size();
     splits_left_ = std::max(count, std::min(kMaxSplitsPerTriangle * count, kSplitsForAnySize));
-    nodes_left_ = kNodesPerTriangle * count;
+    nodes_left_ = std::min(kNodesPerTriangle * count, kNodesForAnySize + kNodesPerLateTriangle * count);
   }
 
   JunctionReport Close() {

@@ -22,6 +22,9 @@ namespace {
 // search visits, where a comparison of two triangles takes as long as some nodes; triangles that overlap it; and cuts
 // of its pieces by one of them.
 constexpr size_t kOverlapNodesPerSearch = 400;
+// Beyond this number of nodes fewer are allowed, because those of a large tree are not in the cache.
+constexpr size_t kOverlapNodesForAnySize = 20'000'000;
+constexpr size_t kOverlapNodesPerLateSearch = 20;
 constexpr size_t kNodesPerComparison = 8;
 constexpr size_t kOverlapsPerTriangle = 8;
 constexpr size_t kCutsPerTriangle = 8;
@@ -134,13 +137,15 @@ class OverlapRemover {
     MarkCovered();
     uses_ = SortedEdgeUses(mesh_.triangles);
     std::vector<bool> remove(mesh_.triangles.size(), false);
-    // A single face left would be the hole of a body whose side the patch was.
-    AddPatches(
-        is_copy_, [](size_t faces) { return faces != 1; }, remove);
+    // A single face left would be the hole of a body whose side the patch was, unless it is the end of a sheet.
+    const auto opens_no_body = [this](absl::Span<const EdgeUse> uses, size_t faces) {
+      return faces != 1 || AreOnOneSide(uses);
+    };
+    AddPatches(is_copy_, opens_no_body, remove);
     AddRemovableWalls(remove);
     // A copy with the other winding. An odd number of faces is the end of a sheet, or a wall within a body.
     AddPatches(
-        is_second_, [](size_t faces) { return faces % 2 == 0; }, remove);
+        is_second_, [](absl::Span<const EdgeUse>, size_t faces) { return faces % 2 == 0; }, remove);
     report_.removed_triangles = RemoveTriangles(remove, mesh_);
     if (report_.removed_triangles == 0) FindCoveredEdges();
     return report_;
@@ -171,7 +176,8 @@ class OverlapRemover {
       boxes.push_back(BoxOf(t));
     }
     const BoxTree tree(boxes);
-    size_t budget = kOverlapNodesPerSearch * mesh_.triangles.size();
+    size_t budget = std::min(kOverlapNodesPerSearch * mesh_.triangles.size(),
+                             kOverlapNodesForAnySize + kOverlapNodesPerLateSearch * mesh_.triangles.size());
     const size_t max_pairs = 2 * kOverlapsPerTriangle * mesh_.triangles.size();
     for (uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
       YieldPoint(t);
@@ -256,9 +262,9 @@ class OverlapRemover {
     report_.is_complete &= budget > 0;
   }
 
-  // Adds the patches of marked triangles whose removal leaves no edge with a number of other faces that `may_leave`
-  // rejects.
-  template <typename MayLeave>  // bool(size_t faces)
+  // Adds the patches of marked triangles unless `may_leave` rejects one of their edges, of which it gets the number of
+  // other faces.
+  template <typename MayLeave>  // bool(absl::Span<const EdgeUse> uses, size_t faces)
   void AddPatches(const std::vector<bool>& marked, const MayLeave& may_leave, std::vector<bool>& remove) const {
     TriangleSets patches(marked.size());
     std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them
@@ -275,7 +281,7 @@ class OverlapRemover {
           patches.Join(first->triangle, use.triangle);
         }
       }
-      if (first != nullptr && !may_leave(rest)) beside.push_back(first->triangle);
+      if (first != nullptr && !may_leave(uses, rest)) beside.push_back(first->triangle);
     });
     std::vector<bool> must_stay(marked.size(), false);
     for (const uint32_t t : beside) must_stay[patches.Find(t)] = true;
@@ -357,14 +363,17 @@ class OverlapRemover {
     });
   }
 
-  // Whether triangles of one plane extend from their common edge to the same side, as at the end of a sheet.
+  // Whether the triangles at an edge are in one plane and extend to the same side, as at the end of a sheet.
   bool AreOnOneSide(absl::Span<const EdgeUse> uses) const {
     const Eigen::Vector3d& low = mesh_.points[uses[0].low];
-    const Eigen::Vector3d left = normals_[uses[0].triangle].cross(mesh_.points[uses[0].high] - low);
+    const Eigen::Vector3d& normal = normals_[uses[0].triangle];
+    const Eigen::Vector3d left = normal.cross(mesh_.points[uses[0].high] - low);
     const auto is_left = [&](const EdgeUse& use) {
       return left.dot(mesh_.points[mesh_.triangles[use.triangle][(use.side + 2) % 3]] - low) > 0.0;
     };
-    return std::all_of(uses.begin(), uses.end(), [&](const EdgeUse& use) { return is_left(use) == is_left(uses[0]); });
+    return std::all_of(uses.begin(), uses.end(), [&](const EdgeUse& use) {
+      return std::abs(normal.dot(normals_[use.triangle])) >= kSamePlaneCosine && is_left(use) == is_left(uses[0]);
+    });
   }
 
   const double tolerance_m_;

@@ -255,9 +255,9 @@ TEST(NoteImplausibleSizeTest, NamesTheSizeAndTheProbableScale) {
   const auto notices = [](double side, double metres_per_unit) {
     RawMesh mesh;
     AddBox(Vector3d::Zero(), side * metres_per_unit * Vector3d(1.0, 0.5, 0.5), mesh);
-    std::vector<std::string> notices;
-    NoteImplausibleSize(mesh, metres_per_unit, notices);
-    return notices;
+    std::vector<std::string> result;
+    NoteImplausibleSize(mesh, metres_per_unit, result);
+    return result;
   };
   EXPECT_THAT(notices(123.4, 1.0),
               ElementsAre("largest side 123.4 units: taken as metres; if these are millimetres pass --scale 0.001"));
