@@ -215,7 +215,7 @@ TEST(RepairMeshTest, CadFiles) {
     std::ifstream file(FindTestData("cad/" + name), std::ios::binary);
     const std::string bytes{std::istreambuf_iterator<char>(file), {}};
     absl::StatusOr<RawMesh> read =
-        ReadStl({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, {0, 1'000'000});
+        ReadStl({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, {.max_triangles = 1'000'000});
     EXPECT_TRUE(read.ok()) << read.status();
     if (read.ok()) mesh = *std::move(read);
     for (Vector3d& point : mesh.points) point *= metres_per_unit;
