@@ -137,15 +137,9 @@ class OverlapRemover {
     MarkCovered();
     uses_ = SortedEdgeUses(mesh_.triangles);
     std::vector<bool> remove(mesh_.triangles.size(), false);
-    // A single face left would be the hole of a body whose side the patch was, unless it is the end of a sheet.
-    const auto opens_no_body = [this](absl::Span<const EdgeUse> uses, size_t faces) {
-      return faces != 1 || AreOnOneSide(uses);
-    };
-    AddPatches(is_copy_, opens_no_body, remove);
+    AddPatches(is_copy_, remove);
     AddRemovableWalls(remove);
-    // A copy with the other winding. An odd number of faces is the end of a sheet, or a wall within a body.
-    AddPatches(
-        is_second_, [](absl::Span<const EdgeUse>, size_t faces) { return faces % 2 == 0; }, remove);
+    AddPatches(is_second_, remove);  // copies with the other winding
     report_.removed_triangles = RemoveTriangles(remove, mesh_);
     if (report_.removed_triangles == 0) FindCoveredEdges();
     return report_;
@@ -262,10 +256,9 @@ class OverlapRemover {
     report_.is_complete &= budget > 0;
   }
 
-  // Adds the patches of marked triangles unless `may_leave` rejects one of their edges, of which it gets the number of
-  // other faces.
-  template <typename MayLeave>  // bool(absl::Span<const EdgeUse> uses, size_t faces)
-  void AddPatches(const std::vector<bool>& marked, const MayLeave& may_leave, std::vector<bool>& remove) const {
+  // Adds the patches of marked triangles that leave an even number of faces at each of their edges. An odd number would
+  // be the hole of a body whose side the patch was, the end of a sheet, or a wall within a body.
+  void AddPatches(const std::vector<bool>& marked, std::vector<bool>& remove) const {
     TriangleSets patches(marked.size());
     std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them
     ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
@@ -281,7 +274,7 @@ class OverlapRemover {
           patches.Join(first->triangle, use.triangle);
         }
       }
-      if (first != nullptr && !may_leave(uses, rest)) beside.push_back(first->triangle);
+      if (first != nullptr && rest % 2 != 0) beside.push_back(first->triangle);
     });
     std::vector<bool> must_stay(marked.size(), false);
     for (const uint32_t t : beside) must_stay[patches.Find(t)] = true;
