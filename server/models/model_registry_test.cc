@@ -62,7 +62,7 @@ TEST_F(ModelRegistryTest, TheStoreIsFullOfFilesAndOfWhatWasDerivedFromThem) {
   ModelReading other;
   other.metres_per_unit = 2.0;
   const auto upload = [&](uint64_t max_store_bytes) {
-    return ModelRegistry::Create({.preparer = preparer_, .limits = {.max_store_bytes = max_store_bytes}}, *store_)
+    return ModelRegistry::Create({.limits = {.max_store_bytes = max_store_bytes}, .preparer = preparer_}, *store_)
         .value()
         ->Upload("lab", other, "", CubeFile())
         .status();
