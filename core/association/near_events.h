@@ -93,8 +93,8 @@ class NearEvents {
 
   const CameraModel camera_;
   const UndistortionTable& undistortion_;
-  // Without distortion, the number of a pixel's tile is the sum of a part of its column and a part of its row. Empty for
-  // a camera with distortion.
+  // Without distortion, the number of a pixel's tile is the sum of a part of its column and a part of its row. Empty
+  // for a camera with distortion.
   std::vector<uint32_t> column_tiles_;
   std::vector<uint32_t> row_tiles_;
   std::vector<NearEvent> events_;

@@ -117,7 +117,7 @@ class ModelRegistry {
   struct Entry {
     ModelInfo info;
     uint64_t stored_bytes = 0;  // of the file and of what was derived from it
-    bool is_current = false;  // prepared by this version; otherwise the counts in `info` are missing
+    bool is_current = false;    // prepared by this version; otherwise the counts in `info` are missing
     std::shared_ptr<const void> use = std::make_shared<const char>();
     std::weak_ptr<const ObjectModel> model;  // empty while no session uses it
     bool is_going = false;                   // Delete() is in progress: no new use is allowed

@@ -129,7 +129,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
                  "calls at a time on one connection; further calls wait at the client");
   app.add_option("--max-model-bytes", options.max_model_bytes, "bytes of one model file");
-  app.add_option("--max-model-store-bytes", options.max_model_store_bytes, "bytes of all model files and of what was derived from them");
+  app.add_option("--max-model-store-bytes", options.max_model_store_bytes,
+                 "bytes of all model files and of what was derived from them");
   app.add_option("--max-uploads", options.max_uploads, "uploads of models at a time");
   app.add_option("--upload-timeout", arguments.upload_timeout_s,
                  "seconds within which the file of an upload must arrive");
@@ -154,7 +155,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "sessions at a time");
   app.add_option("--tenant-max-session-memory", options.tenant.max_session_memory,
                  "bytes of memory for all sessions of the tenant together");
-  app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes, "bytes of all model files of the tenant and of what was derived from them");
+  app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes,
+                 "bytes of all model files of the tenant and of what was derived from them");
   app.add_option("--tenant-max-streams", options.tenant.max_streams,
                  "streams of events, poses and health at a time, of all sessions of the tenant");
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");

@@ -78,9 +78,8 @@ absl::Status ServerOptions::Validate() const {
     return InvalidField("max_chunk_bytes", absl::StrCat("is ", max_chunk_bytes, "; 8 to ", kMaxChunkBytes));
   }
   if (credit_bytes < max_chunk_bytes || credit_bytes > kMaxCreditBytes) {
-    return InvalidField("credit_bytes",
-                        absl::StrCat("is ", credit_bytes, "; at least ", max_chunk_bytes,
-                                     ", the size of the largest chunk, and at most ", kMaxCreditBytes));
+    return InvalidField("credit_bytes", absl::StrCat("is ", credit_bytes, "; at least ", max_chunk_bytes,
+                                                     ", the size of the largest chunk, and at most ", kMaxCreditBytes));
   }
   if (pose_log_capacity < kMinPoseLogCapacity) {
     return InvalidField("pose_log_capacity",

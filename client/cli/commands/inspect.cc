@@ -208,16 +208,19 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
   out << "symmetry     " << SymmetryText(model) << "\n";
   const ViewSummary summary = Summarise(inspection.views);
   const ModelViewOptions options;
-  out << absl::StrFormat("elements     %.0f on average, %d at most, of %d views with a size of %.0f px; %.0f %% of their length "
-                         "are contours\n",
-                         summary.mean_elements, summary.max_elements, inspection.views.size(), options.object_px,
-                         100.0 * summary.contour_share);
-  out << absl::StrFormat("observable   least certain direction after %.0f events: %.2f px at the outline (median of the views), "
-                         "%.2f px (worst)\n",
-                         options.events, summary.median_weakest_px, summary.worst_weakest_px);
-  out << absl::StrFormat("cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
-                         "proportional to their number\n",
-                         absl::ToDoubleMilliseconds(inspection.time_per_view));
+  out << absl::StrFormat(
+      "elements     %.0f on average, %d at most, of %d views with a size of %.0f px; %.0f %% of their length "
+      "are contours\n",
+      summary.mean_elements, summary.max_elements, inspection.views.size(), options.object_px,
+      100.0 * summary.contour_share);
+  out << absl::StrFormat(
+      "observable   least certain direction after %.0f events: %.2f px at the outline (median of the views), "
+      "%.2f px (worst)\n",
+      options.events, summary.median_weakest_px, summary.worst_weakest_px);
+  out << absl::StrFormat(
+      "cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
+      "proportional to their number\n",
+      absl::ToDoubleMilliseconds(inspection.time_per_view));
   for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
   for (const std::string& warning : Warnings(inspection, summary)) out << "warning: " << warning << "\n";
 }

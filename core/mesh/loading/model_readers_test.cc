@@ -25,7 +25,8 @@ using Line = std::array<uint32_t, 2>;
 
 template <typename Reader>
 RawMesh MustRead(const Reader& reader, const std::string& text) {
-  absl::StatusOr<RawMesh> mesh = reader({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, {.max_triangles = 100});
+  absl::StatusOr<RawMesh> mesh =
+      reader({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, {.max_triangles = 100});
   EXPECT_TRUE(mesh.ok()) << mesh.status();
   return mesh.ok() ? *std::move(mesh) : RawMesh();
 }

@@ -29,7 +29,7 @@ struct SurfaceRegion {
 
 // In the order of the triangles of the mesh.
 struct SmoothSurface {
-  std::vector<uint32_t> region_of;                       // index into `regions`
+  std::vector<uint32_t> region_of;                      // index into `regions`
   std::vector<std::array<Eigen::Vector3f, 3>> normals;  // outward unit normals of the surface at the corners
   std::vector<SurfaceRegion> regions;
 
