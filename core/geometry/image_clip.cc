@@ -26,7 +26,7 @@ void Clip(double value1, double value2, LineInterval& interval) {
 
 }  // namespace
 
-// The conditions are linear in the line's parameter (core/models/README.md, equation (4)).
+// The conditions are linear in the line's parameter (core/models/README.md, equation (3)).
 LineInterval ClipToImage(const CameraModel& camera, const Eigen::Vector3d& p1, const Eigen::Vector3d& p2) {
   LineInterval interval;
   Clip(p1.z() - kClipDepthM, p2.z() - kClipDepthM, interval);

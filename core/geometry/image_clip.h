@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The part of a straight line in space that a camera can see (core/models/README.md, section 6).
+// The part of a straight line in space that a camera can see (core/models/README.md, section 3).
 #pragma once
 
 #include <Eigen/Core>

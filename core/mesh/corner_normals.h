@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Normals of a smooth surface at the corners of its triangles (core/mesh/SURFACE.md, section 3).
+// Normals of a smooth surface at the corners of its triangles (core/mesh/README.md, section 10).
 #pragma once
 
 #include <Eigen/Core>

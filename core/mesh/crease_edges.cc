@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 
-// The constants below were chosen on public CAD models and scans (core/mesh/SURFACE.md, section 1). Shares of the
+// The constants below were chosen on public CAD models and scans (core/mesh/README.md, section 8). Shares of the
 // crease angle: least turn of the two triangles themselves, and least jump of an edge that continues a crease.
 constexpr double kMinTurnShare = 0.6;
 constexpr double kContinuedShare = 2.0 / 3.0;

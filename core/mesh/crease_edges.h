@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Which edges of a mesh are edges of the surface that the mesh approximates (core/mesh/SURFACE.md, section 1).
+// Which edges of a mesh are edges of the surface that the mesh approximates (core/mesh/README.md, section 8).
 #pragma once
 
 #include <vector>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Chains of edges that continue each other, and which of them are curved (core/mesh/SURFACE.md, section 4).
+// Chains of edges that continue each other, and which of them are curved (core/mesh/README.md, section 11).
 #pragma once
 
 #include <Eigen/Core>

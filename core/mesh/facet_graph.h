@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The triangles of a mesh as a surface: normals, neighbours, and paths that cross triangles (core/mesh/SURFACE.md).
+// The triangles of a mesh as a surface: normals, neighbours, and paths that cross triangles (core/mesh/README.md,
+// section 8).
 #pragma once
 
 #include <Eigen/Core>

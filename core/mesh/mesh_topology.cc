@@ -8,14 +8,13 @@
 #include <unordered_map>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "absl/types/span.h"
 #include "core/mesh/mesh_edges.h"
 
 namespace evpose {
 namespace {
 
-// --- Welding
+// --- Merging points
 
 struct CellHash {
   size_t operator()(const std::array<int64_t, 3>& cell) const {
@@ -97,10 +96,6 @@ size_t RemoveMarked(const std::vector<bool>& remove, std::vector<T>& items) {
   const size_t removed = items.size() - kept;
   items.resize(kept);
   return removed;
-}
-
-void AddNotice(size_t count, const char* what, std::vector<std::string>& notices) {
-  if (count > 0) notices.push_back(absl::StrCat(count, " ", what));
 }
 
 // --- Orientation
@@ -329,19 +324,6 @@ size_t RemoveDuplicateLines(RawMesh& model) {
   return RemoveMarked(MarkRepeated(std::move(keys)), model.lines);
 }
 
-void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices) {
-  MergePoints(tolerance_m, model);
-  AddNotice(RemoveFlatTriangles(tolerance_m, model), "triangles without area dropped", notices);
-  AddNotice(RemoveDuplicateTriangles(model), "duplicate triangles dropped", notices);
-  AddNotice(RemoveEmptyLines(model), "lines of length zero dropped", notices);
-  AddNotice(RemoveDuplicateLines(model), "duplicate lines dropped", notices);
-}
-
 Orientation OrientTriangles(RawMesh& model) { return Orienter(model).Orient(); }
-
-void OrientTriangles(RawMesh& model, std::vector<std::string>& notices) {
-  AddNotice(OrientTriangles(model).turned,
-            "triangles turned: their winding differed from that of their neighbours or was inward", notices);
-}
 
 }  // namespace evpose

@@ -7,7 +7,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include "core/mesh/types/raw_mesh.h"
@@ -34,10 +33,6 @@ size_t RemoveDuplicateTriangles(RawMesh& model);
 size_t RemoveEmptyLines(RawMesh& model);
 size_t RemoveDuplicateLines(RawMesh& model);
 
-// MergePoints(), then removes triangles that are less high than the tolerance, lines of length zero and duplicates;
-// `notices` say how many.
-void Weld(double tolerance_m, RawMesh& model, std::vector<std::string>& notices);
-
 struct Orientation {
   size_t turned = 0;               // triangles whose winding was reversed
   std::vector<uint32_t> shell_of;  // for each triangle, the surface that it belongs to
@@ -49,6 +44,5 @@ struct Orientation {
 // Neighbours form a surface. The normals of closed surfaces point outward; an open surface gets the winding that most
 // of its triangles have. Surfaces that cannot be oriented stay as they are. Vertices must be shared.
 Orientation OrientTriangles(RawMesh& model);
-void OrientTriangles(RawMesh& model, std::vector<std::string>& notices);
 
 }  // namespace evpose

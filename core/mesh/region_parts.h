@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Cuts a smooth region into parts of one shape each (core/mesh/SHAPES.md, section 2).
+// Cuts a smooth region into parts of one shape each (core/mesh/README.md, section 13).
 #pragma once
 
 #include <cstdint>

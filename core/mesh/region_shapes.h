@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Planes, cylinders, cones and spheres in place of the facets that approximate them (core/mesh/SHAPES.md).
+// Planes, cylinders, cones and spheres in place of the facets that approximate them (core/mesh/README.md, section 12).
 #pragma once
 
 #include <Eigen/Core>

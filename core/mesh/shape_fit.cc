@@ -107,7 +107,7 @@ Eigen::Vector3d LeastDirection(const Eigen::Matrix3d& matrix) {
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(matrix).eigenvectors().col(0);
 }
 
-// SHAPES.md, equations (2) and (3).
+// core/mesh/README.md, equations (7) and (8).
 std::optional<Revolution> FirstRevolution(const std::vector<Eigen::Vector3d>& points, const Eigen::Vector3d& axis,
                                           RevolutionKind kind) {
   const Eigen::Vector3d e1 = axis.unitOrthogonal(), e2 = axis.cross(e1);
@@ -144,7 +144,7 @@ std::optional<Revolution> FirstRevolution(const std::vector<Eigen::Vector3d>& po
   return shape;
 }
 
-// One Gauss-Newton step on the distances (SHAPES.md, equations (4) and (5)).
+// One Gauss-Newton step on the distances (core/mesh/README.md, equations (9) and (10)).
 void StepRevolution(const std::vector<Eigen::Vector3d>& points, RevolutionKind kind, Revolution& shape) {
   using Vector6d = Eigen::Matrix<double, 6, 1>;
   const Eigen::Vector3d e1 = shape.axis.unitOrthogonal(), e2 = shape.axis.cross(e1);

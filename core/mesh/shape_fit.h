@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Least-squares planes, cylinders, cones and spheres (core/mesh/SHAPES.md, section 1).
+// Least-squares planes, cylinders, cones and spheres (core/mesh/README.md, section 12).
 #pragma once
 
 #include <Eigen/Core>

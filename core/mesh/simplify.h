@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Fewer triangles for a dense mesh (core/mesh/SHAPES.md, section 4).
+// Fewer triangles for a dense mesh (core/mesh/README.md, section 15).
 #pragma once
 
 #include <cstddef>

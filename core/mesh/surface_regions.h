@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Separates the surface that a mesh approximates from its tessellation: creases, boundaries and smooth regions
-// (core/mesh/SURFACE.md).
+// (core/mesh/README.md, sections 8 to 10).
 #pragma once
 
 #include <array>

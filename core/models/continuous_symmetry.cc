@@ -171,7 +171,7 @@ RigidTransform NearestWithoutFlip(const RigidTransform& camera_from_object, cons
     return camera_from_object * AboutCentre(symmetry, relative.transpose());
   }
   const Vector3d& axis = symmetry.axis;
-  // core/models/README.md, equation (8).
+  // core/models/README.md, equation (7).
   const double along = axis.dot(relative * axis);
   const double x = relative.trace() - along;
   const double y = axis.dot(

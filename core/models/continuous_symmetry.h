@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Continuous symmetries of an object: rotations about an axis or about a centre by any angle
-// (core/models/README.md, section 7).
+// (core/models/README.md, section 4).
 #pragma once
 
 #include <Eigen/Core>
@@ -22,14 +22,14 @@ std::optional<ContinuousSymmetry> FindContinuousSymmetry(const ObjectModel& mode
 // Tangents of a pose along which it moves through equivalent poses: one column for an axis, three for a sphere.
 using FreeDirections = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, 3>;
 // Returns them for a pose camera_from_object, in the order [translation, rotation] of rigid_transform.h, for a rotation
-// by 1 rad (core/models/README.md, equation (9)).
+// by 1 rad (core/models/README.md, equation (8)).
 FreeDirections FreeDirectionsAt(const ContinuousSymmetry& symmetry, const RigidTransform& camera_from_object);
 
 // Returns the rigid motion object_from_object that turns an object about the symmetry's centre.
 RigidTransform AboutCentre(const ContinuousSymmetry& symmetry, const Eigen::Matrix3d& rotation);
 
 // Returns the equivalent pose camera_from_object * S, S a motion of the group, whose rotation is nearest to that of the
-// reference. For an axis this is the pose without spin relative to the reference (core/models/README.md, equation (8));
+// reference. For an axis this is the pose without spin relative to the reference (core/models/README.md, equation (7));
 // of the two turned over against each other, the first is taken if they are equally near.
 RigidTransform NearestEquivalent(const RigidTransform& camera_from_object, const ContinuousSymmetry& symmetry,
                                  const RigidTransform& reference);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The straight and the curved edges of a model (core/models/README.md, section 4).
+// The straight and the curved edges of a model (core/models/README.md, section 1).
 #pragma once
 
 #include <string>

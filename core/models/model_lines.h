@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The lines of a model, from the edges of its mesh or from its line elements (core/models/README.md, section 4).
+// The lines of a model, from the edges of its mesh or from its line elements (core/models/README.md, section 1).
 #pragma once
 
 #include <string>

@@ -74,7 +74,7 @@ struct ModelOptions {
   absl::Status Validate() const;
 };
 
-// Reads a model file (formats: core/models/README.md, section 1). If an OBJ has line elements (`l`), they are the edges
+// Reads a model file (formats: core/mesh/README.md, section 1). If an OBJ has line elements (`l`), they are the edges
 // of the model; else its edges are the creases and boundaries of the surface. Straight ones become lines, collinear
 // ones joined, others curves. The surface has contours besides where it is curved. Lines of length zero and duplicates
 // are dropped and overlapping lines merged, with a notice. Triangles get one winding, outward where a surface is

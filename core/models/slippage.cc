@@ -103,7 +103,7 @@ SlippageAxis FindSlippageAxis(const SurfaceMoments& moments, const Matrix3d& pre
     const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(Matrix3d(BlockAbout(moments, axis.point) + preferred));
     axis.direction = solver.eigenvectors().col(0);
     for (int i = 0; i < 3; ++i) axis.ratios[i] = std::sqrt(std::max(0.0, solver.eigenvalues()[i]));
-    // core/models/README.md, equation (7).
+    // core/models/README.md, equation (6).
     const Matrix3d across = Hat(axis.direction);
     const Matrix3d normals = moments.slippage.bottomRightCorner<3, 3>();
     const Matrix3d hessian = across * normals * across.transpose() + kDamping * Matrix3d::Identity();

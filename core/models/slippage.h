@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How far rotations about an axis move a surface out of itself (core/models/README.md, section 7).
+// How far rotations about an axis move a surface out of itself (core/models/README.md, section 4).
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +14,7 @@ namespace evpose {
 struct SurfaceMoments {
   Eigen::Vector3d centroid = Eigen::Vector3d::Zero();  // of the area, object frame, metres
   double radius_m = 0.0;                               // root mean square distance of the area from it; 0: no area
-  Eigen::Matrix<double, 6, 6> slippage = Eigen::Matrix<double, 6, 6>::Zero();  // equation (5)
+  Eigen::Matrix<double, 6, 6> slippage = Eigen::Matrix<double, 6, 6>::Zero();  // equation (4)
 };
 // With the normals of model.surface if there are any, else with those of the facets.
 SurfaceMoments MomentsOf(const ObjectModel& model);

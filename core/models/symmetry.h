@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The rigid motions that map an object onto itself (core/models/README.md, section 5).
+// The rigid motions that map an object onto itself (core/models/README.md, section 2).
 #pragma once
 
 #include <cstdint>

@@ -21,7 +21,7 @@ class CentredSegments {
   // `max_tolerance_m`: upper bound of the tolerance of Find().
   CentredSegments(const ObjectModel& model, double max_tolerance_m);
 
-  // The centre of the lines' length (core/models/README.md, equation (2)), which every symmetry keeps in place. Object
+  // The centre of the lines' length (core/models/README.md, equation (1)), which every symmetry keeps in place. Object
   // frame, metres.
   const Eigen::Vector3d& centre() const { return centre_; }
   absl::Span<const ModelLine> segments() const { return segments_; }

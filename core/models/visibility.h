@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The parts of a model's lines that a camera sees: limited by the field of view, by faces turned away and by occlusion
-// (core/models/README.md, section 6).
+// (core/models/README.md, section 3).
 #pragma once
 
 #include <vector>
@@ -40,7 +40,7 @@ struct VisibilityOptions {
 // The origin of the rays that test a line through `middle` for occlusion; `origin` is the camera's centre before
 // (object frame). False if all faces of the line are turned away; a line without faces is never. In a grazing view,
 // whether a face hides its own lines would depend on rounding errors of the pose: the origin is moved to where the view
-// is no longer grazing (core/models/README.md, section 6).
+// is no longer grazing (core/models/README.md, section 3).
 bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::Vector3d& middle, double grazing_cosine,
                    Eigen::Vector3d& origin);
 

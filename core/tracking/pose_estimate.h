@@ -45,7 +45,7 @@ struct PoseEstimate {
   int64_t t_us = 0;
   RigidTransform camera_from_object;
   // Covariance of [tx ty tz rx ry rz], m^2, m rad and rad^2, left perturbation. Along the free directions of an object
-  // with a continuous symmetry it has the variance kFreeAngleVarianceRad2 (core/estimation/README.md, equation (12)).
+  // with a continuous symmetry it has the variance kFreeAngleVarianceRad2 (core/estimation/README.md, equation (13)).
   Matrix6d covariance = Matrix6d::Zero();
   Vector6d twist = Vector6d::Zero();  // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
   TrackState state = TrackState::kInitializing;
