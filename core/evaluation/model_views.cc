@@ -69,7 +69,7 @@ class ModelViewer {
       view.length_px += image_lines_[i].length_px;
       if (view.elements[i].kind == EdgeKind::kContour) view.contour_px += image_lines_[i].length_px;
     }
-    FindWeakest(view);
+    FindDeviations(view);
     return view;
   }
 
@@ -108,7 +108,7 @@ class ModelViewer {
     return information;
   }
 
-  void FindWeakest(ModelView& view) const {
+  void FindDeviations(ModelView& view) const {
     view.weakest_px = std::numeric_limits<double>::infinity();
     if (!(view.length_px > 0.0)) return;
     const Matrix6d motions = Motions(view.camera_from_object);
@@ -117,10 +117,20 @@ class ModelViewer {
     const Eigen::Matrix3Xd free = FreeRotations(model_, view.camera_from_object.rotation);
     information.bottomRightCorner<3, 3>() += information.trace() * free * free.transpose();
     const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(information);
-    const double least = solver.eigenvalues()(0);
     // Below it, an eigenvalue is due to rounding.
     constexpr double kRounding = 1e-12;
-    if (least > kRounding * solver.eigenvalues()(5)) view.weakest_px = 1.0 / std::sqrt(least);
+    const Vector6d variances = solver.eigenvalues().unaryExpr([largest = solver.eigenvalues()(5)](double value) {
+      return value > kRounding * largest ? 1.0 / value : std::numeric_limits<double>::infinity();
+    });
+    view.weakest_px = std::sqrt(variances(0));
+    for (int motion = 0; motion < 6; ++motion) {
+      double variance = 0.0;
+      for (int i = 0; i < 6; ++i) {
+        const double share = solver.eigenvectors()(motion, i) * solver.eigenvectors()(motion, i);
+        if (share > kRounding) variance += share * variances(i);
+      }
+      view.deviation_px(motion) = std::sqrt(variance);
+    }
     view.weakest = motions * solver.eigenvectors().col(0);
   }
 

@@ -4,6 +4,7 @@
 // (core/evaluation/README.md).
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -34,8 +35,11 @@ struct ModelView {
   // Standard deviation, pixels, by which the outline of the object moves along the least certain direction of motion;
   // directions of a continuous symmetry are excepted. Infinite if the elements do not determine it.
   double weakest_px = 0.0;
-  // This direction as a motion of the object about its centre, camera frame: translation, m, and rotation, rad, that
-  // move the outline by about 1 px.
+  // The same for each motion alone, all others being unknown: translation along x and y of the camera (across the view)
+  // and z (along it), rotation about these axes through the centre.
+  Vector6d deviation_px = Vector6d::Constant(std::numeric_limits<double>::infinity());
+  // The least certain direction as a motion of the object about its centre, camera frame: translation, m, and rotation,
+  // rad, that move the outline by about 1 px.
   Vector6d weakest = Vector6d::Zero();
 };
 

@@ -23,6 +23,7 @@ TEST(ModelViews, EachViewOfACubeShowsItsFacesAndDeterminesItsPose) {
     // Four edges of one face, seven of two, nine of three.
     EXPECT_THAT(view.elements.size(), testing::AnyOf(4u, 7u, 9u));
     EXPECT_LT(view.weakest_px, 2.0);
+    EXPECT_LE(view.deviation_px.maxCoeff(), (1.0 + 1e-9) * view.weakest_px);
     EXPECT_EQ(view.contour_px, 0.0);
     EXPECT_GT(view.length_px, 4.0 * 300.0 / 2.0);
   }
@@ -35,6 +36,9 @@ TEST(ModelViews, ParallelLinesDoNotDetermineThePose) {
   EXPECT_GT(view.weakest_px, 1e3) << "they can move along themselves";
   // The direction is that of the lines, which are horizontal in the image or vertical.
   EXPECT_NEAR(view.weakest.normalized().cwiseAbs().head<2>().maxCoeff(), 1.0, 1e-6);
+  EXPECT_GT(view.deviation_px.head<2>().maxCoeff(), 1e3);
+  EXPECT_LT(view.deviation_px(2), 1.0) << "their distance in the image shows the depth";
+  EXPECT_LT(view.deviation_px(5), 1.0) << "a rotation in the image turns them";
 }
 
 TEST(ModelViews, MoreEventsDetermineThePoseBetter) {

@@ -30,6 +30,11 @@ struct InspectArguments {
 
 // A direction of motion known worse than this, pixels at the outline, with 1000 events: the pose is not determined.
 constexpr double kUnobservablePx = 12.0;
+// The motions of ModelView::deviation_px, axes of the camera.
+constexpr std::array<const char*, 6> kMotionNames = {"translation_x", "translation_y", "translation_z",
+                                                     "rotation_x",    "rotation_y",    "rotation_z"};
+constexpr std::array<const char*, 6> kMotionTexts = {
+    "x", "y", "z (depth)", "rotation about x", "rotation about y", "rotation about z"};
 
 struct Inspection {
   ObjectModel model;
@@ -83,32 +88,47 @@ std::array<std::pair<const char*, size_t>, 5> CountRegions(const ObjectModel& mo
   return counts;
 }
 
+// Pixels at the outline.
+struct Deviation {
+  double median_px = 0.0;
+  double worst_px = 0.0;
+};
+
 // Statistics of the views.
 struct ViewSummary {
   double mean_elements = 0.0;
   size_t max_elements = 0;
-  double contour_share = 0.0;  // of the visible length
-  double median_weakest_px = 0.0;
-  double worst_weakest_px = 0.0;
+  double contour_share = 0.0;          // of the visible length
+  Deviation weakest;                   // of the least certain motion
+  std::array<Deviation, 6> by_motion;  // ModelView::deviation_px
   size_t num_unobservable = 0;
 };
+
+// `get` returns the value of a view.
+template <typename Get>
+Deviation DeviationOver(const std::vector<ModelView>& views, const Get& get) {
+  std::vector<double> values;
+  for (const ModelView& view : views) values.push_back(get(view));
+  std::sort(values.begin(), values.end());
+  return {values[values.size() / 2], values.back()};
+}
 
 ViewSummary Summarise(const std::vector<ModelView>& views) {
   ViewSummary summary;
   double length_px = 0.0, contour_px = 0.0;
-  std::vector<double> weakest_px;
   for (const ModelView& view : views) {
     summary.mean_elements += static_cast<double>(view.elements.size()) / static_cast<double>(views.size());
     summary.max_elements = std::max(summary.max_elements, view.elements.size());
     length_px += view.length_px;
     contour_px += view.contour_px;
-    weakest_px.push_back(view.weakest_px);
     summary.num_unobservable += view.weakest_px > kUnobservablePx ? 1 : 0;
   }
-  std::sort(weakest_px.begin(), weakest_px.end());
   summary.contour_share = length_px > 0.0 ? contour_px / length_px : 0.0;
-  summary.median_weakest_px = weakest_px[weakest_px.size() / 2];
-  summary.worst_weakest_px = weakest_px.back();
+  summary.weakest = DeviationOver(views, [](const ModelView& view) { return view.weakest_px; });
+  for (int motion = 0; motion < 6; ++motion) {
+    summary.by_motion[motion] =
+        DeviationOver(views, [motion](const ModelView& view) { return view.deviation_px(motion); });
+  }
   return summary;
 }
 
@@ -166,6 +186,11 @@ Json InspectionJson(const Inspection& inspection) {
   for (const auto& [name, count] : CountRegions(model)) regions[name] = count;
   // JSON has no infinity.
   const auto finite = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
+  const auto deviation = [&](const Deviation& of) {
+    return Json{{"median_px", finite(of.median_px)}, {"worst_px", finite(of.worst_px)}};
+  };
+  Json deviations;
+  for (int motion = 0; motion < 6; ++motion) deviations[kMotionNames[motion]] = deviation(summary.by_motion[motion]);
   return {{"size_m", {inspection.size_m.x(), inspection.size_m.y(), inspection.size_m.z()}},
           {"diameter_m", model.diameter_m},
           {"vertices", model.vertices.size()},
@@ -178,8 +203,8 @@ Json InspectionJson(const Inspection& inspection) {
             {"elements_mean", summary.mean_elements},
             {"elements_max", summary.max_elements},
             {"contour_share", summary.contour_share},
-            {"weakest_px_median", finite(summary.median_weakest_px)},
-            {"weakest_px_worst", finite(summary.worst_weakest_px)},
+            {"deviation", deviations},
+            {"weakest", deviation(summary.weakest)},
             {"unobservable", summary.num_unobservable}}},
           {"preparation_s", absl::ToDoubleSeconds(inspection.preparation)},
           {"extraction_ms", absl::ToDoubleMilliseconds(inspection.time_per_view)},
@@ -214,9 +239,15 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
       summary.mean_elements, summary.max_elements, inspection.views.size(), options.object_px,
       100.0 * summary.contour_share);
   out << absl::StrFormat(
-      "observable   least certain direction after %.0f events: %.2f px at the outline (median of the views), "
-      "%.2f px (worst)\n",
-      options.events, summary.median_weakest_px, summary.worst_weakest_px);
+      "observable   standard deviation at the outline after %.0f events, px, median of the views / worst: least "
+      "certain "
+      "motion %.2f / %.2f\n",
+      options.events, summary.weakest.median_px, summary.weakest.worst_px);
+  for (int motion = 0; motion < 6; ++motion) {
+    const Deviation& deviation = summary.by_motion[motion];
+    out << absl::StrFormat("             %-16s %.2f / %.2f\n", kMotionTexts[motion], deviation.median_px,
+                           deviation.worst_px);
+  }
   out << absl::StrFormat(
       "cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
       "proportional to their number\n",

@@ -11,7 +11,9 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/common/model_arguments.h"
 #include "client/cli/common/progress.h"
+#include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/tracking/tracking_scenarios.h"
 #include "core/models/object_model.h"
@@ -20,14 +22,10 @@
 namespace evpose::client {
 namespace {
 
-constexpr const char* kSmooth = "smooth";
-constexpr const char* kAsIs = "as-is";
-
 struct SimulateArguments {
   std::string object = "cube";
   std::string model;  // file; replaces the object
-  ModelOptions model_options;
-  std::string surface = kSmooth;
+  ModelReadingArguments reading;
   std::string camera = "evk4";
   std::string scenario;
   std::string out;
@@ -63,9 +61,7 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
 // The standard scene of the object or of the model.
 absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments) {
   if (arguments.model.empty()) return SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale);
-  ModelOptions options = arguments.model_options;
-  options.is_smooth = arguments.surface == kSmooth;
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(arguments.model, options));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.model));
   return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), arguments.camera,
                                arguments.speed_scale);
 }
@@ -146,19 +142,11 @@ void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
 
 void AddModelOptions(CLI::App& app, SimulateArguments& arguments, CLI::Option* object) {
   CLI::Option* model = AddFile(app, "--model", arguments.model,
-                               "Model file (OBJ, PLY or STL) to simulate instead of --object, seen at a size of about "
-                               "300 pixels from a random side, which --path-seed determines")
+                               absl::StrCat("Model file (", kModelFormats,
+                                            ") to simulate instead of --object, seen at a size of about 300 pixels "
+                                            "from a random side, which --path-seed determines"))
                            ->excludes(object);
-  AddOption(app, "--scale", arguments.model_options.metres_per_unit, "Metres per unit of the model file; 0.001 for mm",
-            AboveZero())
-      ->needs(model);
-  AddOption(app, "--crease-angle", arguments.model_options.crease_angle_deg,
-            "Degrees by which the surface of the model turns at a sharp edge", CLI::Range(1.0, 179.0))
-      ->needs(model);
-  AddOption(app, "--surface", arguments.surface,
-            "smooth: the facets of curved regions stand for a smooth surface; as-is: the object has these facets",
-            CLI::IsMember({kSmooth, kAsIs}))
-      ->needs(model);
+  arguments.reading.AddTo(app, model);
 }
 
 void AddOptions(CLI::App& app, SimulateArguments& arguments) {

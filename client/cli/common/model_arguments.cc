@@ -16,14 +16,18 @@ constexpr char kAsIs[] = "as-is";
 
 }  // namespace
 
-void ModelReadingArguments::AddTo(CLI::App& app) {
-  AddOption(app, "--scale", metres_per_unit,
-            "Metres per unit of the model file. A unit that the file states itself is applied before", AboveZero());
-  AddOption(app, "--crease-angle", crease_angle_deg,
-            "Edges of the model at which its surface turns by more are lines, degrees", CLI::Range(0.1, 179.9));
-  AddOption(app, "--surface", surface,
-            "What the facets of the model stand for: a smooth surface, or as-is for an object that has these facets",
-            CLI::IsMember({kSmooth, kAsIs}));
+void ModelReadingArguments::AddTo(CLI::App& app, CLI::Option* model) {
+  for (CLI::Option* const option :
+       {AddOption(app, "--scale", metres_per_unit,
+                  "Metres per unit of the model file; 0.001 for mm. A unit that the file states is applied before",
+                  AboveZero()),
+        AddOption(app, "--crease-angle", crease_angle_deg,
+                  "Least angle, degrees, by which the surface of the model turns at a crease", CLI::Range(0.1, 179.9)),
+        AddOption(app, "--surface", surface,
+                  "smooth: the facets of the model approximate a smooth surface; as-is: the object has these facets",
+                  CLI::IsMember({kSmooth, kAsIs}))}) {
+    if (model != nullptr) option->needs(model);
+  }
 }
 
 absl::StatusOr<ObjectModel> ModelReadingArguments::Load(const std::string& path) const {

@@ -25,8 +25,8 @@ struct ModelReadingArguments {
   double crease_angle_deg = 30.0;
   std::string surface = "smooth";
 
-  // Adds --scale, --crease-angle and --surface.
-  void AddTo(CLI::App& app);
+  // Adds --scale, --crease-angle and --surface. If `model` is given, they are refused without that option.
+  void AddTo(CLI::App& app, CLI::Option* model = nullptr);
   // Reads a model file of any format. Errors: those of LoadModelFile().
   absl::StatusOr<ObjectModel> Load(const std::string& path) const;
   // The same for an upload. Errors: those of ReadModelFile().
