@@ -49,7 +49,7 @@ struct EdgePoint {
   int previous = kNone;
 };
 
-// Links edge points to chains, with the brighter side always on the same hand (Devernay, "A non-maxima suppression
+// Links edge points to chains, with the brighter side always on the same side (Devernay, "A non-maxima suppression
 // method for edge detection with sub-pixel accuracy", INRIA RR-2724, 1995).
 class EdgeLinker {
  public:

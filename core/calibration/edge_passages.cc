@@ -161,7 +161,7 @@ void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
   direction_.assign(lines_.size(), 0.0);
   for (size_t k = 0; k < lines_.size(); ++k) {
     const ImageLine& line = lines_[k];
-    // Elements are too short for a passage; they tell which events are not those of a straight line.
+    // Elements are too short for a passage; they only determine which events do not belong to a straight line.
     if (line.is_element || line.length_px < options_.min_length_px) continue;
     const double first = NormalSpeedPxPerS(camera_, line, 0.0), last = NormalSpeedPxPerS(camera_, line, 1.0);
     if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < options_.min_speed_px_per_s) continue;

@@ -35,7 +35,7 @@ constexpr double kMaxStep = 40.0 * kRadPerDeg;
 constexpr double kLeastTurn = 0.3 * kRadPerDeg;
 // Jump of exact normals and of normals in the file at a crease, and the largest difference of equal ones.
 constexpr double kMinStatedJump = 10.0 * kRadPerDeg, kSameStated = 1.0 * kRadPerDeg;
-// A crease shorter than this, relative to the diameter, that ends in nothing is noise of the mesh.
+// A crease shorter than this, relative to the diameter, of which an end meets no other edge is noise of the mesh.
 constexpr double kMinDeadEnd = 0.02;
 // Largest turn, as a cosine, between a crease and the edge that continues it: 60 degrees.
 constexpr double kContinuedCosine = 0.5;
@@ -145,8 +145,8 @@ class CreaseFinder {
     return jumps ? EdgeClass::kCrease : EdgeClass::kSmooth;
   }
 
-  // nullopt if the normals of the file do not tell: they are missing, those of the facets, or equal at an edge that is
-  // too sharp for a smooth surface, as in files with one normal for each vertex.
+  // nullopt if the normals of the file do not decide: they are missing, those of the facets, or equal at an edge that
+  // is too sharp for a smooth surface, as in files with one normal for each vertex.
   std::optional<EdgeClass> StatedByNormals(absl::Span<const EdgeUse> uses, double turn) const {
     const auto a = NormalsAt(uses[0], mesh_.corner_normals), b = NormalsAt(uses[1], mesh_.corner_normals);
     for (const auto& normals : {a, b}) {
@@ -196,7 +196,8 @@ class CreaseFinder {
     return std::min(near, 2.0 * near - far);
   }
 
-  // The tessellation test: whether the surface goes on turning in the same way beside the edge, in steps as large.
+  // The tessellation test: whether the surface continues to turn in the same direction beside the edge, in steps as
+  // large.
   bool IsTessellation(uint32_t side, double turn) {
     if (turn >= kMaxStep) return false;
     const double sign = graph_.turn_rad(side) < 0.0f ? -1.0 : 1.0;

@@ -19,7 +19,7 @@ namespace evpose {
 namespace {
 
 // Real files need two or three: the last one finds nothing. Vertices whose distance is near the tolerance can need
-// splits that alternate for ever.
+// splits that alternate without end.
 constexpr int kMaxRounds = 6;
 // Vertices that may be inserted into sides, per triangle of a small and in total for a large mesh: bounds memory. In
 // the worst real file seen, a cube whose every edge has a T-junction, 3 triangles in 4 are split.

@@ -29,7 +29,7 @@ constexpr double kNormalSlack = 0.05;
 constexpr double kMaxDifferentArea = 0.01;
 // Gauss-Newton converges quadratically: from one degree and one percent of the size to rounding errors in four steps.
 constexpr int kNewtonSteps = 5;
-// Relative to the size of the region. Beyond it, the first guess is not a neighbour of a fitting shape.
+// Relative to the size of the region. Beyond it, the first estimate is too far from any shape that fits.
 constexpr double kMaxFirstResidual = 0.05;
 // Keeps the equations regular if the samples do not determine a parameter, relative to their trace.
 constexpr double kDamping = 1e-13;
@@ -221,7 +221,7 @@ std::optional<SurfaceRegion> FitPlane(const SampledVertices& samples, const Face
 }
 
 std::optional<SurfaceRegion> FitSphere(const SampledVertices& samples, const FacetMoments&) {
-  // |X|^2 = 2 X . c + (r^2 - |c|^2), linear in c and the bracket, is the first guess.
+  // |X|^2 = 2 X . c + (r^2 - |c|^2), linear in c and the bracket, is the first estimate.
   Eigen::Matrix4d a = Eigen::Matrix4d::Zero();
   Eigen::Vector4d b = Eigen::Vector4d::Zero();
   for (const Eigen::Vector3d& p : samples.points) {

@@ -99,7 +99,7 @@ class PoseTrack {
 
   // Sets the counts and expectations of earlier windows for the lines of the window.
   void Remember(WindowInput& input);
-  // Stores what the fit of an accepted window tells about the curves.
+  // Adds the counts of the curves in an accepted window.
   void Learn(const WindowInput& input, const WindowFit& fit);
 
   const TrackContext& context_;

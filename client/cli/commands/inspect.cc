@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose models inspect: what the tracker makes of a model file.
+// evpose models inspect: repairs, edges, symmetry and observability of a model file.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -28,7 +28,7 @@ struct InspectArguments {
   bool is_json = false;
 };
 
-// A direction of motion known worse than this, pixels at the outline, with 1000 events: the pose is not determined.
+// Largest standard deviation, pixels at the outline after 1000 events, of a motion that counts as determined.
 constexpr double kUnobservablePx = 12.0;
 // The motions of ModelView::deviation_px, axes of the camera.
 constexpr std::array<const char*, 6> kMotionNames = {"translation_x", "translation_y", "translation_z",
@@ -149,17 +149,19 @@ std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummar
   std::vector<std::string> warnings;
   const size_t num_views = inspection.views.size();
   if (summary.num_unobservable > 0) {
-    warnings.push_back(absl::StrFormat(
-        "from %d of %d views the visible edges do not determine the pose (more than %g px at the outline); it is "
-        "tracked there only as long as it follows from the motion",
-        summary.num_unobservable, num_views, kUnobservablePx));
+    warnings.push_back(
+        absl::StrFormat("in %d of %d views the visible edges do not determine the pose (standard deviation above %g px "
+                        "at the outline); "
+                        "there, the pose follows from the predicted motion and becomes inaccurate within a short time",
+                        summary.num_unobservable, num_views, kUnobservablePx));
   }
   // TrackerOptions: the line search needs three directions.
   constexpr size_t kMinLines = 3;
   if (inspection.model.lines.size() < kMinLines) {
-    warnings.push_back(absl::StrFormat(
-        "the model has %d straight lines; a first pose is found from at least %d, so give it with --init-pose",
-        inspection.model.lines.size(), kMinLines));
+    warnings.push_back(
+        absl::StrFormat("the model has %d straight lines; the search for a first pose needs at least %d, so give the "
+                        "pose with --init-pose",
+                        inspection.model.lines.size(), kMinLines));
   }
   return warnings;
 }
@@ -272,7 +274,7 @@ absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) 
 
 CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   CLI::App* const app = models.add_subcommand(
-      "inspect", "What the tracker makes of a model file: repairs, edges, symmetry, certainty; needs no server");
+      "inspect", "Print size, repairs, edges, symmetry and observability of a model file; needs no server");
   auto arguments = std::make_shared<InspectArguments>();
   AddFile(*app, "file", arguments->file, "Model file of any format")->required();
   arguments->reading.AddTo(*app);
