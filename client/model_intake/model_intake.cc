@@ -15,6 +15,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/text_lines.h"
+#include "core/mesh/mesh_repair.h"
 #include "server/models/mesh_message.h"
 
 namespace evpose::client {
@@ -29,15 +30,23 @@ absl::Status AtPath(const std::string& path, const absl::Status& status) {
   return absl::Status(status.code(), absl::StrCat(path, ": ", status.message()));
 }
 
-absl::StatusOr<ModelFile> ConvertScene(const std::string& path, SceneFormat format) {
+// For a scene in a unit that its file does not state.
+void NoteSize(double metres_per_unit, Scene& scene) {
+  RawMesh in_metres;
+  for (const Eigen::Vector3d& point : scene.mesh.points) in_metres.points.push_back(metres_per_unit * point);
+  NoteImplausibleSize(in_metres, metres_per_unit, scene.notices);
+}
+
+absl::StatusOr<ModelFile> ConvertScene(const std::string& path, SceneFormat format, double metres_per_unit) {
   EVPOSE_ASSIGN_OR_RETURN(Scene scene, ReadScene(path, format, ModelOptions().max_triangles));
+  if (format == SceneFormat::kOff) NoteSize(metres_per_unit, scene);
   AddTextureLines(scene);
   return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene.mesh), std::move(scene.notices)};
 }
 
 // Replaces an OBJ by a mesh with the edges of its images, if it has any. Line elements are all lines of the object:
 // then images are not needed.
-absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, ModelFile file) {
+absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, double metres_per_unit, ModelFile file) {
   bool has_materials = false, has_lines = false;
   LineReader lines(file.bytes);
   std::vector<absl::string_view> words;
@@ -56,10 +65,11 @@ absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, ModelFile file) {
   AddTextureLines(*scene);
   file.notices = scene->notices;
   if (scene->mesh.lines.empty()) return file;
+  NoteSize(metres_per_unit, *scene);
   return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene->mesh), std::move(scene->notices)};
 }
 
-absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path) {
+absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres_per_unit) {
   const std::string extension = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
   if (extension == ".step" || extension == ".stp" || extension == ".igs" || extension == ".iges") {
     EVPOSE_ASSIGN_OR_RETURN(std::string mesh, ConvertStep(path));
@@ -68,7 +78,7 @@ absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path) {
   for (const auto& [name, format] : {std::pair(".gltf", SceneFormat::kGltf), std::pair(".glb", SceneFormat::kGlb),
                                      std::pair(".dae", SceneFormat::kDae), std::pair(".off", SceneFormat::kOff),
                                      std::pair(".3mf", SceneFormat::k3mf)}) {
-    if (extension == name) return ConvertScene(path, format);
+    if (extension == name) return ConvertScene(path, format, metres_per_unit);
   }
   const absl::StatusOr<evpose::ModelFormat> format = evpose::ModelFormatFromPath(path);
   if (!format.ok()) {
@@ -79,20 +89,20 @@ absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path) {
   EVPOSE_ASSIGN_OR_RETURN(std::string bytes, ReadFile(path, ModelOptions().max_bytes));
   if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
   ModelFile file{*format, std::move(bytes), {}};
-  return *format == evpose::ModelFormat::kObj ? ReadObjFile(path, std::move(file)) : file;
+  return *format == evpose::ModelFormat::kObj ? ReadObjFile(path, metres_per_unit, std::move(file)) : file;
 }
 
 }  // namespace
 
-absl::StatusOr<ModelFile> ReadModelFile(const std::string& path) {
-  absl::StatusOr<ModelFile> file = ReadKnownFormat(path);
+absl::StatusOr<ModelFile> ReadModelFile(const std::string& path, double metres_per_unit) {
+  absl::StatusOr<ModelFile> file = ReadKnownFormat(path, metres_per_unit);
   if (!file.ok()) return AtPath(path, file.status());
   return file;
 }
 
 absl::StatusOr<ObjectModel> LoadModelFile(const std::string& path, const ModelOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  EVPOSE_ASSIGN_OR_RETURN(const ModelFile file, ReadModelFile(path));
+  EVPOSE_ASSIGN_OR_RETURN(const ModelFile file, ReadModelFile(path, options.metres_per_unit));
   absl::StatusOr<ObjectModel> model = server::ParseModelFile(AsBytes(file.bytes), file.format, options);
   if (!model.ok()) return AtPath(path, model.status());
   model->notices.insert(model->notices.begin(), file.notices.begin(), file.notices.end());

@@ -19,6 +19,7 @@ namespace evpose::client {
 namespace {
 
 using testing::AllOf;
+using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::SizeIs;
 using testing::StartsWith;
@@ -43,6 +44,13 @@ double Volume(const RawMesh& mesh) {
     volume += mesh.points[a].dot(mesh.points[b].cross(mesh.points[c])) / 6.0;
   }
   return volume;
+}
+
+TEST(ModelIntakeTest, AnImplausibleSizeOfAFileWithoutUnitIsNoticed) {
+  EXPECT_THAT(ReadModelFile(Data("box.off"))->notices, SizeIs(0)) << "3.7 m";
+  EXPECT_THAT(ReadModelFile(Data("box.off"), 0.001)->notices,
+              ElementsAre(HasSubstr("if these are metres pass --scale 1")));
+  EXPECT_THAT(ReadModelFile(Data("box.3mf"), 1e-6)->notices, SizeIs(0)) << "it states its unit";
 }
 
 class BoxOfEachFormatTest : public testing::TestWithParam<const char*> {};

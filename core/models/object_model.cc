@@ -207,14 +207,17 @@ absl::Status ModelOptions::Validate() const {
   return CheckRange("max_triangles", static_cast<double>(max_triangles), 0.0, kMaxCount);
 }
 
+absl::Status ModelOptions::CheckSize(size_t file_bytes) const {
+  if (file_bytes == 0) return absl::InvalidArgumentError("the model file is empty");
+  if (file_bytes <= max_bytes) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("the model has %d bytes, more than the limit of %d", file_bytes, max_bytes));
+}
+
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,
                                              const ModelOptions& options, ModelStepListener on_step) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
-  if (bytes.size() > options.max_bytes) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("the model has %d bytes, more than the limit of %d", bytes.size(), options.max_bytes));
-  }
+  EVPOSE_RETURN_IF_ERROR(options.CheckSize(bytes.size()));
   on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ReadMesh(bytes, format, options));
   ScaleMesh(options.metres_per_unit, mesh);

@@ -72,6 +72,8 @@ struct ModelOptions {
   size_t max_triangles = 2'000'000;
 
   absl::Status Validate() const;
+  // INVALID_ARGUMENT for a file that is empty or larger than `max_bytes`.
+  absl::Status CheckSize(size_t file_bytes) const;
 };
 
 // Reads a model file (formats: core/mesh/README.md, section 1). If an OBJ has line elements (`l`), they are the edges

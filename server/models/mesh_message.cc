@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "absl/container/flat_hash_map.h"
-#include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
 #include "evpose/v1/mesh.pb.h"
 #include "server/models/mesh_message_checks.h"
@@ -141,11 +140,7 @@ absl::StatusOr<ObjectModel> ParseModelFile(absl::Span<const uint8_t> bytes, Mode
                                            const ModelOptions& options, ModelStepListener on_step) {
   if (format != ModelFormat::kMesh) return ParseObjectModel(bytes, format, options, on_step);
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
-  if (bytes.size() > options.max_bytes) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("the model has %d bytes, more than the limit of %d", bytes.size(), options.max_bytes));
-  }
+  EVPOSE_RETURN_IF_ERROR(options.CheckSize(bytes.size()));
   on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ParseMesh(bytes, options.max_triangles));
   return BuildObjectModel(std::move(mesh), options, on_step);

@@ -16,6 +16,7 @@
 #include "core/base/status_macros.h"
 #include "core/evaluation/model_views.h"
 #include "core/models/object_model.h"
+#include "core/simulation/simulator.h"
 
 namespace evpose::client {
 namespace {
@@ -44,12 +45,8 @@ struct Inspection {
   absl::Duration time_per_view;
 };
 
-CameraModel DefaultCamera() {
-  return {.width_px = 1280, .height_px = 720, .fx_px = 1400.0, .fy_px = 1400.0, .cx_px = 639.5, .cy_px = 359.5};
-}
-
 absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
-  CameraModel camera = DefaultCamera();
+  CameraModel camera = SimulationOptions::SimulatedEvk4Camera();
   if (!arguments.camera.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
@@ -278,7 +275,7 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   auto arguments = std::make_shared<InspectArguments>();
   AddFile(*app, "file", arguments->file, "Model file of any format")->required();
   arguments->reading.AddTo(*app);
-  AddFile(*app, "--camera", arguments->camera, "Camera: ROS camera_info YAML; default: an EVK4 with 49 degrees");
+  AddFile(*app, "--camera", arguments->camera, "Camera: ROS camera_info YAML; default: that of evpose simulate");
   AddFile(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
   app->add_flag("--json", arguments->is_json, "JSON on standard output");
   app->footer(

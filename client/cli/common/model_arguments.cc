@@ -37,7 +37,7 @@ absl::StatusOr<ObjectModel> ModelReadingArguments::Load(const std::string& path)
 }
 
 absl::StatusOr<ModelUpload> ModelReadingArguments::ReadForUpload(const std::string& path) const {
-  EVPOSE_ASSIGN_OR_RETURN(ModelFile file, ReadModelFile(path));
+  EVPOSE_ASSIGN_OR_RETURN(ModelFile file, ReadModelFile(path, metres_per_unit));
   return ModelUpload{.bytes = std::move(file.bytes),
                      .options = {.format = server::EnumNumber<ModelFormat>(file.format),
                                  .metres_per_unit = metres_per_unit,
