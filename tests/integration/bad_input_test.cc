@@ -130,7 +130,7 @@ TEST_F(BadInputTest, ModelWithNothingInIt) {
 }
 
 TEST_F(BadInputTest, ModelWithoutALine) {
-  WriteText("cube/model.obj", "v 0 0 0\nv 1 0 0\nl 1 1\n");
+  WriteText("cube/model.obj", "v 0 0 0\nv 1 0 0\nl 1 1\nl 2 2\n");
   EXPECT_THAT(ReplayError(), AllOf(HasSubstr(Path("cube/model.obj")), HasSubstr("line")));
 }
 
