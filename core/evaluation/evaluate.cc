@@ -62,22 +62,28 @@ RigidTransform NearestEquivalent(const RigidTransform& truth, const RigidTransfo
   return best;
 }
 
-double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera, const RigidTransform& truth,
-                             const RigidTransform& estimate) {
+// Returns the points of the object whose images are compared: those of its edges, or of its surface if it has no edges.
+std::vector<Eigen::Vector3d> ComparedPoints(const ObjectModel& model) {
+  std::vector<Eigen::Vector3d> points;
+  for (const ModelLine& line : model.lines) points.insert(points.end(), {line.p1, line.p2});
+  for (const EdgeCurve& curve : model.curves) points.insert(points.end(), curve.points.begin(), curve.points.end());
+  return points.empty() ? model.vertices : points;
+}
+
+double MeanReprojectionError(const std::vector<Eigen::Vector3d>& points, const CameraModel& camera,
+                             const RigidTransform& truth, const RigidTransform& estimate) {
   const double diagonal_px = std::hypot(camera.width_px, camera.height_px);
   double sum_px = 0.0;
   int count = 0;
-  for (const ModelLine& line : model.lines) {
-    for (const Eigen::Vector3d& point : {line.p1, line.p2}) {
-      const Eigen::Vector3d true_point = truth * point;
-      const Eigen::Vector3d estimated_point = estimate * point;
-      if (true_point.z() <= 0.0) continue;
-      ++count;
-      const double distance_px = estimated_point.z() <= 0.0
-                                     ? diagonal_px
-                                     : (camera.Project(true_point) - camera.Project(estimated_point)).norm();
-      sum_px += std::min(distance_px, diagonal_px);
-    }
+  for (const Eigen::Vector3d& point : points) {
+    const Eigen::Vector3d true_point = truth * point;
+    const Eigen::Vector3d estimated_point = estimate * point;
+    if (true_point.z() <= 0.0) continue;
+    ++count;
+    const double distance_px = estimated_point.z() <= 0.0
+                                   ? diagonal_px
+                                   : (camera.Project(true_point) - camera.Project(estimated_point)).norm();
+    sum_px += std::min(distance_px, diagonal_px);
   }
   return count == 0 ? 0.0 : sum_px / count;
 }
@@ -143,9 +149,10 @@ absl::Status CheckTrajectories(const Trajectory& truth, const Trajectory& estima
 // Mean over the estimates within the truth's time span.
 double MeanReprojectionError(const ObjectModel& model, const CameraModel& camera,
                              const std::vector<TrajectoryError>& errors) {
+  const std::vector<Eigen::Vector3d> points = ComparedPoints(model);
   double sum_px = 0.0;
   for (const TrajectoryError& error : errors) {
-    sum_px += MeanReprojectionError(model, camera, error.true_pose, error.estimated_pose);
+    sum_px += MeanReprojectionError(points, camera, error.true_pose, error.estimated_pose);
   }
   return sum_px / static_cast<double>(errors.size());
 }

@@ -104,8 +104,8 @@ class Confirmation {
   static void AddNotice(const char* part, const Vector3d& axis, std::vector<std::string>* notices) {
     if (notices == nullptr) return;
     notices->push_back(
-        absl::StrFormat("nearly symmetric about the axis (%.3f, %.3f, %.3f), but its %s are not: the rotation about it "
-                        "is estimated from small parts",
+        absl::StrFormat("nearly symmetric about the axis (%.3f, %.3f, %.3f), but its %s contradict it: the rotation about the "
+                        "axis is estimated from small parts",
                         axis.x(), axis.y(), axis.z(), part));
   }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Writes a simulation as a directory of files.
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -73,11 +74,15 @@ class StagingDirectory {
   bool is_published_ = false;
 };
 
-// Lines that were found in the mesh of a user are left out: a reader finds them again, and would take them for painted
-// ones that replace those of the mesh.
+// Edges that were found in the mesh of a user are left out: a reader finds them again, and would take those of the file
+// for all edges of the object.
 std::string ModelText(const SimulationOptions& options, ObjectModel model) {
-  if (options.scene.model != nullptr) {
-    std::erase_if(model.lines, [](const ModelLine& line) { return line.kind != EdgeKind::kPainted; });
+  const auto is_of_mesh = [](const auto& edge) { return edge.kind != EdgeKind::kPainted; };
+  const bool has_edges_of_mesh = std::any_of(model.lines.begin(), model.lines.end(), is_of_mesh) ||
+                                 std::any_of(model.curves.begin(), model.curves.end(), is_of_mesh);
+  if (options.scene.model != nullptr && has_edges_of_mesh) {
+    model.lines.clear();
+    model.curves.clear();
   }
   return ObjectModelToObj(model);
 }
