@@ -103,10 +103,10 @@ class Confirmation {
  private:
   static void AddNotice(const char* part, const Vector3d& axis, std::vector<std::string>* notices) {
     if (notices == nullptr) return;
-    notices->push_back(
-        absl::StrFormat("nearly symmetric about the axis (%.3f, %.3f, %.3f), but its %s contradict it: the rotation about the "
-                        "axis is estimated from small parts",
-                        axis.x(), axis.y(), axis.z(), part));
+    notices->push_back(absl::StrFormat(
+        "nearly symmetric about the axis (%.3f, %.3f, %.3f), but its %s contradict it: the rotation about the "
+        "axis is estimated from small parts",
+        axis.x(), axis.y(), axis.z(), part));
   }
 
   const ObjectModel& model_;
