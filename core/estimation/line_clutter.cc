@@ -28,7 +28,9 @@ void LineClutter::Add(const LineCounts& counts, int direction, double gate_px, M
 void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,
                             absl::Span<const LineCounts> counts, double counts_gate_px, const MixtureDensity& density,
                             std::vector<LineDensities>& densities) const {
-  densities.assign(tracked.size(), LineDensities::Of(density));
+  // The vector grows by factors; assign() would allocate for each new maximum.
+  densities.clear();
+  for (size_t k = 0; k < tracked.size(); ++k) densities.push_back(LineDensities::Of(density));
   ForEachCurve(tracked, [&](size_t first, size_t end) {
     const auto index = static_cast<size_t>(tracked[first].curve);
     Memory memory = index < lines_.size() ? lines_[index] : Memory();

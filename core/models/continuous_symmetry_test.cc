@@ -133,7 +133,7 @@ TEST(ContinuousSymmetryTest, PolygonalObjectsHaveNone) {
   const std::string plate =
       "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 .05\nv 1 0 .05\nv 1 1 .05\nv 0 1 .05\n" + std::string(kCubeFaces);
   for (const std::string& obj :
-       {Cube(), Prism(3), Prism(6), Prism(12), plate, std::string("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")}) {
+       {Cube(), Prism(3), Prism(6), Prism(8), plate, std::string("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")}) {
     std::vector<std::string> notices;
     EXPECT_FALSE(FindContinuousSymmetry(MustParse(obj), &notices).has_value()) << obj;
     EXPECT_THAT(notices, IsEmpty()) << obj;

@@ -121,7 +121,7 @@ class RpcTest : public testing::Test {
     options.worker_threads = 2;
     options.max_sessions = 4;
     options.max_model_bytes = 4096;
-    options.max_model_store_bytes = 8192;
+    options.max_model_store_bytes = 16384;
     options.max_chunk_bytes = 64 * 1024;
     options.credit_bytes = uint64_t{256} * 1024;
     return options;

@@ -37,7 +37,7 @@ class SessionManagerTest : public testing::Test {
  protected:
   SessionManagerTest()
       : store_(MakeMemoryStore()),
-        models_(ModelRegistry::Create({.limits = {.max_model_bytes = 4096, .max_store_bytes = 6000}}, *store_).value()),
+        models_(ModelRegistry::Create({.limits = {.max_model_bytes = 4096, .max_store_bytes = 60000}}, *store_).value()),
         model_(models_->Upload("", {}, "", Bytes(kCubeObj)).value().name) {
     SessionManager::Options options;
     options.max_sessions = 2;

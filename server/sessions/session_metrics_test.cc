@@ -35,7 +35,7 @@ class SessionMetricsTest : public testing::Test {
     if (sessions_ != nullptr) sessions_->CloseAll(absl::CancelledError("killed"));
     sessions_.reset();
     metrics_ = std::make_shared<ServerMetrics>();
-    models_ = ModelRegistry::Create({.limits = {.max_tenant_bytes = 1000, .metrics = metrics_}}, *store_).value();
+    models_ = ModelRegistry::Create({.limits = {.max_tenant_bytes = 10'000, .metrics = metrics_}}, *store_).value();
     SessionManager::Options options;
     options.max_sessions = 3;
     options.max_tenant_sessions = 2;
@@ -178,7 +178,7 @@ TEST_F(SessionMetricsTest, RejectionsAreCountedByLimit) {
   EXPECT_EQ(refusals(QuotaLimit::kTenantSessions), 1u);
 
   const auto upload = models_->limits().BeginUpload(kLabTenant).value();
-  EXPECT_TRUE(absl::IsResourceExhausted(upload->Declare(999)));
+  EXPECT_TRUE(absl::IsResourceExhausted(upload->Declare(9999)));
   EXPECT_EQ(refusals(QuotaLimit::kTenantModelBytes), 1u);
   const auto small =
       ModelRegistry::Create({.limits = {.max_store_bytes = 1000, .max_uploads = 1, .metrics = metrics_}}, *store_)
