@@ -98,7 +98,8 @@ class ChainSmoother {
  private:
   // Of a chord; beyond an end of the chain, none.
   std::optional<size_t> Neighbour(size_t chord, bool is_next) const {
-    if (is_next) return chord + 1 < count_ ? std::optional(chord + 1) : is_ring_ ? std::optional(size_t{0}) : std::nullopt;
+    if (is_next)
+      return chord + 1 < count_ ? std::optional(chord + 1) : is_ring_ ? std::optional(size_t{0}) : std::nullopt;
     return chord > 0 ? std::optional(chord - 1) : is_ring_ ? std::optional(count_ - 1) : std::nullopt;
   }
   Eigen::Vector3d Vector(size_t chord) const { return vertices_[chord + 1] - vertices_[chord]; }

@@ -121,7 +121,8 @@ TEST(SmoothCurveTest, CurvesWithoutACircleAreInterpolated) {
       double largest = 0.0;
       for (size_t i = 0; i + 1 < points.size(); ++i) {
         const Eigen::Vector3d p = 0.5 * (points[i] + points[i + 1]);
-        largest = std::max({largest, std::abs(std::hypot(p.y(), p.z()) - 0.3), std::abs(std::hypot(p.x(), p.y()) - 0.4)});
+        largest =
+            std::max({largest, std::abs(std::hypot(p.y(), p.z()) - 0.3), std::abs(std::hypot(p.x(), p.y()) - 0.4)});
       }
       return largest;
     };

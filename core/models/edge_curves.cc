@@ -119,8 +119,7 @@ void AddPaintedEdges(const RawMesh& mesh, bool has_curves, ObjectModel& model) {
   }
   size_t max_inserted = kMaxInsertedPoints;
   for (const EdgeChain& chain : curved.chains) {
-    model.curves.push_back(
-        PaintedCurveOf(chain, CurveThrough(chain, mesh, model.diameter_m, max_inserted), lines));
+    model.curves.push_back(PaintedCurveOf(chain, CurveThrough(chain, mesh, model.diameter_m, max_inserted), lines));
   }
   for (size_t e = 0; e < lines.size(); ++e) {
     if (!curved.is_curved[e]) model.lines.push_back(std::move(lines[e]));
