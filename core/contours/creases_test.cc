@@ -155,6 +155,39 @@ TEST(CreasesTest, FewerElementsCoverTheImageAndKeepTheOutline) {
   for (const int count : quadrants) EXPECT_GE(count, 2);
 }
 
+// The plate is 300 px wide.
+TEST(CreasesTest, RimsOfTessellatedHolesAreTheirCircles) {
+  for (const int facets : {16, 24, 48, 120}) {
+    const ObjectModel shape = PlateWithHoles(0.06, kHoleM, kThicknessM, facets, {0.0});
+    RawMesh mesh;
+    mesh.points = shape.vertices;
+    mesh.triangles = shape.triangles;
+    const absl::StatusOr<ObjectModel> plate = BuildObjectModel(mesh, {});
+    ASSERT_TRUE(plate.ok()) << plate.status();
+    for (const Eigen::Vector3d& eye : {Eigen::Vector3d(0, 0, 0.4), Eigen::Vector3d(0.2, 0.1, 0.33)}) {
+      for (const double sagitta_px : {0.06, 0.25}) {
+        EdgeElementOptions options;
+        options.sagitta_px = sagitta_px;
+        double sum_px = 0.0, length_m = 0.0;
+        int count = 0;
+        for (const EdgeElement& element : ElementsOf(*plate, eye, options)) {
+          const Eigen::Vector3d middle = 0.5 * (element.p1 + element.p2);
+          if (std::abs(middle.z()) > 1e-6 || middle.norm() > 1.1 * kHoleM) continue;
+          length_m += (element.p2 - element.p1).norm();
+          for (const Eigen::Vector3d& point : SamplesOf(element)) {
+            const double distance_px = FromCirclePx(point, 0.0, kHoleM, eye);
+            EXPECT_NEAR(distance_px, 0.0, 0.8 * sagitta_px) << facets;
+            sum_px += distance_px;
+            ++count;
+          }
+        }
+        EXPECT_NEAR(sum_px / count, 0.0, 0.02) << facets;
+        EXPECT_NEAR(length_m / (2.0 * std::numbers::pi * kHoleM), 1.0, 0.15) << facets;
+      }
+    }
+  }
+}
+
 TEST(CreasesTest, CoarserLevelsHaveFewerElements) {
   ObjectModel disc;
   disc.curves.push_back(RingCurve({0, 0, 0}, 0.05, 64, {0, 0, 1}, 1.0));

@@ -8,21 +8,40 @@
 #include <utility>
 
 #include "core/mesh/edge_chains.h"
+#include "core/mesh/region_shapes.h"
 #include "core/mesh/triangle_bvh.h"
 #include "core/models/model_lines.h"
+#include "core/models/smooth_curve.h"
 
 namespace evpose {
 namespace {
 
-// The normal of the surface in a triangle, at the middle of its side between two vertices.
+// Points that are inserted into all curves of one kind: bounds time and memory (15 MB). Curves of CAD models take some
+// thousands.
+constexpr size_t kMaxInsertedPoints = 200'000;
+
+// The normal of the surface beside a point near an edge of a triangle: that of the shape of its region, or else between
+// those at the ends of the edge.
 Eigen::Vector3d NormalBeside(const RawMesh& mesh, const SmoothSurface& surface, uint32_t triangle,
-                             const std::array<uint32_t, 2>& ends) {
+                             const std::array<uint32_t, 2>& ends, const Eigen::Vector3d& point) {
+  const Eigen::Vector3d exact = NormalOfShape(surface.regions[surface.region_of[triangle]], point);
+  if (!exact.isZero()) return exact;
+  const Eigen::Vector3d along = mesh.points[ends[1]] - mesh.points[ends[0]];
+  const double position = std::clamp((point - mesh.points[ends[0]]).dot(along) / along.squaredNorm(), 0.0, 1.0);
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
   for (int corner = 0; corner < 3; ++corner) {
     const uint32_t vertex = mesh.triangles[triangle][corner];
-    if (vertex == ends[0] || vertex == ends[1]) sum += surface.normals[triangle][corner].cast<double>();
+    if (vertex != ends[0] && vertex != ends[1]) continue;
+    sum += (vertex == ends[1] ? position : 1.0 - position) * surface.normals[triangle][corner].cast<double>();
   }
   return sum.normalized();
+}
+
+// The points of the chain and those of the curve between them.
+SmoothCurve CurveThrough(const EdgeChain& chain, const RawMesh& mesh, double diameter_m, size_t& max_inserted) {
+  std::vector<Eigen::Vector3d> vertices;
+  for (const uint32_t vertex : chain.vertices) vertices.push_back(mesh.points[vertex]);
+  return SmoothChain(vertices, diameter_m, max_inserted);
 }
 
 double MedianTurn(const EdgeChain& chain, absl::Span<const MeshEdge> edges) {
@@ -33,30 +52,32 @@ double MedianTurn(const EdgeChain& chain, absl::Span<const MeshEdge> edges) {
   return *middle;
 }
 
-EdgeCurve CurveOf(const EdgeChain& chain, const RawMesh& mesh, const SurfaceEdges& edges) {
+EdgeCurve CurveOf(const EdgeChain& chain, SmoothCurve smooth, const RawMesh& mesh, const SurfaceEdges& edges) {
   EdgeCurve curve;
   curve.kind = edges.edges[chain.edges.front()].kind;
-  for (const uint32_t vertex : chain.vertices) curve.points.push_back(mesh.points[vertex]);
-  for (const uint32_t e : chain.edges) {
-    const MeshEdge& edge = edges.edges[e];
+  for (size_t i = 0; i < smooth.chord_of.size(); ++i) {
+    const MeshEdge& edge = edges.edges[chain.edges[smooth.chord_of[i]]];
+    const Eigen::Vector3d middle = 0.5 * (smooth.points[i] + smooth.points[i + 1]);
     std::array<Eigen::Vector3d, 2> normals = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
     for (size_t side = 0; side < std::min<size_t>(2, edge.triangles.size()); ++side) {
-      normals[side] = NormalBeside(mesh, edges.surface, edge.triangles[side], edge.ends);
+      normals[side] = NormalBeside(mesh, edges.surface, edge.triangles[side], edge.ends, middle);
     }
     curve.face_normals.push_back(normals);
   }
+  curve.points = std::move(smooth.points);
   if (curve.kind == EdgeKind::kCrease) curve.turn_rad = MedianTurn(chain, edges.edges);
   return curve;
 }
 
-EdgeCurve PaintedCurveOf(const EdgeChain& chain, const RawMesh& mesh, absl::Span<const ModelLine> lines) {
+EdgeCurve PaintedCurveOf(const EdgeChain& chain, SmoothCurve smooth, absl::Span<const ModelLine> lines) {
   EdgeCurve curve;
   curve.kind = EdgeKind::kPainted;
-  for (const uint32_t vertex : chain.vertices) curve.points.push_back(mesh.points[vertex]);
-  for (const uint32_t e : chain.edges) {
+  curve.points = std::move(smooth.points);
+  for (const uint32_t chord : smooth.chord_of) {
+    const ModelLine& line = lines[chain.edges[chord]];
     std::array<Eigen::Vector3d, 2> normals = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
-    for (size_t side = 0; side < std::min<size_t>(2, lines[e].face_normals.size()); ++side) {
-      normals[side] = lines[e].face_normals[side];
+    for (size_t side = 0; side < std::min<size_t>(2, line.face_normals.size()); ++side) {
+      normals[side] = line.face_normals[side];
     }
     curve.face_normals.push_back(normals);
   }
@@ -77,7 +98,10 @@ void AddSurfaceEdges(const RawMesh& mesh, const SurfaceEdges& edges, ObjectModel
              edges.edges[b].triangles.size() <= 2;
     };
     const CurvedParts curved = FindCurvedParts(mesh.points, ends, model.diameter_m, may_join);
-    for (const EdgeChain& chain : curved.chains) model.curves.push_back(CurveOf(chain, mesh, edges));
+    size_t max_inserted = kMaxInsertedPoints;
+    for (const EdgeChain& chain : curved.chains) {
+      model.curves.push_back(CurveOf(chain, CurveThrough(chain, mesh, model.diameter_m, max_inserted), mesh, edges));
+    }
     for (size_t e = 0; e < edges.edges.size(); ++e) {
       if (!curved.is_curved[e]) straight.push_back(edges.edges[e]);
     }
@@ -93,7 +117,10 @@ void AddPaintedEdges(const RawMesh& mesh, bool has_curves, ObjectModel& model) {
   if (has_curves) {
     curved = FindCurvedParts(mesh.points, mesh.lines, model.diameter_m, [](uint32_t, uint32_t) { return true; });
   }
-  for (const EdgeChain& chain : curved.chains) model.curves.push_back(PaintedCurveOf(chain, mesh, lines));
+  size_t max_inserted = kMaxInsertedPoints;
+  for (const EdgeChain& chain : curved.chains) {
+    model.curves.push_back(PaintedCurveOf(chain, CurveThrough(chain, mesh, model.diameter_m, max_inserted), lines));
+  }
   for (size_t e = 0; e < lines.size(); ++e) {
     if (!curved.is_curved[e]) model.lines.push_back(std::move(lines[e]));
   }

@@ -279,7 +279,7 @@ TEST(ObjectModelTest, CreaseAngle) {
   ASSERT_THAT(round.curves, SizeIs(2));
   for (const EdgeCurve& rim : round.curves) {
     EXPECT_TRUE(rim.is_ring());
-    EXPECT_THAT(rim.points, SizeIs(17));
+    EXPECT_THAT(rim.points, SizeIs(16 * 21 + 1)) << "20 points on the circle between two vertices";
     EXPECT_NEAR(rim.turn_rad, M_PI / 2, 1e-6);
   }
   EXPECT_THAT(round.surface.regions, SizeIs(3));
