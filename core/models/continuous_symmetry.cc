@@ -26,8 +26,6 @@ using Eigen::Vector3d;
 constexpr double kMaxSlippage = 0.05;
 // Relative to the diameter, as for discrete symmetries.
 constexpr double kRotationTolerance = 1e-3;
-// Relative to the diameter: largest distance between a facet and the smooth surface for which the facet is accepted.
-constexpr double kMaxSagitta = 1e-2;
 // More samples than a surface has.
 constexpr int64_t kMaxSamples = 1'000'000;
 // A model is reported as nearly symmetric if at most this share of the length of its lines contradicts it; a flat plate
@@ -47,29 +45,13 @@ std::array<Matrix3d, kNumRotations> IrrationalRotations(const Vector3d& axis, bo
   return rotations;
 }
 
-// Largest distance, metres, between the sides of the triangles and the smooth surface whose normals turn from one end
-// to the other: of a circular arc of length L and angle a, the sagitta is L a / 8.
-double LargestSagitta(const ObjectModel& model) {
-  if (model.surface.normals.size() != model.triangles.size()) return 0.0;
-  double largest_m = 0.0;
-  for (size_t i = 0; i < model.triangles.size(); ++i) {
-    for (int k = 0; k < 3; ++k) {
-      const int next = (k + 1) % 3;
-      const double length_m = (model.vertices[model.triangles[i][next]] - model.vertices[model.triangles[i][k]]).norm();
-      const double turn_rad = (model.surface.normals[i][next] - model.surface.normals[i][k]).cast<double>().norm();
-      largest_m = std::max(largest_m, length_m * turn_rad / 8.0);
-    }
-  }
-  return largest_m;
-}
-
 // Tests whether groups of rotations map the model onto itself.
 class Confirmation {
  public:
   explicit Confirmation(const ObjectModel& model)
       : model_(model),
         tolerance_m_(kRotationTolerance * model.diameter_m),
-        surface_tolerance_m_(tolerance_m_ + std::min(LargestSagitta(model), kMaxSagitta * model.diameter_m)) {}
+        surface_tolerance_m_(tolerance_m_ + AllowedSagitta(model)) {}
 
   bool IsSphere(const Vector3d& centre) const {
     if (!model_.lines.empty() || !model_.curves.empty()) return false;

@@ -21,7 +21,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Models with more lines are not searched: objects of so many edges have hardly any symmetry.
+// Models with more lines and curves are not searched: objects of so many edges have hardly any symmetry.
 constexpr size_t kMaxLines = 8192;
 // A prism of 2048 sides, which is round.
 constexpr size_t kMaxSymmetries = 4096;
@@ -39,6 +39,8 @@ constexpr size_t kMaxRefiningLines = 64;
 constexpr double kRoughTolerance = 8.0;
 // Rotations whose images of the outermost point are at most this far apart are the same.
 constexpr double kSameRotation = 1.5;
+// Largest distance of the image of a point of a ring from a ring.
+constexpr double kOnOutline = 2.0;
 // Maximum distance for the product of two rotations that are each within one tolerance.
 constexpr double kProductTolerance = 2.0;
 
@@ -169,7 +171,10 @@ class RotationSet {
 class GroupSearch {
  public:
   GroupSearch(const ObjectModel& model, double tolerance_m)
-      : model_(model), tolerance_m_(tolerance_m), lines_(model, kRoughTolerance * tolerance_m) {
+      : model_(model),
+        tolerance_m_(tolerance_m),
+        surface_tolerance_m_(tolerance_m + (model.curves.empty() ? 0.0 : AllowedSagitta(model))),
+        lines_(model, kRoughTolerance * tolerance_m) {
     group_.Add(Matrix3d::Identity());
     for (const ModelLine& segment : lines_.segments()) {
       radius_m_ = std::max({radius_m_, segment.p1.norm(), segment.p2.norm()});
@@ -207,7 +212,7 @@ class GroupSearch {
   }
 
   bool MapsSurface(const Matrix3d& rotation) {
-    if (surface_ == nullptr) surface_ = std::make_unique<CentredSurface>(model_, lines_.centre(), tolerance_m_);
+    if (surface_ == nullptr) surface_ = std::make_unique<CentredSurface>(model_, lines_.centre(), surface_tolerance_m_);
     const bool is_mapped = surface_->IsMappedOntoItself(rotation, kMaxSurfaceSamples, work_.surface_samples, witness_);
     was_cut_short_ |= work_.surface_samples >= kMaxSurfaceSamples;
     return is_mapped;
@@ -277,7 +282,31 @@ class GroupSearch {
 
   bool MapsAllLines(const Matrix3d& rotation) {
     for (size_t i = 0; i < lines_.segments().size(); ++i) {
-      if (!Compare(rotation, i, 1.0).has_value()) return false;
+      const auto match = Compare(rotation, i, 1.0);
+      if (!match.has_value() || !MapsOutline(rotation, i, match->index)) return false;
+    }
+    return true;
+  }
+
+  // Whether the rotated points of a ring lie on the ring that has the same axis and radius.
+  bool MapsOutline(const Matrix3d& rotation, size_t from, size_t to) {
+    const absl::Span<const Vector3d> points = lines_.outline(from), ring = lines_.outline(to);
+    if (points.empty() != ring.empty()) return false;
+    const double allowed_m = kOnOutline * tolerance_m_;
+    for (const Vector3d& point : points) {
+      if (++work_.line_comparisons > kMaxComparisons) {
+        was_cut_short_ = true;
+        return false;
+      }
+      const Vector3d image = rotation * point;
+      bool is_near = false;
+      for (size_t i = 0; i + 1 < ring.size() && !is_near; ++i) {
+        const Vector3d along = ring[i + 1] - ring[i], offset = image - ring[i];
+        const double length2 = along.squaredNorm();
+        const double position = length2 > 0.0 ? std::clamp(offset.dot(along) / length2, 0.0, 1.0) : 0.0;
+        is_near = (offset - position * along).squaredNorm() <= allowed_m * allowed_m;
+      }
+      if (!is_near) return false;
     }
     return true;
   }
@@ -317,6 +346,7 @@ class GroupSearch {
 
   const ObjectModel& model_;
   const double tolerance_m_;
+  const double surface_tolerance_m_;  // the chords of one facet need not be mapped onto those of another
   const CentredSegments lines_;
   double radius_m_ = 0.0;
   size_t witness_ = 0;                       // sample of the surface that has contradicted a rotation
@@ -338,7 +368,7 @@ std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tole
   if (model.continuous_symmetry.has_value()) return {};
   const double tolerance_m = tolerance_ratio * model.diameter_m;
   if (!(tolerance_m > 0.0)) return {RigidTransform()};
-  if (model.lines.size() > kMaxLines) {
+  if (model.lines.size() + model.curves.size() > kMaxLines) {
     AddNotice(absl::StrFormat("symmetries not searched: more than %d lines", kMaxLines), notices);
     return {RigidTransform()};
   }

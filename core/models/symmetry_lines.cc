@@ -5,10 +5,64 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
+#include "core/models/circle_fit.h"
 #include "core/models/collinear_lines.h"
 
 namespace evpose {
+namespace {
+
+// A curve with ends is as many segments: its ends alone would not tell its shape.
+constexpr size_t kSegmentsOfCurve = 4;
+// Points of a ring that is no circle. Between them a smooth ring is nearer than the tolerance to its chords.
+constexpr size_t kOutlinePoints = 128;
+// Largest distance of a ring from a circle that is equal to all rotated copies of itself, relative to the diameter.
+constexpr double kCircleTolerance = 5e-4;
+
+double LengthOf(const EdgeCurve& curve) {
+  double length_m = 0.0;
+  for (size_t i = 0; i + 1 < curve.points.size(); ++i) length_m += (curve.points[i + 1] - curve.points[i]).norm();
+  return length_m;
+}
+
+// Points along a curve at equal steps of its length, one more than `count`.
+std::vector<Eigen::Vector3d> StepsAlong(const EdgeCurve& curve, size_t count) {
+  const double step_m = LengthOf(curve) / static_cast<double>(count);
+  std::vector<Eigen::Vector3d> steps = {curve.points.front()};
+  double passed_m = 0.0;
+  for (size_t i = 0; i + 1 < curve.points.size(); ++i) {
+    const Eigen::Vector3d along = curve.points[i + 1] - curve.points[i];
+    const double length_m = along.norm();
+    while (steps.size() < count && passed_m + length_m >= step_m * static_cast<double>(steps.size())) {
+      const double rest_m = step_m * static_cast<double>(steps.size()) - passed_m;
+      steps.emplace_back(curve.points[i] + (length_m > 0.0 ? rest_m / length_m : 0.0) * along);
+    }
+    passed_m += length_m;
+  }
+  steps.push_back(curve.points.back());
+  return steps;
+}
+
+// The centre of a curve's length.
+Eigen::Vector3d MiddleOf(const EdgeCurve& curve, double length_m) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i + 1 < curve.points.size(); ++i) {
+    sum += 0.5 * (curve.points[i + 1] - curve.points[i]).norm() * (curve.points[i + 1] + curve.points[i]);
+  }
+  return sum / length_m;
+}
+
+// Twice the area that a ring encloses, along the normal.
+Eigen::Vector3d AreaOf(const EdgeCurve& ring) {
+  Eigen::Vector3d area = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i + 1 < ring.points.size(); ++i) {
+    area += (ring.points[i] - ring.points[0]).cross(ring.points[i + 1] - ring.points[0]);
+  }
+  return area;
+}
+
+}  // namespace
 
 CentredSegments::CentredSegments(const ObjectModel& model, double max_tolerance_m) : cell_m_(2.0 * max_tolerance_m) {
   std::vector<ModelLine> lines;
@@ -23,7 +77,19 @@ CentredSegments::CentredSegments(const ObjectModel& model, double max_tolerance_
     centre_ += 0.5 * weight * (segment.p1 + segment.p2);
     length_m += weight;
   }
+  origins_.assign(segments_.size(), Origin::kLine);
+  outlines_.resize(segments_.size());
+  for (const EdgeCurve& curve : model.curves) {
+    const double weight = LengthOf(curve);
+    if (!(weight > 0.0)) continue;
+    AddCurve(curve, kCircleTolerance * model.diameter_m);
+    centre_ += weight * MiddleOf(curve, weight);
+    length_m += weight;
+  }
   if (length_m > 0.0) centre_ /= length_m;
+  for (std::vector<Eigen::Vector3d>& outline : outlines_) {
+    for (Eigen::Vector3d& point : outline) point -= centre_;
+  }
   for (ModelLine& segment : segments_) {
     segment.p1 -= centre_;
     segment.p2 -= centre_;
@@ -32,6 +98,26 @@ CentredSegments::CentredSegments(const ObjectModel& model, double max_tolerance_
     grid_.push_back({Cell(0.5 * (segments_[i].p1 + segments_[i].p2), Eigen::Vector3d::Zero(), 0), i});
   }
   std::sort(grid_.begin(), grid_.end());
+}
+
+void CentredSegments::AddCurve(const EdgeCurve& curve, double tolerance_m) {
+  if (!curve.is_ring()) {
+    const std::vector<Eigen::Vector3d> steps = StepsAlong(curve, kSegmentsOfCurve);
+    for (size_t i = 0; i + 1 < steps.size(); ++i) {
+      segments_.push_back({steps[i], steps[i + 1], {}, curve.kind});
+      origins_.push_back(Origin::kCurve);
+      outlines_.emplace_back();
+    }
+    return;
+  }
+  const double length_m = LengthOf(curve);
+  const Eigen::Vector3d middle = MiddleOf(curve, length_m), area = AreaOf(curve);
+  Eigen::Vector3d half = Eigen::Vector3d::Zero();  // a ring without area has a centre only
+  if (area.norm() > tolerance_m * length_m) half = length_m / (2.0 * std::numbers::pi) * area.normalized();
+  segments_.push_back({middle - half, middle + half, {}, curve.kind});
+  origins_.push_back(Origin::kRing);
+  const bool is_circle = FitCircle(curve.points, tolerance_m).has_value();
+  outlines_.push_back(is_circle ? std::vector<Eigen::Vector3d>() : StepsAlong(curve, kOutlinePoints));
 }
 
 // The cell of corner 0 to 7 of a cube about `point` with the half side `offset`. Cells are twice the largest tolerance
@@ -66,6 +152,7 @@ std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3
     auto entry = std::lower_bound(grid_.begin(), grid_.end(), std::make_pair(visited[corner], uint32_t{0}));
     for (; entry != grid_.end() && entry->first == visited[corner]; ++entry) {
       const ModelLine& to = segments_[entry->second];
+      if (origins_[entry->second] != origins_[segment]) continue;
       const double same2 = std::max((to.p1 - p1).squaredNorm(), (to.p2 - p2).squaredNorm());
       const double reversed2 = std::max((to.p1 - p2).squaredNorm(), (to.p2 - p1).squaredNorm());
       const double distance2 = std::min(same2, reversed2);

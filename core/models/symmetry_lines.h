@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The lines of a model relative to its centre, for the search for symmetries.
+// The lines and curves of a model relative to its centre, for the search for symmetries.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,14 +15,15 @@
 namespace evpose {
 
 // The segments of a model. Lines with matching faces that continue each other or overlap are one segment, so that the
-// division of an edge into lines has no effect. Immutable.
+// division of an edge into lines has no effect. A curve with ends is four segments between points at equal lengths
+// along it, a ring one segment along its axis, to both sides of its centre as long as its radius. Immutable.
 class CentredSegments {
  public:
   // `max_tolerance_m`: upper bound of the tolerance of Find().
   CentredSegments(const ObjectModel& model, double max_tolerance_m);
 
-  // The centre of the lines' length (core/models/README.md, equation (1)), which every symmetry keeps in place. Object
-  // frame, metres.
+  // The centre of the length of lines and curves (core/models/README.md, equation (1)), which every symmetry keeps in
+  // place. Object frame, metres.
   const Eigen::Vector3d& centre() const { return centre_; }
   absl::Span<const ModelLine> segments() const { return segments_; }
 
@@ -31,14 +32,21 @@ class CentredSegments {
     bool is_reversed = false;  // p1 is mapped onto p2
   };
   // The segment onto which `rotation` maps the given one: the nearest one with both ends within the tolerance and with
-  // matching normals. nullopt if there is none.
+  // matching normals, made of the same kind of edge. nullopt if there is none.
   std::optional<Match> Find(const Eigen::Matrix3d& rotation, size_t segment, double tolerance_m) const;
+  // Of a ring that is no circle, points at equal steps along it; empty for other segments.
+  absl::Span<const Eigen::Vector3d> outline(size_t segment) const { return outlines_[segment]; }
 
  private:
+  enum class Origin : uint8_t { kLine, kCurve, kRing };
+  // Before the segments are centred.
+  void AddCurve(const EdgeCurve& curve, double tolerance_m);
   uint64_t Cell(const Eigen::Vector3d& point, const Eigen::Vector3d& offset, int corner) const;
 
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   std::vector<ModelLine> segments_;  // relative to the centre
+  std::vector<Origin> origins_;      // of each segment
+  std::vector<std::vector<Eigen::Vector3d>> outlines_;
   double cell_m_;
   std::vector<std::pair<uint64_t, uint32_t>> grid_;  // cell of the midpoint, segment; sorted
 };

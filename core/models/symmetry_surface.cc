@@ -21,6 +21,8 @@ constexpr double kBeyondRim = 4.0, kOff = 3.0, kNoLongerOff = 0.75;
 constexpr double kMinHeight = 4.0;
 // 60 degrees: distinguishes perpendicular faces, and front from back, also on a noisy mesh.
 constexpr double kSameSideCosine = 0.5;
+// Relative to the diameter: largest distance between a facet and the smooth surface for which the facet is accepted.
+constexpr double kMaxSagitta = 1e-2;
 
 std::vector<Eigen::Vector3d> Centred(absl::Span<const Eigen::Vector3d> points, const Eigen::Vector3d& centre) {
   std::vector<Eigen::Vector3d> centred;
@@ -40,6 +42,20 @@ std::vector<size_t> SpreadOrder(size_t size) {
 }
 
 }  // namespace
+
+double AllowedSagitta(const ObjectModel& model) {
+  if (model.surface.normals.size() != model.triangles.size()) return 0.0;
+  double largest_m = 0.0;
+  for (size_t i = 0; i < model.triangles.size(); ++i) {
+    for (int k = 0; k < 3; ++k) {
+      const int next = (k + 1) % 3;
+      const double length_m = (model.vertices[model.triangles[i][next]] - model.vertices[model.triangles[i][k]]).norm();
+      const double turn_rad = (model.surface.normals[i][next] - model.surface.normals[i][k]).cast<double>().norm();
+      largest_m = std::max(largest_m, length_m * turn_rad / 8.0);
+    }
+  }
+  return std::min(largest_m, kMaxSagitta * model.diameter_m);
+}
 
 CentredSurface::CentredSurface(const ObjectModel& model, const Eigen::Vector3d& centre, double tolerance_m)
     : tolerance_m_(tolerance_m), faces_(Centred(model.vertices, centre), model.triangles) {

@@ -14,6 +14,10 @@
 
 namespace evpose {
 
+// Largest distance, metres, between the sides of the triangles and the smooth surface whose normals turn from one end
+// to the other: of a circular arc of length L and angle a, the sagitta is L a / 8. At most 1 % of the diameter.
+double AllowedSagitta(const ObjectModel& model);
+
 // Sample points on the surface, with normals, and points just beyond the rims of its faces, which are not on it. A
 // rotation maps the surface onto itself if it maps the former onto the surface and the latter off it. Immutable.
 class CentredSurface {

@@ -6,6 +6,7 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <functional>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -365,6 +366,76 @@ TEST(NearestEquivalentTest, OfEquallyNearOnesTheFirst) {
 TEST(NearestEquivalentTest, WithoutSymmetriesThePoseItself) {
   const RigidTransform pose{ExpSo3({0.4, -0.2, 0.9}), {0.1, 0.2, 3.0}};
   EXPECT_EQ(NearestEquivalent(pose, absl::Span<const RigidTransform>(), RigidTransform()).rotation, pose.rotation);
+}
+
+// A closed or open curve of 120 segments in a plane z = const; point_at(t) for t from 0 to 1.
+EdgeCurve FlatCurve(double z, bool is_ring, const std::function<Eigen::Vector2d(double)>& point_at) {
+  constexpr int kSegments = 120;
+  EdgeCurve curve;
+  for (int i = 0; i <= kSegments; ++i) {
+    const Eigen::Vector2d p = point_at(static_cast<double>(is_ring ? i % kSegments : i) / kSegments);
+    curve.points.emplace_back(p.x(), p.y(), z);
+  }
+  curve.face_normals.resize(kSegments);
+  return curve;
+}
+
+Eigen::Vector2d AtAngle(double radius, double turn) {
+  return radius * Eigen::Vector2d(std::cos(2.0 * M_PI * turn), std::sin(2.0 * M_PI * turn));
+}
+
+EdgeCurve EllipseCurve(const Eigen::Vector2d& centre, double z, double a, double b) {
+  // The first point is no axis of the ellipse.
+  return FlatCurve(z, true, [=](double t) {
+    const Eigen::Vector2d p = AtAngle(1.0, t + 0.07);
+    return Eigen::Vector2d(centre + Eigen::Vector2d(a * p.x(), b * p.y()));
+  });
+}
+
+// The rims of a flange: holes on a circle, in two planes, and its outer rims.
+ObjectModel FlangeOfRings(int holes, double lower_radius) {
+  ObjectModel model;
+  model.diameter_m = 2.0;
+  for (const double z : {-0.1, 0.1}) {
+    model.curves.push_back(EllipseCurve({0, 0}, z, z < 0 ? lower_radius : 1.0, z < 0 ? lower_radius : 1.0));
+    for (int i = 0; i < holes; ++i) {
+      model.curves.push_back(EllipseCurve(AtAngle(0.7, static_cast<double>(i) / holes), z, 0.1, 0.1));
+    }
+  }
+  return model;
+}
+
+TEST(SymmetryTest, RimsOfHolesDetermineTheSymmetriesOfAFlange) {
+  for (const int holes : {3, 4, 6, 7}) {
+    EXPECT_THAT(FindSymmetries(FlangeOfRings(holes, 0.9)), SizeIs(holes));
+    EXPECT_THAT(FindSymmetries(FlangeOfRings(holes, 1.0)), SizeIs(2 * holes)) << "with half turns";
+  }
+  ObjectModel flange = FlangeOfRings(6, 0.9);
+  flange.curves.push_back(EllipseCurve(AtAngle(0.4, 0.0), 0.1, 0.05, 0.05));
+  EXPECT_THAT(FindSymmetries(flange), SizeIs(1)) << "one more hole";
+  ObjectModel other = FlangeOfRings(6, 0.9);
+  other.curves.back() = EllipseCurve(AtAngle(0.7, 5.0 / 6.0), 0.1, 0.11, 0.11);
+  EXPECT_THAT(FindSymmetries(other), SizeIs(1)) << "one larger hole";
+}
+
+TEST(SymmetryTest, RingThatIsNoCircleIsMappedOntoItself) {
+  ObjectModel flange = FlangeOfRings(4, 0.9);
+  flange.curves.push_back(EllipseCurve({0, 0}, 0.1, 0.4, 0.3));
+  EXPECT_THAT(FindSymmetries(flange), SizeIs(2));
+  flange.curves.back() = EllipseCurve({0, 0}, 0.1, 0.3, 0.3);
+  EXPECT_THAT(FindSymmetries(flange), SizeIs(4));
+}
+
+TEST(SymmetryTest, CurvesWithEndsTakePart) {
+  ObjectModel spirals;
+  spirals.diameter_m = 2.0;
+  for (int i = 0; i < 5; ++i) {
+    spirals.curves.push_back(
+        FlatCurve(0.0, false, [i](double t) { return AtAngle(0.2 + 0.8 * t, 0.2 * i + 0.15 * t); }));
+  }
+  EXPECT_THAT(FindSymmetries(spirals), SizeIs(5)) << "a half turn changes the sense of the spirals";
+  spirals.curves[2].points.resize(90);
+  EXPECT_THAT(FindSymmetries(spirals), SizeIs(1));
 }
 
 }  // namespace
