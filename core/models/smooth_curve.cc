@@ -17,7 +17,7 @@ namespace {
 
 // Largest distance of a vertex from a circle, relative to the diameter: 0.15 px at an object size of 300 px, as for the
 // shapes of regions (core/mesh/shape_fit.cc).
-constexpr double kCircleTolerance = 5e-4;
+constexpr double kArcDistance = 5e-4;
 // Sagitta of the segments, relative to the diameter: 0.06 px of an object that is 3000 px wide.
 constexpr double kArcSagitta = 2e-5;
 // A vertex at which the chords turn by more (rad, 40 degrees) is a corner, as in core/contours/curve_levels.cc.
@@ -68,7 +68,7 @@ class ChainSmoother {
         count_(vertices.size() - 1),
         is_ring_(count_ > 2 && vertices.front() == vertices.back()),
         sagitta_m_(kArcSagitta * diameter_m),
-        circle_(FitCircle(vertices, kCircleTolerance * diameter_m)) {}
+        circle_(FitCircle(vertices, kArcDistance * diameter_m)) {}
 
   SmoothCurve Smooth(size_t& max_inserted) const {
     std::vector<size_t> pieces;
