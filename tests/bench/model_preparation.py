@@ -13,6 +13,7 @@ import argparse
 import math
 import os
 import pathlib
+import signal
 import struct
 import subprocess
 import sys
@@ -217,8 +218,10 @@ def prepare(program, path, budget):
     outcome = "ok"
     if process.returncode == OUT_OF_MEMORY:
         outcome = "memory"
+    elif process.returncode == -signal.SIGXCPU:
+        outcome = "time"
     elif process.returncode < 0:
-        outcome = "time" if usage.ru_utime + usage.ru_stime >= budget[0] - 0.5 else f"signal {-process.returncode}"
+        outcome = f"signal {-process.returncode}"
     elif steps[-2][1] == "error":
         outcome = "refused"
     elif steps[-2][1] != "model":
