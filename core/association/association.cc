@@ -91,7 +91,7 @@ void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& stat
                               absl::Span<ImageLine> image_lines) {
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
-    if (!image_lines[k].in_view()) continue;
+    if (!image_lines[k].in_view() || lines[k].is_element) continue;
     image_lines[k].a_dot_jacobian =
         LineVelocityJacobian(camera, state.camera_from_object, lines[k].p1, lines[k].p2, state.twist);
   }

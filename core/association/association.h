@@ -127,7 +127,8 @@ void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLin
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines);
 
-// Computes a_dot_jacobian of the `image_lines` that ProjectLines() returned for the same arguments.
+// Computes a_dot_jacobian of the `image_lines` that ProjectLines() returned for the same arguments; that of elements
+// stays zero (core/estimation/README.md, section 7).
 void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                               absl::Span<ImageLine> image_lines);
 

@@ -185,8 +185,9 @@ void DescribeTypicalEdge(const std::vector<WeightedPassage>& passages, SensorCal
   typical.turns_per_px2 = QuantileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.turns_per_px2; });
   typical.recent_turns_per_px2 = typical.turns_per_px2;
   typical.kappa = 1.0;
-  const double brighter = ExpectedEdgePx(profile, typical, 1.0);
-  const double darker = -ExpectedEdgePx(profile, typical, -1.0);
+  const EdgeOffsets offsets = ExpectedEdgeOffsets(profile, typical);
+  const double brighter = offsets.along_px;
+  const double darker = -offsets.against_px;
   calibration.typical_contrast = profile.contrast_threshold * (typical.events_per_px2 + typical.turns_per_px2);
   calibration.edge_shift_px = 0.5 * (brighter - darker);
   calibration.lag_px = -0.5 * (brighter + darker);
@@ -239,7 +240,7 @@ std::vector<EdgePassage> StepEdges(absl::Span<const EdgePassage> passages, const
 double ExpectedResidualPx(const SensorProfile& profile, const EdgePassage& passage) {
   EdgeRates rates = passage.rates;
   rates.events_per_px2 /= LiveAreaPx2(profile, 1.0, rates.events_per_px2, passage.speed_px_per_s);
-  return passage.direction * ExpectedEdgePx(profile, rates, passage.direction) -
+  return passage.direction * ExpectedEdgeOffsets(profile, rates).At(passage.direction) -
          1e-6 * profile.latency_us * passage.speed_px_per_s;
 }
 

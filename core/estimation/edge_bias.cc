@@ -36,7 +36,7 @@ double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events,
   return std::max(swept_px2 - dead_px2, kMinLiveRatio * swept_px2);
 }
 
-double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, double motion) {
+EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& rates) {
   const double kappa = std::clamp(rates.kappa, -1.0, 1.0);
   // A stripe has two edges, and each produces half of the events.
   const double edge_share = 0.5 * (1.0 + std::abs(kappa));
@@ -48,22 +48,23 @@ double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, doubl
   const double brighter_px = sensor.blur_px * response.Brighter(contrast, hysteresis);
   const double darker_px = sensor.blur_px * response.Darker(contrast, hysteresis);
   // kappa is the share of ON events minus the share of OFF events when the line moves along its normal.
-  const double along_px = 0.5 * ((1.0 + kappa) * brighter_px + (1.0 - kappa) * darker_px);
-  const double against_px = -0.5 * ((1.0 - kappa) * brighter_px + (1.0 + kappa) * darker_px);
-  return 0.5 * ((1.0 + motion) * along_px + (1.0 - motion) * against_px);
+  return {0.5 * ((1.0 + kappa) * brighter_px + (1.0 - kappa) * darker_px),
+          -0.5 * ((1.0 - kappa) * brighter_px + (1.0 + kappa) * darker_px)};
 }
 
-double EdgeBias::ExpectedPx(const Profile& profile, int half, double motion) const {
-  if (profile.events < options_.min_events) return 0.0;
+EdgeOffsets EdgeBias::ExpectedOffsets(const Profile& profile, int half) const {
+  if (profile.events < options_.min_events) return {};
   // The lower bounds of the areas avoid a division by zero; min_events need far larger areas.
   const EdgeRates rates = {profile.events / std::max(profile.live_px2, 0.25),
                            profile.turns / std::max(profile.swept_px2, 1.0),
                            profile.recent_turns[half] / std::max(profile.recent_swept_px2[half], 1.0),
                            profile.polarity_motion / profile.events};
-  return ExpectedEdgePx(sensor_, rates, motion);
+  return ExpectedEdgeOffsets(sensor_, rates);
 }
 
 void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const {
+  size_t curve = profiles_.size();  // that of `offsets`, which the elements of a curve share
+  std::array<EdgeOffsets, 2> offsets;
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
     ImageLine& line = lines[k];
@@ -72,8 +73,10 @@ void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLi
     // Late time stamps displace the events to an earlier position of the line.
     line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
     if (index >= profiles_.size()) continue;
-    const double first = ExpectedPx(profiles_[index], 0, MotionSign(NormalSpeedPxPerS(camera_, line, 0.25)));
-    const double last = ExpectedPx(profiles_[index], 1, MotionSign(NormalSpeedPxPerS(camera_, line, 0.75)));
+    if (index != curve) offsets = {ExpectedOffsets(profiles_[index], 0), ExpectedOffsets(profiles_[index], 1)};
+    curve = index;
+    const double first = offsets[0].At(MotionSign(NormalSpeedPxPerS(camera_, line, 0.25)));
+    const double last = offsets[1].At(MotionSign(NormalSpeedPxPerS(camera_, line, 0.75)));
     // The correction is linear along the line and therefore linear in the bearing: offset = at_begin + slope * along.
     const Eigen::Vector2d focal(camera_.fx_px, camera_.fy_px);
     const Eigen::Vector2d centre(camera_.cx_px, camera_.cy_px);

@@ -49,9 +49,15 @@ struct EdgeRates {
 // number of events in it.
 double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events, double speed_px_per_s);
 
-// Expected distance of its events along the line's normal but for the latency, pixels; `motion` is the sign of its
-// normal velocity, smoothed near rest.
-double ExpectedEdgePx(const SensorProfile& sensor, const EdgeRates& rates, double motion);
+// Expected distance of the events of a line along its normal but for the latency, pixels.
+struct EdgeOffsets {
+  double along_px = 0.0;    // if the line moves along its normal
+  double against_px = 0.0;  // if it moves against it
+
+  // `motion` is the sign of the normal velocity, smoothed near rest.
+  double At(double motion) const { return 0.5 * ((1.0 + motion) * along_px + (1.0 - motion) * against_px); }
+};
+EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& rates);
 
 // Estimation of the contrast of the lines, which the correction of the edge bias requires. The constants of the sensor
 // are in its profile.
@@ -114,9 +120,8 @@ class EdgeBias {
   // Adds the counts of one window. The velocity is normal to the line, the swept areas are those of its halves.
   void Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
            Profile& profile) const;
-  // ExpectedEdgePx() of one half of a line, in pixels; 0 before EdgeOptions::min_events were counted. `motion` is the
-  // smoothed sign of its normal velocity.
-  double ExpectedPx(const Profile& profile, int half, double motion) const;
+  // ExpectedEdgeOffsets() of one half of a line; 0 before EdgeOptions::min_events were counted.
+  EdgeOffsets ExpectedOffsets(const Profile& profile, int half) const;
 
   const EdgeOptions options_;
   const SensorProfile sensor_;

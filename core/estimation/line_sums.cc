@@ -57,23 +57,6 @@ void LineEquations::Marginalise(const LineDisplacement& displacement) {
   m11_ -= weighted1 * m10_basis.transpose();
 }
 
-void SharedDisplacement::Add(const LineEquations& equations, const Eigen::Matrix<double, 3, 2>& basis) {
-  const Eigen::Matrix<double, 3, 2> m00_basis = equations.m00_ * basis;
-  const Eigen::Matrix<double, 3, 2> m01_basis = equations.m01_ * basis;
-  cross_.topRows<6>() += equations.a_ * m00_basis + equations.b_ * m01_basis;
-  cross_.bottomRows<6>() += equations.a_ * m01_basis;
-  information_ += basis.transpose() * m00_basis;
-  residual_ += basis.transpose() * equations.d0_;
-}
-
-void SharedDisplacement::Marginalise(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const {
-  Eigen::Matrix2d information = information_;
-  information.diagonal().array() += 2.0 / (sigma_px * sigma_px);  // as in LineEquations::Marginalise()
-  const Eigen::Matrix<double, 12, 2> weighted = cross_ * information.inverse();
-  hessian -= weighted * cross_.transpose();
-  gradient -= weighted * residual_;
-}
-
 void LineEquations::AddTo(Matrix12d& hessian, Vector12d& gradient) const {
   const PoseRows pose_m0 = a_ * m00_ + b_ * m01_.transpose();
   const PoseRows pose_m1 = a_ * m01_ + b_ * m11_;
@@ -84,6 +67,60 @@ void LineEquations::AddTo(Matrix12d& hessian, Vector12d& gradient) const {
   hessian.bottomRightCorner<6, 6>() += PoseRows(a_ * m11_) * a_.transpose();
   gradient.head<6>() += a_ * d0_ + b_ * d1_;
   gradient.tail<6>() += a_ * d1_;
+}
+
+void ArcEquations::Add(const CameraModel& camera, const LineSums& sums, const ImageLine& element, double scale,
+                       double position, double half_length) {
+  using Basis = Eigen::Matrix<double, 3, 2>;
+  const Basis basis = AlongLine(camera, element);
+  const Eigen::Vector2d half_px = 0.5 * element.length_px * element.direction;
+  Basis points;  // the bearing at (1, s) on the element
+  points.col(0) = BearingOf(camera, element.PointAt(0.5));
+  points.col(1) << half_px.x() / camera.fx_px, half_px.y() / camera.fy_px, 0.0;
+  const Eigen::Matrix<double, 6, 2> rows = element.jacobian.transpose() * points;
+  const Eigen::Matrix3d m00 = scale * sums.Moment(0), m01 = scale * sums.Moment(1), m11 = scale * sums.Moment(2);
+  const Basis m00_basis = m00 * basis, m01_basis = m01 * basis;
+  const Eigen::Matrix2d n00 = basis.transpose() * m00_basis, n01 = basis.transpose() * m01_basis;
+  const Eigen::Matrix2d n11 = basis.transpose() * (m11 * basis);
+  const Eigen::Vector2d d0 = m00_basis.transpose() * element.a_expected + m01_basis.transpose() * element.a_dot;
+  const Eigen::Vector2d d1 =
+      m01_basis.transpose() * element.a_expected + basis.transpose() * (m11 * element.a_dot);
+  const Eigen::Matrix<double, 6, 2> rows_n00 = rows * n00, rows_n01 = rows * n01, rows_n11 = rows * n11;
+  pose_ += rows_n00 * rows.transpose();
+  cross_ += rows_n01 * rows.transpose();
+  twist_ += rows_n11 * rows.transpose();
+  gradient_.head<6>() += rows * d0;
+  gradient_.tail<6>() += rows * d1;
+  Eigen::Matrix2d in_arc;  // maps (1, s) on the element to (1, s) on the arc
+  in_arc << 1.0, position, 0.0, half_length;
+  by_displacement_.topRows<6>() += rows_n00 * in_arc;
+  by_displacement_.bottomRows<6>() += rows_n01 * in_arc;
+  information_ += in_arc.transpose() * n00 * in_arc;
+  residual_ += in_arc.transpose() * d0;
+}
+
+void ArcEquations::AddTo(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const {
+  hessian.topLeftCorner<6, 6>() += pose_;
+  hessian.topRightCorner<6, 6>() += cross_;
+  hessian.bottomLeftCorner<6, 6>() += cross_;  // symmetric
+  hessian.bottomRightCorner<6, 6>() += twist_;
+  gradient += gradient_;
+  if (!(sigma_px > 0.0)) return;
+  Eigen::Matrix2d information = information_;
+  information.diagonal().array() += 2.0 / (sigma_px * sigma_px);  // as in LineEquations::Marginalise()
+  const Eigen::Matrix<double, 12, 2> weighted = by_displacement_ * information.inverse();
+  // Not as one product, which would use the blocked algorithm for large matrices.
+  for (int i = 0; i < 2; ++i) hessian -= weighted.col(i) * by_displacement_.col(i).transpose();
+  gradient -= weighted * residual_;
+}
+
+Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine& line) {
+  const Eigen::Vector2d along = 2.0 / line.length_px * line.direction;
+  Eigen::Matrix<double, 3, 2> basis;
+  basis.col(0) = Eigen::Vector3d::UnitZ();
+  basis.col(1) << along.x() * camera.fx_px, along.y() * camera.fy_px,
+      along.dot(Eigen::Vector2d(camera.cx_px, camera.cy_px) - line.p1_px) - 1.0;
+  return basis;
 }
 
 }  // namespace evpose

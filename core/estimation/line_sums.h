@@ -64,7 +64,6 @@ class LineEquations {
   void AddTo(Matrix12d& hessian, Vector12d& gradient) const;
 
  private:
-  friend class SharedDisplacement;
   // A and B transposed, one row per parameter of the pose: stored in columns of six, which multiply with few
   // instructions.
   using PoseRows = Eigen::Matrix<double, 6, 3>;
@@ -75,19 +74,26 @@ class LineEquations {
   Eigen::Vector3d d0_, d1_;
 };
 
-// A displacement that the elements of an arc share (core/estimation/README.md, section 7). The equations of each
-// element are added to the normal equations without a displacement of its own; Marginalise() then corrects these.
-class SharedDisplacement {
+// Contribution of the elements of an arc, which share one displacement (core/estimation/README.md, section 7). An element
+// is short and its events are near it, so that J needs two values on it: J = [A^T b, tau A^T b] at the event's foot on
+// the element. The derivative of a_dot by the pose, of the order of the rotation within a window, is left out.
+class ArcEquations {
  public:
-  // `basis` maps the displacement of the arc to the bearing, as LineDisplacement::basis does for a line.
-  void Add(const LineEquations& equations, const Eigen::Matrix<double, 3, 2>& basis);
-  // `sigma_px` is that of LineDisplacement, for the ends of the arc.
-  void Marginalise(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const;
+  // Adds an element; `position` and `half_length` of its middle and half its length in the arc, which goes from -1 to 1.
+  void Add(const CameraModel& camera, const LineSums& sums, const ImageLine& element, double scale, double position,
+           double half_length);
+  // `sigma_px` is that of LineDisplacement, for the ends of the arc; 0: no displacement.
+  void AddTo(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const;
 
  private:
-  Eigen::Matrix<double, 12, 2> cross_ = Eigen::Matrix<double, 12, 2>::Zero();  // of pose and twist with displacement
+  Matrix6d pose_ = Matrix6d::Zero(), cross_ = Matrix6d::Zero(), twist_ = Matrix6d::Zero();  // blocks of the Hessian
+  Vector12d gradient_ = Vector12d::Zero();
+  Eigen::Matrix<double, 12, 2> by_displacement_ = Eigen::Matrix<double, 12, 2>::Zero();  // C of equation (11)
   Eigen::Matrix2d information_ = Eigen::Matrix2d::Zero();
   Eigen::Vector2d residual_ = Eigen::Vector2d::Zero();
 };
+
+// Basis for which basis^T b = (1, position along the line from -1 to 1), for a bearing b.
+Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine& line);
 
 }  // namespace evpose

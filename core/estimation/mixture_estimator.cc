@@ -23,16 +23,6 @@ Vector6d HalfSpeedRow(const CameraModel& camera, const ImageLine& line, int half
   return line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.25 + 0.5 * half));
 }
 
-// Basis for which basis^T b = (1, position along the line from -1 to 1), for a bearing b.
-Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine& line) {
-  const Eigen::Vector2d along = 2.0 / line.length_px * line.direction;
-  Eigen::Matrix<double, 3, 2> basis;
-  basis.col(0) = Eigen::Vector3d::UnitZ();
-  basis.col(1) << along.x() * camera.fx_px, along.y() * camera.fy_px,
-      along.dot(Eigen::Vector2d(camera.cx_px, camera.cy_px) - line.p1_px) - 1.0;
-  return basis;
-}
-
 // Solves column by column: for the whole identity matrix Eigen would use the blocked algorithm for large matrices,
 // which is slower here.
 Matrix12d SymmetricInverse(const Matrix12d& matrix) {
@@ -237,19 +227,17 @@ class MixtureEstimator : public WindowEstimator {
     const double event_scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
     const double displacement_px =
         options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
-    const auto equations_of = [&](size_t k) {
-      const double scale =
-          information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
-      return LineEquations(sums_[k].sums, lines_[k], scale);
+    const auto scale_of = [&](size_t k) {
+      return information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
     };
     ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
       YieldPoint(first);
       if (input.lines[first].is_element) {
-        AddArc(input.lines, first, end, displacement_px, equations_of, hessian, gradient);
+        AddArc(input.lines, first, end, displacement_px, scale_of, hessian, gradient);
         return;
       }
       if (!HasEvents(first)) return;
-      LineEquations equations = equations_of(first);
+      LineEquations equations(sums_[first].sums, lines_[first], scale_of(first));
       const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[first]));
       if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[first]), line_px});
       equations.AddTo(hessian, gradient);
@@ -262,26 +250,22 @@ class MixtureEstimator : public WindowEstimator {
   bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
   // Adds the equations of the elements [first, end) of an arc, whose displacement is marginalised once
   // (core/estimation/README.md, section 7).
-  template <typename EquationsOf>
+  template <typename ScaleOf>
   void AddArc(absl::Span<const TrackedLine> tracked, size_t first, size_t end, double displacement_px,
-              const EquationsOf& equations_of, Matrix12d& hessian, Vector12d& gradient) const {
+              const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
     double arc_px = 0.0, narrow_px = 0.0;
     for (size_t k = first; k < end; ++k) arc_px += lines_[k].length_px;
-    SharedDisplacement displacement;
+    ArcEquations equations;
     double begin_px = 0.0;
     for (size_t k = first; k < end; ++k) {
-      const double middle = (2.0 * begin_px + lines_[k].length_px) / arc_px - 1.0;  // position in the arc, in [-1, 1]
-      begin_px += lines_[k].length_px;
+      const double length_px = lines_[k].length_px;
+      const double position = (2.0 * begin_px + length_px) / arc_px - 1.0;
+      begin_px += length_px;
       if (!HasEvents(k)) continue;
-      Eigen::Matrix<double, 3, 2> basis = AlongLine(camera_, lines_[k]);
-      basis.col(1) = middle * basis.col(0) + lines_[k].length_px / arc_px * basis.col(1);
-      const LineEquations equations = equations_of(k);
-      equations.AddTo(hessian, gradient);
-      displacement.Add(equations, basis);
+      equations.Add(camera_, sums_[k].sums, lines_[k], scale_of(k), position, length_px / arc_px);
       narrow_px = std::max(narrow_px, NarrowFacePx(tracked[k]));
     }
-    const double sigma_px = std::hypot(displacement_px, narrow_px);
-    if (sigma_px > 0.0) displacement.Marginalise(sigma_px, hessian, gradient);
+    equations.AddTo(std::hypot(displacement_px, narrow_px), hessian, gradient);
   }
   double MovementPx(const Vector12d& dx, double duration_s) const {
     double largest = 0.0;

@@ -13,13 +13,17 @@ constexpr double kMinSubtendedAngle = 1e-9;
 using LineJacobian = Eigen::Matrix<double, 3, 6>;
 
 // The Jacobian of n = P1 x P2 with respect to the pose, with Q = P - T (core/geometry/README.md 3 (5)):
-// [ [P1 - P2]x, [P2]x [Q1]x - [P1]x [Q2]x ], where [p]x [q]x = q p^T - (p . q) I.
+// [ [P1 - P2]x, [P2]x [Q1]x - [P1]x [Q2]x ], where [p]x [q]x = q p^T - (p . q) I. Single assignments, because a block of
+// three rows is read in pairs, for which the processor waits when they were written one by one.
 LineJacobian NormalJacobian(const Eigen::Vector3d& p1, const Eigen::Vector3d& p2, const Eigen::Vector3d& q1,
                             const Eigen::Vector3d& q2) {
+  const Eigen::Vector3d d = p1 - p2;
+  const double trace = p2.dot(q1) - p1.dot(q2);
+  const auto turn = [&](int row, int column) { return q1[row] * p2[column] - q2[row] * p1[column]; };
   LineJacobian jacobian;
-  jacobian.leftCols<3>() = Hat(p1 - p2);
-  jacobian.rightCols<3>() = q1 * p2.transpose() - q2 * p1.transpose();
-  jacobian.rightCols<3>().diagonal().array() -= p2.dot(q1) - p1.dot(q2);
+  jacobian << 0.0, -d.z(), d.y(), turn(0, 0) - trace, turn(0, 1), turn(0, 2),  //
+      d.z(), 0.0, -d.x(), turn(1, 0), turn(1, 1) - trace, turn(1, 2),          //
+      -d.y(), d.x(), 0.0, turn(2, 0), turn(2, 1), turn(2, 2) - trace;
   return jacobian;
 }
 
