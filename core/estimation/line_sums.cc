@@ -83,8 +83,7 @@ void ArcEquations::Add(const CameraModel& camera, const LineSums& sums, const Im
   const Eigen::Matrix2d n00 = basis.transpose() * m00_basis, n01 = basis.transpose() * m01_basis;
   const Eigen::Matrix2d n11 = basis.transpose() * (m11 * basis);
   const Eigen::Vector2d d0 = m00_basis.transpose() * element.a_expected + m01_basis.transpose() * element.a_dot;
-  const Eigen::Vector2d d1 =
-      m01_basis.transpose() * element.a_expected + basis.transpose() * (m11 * element.a_dot);
+  const Eigen::Vector2d d1 = m01_basis.transpose() * element.a_expected + basis.transpose() * (m11 * element.a_dot);
   const Eigen::Matrix<double, 6, 2> rows_n00 = rows * n00, rows_n01 = rows * n01, rows_n11 = rows * n11;
   pose_ += rows_n00 * rows.transpose();
   cross_ += rows_n01 * rows.transpose();

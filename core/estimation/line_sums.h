@@ -74,12 +74,13 @@ class LineEquations {
   Eigen::Vector3d d0_, d1_;
 };
 
-// Contribution of the elements of an arc, which share one displacement (core/estimation/README.md, section 7). An element
-// is short and its events are near it, so that J needs two values on it: J = [A^T b, tau A^T b] at the event's foot on
-// the element. The derivative of a_dot by the pose, of the order of the rotation within a window, is left out.
+// Contribution of the elements of an arc, which share one displacement (core/estimation/README.md, section 7). An
+// element is short and its events are near it, so that J needs two values on it: J = [A^T b, tau A^T b] at the event's
+// foot on the element. The derivative of a_dot by the pose, of the order of the rotation within a window, is left out.
 class ArcEquations {
  public:
-  // Adds an element; `position` and `half_length` of its middle and half its length in the arc, which goes from -1 to 1.
+  // Adds an element; `position` and `half_length` of its middle and half its length in the arc, which goes from -1
+  // to 1.
   void Add(const CameraModel& camera, const LineSums& sums, const ImageLine& element, double scale, double position,
            double half_length);
   // `sigma_px` is that of LineDisplacement, for the ends of the arc; 0: no displacement.
