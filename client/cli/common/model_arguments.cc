@@ -24,7 +24,8 @@ void ModelReadingArguments::AddTo(CLI::App& app, CLI::Option* model) {
         AddOption(app, "--crease-angle", crease_angle_deg,
                   "Least angle, degrees, by which the surface of the model turns at a crease", CLI::Range(0.1, 179.9)),
         AddOption(app, "--surface", surface,
-                  "smooth: the facets of the model approximate a smooth surface; as-is: the object has these facets",
+                  "smooth: the facets of the model approximate a smooth surface; as-is: the object has these facets, "
+                  "and every edge above --crease-angle, which must be small for fine facets, is an edge of the object",
                   CLI::IsMember({kSmooth, kAsIs}))}) {
     if (model != nullptr) option->needs(model);
   }
