@@ -100,10 +100,11 @@ class TenantLimitTest(server.AdversaryTest):
         running = self.serve("--max-model-store-bytes", str(4 << 20), "--max-model-bytes", str(1 << 20),
                              tenants=("alice", "mallory"))
         mallory, alice = client(self, running, "mallory"), client(self, running, "alice")
+        size = (1 << 19) - (1 << 13)  # four of them fit, with what the server derives from each
         for number in range(4):
-            mallory.upload(padded_cube(1 << 19, number))
-        self.assertEqual(refusal(mallory.upload, padded_cube(1 << 19, 4)).reason, "TENANT_QUOTA")
-        alice.upload(padded_cube(1 << 19, 5))
+            mallory.upload(padded_cube(size, number))
+        self.assertEqual(refusal(mallory.upload, padded_cube(size, 4)).reason, "TENANT_QUOTA")
+        alice.upload(padded_cube(size, 5))
 
     def test_watchers(self):
         running = self.serve("--max-streams", "16", tenants=("alice", "mallory"))
