@@ -48,7 +48,8 @@ std::map<RegionShape, int> CountShapes(const RawMesh& mesh) {
   return counts;
 }
 
-// The normals at the corners are outward: within a right angle of that of the triangle, whose winding is outward.
+// Expects that the triangles have outward winding, and that each corner normal differs from the normal of its triangle
+// by less than 90 degrees.
 void ExpectOutward(const RawMesh& mesh) {
   double volume = 0.0;
   for (size_t i = 0; i < mesh.triangles.size(); ++i) {

@@ -21,12 +21,13 @@ struct ModelFile {
   std::vector<std::string> notices;  // for the user: what of the file is not used, and why
 };
 
-// Reads a model file, whose format the extension of its name states. OBJ, PLY and STL are returned as they are, except
-// for an OBJ with images whose edges become lines; the others are converted to kMesh. Units that the file states are
-// converted to metres. Errors have the path: those of ReadFile(); INVALID_ARGUMENT for an unknown extension, a file
-// that is empty, malformed, of another format or too large, and an unknown unit; FAILED_PRECONDITION if the program
-// that converts the format is not installed. `metres_per_unit` is not applied: it is for the notice about an
-// implausible size of a converted file that states no unit (of OBJ, PLY and STL files ParseModelFile() notices it).
+// Reads a model file. The extension of its name determines the format. The bytes of OBJ, PLY and STL files are returned
+// unchanged, except for an OBJ with images: the edges of the images become lines. Other formats are converted to kMesh.
+// Units that the file states are converted to metres. Errors have the path: those of ReadFile(); INVALID_ARGUMENT for
+// an unknown extension, a file that is empty, malformed, of another format or too large, and an unknown unit;
+// FAILED_PRECONDITION if the program that converts the format is not installed. `metres_per_unit` is not applied: it is
+// for the notice about an implausible size of a converted file that states no unit (of OBJ, PLY and STL files
+// ParseModelFile() notices it).
 absl::StatusOr<ModelFile> ReadModelFile(const std::string& path, double metres_per_unit = 1.0);
 
 // Returns the model that a server makes of the file with these options, with the notices of ReadModelFile() before its

@@ -77,7 +77,8 @@ class SceneCollector {
     const auto first = static_cast<uint32_t>(out_.mesh.points.size());
     const Eigen::Matrix3d linear = placed.linear();
     const double determinant = linear.determinant();
-    // Normals are mapped by the inverse transpose, whose multiple by the determinant also exists for flat matrices.
+    // Normals are mapped by the inverse transpose. The matrix of cofactors is a multiple of it, and exists for singular
+    // transforms, too.
     Eigen::Matrix3d cofactors;
     for (int i = 0; i < 3; ++i) cofactors.col(i) = linear.col((i + 1) % 3).cross(linear.col((i + 2) % 3));
     if (determinant < 0.0) cofactors = -cofactors;

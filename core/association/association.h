@@ -105,9 +105,9 @@ struct ImageLine {
   }
 };
 
-// Calls `visit(first, end)` for each straight line, and for each arc: successive elements of a curve whose images turn
-// by at most 45 degrees in total. A longer arc restricts a pose more than one line does. `lines` are the images of
-// `tracked`.
+// Calls `visit(first, end)` for each straight line and for each arc. An arc consists of successive elements of a curve;
+// the direction of their images changes by at most 45 degrees. A longer arc restricts a pose more than one line does.
+// `lines` are the images of `tracked`.
 template <typename Visit>
 void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, const Visit& visit) {
   constexpr double kLeastCosine = 0.7071;

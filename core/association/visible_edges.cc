@@ -23,7 +23,7 @@ constexpr double kChangeRad = 0.005;
 // elements are visible, README, section 5.
 constexpr double kElementChangeRad = 0.026;
 constexpr double kElementChangeOfDistance = 0.02;
-// Steps of the visibility test of a line in a model with many lines, most of which are short.
+// Number of points at which the visibility of a line is tested in a model with many lines. Most of its lines are short.
 constexpr int kFewSamples = 8;
 // Of a model with many lines, at most so many are tested to choose those of a view: hidden ones are among them.
 constexpr size_t kMaxTested = 384;
@@ -241,7 +241,8 @@ void VisibleEdges::ChooseLines(const RigidTransform& camera_from_object) {
     double weight_px = 0.0;
     int line = 0;
   };
-  // An edge between a face that is seen and one that is not is an outline, whose contrast is the highest.
+  // An edge between a visible face and a face that is turned away is part of the outline, which has the highest
+  // contrast.
   constexpr double kOutlineWeight = 2.0;
   const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
   const double focal_px = camera_.MaxFocalPx();

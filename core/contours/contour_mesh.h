@@ -34,8 +34,8 @@ class ContourMesh {
   explicit ContourMesh(const ObjectModel& model);
 
   uint32_t num_regions() const { return num_regions_; }  // curved ones
-  // The contours as seen from `eye`, in the order of the triangles. Segments between successive points whose sagitta is
-  // larger than `max_sagitta_rad` as seen from the eye are divided.
+  // Finds the contours for the camera centre `eye`, in the order of the triangles. A segment between successive points
+  // is divided if its sagitta has an angular size above `max_sagitta_rad` at the camera.
   void FindRims(const Eigen::Vector3d& eye, double max_sagitta_rad, Rims& rims) const;
 
  private:

@@ -15,9 +15,9 @@ namespace {
 constexpr int kOctants = 8;
 // A level is kept while the size of a pixel is beyond its step by less than this factor.
 constexpr double kLevelHysteresis = 1.1;
-// Depth of an object whose centre is not in front of the camera, relative to its diameter.
+// Lower bound of the depth of the object's centre, relative to the diameter, for a centre at or behind the camera.
 constexpr double kLeastDepth = 0.1;
-// The centre of the object is that of the box about as many vertices.
+// Number of vertices whose bounding box determines the centre of the object.
 constexpr size_t kCentreVertices = 64;
 // Candidates that are tested for occlusion, relative to the largest number of elements: bounds the number of rays.
 constexpr size_t kCandidatesPerElement = 4;

@@ -15,7 +15,7 @@ namespace evpose {
 // covariance of pose and twist, so that a fit to the prediction neither moves along it nor spins. The covariance stays
 // positive definite.
 void RemoveFreeMotion(const std::optional<ContinuousSymmetry>& symmetry, MotionState& state);
-// The same for an estimated state, whose pose becomes the equivalent one without spin relative to that of `before`.
+// Does so for an estimated state, and replaces its pose by the equivalent pose that has no spin relative to `before`.
 void RemoveFreeMotion(const std::optional<ContinuousSymmetry>& symmetry, const MotionState& before, MotionState& state);
 
 // Variance, rad^2, of an angle that may have any value, uniformly distributed over one turn: pi^2 / 3.

@@ -248,7 +248,7 @@ class MixtureEstimator : public WindowEstimator {
                            1.0 / options_.events_per_information, hessian, gradient);
   }
   bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
-  // Adds the equations of the elements [first, end) of an arc, whose displacement is marginalised once
+  // Adds the equations of the elements [first, end) of an arc. Their common displacement is marginalised once
   // (core/estimation/README.md, section 7).
   template <typename ScaleOf>
   void AddArc(absl::Span<const TrackedLine> tracked, size_t first, size_t end, double displacement_px,
