@@ -4,10 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <filesystem>
 #include <memory>
 #include <vector>
 
+#include "core/base/temporary_directory.h"
 #include "core/simulation/describe.h"
 #include "core/simulation/objects.h"
 #include "core/simulation/simulator.h"
@@ -89,16 +89,15 @@ TEST(UserModelTest, ModelsWithoutFacesAreRefused) {
 }
 
 TEST(UserModelTest, WritesTheMeshWithoutTheLinesThatWereFoundInIt) {
-  const std::filesystem::path directory = std::filesystem::path(testing::TempDir()) / "user-model";
+  const TemporaryDirectory directory;
   SimulationOptions options = ShortRun();
   options.duration_us = 1000;
-  ASSERT_TRUE(SimulateToDirectory(options, directory.string()).ok());
-  const auto model = LoadObjectModel((directory / "model.obj").string());
+  ASSERT_TRUE(SimulateToDirectory(options, directory.path()).ok());
+  const auto model = LoadObjectModel(directory.File("model.obj"));
   ASSERT_TRUE(model.ok()) << model.status();
   EXPECT_EQ(model->triangles.size(), options.scene.model->triangles.size());
   EXPECT_EQ(model->lines.size(), 12u);
   for (const ModelLine& line : model->lines) EXPECT_EQ(line.face_normals.size(), 2u);
-  std::filesystem::remove_all(directory);
 }
 
 }  // namespace

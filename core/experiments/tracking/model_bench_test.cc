@@ -5,13 +5,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <filesystem>
 #include <numbers>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_format.h"
 #include "core/base/output_file.h"
+#include "core/base/temporary_directory.h"
 
 namespace evpose {
 namespace {
@@ -40,14 +40,8 @@ std::string PrismObj(int sides, double radius_mm, double height_mm) {
 
 class ModelBenchTest : public testing::Test {
  protected:
-  ModelBenchTest() {
-    std::filesystem::remove_all(directory_);
-    std::filesystem::create_directories(directory_);
-  }
-  ~ModelBenchTest() override { std::filesystem::remove_all(directory_); }
-
   BenchModel AddFile(const std::string& name, const std::string& content) const {
-    const std::string path = (directory_ / name).string();
+    const std::string path = directory_.File(name);
     EXPECT_TRUE(WriteFile(path, content).ok());
     return {name, path, 1e-3, ""};
   }
@@ -59,7 +53,8 @@ class ModelBenchTest : public testing::Test {
     return options;
   }
 
-  const std::filesystem::path directory_ = std::filesystem::path(testing::TempDir()) / "evpose-model-bench";
+  // Cases run in parallel processes, so that each has its own directory.
+  const TemporaryDirectory directory_;
 };
 
 TEST_F(ModelBenchTest, KeepsPrismaticModels) {
