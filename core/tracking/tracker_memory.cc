@@ -41,7 +41,7 @@ constexpr uint64_t kSurfaceTriangleBytes = 40;
 constexpr uint64_t kElementTriangleBytes = 200;
 // A cell of 64 x 64 pixels: its page in a grid, and its background rate.
 constexpr uint64_t kCellBytes = 64;
-constexpr uint64_t kPageBytes = 1024;
+constexpr uint64_t kPageBytes = 1280;
 
 // Upper bounds of the lines and elements that a hypothesis sees in a window.
 uint64_t VisibleLinesOf(const ObjectModel& model, const TrackerOptions& options) {
