@@ -261,6 +261,16 @@ def read_json(text):
     return json.loads(text, object_pairs_hook=lambda pairs: {k: float("nan") if v is None else v for k, v in pairs})
 
 
+def cmake_value(name):
+    """The value of a variable of the release build; empty without one."""
+    try:
+        with open(os.path.join(ROOT, "build/release/CMakeCache.txt"), encoding="utf-8") as file:
+            found = re.search(rf"^{name}:\w+=(.*)$", file.read(), re.M)
+    except OSError:
+        return ""
+    return found.group(1) if found else ""
+
+
 class Run:
     """A command, and the sections of the page that its output fills."""
 
@@ -281,8 +291,8 @@ class Run:
 
 
 BENCH = ["evpose", "bench"]
-# Relative to the project, as a command that can be repeated.
-REAL = os.path.join(os.path.relpath(os.environ.get("EVPOSE_SHARED_DATA", os.path.join(ROOT, "../shared/data")), ROOT), "real")
+# Recordings that are not part of the project, in the folder EVPOSE_SHARED_DATA of CMake.
+REAL = os.path.join(cmake_value("EVPOSE_SHARED_DATA"), "real")
 RUNS = [
     Run(BENCH + ["tracking", "--seeds", "1", "--paths", "1", "--estimators", "mixture,static-mm"], [("--duration", "0.2")],
         {"tracking": tracking}),
@@ -340,7 +350,8 @@ def measure(run, sections, is_quick):
     result = run.read(output_of(arguments))
     version = subprocess.run([EVPOSE, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
-    source = f"{kind} with `{' '.join(arguments)}`, {version}, on {machine()}."
+    command = " ".join("DIR" if argument == REAL else argument for argument in arguments)
+    source = f"{kind} with `{command}`, {version}, on {machine()}."
     return {name: f"{source}\n\n{run.sections[name](result)}\n" for name in sections}
 
 
