@@ -81,9 +81,7 @@ PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const
     : model_(std::move(model)), camera_(camera), detector_(std::move(detector)), search_(std::move(search)) {}
 
 bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
-  if (hypothesis.evidence < options_.min_evidence) return false;
-  const double all = hypothesis.evidence + hypothesis.cost;  // the total cost if no segment is explained
-  return hypothesis.evidence >= options_.min_explained_ratio * all || hypothesis.evidence >= options_.sure_evidence;
+  return hypothesis.chance_poses <= options_.max_chance_poses;
 }
 
 FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {

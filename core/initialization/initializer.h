@@ -36,13 +36,9 @@ struct InitializerOptions {
   // Smallest displacement, in pixels, with which a search starts. With a smaller one there are too few events, too
   // close together, to separate lines from noise and to decide which lines are collinear.
   double min_motion_px = 1.0;
-  // Smallest PoseHypothesis::evidence of a pose. Some pose fits any three segments, and a segment contributes at most
-  // PoseSearchOptions::unexplained_cost.
-  double min_evidence = 72.0;
-  // Smallest share of the evidence of all segments that a pose must explain, unless its evidence exceeds that of six
-  // segments: in cluttered views, random poses were observed to gather the evidence of up to four.
-  double min_explained_ratio = 0.5;
-  double sure_evidence = 144.0;  // PoseSearchOptions::unexplained_cost of six segments
+  // Largest PoseHypothesis::chance_poses of a pose: of ten searches in views of clutter alone, one returns a pose. The
+  // events reject it within a few milliseconds (core/tracking/README.md), so that more would cost processor time only.
+  double max_chance_poses = 0.1;
   // Prior of the twist: standard deviation per axis.
   double velocity_px_per_s = 2000.0;        // fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
@@ -71,7 +67,7 @@ class PoseInitializer {
   FirstPoses Find(absl::Span<const PixelEvent> events);
 
  private:
-  // Returns whether a pose has more evidence than random segments would give.
+  // Returns whether random segments hardly give a pose that explains as much.
   bool IsPlausible(const PoseHypothesis& hypothesis) const;
 
   const std::shared_ptr<const ObjectModel> model_;

@@ -47,6 +47,8 @@ struct PoseHypothesis {
   // True if this pose and the best one differ by a near-symmetry (near_symmetries.h). Such a pose is kept regardless of
   // its cost, because the few lines by which the two differ may not have produced events yet.
   bool is_near_symmetric = false;
+  // Expected number of poses that would explain as much if all segments were clutter (chance_poses.h).
+  double chance_poses = 0.0;
 };
 
 // Immutable after construction; deterministic. Keeps the model.

@@ -147,7 +147,8 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   std::shared_ptr<LineDetector> detector;  // of all objects, which search in turn
   if (options.initialization.is_automatic) {
     const LineDetectorFactory& factory = options.initialization.detector_factory;
-    EVPOSE_ASSIGN_OR_RETURN(detector, factory ? factory(sensor) : MakePlaneLineDetector({}, sensor));
+    EVPOSE_ASSIGN_OR_RETURN(
+        detector, factory ? factory(sensor) : MakePlaneLineDetector(PlaneDetectorOptions::ForSensor(sensor), sensor));
   }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {

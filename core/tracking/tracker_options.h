@@ -20,8 +20,9 @@ struct InitializationOptions {
   bool is_automatic = true;
   // Makes the line detector; empty: planes in space and time (plane_detector.h). core/baselines/first_pose has LSD.
   LineDetectorFactory detector_factory;
-  // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels.
-  int64_t memory_us = 200'000;
+  // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels. max_events
+  // bounds them, too.
+  int64_t memory_us = 1'000'000;
   // Events kept per window and in total: bounds memory and time at any event rate.
   int max_window_events = 4096;
   int max_events = 200'000;
