@@ -78,7 +78,7 @@ TEST(EstimateTwist, EqualsThePriorInUnobservedDirections) {
   const InitializerOptions options;
   const TwistEstimate nothing = EstimateTwist(model, kCamera, kPose, detection, numbers, options);
   EXPECT_EQ(nothing.twist.norm(), 0.0);
-  EXPECT_NEAR(std::sqrt(nothing.covariance(5, 5)), options.angular_velocity_rad_per_s, 1e-9);
+  EXPECT_NEAR(std::sqrt(nothing.covariance(5, 5)), options.twist_prior.angular_velocity_rad_per_s, 1e-9);
 
   numbers[0] = 0;
   numbers[1] = 1;

@@ -240,10 +240,12 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
   const FirstPoses first = initializer_->Find(CollectEvents());
   ++report_.attempts;
   report_.num_lines = first.num_lines;
-  const size_t count = std::min<size_t>(first.poses.size(), context_.options.initialization.max_candidates);
+  // Contours leave more poses undecided than lines: as many are taken as are kept at all (Hypotheses).
+  const int max_count = (first.uses_contours ? 2 : 1) * context_.options.initialization.max_candidates;
+  const size_t count = std::min(first.poses.size(), static_cast<size_t>(max_count));
   for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]));
   if (!first.poses.empty()) return InitializationStatus::kVerifying;
-  if (first.num_lines < kMinLines) return InitializationStatus::kTooFewLines;
+  if (first.num_lines < kMinLines && !first.uses_contours) return InitializationStatus::kTooFewLines;
   return first.has_moved ? InitializationStatus::kNoPoseFits : InitializationStatus::kWaitingForEvents;
 }
 

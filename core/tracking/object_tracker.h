@@ -23,8 +23,8 @@ namespace evpose {
 // Follows the hypotheses about one object and publishes at most one pose per window. Not thread-safe.
 class ObjectTracker {
  public:
-  // `initializer` may be null: every pose is then given, because the caller wants it or because the model has too few
-  // straight lines. The pose in `object` is that at the first event.
+  // `initializer` may be null: every pose is then given, because the caller wants it or because no edge of the model is
+  // visible from any side. The pose in `object` is that at the first event.
   ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer, const ObjectToTrack& object);
 
   // Sets the other objects of the stream, which must be alive whenever this one processes a window. Their positions

@@ -22,7 +22,7 @@ enum class InitializationStatus {
   kNoPoseFits,        // lines were detected, but no pose of the model fits them and is supported by the events
   kVerifying,         // a pose, found or given, is being tested against the events
   kAmbiguous,         // two poses explain the events equally well so far
-  kNotSearchable,     // the model has too few straight lines for a search; a pose must be given
+  kNotSearchable,     // no edge of the model is visible from any side; a pose must be given
 };
 std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
 

@@ -98,7 +98,7 @@ std::string WhyThereIsNoPose(const InitializationReport& report) {
     case InitializationStatus::kAmbiguous:
       return "two poses explain the events equally well so far";
     case InitializationStatus::kNotSearchable:
-      return "the model has too few straight lines for a search; give the initial pose, or reset the pose";
+      return "no edge of the model is visible from any side; give the initial pose, or reset the pose";
   }
   return "";
 }

@@ -77,7 +77,7 @@ enum class InitializationStatus {
   kNoPoseFits,        // no pose of the model is consistent with the detected lines and the events
   kVerifying,         // a pose is being tested against the events
   kAmbiguous,         // several poses are equally consistent with the events
-  kNotSearchable,     // the model has too few straight lines for a search; give a pose
+  kNotSearchable,     // no edge of the model is visible from any side; give a pose
 };
 std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
 
