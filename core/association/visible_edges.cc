@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/association/visible_edges.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -23,6 +24,9 @@ constexpr double kChangeRad = 0.005;
 // elements are visible, README, section 5.
 constexpr double kElementChangeRad = 0.026;
 constexpr double kElementChangeOfDistance = 0.02;
+// Pixels by which the rim of a flat face that has turned round lies beside the rim that is still extracted, from which
+// on the elements are extracted again: the standard deviation of events about an edge.
+constexpr double kTurnedFacePx = 0.5;
 // Number of points at which the visibility of a line is tested in a model with many lines. Most of its lines are short.
 constexpr int kFewSamples = 8;
 // Of a model with many lines, at most so many are tested to choose those of a view: hidden ones are among them.
@@ -67,6 +71,61 @@ ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibi
           std::min<uint64_t>(kMaxCurves, std::max<uint64_t>(elements_.num_curves(), model.lines.size())))),
       centre_(BoundingSphereOf(model).centre) {
   for (const EdgeCurve& curve : model.curves) flat_faces_.push_back(FlatFacesOf(curve));
+  face_planes_ = FindFacePlanes();
+}
+
+std::vector<ModelEdges::FacePlane> ModelEdges::FindFacePlanes() const {
+  constexpr double kSamePlane = 1e-3;  // of the normals, and relative to the diameter of the model
+  std::vector<FacePlane> faces;
+  std::vector<Eigen::AlignedBox3d> boxes(model_.surface.regions.size());
+  for (size_t i = 0; i < model_.surface.region_of.size(); ++i) {
+    const uint32_t region = model_.surface.region_of[i];
+    if (!model_.surface.regions[region].is_flat()) continue;
+    for (const uint32_t corner : model_.triangles[i]) boxes[region].extend(model_.vertices[corner]);
+  }
+  for (size_t i = 0; i < boxes.size(); ++i) {
+    const SurfaceRegion& region = model_.surface.regions[i];
+    if (boxes[i].isEmpty()) continue;
+    const Eigen::Vector3d middle = boxes[i].center();
+    faces.push_back(
+        {region.axis, middle - region.axis.dot(middle - region.point) * region.axis, boxes[i].diagonal().norm()});
+  }
+  for (size_t i = 0; i < flat_faces_.size(); ++i) {
+    for (const Eigen::Vector3d& normal : flat_faces_[i].normals) {
+      if (normal.isZero()) continue;
+      Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+      for (const Eigen::Vector3d& point : model_.curves[i].points) {
+        middle += point / static_cast<double>(model_.curves[i].points.size());
+      }
+      faces.push_back({normal, middle, flat_faces_[i].diameter_m});
+    }
+  }
+  std::stable_sort(faces.begin(), faces.end(),
+                   [](const FacePlane& a, const FacePlane& b) { return a.width_m > b.width_m; });
+  constexpr size_t kMaxFaces = 16 * kMaxFacePlanes;  // bounds the time
+  if (faces.size() > kMaxFaces) faces.resize(kMaxFaces);
+  std::vector<FacePlane> planes;
+  for (const FacePlane& face : faces) {
+    if (planes.size() == kMaxFacePlanes) break;
+    const bool is_known = std::any_of(planes.begin(), planes.end(), [&](const FacePlane& plane) {
+      return (plane.normal - face.normal).norm() < kSamePlane &&
+             std::abs(plane.normal.dot(face.point - plane.point)) < kSamePlane * model_.diameter_m;
+    });
+    if (!is_known) planes.push_back(face);
+  }
+  return planes;
+}
+
+bool ModelEdges::IsNarrow(const FacePlane& plane, double distance_m, double focal_px) {
+  return focal_px * plane.width_m * kElementChangeRad < kTurnedFacePx * distance_m;
+}
+
+void ModelEdges::FacingPlanes(const Eigen::Vector3d& eye, double focal_px, std::vector<bool>& facing) const {
+  facing.clear();
+  const double distance_m = (eye - centre_).norm();
+  for (const FacePlane& plane : face_planes_) {
+    facing.push_back(!IsNarrow(plane, distance_m, focal_px) && plane.normal.dot(eye - plane.point) > 0.0);
+  }
 }
 
 ModelEdges::FlatFaces ModelEdges::FlatFacesOf(const EdgeCurve& curve) {
@@ -110,13 +169,18 @@ bool VisibleEdges::ViewChanged(const RigidTransform& camera_from_object) const {
   return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
 }
 
-bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int level) const {
+bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int level) {
   if (!extracted_at_ || level != level_) return true;
   if (Difference(camera_from_object, *extracted_at_).tail<3>().norm() > kElementChangeRad) return true;
-  const Eigen::Vector3d now = camera_from_object.Inverse().translation_m - edges_.centre();
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  const Eigen::Vector3d now = eye - edges_.centre();
   const Eigen::Vector3d then = extracted_at_->Inverse().translation_m - edges_.centre();
-  return SineBetween(now, then) > kElementChangeRad ||
-         std::abs(now.norm() - then.norm()) > kElementChangeOfDistance * then.norm();
+  if (SineBetween(now, then) > kElementChangeRad ||
+      std::abs(now.norm() - then.norm()) > kElementChangeOfDistance * then.norm()) {
+    return true;
+  }
+  edges_.FacingPlanes(eye, camera_.MaxFocalPx(), facing_planes_now_);
+  return facing_planes_now_ != facing_planes_;
 }
 
 void VisibleEdges::FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const {
@@ -189,6 +253,7 @@ void VisibleEdges::ExtractAt(const RigidTransform& camera_from_object, int level
     return edges_.CurveOf(a.curve) < edges_.CurveOf(b.curve);
   });
   const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  edges_.FacingPlanes(eye, camera_.MaxFocalPx(), facing_planes_);
   for (EdgeElement& element : elements_) {
     if (element.kind != EdgeKind::kContour) continue;
     // The outward normal of the surface is the side on which the distance is positive.

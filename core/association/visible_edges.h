@@ -46,6 +46,21 @@ class ModelEdges {
   // Upper bounds of the image widths of the faces beside a curve, TrackedLine::narrowest_face_px. `to_eye` is the
   // vector from the element to the camera centre, object frame. Infinite for contours and beside curved faces.
   double NarrowestFacePx(uint32_t curve, const Eigen::Vector3d& to_eye, double focal_px) const;
+  // A plane with flat faces of a model that has curved edges or surfaces.
+  struct FacePlane {
+    Eigen::Vector3d normal;  // outward, unit
+    Eigen::Vector3d point;   // the middle of its widest face
+    double width_m = 0.0;    // of this face
+  };
+  // The widest face first, at most kMaxFacePlanes.
+  const std::vector<FacePlane>& face_planes() const { return face_planes_; }
+  static constexpr size_t kMaxFacePlanes = 256;
+  // Whether the faces of the plane are so small in the image that the elements of both sides of a face seen nearly
+  // edge-on hardly differ until the next extraction.
+  static bool IsNarrow(const FacePlane& plane, double distance_m, double focal_px);
+  // For each of face_planes(): whether the outer side faces the camera centre `eye` (object frame), false where it is
+  // narrow.
+  void FacingPlanes(const Eigen::Vector3d& eye, double focal_px, std::vector<bool>& facing) const;
   // Centre of the object, object frame.
   const Eigen::Vector3d& centre() const { return centre_; }
 
@@ -56,6 +71,7 @@ class ModelEdges {
     double diameter_m = 0.0;
   };
   static FlatFaces FlatFacesOf(const EdgeCurve& curve);
+  std::vector<FacePlane> FindFacePlanes() const;
 
   const ObjectModel& model_;
   const VisibilityTester visibility_;
@@ -63,6 +79,7 @@ class ModelEdges {
   std::vector<int> lines_;
   int num_curves_ = 0;
   std::vector<FlatFaces> flat_faces_;  // of ObjectModel::curves
+  std::vector<FacePlane> face_planes_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
 };
 
@@ -89,8 +106,9 @@ class VisibleEdges {
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // Extracts the elements at the pose, and chooses the straight lines of a model that has many.
   void ExtractAt(const RigidTransform& camera_from_object, int level);
-  // Whether the elements must be extracted again at this pose and level.
-  bool ElementsChanged(const RigidTransform& camera_from_object, int level) const;
+  // Whether the elements must be extracted again at this pose and level: the view has changed, or a flat face has turned
+  // (README, section 5).
+  bool ElementsChanged(const RigidTransform& camera_from_object, int level);
   void ChooseLines(const RigidTransform& camera_from_object);
   // Sets TrackedLine::previous and next of the elements.
   void FindNeighbours(const RigidTransform& camera_from_object);
@@ -109,6 +127,8 @@ class VisibleEdges {
   std::vector<int> chosen_;                     // straight lines that are tested
   std::vector<bool> facing_;
   std::vector<bool> facing_now_;
+  std::vector<bool> facing_planes_;  // at the last extraction
+  std::vector<bool> facing_planes_now_;
   std::vector<VisibleSegment> segments_;
   std::vector<EdgeElement> elements_;  // as extracted, by TrackedLine::curve
   std::vector<TrackedLine> joined_;    // of elements_; previous and next are indices into joined_

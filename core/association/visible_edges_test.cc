@@ -224,5 +224,44 @@ TEST(VisibleEdges, AFlatCapSeenEdgeOnIsNarrow) {
   EXPECT_TRUE(std::isinf(edges.NarrowestFacePx(contour, {0.5, 0.0, 0.0}, 600.0)));
 }
 
+// The camera looks at the upper cap from that angle above its plane.
+RigidTransform AboveCap(double angle_rad) {
+  const Eigen::Vector3d cap(0.0, 0.0, 0.05), right(0.0, 1.0, 0.0);
+  const Eigen::Vector3d forward = -Eigen::Vector3d(std::cos(angle_rad), 0.0, std::sin(angle_rad));
+  RigidTransform object_from_camera;
+  object_from_camera.rotation << right, forward.cross(right), forward;
+  object_from_camera.translation_m = cap - 0.5 * forward;
+  return object_from_camera.Inverse();
+}
+
+TEST(VisibleEdges, TheRimOfAFaceThatTurnsIsExtractedAgain) {
+  const ObjectModel cylinder = CylinderModel(0.05, 0.04, 64);
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  const ModelEdges edges(cylinder, TrackerOptions().visibility, {});
+  ASSERT_EQ(edges.face_planes().size(), 2u);
+  VisibleEdges visible(camera, edges), fresh(camera, edges);
+  // The far side of the rim appears at once, although the view has changed by 0.2 degrees only.
+  const absl::Span<const TrackedLine> before = visible.At(AboveCap(-0.003));
+  const std::vector<TrackedLine> near_side(before.begin(), before.end());
+  const absl::Span<const TrackedLine> after = visible.At(AboveCap(0.001)), expected = fresh.At(AboveCap(0.001));
+  ASSERT_EQ(after.size(), expected.size());
+  for (size_t k = 0; k < after.size(); ++k) EXPECT_EQ(after[k].p1, expected[k].p1) << k;
+  const auto farthest = [](absl::Span<const TrackedLine> lines) {
+    double x_m = 1.0;  // the camera is at positive x
+    for (const TrackedLine& line : lines) {
+      if (line.kind == EdgeKind::kCrease && line.p1.z() > 0.04) x_m = std::min(x_m, line.p1.x());
+    }
+    return x_m;
+  };
+  EXPECT_GT(farthest(near_side), -0.01);
+  EXPECT_LT(farthest(after), -0.03);
+  // The caps of a cylinder that is 10 px wide are too small for a difference.
+  std::vector<bool> facing;
+  edges.FacingPlanes({0.5, 0.0, 0.2}, 60.0, facing);
+  EXPECT_EQ(facing, std::vector<bool>({false, false}));
+  edges.FacingPlanes({0.5, 0.0, 0.2}, 600.0, facing);
+  EXPECT_EQ(std::count(facing.begin(), facing.end(), true), 1);
+}
+
 }  // namespace
 }  // namespace evpose

@@ -60,7 +60,7 @@ class MixtureEstimator : public WindowEstimator {
 
     MotionState state = predicted;
     AssignDefaults(input.lines.size(), flicker_biases_px_);
-    Project(state, input);
+    StartFrom(predicted, input);
     const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
     MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
     double annealed_px2 = spread_px * spread_px;
@@ -129,7 +129,7 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
+           final_gate_px, moved_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
            edge_bias, clutter] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
             InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
@@ -189,8 +189,29 @@ class MixtureEstimator : public WindowEstimator {
     const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
     return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
   }
-  void Project(const MotionState& state, const WindowInput& input) {
-    ProjectLines(camera_, state, input.lines, lines_);
+  // Sets the lines of the first pass.
+  void StartFrom(const MotionState& predicted, const WindowInput& input) {
+    lines_.clear();
+    for (const ImageLine& line : input.image_lines) lines_.push_back(line);
+    if (input.image_lines.empty()) ProjectLines(camera_, predicted, input.lines, lines_);
+    moved_px_ = 0.0;
+    CompleteLines(predicted, input);
+  }
+  // Moves the lines to `state` after a step of the pose that moves them by at most `step_px`.
+  void MoveTo(const MotionState& state, const Vector6d& pose_change, double step_px, const WindowInput& input) {
+    // The images of elements are projected again after they moved by more. The term of second order is then about 0.5^2
+    // / (2 r) for a rotation about a point at r pixels: 0.003 px for 50 px.
+    constexpr double kLinearPx = 0.5;
+    moved_px_ += step_px;
+    if (moved_px_ <= kLinearPx) {
+      MoveLines(camera_, state, pose_change, input.lines, absl::MakeSpan(lines_));
+    } else {
+      ProjectLines(camera_, state, input.lines, lines_);
+      moved_px_ = 0.0;
+    }
+    CompleteLines(state, input);
+  }
+  void CompleteLines(const MotionState& state, const WindowInput& input) {
     ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
     edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
     for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flicker_biases_px_[k];
@@ -212,7 +233,7 @@ class MixtureEstimator : public WindowEstimator {
       if (!dx.allFinite()) break;
       const double step_px = MovementPx(dx, input.duration_s);
       state = Plus(state, dx);
-      Project(state, input);
+      MoveTo(state, dx.head<6>(), step_px, input);
       moved_px = std::max(moved_px, step_px);
       if (step_px < kLinearPx) break;
     }
@@ -301,6 +322,7 @@ class MixtureEstimator : public WindowEstimator {
   // Background events of the window that are attributed to a line, per pixel of its length.
   double noise_per_px_ = 0.0;
   double final_gate_px_ = 0.0;  // of the last pass of the last fit
+  double moved_px_ = 0.0;       // by which lines_ moved since all of them were projected
   MixturePass pass_;
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;

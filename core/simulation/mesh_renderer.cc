@@ -51,6 +51,30 @@ MeshRenderer::MeshRenderer(const ObjectModel& model, const SceneOptions& options
     triangles_[corner / 3][corner % 3] = static_cast<uint32_t>(vertices_.size() - 1);
   }
   screen_.resize(vertices_.size());
+  FindEdges();
+}
+
+void MeshRenderer::FindEdges() {
+  std::vector<Edge> sides;
+  for (uint32_t t = 0; t < triangles_.size(); ++t) {
+    for (int k = 0; k < 3; ++k) {
+      const uint32_t a = triangles_[t][k], b = triangles_[t][(k + 1) % 3];
+      sides.push_back({{std::min(a, b), std::max(a, b)}, {t, kNoTriangle}});
+    }
+  }
+  std::sort(sides.begin(), sides.end(),
+            [](const Edge& a, const Edge& b) { return std::tie(a.ends, a.triangles) < std::tie(b.ends, b.triangles); });
+  for (size_t i = 0; i < sides.size();) {
+    size_t end = i + 1;
+    while (end < sides.size() && sides[end].ends == sides[i].ends) ++end;
+    if (end - i == 2) {
+      edges_.push_back({sides[i].ends, {sides[i].triangles[0], sides[i + 1].triangles[0]}});
+    } else {
+      edges_.insert(edges_.end(), sides.begin() + static_cast<std::ptrdiff_t>(i),
+                    sides.begin() + static_cast<std::ptrdiff_t>(end));
+    }
+    i = end;
+  }
 }
 
 // Equation (8) of the README.
@@ -81,15 +105,24 @@ PixelRect MeshRenderer::Render(const RigidTransform& camera_from_object, double 
   }
   const Vector2d corners[] = {low, high};
   const PixelRect rect = BoundingRect(corners).Intersection({0, 0, camera_.width_px, camera_.height_px});
-  rasterizer_.Begin(rect);
-  for (const auto& [i, j, k] : triangles_) {
-    const ScreenVertex &a = screen_[i], &b = screen_[j], &c = screen_[k];
-    const Vector2d u = b.point_px - a.point_px;
-    const Vector2d v = c.point_px - a.point_px;
+  seen_triangles_.clear();
+  faces_camera_.clear();
+  for (const std::array<uint32_t, 3>& triangle : triangles_) {
+    const Vector2d a = screen_[triangle[0]].point_px;
+    const Vector2d u = screen_[triangle[1]].point_px - a;
+    const Vector2d v = screen_[triangle[2]].point_px - a;
+    faces_camera_.push_back(u.x() * v.y() - u.y() * v.x() < 0.0);
     // The inside of a closed surface is never seen.
-    if (is_closed_ && u.x() * v.y() - u.y() * v.x() >= 0.0) continue;
-    rasterizer_.AddTriangle({&a, &b, &c});
+    if (faces_camera_.back() || !is_closed_) seen_triangles_.push_back(triangle);
   }
+  seen_edges_.clear();
+  for (const Edge& edge : edges_) {
+    const bool first = faces_camera_[edge.triangles[0]];
+    const bool is_crease = edge.triangles[1] == kNoTriangle;
+    const bool is_seen = is_crease ? first || !is_closed_ : first != faces_camera_[edge.triangles[1]];
+    if (is_seen) seen_edges_.push_back(edge.ends);
+  }
+  rasterizer_.Render(rect, {screen_, seen_triangles_, seen_edges_});
   return rect;
 }
 

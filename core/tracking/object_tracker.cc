@@ -256,22 +256,25 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
   const FirstPoses first = initializer_->Find(events);
   ++report_.attempts;
   report_.num_lines = first.num_lines;
-  const size_t count = std::min<size_t>(first.poses.size(), context_.options.initialization.max_candidates);
+  // Contours leave more poses undecided than lines: as many are taken as are kept at all (Hypotheses).
+  const int max_count = (first.uses_contours ? 2 : 1) * context_.options.initialization.max_candidates;
+  const size_t count = std::min(first.poses.size(), static_cast<size_t>(max_count));
   for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]));
   if (!first.poses.empty()) {
     ++report_.searches.poses_found;
     return InitializationStatus::kVerifying;
   }
-  if (first.num_lines < kMinLines) return WhyTooFewLines(events);
-  if (first.has_moved) {
+  const bool has_lines = first.num_lines >= kMinLines;
+  if (first.has_moved && (has_lines || first.uses_contours)) {
     ++report_.searches.no_pose_fits;
     return InitializationStatus::kNoPoseFits;
   }
+  if (!has_lines) return WhyTooFewLines(events, first.uses_contours);
   ++report_.searches.not_enough_motion;
   return InitializationStatus::kNotEnoughMotion;
 }
 
-InitializationStatus ObjectTracker::WhyTooFewLines(absl::Span<const PixelEvent> events) {
+InitializationStatus ObjectTracker::WhyTooFewLines(absl::Span<const PixelEvent> events, bool uses_contours) {
   report_.extent_px = EventExtentPx(events, context_.camera.width_px, context_.camera.height_px);
   if (report_.extent_px == 0) {
     ++report_.searches.no_signal;
@@ -280,6 +283,11 @@ InitializationStatus ObjectTracker::WhyTooFewLines(absl::Span<const PixelEvent> 
   if (report_.extent_px < kMinSearchExtentPx) {
     ++report_.searches.too_small;
     return InitializationStatus::kTooSmall;
+  }
+  if (uses_contours) {
+    // The search for contours needs no lines, but motion.
+    ++report_.searches.not_enough_motion;
+    return InitializationStatus::kNotEnoughMotion;
   }
   ++report_.searches.too_few_lines;
   return InitializationStatus::kTooFewLines;

@@ -24,8 +24,8 @@ namespace evpose {
 // Follows the hypotheses about one object and publishes at most one pose per window. Not thread-safe.
 class ObjectTracker {
  public:
-  // `initializer` may be null: every pose is then given, because the caller wants it or because the model has too few
-  // straight lines. The pose in `object` is that at the first event.
+  // `initializer` may be null: every pose is then given, because the caller wants it or because no edge of the model is
+  // visible from any side. The pose in `object` is that at the first event.
   ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer, const ObjectToTrack& object);
 
   // Sets the other objects of the stream, which must be alive whenever this one processes a window. Their positions
@@ -94,8 +94,8 @@ class ObjectTracker {
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
   // none, and counts the result.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
-  // The reason why `events` have too few lines for a search; counts it.
-  InitializationStatus WhyTooFewLines(absl::Span<const PixelEvent> events);
+  // The reason why `events` have too few lines, and too little motion for a search that uses contours; counts it.
+  InitializationStatus WhyTooFewLines(absl::Span<const PixelEvent> events, bool uses_contours);
   // Returns the stored events, undistorted. Not kept between searches, because the objects of a stream search in turn.
   std::vector<PixelEvent> CollectEvents();
   // Returns the pose to which a found pose is compared: among the poses that are equal by the symmetry of the object,

@@ -27,8 +27,8 @@ enum class InitializationStatus {
   kNoPoseFits,        // lines were detected, but no pose of the model fits them
   kVerifying,         // a pose, found or given, is being tested against the events
   kAmbiguous,         // several poses explain the events equally well so far
-  kNotSearchable,     // the model has too few straight lines for a search; a pose must be given
-  kNotEnoughMotion,   // lines were detected, but they moved by less than a pixel
+  kNotSearchable,     // no edge of the model is visible from any side; a pose must be given
+  kNotEnoughMotion,   // edges were detected, but they moved by less than a pixel
   kTooSmall,          // fewer than three lines were detected, and the events lie in a region too small for them
   kNotSupported,      // a pose was found or given, and the events do not support it
 };

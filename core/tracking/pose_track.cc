@@ -295,6 +295,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   };
   static_cast<AssociatedEvents&>(input) =
       associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), competing);
+  input.image_lines = image_lines_;
   Remember(input);
   return input;
 }

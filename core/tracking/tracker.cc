@@ -10,6 +10,7 @@
 #include "core/base/yield_point.h"
 #include "core/detection/plane_detector.h"
 #include "core/initialization/initializer.h"
+#include "core/initialization/templates/template_model.h"
 #include "core/tracking/object_tracker.h"
 #include "core/tracking/tracker_options.h"
 
@@ -92,13 +93,23 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
-// Returns null for a model that is tracked from given poses only, because its lines determine none.
+// Returns null for a model that is tracked from given poses only, because no edge is visible in its views.
 absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
                                                                  std::shared_ptr<LineDetector> detector) {
-  if (!IsSearchable(*object.model) && HasCurvedEdges(*object.model)) return std::unique_ptr<PoseInitializer>();
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search,
-                          MakePoseSearch(object.model, camera, {}, object.search_model));
-  return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search));
+  const bool has_curves = HasCurvedEdges(*object.model);
+  std::unique_ptr<PoseSearch> search;
+  if (IsSearchable(*object.model) || !has_curves) {
+    EVPOSE_ASSIGN_OR_RETURN(search, MakePoseSearch(object.model, camera, {}, object.search_model));
+  }
+  std::unique_ptr<TemplateSearch> templates;
+  if (has_curves) {
+    const auto views =
+        object.template_model != nullptr ? object.template_model : std::make_shared<const TemplateModel>(object.model);
+    if (views->num_coarse() > 0) templates = std::make_unique<TemplateSearch>(views, camera);
+  }
+  if (search == nullptr && templates == nullptr) return std::unique_ptr<PoseInitializer>();
+  return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search),
+                                           std::move(templates));
 }
 
 }  // namespace
@@ -167,7 +178,8 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   std::shared_ptr<LineDetector> detector;  // of all objects, which search in turn
   if (options.initialization.is_automatic) {
     const LineDetectorFactory& factory = options.initialization.detector_factory;
-    EVPOSE_ASSIGN_OR_RETURN(detector, factory ? factory(sensor) : MakePlaneLineDetector({}, sensor));
+    EVPOSE_ASSIGN_OR_RETURN(
+        detector, factory ? factory(sensor) : MakePlaneLineDetector(PlaneDetectorOptions::ForSensor(sensor), sensor));
   }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {

@@ -259,6 +259,25 @@ TEST(TrackerInitialization, TheEndHasTheResultOfMostSearches) {
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kTooFewLines);
 }
 
+TEST(TrackerInitialization, AModelWithoutVisibleEdgesNeedsAGivenPose) {
+  // Two arcs that are shorter than a pixel in any image that shows both.
+  ObjectModel model;
+  for (const double x : {-0.5, 0.5}) {
+    EdgeCurve curve;
+    curve.points = {{x, 0.0, 0.0}, {x, 0.0002, 0.0}, {x, 0.0003, 0.0002}};
+    curve.face_normals.resize(2, {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()});
+    model.vertices.insert(model.vertices.end(), curve.points.begin(), curve.points.end());
+    model.curves.push_back(curve);
+  }
+  model.diameter_m = 1.0;
+  auto tracker = MakeTracker(IdealSensor(), std::make_shared<const ObjectModel>(model));
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(Noise(200e3, 0, 20'000), estimates);
+  tracker->Finish(estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotSearchable);
+  EXPECT_EQ(tracker->initialization().attempts, 0u);
+}
+
 TEST(MostFrequentResult, IsTheOneThatCameNearestToAPoseAmongEqualCounts) {
   EXPECT_EQ(MostFrequentResult({}), InitializationStatus::kWaitingForEvents);
   EXPECT_EQ(MostFrequentResult({.no_signal = 2, .too_small = 3}), InitializationStatus::kTooSmall);

@@ -20,8 +20,9 @@ struct InitializationOptions {
   bool is_automatic = true;
   // Makes the line detector; empty: planes in space and time (plane_detector.h). core/baselines/first_pose has LSD.
   LineDetectorFactory detector_factory;
-  // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels.
-  int64_t memory_us = 200'000;
+  // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels. max_events
+  // bounds them, too.
+  int64_t memory_us = 1'000'000;
   // Events kept per window and in total: bounds memory and time at any event rate.
   int max_window_events = 4096;
   int max_events = 200'000;
@@ -50,7 +51,7 @@ struct InitializationOptions {
   double merge_rad = 0.02;
   double merge_depth_ratio = 0.01;
   // Microseconds after which the best of several competing hypotheses is published, as AMBIGUOUS and with the others as
-  // alternatives: as long as a search remembers events, so that waiting would add no older evidence.
+  // alternatives. Most poses that the events tell apart at all have been told apart by then.
   int64_t undecided_us = 200'000;
 
   absl::Status Validate() const;

@@ -72,6 +72,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
                               "bench",
                               "bench initialization",
                               "bench models",
+                              "bench real",
                               "bench synthetic",
                               "bench tracking",
                               "calibrate",

@@ -5,7 +5,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <string>
 #include <vector>
 
@@ -53,6 +52,13 @@ class EndReportTest : public CliTest {
       truth += TumLine({t_us, motion(static_cast<double>(t_us) * 1e-6)}) + "\n";
     }
     WriteText("truth.tum", truth);
+  }
+
+  // The pose of the first line of a TUM file, as an argument.
+  std::string FirstPoseOf(const std::string& file) const {
+    const std::string text = ReadText(file);
+    const size_t begin = text.find(' ') + 1;
+    return text.substr(begin, text.find('\n') - begin);
   }
 
   CliResult Replay(const std::string& out, const std::vector<std::string>& more = {"--json"}) const {
@@ -152,33 +158,17 @@ TEST_F(EndReportTest, AnObjectThatLeavesTheImage) {
               ContainsRegex("lost at 0\\.[0-9]+ s because the object left the image"));
 }
 
-// A part of a helix, which has no straight line.
-ObjectModel Helix() {
-  ObjectModel model;
-  EdgeCurve curve;
-  for (int k = 0; k <= 40; ++k) {
-    const double angle_rad = 0.1 * k;
-    curve.points.push_back({0.1 * std::cos(angle_rad), 0.1 * std::sin(angle_rad), 0.01 * angle_rad});
-  }
-  curve.face_normals.resize(curve.points.size() - 1, {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()});
-  model.vertices = curve.points;
-  model.diameter_m = 0.2;
-  model.curves.push_back(curve);
-  return model;
-}
-
-TEST_F(EndReportTest, AModelThatIsNotSearchableWithAndWithoutAGivenPose) {
-  Record(Helix(), kVga, ConstantTwist(MakePose({0.0, 0.0, 0.6}, {0, 0, 0}), TwistOf(0.3, 0, 0, 0, 0, 0)),
-         {.duration_us = 60'000});
-  const CliResult without = Replay("poses.csv", {});
-  EXPECT_EQ(without.status, 1);
-  EXPECT_THAT(without.out, HasSubstr("no pose found: the model has too few straight lines"));
-  // A pose beside the object.
-  const CliResult wrong = Replay("poses.csv", {"--json", "--init-pose", "0.05 0.03 0.6 0 0 0.3826834 0.9238795"});
-  EXPECT_EQ(wrong.status, 1);
-  EXPECT_EQ(wrong.Json()["state"], "LOST");
-  EXPECT_EQ(wrong.Json()["poses"], 0);
-  EXPECT_THAT(std::string(wrong.Json()["detail"]), ContainsRegex("lost at 0\\.[0-9]+ s because the "));
+TEST_F(EndReportTest, AGivenPoseThatIsStillTestedAtTheEnd) {
+  Record(*MakeCube(0.15), kVga,
+         ConstantTwist(MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2}), TwistOf(0.3, 0.15, 0.05, 0.5, 0.3, 0.6)),
+         {.duration_us = 1000});
+  const CliResult replay = Replay("poses.csv", {"--json", "--init-pose", FirstPoseOf("truth.tum")});
+  EXPECT_EQ(replay.status, 1);
+  EXPECT_EQ(replay.Json()["state"], "LOST");
+  EXPECT_EQ(replay.Json()["loss_cause"], "UNCONFIRMED");
+  EXPECT_THAT(
+      std::string(replay.Json()["detail"]),
+      ContainsRegex("lost at 0\\.[0-9]+ s because the stream ended before the events confirmed the given pose"));
 }
 
 }  // namespace

@@ -157,14 +157,6 @@ std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummar
                         "there, the pose follows from the predicted motion and becomes inaccurate within a short time",
                         summary.num_unobservable, num_views, kUnobservablePx));
   }
-  // TrackerOptions: the line search needs three directions.
-  constexpr size_t kMinLines = 3;
-  if (inspection.model.lines.size() < kMinLines) {
-    warnings.push_back(
-        absl::StrFormat("the model has %d straight lines; the search for a first pose needs at least %d, so give the "
-                        "pose with --init-pose",
-                        inspection.model.lines.size(), kMinLines));
-  }
   return warnings;
 }
 

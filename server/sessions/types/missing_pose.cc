@@ -24,7 +24,7 @@ std::string ListSearches(const SearchCounts& searches) {
       {searches.too_small, "with the events in too small a region"},
       {searches.too_few_lines, "with fewer than three lines"},
       {searches.not_enough_motion, "without enough motion"},
-      {searches.no_pose_fits, "without a pose that fits the lines"},
+      {searches.no_pose_fits, "without a pose that fits the edges"},
       {searches.poses_found, "with poses that the events did not support"},
   };
   std::vector<std::string> parts;
@@ -49,10 +49,10 @@ std::string ExplainStatus(const InitializationReport& report) {
       return absl::StrCat("too few lines in the events: ", report.num_lines,
                           ", and three are needed; an object at rest produces none");
     case InitializationStatus::kNotEnoughMotion:
-      return "not enough motion: the lines in the events move by less than a pixel";
+      return "not enough motion: the edges in the events move by less than a pixel";
     case InitializationStatus::kNoPoseFits:
-      return absl::StrCat("no pose fits the ", report.num_lines,
-                          " lines in the events (searches so far: ", report.attempts,
+      return absl::StrCat("no pose fits the edges in the events (lines: ", report.num_lines,
+                          ", searches so far: ", report.attempts,
                           "); are the model, its scale and the camera the right ones?");
     case InitializationStatus::kNotSupported:
       if (report.attempts == 0) return "the events do not support the pose that was given";
@@ -63,7 +63,7 @@ std::string ExplainStatus(const InitializationReport& report) {
     case InitializationStatus::kAmbiguous:
       return absl::StrCat("ambiguous: ", report.num_poses, " poses explain the events equally well so far");
     case InitializationStatus::kNotSearchable:
-      return "the model has too few straight lines for a search; give the initial pose, or reset the pose";
+      return "no edge of the model is visible from any side; give the initial pose, or reset the pose";
   }
   return "";
 }

@@ -39,7 +39,7 @@ TEST(MissingPoseTest, DifferentResultsOfSearchesAreListed) {
   EXPECT_THAT(ExplainMissingPose(object), Not(HasSubstr("searches")));
   object.initialization.searches.no_pose_fits = 3;
   EXPECT_THAT(ExplainMissingPose(object),
-              HasSubstr("(of 12 searches, 9 with fewer than three lines, 3 without a pose that fits the lines)"));
+              HasSubstr("(of 12 searches, 9 with fewer than three lines, 3 without a pose that fits the edges)"));
 }
 
 TEST(MissingPoseTest, AnAmbiguousObjectHasTheNumberOfPoses) {

@@ -77,7 +77,7 @@ enum class InitializationStatus {
   kNoPoseFits,        // no pose of the model fits the detected lines
   kVerifying,         // a pose is being tested against the events
   kAmbiguous,         // several poses are equally consistent with the events
-  kNotSearchable,     // the model has too few straight lines for a search; give a pose
+  kNotSearchable,     // no edge of the model is visible from any side; give a pose
   kNotEnoughMotion,   // the detected lines moved by less than a pixel
   kTooSmall,          // fewer than three lines, and the region with the events is too small for them
   kNotSupported,      // a pose was found or given, and the events do not support it
