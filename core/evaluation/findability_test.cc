@@ -51,7 +51,8 @@ TEST(Findability, ACubeIsFoundFromAllSidesAndHasNoTwin) {
 // Median over the views of the share of differing edges of the most similar twin.
 double MedianOfLeastShares(const ObjectModel& model) {
   std::vector<double> least;
-  for (const ViewFindability& view : PredictFindability(model, kFindCamera).value()) {
+  const std::vector<ViewFindability> views = PredictFindability(model, kFindCamera).value();
+  for (const ViewFindability& view : views) {
     EXPECT_EQ(view.twins.size(), 3u);
     double share = 1.0;
     for (const HalfTurnTwin& twin : view.twins) {
@@ -77,7 +78,8 @@ TEST(Findability, ANearlySymmetricBoxIsConfusedWithItsHalfTurns) {
 TEST(Findability, AViewWithoutEnoughEdgesHasNoSmallestSize) {
   // Two parallel lines do not determine a pose from any side.
   const ObjectModel model = FindModel("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nl 1 2\nl 3 4\n");
-  for (const ViewFindability& view : PredictFindability(model, kFindCamera).value()) {
+  const std::vector<ViewFindability> views = PredictFindability(model, kFindCamera).value();
+  for (const ViewFindability& view : views) {
     EXPECT_TRUE(std::isinf(view.smallest_px));
   }
 }

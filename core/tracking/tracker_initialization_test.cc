@@ -162,17 +162,17 @@ TEST(TrackerInitialization, WaitsWhileNothingMoves) {
   auto tracker = MakeTracker(IdealSensor());
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
   std::vector<PoseEstimate> estimates;
-  tracker->AddEvents(Noise(1000.0, 0, 500'000), estimates);
+  tracker->AddEvents(Noise(500.0, 0, 500'000), estimates);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
   EXPECT_EQ(tracker->initialization().attempts, 0u);
 
-  // A cube that moves by less than a pixel during the whole memory of the search.
+  // A cube that moves by a third of a pixel in all.
   IdealEventOptions creeping;
   creeping.duration_us = 300'000;
   creeping.events_per_px2 = 10.0;
   creeping.clutter_per_s = 1000.0;
   creeping.t_begin_us = 500'000;
-  const Motion creep = ConstantTwist(kStart, Twist(0.003, 0.002, 0.0, 0.0, 0.0, 0.002));
+  const Motion creep = ConstantTwist(kStart, Twist(0.001, 0.0007, 0.0, 0.0, 0.0, 0.0007));
   tracker->AddEvents(MakeIdealEvents(*MakeCube(0.15), kCamera, creep, creeping), estimates);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotEnoughMotion);
   EXPECT_GT(tracker->initialization().searches.not_enough_motion, 0u);
@@ -253,7 +253,8 @@ TEST(TrackerInitialization, TheEndHasTheResultOfMostSearches) {
   const Motion motion = ConstantTwist(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), Twist(0.1, -0.3, 0, 0, 0, 0));
   std::vector<PoseEstimate> estimates;
   tracker->AddEvents(MakeIdealEvents(line, kCamera, motion, options), estimates);
-  tracker->AddEvents(Noise(500.0, 200'000, 600'000), estimates);
+  // Longer than InitializationOptions::memory_us.
+  tracker->AddEvents(Noise(200.0, 200'000, 1'600'000), estimates);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
   tracker->Finish(estimates);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kTooFewLines);

@@ -138,7 +138,7 @@ TEST_F(EndReportTest, NoiseAlone) {
 
 TEST_F(EndReportTest, AnObjectThatHardlyMoves) {
   Record(*MakeCube(0.15), kVga,
-         ConstantTwist(MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2}), TwistOf(0.003, 0.002, 0, 0, 0, 0.002)),
+         ConstantTwist(MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2}), TwistOf(0.001, 0.0007, 0, 0, 0, 0.0007)),
          {.events_per_px2 = 10.0, .clutter_per_s = 1000.0, .duration_us = 300'000});
   const CliResult replay = Replay("poses.csv", {});
   EXPECT_EQ(replay.status, 1);
