@@ -10,6 +10,7 @@
 #include <optional>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/association/competitors.h"
 #include "core/initialization/initializer.h"
 #include "core/tracking/hypotheses.h"
@@ -51,7 +52,7 @@ class ObjectTracker {
   double ImageSpeedPxPerS() const;
 
   TrackState state() const;
-  InitializationReport initialization() const { return report_; }
+  InitializationReport initialization() const;
   uint32_t losses() const { return losses_; }
 
   // To be called between windows. LoadState() requires the same object, camera and options; after a failure
@@ -91,8 +92,10 @@ class ObjectTracker {
   bool MaySearchAgain() const;
   void SearchAgain(const EventWindow& window);
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
-  // none.
+  // none, and counts the result.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
+  // The reason, if it is the region of the events, why `events` have too few edges for a search; counts it.
+  std::optional<InitializationStatus> WhyTooFewEdges(absl::Span<const PixelEvent> events);
   // Returns the stored events, undistorted. Not kept between searches, because the objects of a stream search in turn.
   std::vector<PixelEvent> CollectEvents();
   // Returns the pose to which a found pose is compared: among the poses that are equal by the symmetry of the object,
@@ -101,7 +104,7 @@ class ObjectTracker {
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
   // To be called when a published or given pose is rejected.
-  void CountLoss();
+  void CountLoss(LossCause cause);
   // Applies the transition function and reports the transition. No other function changes the phase.
   void Enter(ObjectInput input);
 
@@ -125,7 +128,7 @@ class ObjectTracker {
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;
   ObjectPhase phase_ = ObjectPhase::kSearching;
-  int64_t now_us_ = 0;  // end of the latest window or gap, for the reports of transitions only
+  int64_t now_us_ = 0;  // end of the latest window or gap, for the reports of transitions and losses only
 
   std::vector<const ObjectTracker*> others_;
   std::unique_ptr<Competitors> competitors_;  // null without others

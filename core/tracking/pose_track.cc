@@ -338,8 +338,16 @@ void PoseTrack::Enter(TrackInput input, int64_t t_us) {
   const TrackPhase next = NextPhase(phase_, input);
   if (next == TrackPhase::kConfirmed) supported_at_us_ = t_us;
   if (next == TrackPhase::kUnsupported && phase_ != TrackPhase::kUnsupported) unsupported_since_us_ = t_us;
+  if (next == TrackPhase::kLost && phase_ != TrackPhase::kLost) loss_cause_ = CauseOf(input);
   context_.phase_reporter->Report(phase_, next, t_us);
   phase_ = next;
+}
+
+LossCause PoseTrack::CauseOf(TrackInput input) const {
+  if (input == TrackInput::kTimeout) return LossCause::kContradicted;
+  const bool is_in_view = is_occluded_ || std::any_of(image_lines_.begin(), image_lines_.end(),
+                                                      [](const ImageLine& line) { return line.in_view(); });
+  return is_in_view ? LossCause::kUncertain : LossCause::kOutOfView;
 }
 
 // While the events do not support the pose, the covariance of the fit is that of a wrong association: it is small and
@@ -358,7 +366,7 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_edges, all_lines, associator, estimator, health, activity, phase, motion,
          usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us,
-         is_fully_tested, supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded,
+         is_fully_tested, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines, is_occluded,
          is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected

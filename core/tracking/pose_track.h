@@ -49,6 +49,8 @@ class PoseTrack {
   void OnGap(int64_t gap_us);
 
   TrackState state() const { return ReportedState(phase_); }
+  // Why the state is LOST.
+  LossCause loss_cause() const { return loss_cause_; }
   // Tentative, and contradicted by `times` times HealthOptions::max_contradictions test results.
   bool is_rejected(int times) const {
     return phase_ == TrackPhase::kTentative &&
@@ -94,6 +96,8 @@ class PoseTrack {
   // Applies the transition function, stores the time of the transition and reports it. No other function changes the
   // phase.
   void Enter(TrackInput input, int64_t t_us);
+  // The cause of the loss by `input`.
+  LossCause CauseOf(TrackInput input) const;
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
@@ -121,6 +125,8 @@ class PoseTrack {
   bool is_fully_tested_ = false;      // min_tested_ratio of its lines was testable in at least one result with support
   int64_t supported_at_us_ = 0;       // time of the latest kSupport
   int64_t unsupported_since_us_ = 0;  // time at which kUnsupported was entered
+
+  LossCause loss_cause_ = LossCause::kNone;  // not saved: a lost track is removed before the next window
 
   absl::Span<const TrackedLine> lines_;
   std::vector<TrackedLine> unoccluded_lines_;

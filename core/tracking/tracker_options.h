@@ -50,7 +50,8 @@ struct InitializationOptions {
   // resolves them.
   double merge_rad = 0.02;
   double merge_depth_ratio = 0.01;
-  // Microseconds after which the better of several competing hypotheses is published, as DEGRADED.
+  // Microseconds after which the best of several competing hypotheses is published, as AMBIGUOUS and with the others as
+  // alternatives: as long as a search remembers events, so that waiting would add no older evidence.
   int64_t undecided_us = 200'000;
 
   absl::Status Validate() const;

@@ -34,12 +34,30 @@ TEST_F(ModelFormatsTest, AnUploadConvertsOtherFormats) {
   EXPECT_THAT(parsec.err, HasSubstr("box_parsec.3mf: its unit \"parsec\" is unknown"));
 }
 
+TEST_F(ModelFormatsTest, AnInspectionPredictsWhereTheObjectCanBeFound) {
+  SimulateCube(0.001);
+  const std::string model = Path("cube/model.obj");
+  const CliResult json = Run({"models", "inspect", model, "--camera", Path("cube/camera.yaml"), "--json"});
+  ASSERT_EQ(json.status, 0) << json.err;
+  const nlohmann::json findability = json.Json()["findability"];
+  EXPECT_EQ(findability["views"], 96);
+  EXPECT_EQ(findability["findable_views"], 96);
+  EXPECT_EQ(findability["thin_views"], 0);
+  EXPECT_EQ(findability["twins"].size(), 0u) << "half turns are symmetries of a cube";
+  ASSERT_EQ(findability["by_view"].size(), 96u);
+  EXPECT_GT(findability["by_view"][0]["max_distance_m"], 0.0);
+  const CliResult text = Run({"models", "inspect", model});
+  EXPECT_THAT(text.out,
+              HasSubstr("\nfindable     from 96 of 96 views, once the image has moved by 2 px; least diameter"));
+  EXPECT_THAT(text.out, ::testing::Not(HasSubstr("confusable")));
+}
+
 TEST_F(ModelFormatsTest, AReplayAndAnEvaluationReadTheSameModelInProcess) {
   SimulateCube(0.02);
   const std::string model = FindTestData("models/box_inch.3mf");
   const CliResult replay =
       Run({"replay", Path("cube/recording.raw"), "--model", model, "--camera", Path("cube/camera.yaml"), "--json"});
-  ASSERT_EQ(replay.status, 0) << replay.err;
+  ASSERT_EQ(replay.status, 1) << "the box is not in the recording";
   EXPECT_NEAR(replay.Json()["model_diameter_m"].get<double>(), 0.01 * std::sqrt(14.0), 1e-7);
   const CliResult evaluation =
       Run({"evaluate", "--truth", Path("cube/truth.tum"), "--estimate", Path("cube/truth.tum"), "--model", model,

@@ -41,6 +41,7 @@ struct Row {
   Evaluation evaluation;
   std::optional<Consistency> consistency;  // of estimates with covariances
   int nees_degrees_of_freedom = 6;
+  size_t num_ambiguous = 0;  // AMBIGUOUS poses of a CSV
 };
 
 // Splits "NAME=FILE"; the name of a FILE alone is the file.
@@ -87,15 +88,16 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
     EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadPoseFile(path));
-    absl::StatusOr<Evaluation> evaluation =
-        Evaluate(truth, estimate.trajectory, options, model ? &*model : nullptr, camera ? &*camera : nullptr);
+    absl::StatusOr<Evaluation> evaluation = Evaluate(truth, estimate.trajectory, options, model ? &*model : nullptr,
+                                                     camera ? &*camera : nullptr, estimate.ambiguous_us);
     if (!evaluation.ok()) {
       return absl::Status(evaluation.status().code(),
                           absl::StrCat(path, " against ", arguments.truth, ": ", evaluation.status().message()));
     }
     EVPOSE_ASSIGN_OR_RETURN(const std::optional<Consistency> consistency,
                             EvaluateConsistency(truth, estimate, options));
-    rows.push_back({name, *evaluation, consistency, NumObservable(options.continuous_symmetry)});
+    rows.push_back(
+        {name, *evaluation, consistency, NumObservable(options.continuous_symmetry), estimate.ambiguous_us.size()});
   }
   return rows;
 }
@@ -106,6 +108,7 @@ Json RowJson(const Row& row) {
   Json json = {{"name", row.name},
                {"poses", e.num_poses},
                {"coverage_ratio", e.coverage_ratio},
+               {"ambiguous_ratio", e.ambiguous_ratio},
                {"position_rmse_m", e.position_rmse_m},
                {"position_mean_m", e.position_mean_m},
                {"position_median_m", e.position_median_m},
@@ -132,6 +135,7 @@ std::vector<std::string> RowCells(const Row& row) {
   return {row.name,
           absl::StrCat(e.num_poses),
           Cell(100.0 * e.coverage_ratio, 1),
+          Cell(100.0 * e.ambiguous_ratio, 1),
           Cell(1e3 * e.position_rmse_m, 3),
           Cell(1e3 * e.position_mean_m, 3),
           Cell(1e3 * e.position_median_m, 3),
@@ -150,8 +154,9 @@ std::vector<std::string> RowCells(const Row& row) {
 
 void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   std::vector<std::vector<std::string>> lines = {
-      {"", "", "cover", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "", "rate", "NEES", "5 to"},
-      {"estimate", "poses", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
+      {"", "", "cover", "ambig", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "", "rate", "NEES",
+       "5 to"},
+      {"estimate", "poses", "%", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
        "px", "losses", "Hz", "median", "95 %"}};
   for (const Row& row : rows) lines.push_back(RowCells(row));
   PrintTable(lines, "", out);
@@ -162,7 +167,9 @@ void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
 absl::Status CheckPlausible(const std::vector<Row>& rows, CliContext& context) {
   std::vector<std::string> empty;
   for (const Row& row : rows) {
-    if (row.evaluation.num_poses == 0) empty.push_back(row.name);
+    if (row.evaluation.num_poses == 0) {
+      empty.push_back(absl::StrCat(row.name, row.num_ambiguous > 0 ? " (with AMBIGUOUS poses only)" : ""));
+    }
     if (!(row.evaluation.position_rmse_of_depth > 1.0)) continue;
     context.err << absl::StrFormat(
         "evpose evaluate: %s: the RMSE of its positions is %.3g times the distance of the object; are they of this "
@@ -208,7 +215,9 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "cover is the share of the truth's duration with a pose within 5 % of depth and 10 deg of the truth; losses "
       "counts\n"
-      "how often such a period ended. Positions are compared in the camera frame, without alignment.\n"
+      "how often such a period ended. ambig is the share with AMBIGUOUS poses of a CSV (TUM has none): they count as\n"
+      "neither tracked nor lost, and errors are computed without them. Positions are compared in the camera frame, "
+      "without alignment.\n"
       "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
       "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n"
       "With --symmetric, a model with an axis of symmetry has 5 (median 4.4), a sphere 3 (2.4); their positions are "

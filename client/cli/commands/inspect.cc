@@ -11,6 +11,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/commands/inspect_findability.h"
 #include "client/cli/commands/model_picture.h"
 #include "client/cli/common/model_arguments.h"
 #include "core/base/status_macros.h"
@@ -40,23 +41,27 @@ constexpr std::array<const char*, 6> kMotionTexts = {
 struct Inspection {
   ObjectModel model;
   Eigen::Vector3d size_m;
+  CameraModel camera;
   std::vector<ModelView> views;
+  std::vector<ViewFindability> findability;
   absl::Duration preparation;
   absl::Duration time_per_view;
 };
 
 absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
-  CameraModel camera = SimulationOptions::SimulatedEvk4Camera();
+  Inspection inspection;
+  CameraModel& camera = inspection.camera;
+  camera = SimulationOptions::SimulatedEvk4Camera();
   if (!arguments.camera.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
-  Inspection inspection;
   const absl::Time start = absl::Now();
   EVPOSE_ASSIGN_OR_RETURN(inspection.model, arguments.reading.Load(arguments.file));
   const absl::Time prepared = absl::Now();
   inspection.preparation = prepared - start;
   EVPOSE_ASSIGN_OR_RETURN(inspection.views, ViewModel(inspection.model, camera));
   inspection.time_per_view = (absl::Now() - prepared) / inspection.views.size();
+  EVPOSE_ASSIGN_OR_RETURN(inspection.findability, PredictFindability(inspection.model, camera));
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& vertex : inspection.model.vertices) box.extend(vertex);
   for (const ModelLine& line : inspection.model.lines) box.extend(line.p1).extend(line.p2);
@@ -197,6 +202,7 @@ Json InspectionJson(const Inspection& inspection) {
             {"deviation", deviations},
             {"weakest", deviation(summary.weakest)},
             {"unobservable", summary.num_unobservable}}},
+          {"findability", FindabilityJson(inspection.findability, model, inspection.camera)},
           {"preparation_s", absl::ToDoubleSeconds(inspection.preparation)},
           {"extraction_ms", absl::ToDoubleMilliseconds(inspection.time_per_view)},
           {"notices", model.notices},
@@ -239,6 +245,7 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
     out << absl::StrFormat("             %-16s %.2f / %.2f\n", kMotionTexts[motion], deviation.median_px,
                            deviation.worst_px);
   }
+  PrintFindability(inspection.findability, model, inspection.camera, out);
   out << absl::StrFormat(
       "cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
       "proportional to their number\n",
@@ -262,8 +269,10 @@ absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) 
 }  // namespace
 
 CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
-  CLI::App* const app = models.add_subcommand(
-      "inspect", "Print size, repairs, edges, symmetry and observability of a model file; needs no server");
+  CLI::App* const app = models.add_subcommand("inspect",
+                                              "Print size, repairs, edges, symmetry and observability of a model file, "
+                                              "and from where it can be found; needs no "
+                                              "server");
   auto arguments = std::make_shared<InspectArguments>();
   AddFile(*app, "file", arguments->file, "Model file of any format")->required();
   arguments->reading.AddTo(*app);
@@ -271,6 +280,10 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   AddFile(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
   app->add_flag("--json", arguments->is_json, "JSON on standard output");
   app->footer(
+      "findable is a prediction from the visible edges: three edges of 20 px, and a pose that is determined to 10 deg "
+      "by\n"
+      "one event for each pixel of edge and of motion. confusable are half turns about the principal axes after which\n"
+      "most edges coincide; --json has both for each view.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose models inspect cube/model.obj --picture cube.png");

@@ -190,11 +190,23 @@ Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
 }
 
 Json ObjectJson(const ObjectHealth& object) {
+  const std::optional<Loss>& loss = object.latest_loss;
+  const SearchCounts& searches = object.searches;
   return {{"object_id", object.object_id},
           {"state", std::string(TrackStateName(object.state))},
           {"losses", object.losses},
+          {"lost_at_us", loss ? Json(loss->t_us) : Json(nullptr)},
+          {"loss_cause", loss ? Json(std::string(LossCauseName(loss->cause))) : Json(nullptr)},
           {"initialization", std::string(InitializationStatusName(object.initialization))},
           {"initialization_attempts", object.initialization_attempts},
+          {"searches",
+           {{"no_signal", searches.no_signal},
+            {"too_small", searches.too_small},
+            {"too_few_lines", searches.too_few_lines},
+            {"not_enough_motion", searches.not_enough_motion},
+            {"no_pose_fits", searches.no_pose_fits},
+            {"poses_found", searches.poses_found}}},
+          {"followed_poses", object.followed_poses},
           {"detail", object.detail}};
 }
 

@@ -177,6 +177,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   TrackCallbacks callbacks;
   callbacks.on_pose = [this](const Pose& pose) {
     if (poses_) poses_->Write(pose);
+    report_.Add(pose);
     ++num_poses_;
     last_pose_us_ = std::max(last_pose_us_, pose.t_us);
   };
@@ -274,6 +275,9 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
     return absl::OutOfRangeError(absl::StrCat(
         "--reset-pose at ", inputs_.resets.front().t_us,
         " us was not applied: the events end before it; sensor times are those of evpose info and of the poses"));
+  }
+  if (summary.health.poses == 0) {
+    return absl::NotFoundError(absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason"));
   }
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,
