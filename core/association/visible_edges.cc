@@ -23,6 +23,9 @@ constexpr double kChangeRad = 0.005;
 // elements are visible, README, section 5.
 constexpr double kElementChangeRad = 0.026;
 constexpr double kElementChangeOfDistance = 0.02;
+// Contours between facets do not slide but pass to another edge when a facet turns. A tenth of a pixel is below the
+// standard deviation of the distance of an edge that the events of a window determine.
+constexpr double kFacetShiftPx = 0.1;
 // Number of points at which the visibility of a line is tested in a model with many lines. Most of its lines are short.
 constexpr int kFewSamples = 8;
 // Of a model with many lines, at most so many are tested to choose those of a view: hidden ones are among them.
@@ -113,10 +116,16 @@ bool VisibleEdges::ViewChanged(const RigidTransform& camera_from_object) const {
 bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int level) const {
   if (!extracted_at_ || level != level_) return true;
   if (Difference(camera_from_object, *extracted_at_).tail<3>().norm() > kElementChangeRad) return true;
-  const Eigen::Vector3d now = camera_from_object.Inverse().translation_m - edges_.centre();
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  const Eigen::Vector3d now = eye - edges_.centre();
   const Eigen::Vector3d then = extracted_at_->Inverse().translation_m - edges_.centre();
-  return SineBetween(now, then) > kElementChangeRad ||
-         std::abs(now.norm() - then.norm()) > kElementChangeOfDistance * then.norm();
+  if (SineBetween(now, then) > kElementChangeRad ||
+      std::abs(now.norm() - then.norm()) > kElementChangeOfDistance * then.norm()) {
+    return true;
+  }
+  return std::any_of(elements_.begin(), elements_.end(), [&](const EdgeElement& element) {
+    return edges_.elements().FacetShiftPx(element, eye, camera_.MaxFocalPx()) > kFacetShiftPx;
+  });
 }
 
 void VisibleEdges::FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const {
@@ -184,7 +193,9 @@ void VisibleEdges::ExtractAt(const RigidTransform& camera_from_object, int level
   level_ = level;
   if (edges_.has_many_lines()) ChooseLines(camera_from_object);
   elements_.clear();
-  if (edges_.elements().has_curves()) edges_.elements().Extract(camera_, camera_from_object, level, elements_);
+  if (edges_.elements().has_curves()) {
+    has_more_elements_ = edges_.elements().Extract(camera_, camera_from_object, level, elements_);
+  }
   std::stable_sort(elements_.begin(), elements_.end(), [this](const EdgeElement& a, const EdgeElement& b) {
     return edges_.CurveOf(a.curve) < edges_.CurveOf(b.curve);
   });
@@ -263,10 +274,12 @@ void VisibleEdges::ChooseLines(const RigidTransform& camera_from_object) {
                    [](const Candidate& a, const Candidate& b) { return a.weight_px > b.weight_px; });
   chosen_.clear();
   std::vector<int> tested;
+  size_t num_tested = 0;
   for (size_t begin = 0; begin < std::min(candidates.size(), kMaxTested) && chosen_.size() < ModelEdges::kMaxLines;
        begin += ModelEdges::kMaxLines) {
     tested.clear();
     const size_t end = std::min(begin + ModelEdges::kMaxLines, candidates.size());
+    num_tested = end;
     for (size_t i = begin; i < end; ++i) tested.push_back(candidates[i].line);
     std::sort(tested.begin(), tested.end());
     edges_.visibility().FindVisibleSegments(camera_, camera_from_object, tested, segments_);
@@ -274,6 +287,7 @@ void VisibleEdges::ChooseLines(const RigidTransform& camera_from_object) {
       if (chosen_.empty() || chosen_.back() != segment.line) chosen_.push_back(segment.line);
     }
   }
+  has_more_lines_ = chosen_.size() > ModelEdges::kMaxLines || num_tested < candidates.size();
   if (chosen_.size() > ModelEdges::kMaxLines) chosen_.resize(ModelEdges::kMaxLines);
   std::sort(chosen_.begin(), chosen_.end());
 }

@@ -6,14 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "core/association/visible_edges.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/motion_prior.h"
+#include "core/geometry/spiral_direction.h"
 #include "core/models/visibility.h"
-#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
@@ -62,6 +61,7 @@ class ModelViewer {
     view.camera_from_object = LookAt(direction, centre_, distance_m_);
     const absl::Span<const TrackedLine> elements = visible_.At(view.camera_from_object);
     view.elements.assign(elements.begin(), elements.end());
+    view.has_more = visible_.has_more();
     MotionState state;
     state.camera_from_object = view.camera_from_object;
     ProjectLines(camera_, state, view.elements, image_lines_);
@@ -161,10 +161,7 @@ absl::StatusOr<std::vector<ModelView>> ViewModel(const ObjectModel& model, const
   ModelViewer viewer(model, camera, options);
   std::vector<ModelView> views;
   for (int i = 0; i < options.num_views; ++i) {
-    const double z = 1.0 - (2.0 * i + 1.0) / options.num_views;
-    const auto [sin, cos] = DeterministicSinCos(i * std::numbers::pi * (3.0 - std::sqrt(5.0)));  // golden angle
-    const double radius = std::sqrt(1.0 - z * z);
-    views.push_back(viewer.From({radius * cos, radius * sin, z}));
+    views.push_back(viewer.From(SpiralDirection(i, 1.0 - (2.0 * i + 1.0) / options.num_views)));
   }
   return views;
 }

@@ -123,8 +123,10 @@ absl::Status CheckLinesDeterminePose(const ObjectModel& model);
 // Whether a search can find the pose of the model: whether its straight lines determine one. A model with curved edges
 // can be tracked from a given pose all the same.
 inline bool IsSearchable(const ObjectModel& model) { return CheckLinesDeterminePose(model).ok(); }
-// Whether the model has edges beside its straight lines: curves, or curved surfaces, which have contours.
-inline bool HasCurvedEdges(const ObjectModel& model) { return !model.curves.empty() || !model.surface.empty(); }
+// Whether the model has edges beside its straight lines: curves, or curved surfaces or facets, which have contours.
+inline bool HasCurvedEdges(const ObjectModel& model) {
+  return !model.curves.empty() || !model.surface.empty() || !model.facet_edges.empty();
+}
 // OK if the model can be tracked; else the error of CheckLinesDeterminePose().
 inline absl::Status CheckIsTrackable(const ObjectModel& model) {
   return HasCurvedEdges(model) ? absl::OkStatus() : CheckLinesDeterminePose(model);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/contours/contour_shapes_testing.h"
+#include "core/contours/facet_outline_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/pose_track.h"
 #include "core/tracking/tracker.h"
@@ -24,7 +25,7 @@ using testing::MakeIdealEvents;
 using testing::MakePose;
 using testing::Motion;
 
-enum class Shape { kCylinder, kTorus, kCapsule, kPlate };
+enum class Shape { kCylinder, kTorus, kCapsule, kPlate, kFacets };
 
 std::shared_ptr<const ObjectModel> ModelOf(Shape shape) {
   switch (shape) {
@@ -34,6 +35,8 @@ std::shared_ptr<const ObjectModel> ModelOf(Shape shape) {
       return std::make_shared<const ObjectModel>(TorusModel(0.06, 0.025, 96, 48));
     case Shape::kCapsule:
       return std::make_shared<const ObjectModel>(CapsuleModel(0.05, 0.04, 96, 48));
+    case Shape::kFacets:
+      return std::make_shared<const ObjectModel>(WithFacets(CylinderModel(0.07, 0.04, 32)));
     case Shape::kPlate:
       break;
   }
@@ -97,7 +100,8 @@ TEST_P(TracksRoundObjects, FromTheTruePose) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Shapes, TracksRoundObjects,
-                         ::testing::Values(Shape::kCylinder, Shape::kTorus, Shape::kCapsule, Shape::kPlate));
+                         ::testing::Values(Shape::kCylinder, Shape::kTorus, Shape::kCapsule, Shape::kPlate,
+                                           Shape::kFacets));
 
 TEST(TrackerCurves, AContourWithoutEventsDoesNotBrakeTheObject) {
   const auto model = ModelOf(Shape::kTorus);
