@@ -47,5 +47,34 @@ TEST_F(ModelFormatsTest, AReplayAndAnEvaluationReadTheSameModelInProcess) {
   EXPECT_EQ(evaluation.status, 0) << evaluation.err;
 }
 
+// Without contours between the facets the object is lost at once: only its rims have lines.
+TEST_F(ModelFormatsTest, AnObjectWithFacetsIsTrackedAsItIs) {
+  SimulateCylinder("can", 32, "as-is", 0.3);
+  const CliResult replay =
+      Run({"replay", Path("can/recording.raw"), "--model", Path("can.obj"), "--surface", "as-is", "--camera",
+           Path("can/camera.yaml"), "--init-pose", FirstPose("can"), "--out", Path("poses.csv"), "--json"});
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  // The angle about the axis has hardly any influence on the image: errors are those of an object of revolution.
+  const CliResult evaluation =
+      Run({"evaluate", "--truth", Path("can/truth.tum"), "--estimate", Path("poses.csv"), "--model", Path("can.obj"),
+           "--camera", Path("can/camera.yaml"), "--symmetric", "--json"});
+  ASSERT_EQ(evaluation.status, 0) << evaluation.err;
+  const nlohmann::json row = evaluation.Json()["estimates"][0];
+  EXPECT_EQ(row["losses"], 0) << row;
+  EXPECT_GT(row["coverage_ratio"].get<double>(), 0.9) << row;
+  EXPECT_LT(row["position_rmse_of_depth"].get<double>(), 0.005) << row;
+  EXPECT_LT(row["rotation_p95_deg"].get<double>(), 1.0) << row;
+  EXPECT_LT(row["surface_distance_mean_m"].get<double>(), 0.002) << row;
+}
+
+TEST_F(ModelFormatsTest, APoseBehindTheCameraIsRefused) {
+  SimulateCube(0.002);
+  for (const char* z : {"-0.6", "-100"}) {
+    const CliResult replay = Run(SearchArguments("poses.tum", {"--init-pose", std::string("0 0 ") + z + " 0 0 0 1"}));
+    EXPECT_EQ(replay.status, 1);
+    EXPECT_THAT(replay.err, HasSubstr("the object is behind the camera"));
+  }
+}
+
 }  // namespace
 }  // namespace evpose
