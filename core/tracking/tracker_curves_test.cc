@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "core/contours/contour_shapes_testing.h"
-#include "core/contours/facet_outline_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/pose_track.h"
 #include "core/tracking/tracker.h"
@@ -25,7 +24,7 @@ using testing::MakeIdealEvents;
 using testing::MakePose;
 using testing::Motion;
 
-enum class Shape { kCylinder, kTorus, kCapsule, kPlate, kFacets };
+enum class Shape { kCylinder, kTorus, kCapsule, kPlate };
 
 std::shared_ptr<const ObjectModel> ModelOf(Shape shape) {
   switch (shape) {
@@ -35,8 +34,6 @@ std::shared_ptr<const ObjectModel> ModelOf(Shape shape) {
       return std::make_shared<const ObjectModel>(TorusModel(0.06, 0.025, 96, 48));
     case Shape::kCapsule:
       return std::make_shared<const ObjectModel>(CapsuleModel(0.05, 0.04, 96, 48));
-    case Shape::kFacets:
-      return std::make_shared<const ObjectModel>(WithFacets(CylinderModel(0.07, 0.04, 32)));
     case Shape::kPlate:
       break;
   }
@@ -100,8 +97,7 @@ TEST_P(TracksRoundObjects, FromTheTruePose) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Shapes, TracksRoundObjects,
-                         ::testing::Values(Shape::kCylinder, Shape::kTorus, Shape::kCapsule, Shape::kPlate,
-                                           Shape::kFacets));
+                         ::testing::Values(Shape::kCylinder, Shape::kTorus, Shape::kCapsule, Shape::kPlate));
 
 TEST(TrackerCurves, AContourWithoutEventsDoesNotBrakeTheObject) {
   const auto model = ModelOf(Shape::kTorus);
