@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/counted.h"
 
 namespace evpose {
 namespace {
@@ -211,7 +212,7 @@ std::vector<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, double t
 void MergeOverlapping(double tolerance_m, std::vector<ModelLine>& lines, std::vector<std::string>& notices) {
   std::vector<ModelLine> merged = JoinCollinear(lines, tolerance_m, tolerance_m, false);
   if (merged.size() < lines.size()) {
-    notices.push_back(absl::StrCat(lines.size() - merged.size(), " lines merged with overlapping ones"));
+    notices.push_back(absl::StrCat(Counted(lines.size() - merged.size(), "line"), " merged with overlapping ones"));
   }
   lines = std::move(merged);
 }
