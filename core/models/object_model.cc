@@ -91,11 +91,21 @@ double Diameter(absl::Span<const Eigen::Vector3d> points) {
     const auto [sin, cos] = DeterministicSinCos(i * std::numbers::pi * (3.0 - std::sqrt(5.0)));  // golden angle
     const double radius = std::sqrt(1.0 - z * z);
     const Eigen::Vector3d direction(radius * cos, radius * sin, z);
-    const auto [low, high] = std::minmax_element(
-        points.begin(), points.end(),
-        [&](const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.dot(direction) < b.dot(direction); });
-    outermost.push_back(*low);
-    outermost.push_back(*high);
+    size_t low = 0, high = 0;
+    double lowest = points[0].dot(direction), highest = lowest;
+    for (size_t p = 1; p < points.size(); ++p) {
+      const double height = points[p].dot(direction);
+      if (height < lowest) {
+        lowest = height;
+        low = p;
+      }
+      if (height >= highest) {
+        highest = height;
+        high = p;
+      }
+    }
+    outermost.push_back(points[low]);
+    outermost.push_back(points[high]);
   }
   return LargestDistance(outermost);
 }
