@@ -23,8 +23,8 @@ namespace {
 constexpr uint32_t kMaxTrianglesAtVertex = 256;
 // A region has one normal at a vertex, unless a crease ends there. Squared difference, above rounding of floats.
 constexpr float kMaxNormalDifference2 = 1e-6f;
-// meshopt_simplify limits a mean distance over the planes of the triangles removed, which the largest exceeds. Limits of
-// the mean to be tried in a cell, relative to the largest distance allowed.
+// meshopt_simplify limits a mean distance over the planes of the triangles removed, which the largest exceeds. Limits
+// of the mean to be tried in a cell, relative to the largest distance allowed.
 constexpr std::array<double, 4> kLimitsOfMean = {1.0, 0.5, 0.2, 0.08};
 // Attempts for the whole mesh, each with smaller limits.
 constexpr int kErrorAttempts = 2;
@@ -179,8 +179,8 @@ class RegionSimplifier {
     if (removed.empty()) return around;
     for (uint32_t neighbour = 0; neighbour < 9; ++neighbour) {
       // Three cells along z have successive numbers.
-      const uint32_t first = cell + (neighbour / 3 * kCellStride + neighbour % 3) * kCellStride -
-                             (kCellStride + 1) * kCellStride - 1;
+      const uint32_t first =
+          cell + (neighbour / 3 * kCellStride + neighbour % 3) * kCellStride - (kCellStride + 1) * kCellStride - 1;
       auto entry = std::lower_bound(removed.begin(), removed.end(), CellEntry(first, 0));
       for (; entry != removed.end() && entry->first <= first + 2; ++entry) around.push_back(entry->second);
     }
