@@ -78,20 +78,24 @@ RepairReport RepairMesh(RawMesh& mesh) {
   report.duplicate_triangles = RemoveDuplicateTriangles(mesh);
   report.empty_lines = RemoveEmptyLines(mesh);
   report.duplicate_lines = RemoveDuplicateLines(mesh);
-  AddJunctions(CloseJunctions(tolerance_m, mesh), report);
+  JunctionReport junctions = CloseJunctions(tolerance_m, mesh);
+  AddJunctions(junctions, report);
   Orientation orientation = OrientTriangles(mesh);
   AddOrientation(orientation, report);
   // The first pass removes what is to be removed; the surface around it may then have junctions.
   constexpr int kMaxPasses = 3;
-  for (int pass = 0; pass < kMaxPasses && orientation.shells > 1; ++pass) {
+  // A mesh that has reached the limits on the work once would do so in each pass.
+  for (int pass = 0; pass < kMaxPasses && orientation.shells > 1 && junctions.is_within_limits; ++pass) {
     OverlapReport overlaps = RemoveOverlaps(tolerance_m, orientation.shell_of, mesh);
     report.overlapping_triangles += overlaps.removed_triangles;
     report.is_complete &= overlaps.is_complete;
     mesh.covered_edges = std::move(overlaps.covered_edges);
     if (overlaps.removed_triangles == 0) break;
-    AddJunctions(CloseJunctions(tolerance_m, mesh), report);
+    junctions = CloseJunctions(tolerance_m, mesh);
+    AddJunctions(junctions, report);
     orientation = OrientTriangles(mesh);
     AddOrientation(orientation, report);
+    if (!overlaps.is_complete) break;
   }
   AlignCornerNormals(mesh);
   return report;

@@ -19,8 +19,8 @@ namespace {
 // Least cosine between lines that are compared (2.6 degrees): skips most pairs. The tolerance decides about the others.
 constexpr double kNearlyParallelCosine = 0.999;
 constexpr double kMatchingNormalCosine = 0.9;  // 25 degrees
-// Comparisons of two lines: some seconds. Those of ordinary models are some tens for each line.
-constexpr int64_t kMaxPairs = 100'000'000;
+// Comparisons of two lines: two seconds. Those of ordinary models are some tens for each line.
+constexpr int64_t kMaxPairs = 30'000'000;
 // Cells of a grid along each axis, most.
 constexpr double kMaxCells = 128.0;
 

@@ -101,11 +101,21 @@ double Diameter(absl::Span<const Eigen::Vector3d> points) {
   std::vector<Eigen::Vector3d> outermost;
   for (int i = 0; i < kDirections; ++i) {
     const Eigen::Vector3d direction = SpiralDirection(i, (i + 0.5) / kDirections);
-    const auto [low, high] = std::minmax_element(
-        points.begin(), points.end(),
-        [&](const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.dot(direction) < b.dot(direction); });
-    outermost.push_back(*low);
-    outermost.push_back(*high);
+    size_t low = 0, high = 0;
+    double lowest = points[0].dot(direction), highest = lowest;
+    for (size_t p = 1; p < points.size(); ++p) {
+      const double height = points[p].dot(direction);
+      if (height < lowest) {
+        lowest = height;
+        low = p;
+      }
+      if (height >= highest) {
+        highest = height;
+        high = p;
+      }
+    }
+    outermost.push_back(points[low]);
+    outermost.push_back(points[high]);
   }
   return LargestDistance(outermost);
 }
