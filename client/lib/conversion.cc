@@ -278,6 +278,8 @@ ModelInfo FromProto(const v1::Model& message) {
           .size_bytes = message.size_bytes(),
           .num_faces = message.num_faces(),
           .num_lines = message.num_lines(),
+          .num_curves = message.num_curves(),
+          .num_regions = message.num_regions(),
           .num_symmetries = message.num_symmetries(),
           .continuous_symmetry = SymmetryFromProto(message),
           .diameter_m = message.diameter_m(),
@@ -286,7 +288,8 @@ ModelInfo FromProto(const v1::Model& message) {
           .surface = FromProto(message.surface(), ModelSurface::kSmooth),
           .sha256_hex = absl::BytesToHexString(message.sha256()),
           .create_time = FromProto(message.create_time()),
-          .notices = {message.notices().begin(), message.notices().end()}};
+          .notices = {message.notices().begin(), message.notices().end()},
+          .file_name = message.file_name()};
 }
 
 SessionHealth FromProto(const v1::SessionHealth& message) {

@@ -95,6 +95,12 @@ TEST(ConversionTest, ModelHasItsSymmetries) {
   v1::Model message;
   message.set_num_symmetries(24);
   EXPECT_EQ(FromProto(message).num_symmetries, 24u);
+  message.set_num_curves(7);
+  message.set_num_regions(9);
+  message.set_file_name("cube.obj");
+  EXPECT_EQ(FromProto(message).num_curves, 7u);
+  EXPECT_EQ(FromProto(message).num_regions, 9u);
+  EXPECT_EQ(FromProto(message).file_name, "cube.obj");
 }
 
 TEST(ConversionTest, ModelHasItsContinuousSymmetry) {

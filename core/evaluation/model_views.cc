@@ -6,14 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "core/association/visible_edges.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/motion_prior.h"
+#include "core/geometry/spiral_direction.h"
 #include "core/models/visibility.h"
-#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
@@ -64,6 +63,7 @@ ModelView ModelViewer::At(const RigidTransform& camera_from_object) {
   view.camera_from_object = camera_from_object;
   const absl::Span<const TrackedLine> elements = visible_.At(view.camera_from_object);
   view.elements.assign(elements.begin(), elements.end());
+  view.has_more = visible_.has_more();
   MotionState state;
   state.camera_from_object = view.camera_from_object;
   ProjectLines(camera_, state, view.elements, image_lines_);
@@ -137,12 +137,7 @@ void ModelViewer::FindDeviations(ModelView& view) const {
 
 std::vector<Eigen::Vector3d> EvenDirections(int count) {
   std::vector<Eigen::Vector3d> directions;
-  for (int i = 0; i < count; ++i) {
-    const double z = 1.0 - (2.0 * i + 1.0) / count;
-    const auto [sin, cos] = DeterministicSinCos(i * std::numbers::pi * (3.0 - std::sqrt(5.0)));  // golden angle
-    const double radius = std::sqrt(1.0 - z * z);
-    directions.push_back({radius * cos, radius * sin, z});
-  }
+  for (int i = 0; i < count; ++i) directions.push_back(SpiralDirection(i, 1.0 - (2.0 * i + 1.0) / count));
   return directions;
 }
 

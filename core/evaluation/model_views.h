@@ -31,6 +31,7 @@ struct ModelViewOptions {
 struct ModelView {
   RigidTransform camera_from_object;
   std::vector<TrackedLine> elements;  // visible edge elements, object frame
+  bool has_more = false;              // edges that the limits of lines and elements leave out
   double length_px = 0.0;             // of all elements
   double contour_px = 0.0;            // of the occluding contours among them
   // Standard deviation, pixels, by which the outline of the object moves along the least certain direction of motion;

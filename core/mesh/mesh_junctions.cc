@@ -69,7 +69,9 @@ class JunctionCloser {
 
   JunctionReport Close() {
     bool has_changed = true;
-    for (int round = 0; has_changed && round < kMaxRounds; ++round) has_changed = CloseSome();
+    // Each round costs as much again; one that has reached the limits on the work is the last.
+    for (int round = 0; has_changed && report_.is_complete && round < kMaxRounds; ++round) has_changed = CloseSome();
+    report_.is_within_limits = report_.is_complete;
     if (has_changed) {
       report_.is_complete = false;
       report_.degenerate_triangles += RemoveFlatTriangles(tolerance_m_, mesh_);

@@ -21,6 +21,11 @@ constexpr double kTolerancePx = 0.02;
 // the border of the standard cameras, which is 0.02 px on 24 px.
 constexpr double kMaxEdgePx = 24.0;
 constexpr double kMinDepthM = 1e-9;  // metres; protects the division
+// Painted lines: their width relative to the diameter, 1.5 px at 300 px, a thin pen; how far they are in front of the
+// surface, more than a strip is below a curved one; and their light relative to that of the surface, that of dark ink.
+constexpr double kLineWidth = 0.005;
+constexpr double kLineLift = 1e-3;
+constexpr double kLineLight = 0.25;
 
 }  // namespace
 
@@ -50,6 +55,7 @@ MeshRenderer::MeshRenderer(const ObjectModel& model, const SceneOptions& options
     }
     triangles_[corner / 3][corner % 3] = static_cast<uint32_t>(vertices_.size() - 1);
   }
+  AddStrips(model, max_edge_m);
   screen_.resize(vertices_.size());
   FindEdges();
 }
@@ -77,6 +83,18 @@ void MeshRenderer::FindEdges() {
   }
 }
 
+void MeshRenderer::AddStrips(const ObjectModel& model, double max_part_m) {
+  first_strip_vertex_ = vertices_.size();
+  first_strip_ = triangles_.size();
+  lift_m_ = kLineLift * model.diameter_m;
+  const SmoothMesh strips = PaintedStrips(model, kLineWidth * model.diameter_m, max_part_m);
+  for (size_t i = 0; i < strips.triangles.size(); ++i) {
+    const auto first = static_cast<uint32_t>(vertices_.size());
+    for (int k = 0; k < 3; ++k) vertices_.push_back({strips.points[strips.triangles[i][k]], strips.normals[i][k]});
+    triangles_.push_back({first, first + 1, first + 2});
+  }
+}
+
 // Equation (8) of the README.
 double MeshRenderer::LightOf(const Vector3d& point_camera, Vector3d normal_camera) const {
   static const Vector3d light_direction = LightDirectionCamera();
@@ -98,8 +116,10 @@ PixelRect MeshRenderer::Render(const RigidTransform& camera_from_object, double 
     point.z() = std::max(point.z(), kMinDepthM);
     ScreenVertex& vertex = screen_[i];
     vertex.point_px = camera_.Distort(camera_.Project(point));
-    vertex.inverse_depth = static_cast<float>(1.0 / point.z());
-    vertex.light = static_cast<float>(light * LightOf(point, camera_from_object.rotation * vertices_[i].normal));
+    const bool is_strip = i >= first_strip_vertex_;
+    vertex.inverse_depth = static_cast<float>(1.0 / std::max(point.z() - (is_strip ? lift_m_ : 0.0), kMinDepthM));
+    const double of_surface = light * LightOf(point, camera_from_object.rotation * vertices_[i].normal);
+    vertex.light = static_cast<float>(is_strip ? kLineLight * of_surface : of_surface);
     low = low.cwiseMin(vertex.point_px);
     high = high.cwiseMax(vertex.point_px);
   }
@@ -107,13 +127,14 @@ PixelRect MeshRenderer::Render(const RigidTransform& camera_from_object, double 
   const PixelRect rect = BoundingRect(corners).Intersection({0, 0, camera_.width_px, camera_.height_px});
   seen_triangles_.clear();
   faces_camera_.clear();
-  for (const std::array<uint32_t, 3>& triangle : triangles_) {
+  for (size_t t = 0; t < triangles_.size(); ++t) {
+    const std::array<uint32_t, 3>& triangle = triangles_[t];
     const Vector2d a = screen_[triangle[0]].point_px;
     const Vector2d u = screen_[triangle[1]].point_px - a;
     const Vector2d v = screen_[triangle[2]].point_px - a;
     faces_camera_.push_back(u.x() * v.y() - u.y() * v.x() < 0.0);
-    // The inside of a closed surface is never seen.
-    if (faces_camera_.back() || !is_closed_) seen_triangles_.push_back(triangle);
+    // The inside of a closed surface is never seen, and a line that is painted on a face only on its side.
+    if (faces_camera_.back() || (!is_closed_ && t < first_strip_)) seen_triangles_.push_back(triangle);
   }
   seen_edges_.clear();
   for (const Edge& edge : edges_) {

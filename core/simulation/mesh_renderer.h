@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Renders the model of a file as a smooth, shaded surface.
+// Renders the model of a file as a smooth, shaded surface with its painted lines.
 #pragma once
 
 #include <Eigen/Core>
@@ -45,6 +45,8 @@ class MeshRenderer {
   };
 
   void FindEdges();
+  // Appends the painted lines of the model, with vertices of their own.
+  void AddStrips(const ObjectModel& model, double max_part_m);
   double LightOf(const Eigen::Vector3d& point_camera, Eigen::Vector3d normal_camera) const;
 
   const MeshFinish finish_;
@@ -53,6 +55,9 @@ class MeshRenderer {
   std::vector<Vertex> vertices_;
   std::vector<std::array<uint32_t, 3>> triangles_;  // indices of vertices_
   std::vector<Edge> edges_;
+  size_t first_strip_vertex_ = 0;                   // of the painted lines, which are last
+  size_t first_strip_ = 0;                          // of their triangles
+  double lift_m_ = 0.0;                             // by which these are drawn nearer to the camera than the surface
   bool is_closed_ = false;
   std::vector<ScreenVertex> screen_;  // vertices_ in the image
   std::vector<bool> faces_camera_;    // of triangles_

@@ -264,17 +264,22 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
     ++report_.searches.poses_found;
     return InitializationStatus::kVerifying;
   }
-  const bool has_lines = first.num_lines >= kMinLines;
-  if (first.has_moved && (has_lines || first.uses_contours)) {
+  if (first.num_lines < kMinLines) {
+    if (const auto why = WhyTooFewEdges(events)) return *why;
+    if (!first.uses_contours) {
+      ++report_.searches.too_few_lines;
+      return InitializationStatus::kTooFewLines;
+    }
+  }
+  if (first.has_moved) {
     ++report_.searches.no_pose_fits;
     return InitializationStatus::kNoPoseFits;
   }
-  if (!has_lines) return WhyTooFewLines(events, first.uses_contours);
   ++report_.searches.not_enough_motion;
   return InitializationStatus::kNotEnoughMotion;
 }
 
-InitializationStatus ObjectTracker::WhyTooFewLines(absl::Span<const PixelEvent> events, bool uses_contours) {
+std::optional<InitializationStatus> ObjectTracker::WhyTooFewEdges(absl::Span<const PixelEvent> events) {
   report_.extent_px = EventExtentPx(events, context_.camera.width_px, context_.camera.height_px);
   if (report_.extent_px == 0) {
     ++report_.searches.no_signal;
@@ -284,13 +289,7 @@ InitializationStatus ObjectTracker::WhyTooFewLines(absl::Span<const PixelEvent> 
     ++report_.searches.too_small;
     return InitializationStatus::kTooSmall;
   }
-  if (uses_contours) {
-    // The search for contours needs no lines, but motion.
-    ++report_.searches.not_enough_motion;
-    return InitializationStatus::kNotEnoughMotion;
-  }
-  ++report_.searches.too_few_lines;
-  return InitializationStatus::kTooFewLines;
+  return std::nullopt;
 }
 
 std::vector<PixelEvent> ObjectTracker::CollectEvents() {

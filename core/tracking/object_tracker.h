@@ -94,8 +94,8 @@ class ObjectTracker {
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
   // none, and counts the result.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
-  // The reason why `events` have too few lines, and too little motion for a search that uses contours; counts it.
-  InitializationStatus WhyTooFewLines(absl::Span<const PixelEvent> events, bool uses_contours);
+  // The reason, if it is the region of the events, why `events` have too few edges for a search; counts it.
+  std::optional<InitializationStatus> WhyTooFewEdges(absl::Span<const PixelEvent> events);
   // Returns the stored events, undistorted. Not kept between searches, because the objects of a stream search in turn.
   std::vector<PixelEvent> CollectEvents();
   // Returns the pose to which a found pose is compared: among the poses that are equal by the symmetry of the object,

@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/association/competitors.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 #include "core/detection/plane_detector.h"
@@ -153,6 +155,16 @@ absl::Status ObjectToTrack::Validate() const {
         initial_camera_from_object->translation_m.norm() > 1e-9)) {
     return absl::InvalidArgumentError(
         "initial_camera_from_object must be finite, and its translation must not be zero");
+  }
+  if (initial_camera_from_object) {
+    const BoundingSphere sphere = BoundingSphereOf(*model);
+    const double depth_m = (*initial_camera_from_object * sphere.centre).z();
+    if (!(depth_m + sphere.radius_m > 0.0)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "initial_camera_from_object: the object is behind the camera, its centre at z = %.4g m; the z "
+          "axis of the camera points away from it, to the object",
+          depth_m));
+    }
   }
   if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
       reference_rotation.determinant() < 0.0) {

@@ -45,6 +45,9 @@ constexpr uint64_t kCurvePointBytes = 72;
 constexpr uint64_t kSurfaceTriangleBytes = 40;
 // A triangle of a curved surface in the tables of an EdgeElementExtractor.
 constexpr uint64_t kElementTriangleBytes = 200;
+// A triangle of a model with contours between facets in these tables, and one of its facet edges in the model.
+constexpr uint64_t kFacetTriangleBytes = 48;
+constexpr uint64_t kFacetEdgeBytes = 8;
 // A cell of 64 x 64 pixels: its page in a grid, and its background rate.
 constexpr uint64_t kCellBytes = 64;
 constexpr uint64_t kPageBytes = 1280;
@@ -59,7 +62,8 @@ uint64_t VisibleLinesOf(const ObjectModel& model, const TrackerOptions& options)
 
 uint64_t CurvesOf(const ObjectModel& model) {
   constexpr uint64_t kArcsOfRegion = 8;  // octants of the image normal
-  const uint64_t curves = model.lines.size() + model.curves.size() + kArcsOfRegion * model.surface.regions.size();
+  const uint64_t curves = model.lines.size() + model.curves.size() +
+                          kArcsOfRegion * (model.surface.regions.size() + (model.facet_edges.empty() ? 0 : 1));
   return std::min<uint64_t>(curves, ModelEdges::kMaxCurves);
 }
 
@@ -75,6 +79,7 @@ uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_othe
            (kTrackBytes + kTrackLineBytes * num_lines + kTrackCurveBytes * CurvesOf(model) + kCellBytes * num_cells);
   if (!model.surface.empty()) bytes += kElementTriangleBytes * model.triangles.size();
   if (HasCurvedEdges(model)) bytes += kTemplateSearchBytes;
+  if (!model.facet_edges.empty()) bytes += kFacetTriangleBytes * model.triangles.size();
   bytes += 2 * kPageBytes * num_cells;
   if (has_others) bytes += kPastLineBytes * num_lines + (kCellBytes + kPageBytes) * num_cells;  // Competitors
   return bytes;
@@ -88,7 +93,7 @@ uint64_t ModelBytes(const ObjectModel& model) {
     bytes += kTemplateModelBytes + (kTreeTriangleBytes + kElementTriangleBytes) * model.triangles.size();
   }
   // The second tree is that of the SearchModel.
-  return bytes + kModelLineBytes * model.lines.size() +
+  return bytes + kFacetEdgeBytes * model.facet_edges.size() + kModelLineBytes * model.lines.size() +
          kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
          kTreeTriangleBytes * model.triangles.size() + sizeof(RigidTransform) * model.symmetries.size();
 }

@@ -391,6 +391,9 @@ v1::Model ToProto(const ModelInfo& model) {
   out.set_size_bytes(model.size_bytes);
   out.set_num_faces(model.num_faces);
   out.set_num_lines(model.num_lines);
+  out.set_num_curves(model.num_curves);
+  out.set_num_regions(model.num_regions);
+  out.set_file_name(model.file_name);
   out.set_num_symmetries(model.num_symmetries);
   out.set_diameter_m(model.diameter_m);
   *out.mutable_create_time() = ToProto(model.create_time);

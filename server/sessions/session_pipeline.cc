@@ -34,6 +34,7 @@ void WriteModel(const ObjectModel* model, StateWriter& writer) {
     const auto kind = static_cast<uint8_t>(curve.kind);
     writer(kind, curve.points, curve.face_normals, curve.turn_rad);
   }
+  if (!model->facet_edges.empty()) writer(model->facet_edges);
   const SmoothSurface& surface = model->surface;
   writer(surface.region_of, surface.normals);
   writer.Count(surface.regions.size());

@@ -478,7 +478,10 @@ TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {
   ASSERT_EQ(first.status, 0) << first.err;
   EXPECT_EQ(first.Json()["lines"], 12);
   EXPECT_EQ(first.Json()["symmetries"], 24);
-  EXPECT_THAT(Run({"models", "list", "--server", address_}).out, HasSubstr("12 lines  12 faces  24 symmetries  "));
+  EXPECT_THAT(Run({"models", "list", "--server", address_}).out,
+              ::testing::MatchesRegex(
+                  "models/[0-9a-f]+  12 lines  0 curves  12 faces  24 symmetries  diameter [0-9.]+ m  model.obj\n"));
+  EXPECT_EQ(first.Json()["file_name"], "model.obj");
   EXPECT_EQ(upload({}).Json()["name"], first.Json()["name"]);
   const CliResult scaled = upload({"--scale", "0.001"});
   EXPECT_NE(scaled.Json()["name"], first.Json()["name"]);

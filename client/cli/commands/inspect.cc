@@ -14,6 +14,8 @@
 #include "client/cli/commands/inspect_findability.h"
 #include "client/cli/commands/model_picture.h"
 #include "client/cli/common/model_arguments.h"
+#include "core/association/visible_edges.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/evaluation/model_views.h"
 #include "core/models/object_model.h"
@@ -104,6 +106,7 @@ struct ViewSummary {
   Deviation weakest;                   // of the least certain motion
   std::array<Deviation, 6> by_motion;  // ModelView::deviation_px
   size_t num_unobservable = 0;
+  std::vector<Eigen::Vector3d> limited;  // directions of the views with more edges than are used, from the object
 };
 
 // `get` returns the value of a view.
@@ -124,6 +127,7 @@ ViewSummary Summarise(const std::vector<ModelView>& views) {
     length_px += view.length_px;
     contour_px += view.contour_px;
     summary.num_unobservable += view.weakest_px > kUnobservablePx ? 1 : 0;
+    if (view.has_more) summary.limited.push_back(-view.camera_from_object.rotation.row(2).transpose());
   }
   summary.contour_share = length_px > 0.0 ? contour_px / length_px : 0.0;
   summary.weakest = DeviationOver(views, [](const ModelView& view) { return view.weakest_px; });
@@ -144,7 +148,7 @@ std::string SymmetryText(const ObjectModel& model) {
   }
   const size_t count = std::max<size_t>(1, model.symmetries.size());
   if (count == 1) return "none";
-  return absl::StrFormat("%d rotations map the object onto itself", count);
+  return absl::StrCat(Counted(count, "rotation"), " map the object onto itself");
 }
 
 std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummary& summary) {
@@ -156,6 +160,15 @@ std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummar
                         "at the outline); "
                         "there, the pose follows from the predicted motion and becomes inaccurate within a short time",
                         summary.num_unobservable, num_views, kUnobservablePx));
+  }
+  if (!summary.limited.empty()) {
+    const Eigen::Vector3d& first = summary.limited.front();
+    warnings.push_back(absl::StrFormat(
+        "in %d of %d views, as from (%.2f, %.2f, %.2f), more edges are visible than the %d straight lines and %d "
+        "elements that are used: the strongest are chosen, and parts of the object have none; --crease-angle leaves "
+        "blunt edges out",
+        summary.limited.size(), num_views, first.x(), first.y(), first.z(), ModelEdges::kMaxLines,
+        EdgeElementOptions().max_elements));
   }
   return warnings;
 }
@@ -185,6 +198,10 @@ Json InspectionJson(const Inspection& inspection) {
   const auto deviation = [&](const Deviation& of) {
     return Json{{"median_px", finite(of.median_px)}, {"worst_px", finite(of.worst_px)}};
   };
+  Json limited = Json::array();
+  for (const Eigen::Vector3d& direction : summary.limited) {
+    limited.push_back({direction.x(), direction.y(), direction.z()});
+  }
   Json deviations;
   for (int motion = 0; motion < 6; ++motion) deviations[kMotionNames[motion]] = deviation(summary.by_motion[motion]);
   return {{"size_m", {inspection.size_m.x(), inspection.size_m.y(), inspection.size_m.z()}},
@@ -193,6 +210,7 @@ Json InspectionJson(const Inspection& inspection) {
           {"triangles", model.triangles.size()},
           {"regions", regions},
           {"edges", edges},
+          {"facet_edges", model.facet_edges.size()},
           {"symmetry", SymmetryJson(model)},
           {"views",
            {{"count", inspection.views.size()},
@@ -201,7 +219,8 @@ Json InspectionJson(const Inspection& inspection) {
             {"contour_share", summary.contour_share},
             {"deviation", deviations},
             {"weakest", deviation(summary.weakest)},
-            {"unobservable", summary.num_unobservable}}},
+            {"unobservable", summary.num_unobservable},
+            {"limited", limited}}},
           {"findability", FindabilityJson(inspection.findability, model, inspection.camera)},
           {"preparation_s", absl::ToDoubleSeconds(inspection.preparation)},
           {"extraction_ms", absl::ToDoubleMilliseconds(inspection.time_per_view)},
@@ -214,8 +233,9 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
   const Eigen::Vector3d& size_m = inspection.size_m;
   out << absl::StrFormat("%s: %.4g x %.4g x %.4g m, diameter %.4g m\n", path, size_m.x(), size_m.y(), size_m.z(),
                          model.diameter_m);
-  out << absl::StrFormat("mesh         %d triangles, %d vertices, prepared in %.2f s\n", model.triangles.size(),
-                         model.vertices.size(), absl::ToDoubleSeconds(inspection.preparation));
+  out << absl::StrFormat("mesh         %s, %s, prepared in %.2f s\n", Counted(model.triangles.size(), "triangle"),
+                         Counted(model.vertices.size(), "vertex", "vertices"),
+                         absl::ToDoubleSeconds(inspection.preparation));
   const auto add_region = [](std::string* text, const std::pair<const char*, size_t>& region) {
     absl::StrAppendFormat(text, "%d %s", region.second, region.first);
   };
@@ -225,7 +245,12 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
   }
   for (const EdgeCounts& counts : CountEdges(model)) {
     if (counts.lines + counts.curves == 0) continue;
-    out << absl::StrFormat("%-12s %d straight lines, %d curves\n", counts.name, counts.lines, counts.curves);
+    out << absl::StrFormat("%-12s %s, %s\n", counts.name, Counted(counts.lines, "straight line"),
+                           Counted(counts.curves, "curve"));
+  }
+  if (!model.facet_edges.empty()) {
+    out << absl::StrFormat("facets       %s, which is a contour where one of its facets faces the camera\n",
+                           Counted(model.facet_edges.size(), "edge between facets", "edges between facets"));
   }
   out << "symmetry     " << SymmetryText(model) << "\n";
   const ViewSummary summary = Summarise(inspection.views);
@@ -277,7 +302,7 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   AddFile(*app, "file", arguments->file, "Model file of any format")->required();
   arguments->reading.AddTo(*app);
   AddFile(*app, "--camera", arguments->camera, "Camera: ROS camera_info YAML; default: that of evpose simulate");
-  AddFile(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
+  AddPicture(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
   app->add_flag("--json", arguments->is_json, "JSON on standard output");
   app->footer(
       "findable is a prediction from the visible edges: three edges of 20 px, and a pose that is determined to 10 deg "

@@ -11,6 +11,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/cord.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
@@ -89,6 +90,14 @@ CLI::Validator NotNegative() {
 
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
   return app.add_option(name, path, description)->type_name("FILE");
+}
+
+CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
+  const auto check = [](const std::string& text) -> std::string {
+    if (absl::EndsWith(text, ".png")) return "";
+    return absl::StrCat(text, ": pictures are written as PNG; the name must end in .png");
+  };
+  return AddFile(app, name, path, description)->check(check);
 }
 
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
@@ -187,6 +196,18 @@ absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest
 
 Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
   return duration ? Json(absl::ToDoubleMilliseconds(*duration)) : Json(nullptr);
+}
+
+Json SymmetryJson(const std::optional<ContinuousSymmetry>& symmetry) {
+  if (!symmetry) return nullptr;
+  const auto vector = [](const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); };
+  if (symmetry->kind == ContinuousSymmetry::Kind::kSphere) {
+    return {{"kind", "SPHERE"}, {"centre_m", vector(symmetry->centre_m)}};
+  }
+  return {{"kind", "AXIS"},
+          {"centre_m", vector(symmetry->centre_m)},
+          {"axis", vector(symmetry->axis)},
+          {"is_flippable", symmetry->is_flippable}};
 }
 
 Json ObjectJson(const ObjectHealth& object) {

@@ -60,7 +60,7 @@ Json ReplayReport::ObjectsJson() const {
     Json json = ObjectJson(object);
     json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
     json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
-    json["has_continuous_symmetry"] = i < models.size() && models[i].has_continuous_symmetry;
+    json["continuous_symmetry"] = i < models.size() ? SymmetryJson(models[i].continuous_symmetry) : Json(nullptr);
     json["model_diameter_m"] = i < models.size() ? models[i].diameter_m : 0.0;
     objects.push_back(std::move(json));
   }
@@ -106,7 +106,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     if (model.num_symmetries > 1) {
       stream << "; looks the same in " << model.num_symmetries << " orientations; a pose represents all of them";
     }
-    if (model.has_continuous_symmetry) {
+    if (model.continuous_symmetry) {
       stream << "; symmetric about an axis or a centre; the rotation about it is not measured";
     }
     stream << "\n";

@@ -4,6 +4,8 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -31,7 +33,7 @@ struct ReplayReport {
     std::vector<std::string> notices;
     uint32_t num_symmetries = 1;
     double diameter_m = 0.0;
-    bool has_continuous_symmetry = false;
+    std::optional<ContinuousSymmetry> continuous_symmetry;
   };
   std::vector<Model> models;  // of the objects, in their order
 

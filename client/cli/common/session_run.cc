@@ -13,6 +13,7 @@
 #include "client/lib/client_access.h"
 #include "client/lib/core_types.h"
 #include "client/lib/status_details.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 
@@ -226,7 +227,7 @@ std::string SessionRun::KeepPoses() {
   if (!poses_ || num_poses_ == 0) return "";
   const absl::Status status = poses_->Commit();
   if (!status.ok()) return absl::StrCat("; the poses are lost: ", status.message());
-  return absl::StrFormat("; %s: %d poses up to %.6f s", absl::StrJoin(report_.files, ", "), num_poses_,
+  return absl::StrFormat("; %s: %s up to %.6f s", absl::StrJoin(report_.files, ", "), Counted(num_poses_, "pose"),
                          static_cast<double>(last_pose_us_) * 1e-6);
 }
 

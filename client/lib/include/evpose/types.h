@@ -120,7 +120,9 @@ struct ModelInfo {
   ModelFormat format = ModelFormat::kObj;
   uint64_t size_bytes = 0;
   uint32_t num_faces = 0;
-  uint32_t num_lines = 0;
+  uint32_t num_lines = 0;                                 // straight edges
+  uint32_t num_curves = 0;                                // curved edges
+  uint32_t num_regions = 0;                               // parts of the surface between creases; 0 if all are flat
   uint32_t num_symmetries = 1;                            // 1 with a continuous symmetry
   std::optional<ContinuousSymmetry> continuous_symmetry;  // absent also for a kind of a later server
   double diameter_m = 0.0;
@@ -130,6 +132,7 @@ struct ModelInfo {
   std::string sha256_hex;
   absl::Time create_time = absl::InfinitePast();
   std::vector<std::string> notices;
+  std::string file_name;  // UploadOptions::file_name of the first upload
 };
 
 struct TrackedObject {
