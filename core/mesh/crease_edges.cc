@@ -66,7 +66,8 @@ class CreaseFinder {
         crease_rad_(options.crease_angle_deg * kRadPerDeg),
         crease_cosine_(DeterministicSinCos(crease_rad_).cos),
         is_smooth_(options.is_smooth),
-        diameter_m_(diameter_m) {}
+        diameter_m_(diameter_m),
+        exact_segments_(ExactSegments(graph.mesh())) {}
 
   std::vector<MeshEdge> Find() {
     ForEachEdge(graph_.uses(), [this](absl::Span<const EdgeUse> uses) {
@@ -141,6 +142,9 @@ class CreaseFinder {
 
   EdgeClass ClassifyExact(absl::Span<const EdgeUse> uses) const {
     const SmoothSurface& exact = mesh_.exact_surface;
+    if (const ExactSegment* segment = FindExactSegment(exact_segments_, uses[0].low, uses[0].high)) {
+      return mesh_.exact_edges[segment->edge].is_smooth ? EdgeClass::kSmooth : EdgeClass::kCrease;
+    }
     if (exact.region_of[uses[0].triangle] == exact.region_of[uses[1].triangle]) return EdgeClass::kSmooth;
     const bool jumps = Differ(NormalsAt(uses[0], exact.normals), NormalsAt(uses[1], exact.normals), kMinStatedJump);
     return jumps ? EdgeClass::kCrease : EdgeClass::kSmooth;
@@ -293,6 +297,7 @@ class CreaseFinder {
   const double crease_cosine_;
   const bool is_smooth_;
   const double diameter_m_;
+  const std::vector<ExactSegment> exact_segments_;
   std::vector<MeshEdge> edges_;
   std::vector<EdgeClass> classes_;  // of `edges_`
   std::vector<PathStep> path_;

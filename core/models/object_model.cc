@@ -144,6 +144,10 @@ void ScaleMesh(double factor, RawMesh& mesh) {
     region.point *= factor;
     region.radius_m *= factor;
   }
+  for (ExactEdge& edge : mesh.exact_edges) {
+    edge.circle.centre *= factor;
+    edge.circle.radius_m *= factor;
+  }
 }
 
 // The edges of the model: the line elements, and those of the surface unless the line elements are all.
