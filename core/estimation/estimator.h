@@ -108,6 +108,8 @@ class WindowEstimator {
   virtual bool UsesVisibility() const { return true; }
   // True: `predicted` is the prediction of the motion prior; false: it is the last pose, at rest.
   virtual bool UsesPrediction() const { return true; }
+  // True: the covariance of a fit is that of the prediction, updated with the events.
+  virtual bool UpdatesCovariance() const { return false; }
   // Estimates the state of a window. `predicted` is the state predicted for mid-window, with covariance. `gate_factor`
   // (>= 1) widens the gate for a second try (core/estimation/README.md, section 5). `fit` is overwritten and its memory
   // is reused. Does not change what Accept() has learned, so that Fit() may be called twice for a window.

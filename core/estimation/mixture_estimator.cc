@@ -8,6 +8,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
+#include "core/estimation/event_dispersion.h"
 #include "core/estimation/flicker_bias.h"
 #include "core/numerics/reusable_vector.h"
 
@@ -48,6 +49,7 @@ class MixtureEstimator : public WindowEstimator {
     return 2.0 * FirstGatePx(predicted_spread_px, gate_factor);
   }
   int MaxEvents() const override { return options_.max_events; }
+  bool UpdatesCovariance() const override { return true; }
 
   void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override {
     // Pixels: the passes end when the lines move by less, which is about half of the standard deviation of a line's
@@ -119,6 +121,7 @@ class MixtureEstimator : public WindowEstimator {
       outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
     }
     LearnDisplacement(input.lines);
+    LearnDispersion(input);
     counts_.clear();
     for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
@@ -130,9 +133,9 @@ class MixtureEstimator : public WindowEstimator {
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
            final_gate_px, moved_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
-           edge_bias, clutter] = self;
+           edge_bias, clutter, dispersion] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
-            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
+            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion);
   }
 
  private:
@@ -183,6 +186,30 @@ class MixtureEstimator : public WindowEstimator {
     displacement_px2_ += kForget * (mean_px2 - displacement_px2_);
     const double usual_px = options_.usual_displacement_px;
     displacement_factor_ = std::clamp(displacement_px2_ / (usual_px * usual_px), 1.0, kMaxFactor);
+  }
+  // Updates the dispersion from the distances of the events of the lines.
+  void LearnDispersion(const WindowInput& input) {
+    const double displacement_px = DisplacementPx(input.duration_s);
+    ForEachCurve(input.lines, [&](size_t first, size_t end) {
+      double sum_px = 0.0, w = 0.0, ambiguous_px2 = 0.0;
+      for (size_t k = first; k < end; ++k) {
+        if (!lines_[k].in_view()) continue;
+        const LineSums& sums = sums_[k].sums;
+        sum_px += sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
+        w += sums.weight();
+        ambiguous_px2 += sums_[k].ambiguous_px2;
+      }
+      if (!(w > 0.0)) return;
+      const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, sigma_px_);
+      const double displaced_px = w * observed * displacement_px;
+      const double independent_px2 = w * observed * sigma_px_ * sigma_px_ * options_.events_per_information;
+      dispersion_.Add(input.lines[first].curve, sum_px, independent_px2 + displaced_px * displaced_px, w);
+    });
+  }
+  double EventsPerInformation() const { return options_.events_per_information * dispersion_.factor(); }
+  // Standard deviation of the displacement that the events of a line share in a window.
+  double DisplacementPx(double duration_s) const {
+    return options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(duration_s, 1e-6));
   }
   double FirstGatePx(double spread_px, double gate_factor) const {
     // Three standard deviations of an event about the predicted line.
@@ -245,9 +272,8 @@ class MixtureEstimator : public WindowEstimator {
   enum class Information { kComplete, kObserved };
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
                          Matrix12d& hessian, Vector12d& gradient) {
-    const double event_scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
-    const double displacement_px =
-        options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
+    const double event_scale = 1.0 / (sigma_px * sigma_px * EventsPerInformation());
+    const double displacement_px = DisplacementPx(input.duration_s);
     const auto scale_of = [&](size_t k) {
       return information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
     };
@@ -266,7 +292,7 @@ class MixtureEstimator : public WindowEstimator {
     CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
                     deficit_counts_);
     return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
-                           1.0 / options_.events_per_information, hessian, gradient);
+                           1.0 / EventsPerInformation(), hessian, gradient);
   }
   bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
   // Adds the equations of the elements [first, end) of an arc. Their common displacement is marginalised once
@@ -306,9 +332,9 @@ class MixtureEstimator : public WindowEstimator {
   // Expected number of observations in the gates from the background. A line at rest has only these and must not be
   // fitted to them.
   double Background(const WindowInput& input, double gate_px) const {
-    double length_px = 0.0;
-    for (const ImageLine& line : lines_) length_px += line.length_px;
-    return input.background_per_px2 * 2.0 * gate_px * length_px * input.shares.observations_per_background_event;
+    double area_px2 = 0.0;
+    for (size_t k = 0; k < lines_.size(); ++k) area_px2 += GateAreaPx2(input.cells, lines_, k, gate_px);
+    return input.background_per_px2 * area_px2 * input.shares.observations_per_background_event;
   }
 
   const MixtureOptions options_;
@@ -333,6 +359,7 @@ class MixtureEstimator : public WindowEstimator {
   std::vector<DeficitCounts> deficit_counts_;
   EdgeBias edge_bias_;
   LineClutter clutter_;
+  EventDispersion dispersion_;
 };
 
 }  // namespace

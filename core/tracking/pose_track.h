@@ -17,7 +17,9 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/motion_prior.h"
 #include "core/tracking/curve_activity.h"
+#include "core/tracking/flash.h"
 #include "core/tracking/health.h"
+#include "core/tracking/motion_adaptation.h"
 #include "core/tracking/pose_estimate.h"
 #include "core/tracking/track_phase.h"
 #include "core/tracking/tracker_options.h"
@@ -80,7 +82,13 @@ class PoseTrack {
   // Expected density of the other objects' events at `event`, relative to that of the nearest own line.
   double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
-  MotionState Predicted(int64_t t_us, double noise_factor) const;
+  MotionState Predicted(int64_t t_us, const MotionPriorOptions& motion, double noise_factor) const;
+  // Fits the window with the densities of the motion that were learned, and again with the full ones if it surprises.
+  void FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted);
+  // Whether the brightness changes and the events are not concentrated near the lines of fit_.
+  bool IsFlash(const EventWindow& window, const WindowInput& input);
+  // Replaces fit_ by the one to no events.
+  void FitNoEvents(const WindowInput& input, const MotionState& predicted);
   // Valid until the next window.
   const WindowFit& FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
   // Whether the predicted motion is so slow that an event deficit is not significant.
@@ -113,6 +121,8 @@ class PoseTrack {
   std::unique_ptr<WindowEstimator> estimator_;
   TrackHealth health_;
   CurveActivity activity_;
+  FlashDetector flash_;
+  MotionAdaptation adaptation_;
 
   TrackPhase phase_ = TrackPhase::kTentative;
   MotionState motion_;
@@ -130,6 +140,7 @@ class PoseTrack {
 
   absl::Span<const TrackedLine> lines_;
   std::vector<TrackedLine> unoccluded_lines_;
+  bool is_flash_ = false;            // IsFlash() of the last window
   bool is_occluded_ = false;         // the other objects occlude all visible lines
   bool is_partly_occluded_ = false;  // the other objects occlude some of them
   std::vector<ImageLine> image_lines_;

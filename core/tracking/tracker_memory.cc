@@ -27,11 +27,11 @@ constexpr uint64_t kTemplateModelBytes = 7u << 20;
 constexpr uint64_t kTemplateSearchBytes = 14u << 20;
 constexpr uint64_t kTemplateSearchPixelBytes = 2;
 // A hypothesis: observations of its events, the same by line, and the sums of its estimator.
-constexpr uint64_t kTrackBytes = 400u << 10;
+constexpr uint64_t kTrackBytes = 440u << 10;
 // A visible line or element in a hypothesis: image lines with their Jacobians and sums, twice the capacity.
 constexpr uint64_t kTrackLineBytes = 2200;
 // What a hypothesis learns of an edge curve.
-constexpr uint64_t kTrackCurveBytes = 500;
+constexpr uint64_t kTrackCurveBytes = 700;
 // A visible line or element in the past states of an object, which other objects need: 96 bytes in at most 400 windows
 // of the search's memory; and the bytes of it that are saved.
 constexpr uint64_t kPastLineBytes = 400 * 96;

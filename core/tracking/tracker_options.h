@@ -9,6 +9,7 @@
 #include "core/estimation/mixture_estimator.h"
 #include "core/geometry/motion_prior.h"
 #include "core/models/visibility.h"
+#include "core/tracking/flash.h"
 #include "core/tracking/health.h"
 #include "core/windows/event_window.h"
 
@@ -73,6 +74,7 @@ struct TrackerOptions : EstimatorOptions {
   InitializationOptions initialization;
   MotionPriorOptions motion;
   HealthOptions health;
+  FlashOptions flash;
 
   std::unique_ptr<WindowEstimator> MakeEstimator(const CameraModel& camera) const;
 
