@@ -39,8 +39,7 @@ std::optional<double> BorderSlope(const ImageLine& line, const ImageLine& neighb
 
 // Computes what straight lines and elements have in common; `line` has its default values before.
 void ProjectStraight(const CameraModel& camera, const MotionState& state, const TrackedLine& tracked, ImageLine& line) {
-  const std::optional<ProjectedLine> projected =
-      ProjectLine(camera, state.camera_from_object, tracked.p1, tracked.p2);
+  const std::optional<ProjectedLine> projected = ProjectLine(camera, state.camera_from_object, tracked.p1, tracked.p2);
   if (!projected) return;
   const Eigen::Vector2d extent = projected->p2_px - projected->p1_px;
   const double length_px = extent.norm();

@@ -127,9 +127,9 @@ void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLin
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines);
 
-// Moves the `image_lines` of ProjectLines() to `state`, which differs from their state by the small motion `pose_change`
-// (the tangent of rigid_transform.h). Straight lines are projected as ProjectLines() does; elements are displaced across
-// themselves to first order, README, equation (10): their positions along themselves stay.
+// Moves the `image_lines` of ProjectLines() to `state`, which differs from their state by the small motion
+// `pose_change` (the tangent of rigid_transform.h). Straight lines are projected as ProjectLines() does; elements are
+// displaced across themselves to first order, README, equation (10): their positions along themselves stay.
 void MoveLines(const CameraModel& camera, const MotionState& state, const Vector6d& pose_change,
                absl::Span<const TrackedLine> lines, absl::Span<ImageLine> image_lines);
 

@@ -132,8 +132,8 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, moved_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
-           edge_bias, clutter, dispersion] = self;
+           final_gate_px, moved_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities,
+           deficit_counts, edge_bias, clutter, dispersion] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
             InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion);
   }

@@ -104,8 +104,8 @@ struct MeshRasterizer::Facet {
   Facet(const std::array<const ScreenVertex*, 3>& corners, const std::array<Vector2d, 3>& p, double area)
       : edges{Plane::Edge(p[0], p[1], area > 0.0 ? 1.0 : -1.0), Plane::Edge(p[1], p[2], area > 0.0 ? 1.0 : -1.0),
               Plane::Edge(p[2], p[0], area > 0.0 ? 1.0 : -1.0)},
-        depth(Plane::Through(
-            p, area, {corners[0]->inverse_depth, corners[1]->inverse_depth, corners[2]->inverse_depth})),
+        depth(
+            Plane::Through(p, area, {corners[0]->inverse_depth, corners[1]->inverse_depth, corners[2]->inverse_depth})),
         light(Plane::Through(p, area, {corners[0]->light, corners[1]->light, corners[2]->light})) {
     std::tie(depth_low, depth_high) =
         std::minmax({corners[0]->inverse_depth, corners[1]->inverse_depth, corners[2]->inverse_depth});
@@ -244,8 +244,8 @@ void MeshRasterizer::DrawPixel(const Facet& facet, const FacetDifferences& diffe
   const float e0 = facet.edges[0].At(x, y), e1 = facet.edges[1].At(x, y), e2 = facet.edges[2].At(x, y);
   const float depth = facet.depth.At(x, y), light = facet.light.At(x, y);
   for (int k = 0; k < kNum; ++k) {
-    const float inside = std::min(std::min(e0 + differences.edges[0][k], e1 + differences.edges[1][k]),
-                                  e2 + differences.edges[2][k]);
+    const float inside =
+        std::min(std::min(e0 + differences.edges[0][k], e1 + differences.edges[1][k]), e2 + differences.edges[2][k]);
     const float d = std::min(std::max(depth + differences.depth[k], facet.depth_low), facet.depth_high);
     const float l = std::min(std::max(light + differences.light[k], facet.light_low), facet.light_high);
     const bool is_seen = (inside >= -kOverlapPx) & (d > samples.inverse_depth[k]);

@@ -29,8 +29,8 @@ struct ScreenMesh {
 
 // A pixel is sampled 16 times if an edge touches it or if the light is not linear around it, as where two surfaces
 // intersect. The columns and the rows of its samples are all different (Hammersley's points): the covered area behind
-// an edge along a column or row changes in steps of 1/16. Any other pixel lies inside a smooth surface, so that its mean
-// light is the light at its centre.
+// an edge along a column or row changes in steps of 1/16. Any other pixel lies inside a smooth surface, so that its
+// mean light is the light at its centre.
 class MeshRasterizer {
  public:
   static constexpr int kSamples = 16;

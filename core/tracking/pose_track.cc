@@ -403,8 +403,8 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_edges, all_lines, associator, estimator, health, activity, flash, adaptation, phase, motion,
          usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us,
          is_fully_tested, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines, is_flash,
-         is_occluded,
-         is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] = self;
+         is_occluded, is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] =
+      self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
   archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,

@@ -9,8 +9,8 @@
 #include "core/estimation/mixture_estimator.h"
 #include "core/geometry/motion_prior.h"
 #include "core/models/visibility.h"
-#include "core/tracking/flash.h"
-#include "core/tracking/health.h"
+#include "core/tracking/evidence/flash.h"
+#include "core/tracking/evidence/health.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {

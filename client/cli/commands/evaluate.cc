@@ -42,7 +42,7 @@ struct Row {
   Evaluation evaluation;
   std::optional<Consistency> consistency;  // of estimates with covariances
   int nees_degrees_of_freedom = 6;
-  size_t num_ambiguous = 0;  // AMBIGUOUS poses of a CSV
+  size_t num_ambiguous = 0;                  // AMBIGUOUS poses of a CSV
   std::optional<double> surface_distance_m;  // with a model that has faces, and at least one pose
 };
 
@@ -111,8 +111,8 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
     }
     EVPOSE_ASSIGN_OR_RETURN(const std::optional<Consistency> consistency,
                             EvaluateConsistency(truth, estimate, options));
-    Row& row = rows.emplace_back(
-        Row{name, *evaluation, consistency, NumObservable(options.continuous_symmetry), estimate.ambiguous_us.size(), {}});
+    Row& row = rows.emplace_back(Row{
+        name, *evaluation, consistency, NumObservable(options.continuous_symmetry), estimate.ambiguous_us.size(), {}});
     if (!surface) continue;
     EVPOSE_ASSIGN_OR_RETURN(row.surface_distance_m, MeanSurfaceDistance(truth, estimate.trajectory, *surface, options));
   }
@@ -173,8 +173,8 @@ std::vector<std::string> RowCells(const Row& row) {
 
 void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   std::vector<std::vector<std::string>> lines = {
-      {"", "", "cover", "ambig", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "surface", "", "rate",
-       "NEES", "5 to"},
+      {"", "", "cover", "ambig", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "surface", "",
+       "rate", "NEES", "5 to"},
       {"estimate", "poses", "%", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
        "px", "mm", "losses", "Hz", "median", "95 %"}};
   for (const Row& row : rows) lines.push_back(RowCells(row));

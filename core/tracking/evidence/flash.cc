@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/tracking/flash.h"
+#include "core/tracking/evidence/flash.h"
 
 #include <algorithm>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/tracking/health.h"
+#include "core/tracking/evidence/health.h"
 
 #include <gtest/gtest.h>
 
