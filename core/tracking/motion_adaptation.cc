@@ -36,8 +36,8 @@ bool MotionAdaptation::IsSurprising(const Innovation& innovation) const {
 
 void MotionAdaptation::Add(const Innovation& innovation) {
   // Relative change of the ratio per degree of freedom. Slow objects have windows with few events, which measure less
-  // than one direction: their ratio falls to a hundredth within some hundred windows, a few seconds.
-  constexpr double kGain = 0.06;
+  // than one direction: their ratio falls to a hundredth within some thousand windows, about ten seconds.
+  constexpr double kGain = 0.02;
   // Bound of one window: twice the directions of a pose and its twist.
   constexpr double kMaxExcess = 12.0;
   if (!std::isfinite(innovation.square) || !std::isfinite(innovation.expected)) return;
