@@ -11,7 +11,7 @@ namespace evpose {
 namespace {
 
 constexpr int kCurves = 10;
-constexpr double kSpreadPx = 0.8;
+constexpr double kDispersionSpreadPx = 0.8;
 
 // Windows with `events` events of each line. The events of a line share a displacement for `windows_per_shift` windows.
 double FactorOf(int num_windows, int events, double shift_px, int windows_per_shift) {
@@ -22,8 +22,8 @@ double FactorOf(int num_windows, int events, double shift_px, int windows_per_sh
     for (int curve = 0; curve < kCurves; ++curve) {
       if (i % windows_per_shift == 0) shifts[curve] = shift_px * random.Normal();
       double sum_px = 0.0;
-      for (int k = 0; k < events; ++k) sum_px += shifts[curve] + kSpreadPx * random.Normal();
-      dispersion.Add(curve, sum_px, events * kSpreadPx * kSpreadPx, events);
+      for (int k = 0; k < events; ++k) sum_px += shifts[curve] + kDispersionSpreadPx * random.Normal();
+      dispersion.Add(curve, sum_px, events * kDispersionSpreadPx * kDispersionSpreadPx, events);
     }
   }
   return dispersion.factor();

@@ -11,8 +11,9 @@
 
 namespace evpose {
 
-void Hypotheses::Add(const MotionState& start) {
+void Hypotheses::Add(const MotionState& start, bool is_from_contours) {
   Entry entry;
+  entry.is_from_contours = is_from_contours;
   entry.track = std::make_unique<PoseTrack>(context_, start);
   Append(std::move(entry));
 }
@@ -157,8 +158,8 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, estimate, explains, difference, squares] = self;
-  archive(*track, estimate);
+  auto& [track, is_from_contours, estimate, explains, difference, squares] = self;
+  archive(*track, is_from_contours, estimate);
   // Both have one element per entry.
   for (auto& value : difference) archive(Finite(value));
   for (auto& value : squares) archive(Finite(value));

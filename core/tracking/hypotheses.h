@@ -20,7 +20,8 @@ class Hypotheses {
   explicit Hypotheses(const TrackContext& context) : context_(context) {}
 
   // Adds a hypothesis that starts at `start`. Among equally supported hypotheses the earlier one takes precedence.
-  void Add(const MotionState& start);
+  // `is_from_contours`: the pose was found by contours, which nearly symmetric poses share.
+  void Add(const MotionState& start, bool is_from_contours = false);
   // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
   // twice InitializationOptions::max_candidates are kept, the earliest ones.
   void Join(Hypotheses&& others);
@@ -40,6 +41,7 @@ class Hypotheses {
   size_t size() const { return entries_.size(); }
   // Requires !empty().
   const PoseTrack& first() const { return *entries_.front().track; }
+  bool first_is_from_contours() const { return entries_.front().is_from_contours; }
   // Estimate of the first hypothesis for the last window; nullopt while it is tentative. Requires !empty().
   const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
   // The other hypotheses at the last window, with their likelihoods relative to the first one (README, equation (3)).
@@ -57,6 +59,7 @@ class Hypotheses {
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {
     std::unique_ptr<PoseTrack> track;
+    bool is_from_contours = false;
     std::optional<PoseEstimate> estimate;
     std::vector<float> explains;  // scores of the compared events of the window (PoseTrack::Explains)
     // For each other entry, in the order of `entries_`: sum of the differences of `explains`, and of their squares.

@@ -91,6 +91,12 @@ double ObjectTracker::ImageSpeedPxPerS() const {
 }
 
 TrackState ObjectTracker::state() const {
+  const TrackState supported = SupportedState();
+  const bool is_untested = IsPublished(phase_) && hypotheses_.first_is_from_contours();
+  return is_untested && supported == TrackState::kTracking ? TrackState::kDegraded : supported;
+}
+
+TrackState ObjectTracker::SupportedState() const {
   if (!IsPublished(phase_)) return unpublished_state_;
   const bool has_competitors = hypotheses_.size() > 1 && IsCompeting(phase_);
   return has_competitors ? TrackState::kAmbiguous : hypotheses_.first().state();
@@ -106,7 +112,7 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
   now_us_ = window.t_end_us;
   if (given_pose_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
-    if (IsPublished(phase_) && repeats_left_ == 0 && state() == TrackState::kTracking) {
+    if (IsPublished(phase_) && repeats_left_ == 0 && SupportedState() == TrackState::kTracking) {
       memory_.Clear();
       retry_us_ = context_.options.initialization.repeat_us;
     } else {
@@ -176,7 +182,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
   estimate.state = state();
   if (estimate.state == TrackState::kAmbiguous) estimate.alternatives = hypotheses_.Alternatives();
-  if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
+  if (SupportedState() == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
   // A search after a loss processes stored windows again; poses of some of them have already been published.
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
@@ -223,7 +229,7 @@ bool ObjectTracker::MaySearchAgain() const {
   // the evidence accumulated against them.
   if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
   // Events near its lines do not distinguish an object at rest from one that has left: it may reappear elsewhere.
-  const TrackState now = state();
+  const TrackState now = SupportedState();
   return !IsPublished(phase_) || repeats_left_ > 0 || now == TrackState::kDegraded || now == TrackState::kAmbiguous;
 }
 
@@ -259,7 +265,7 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
   // Contours leave more poses undecided than lines: as many are taken as are kept at all (Hypotheses).
   const int max_count = (first.uses_contours ? 2 : 1) * context_.options.initialization.max_candidates;
   const size_t count = std::min(first.poses.size(), static_cast<size_t>(max_count));
-  for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]));
+  for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]), first.uses_contours);
   if (!first.poses.empty()) {
     ++report_.searches.poses_found;
     return InitializationStatus::kVerifying;

@@ -74,6 +74,9 @@ class ObjectTracker {
   // Whether the values that were read, each of them valid, are valid together.
   bool IsConsistent() const;
 
+  // The state that the events support. That of a pose that was found by contours is reported as DEGRADED instead of
+  // TRACKING, because its half turns and reflections, which have nearly the same contours, are not tested against it.
+  TrackState SupportedState() const;
   void StartFromGivenPose(const EventWindow& window);
   void Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // The other published objects in a window; null when there are none. `near` restricts them to those whose image is

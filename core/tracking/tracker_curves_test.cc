@@ -141,7 +141,8 @@ TEST(TrackerCurves, AModelWithoutLinesIsFoundByItsContours) {
   auto tracker = Tracker::Create(model, kCamera, IdealSensor(), std::nullopt).value();
   std::vector<PoseEstimate> estimates;
   tracker->AddEvents(events, estimates);
-  EXPECT_EQ(tracker->state(), TrackState::kTracking);
+  // Not TRACKING: its reflections, which have nearly the same contours, are not tested.
+  EXPECT_EQ(tracker->state(), TrackState::kDegraded);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotNeeded);
   ASSERT_GT(estimates.size(), 10u);
   const std::vector<PoseEstimate> last(estimates.end() - 10, estimates.end());
