@@ -8,8 +8,8 @@
 namespace evpose {
 namespace {
 
-// The standard deviation of the mean of 128 distances is a tenth of theirs.
-constexpr int kSamples = 128;
+// The standard deviation of the mean of 512 distances is a fortieth of it.
+constexpr int kSamples = 512;
 // The first radius in which triangles are searched, relative to the diameter: the error of a good pose.
 constexpr double kFirstRadius = 1e-3;
 

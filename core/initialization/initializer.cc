@@ -65,11 +65,11 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 }
 
 PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                                 std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
-                                 std::unique_ptr<TemplateSearch> templates)
+                                 std::vector<std::shared_ptr<LineDetector>> detectors,
+                                 std::unique_ptr<PoseSearch> search, std::unique_ptr<TemplateSearch> templates)
     : model_(std::move(model)),
       camera_(camera),
-      detector_(std::move(detector)),
+      detectors_(std::move(detectors)),
       search_(std::move(search)),
       templates_(std::move(templates)) {}
 
@@ -79,7 +79,12 @@ bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
 
 FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
   FirstPoses first;
-  if (search_ != nullptr) first = FindByLines(events);
+  for (size_t i = 0; search_ != nullptr && i < detectors_.size() && first.poses.empty(); ++i) {
+    const FirstPoses found = FindByLines(events, *detectors_[i]);
+    // Of searches without a pose, the one that came nearest to one is reported.
+    const bool is_nearer = found.has_moved == first.has_moved ? found.num_lines > first.num_lines : found.has_moved;
+    if (i == 0 || is_nearer || !found.poses.empty()) first = found;
+  }
   if (templates_ != nullptr) FindByContours(events, first);
   return first;
 }
@@ -97,8 +102,8 @@ void PoseInitializer::FindByContours(absl::Span<const PixelEvent> events, FirstP
   }
 }
 
-FirstPoses PoseInitializer::FindByLines(absl::Span<const PixelEvent> events) {
-  const LineDetection detection = detector_->Detect(events);
+FirstPoses PoseInitializer::FindByLines(absl::Span<const PixelEvent> events, LineDetector& detector) {
+  const LineDetection detection = detector.Detect(events);
   std::vector<ImageSegment> segments;
   for (const DetectedLine& line : detection.lines) segments.push_back(AtMiddle(line));
   FirstPoses first;

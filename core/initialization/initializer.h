@@ -56,17 +56,18 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 // Deterministic; not thread-safe.
 class PoseInitializer {
  public:
-  // Several initializers of one thread may share a detector, which keeps no state between calls. `search` is null for a
+  // Several initializers of one thread may share detectors, which keep no state between calls. Each detector is tried
+  // until the lines of one give a pose: detectors for lines of other lengths. `search` is null for a
   // model whose lines determine no pose, `templates` for one without curved edges; not both are.
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                  std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
+                  std::vector<std::shared_ptr<LineDetector>> detectors, std::unique_ptr<PoseSearch> search,
                   std::unique_ptr<TemplateSearch> templates = nullptr);
 
   // `events` are as LineDetector::Detect requires. If the edges have hardly moved, the result has lines but no poses.
   FirstPoses Find(absl::Span<const PixelEvent> events);
 
  private:
-  FirstPoses FindByLines(absl::Span<const PixelEvent> events);
+  FirstPoses FindByLines(absl::Span<const PixelEvent> events, LineDetector& detector);
   // Replaces the poses by those of the template search, which judges them together with its own.
   void FindByContours(absl::Span<const PixelEvent> events, FirstPoses& first);
   // Returns whether random segments hardly give a pose that explains as much.
@@ -74,7 +75,7 @@ class PoseInitializer {
 
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
-  const std::shared_ptr<LineDetector> detector_;
+  const std::vector<std::shared_ptr<LineDetector>> detectors_;
   const std::unique_ptr<PoseSearch> search_;
   const std::unique_ptr<TemplateSearch> templates_;
   const InitializerOptions options_;

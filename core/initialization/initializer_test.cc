@@ -126,7 +126,7 @@ TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   std::vector<ImageSegment> asked;
   PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10};
-  PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
+  PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
                               std::make_unique<FixedSearch>(hypothesis, asked));
   const FirstPoses first = initializer.Find({});
   EXPECT_EQ(first.num_lines, 10);
@@ -149,7 +149,7 @@ TEST(PoseInitializer, RejectsPosesThatRandomSegmentsWouldGive) {
   for (const auto& [chance_poses, is_plausible] : {std::pair{0.9 * bound, true}, {1.1 * bound, false}}) {
     PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10};
     hypothesis.chance_poses = chance_poses;
-    PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
+    PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
                                 std::make_unique<FixedSearch>(hypothesis, asked));
     const FirstPoses first = initializer.Find({});
     EXPECT_TRUE(first.has_moved);
@@ -163,7 +163,7 @@ TEST(PoseInitializer, WaitsUntilTheLinesHaveMoved) {
   for (DetectedLine& line : detection.lines) line.normal_velocity_px_per_s = -90.0;
   std::vector<ImageSegment> asked;
   PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10};
-  PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
+  PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
                               std::make_unique<FixedSearch>(hypothesis, asked));
   const FirstPoses first = initializer.Find({});
   EXPECT_EQ(first.num_lines, 10);

@@ -95,9 +95,27 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
+// The lines of an object that is small in the image of a small sensor need short lengths in pixels; sparse events about
+// long lines need those of a large sensor.
+absl::StatusOr<std::vector<std::shared_ptr<LineDetector>>> MakeDetectors(const InitializationOptions& options,
+                                                                         SensorGeometry sensor) {
+  std::vector<std::shared_ptr<LineDetector>> detectors(1);
+  if (options.detector_factory) {
+    EVPOSE_ASSIGN_OR_RETURN(detectors[0], options.detector_factory(sensor));
+    return detectors;
+  }
+  const PlaneDetectorOptions of_sensor = PlaneDetectorOptions::ForSensor(sensor);
+  EVPOSE_ASSIGN_OR_RETURN(detectors[0], MakePlaneLineDetector(of_sensor, sensor));
+  const PlaneDetectorOptions full;
+  if (of_sensor.lines.min_length_px != full.lines.min_length_px) {
+    EVPOSE_ASSIGN_OR_RETURN(detectors.emplace_back(), MakePlaneLineDetector(full, sensor));
+  }
+  return detectors;
+}
+
 // Returns null for a model that is tracked from given poses only, because no edge is visible in its views.
 absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
-                                                                 std::shared_ptr<LineDetector> detector) {
+                                                                 std::vector<std::shared_ptr<LineDetector>> detectors) {
   const bool has_curves = HasCurvedEdges(*object.model);
   std::unique_ptr<PoseSearch> search;
   if (IsSearchable(*object.model) || !has_curves) {
@@ -110,7 +128,7 @@ absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToT
     if (views->num_coarse() > 0) templates = std::make_unique<TemplateSearch>(views, camera);
   }
   if (search == nullptr && templates == nullptr) return std::unique_ptr<PoseInitializer>();
-  return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search),
+  return std::make_unique<PoseInitializer>(object.model, camera, std::move(detectors), std::move(search),
                                            std::move(templates));
 }
 
@@ -187,17 +205,16 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     EVPOSE_ASSIGN_OR_RETURN(tables, MakeCameraTables(camera));
   }
   const SensorGeometry sensor = {camera.width_px, camera.height_px};
-  std::shared_ptr<LineDetector> detector;  // of all objects, which search in turn
+  // Of all objects, which search in turn.
+  std::vector<std::shared_ptr<LineDetector>> detectors;
   if (options.initialization.is_automatic) {
-    const LineDetectorFactory& factory = options.initialization.detector_factory;
-    EVPOSE_ASSIGN_OR_RETURN(
-        detector, factory ? factory(sensor) : MakePlaneLineDetector(PlaneDetectorOptions::ForSensor(sensor), sensor));
+    EVPOSE_ASSIGN_OR_RETURN(detectors, MakeDetectors(options.initialization, sensor));
   }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {
     std::unique_ptr<PoseInitializer> initializer;
-    if (detector != nullptr) {
-      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detector));
+    if (!detectors.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detectors));
     }
     TrackContext context{object.model, camera, tables, options,
                          std::make_shared<const ModelEdges>(*object.model, options.visibility, options.elements)};

@@ -419,12 +419,10 @@ TEST(Tracker, WithoutAPoseItStaysInitializing) {
 }
 
 TEST(Tracker, APoseOutsideTheImageIsLostAtOnce) {
-  for (const Eigen::Vector3d& translation : {Eigen::Vector3d(5.0, 0.0, 0.6), Eigen::Vector3d(0.0, 0.0, -0.6)}) {
-    const TrackRun run =
-        Track(Noise(1e6, 0, 5'000, 8), MakePose(translation, {0.0, 0.0, 0.0}), WithoutInitialization(), false);
-    EXPECT_EQ(run.tracker->state(), TrackState::kLost);
-    EXPECT_TRUE(run.estimates.empty());
-  }
+  const TrackRun run =
+      Track(Noise(1e6, 0, 5'000, 8), MakePose({5.0, 0.0, 0.6}, {0.0, 0.0, 0.0}), WithoutInitialization(), false);
+  EXPECT_EQ(run.tracker->state(), TrackState::kLost);
+  EXPECT_TRUE(run.estimates.empty());
 }
 
 TEST(Tracker, TimeMarksCloseWindowsWithoutEvents) {

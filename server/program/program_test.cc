@@ -112,14 +112,16 @@ TEST(ProgramTest, ReportsWrongUsage) {
 TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
   const std::string prose = TemporaryPath("prose");
   std::ofstream(prose) << "neither key nor certificate, nor token\n";
+  const std::string empty = TemporaryPath("empty");
+  std::ofstream(empty) << "";
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{"--tls-cert", "/no/such.crt", "--tls-key", "/no/such.key"}, "/no/such.crt[^\n]*"},
       {{"--tls-cert", prose, "--tls-key", prose}, prose + "[^\n]*certificate[^\n]*"},
       {{"--token-file", "/no/such/tokens"}, "/no/such/tokens[^\n]*"},
       {{"--token-file", prose}, prose + ":1: [^\n]*--new-token[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password[^\n]*"},
-      {{"--store", "redis://localhost", "--store-password-file", "/dev/null"},
-       "/dev/null[^\n]*there is no password in it"},
+      {{"--store", "redis://localhost", "--store-password-file", "/dev/null"}, "/dev/null[^\n]*not a file[^\n]*"},
+      {{"--store", "redis://localhost", "--store-password-file", empty}, empty + "[^\n]*there is no password in it"},
       {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not answer: [^\n]*start Redis there[^\n]*"},
       {{"--store", "sqlite", "--data-dir", "/dev/null"}, "data directory /dev/null: [^\n]*another --data-dir"},
       {{"--store", "sqlite", "--data-dir", "/proc/evpose"}, "data directory /proc/evpose: [^\n]*another --data-dir"},
@@ -135,6 +137,7 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
     EXPECT_THAT(program.Stderr(), testing::MatchesRegex("evpose-server: " + expected + "\n"));
   }
   unlink(prose.c_str());
+  unlink(empty.c_str());
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they reserve terabytes of address space

@@ -200,6 +200,7 @@ TEST_F(BadInputTest, ObjectThatDoesNotDetermineAPose) {
 }
 
 TEST_F(BadInputTest, UnusableLinesAreReportedAsSkipped) {
+  SimulateCube(0.03);
   // Lines of length zero, repeated, reversed, and a part of an edge.
   WriteText("cube/model.obj", ReadText("cube/model.obj") + "l 1 1\n");
   std::string model = ReadText("cube/model.obj");

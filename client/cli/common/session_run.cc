@@ -277,7 +277,7 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
         "--reset-pose at ", inputs_.resets.front().t_us,
         " us was not applied: the events end before it; sensor times are those of evpose info and of the poses"));
   }
-  if (summary.health.poses == 0) {
+  if (summary.health.poses == 0 && !report_.is_interrupted) {
     return absl::NotFoundError(absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason"));
   }
   if (summary.lost_poses == 0) return absl::OkStatus();

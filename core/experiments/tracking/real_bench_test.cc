@@ -56,10 +56,10 @@ class RealBenchTest : public testing::Test {
 
 TEST_F(RealBenchTest, FindsTracksAndSearchesForAbsentObjects) {
   AddRecording("cube", "cube", 200'000);
-  AddRecording("book", "book", 60'000);
+  AddRecording("craft", "spacecraft", 60'000);
   fs::create_directory(Path("others"));
-  fs::rename(Path("book/recording.raw"), Path("others/book.raw"));
-  fs::remove_all(Path("book"));
+  fs::rename(Path("craft/recording.raw"), Path("others/craft.raw"));
+  fs::remove_all(Path("craft"));
   const absl::Status status = Run(Options());
   ASSERT_TRUE(status.ok()) << status;
 
@@ -87,7 +87,7 @@ TEST_F(RealBenchTest, FindsTracksAndSearchesForAbsentObjects) {
   }
 
   ASSERT_EQ(foreign_.size(), 1u);
-  EXPECT_EQ(foreign_[0].recording, "others/book");
+  EXPECT_EQ(foreign_[0].recording, "others/craft");
   EXPECT_EQ(foreign_[0].object, "cube");
   EXPECT_FALSE(foreign_[0].run.is_found());
   EXPECT_EQ(foreign_[0].run.tracking_s, 0.0);
