@@ -13,6 +13,7 @@
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/contours/contour_shapes_testing.h"
 #include "core/estimation/ideal_events_testing.h"
+#include "core/initialization/templates/template_model.h"
 #include "core/numerics/random.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
@@ -244,7 +245,9 @@ Scene RoundObjects() {
                                               MakePose({0.1, 0.02, 0.6}, {0.9, -0.4, 0.0})};
   std::vector<std::vector<Event>> streams;
   for (size_t i = 0; i < models.size(); ++i) {
-    scene.objects.push_back({models[i], starts[i]});
+    ObjectToTrack& object = scene.objects.emplace_back(ObjectToTrack{models[i], starts[i]});
+    // Prepared once, as in the server, and not for each tracker.
+    object.template_model = std::make_shared<const TemplateModel>(models[i]);
     IdealEventOptions options;
     options.duration_us = 300'000;
     options.seed = i + 1;
