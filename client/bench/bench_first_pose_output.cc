@@ -23,7 +23,7 @@ struct FirstPoseFigures {
   double time_ms = 0.0;     // median sensor time from the motion to the first right pose
   double compute_ms = 0.0;  // median processor time until it
   double longest_wrong_ms = 0.0;
-  int first = 0;           // searches whose best pose is right
+  int first = 0;           // number of searches that return a right pose as the best one
   int among = 0;           // searches with a right pose
   int moved = 0;           // searches with enough motion
   double search_ms = 0.0;  // median processor time

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Models whose facets are those of the object, and the outline of convex ones in the image.
+// Models of objects that have flat facets, and the outline of a convex object in the image.
 #pragma once
 
 #include <Eigen/Core>

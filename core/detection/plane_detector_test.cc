@@ -117,7 +117,7 @@ class SmallSlowObject : public ::testing::Test {
     const Eigen::Vector2d from(45.0 + 5.0 * i, 50.0), along(4.0, 24.0);
     return {from, from + along, {6.0, 0.0}, 0.0, static_cast<uint8_t>(i % 2)};
   }
-  // The number of edges of which a line is found.
+  // The number of edges for which a line is detected.
   static int NumFound(const PlaneDetectorOptions& options) {
     std::vector<MovingEdge> edges;
     for (int i = 0; i < kLines; ++i) edges.push_back(Edge(i));

@@ -62,7 +62,7 @@ RigidTransform NearestEquivalent(const RigidTransform& truth, const RigidTransfo
   return best;
 }
 
-// Returns the points of the object whose images are compared: those of its edges, or of its surface if it has no edges.
+// Returns the points of the object for the reprojection error: points of its edges, or of its surface if it has none.
 std::vector<Eigen::Vector3d> ComparedPoints(const ObjectModel& model) {
   std::vector<Eigen::Vector3d> points;
   for (const ModelLine& line : model.lines) points.insert(points.end(), {line.p1, line.p2});

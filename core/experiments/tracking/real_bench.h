@@ -38,7 +38,7 @@ struct RealBenchOptions {
 // Means and extremes of the runs of a recording; NaN for those without a run that has the figure.
 struct RealSummary {
   int num_found = 0;
-  int num_wrong = 0;              // runs whose first pose while TRACKING is wrong
+  int num_wrong = 0;              // number of runs in which the first TRACKING pose is wrong
   double median_wait_s = 0.0;     // of the runs that are found
   double worst_wait_s = 0.0;      // of the same
   double median_compute_s = 0.0;  // processor time until TRACKING, of the same

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Scores of a tracker on a recording of a real sensor, whose reference trajectory is known to about a pixel: errors are
-// distances in the image (core/experiments/README.md, section 4).
+// Scores of a tracker on a recording of a real sensor. The reference trajectory has an error of about one pixel, so
+// that the errors of poses are given as distances in the image (core/experiments/README.md, section 4).
 #pragma once
 
 #include <cstdint>
@@ -60,9 +60,9 @@ struct RealRun {
   bool is_found() const { return wait_s == wait_s; }
 };
 
-// Sets the errors, ratios and times of poses of `run`, whose start and duration are set. A pose is valid until the next
-// one, for at most 20 ms; it is right if its error is at most `bound_px`. Without a reference every pose is wrong (an
-// object that is absent). Poses outside the reference's time span are ignored.
+// Sets the errors, ratios and times of the poses of `run`. The start and the duration of `run` must be set before. A
+// pose is valid until the next one, for at most 20 ms; it is right if its error is at most `bound_px`. Without a
+// reference every pose is wrong (an object that is absent). Poses outside the reference's time span are ignored.
 void ScoreRealPoses(absl::Span<const PoseEstimate> poses, const Trajectory* reference, const ReprojectionError* error,
                     double bound_px, RealRun& run);
 
