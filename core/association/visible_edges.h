@@ -106,8 +106,8 @@ class VisibleEdges {
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // Extracts the elements at the pose, and chooses the straight lines of a model that has many.
   void ExtractAt(const RigidTransform& camera_from_object, int level);
-  // Whether the elements must be extracted again at this pose and level: the view has changed, or a flat face has turned
-  // (README, section 5).
+  // Whether the elements must be extracted again at this pose and level: the view has changed, or a flat face has
+  // turned (README, section 5).
   bool ElementsChanged(const RigidTransform& camera_from_object, int level);
   void ChooseLines(const RigidTransform& camera_from_object);
   // Sets TrackedLine::previous and next of the elements.

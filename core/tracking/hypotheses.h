@@ -21,6 +21,15 @@ class Hypotheses {
 
   // Adds a hypothesis that starts at `start`. Among equally supported hypotheses the earlier one takes precedence.
   void Add(const MotionState& start);
+  // Adds a rival of the first hypothesis (rivals.h), unless as many hypotheses are followed as Join() keeps. In its
+  // first windows its pose is refined: it is neither compared with the others nor merged with them. kSameEdges: both
+  // see the same edges, and the rival starts with all that the first hypothesis has learned about them. A rival that
+  // explains less than half of what the first hypothesis explains after three windows is removed. Returns the rival, or
+  // null if there is no room. Requires !empty().
+  enum class RivalKind { kSameEdges, kOtherEdges };
+  const PoseTrack* AddRival(const MotionState& state, RivalKind kind);
+  // Whether this hypothesis is left and is or may be compared with the others.
+  bool HasSettled(const PoseTrack* track) const;
   // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
   // twice InitializationOptions::max_candidates are kept, the earliest ones.
   void Join(Hypotheses&& others);
@@ -36,8 +45,14 @@ class Hypotheses {
   // deviations.
   void PutBestFirst(double min_sigma);
 
+  // Whether the first hypothesis has rivals that AddRival() has added; undecided: one was compared with it in several
+  // windows, and the test has rejected neither.
+  bool HasRival() const;
+  bool HasUndecidedRival() const;
+
   bool empty() const { return entries_.empty(); }
   size_t size() const { return entries_.size(); }
+  bool is_full() const { return entries_.size() >= MaxEntries(); }
   // Requires !empty().
   const PoseTrack& first() const { return *entries_.front().track; }
   // Estimate of the first hypothesis for the last window; nullopt while it is tentative. Requires !empty().
@@ -49,6 +64,12 @@ class Hypotheses {
   void LoadState(StateReader& reader);
 
  private:
+  // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them. Windows of
+  // its comparison after which the test is undecided; one is enough for most wrong poses.
+  static constexpr int kSettlingWindows = 8;
+  static constexpr int kFirstWindows = 3;
+  static constexpr int kComparedWindows = 8;
+
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {
     std::unique_ptr<PoseTrack> track;
@@ -57,6 +78,10 @@ class Hypotheses {
     // For each other entry, in the order of `entries_`: sum of the differences of `explains`, and of their squares.
     std::vector<double> difference;
     std::vector<double> squares;
+    bool is_rival = false;
+    int pending = 0;  // windows of a rival that are left until it is undecided
+    bool is_settled() const { return pending <= kComparedWindows; }
+    double Explained() const;  // sum of `explains`
     static void VisitState(auto& archive, auto& self);
   };
 
@@ -66,6 +91,7 @@ class Hypotheses {
   void DropRejected();
   void DropEqual();
   void DropWorse();
+  void DropHopelessRivals();
   void Append(Entry entry);
   void Remove(size_t index);
 

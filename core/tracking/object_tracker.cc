@@ -14,6 +14,11 @@ namespace {
 
 // Windows last 1 ms or more, so that this is never reached; it bounds the memory in any case.
 constexpr size_t kMaxPastStates = 1000;
+// Inclination of a face at which its mirrored pose is tested, relative to InitializationOptions::merge_rad: both then
+// differ by more than poses that are merged.
+constexpr double kInclinedOfMerge = 0.6;
+// Generated rivals that are followed together: bounds the cost of a window.
+constexpr int kRivalsAtOnce = 3;
 
 }  // namespace
 
@@ -27,7 +32,9 @@ ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializ
       initializer_(std::move(initializer)),
       given_pose_(object.initial_camera_from_object),
       retry_us_(context_.options.initialization.retry_us),
-      hypotheses_(context_) {}
+      hypotheses_(context_),
+      rival_generator_(*context_.model),
+      turned_faces_(*context_.edges, kInclinedOfMerge * context_.options.initialization.merge_rad) {}
 
 void ObjectTracker::SetOthers(std::vector<const ObjectTracker*> others) {
   others_ = std::move(others);
@@ -129,6 +136,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   // Its rejection is a loss, even if competitors are left.
   const bool counts_as_loss = IsGiven(phase_) || phase_ == ObjectPhase::kPublished;
   const PoseTrack* first = &hypotheses_.first();
+  const bool has_rival = hypotheses_.HasRival();
   hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
   hypotheses_.DropIf([this](const PoseTrack& track) { return IsOccupied(track); });
   if (hypotheses_.empty()) {
@@ -137,12 +145,15 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
     report_.status = InitializationStatus::kNoPoseFits;
     return;
   }
-  if (counts_as_loss && first != &hypotheses_.first()) {
+  if (has_rival && first != &hypotheses_.first()) {
+    Enter(ObjectInput::kRivals);  // its rival takes its place
+  } else if (counts_as_loss && first != &hypotheses_.first()) {
     // Competitors are left: one of them is reported when it is confirmed.
     CountLoss();
     Enter(ObjectInput::kFirstRejected);
   }
   if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
+  if (hypotheses_.HasUndecidedRival()) Enter(ObjectInput::kRivals);
   // A published pose is replaced only by one that is significantly more likely.
   if (IsCompeting(phase_) && !IsGiven(phase_)) {
     hypotheses_.PutBestFirst(IsPublished(phase_) ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
@@ -158,6 +169,61 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   }
   report_.status = IsCompeting(phase_) ? InitializationStatus::kAmbiguous : InitializationStatus::kNotNeeded;
   if (estimate) Publish(*estimate, estimates);
+  AddRivals(window);
+}
+
+void ObjectTracker::AddRivals(const EventWindow& window) {
+  if (phase_ != ObjectPhase::kPublished || hypotheses_.size() > 1) {
+    turned_faces_.Reset();  // another pose may be published next
+    return;
+  }
+  const double focal_px = context_.camera.MaxFocalPx();
+  const MotionState& motion = hypotheses_.first().motion();
+  const std::optional<size_t> due = turned_faces_.Update(motion.camera_from_object, focal_px);
+  // The published estimators are compared as they are.
+  if (state() != TrackState::kTracking || context_.options.estimator_factory) return;
+  if (due) {
+    const ModelEdges::FacePlane& face = context_.edges->face_planes()[*due];
+    hypotheses_.AddRival(MirroredState(motion, face.point, face.normal, focal_px, context_.options.initial),
+                         Hypotheses::RivalKind::kSameEdges);
+  } else if (rival_rounds_left_ > 0 && window.t_end_us >= next_rivals_us_) {
+    AddGeneratedRivals(window.t_end_us);
+  }
+}
+
+void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
+  const InitializationOptions& options = context_.options.initialization;
+  const std::vector<MotionState> rivals = rival_generator_.RivalsOf(
+      hypotheses_.first().motion(), context_.camera.MaxFocalPx(), context_.options.initial, options.merge_rad);
+  const int count = static_cast<int>(rivals.size());
+  const int end = std::min(count, next_rival_ + kRivalsAtOnce);
+  for (; next_rival_ < end; ++next_rival_) {
+    hypotheses_.AddRival(rivals[static_cast<size_t>(next_rival_)], Hypotheses::RivalKind::kOtherEdges);
+  }
+  if (next_rival_ < count) return;
+  next_rival_ = 0;
+  --rival_rounds_left_;
+  next_rivals_us_ = t_us + options.rival_interval_us;
+}
+
+void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
+  if (context_.options.estimator_factory) return;
+  const MotionState start = hypotheses.first().motion();
+  Hypotheses trial(context_);
+  trial.Add(start);
+  std::vector<std::pair<const PoseTrack*, MotionState>> rivals;
+  for (const MotionState& rival : rival_generator_.RivalsOf(
+           start, context_.camera.MaxFocalPx(), context_.options.initial, context_.options.initialization.merge_rad)) {
+    const PoseTrack* track = trial.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);
+    if (track != nullptr) rivals.emplace_back(track, rival);
+  }
+  for (size_t i = 0; i < memory_.size() && trial.HasRival(); ++i) {
+    const EventWindow past = memory_.At(i);
+    if (past.t_mid_us() >= start.t_us) trial.OnWindow(past, OthersAt(past, nullptr));
+  }
+  for (const auto& [track, rival] : rivals) {
+    if (trial.HasSettled(track) && !hypotheses.is_full()) hypotheses.Add(rival);
+  }
 }
 
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
@@ -173,6 +239,10 @@ void ObjectTracker::StartPublishing(const EventWindow& window) {
   const InitializationOptions& options = context_.options.initialization;
   repeats_left_ = IsGiven(phase_) ? 0 : options.num_repeats;
   Enter(ObjectInput::kPublication);
+  turned_faces_.Reset();
+  next_rivals_us_ = window.t_end_us;
+  rival_rounds_left_ = options.num_rival_rounds;
+  next_rival_ = 0;
   retry_us_ = options.repeat_us;
   next_search_us_ = window.t_end_us + options.repeat_us;
 }
@@ -191,6 +261,7 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
       std::min(is_without_pose ? options.max_no_pose_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
   next_search_us_ = window.t_end_us + retry_us_;
   if (hypotheses_.empty()) return;
+  AddEqualRivals(hypotheses_);
   Enter(ObjectInput::kPosesFound);
   past_states_.clear();
   followed_since_us_ = hypotheses_.first().motion().t_us;
@@ -343,13 +414,16 @@ void ObjectTracker::StorePastState(const EventWindow& window) {
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, sphere, memory, initializer, unpublished_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, repeats_left, hypotheses,
-         followed_since_us, phase, now_us, others, competitors, past_states, was_published] = self;
+         followed_since_us, phase, now_us, others, competitors, past_states, rival_generator, turned_faces,
+         next_rivals_us, rival_rounds_left, next_rival, was_published] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory, AtMost(unpublished_state, TrackState::kLost), report, losses, last_tracked, last_published_us,
           given_pose, given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
           AtMost(repeats_left, context.options.initialization.num_repeats), hypotheses,
           InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
-          was_published);
+          turned_faces, InRange(next_rivals_us, -kMax_us, kMax_us),
+          AtMost(rival_rounds_left, context.options.initialization.num_rival_rounds),
+          AtMost(next_rival, RivalGenerator::kMaxRivals), was_published);
 }
 
 void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

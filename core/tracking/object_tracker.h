@@ -13,6 +13,7 @@
 #include "core/association/competitors.h"
 #include "core/initialization/initializer.h"
 #include "core/tracking/hypotheses.h"
+#include "core/tracking/rivals.h"
 #include "core/tracking/track_phase.h"
 #include "core/tracking/tracker.h"
 #include "core/windows/event_window.h"
@@ -86,6 +87,13 @@ class ObjectTracker {
   void StorePastState(const EventWindow& window);
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
+  // Adds rivals of the published pose: the mirrored one when a face of the object has passed the position in which it
+  // is seen edge-on, and the generated ones at intervals.
+  void AddRivals(const EventWindow& window);
+  void AddGeneratedRivals(int64_t t_us);
+  // Adds the generated rivals of the first of `hypotheses`, which is in its start state, that explain the stored events
+  // as well as it does, to decide between them before one is published.
+  void AddEqualRivals(Hypotheses& hypotheses);
   // Whether a search is allowed while hypotheses exist, and the search: the poses that are found become competing
   // hypotheses.
   bool MaySearchAgain() const;
@@ -131,6 +139,11 @@ class ObjectTracker {
   std::unique_ptr<Competitors> competitors_;  // null without others
   // Past states for the stored windows, in order of time; empty without other objects.
   std::deque<PastState> past_states_;
+  const RivalGenerator rival_generator_;
+  TurnedFaceDetector turned_faces_;
+  int64_t next_rivals_us_ = 0;
+  int rival_rounds_left_ = 0;
+  int next_rival_ = 0;  // of the present round
   // A pose was published before this window, so that the other objects take this one into account.
   bool was_published_ = false;
 };

@@ -49,6 +49,10 @@ struct InitializationOptions {
   // resolves them.
   double merge_rad = 0.02;
   double merge_depth_ratio = 0.01;
+  // Microseconds between tests of the generated rivals of a published pose (core/tracking/README.md, section 4), and
+  // the number of tests. After ten of them it has been seen from several views or moves so little that nothing is new.
+  int64_t rival_interval_us = 1'000'000;
+  int num_rival_rounds = 10;
   // Microseconds after which the better of several competing hypotheses is published, as DEGRADED.
   int64_t undecided_us = 200'000;
 
