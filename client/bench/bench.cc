@@ -13,6 +13,8 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
   add("initialization", "First poses from lines, by evpose and by published methods", AddBenchInitializationCommand);
   add("models", "Model files: preparation, and tracking from the true pose on simulated recordings",
       AddBenchModelsCommand);
+  add("real", "Recordings of real sensors with references: first poses, tracking, and absent objects",
+      AddBenchRealCommand);
   add("speed", "Decoding, tracking, first poses and the way through a server: how long they take",
       AddBenchSpeedCommand);
   add("synthetic",

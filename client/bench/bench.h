@@ -10,6 +10,7 @@ namespace evpose::client {
 void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context);
+CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context);

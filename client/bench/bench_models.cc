@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench models: preparation of model files, and tracking from the true pose.
+// evpose bench models: preparation of model files, tracking from the true pose, and first poses without a prior.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
+#include "client/bench/bench_first_pose_output.h"
 #include "client/bench/bench_models_output.h"
 #include "client/cli/common/progress.h"
 #include "core/base/output_file.h"
@@ -29,6 +30,9 @@ struct ModelsArguments {
   std::vector<std::string> names;
   double duration_s = 1.5;
   double metres_per_unit = 1.0;
+  bool is_first_pose = false;
+  FirstPoseBenchOptions first_pose;  // num_starts alone
+  double watch_s = 0.4;
   std::string json;
 };
 
@@ -96,11 +100,36 @@ absl::StatusOr<std::vector<BenchModel>> FindModels(const ModelsArguments& argume
   return chosen;
 }
 
+absl::Status RunFirstPoses(const ModelsArguments& arguments, const ModelBenchOptions& bench, CliContext& context) {
+  FirstPoseBenchOptions options = arguments.first_pose;
+  options.bench = bench;
+  options.watch_us = std::llround(arguments.watch_s * 1e6);
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.json));
+  ProgressLine progress(context);
+  std::vector<FirstPoseBenchRow> rows;
+  PrintFirstPoseHeader(context.out);
+  const auto on_row = [&](const FirstPoseBenchRow& row) {
+    progress.Clear();
+    PrintFirstPoseRow(row, context.out);
+    rows.push_back(row);
+  };
+  const auto on_progress = [&](double ratio, const std::string& text) {
+    progress.Show(ratio, absl::StrFormat("%3.0f %%  %s", 100.0 * ratio, text));
+    return !context.IsInterrupted();
+  };
+  EVPOSE_RETURN_IF_ERROR(RunFirstPoseBench(options, on_row, on_progress));
+  progress.Clear();
+  PrintFirstPoseSummary(rows, context.out);
+  return FinishOutput(json, FirstPoseJson(rows, options).dump(2) + "\n");
+}
+
 absl::Status RunModels(const ModelsArguments& arguments, CliContext& context) {
   ModelBenchOptions options = arguments.options;
   options.duration_us = std::llround(arguments.duration_s * 1e6);
   EVPOSE_ASSIGN_OR_RETURN(options.models, FindModels(arguments));
   EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
+  if (arguments.is_first_pose) return RunFirstPoses(arguments, options, context);
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.json));
   ProgressLine progress(context);
   std::vector<ModelBenchRow> rows;
@@ -139,8 +168,13 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   app.add_option("--recordings", arguments->options.recordings,
                  "Directory where the simulated recordings are kept and reused")
       ->type_name("DIR");
+  app.add_flag("--first-pose", arguments->is_first_pose, "Find the first pose without a prior, instead");
+  AddOption(app, "--starts", arguments->first_pose.num_starts, "With --first-pose: starts in each recording",
+            CLI::Range(1, 10'000));
+  AddOption(app, "--watch", arguments->watch_s, "With --first-pose: seconds of events after a start",
+            CLI::Range(0.01, 1800.0));
   AddFile(app, "--json", arguments->json, "JSON file with all runs; it appears only when it is complete");
-  app.footer(absl::StrCat(kModelsTableHelp,
+  app.footer(absl::StrCat(kModelsTableHelp, kFirstPoseTableHelp,
                           "\nExample:\n"
                           "  evpose simulate --object cube --camera vga --duration 0.01 --out part\n"
                           "  evpose bench models --models part --camera vga --seeds 1 --duration 0.1"));

@@ -23,6 +23,8 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "client/convert_step/face_surface.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
 
 namespace evpose::client {
 namespace {
@@ -141,7 +143,15 @@ absl::StatusOr<RawMesh> Triangulate(const TopoDS_Shape& shape, const StepOptions
 
 }  // namespace
 
+absl::Status StepOptions::Validate() const {
+  constexpr double kMaxTriangles = 1e8;  // indices have 32 bits
+  EVPOSE_RETURN_IF_ERROR(CheckRange("StepOptions.deflection_ratio", deflection_ratio, 1e-7, 0.1));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("StepOptions.turn_rad", turn_rad, 1e-3, 1.5));
+  return CheckRange("StepOptions.max_triangles", static_cast<double>(max_triangles), 1.0, kMaxTriangles);
+}
+
 absl::StatusOr<RawMesh> ReadStep(const std::string& path, const StepOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
   try {
     const absl::StatusOr<TopoDS_Shape> shape = ReadShape(path);
     if (!shape.ok()) return shape.status();

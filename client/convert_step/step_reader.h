@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <string>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/mesh/types/raw_mesh.h"
 
@@ -18,10 +19,12 @@ struct StepOptions {
   // Largest angle by which the surface turns along a facet, radians: circles, however small, have at least 21 sides.
   double turn_rad = 0.3;
   size_t max_triangles = 2'000'000;  // what a server accepts
+
+  absl::Status Validate() const;
 };
 
 // Returns the faces of a file in metres, with their exact normals and shapes. Errors: INVALID_ARGUMENT for a file that
-// cannot be read or has no face, and for more triangles than the options allow.
+// cannot be read or has no face, for more triangles than the options allow, and for invalid options.
 absl::StatusOr<RawMesh> ReadStep(const std::string& path, const StepOptions& options = {});
 
 }  // namespace evpose::client

@@ -119,6 +119,8 @@ TEST_F(StepReaderTest, IgesFilesAreReadLikewise) {
 
 TEST_F(StepReaderTest, BadFilesAndTooManyTrianglesAreErrors) {
   const std::string path = Write(BRepPrimAPI_MakeSphere(10.0).Shape());
+  EXPECT_THAT(std::string(ReadStep(path, {.turn_rad = 0.0}).status().message()),
+              testing::HasSubstr("StepOptions.turn_rad"));
   EXPECT_THAT(std::string(ReadStep(path, {.max_triangles = 10}).status().message()),
               testing::HasSubstr("more than 10 triangles"));
   const std::string bytes = ReadFile(path, 1u << 20).value();

@@ -180,6 +180,7 @@ absl::StatusOr<ModelInfo> Client::Impl::TryUpload(absl::Span<const uint8_t> byte
   header.set_metres_per_unit(upload.metres_per_unit);
   header.set_crease_angle_deg(upload.crease_angle_deg);
   header.set_surface(ToProto(upload.surface));
+  header.set_file_name(upload.file_name);
   header.set_size_bytes(bytes.size());
   header.set_sha256(absl::HexStringToBytes(Sha256Hex(bytes)));
   bool is_open = writer->Write(request);

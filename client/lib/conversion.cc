@@ -29,6 +29,27 @@ Ours FromProto(Theirs value, Ours otherwise) {
   return is_known ? static_cast<Ours>(value) : otherwise;
 }
 
+ObjectHealth FromProto(const v1::ObjectHealth& object) {
+  ObjectHealth health = {.object_id = object.object_id(),
+                         .state = FromProto(object.state(), TrackState::kUnknown),
+                         .losses = object.losses(),
+                         .explained_ratio = object.explained_ratio(),
+                         .initialization = FromProto(object.initialization(), InitializationStatus::kWaitingForEvents),
+                         .initialization_attempts = object.initialization_attempts(),
+                         .detail = object.detail(),
+                         .searches = {.no_signal = object.searches().no_signal(),
+                                      .too_small = object.searches().too_small(),
+                                      .too_few_lines = object.searches().too_few_lines(),
+                                      .not_enough_motion = object.searches().not_enough_motion(),
+                                      .no_pose_fits = object.searches().no_pose_fits(),
+                                      .poses_found = object.searches().poses_found()},
+                         .followed_poses = object.followed_poses()};
+  if (object.has_latest_loss()) {
+    health.latest_loss = {object.latest_loss().t_us(), FromProto(object.latest_loss().cause(), LossCause::kUnknown)};
+  }
+  return health;
+}
+
 absl::Time FromProto(const google::protobuf::Timestamp& time) {
   return absl::FromUnixSeconds(time.seconds()) + absl::Nanoseconds(time.nanos());
 }
@@ -257,6 +278,8 @@ ModelInfo FromProto(const v1::Model& message) {
           .size_bytes = message.size_bytes(),
           .num_faces = message.num_faces(),
           .num_lines = message.num_lines(),
+          .num_curves = message.num_curves(),
+          .num_regions = message.num_regions(),
           .num_symmetries = message.num_symmetries(),
           .continuous_symmetry = SymmetryFromProto(message),
           .diameter_m = message.diameter_m(),
@@ -265,7 +288,8 @@ ModelInfo FromProto(const v1::Model& message) {
           .surface = FromProto(message.surface(), ModelSurface::kSmooth),
           .sha256_hex = absl::BytesToHexString(message.sha256()),
           .create_time = FromProto(message.create_time()),
-          .notices = {message.notices().begin(), message.notices().end()}};
+          .notices = {message.notices().begin(), message.notices().end()},
+          .file_name = message.file_name()};
 }
 
 SessionHealth FromProto(const v1::SessionHealth& message) {
@@ -285,16 +309,7 @@ SessionHealth FromProto(const v1::SessionHealth& message) {
   if (message.has_latency_p99()) health.latency_p99 = FromProto(message.latency_p99());
   health.skipped_events = message.skipped_events();
   health.skipped_us = message.skipped_us();
-  for (const v1::ObjectHealth& object : message.objects()) {
-    health.objects.push_back(
-        {.object_id = object.object_id(),
-         .state = FromProto(object.state(), TrackState::kUnknown),
-         .losses = object.losses(),
-         .explained_ratio = object.explained_ratio(),
-         .initialization = FromProto(object.initialization(), InitializationStatus::kWaitingForEvents),
-         .initialization_attempts = object.initialization_attempts(),
-         .detail = object.detail()});
-  }
+  for (const v1::ObjectHealth& object : message.objects()) health.objects.push_back(FromProto(object));
   return health;
 }
 
@@ -340,6 +355,11 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
   pose.num_events = message.num_events();
   pose.explained_ratio = message.explained_ratio();
   pose.residual_rms_px = message.residual_rms_px();
+  for (const v1::PoseAlternative& alternative : message.alternatives()) {
+    absl::StatusOr<Transform> other = FromProto(alternative.camera_from_object());
+    if (!other.ok()) return error(absl::StrCat("alternatives: ", other.status().message()));
+    pose.alternatives.push_back({*other, alternative.log_likelihood_ratio()});
+  }
   return pose;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/lib/conversion.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <utility>
@@ -12,6 +13,8 @@
 
 namespace evpose::client {
 namespace {
+
+using ::testing::HasSubstr;
 
 // Compares the enumerators of a public enumeration, in the order of their numbers, with all those of the API.
 template <typename Theirs, typename Ours>
@@ -35,7 +38,8 @@ TEST(ConversionTest, EnumeratorsHaveTheNumbersOfTheApi) {
   ExpectNumbersOfTheApi<v1::TrackState, TrackState>({{TrackState::kInitializing, v1::TRACK_STATE_INITIALIZING},
                                                      {TrackState::kTracking, v1::TRACK_STATE_TRACKING},
                                                      {TrackState::kDegraded, v1::TRACK_STATE_DEGRADED},
-                                                     {TrackState::kLost, v1::TRACK_STATE_LOST}});
+                                                     {TrackState::kLost, v1::TRACK_STATE_LOST},
+                                                     {TrackState::kAmbiguous, v1::TRACK_STATE_AMBIGUOUS}});
   ExpectNumbersOfTheApi<v1::InitializationStatus, InitializationStatus>(
       {{InitializationStatus::kNotNeeded, v1::INITIALIZATION_STATUS_NOT_NEEDED},
        {InitializationStatus::kWaitingForEvents, v1::INITIALIZATION_STATUS_WAITING_FOR_EVENTS},
@@ -43,7 +47,16 @@ TEST(ConversionTest, EnumeratorsHaveTheNumbersOfTheApi) {
        {InitializationStatus::kNoPoseFits, v1::INITIALIZATION_STATUS_NO_POSE_FITS},
        {InitializationStatus::kVerifying, v1::INITIALIZATION_STATUS_VERIFYING},
        {InitializationStatus::kAmbiguous, v1::INITIALIZATION_STATUS_AMBIGUOUS},
-       {InitializationStatus::kNotSearchable, v1::INITIALIZATION_STATUS_NOT_SEARCHABLE}});
+       {InitializationStatus::kNotSearchable, v1::INITIALIZATION_STATUS_NOT_SEARCHABLE},
+       {InitializationStatus::kNotEnoughMotion, v1::INITIALIZATION_STATUS_NOT_ENOUGH_MOTION},
+       {InitializationStatus::kTooSmall, v1::INITIALIZATION_STATUS_TOO_SMALL},
+       {InitializationStatus::kNotSupported, v1::INITIALIZATION_STATUS_NOT_SUPPORTED}});
+  ExpectNumbersOfTheApi<v1::LossCause, LossCause>({{LossCause::kContradicted, v1::LOSS_CAUSE_CONTRADICTED},
+                                                   {LossCause::kUncertain, v1::LOSS_CAUSE_UNCERTAIN},
+                                                   {LossCause::kOutOfView, v1::LOSS_CAUSE_OUT_OF_VIEW},
+                                                   {LossCause::kBetterPose, v1::LOSS_CAUSE_BETTER_POSE},
+                                                   {LossCause::kOccupied, v1::LOSS_CAUSE_OCCUPIED},
+                                                   {LossCause::kUnconfirmed, v1::LOSS_CAUSE_UNCONFIRMED}});
   ExpectNumbersOfTheApi<v1::LogLevel, LogLevel>({{LogLevel::kDebug, v1::LOG_LEVEL_DEBUG},
                                                  {LogLevel::kInfo, v1::LOG_LEVEL_INFO},
                                                  {LogLevel::kWarning, v1::LOG_LEVEL_WARNING},
@@ -82,6 +95,12 @@ TEST(ConversionTest, ModelHasItsSymmetries) {
   v1::Model message;
   message.set_num_symmetries(24);
   EXPECT_EQ(FromProto(message).num_symmetries, 24u);
+  message.set_num_curves(7);
+  message.set_num_regions(9);
+  message.set_file_name("cube.obj");
+  EXPECT_EQ(FromProto(message).num_curves, 7u);
+  EXPECT_EQ(FromProto(message).num_regions, 9u);
+  EXPECT_EQ(FromProto(message).file_name, "cube.obj");
 }
 
 TEST(ConversionTest, ModelHasItsContinuousSymmetry) {
@@ -206,7 +225,10 @@ TEST(ConversionTest, HealthHasTheReasonForAMissingPose) {
         {v1::INITIALIZATION_STATUS_NO_POSE_FITS, InitializationStatus::kNoPoseFits},
         {v1::INITIALIZATION_STATUS_VERIFYING, InitializationStatus::kVerifying},
         {v1::INITIALIZATION_STATUS_AMBIGUOUS, InitializationStatus::kAmbiguous},
-        {v1::INITIALIZATION_STATUS_NOT_SEARCHABLE, InitializationStatus::kNotSearchable}}) {
+        {v1::INITIALIZATION_STATUS_NOT_SEARCHABLE, InitializationStatus::kNotSearchable},
+        {v1::INITIALIZATION_STATUS_NOT_ENOUGH_MOTION, InitializationStatus::kNotEnoughMotion},
+        {v1::INITIALIZATION_STATUS_TOO_SMALL, InitializationStatus::kTooSmall},
+        {v1::INITIALIZATION_STATUS_NOT_SUPPORTED, InitializationStatus::kNotSupported}}) {
     message.clear_objects();
     v1::ObjectHealth& object = *message.add_objects();
     object.set_object_id("cube");
@@ -220,7 +242,48 @@ TEST(ConversionTest, HealthHasTheReasonForAMissingPose) {
     EXPECT_EQ(health.objects[0].initialization, ours);
     EXPECT_EQ(health.objects[0].initialization_attempts, 7u);
     EXPECT_EQ(health.objects[0].detail, "why");
+    EXPECT_FALSE(health.objects[0].latest_loss.has_value());
   }
+}
+
+TEST(ConversionTest, HealthHasTheLatestLossAndTheSearches) {
+  v1::SessionHealth message;
+  v1::ObjectHealth& object = *message.add_objects();
+  object.mutable_latest_loss()->set_t_us(12);
+  object.mutable_latest_loss()->set_cause(v1::LOSS_CAUSE_OUT_OF_VIEW);
+  object.mutable_searches()->set_too_small(3);
+  object.mutable_searches()->set_poses_found(4);
+  object.set_followed_poses(2);
+  const ObjectHealth health = FromProto(message).objects.at(0);
+  ASSERT_TRUE(health.latest_loss.has_value());
+  EXPECT_EQ(health.latest_loss->t_us, 12);
+  EXPECT_EQ(health.latest_loss->cause, LossCause::kOutOfView);
+  EXPECT_EQ(health.searches.too_small, 3u);
+  EXPECT_EQ(health.searches.poses_found, 4u);
+  EXPECT_EQ(health.followed_poses, 2u);
+  message.mutable_objects(0)->mutable_latest_loss()->set_cause(static_cast<v1::LossCause>(99));
+  EXPECT_EQ(FromProto(message).objects.at(0).latest_loss->cause, LossCause::kUnknown);
+}
+
+TEST(ConversionTest, AnAmbiguousPoseHasItsAlternatives) {
+  v1::Pose message;
+  message.mutable_covariance()->mutable_upper_triangle()->Resize(21, 0.0);
+  message.mutable_twist()->mutable_linear_m_per_s();
+  message.mutable_camera_from_object()->mutable_rotation()->set_w(1.0);
+  message.mutable_camera_from_object()->mutable_translation_m()->set_z(1.0);
+  message.set_state(v1::TRACK_STATE_AMBIGUOUS);
+  v1::PoseAlternative& alternative = *message.add_alternatives();
+  alternative.mutable_camera_from_object()->mutable_rotation()->set_x(1.0);
+  alternative.mutable_camera_from_object()->mutable_translation_m()->set_z(2.0);
+  alternative.set_log_likelihood_ratio(-1.5);
+  const absl::StatusOr<Pose> pose = FromProto(message);
+  ASSERT_TRUE(pose.ok()) << pose.status();
+  EXPECT_EQ(pose->state, TrackState::kAmbiguous);
+  ASSERT_EQ(pose->alternatives.size(), 1u);
+  EXPECT_EQ(pose->alternatives[0].log_likelihood_ratio, -1.5);
+  EXPECT_EQ(pose->alternatives[0].camera_from_object.translation_m.z(), 2.0);
+  alternative.mutable_camera_from_object()->mutable_rotation()->set_x(0.0);
+  EXPECT_THAT(FromProto(message).status().message(), HasSubstr("alternatives"));
 }
 
 }  // namespace

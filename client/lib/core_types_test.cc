@@ -62,6 +62,9 @@ TEST(CoreTypesTest, StatesHaveTheNamesOfTheApi) {
   EXPECT_EQ(TrackStateName(TrackState::kTracking), "TRACKING");
   EXPECT_EQ(TrackStateName(TrackState::kDegraded), "DEGRADED");
   EXPECT_EQ(TrackStateName(TrackState::kLost), "LOST");
+  EXPECT_EQ(TrackStateName(TrackState::kAmbiguous), "AMBIGUOUS");
+  EXPECT_EQ(LossCauseName(LossCause::kUnknown), "UNKNOWN");
+  EXPECT_EQ(LossCauseName(LossCause::kUnconfirmed), "UNCONFIRMED");
   EXPECT_EQ(SessionStateName(SessionState::kUnknown), "UNKNOWN");
   EXPECT_EQ(SessionStateName(SessionState::kAttached), "ATTACHED");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kNotNeeded), "NOT_NEEDED");
@@ -71,6 +74,9 @@ TEST(CoreTypesTest, StatesHaveTheNamesOfTheApi) {
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kVerifying), "VERIFYING");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kAmbiguous), "AMBIGUOUS");
   EXPECT_EQ(InitializationStatusName(InitializationStatus::kNotSearchable), "NOT_SEARCHABLE");
+  EXPECT_EQ(InitializationStatusName(InitializationStatus::kNotEnoughMotion), "NOT_ENOUGH_MOTION");
+  EXPECT_EQ(InitializationStatusName(InitializationStatus::kTooSmall), "TOO_SMALL");
+  EXPECT_EQ(InitializationStatusName(InitializationStatus::kNotSupported), "NOT_SUPPORTED");
 }
 
 }  // namespace

@@ -29,6 +29,10 @@ std::string_view TrackStateName(TrackState state) {
   return ApiName(v1::TrackState_Name(static_cast<int>(state)), "TRACK_STATE_");
 }
 
+std::string_view LossCauseName(LossCause cause) {
+  return ApiName(v1::LossCause_Name(static_cast<int>(cause)), "LOSS_CAUSE_");
+}
+
 std::string_view InitializationStatusName(InitializationStatus status) {
   return ApiName(v1::InitializationStatus_Name(static_cast<int>(status)), "INITIALIZATION_STATUS_");
 }

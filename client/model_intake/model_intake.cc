@@ -9,6 +9,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/model_intake/scene_reader.h"
 #include "client/model_intake/step_conversion.h"
 #include "client/model_intake/texture_lines.h"
@@ -30,6 +31,13 @@ absl::Status AtPath(const std::string& path, const absl::Status& status) {
   return absl::Status(status.code(), absl::StrCat(path, ": ", status.message()));
 }
 
+// For a file in a unit that it states.
+void NoteScale(double metres_per_unit, std::vector<std::string>& notices) {
+  if (metres_per_unit == 1.0) return;
+  notices.push_back(absl::StrFormat(
+      "the file states its unit, in which it was read: --scale %g scales the object in addition", metres_per_unit));
+}
+
 // For a scene in a unit that its file does not state.
 void NoteSize(double metres_per_unit, Scene& scene) {
   RawMesh in_metres;
@@ -39,8 +47,12 @@ void NoteSize(double metres_per_unit, Scene& scene) {
 
 absl::StatusOr<ModelFile> ConvertScene(const std::string& path, SceneFormat format, double metres_per_unit) {
   EVPOSE_ASSIGN_OR_RETURN(Scene scene, ReadScene(path, format, ModelOptions().max_triangles));
-  if (format == SceneFormat::kOff) NoteSize(metres_per_unit, scene);
-  AddTextureLines(scene);
+  if (format == SceneFormat::kOff) {
+    NoteSize(metres_per_unit, scene);
+  } else {
+    NoteScale(metres_per_unit, scene.notices);
+  }
+  EVPOSE_RETURN_IF_ERROR(AddTextureLines(scene));
   return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene.mesh), std::move(scene.notices)};
 }
 
@@ -62,7 +74,7 @@ absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, double metres_per
     file.notices.push_back(absl::StrCat("the images of the model are not used: ", scene.status().message()));
     return file;
   }
-  AddTextureLines(*scene);
+  EVPOSE_RETURN_IF_ERROR(AddTextureLines(*scene));
   file.notices = scene->notices;
   if (scene->mesh.lines.empty()) return file;
   NoteSize(metres_per_unit, *scene);
@@ -73,7 +85,9 @@ absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres
   const std::string extension = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
   if (extension == ".step" || extension == ".stp" || extension == ".igs" || extension == ".iges") {
     EVPOSE_ASSIGN_OR_RETURN(std::string mesh, ConvertStep(path));
-    return ModelFile{evpose::ModelFormat::kMesh, std::move(mesh), {}};
+    ModelFile file{evpose::ModelFormat::kMesh, std::move(mesh), {}};
+    NoteScale(metres_per_unit, file.notices);
+    return file;
   }
   for (const auto& [name, format] : {std::pair(".gltf", SceneFormat::kGltf), std::pair(".glb", SceneFormat::kGlb),
                                      std::pair(".dae", SceneFormat::kDae), std::pair(".off", SceneFormat::kOff),

@@ -15,6 +15,8 @@
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
 #include "client/model_intake/program_path.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
 
 namespace evpose::client {
 namespace {
@@ -82,12 +84,13 @@ absl::StatusOr<std::string> RunConverter(const std::string& program, const std::
 }
 
 absl::StatusOr<std::string> ConvertStep(const std::string& path) {
+  EVPOSE_RETURN_IF_ERROR(CheckIsFile(path));
   const std::optional<std::string> program = FindProgram(kConverter, "../convert_step");
   if (program.has_value()) return RunConverter(*program, path);
   return absl::FailedPreconditionError(
       absl::StrCat("STEP and IGES files need the program ", kConverter,
-                   ", which is neither beside this program nor in the PATH: install the package ", kConverter,
-                   ", or export the model as STL, 3MF or glTF"));
+                   ", which is neither beside this program nor in the PATH: install the Debian package ", kConverter,
+                   " (component step of cmake --install), or export the model as STL, 3MF or glTF"));
 }
 
 }  // namespace evpose::client

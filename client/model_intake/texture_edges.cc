@@ -8,6 +8,9 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
+
 namespace evpose::client {
 namespace {
 
@@ -144,6 +147,14 @@ std::vector<Eigen::Vector2d> Simplify(const std::vector<cv::Point2f>& chain, boo
 }
 
 }  // namespace
+
+absl::Status TextureEdgeOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TextureEdgeOptions.min_contrast", min_contrast, 0.0, 10.0, OpenEnds::kLow));
+  // The window of the filter grows with it.
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TextureEdgeOptions.smoothing_px", smoothing_px, 0.1, 20.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TextureEdgeOptions.min_length_px", min_length_px, 0.0, 1e6));
+  return CheckRange("TextureEdgeOptions.max_deviation_px", max_deviation_px, 0.01, 100.0);
+}
 
 std::vector<TextureEdge> FindTextureEdges(const cv::Mat& grey, const cv::Mat& mask, const TextureEdgeOptions& options) {
   cv::Mat light = LogLight(grey);

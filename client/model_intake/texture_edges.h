@@ -7,6 +7,8 @@
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
+#include "absl/status/status.h"
+
 namespace evpose::client {
 
 struct TextureEdge {
@@ -24,10 +26,12 @@ struct TextureEdgeOptions {
   double min_length_px = 12.0;
   // Largest distance, pixels, between an edge and the chords that replace it.
   double max_deviation_px = 0.5;
+
+  absl::Status Validate() const;
 };
 
 // The edges of a grey 8-bit image at the pixels where `mask` (8 bits, the same size) is not 0. The first pixels along
-// the boundary of the image have none.
+// the boundary of the image have none. `options` must be valid.
 std::vector<TextureEdge> FindTextureEdges(const cv::Mat& grey, const cv::Mat& mask,
                                           const TextureEdgeOptions& options = {});
 

@@ -11,7 +11,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/model_intake/texture_edges.h"
+#include "core/base/check_range.h"
+#include "core/base/counted.h"
+#include "core/base/status_macros.h"
 
 namespace evpose::client {
 namespace {
@@ -177,10 +179,11 @@ void AppendPiece(const Scene& scene, const PlacedTriangle& placed, const Segment
 }
 
 // Appends the pieces of one image; `contrasts` gets the contrast of each edge. False if the work was too much.
-bool AppendPieces(const Scene& scene, int image, std::vector<Piece>& pieces, std::vector<double>& contrasts) {
+bool AppendPieces(const Scene& scene, int image, const TextureEdgeOptions& options, std::vector<Piece>& pieces,
+                  std::vector<double>& contrasts) {
   const std::vector<PlacedTriangle> triangles = PlaceTriangles(scene, image);
   const cv::Mat& grey = scene.images[static_cast<size_t>(image)];
-  const std::vector<TextureEdge> edges = FindTextureEdges(grey, MaskOf(triangles, grey.size()));
+  const std::vector<TextureEdge> edges = FindTextureEdges(grey, MaskOf(triangles, grey.size()), options);
   SegmentGrid grid(edges, grey.size());
   const size_t first_edge = contrasts.size();
   for (const TextureEdge& edge : edges) contrasts.push_back(edge.contrast);
@@ -222,12 +225,20 @@ std::vector<bool> Select(const std::vector<Piece>& pieces, const std::vector<dou
 
 }  // namespace
 
-void AddTextureLines(Scene& scene, const TextureLineOptions& options) {
-  if (scene.images.empty()) return;
+absl::Status TextureLineOptions::Validate() const {
+  constexpr double kMaxLines = 1e6;
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TextureLineOptions.max_lines", static_cast<double>(max_lines), 0.0, kMaxLines));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TextureLineOptions.min_length_ratio", min_length_ratio, 0.0, 1.0));
+  return edges.Validate();
+}
+
+absl::Status AddTextureLines(Scene& scene, const TextureLineOptions& options) {
+  EVPOSE_RETURN_IF_ERROR(options.Validate());
+  if (scene.images.empty()) return absl::OkStatus();
   std::vector<Piece> pieces;
   std::vector<double> contrasts;
   for (int image = 0; image < static_cast<int>(scene.images.size()); ++image) {
-    if (!AppendPieces(scene, image, pieces, contrasts)) {
+    if (!AppendPieces(scene, image, options.edges, pieces, contrasts)) {
       scene.notices.push_back("an image repeats too often on too many triangles: only some of its edges are used");
     }
   }
@@ -244,8 +255,9 @@ void AddTextureLines(Scene& scene, const TextureLineOptions& options) {
     scene.mesh.lines.push_back({first, first + 1});
     ++used;
   }
-  scene.notices.push_back(absl::StrCat("the edges of ", scene.images.size(), " images: ", used, " painted lines of ",
-                                       pieces.size(), " found"));
+  scene.notices.push_back(absl::StrCat("the edges of ", Counted(scene.images.size(), "image"), ": ",
+                                       Counted(used, "painted line"), " of ", pieces.size(), " found"));
+  return absl::OkStatus();
 }
 
 }  // namespace evpose::client

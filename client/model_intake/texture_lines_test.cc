@@ -54,6 +54,17 @@ TEST(TextureEdgesTest, WeakEdgesAndThoseOutsideTheMaskAreNotTaken) {
   EXPECT_TRUE(FindTextureEdges(image, everywhere).empty());
 }
 
+TEST(TextureEdgesTest, OptionsOutOfRangeAreNamed) {
+  Scene scene;
+  EXPECT_THAT(std::string(AddTextureLines(scene, {.min_length_ratio = 1.5}).message()),
+              HasSubstr("TextureLineOptions.min_length_ratio"));
+  EXPECT_THAT(std::string(AddTextureLines(scene, {.edges = {.min_contrast = 0.0}}).message()),
+              HasSubstr("TextureEdgeOptions.min_contrast"));
+  EXPECT_THAT(std::string(AddTextureLines(scene, {.edges = {.smoothing_px = std::nan("")}}).message()),
+              HasSubstr("TextureEdgeOptions.smoothing_px"));
+  EXPECT_TRUE(TextureLineOptions().Validate().ok());
+}
+
 // The unit square, of two triangles, with the image on it `repetitions` times in each direction.
 Scene Square(const cv::Mat& image, double repetitions) {
   Scene scene;
@@ -76,7 +87,7 @@ double Length(const RawMesh& mesh) {
 TEST(TextureLinesTest, EdgesMoveToTheObjectAndImagesRepeat) {
   const double circumference = 2.0 * M_PI * 40.0 / 128.0;
   Scene once = Square(Disc(40.0), 1.0);
-  AddTextureLines(once);
+  ASSERT_TRUE(AddTextureLines(once).ok());
   EXPECT_NEAR(Length(once.mesh), circumference, 0.02 * circumference);
   for (const auto& [a, b] : once.mesh.lines) {
     // Pixel 64 is at (64 + 0.5) / 128 from the left and from the top.
@@ -84,13 +95,13 @@ TEST(TextureLinesTest, EdgesMoveToTheObjectAndImagesRepeat) {
     for (const uint32_t end : {a, b}) EXPECT_NEAR((once.mesh.points[end] - centre).norm(), 40.0 / 128.0, 0.01);
   }
   Scene thrice = Square(Disc(40.0), 3.0);
-  AddTextureLines(thrice);
+  ASSERT_TRUE(AddTextureLines(thrice).ok());
   EXPECT_NEAR(Length(thrice.mesh), 3.0 * circumference, 0.06 * circumference);
 }
 
 TEST(TextureLinesTest, TheNumberOfLinesIsBounded) {
   Scene scene = Square(Disc(40.0), 1.0);
-  AddTextureLines(scene, {.max_lines = 5});
+  ASSERT_TRUE(AddTextureLines(scene, {.max_lines = 5}).ok());
   EXPECT_TRUE(scene.mesh.lines.empty()) << "an edge is taken as a whole or not at all";
   EXPECT_THAT(scene.notices, Contains(HasSubstr(": 0 painted lines of ")));
 }

@@ -37,6 +37,22 @@ std::optional<double> BorderSlope(const ImageLine& line, const ImageLine& neighb
   return normal.dot(neighbour.direction) / (1.0 + cosine);
 }
 
+// Computes what straight lines and elements have in common; `line` has its default values before.
+void ProjectStraight(const CameraModel& camera, const MotionState& state, const TrackedLine& tracked, ImageLine& line) {
+  const std::optional<ProjectedLine> projected = ProjectLine(camera, state.camera_from_object, tracked.p1, tracked.p2);
+  if (!projected) return;
+  const Eigen::Vector2d extent = projected->p2_px - projected->p1_px;
+  const double length_px = extent.norm();
+  if (!(length_px > 1e-6) || !std::isfinite(length_px)) return;  // pixels; a shorter line has no direction
+  line.a = projected->a;
+  line.a_expected = projected->a;
+  line.jacobian = projected->jacobian;
+  line.a_dot = projected->jacobian * state.twist;
+  line.p1_px = projected->p1_px;
+  line.direction = extent / length_px;
+  line.length_px = length_px;
+}
+
 // Sets what only elements have, after the images of all lines are known.
 void JoinElements(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   absl::Span<ImageLine> image_lines) {
@@ -69,22 +85,25 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
   AssignDefaults(lines.size(), image_lines);
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
-    const std::optional<ProjectedLine> projected =
-        ProjectLine(camera, state.camera_from_object, lines[k].p1, lines[k].p2);
-    if (!projected) continue;
-    ImageLine& line = image_lines[k];
-    const Eigen::Vector2d extent = projected->p2_px - projected->p1_px;
-    const double length_px = extent.norm();
-    if (!(length_px > 1e-6) || !std::isfinite(length_px)) continue;  // pixels; a shorter line has no direction
-    line.a = projected->a;
-    line.a_expected = projected->a;
-    line.jacobian = projected->jacobian;
-    line.a_dot = projected->jacobian * state.twist;
-    line.p1_px = projected->p1_px;
-    line.direction = extent / length_px;
-    line.length_px = length_px;
+    ProjectStraight(camera, state, lines[k], image_lines[k]);
   }
   JoinElements(camera, state, lines, absl::MakeSpan(image_lines));
+}
+
+void MoveLines(const CameraModel& camera, const MotionState& state, const Vector6d& pose_change,
+               absl::Span<const TrackedLine> lines, absl::Span<ImageLine> image_lines) {
+  for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
+    ImageLine& line = image_lines[k];
+    if (!lines[k].is_element) {
+      line = ImageLine();
+      ProjectStraight(camera, state, lines[k], line);
+    } else if (line.in_view()) {
+      line.a += line.jacobian * pose_change;
+      line.a_expected = line.a;
+      line.a_dot = line.jacobian * state.twist;
+    }
+  }
 }
 
 void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
@@ -157,6 +176,7 @@ void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
   }
   num_pages_ = 1;
   touched_.clear();
+  distances_px_.clear();
   const double reach = reach_px + kHalfDiagonalPx;
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
@@ -233,9 +253,16 @@ void TileGrid::Replace(absl::Span<const ImageLine> lines, size_t index, const Ei
     const double beyond = std::max({0.0, -along, along - line.length_px});
     return std::sqrt(across * across + beyond * beyond) + kTilePx * (1.0 - line.prior_contrast);
   };
-  const auto is_nearer = [&](uint16_t a, uint16_t b) { return distance_px(a) < distance_px(b); };
-  uint16_t* const farthest = std::max_element(tile.lines, tile.lines + kSlots, is_nearer);
-  if (distance_px(index) < distance_px(*farthest)) *farthest = static_cast<uint16_t>(index);
+  if (tile.distances == Tile::kNone) {
+    tile.distances = static_cast<uint32_t>(distances_px_.size());
+    std::transform(tile.lines, tile.lines + kSlots, distances_px_.emplace_back().begin(), distance_px);
+  }
+  std::array<double, kSlots>& distances_px = distances_px_[tile.distances];
+  const auto farthest = std::max_element(distances_px.begin(), distances_px.end());
+  const double of_new = distance_px(index);
+  if (!(of_new < *farthest)) return;
+  *farthest = of_new;
+  tile.lines[farthest - distances_px.begin()] = static_cast<uint16_t>(index);
 }
 
 }  // namespace evpose

@@ -127,6 +127,12 @@ void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLin
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines);
 
+// Moves the `image_lines` of ProjectLines() to `state`, which differs from their state by the small motion
+// `pose_change` (the tangent of rigid_transform.h). Straight lines are projected as ProjectLines() does; elements are
+// displaced across themselves to first order, README, equation (10): their positions along themselves stay.
+void MoveLines(const CameraModel& camera, const MotionState& state, const Vector6d& pose_change,
+               absl::Span<const TrackedLine> lines, absl::Span<ImageLine> image_lines);
+
 // Computes a_dot_jacobian of the `image_lines` that ProjectLines() returned for the same arguments; that of elements
 // stays zero (core/estimation/README.md, section 7).
 void ProjectVelocityJacobians(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
@@ -175,7 +181,7 @@ std::optional<Observation> Observe(const CameraModel& camera, const Undistortion
 inline constexpr double kJoinedReachRatio = 0.25;
 
 // A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance. Memory: 16
-// bytes for each cell of 8 x 8 tiles, and 900 bytes for each cell with lines.
+// bytes for each cell of 8 x 8 tiles, and 1.3 kB for each cell with lines.
 class TileGrid {
  public:
   // Side of a tile, pixels: of the order of a gate's half width, so that tiles list few lines outside the gates.
@@ -220,6 +226,8 @@ class TileGrid {
 
  private:
   struct Tile {
+    static constexpr uint32_t kNone = 0xffffffff;
+    uint32_t distances = kNone;  // index into distances_px_
     uint16_t count = 0;
     uint16_t lines[kSlots] = {};
   };
@@ -236,7 +244,7 @@ class TileGrid {
   void EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach_px);
   // Enters a line into a full tile, in place of the line that is farthest from the tile's centre, if the new line is
   // nearer. For each tile side by which the prior contrast of an element is below one, it counts as one side farther.
-  static void Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile);
+  void Replace(absl::Span<const ImageLine> lines, size_t index, const Eigen::Vector2d& centre_px, Tile& tile);
 
   int columns_ = 0;
   int rows_ = 0;
@@ -248,6 +256,8 @@ class TileGrid {
   std::deque<Page> pages_;    // the first one is empty; reused from one Build() to the next
   size_t num_pages_ = 1;      // pages in use
   std::vector<uint32_t> touched_;
+  // Of the full tiles that a further line reached: the distances of their lines, for Replace().
+  std::vector<std::array<double, kSlots>> distances_px_;
 };
 
 // The one or two lines nearest to an event, the nearest first, with signed distances.

@@ -128,6 +128,34 @@ TEST(FindNearLines, FollowsTheMotionWithinTheWindow) {
   EXPECT_NEAR(near.distance_px[0], 0.0, 1e-9);
 }
 
+TEST(MoveLines, FollowsASmallMotion) {
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  MotionState state;
+  state.camera_from_object = MakePose({0.02, 0.01, 0.7}, {0.5, 0.4, 0.1});
+  state.twist << 0.2, 0.1, -0.1, 1.0, 0.5, -1.0;
+  std::vector<TrackedLine> tracked = {{0, {-0.05, 0.04, 0.03}, {0.06, 0.05, -0.02}},
+                                      {1, {0.03, 0.05, 0.02}, {0.05, 0.04, 0.02}}};
+  tracked[1].is_element = true;
+  std::vector<ImageLine> before, moved, exact;
+  ProjectLines(camera, state, tracked, before);
+  moved = before;
+  Vector12d change = Vector12d::Zero();
+  change << 4e-4, 5e-4, 1e-4, 1e-3, -1e-3, 1e-3, 0.1, 0.0, 0.05, 0.2, 0.1, 0.3;
+  const MotionState next = Plus(state, change);
+  MoveLines(camera, next, change.head<6>(), tracked, absl::MakeSpan(moved));
+  ProjectLines(camera, next, tracked, exact);
+  EXPECT_EQ(moved[0].a, exact[0].a);
+  EXPECT_EQ(moved[0].a_dot, exact[0].a_dot);
+  EXPECT_EQ(moved[0].p1_px, exact[0].p1_px);
+  for (const double fraction : {0.0, 0.5, 1.0}) {
+    const Eigen::Vector3d bearing = BearingOf(camera, exact[1].PointAt(fraction));
+    EXPECT_GT(std::abs(before[1].a.dot(bearing)), 0.2) << "the motion is seen";
+    EXPECT_NEAR(moved[1].a.dot(bearing), 0.0, 5e-3);
+    EXPECT_NEAR(moved[1].a_dot.dot(bearing), exact[1].a_dot.dot(bearing), 0.01 * exact[1].a_dot.norm());
+  }
+  EXPECT_EQ(moved[1].p1_px, before[1].p1_px);
+}
+
 TEST(KeepLinesWithin, KeepsLinesWithinReachAtTheEventsTime) {
   const CameraModel camera = MakeCamera(640, 480, 600.0);
   MotionState state;

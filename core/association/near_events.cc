@@ -67,6 +67,7 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   const ByPolarity samples_per_observation = DownsampleByClass(static_cast<size_t>(max_events), SampleShares(found),
                                                                absl::MakeConstSpan(events_), is_on, events_);
   NearShares shares;
+  shares.near_events = near_events;
   for (int polarity = 0; polarity < 2; ++polarity) {
     shares.events_per_observation[polarity] = window.events_per_sample[polarity] * samples_per_observation[polarity];
   }

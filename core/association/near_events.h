@@ -25,6 +25,7 @@ struct NearShares {
   // Weight of each polarity in tests of the events: below 1 while a flicker burst produces events of this polarity in
   // the whole image.
   ByPolarity polarity_weight = {1.0, 1.0};
+  ByPolarity near_events = {};  // events of the sensor in tiles with lines
   // Sampling ratio that the background events of the window would have if they were sampled like the events near lines.
   double observations_per_background_event = 1.0;
 };

@@ -27,6 +27,9 @@ constexpr double kElementChangeOfDistance = 0.02;
 // Pixels by which the rim of a flat face that has turned round lies beside the rim that is still extracted, from which
 // on the elements are extracted again: the standard deviation of events about an edge.
 constexpr double kTurnedFacePx = 0.5;
+// Contours between facets do not slide but pass to another edge when a facet turns. A tenth of a pixel is below the
+// standard deviation of the distance of an edge that the events of a window determine.
+constexpr double kFacetShiftPx = 0.1;
 // Number of points at which the visibility of a line is tested in a model with many lines. Most of its lines are short.
 constexpr int kFewSamples = 8;
 // Of a model with many lines, at most so many are tested to choose those of a view: hidden ones are among them.
@@ -180,7 +183,10 @@ bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int
     return true;
   }
   edges_.FacingPlanes(eye, camera_.MaxFocalPx(), facing_planes_now_);
-  return facing_planes_now_ != facing_planes_;
+  if (facing_planes_now_ != facing_planes_) return true;
+  return std::any_of(elements_.begin(), elements_.end(), [&](const EdgeElement& element) {
+    return edges_.elements().FacetShiftPx(element, eye, camera_.MaxFocalPx()) > kFacetShiftPx;
+  });
 }
 
 void VisibleEdges::FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const {
@@ -248,7 +254,9 @@ void VisibleEdges::ExtractAt(const RigidTransform& camera_from_object, int level
   level_ = level;
   if (edges_.has_many_lines()) ChooseLines(camera_from_object);
   elements_.clear();
-  if (edges_.elements().has_curves()) edges_.elements().Extract(camera_, camera_from_object, level, elements_);
+  if (edges_.elements().has_curves()) {
+    has_more_elements_ = edges_.elements().Extract(camera_, camera_from_object, level, elements_);
+  }
   std::stable_sort(elements_.begin(), elements_.end(), [this](const EdgeElement& a, const EdgeElement& b) {
     return edges_.CurveOf(a.curve) < edges_.CurveOf(b.curve);
   });
@@ -328,10 +336,12 @@ void VisibleEdges::ChooseLines(const RigidTransform& camera_from_object) {
                    [](const Candidate& a, const Candidate& b) { return a.weight_px > b.weight_px; });
   chosen_.clear();
   std::vector<int> tested;
+  size_t num_tested = 0;
   for (size_t begin = 0; begin < std::min(candidates.size(), kMaxTested) && chosen_.size() < ModelEdges::kMaxLines;
        begin += ModelEdges::kMaxLines) {
     tested.clear();
     const size_t end = std::min(begin + ModelEdges::kMaxLines, candidates.size());
+    num_tested = end;
     for (size_t i = begin; i < end; ++i) tested.push_back(candidates[i].line);
     std::sort(tested.begin(), tested.end());
     edges_.visibility().FindVisibleSegments(camera_, camera_from_object, tested, segments_);
@@ -339,6 +349,7 @@ void VisibleEdges::ChooseLines(const RigidTransform& camera_from_object) {
       if (chosen_.empty() || chosen_.back() != segment.line) chosen_.push_back(segment.line);
     }
   }
+  has_more_lines_ = chosen_.size() > ModelEdges::kMaxLines || num_tested < candidates.size();
   if (chosen_.size() > ModelEdges::kMaxLines) chosen_.resize(ModelEdges::kMaxLines);
   std::sort(chosen_.begin(), chosen_.end());
 }

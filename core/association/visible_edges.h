@@ -93,6 +93,10 @@ class VisibleEdges {
   // Valid until the next call.
   absl::Span<const TrackedLine> At(const RigidTransform& camera_from_object);
 
+  // Whether the view at the last pose has more edges than the limits of lines and elements allow: those left out have
+  // no events of their own.
+  bool has_more() const { return has_more_lines_ || has_more_elements_; }
+
   // The state is the poses at which lines and elements were last computed, and the level of detail.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
@@ -130,6 +134,8 @@ class VisibleEdges {
   std::vector<bool> facing_planes_;  // at the last extraction
   std::vector<bool> facing_planes_now_;
   std::vector<VisibleSegment> segments_;
+  bool has_more_lines_ = false;
+  bool has_more_elements_ = false;
   std::vector<EdgeElement> elements_;  // as extracted, by TrackedLine::curve
   std::vector<TrackedLine> joined_;    // of elements_; previous and next are indices into joined_
   std::vector<TrackedLine> lines_;     // the visible parts of segments_, then the elements

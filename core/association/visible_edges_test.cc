@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/contours/contour_shapes_testing.h"
+#include "core/contours/facet_outline_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracker_options.h"
 
@@ -122,6 +123,28 @@ TEST(VisibleEdges, CurvesOfALargeModelShareNumbers) {
   EXPECT_EQ(edges.num_curves(), ModelEdges::kMaxCurves);
   EXPECT_EQ(edges.CurveOf(7), 7);
   EXPECT_LT(edges.CurveOf(2999), edges.num_curves());
+}
+
+// A facet is 14 px wide; without a new extraction the outline would leave its edge by 0.37 px within 1.5 degrees.
+TEST(VisibleEdges, ContoursOfFacetsStayOnTheOutline) {
+  const ObjectModel model = WithFacets(CylinderModel(0.07, 0.06, 32));
+  const CameraModel camera = MakeCamera(640, 480, 600.0);
+  const ModelEdges edges(model, TrackerOptions().visibility, {});
+  VisibleEdges visible(camera, edges);
+  for (int i = 0; i < 200; ++i) {
+    RigidTransform pose = MakePose({0.0, 0.0, 0.5}, {1.4, 0.1, 0.0});
+    pose.rotation = pose.rotation * Eigen::AngleAxisd(0.002 * i, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    const std::vector<Eigen::Vector2d> outline = OutlineOfVertices(model, pose, camera);
+    double length_m = 0.0;
+    for (const TrackedLine& line : visible.At(pose)) {
+      if (line.kind != EdgeKind::kContour) continue;
+      length_m += (line.p2 - line.p1).norm();
+      for (const Eigen::Vector3d& end : {line.p1, line.p2}) {
+        EXPECT_LT(DistanceFrom(outline, camera.Project(pose * end)), 0.12) << i;
+      }
+    }
+    EXPECT_NEAR(length_m, 2 * 0.14, 0.01) << i;
+  }
 }
 
 class RoundEdgesTest : public ::testing::Test {

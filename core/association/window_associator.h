@@ -7,11 +7,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <vector>
 
 #include "absl/types/span.h"
 #include "core/association/association.h"
 #include "core/association/background.h"
 #include "core/association/camera_tables.h"
+#include "core/association/line_cells.h"
 #include "core/association/line_events.h"
 #include "core/association/near_events.h"
 #include "core/geometry/camera.h"
@@ -26,6 +28,7 @@ struct AssociatedEvents {
   NearShares shares;                   // other than one if the events were downsampled
   double duration_s = 0.0;             // of the window
   double background_per_px2 = 0.0;     // expected background events per square pixel in this time
+  absl::Span<const LineCell> cells;    // of the lines; empty: no line is near another
 };
 
 // Reuses its memory from window to window. Learns the background rate and the usual ratio of the polarities, so that
@@ -51,6 +54,8 @@ class WindowAssociator {
     associated.events = near_events_.Observe(window, grid_, lines, t_us, reach_px, competing);
     line_events_.Sort(associated.events, lines.size());
     associated.sorted = &line_events_;
+    FindCells(grid_, lines, cells_);
+    associated.cells = cells_;
     return associated;
   }
 
@@ -85,6 +90,7 @@ class WindowAssociator {
   BackgroundRate background_;
   NearEvents near_events_;
   LineEvents line_events_;
+  std::vector<LineCell> cells_;
 };
 
 }  // namespace evpose

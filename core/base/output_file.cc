@@ -22,6 +22,13 @@ absl::Status FileError(const std::string& path, absl::string_view what, int erro
   return absl::ErrnoToStatus(error_number, absl::StrCat(path, ": ", what));
 }
 
+absl::Status CheckIsRegular(const std::string& path, const struct stat& info) {
+  if (S_ISREG(info.st_mode)) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(
+      path, S_ISDIR(info.st_mode) ? ": is a directory, not a file"
+                                  : ": is a pipe or device, not a file; write its contents to a file first"));
+}
+
 // The process number and a counter: no two writers share a temporary name.
 std::string TemporaryName(const std::string& path) {
   static std::atomic<uint64_t> counter = 0;
@@ -145,8 +152,15 @@ absl::Status WriteFile(const std::string& path, std::string_view contents) {
   return file.Commit();
 }
 
+absl::Status CheckIsFile(const std::string& path) {
+  struct stat info;
+  if (stat(path.c_str(), &info) != 0) return FileError(path, "cannot be read", errno);
+  return CheckIsRegular(path, info);
+}
+
 absl::StatusOr<std::string> ReadFile(const std::string& path, size_t max_bytes) {
-  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // Without O_NONBLOCK a named pipe is opened when a process writes to it, which may never happen.
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return FileError(path, "cannot be read", errno);
   std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(fdopen(descriptor, "rb"), std::fclose);
   if (file == nullptr) {
@@ -155,9 +169,7 @@ absl::StatusOr<std::string> ReadFile(const std::string& path, size_t max_bytes) 
     return FileError(path, "cannot be read", error_number);
   }
   struct stat info;
-  if (fstat(descriptor, &info) == 0 && S_ISDIR(info.st_mode)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": is a directory, not a file"));
-  }
+  if (fstat(descriptor, &info) == 0) EVPOSE_RETURN_IF_ERROR(CheckIsRegular(path, info));
   std::string contents;
   char buffer[1 << 16];
   for (size_t size; (size = std::fread(buffer, 1, sizeof(buffer), file.get())) > 0;) {

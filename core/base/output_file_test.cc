@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 #include <string>
@@ -101,9 +102,16 @@ TEST_F(OutputFileTest, ErrorsNameThePath) {
 TEST_F(OutputFileTest, ReadErrors) {
   EXPECT_EQ(ReadFile(Path("missing"), 10).status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(ReadFile(directory_.path(), 10).status().code(), absl::StatusCode::kInvalidArgument);
+  ASSERT_EQ(mkfifo(Path("pipe").c_str(), 0600), 0);
+  EXPECT_EQ(ReadFile(Path("pipe"), 10).status(),
+            absl::InvalidArgumentError(Path("pipe") +
+                                       ": is a pipe or device, not a file; write its contents to a file first"));
+  EXPECT_EQ(CheckIsFile(Path("pipe")), ReadFile(Path("pipe"), 10).status());
+  EXPECT_EQ(CheckIsFile(Path("missing")).code(), absl::StatusCode::kNotFound);
   ASSERT_TRUE(WriteFile(Path("big"), "12345678901").ok());
   EXPECT_EQ(ReadFile(Path("big"), 10).status().code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(ReadFile(Path("big"), 11).value(), "12345678901");
+  EXPECT_TRUE(CheckIsFile(Path("big")).ok());
 }
 
 }  // namespace

@@ -23,8 +23,9 @@ struct ImageRun {
   }
 };
 
-// Mean distance, pixels, of the arc outside of its chord (core/contours/README.md, equation (7)).
-double MeanOutside(const ImageRun& run, size_t first, size_t last) {
+// Mean distance, pixels, of the arc outside of its chord (core/contours/README.md, equation (7)). A contour of facets
+// is straight between its points.
+double MeanOutside(const ImageRun& run, size_t first, size_t last, bool is_faceted) {
   const Eigen::Vector2d chord = run.pixels[last] - run.pixels[first];
   Eigen::Vector2d outward = Eigen::Vector2d(-chord.y(), chord.x()).normalized();
   if (outward.dot(run.normals[first] + run.normals[last]) < 0.0) outward = -outward;
@@ -33,7 +34,8 @@ double MeanOutside(const ImageRun& run, size_t first, size_t last) {
     const Eigen::Vector2d step = run.pixels[i + 1] - run.pixels[i];
     const double step_px = step.norm();
     const double middle_px = outward.dot(0.5 * (run.pixels[i] + run.pixels[i + 1]) - run.pixels[first]);
-    area += step_px * (middle_px + (run.normals[i + 1] - run.normals[i]).dot(step) / 12.0);
+    const double sagitta_px = is_faceted ? 0.0 : (run.normals[i + 1] - run.normals[i]).dot(step) / 12.0;
+    area += step_px * (middle_px + sagitta_px);
     length_px += step_px;
   }
   return length_px > 0.0 ? area / length_px : 0.0;
@@ -50,22 +52,25 @@ Eigen::Vector3d MoveOfPixel(const ElementView& view, const RimPoint& rim, const 
   return pixels > 0.0 ? Eigen::Vector3d(rim.normal / pixels) : Eigen::Vector3d::Zero();
 }
 
-void AppendRun(const ElementView& view, const Rims& rims, const ImageRun& run, double sagitta_px, uint32_t region_curve,
-               uint32_t chain, std::vector<double>& errors, std::vector<Candidate>& candidates) {
+// `chain` is the number of the connected candidates, `curve` that of the first arc of the region.
+void AppendRun(const ElementView& view, const Rims& rims, const RimChain& rim_chain, const ImageRun& run,
+               double sagitta_px, uint32_t curve, uint32_t chain, std::vector<double>& errors,
+               std::vector<Candidate>& candidates) {
   if (run.points.size() < 2) return;
   FindCutErrors(absl::MakeConstSpan(run.pixels), sagitta_px, errors);
   for (size_t first = 0, last = 1; last < run.points.size(); ++last) {
     if (errors[last] == 0.0 && last + 1 < run.points.size()) continue;
     const RimPoint& begin = rims.points[run.points[first]];
     const RimPoint& end = rims.points[run.points[last]];
-    const double outside_px = MeanOutside(run, first, last);
+    const double outside_px = MeanOutside(run, first, last, rim_chain.is_faceted);
     EdgeElement element;
     element.kind = EdgeKind::kContour;
     element.p1 = begin.point + outside_px * MoveOfPixel(view, begin, run.normals[first]);
     element.p2 = end.point + outside_px * MoveOfPixel(view, end, run.normals[last]);
     element.normals = {begin.normal, end.normal};
     element.radius_m = {begin.radius_m, end.radius_m};
-    element.curve = region_curve + static_cast<uint32_t>(ImageOctant(run.normals[first] + run.normals[last]));
+    if (rim_chain.is_faceted) element.facet_edge = rims.points[run.points[(first + last) / 2]].facet_edge;
+    element.curve = curve + static_cast<uint32_t>(ImageOctant(run.normals[first] + run.normals[last]));
     AppendCandidates(view, element, chain, candidates);
     first = last;
   }
@@ -97,8 +102,8 @@ void AppendContours(const ElementView& view, const Rims& rims, double sagitta_px
       const RimPoint& rim = rims.points[i];
       const Eigen::Vector3d point = view.camera_from_object * rim.point;
       const Eigen::Vector3d normal = view.camera_from_object.rotation * rim.normal;
-      if (!rim.is_convex() || !(point.z() > kClipDepthM)) {
-        AppendRun(view, rims, run, sagitta_px, region_curve, number, errors, candidates);
+      if (!(chain.is_faceted || rim.is_convex()) || !(point.z() > kClipDepthM)) {
+        AppendRun(view, rims, chain, run, sagitta_px, region_curve, number, errors, candidates);
         run.Clear();
         continue;
       }
@@ -107,7 +112,7 @@ void AppendContours(const ElementView& view, const Rims& rims, double sagitta_px
           Eigen::Vector2d(normal.x() / view.camera.fx_px, normal.y() / view.camera.fy_px).normalized());
       run.points.push_back(i);
     }
-    AppendRun(view, rims, run, sagitta_px, region_curve, number, errors, candidates);
+    AppendRun(view, rims, chain, run, sagitta_px, region_curve, number, errors, candidates);
   }
 }
 

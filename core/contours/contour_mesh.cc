@@ -22,6 +22,8 @@ bool HasContour(const SurfaceRegion& region) {
   return region.shape == RegionShape::kFree || region.is_convex;
 }
 
+}  // namespace
+
 EVPOSE_CLONES void SubtractEye(const double* x, const double* y, const double* z, const Eigen::Vector3d& eye,
                                size_t count, double* heights, uint8_t* is_back) {
   const double eye_x = eye.x(), eye_y = eye.y(), eye_z = eye.z();
@@ -30,8 +32,6 @@ EVPOSE_CLONES void SubtractEye(const double* x, const double* y, const double* z
     is_back[i] = heights[i] >= 0.0;
   }
 }
-
-}  // namespace
 
 struct ContourMesh::Sight {
   Eigen::Vector3d eye;

@@ -21,12 +21,19 @@ struct RimChain {
   uint32_t begin = 0;   // points [begin, end)
   uint32_t end = 0;
   bool is_ring = false;  // the last point is the first one again
+  // Between facets of the object: the points are connected by straight edges, and have no radius.
+  bool is_faceted = false;
 };
 
 struct Rims {
   std::vector<RimPoint> points;
   std::vector<RimChain> chains;
 };
+
+// Subtracts the heights of the eye along `count` normals, given by coordinate, from `heights`, those of points of the
+// surface. `is_back` gets 1 where the rest is not negative: the surface there does not face the eye.
+void SubtractEye(const double* x, const double* y, const double* z, const Eigen::Vector3d& eye, size_t count,
+                 double* heights, uint8_t* is_back);
 
 // Immutable after construction. Keeps a reference: `model` must outlive it.
 class ContourMesh {

@@ -145,6 +145,12 @@ TEST(CreasesTest, FewerElementsCoverTheImageAndKeepTheOutline) {
   const auto all = ElementsOf(model, eye), few = ElementsOf(model, eye, options);
   ASSERT_GT(all.size(), 32u);
   EXPECT_EQ(few.size(), 24u);
+  const TriangleBvh faces(model.vertices, model.triangles);
+  std::vector<EdgeElement> elements;
+  for (const bool is_limited : {false, true}) {
+    const EdgeElementExtractor extractor(model, faces, is_limited ? options : EdgeElementOptions());
+    EXPECT_EQ(extractor.Extract(ContourCamera(), ViewFrom(eye), 0, elements), is_limited);
+  }
   std::array<int, 4> quadrants = {};
   const RigidTransform pose = ViewFrom(eye);
   for (const EdgeElement& element : few) {

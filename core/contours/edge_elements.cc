@@ -8,6 +8,7 @@
 #include "core/contours/contour_mesh.h"
 #include "core/contours/curve_levels.h"
 #include "core/contours/element_view.h"
+#include "core/contours/facet_contours.h"
 
 namespace evpose {
 namespace {
@@ -53,7 +54,10 @@ int DetailLevel(const ObjectModel& model, const CameraModel& camera, const Rigid
 
 struct EdgeElementExtractor::Prepared {
   ContourMesh mesh;
+  FacetContours facets;
   CurveLevels curves;
+
+  uint32_t num_regions() const { return mesh.num_regions() + (facets.empty() ? 0 : 1); }
 };
 
 EdgeElementExtractor::EdgeElementExtractor(const ObjectModel& model, const TriangleBvh& faces,
@@ -61,20 +65,20 @@ EdgeElementExtractor::EdgeElementExtractor(const ObjectModel& model, const Trian
     : model_(model),
       faces_(faces),
       options_(options),
-      prepared_(new Prepared{ContourMesh(model), CurveLevels(model, options.sagitta_px)}) {}
+      prepared_(new Prepared{ContourMesh(model), FacetContours(model), CurveLevels(model, options.sagitta_px)}) {}
 
 EdgeElementExtractor::~EdgeElementExtractor() = default;
 
-bool EdgeElementExtractor::has_curves() const { return !model_.curves.empty() || prepared_->mesh.num_regions() > 0; }
+bool EdgeElementExtractor::has_curves() const { return !model_.curves.empty() || prepared_->num_regions() > 0; }
 
 uint32_t EdgeElementExtractor::num_curves() const {
-  return static_cast<uint32_t>(model_.lines.size() + model_.curves.size()) + kOctants * prepared_->mesh.num_regions();
+  return static_cast<uint32_t>(model_.lines.size() + model_.curves.size()) + kOctants * prepared_->num_regions();
 }
 
-void EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
+bool EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
                                    std::vector<EdgeElement>& elements) const {
   elements.clear();
-  if (!has_curves()) return;
+  if (!has_curves()) return false;
   const ElementView view{camera, camera_from_object, camera_from_object.Inverse().translation_m};
   std::vector<Candidate> candidates;
   prepared_->curves.VisitChords(level, [&](EdgeElement element, size_t curve) {
@@ -84,15 +88,23 @@ void EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransfo
   });
   Rims rims;
   prepared_->mesh.FindRims(view.eye, options_.sagitta_px / camera.MaxFocalPx(), rims);
+  prepared_->facets.AppendRims(view.eye, prepared_->mesh.num_regions(), rims);
   AppendContours(view, rims, options_.sagitta_px, static_cast<uint32_t>(model_.lines.size() + model_.curves.size()),
                  candidates);
   RemoveShortChains(options_.min_chain_px, candidates);
-  KeepStrongest(kCandidatesPerElement * static_cast<size_t>(options_.max_elements), candidates);
+  bool has_more = KeepStrongest(kCandidatesPerElement * static_cast<size_t>(options_.max_elements), candidates);
   KeepVisible(view, model_, faces_, candidates);
   RemoveShortChains(options_.min_chain_px, candidates);
-  SelectElements(options_.max_elements, candidates);
+  has_more |= SelectElements(options_.max_elements, candidates);
   elements.reserve(candidates.size());
   for (const Candidate& candidate : candidates) elements.push_back(candidate.element);
+  return has_more;
+}
+
+double EdgeElementExtractor::FacetShiftPx(const EdgeElement& element, const Eigen::Vector3d& eye,
+                                          double focal_px) const {
+  return element.facet_edge == EdgeElement::kNoFacetEdge ? 0.0
+                                                         : prepared_->facets.ShiftPx(element.facet_edge, eye, focal_px);
 }
 
 }  // namespace evpose

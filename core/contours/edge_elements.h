@@ -28,6 +28,10 @@ struct EdgeElement {
   // Contour: radius of curvature, metres, of the normal section of the surface along the ray through p1 and p2. 0: the
   // element is fixed to the object.
   std::array<double, 2> radius_m = {0.0, 0.0};
+  // Contour between facets of the object, which is fixed to it: the number of the edge in ObjectModel::facet_edges in
+  // the middle of the element. kNoFacetEdge: another element.
+  static constexpr uint32_t kNoFacetEdge = ~0u;
+  uint32_t facet_edge = kNoFacetEdge;
   // Identifies the edge curve across views; what the tracker learns over time is kept per curve. Below
   // model.lines.size(): a straight line of the model; then its curves; then arcs of contours, one number for each
   // curved region and octant of the image normal.
@@ -64,15 +68,20 @@ class EdgeElementExtractor {
   EdgeElementExtractor(const EdgeElementExtractor&) = delete;
   EdgeElementExtractor& operator=(const EdgeElementExtractor&) = delete;
 
-  // Whether the model has edges beside its straight lines: curves, or curved regions that have contours.
+  // Whether the model has edges beside its straight lines: curves, or curved regions or facets that have contours.
   bool has_curves() const;
   // Upper bound of EdgeElement::curve.
   uint32_t num_curves() const;
   // Replaces `elements` by those of the model's curves and contours that are visible at the pose, at a level of detail;
   // its straight lines are not included (core/models/visibility.h). A pure function of the arguments; the order is that
-  // of the curves and of the points along each.
-  void Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
+  // of the curves and of the points along each. Returns whether `max_elements` excludes some: the view then has edges
+  // without an element.
+  bool Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
                std::vector<EdgeElement>& elements) const;
+  // How far, pixels, the contour has moved away from an element between facets since both facets face the camera centre
+  // `eye` (object frame), or both are turned away: the element is then none (core/contours/README.md, equation (11)).
+  // 0 for other elements.
+  double FacetShiftPx(const EdgeElement& element, const Eigen::Vector3d& eye, double focal_px) const;
 
  private:
   const ObjectModel& model_;

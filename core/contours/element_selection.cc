@@ -75,8 +75,8 @@ std::vector<uint32_t> IndicesOf(const std::vector<Ranked>& ranked) {
 
 }  // namespace
 
-void KeepStrongest(size_t count, std::vector<Candidate>& candidates) {
-  if (candidates.size() <= count) return;
+bool KeepStrongest(size_t count, std::vector<Candidate>& candidates) {
+  if (candidates.size() <= count) return false;
   std::vector<uint32_t> indices(candidates.size());
   std::iota(indices.begin(), indices.end(), 0u);
   std::nth_element(indices.begin(), indices.begin() + count, indices.end(), [&](uint32_t a, uint32_t b) {
@@ -85,9 +85,10 @@ void KeepStrongest(size_t count, std::vector<Candidate>& candidates) {
   });
   indices.resize(count);
   Keep(std::move(indices), candidates);
+  return true;
 }
 
-void SelectElements(int max_elements, std::vector<Candidate>& candidates) {
+bool SelectElements(int max_elements, std::vector<Candidate>& candidates) {
   std::vector<Ranked> ranked;
   ranked.reserve(candidates.size());
   for (uint32_t i = 0; i < candidates.size(); ++i) {
@@ -106,12 +107,14 @@ void SelectElements(int max_elements, std::vector<Candidate>& candidates) {
     if (std::none_of(ranked.begin(), ranked.begin() + kept, is_beside)) ranked[kept++] = element;
   }
   ranked.resize(kept);
-  if (ranked.size() > static_cast<size_t>(max_elements)) {
+  const bool has_more = ranked.size() > static_cast<size_t>(max_elements);
+  if (has_more) {
     RankInCells(ranked);
     std::sort(ranked.begin(), ranked.end());
     ranked.resize(max_elements);
   }
   Keep(IndicesOf(ranked), candidates);
+  return has_more;
 }
 
 }  // namespace evpose

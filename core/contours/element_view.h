@@ -68,11 +68,12 @@ void KeepVisible(const ElementView& view, const ObjectModel& model, const Triang
 // Removes runs of connected candidates that are shorter than `min_chain_px`.
 void RemoveShortChains(double min_chain_px, std::vector<Candidate>& candidates);
 
-// Keeps the `count` strongest candidates: those with the largest product of length and prior contrast.
-void KeepStrongest(size_t count, std::vector<Candidate>& candidates);
+// Keeps the `count` strongest candidates: those with the largest product of length and prior contrast. Returns whether
+// there are more.
+bool KeepStrongest(size_t count, std::vector<Candidate>& candidates);
 
 // Removes candidates beside a stronger parallel one, then the weakest until `max_elements` are left: spread evenly over
-// image and orientations. The order of those that remain is kept.
-void SelectElements(int max_elements, std::vector<Candidate>& candidates);
+// image and orientations. The order of those that remain is kept. Returns whether there were more than `max_elements`.
+bool SelectElements(int max_elements, std::vector<Candidate>& candidates);
 
 }  // namespace evpose

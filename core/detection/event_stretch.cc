@@ -49,6 +49,8 @@ absl::Span<const PixelEvent> From(int64_t t_us, absl::Span<const PixelEvent> eve
 absl::Status StretchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("motion_px", motion_px, 1.0, 100.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_duration_us", static_cast<double>(max_duration_us), 100, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_slow_duration_us", static_cast<double>(max_slow_duration_us),
+                                    static_cast<double>(max_duration_us), 10'000'000));
   return CheckRange("max_events", max_events, 100, 1'000'000);
 }
 
@@ -57,8 +59,7 @@ StretchSelector::StretchSelector(const StretchOptions& options, int width_px, in
       margin_x_(width_px / 4 + kPatchRadius),
       margin_y_(height_px / 4 + kPatchRadius),
       map_width_(width_px + 2 * margin_x_),
-      map_height_(height_px + 2 * margin_y_),
-      tick_us_(1 + options.max_duration_us / LastTimes::kNever) {}
+      map_height_(height_px + 2 * margin_y_) {}
 
 uint16_t StretchSelector::Ticks(const PixelEvent& event, int64_t t_origin_us) const {
   return static_cast<uint16_t>(std::clamp<int64_t>((event.t_us - t_origin_us) / tick_us_, 0, LastTimes::kNever - 1));
@@ -89,6 +90,7 @@ double StretchSelector::SweepTime(const PixelEvent& event, int pixel, int64_t t_
 double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
   if (events.size() > kMaxSpeedEvents) events.remove_prefix(events.size() - kMaxSpeedEvents);
   const int64_t t_origin_us = events.front().t_us;
+  tick_us_ = 1 + (events.back().t_us - t_origin_us) / LastTimes::kNever;
   last_.Clear();
   for (const PixelEvent& event : events) {
     const int pixel = PixelIndex(event);
@@ -125,15 +127,24 @@ void StretchSelector::RemoveIsolated(std::vector<StretchEvent>& events, double p
   std::erase_if(events, [&](const StretchEvent& event) { return cell_counts_[slot(event)] < kMinCellEvents; });
 }
 
+absl::Span<const PixelEvent> StretchSelector::SelectSpan(absl::Span<const PixelEvent> events, double& speed_px_per_s) {
+  absl::Span<const PixelEvent> usable;
+  for (const int64_t duration_us : {options_.max_duration_us, options_.max_slow_duration_us}) {
+    usable = From(events.back().t_us - duration_us, events);
+    // With fewer events than this, flicker cannot displace the events of edges.
+    if (usable.size() > 2 * static_cast<size_t>(options_.max_events)) usable = flicker_.Remove(usable);
+    YieldPoint();
+    speed_px_per_s = MedianSpeed(usable);
+    if (1e-6 * static_cast<double>(duration_us) * speed_px_per_s >= options_.motion_px) break;
+  }
+  return usable;
+}
+
 EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   EventStretch stretch;
   if (events.empty()) return stretch;
   stretch.t_end_us = events.back().t_us;
-  absl::Span<const PixelEvent> usable = From(stretch.t_end_us - options_.max_duration_us, events);
-  // With fewer events than this, flicker cannot displace the events of edges.
-  if (usable.size() > 2 * static_cast<size_t>(options_.max_events)) usable = flicker_.Remove(usable);
-  YieldPoint();
-  stretch.speed_px_per_s = MedianSpeed(usable);
+  const absl::Span<const PixelEvent> usable = SelectSpan(events, stretch.speed_px_per_s);
   const double duration_us = options_.motion_px * 1e6 / std::max(stretch.speed_px_per_s, kMinSpeedPxPerS);
   stretch.t_begin_us =
       std::max(usable.front().t_us, stretch.t_end_us - static_cast<int64_t>(std::min(duration_us, 1e9)));

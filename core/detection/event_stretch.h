@@ -20,9 +20,13 @@ struct StretchOptions {
   // Motion of the edges within the stretch, pixels: enough to distinguish a plane in space and time from a line at
   // rest, and less than the distance between parallel lines of dense objects.
   double motion_px = 6.0;
-  // Maximum duration of the stretch, microseconds. A slower object moves by less than motion_px in it. Earlier events
-  // contribute little information on the present position.
+  // Duration of the latest events in which the speed is measured first, microseconds: earlier events of a fast object
+  // contribute little information on its present speed.
   int64_t max_duration_us = 50'000;
+  // Maximum duration of the stretch of an object that moves by less than motion_px in max_duration_us, microseconds;
+  // not below max_duration_us. An object on a turntable at 12 deg/s moves by 6 px in a second on a sensor with 128
+  // pixels.
+  int64_t max_slow_duration_us = 1'000'000;
   // Maximum number of events, which bounds the work. More events are downsampled uniformly; if there are more than
   // twice as many, isolated events (without neighbours in space and time) are removed first.
   int max_events = 20'000;
@@ -91,6 +95,8 @@ class StretchSelector {
   EventStretch Select(absl::Span<const PixelEvent> events);
 
  private:
+  // Returns the latest events from which the stretch is taken, and sets the speed of the edges in them.
+  absl::Span<const PixelEvent> SelectSpan(absl::Span<const PixelEvent> events, double& speed_px_per_s);
   int PixelIndex(const PixelEvent& event) const;  // -1 outside the map
   // Returns the median normal speed of the edges, px/s, from the times of the last events of neighbouring pixels; 0 if
   // nothing moves.
@@ -106,7 +112,7 @@ class StretchSelector {
   int margin_y_;
   int map_width_;
   int map_height_;
-  int64_t tick_us_;  // unit of last_, so that max_duration_us fits into 16 bits; usually 1
+  int64_t tick_us_ = 1;  // unit of last_, so that the measured events fit into 16 bits
   LastTimes last_;
   std::vector<uint16_t> ages_;
   std::vector<uint8_t> cell_counts_;  // hash table of the number of events in each cell of space and time

@@ -42,12 +42,35 @@ TEST_P(StretchFollowsSpeed, InAnyDirection) {
 INSTANTIATE_TEST_SUITE_P(Speeds, StretchFollowsSpeed, ::testing::Values(200.0, 800.0, 3000.0),
                          [](const auto& speed) { return "PxPerS" + std::to_string(static_cast<int>(speed.param)); });
 
-TEST(StretchSelector, TakesTheMaximumDurationForASlowObject) {
+TEST(StretchSelector, TakesTheTimeThatASlowObjectNeeds) {
+  const double speed = 15.0;
   const std::vector<PixelEvent> events =
-      MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {40.0, 0.0}}}, EdgeEventOptions{.duration_s = 0.2});
+      MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {speed, 0.0}}}, EdgeEventOptions{.duration_s = 0.8});
   StretchSelector selector({}, 640, 480);
   const EventStretch stretch = selector.Select(events);
-  EXPECT_NEAR(static_cast<double>(stretch.t_end_us - stretch.t_begin_us), 50'000.0, 1000.0);
+  const double motion_px = 2.0 * stretch.half_duration_s() * speed;
+  EXPECT_GT(motion_px, 0.6 * StretchOptions().motion_px);
+  EXPECT_LT(motion_px, 1.7 * StretchOptions().motion_px);
+}
+
+TEST(StretchSelector, TakesTheMaximumDurationForAnObjectThatHardlyMoves) {
+  const std::vector<PixelEvent> events =
+      MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {1.0, 0.0}}}, EdgeEventOptions{.duration_s = 1.5});
+  StretchSelector selector({}, 640, 480);
+  const EventStretch stretch = selector.Select(events);
+  EXPECT_NEAR(static_cast<double>(stretch.t_end_us - stretch.t_begin_us), 1e6, 2e4);
+}
+
+TEST(StretchSelector, FastObjectAfterASlowOneHasAShortStretch) {
+  std::vector<PixelEvent> events =
+      MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {5.0, 0.0}}}, EdgeEventOptions{.duration_s = 0.7});
+  const std::vector<PixelEvent> fast =
+      MakeEdgeEvents({MovingEdge{{210.0, 100.0}, {240.0, 300.0}, {600.0, 0.0}}},
+                     EdgeEventOptions{.duration_s = 0.05, .t_begin_us = events.back().t_us});
+  events.insert(events.end(), fast.begin(), fast.end());
+  StretchSelector selector({}, 640, 480);
+  const EventStretch stretch = selector.Select(events);
+  EXPECT_LT(stretch.t_end_us - stretch.t_begin_us, 17'000);
 }
 
 TEST(StretchSelector, FollowsSlowSpeedsOverLongTimes) {
@@ -56,7 +79,7 @@ TEST(StretchSelector, FollowsSlowSpeedsOverLongTimes) {
   const std::vector<PixelEvent> events =
       MakeEdgeEvents({MovingEdge{{200.0, 100.0}, {230.0, 300.0}, {speed, 0.0}}}, EdgeEventOptions{.duration_s = 0.8});
   StretchOptions options;
-  options.max_duration_us = 1'000'000;
+  options.max_duration_us = options.max_slow_duration_us = 1'000'000;
   StretchSelector selector(options, 640, 480);
   const EventStretch first = selector.Select(events);
   EXPECT_GT(first.speed_px_per_s, 0.6 * speed);
@@ -117,6 +140,8 @@ TEST(StretchOptions, NamesTheFieldThatIsWrong) {
   EXPECT_NE(message([](auto& o) { o.motion_px = 0.0; }).find("motion_px"), std::string::npos);
   EXPECT_NE(message([](auto& o) { o.motion_px = std::nan(""); }).find("motion_px"), std::string::npos);
   EXPECT_NE(message([](auto& o) { o.max_duration_us = 0; }).find("max_duration_us"), std::string::npos);
+  EXPECT_NE(message([](auto& o) { o.max_slow_duration_us = o.max_duration_us - 1; }).find("max_slow_duration_us"),
+            std::string::npos);
   EXPECT_NE(message([](auto& o) { o.max_events = 0; }).find("max_events"), std::string::npos);
 }
 

@@ -44,6 +44,9 @@ constexpr double kScaleGate = 1.5;
 constexpr double kEndMarginPx = 2.0;  // events beyond an end that still belong to the line
 // Limit of the speed of an end along the line, as a multiple of the time scale of the stretch.
 constexpr double kMaxEndSpeedRatio = 1.5;
+// Time, seconds, for which the priors of rotation and acceleration grow: a longer stretch is that of a slow object, and
+// within it the changes of its motion are of the order of the motion, as they are within 50 ms.
+constexpr double kMaxPriorS = 0.025;
 constexpr size_t kEventsPerOutlier = 50;  // one of so many events at an end may be noise outside its time range
 
 // Split(): the shortest line that is split, pixels, so that each piece is long enough to be a line; the number of parts
@@ -207,6 +210,7 @@ void LineFitter::Collect(const MovingLine& line, double margin_px, double reach_
 
 void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) {
   const double half_s = std::max(stretch_.half_duration_s(), 1e-6);
+  const double prior_s = std::min(half_s, kMaxPriorS);
   const double middle = 0.5 * (line.ends[0].s_px + line.ends[1].s_px);
   const double scale = std::max(0.5 * line.length_px(), 1.0);
   const size_t stride = 1 + samples_.size() / max_events;
@@ -220,8 +224,8 @@ void LineFitter::SolveRobustly(MovingLine& line, int passes, size_t max_events) 
       const double weight = (1.0 - u * u) * (1.0 - u * u);
       moments.Add(weight, (sample.s - middle) / scale, sample.tau_s / half_s, sample.y);
     }
-    const double turn = options_.turn_rad_per_s * half_s * scale / sigma;
-    const double bend = 0.5 * options_.acceleration_px_per_s2 * half_s * half_s / sigma;
+    const double turn = options_.turn_rad_per_s * prior_s * scale / sigma;
+    const double bend = 0.5 * options_.acceleration_px_per_s2 * prior_s * prior_s / sigma;
     const Vector5d x = moments.Solve(kCorrelatedEvents / (turn * turn), kCorrelatedEvents / (bend * bend));
     line.slope = x[1] / scale;
     line.offset_px = x[0] - line.slope * middle;

@@ -19,6 +19,10 @@ struct PlaneDetectorOptions {
   PlaneSegmentationOptions segmentation;
   LineSetOptions lines;
 
+  // The options of a sensor: lengths in pixels are those of the default for 640 pixels of width and more, and in
+  // proportion to the width, down to half of them, for fewer (core/detection/README.md, section 5).
+  static PlaneDetectorOptions ForSensor(SensorGeometry geometry);
+
   // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };

@@ -107,6 +107,65 @@ TEST(PlaneDetector, SeparatesCloseEdges) {
   }
 }
 
+// The grooves of a puzzle cube, 50 px wide, that turns slowly: lines of 25 px with distances of 5 px, a third noise.
+class SmallSlowObject : public ::testing::Test {
+ protected:
+  static constexpr SensorGeometry kSmallSensor = {128, 128};
+  static constexpr int kLines = 6;
+
+  static MovingEdge Edge(int i) {
+    const Eigen::Vector2d from(45.0 + 5.0 * i, 50.0), along(4.0, 24.0);
+    return {from, from + along, {6.0, 0.0}, 0.0, static_cast<uint8_t>(i % 2)};
+  }
+  // The number of edges of which a line is found.
+  static int NumFound(const PlaneDetectorOptions& options) {
+    std::vector<MovingEdge> edges;
+    for (int i = 0; i < kLines; ++i) edges.push_back(Edge(i));
+    const EdgeEventOptions events = {.duration_s = 0.6,
+                                     .events_per_px2 = 2.0,
+                                     .noise_px = 0.5,
+                                     .clutter_per_px2 = 0.04,
+                                     .width_px = 128,
+                                     .height_px = 128};
+    const LineDetection detection =
+        MakePlaneLineDetector(options, kSmallSensor).value()->Detect(MakeEdgeEvents(edges, events));
+    int found = 0;
+    for (int i = 0; i < kLines; ++i) {
+      const ImageSegment truth = Edge(i).At(1e-6 * static_cast<double>(detection.t_end_us - events.t_begin_us));
+      found += std::any_of(detection.lines.begin(), detection.lines.end(), [&](const DetectedLine& line) {
+        return Distance(truth, line.at_end.p1_px) < 1.0 && Distance(truth, line.at_end.p2_px) < 1.0;
+      });
+    }
+    return found;
+  }
+};
+
+TEST_F(SmallSlowObject, HasItsLinesFoundAtTheScaleOfItsSensor) {
+  EXPECT_GE(NumFound(PlaneDetectorOptions::ForSensor(kSmallSensor)), kLines - 1);
+}
+
+TEST_F(SmallSlowObject, IsNotFoundWithinTheTimeOfFastObjects) {
+  PlaneDetectorOptions options = PlaneDetectorOptions::ForSensor(kSmallSensor);
+  options.stretch.max_slow_duration_us = options.stretch.max_duration_us;
+  EXPECT_LE(NumFound(options), kLines / 2);
+}
+
+TEST(PlaneDetectorOptions, ScaleWithTheWidthOfTheSensorWithinBounds) {
+  const PlaneDetectorOptions full;
+  for (const int width : {640, 1280}) {
+    const PlaneDetectorOptions options = PlaneDetectorOptions::ForSensor({width, 480});
+    EXPECT_EQ(options.lines.min_length_px, full.lines.min_length_px);
+    EXPECT_EQ(options.segmentation.max_curvature, full.segmentation.max_curvature);
+  }
+  for (const auto& [width, scale] : {std::pair{480, 0.75}, {320, 0.5}, {128, 0.5}, {1, 0.5}}) {
+    const PlaneDetectorOptions options = PlaneDetectorOptions::ForSensor({width, 120});
+    EXPECT_NEAR(options.lines.min_length_px, scale * full.lines.min_length_px, 1e-9);
+    EXPECT_NEAR(options.stretch.motion_px, scale * full.stretch.motion_px, 1e-9);
+    EXPECT_GE(options.lines.fit.gate_px, 2.0);
+    EXPECT_TRUE(options.Validate().ok()) << options.Validate();
+  }
+}
+
 TEST(PlaneDetector, MergesTheTwoSidesOfAStripe) {
   const MovingEdge left = {{200.0, 100.0}, {230.0, 300.0}, {300.0, 30.0}, 0.0, 1};
   const MovingEdge right = {{203.0, 100.0}, {233.0, 300.0}, {300.0, 30.0}, 0.0, 0};

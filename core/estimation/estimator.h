@@ -59,6 +59,7 @@ struct WindowInput : AssociatedEvents {
   bool is_confirmed = false;  // the pose before this window is that of a confirmed track; otherwise no correction for
                               // flicker is applied
   absl::Span<const TrackedLine> lines;
+  absl::Span<const ImageLine> image_lines;              // of `lines` at the predicted state; empty: not computed yet
   absl::Span<const DeficitCounts> past_deficit_counts;  // of `lines`, from earlier windows; empty: none
   absl::Span<const Expectation> expectations;           // of `lines`; empty: kEvents for all
 
@@ -107,6 +108,8 @@ class WindowEstimator {
   virtual bool UsesVisibility() const { return true; }
   // True: `predicted` is the prediction of the motion prior; false: it is the last pose, at rest.
   virtual bool UsesPrediction() const { return true; }
+  // True: the covariance of a fit is that of the prediction, updated with the events.
+  virtual bool UpdatesCovariance() const { return false; }
   // Estimates the state of a window. `predicted` is the state predicted for mid-window, with covariance. `gate_factor`
   // (>= 1) widens the gate for a second try (core/estimation/README.md, section 5). `fit` is overwritten and its memory
   // is reused. Does not change what Accept() has learned, so that Fit() may be called twice for a window.

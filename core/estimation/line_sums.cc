@@ -3,6 +3,8 @@
 
 #include <Eigen/LU>
 
+#include "core/numerics/target_clones.h"
+
 namespace evpose {
 
 void LineSums::Add(const std::array<LaneProducts, 3>& sums, const Eigen::Vector2d& origin) {
@@ -69,48 +71,65 @@ void LineEquations::AddTo(Matrix12d& hessian, Vector12d& gradient) const {
   gradient.tail<6>() += a_ * d1_;
 }
 
-void ArcEquations::Add(const CameraModel& camera, const LineSums& sums, const ImageLine& element, double scale,
-                       double position, double half_length) {
-  using Basis = Eigen::Matrix<double, 3, 2>;
-  const Basis basis = AlongLine(camera, element);
+EVPOSE_CLONES void ArcEquations::Add(const CameraModel& camera, const LineSums& sums, const ImageLine& element,
+                                     double scale, double position, double half_length) {
+  // The row of J at (1, s) on the element is rows[0] + s rows[1].
+  const Eigen::Vector3d middle = BearingOf(camera, element.PointAt(0.5));
   const Eigen::Vector2d half_px = 0.5 * element.length_px * element.direction;
-  Basis points;  // the bearing at (1, s) on the element
-  points.col(0) = BearingOf(camera, element.PointAt(0.5));
-  points.col(1) << half_px.x() / camera.fx_px, half_px.y() / camera.fy_px, 0.0;
-  const Eigen::Matrix<double, 6, 2> rows = element.jacobian.transpose() * points;
-  const Eigen::Matrix3d m00 = scale * sums.Moment(0), m01 = scale * sums.Moment(1), m11 = scale * sums.Moment(2);
-  const Basis m00_basis = m00 * basis, m01_basis = m01 * basis;
-  const Eigen::Matrix2d n00 = basis.transpose() * m00_basis, n01 = basis.transpose() * m01_basis;
-  const Eigen::Matrix2d n11 = basis.transpose() * (m11 * basis);
-  const Eigen::Vector2d d0 = m00_basis.transpose() * element.a_expected + m01_basis.transpose() * element.a_dot;
-  const Eigen::Vector2d d1 = m01_basis.transpose() * element.a_expected + basis.transpose() * (m11 * element.a_dot);
-  const Eigen::Matrix<double, 6, 2> rows_n00 = rows * n00, rows_n01 = rows * n01, rows_n11 = rows * n11;
-  pose_ += rows_n00 * rows.transpose();
-  cross_ += rows_n01 * rows.transpose();
-  twist_ += rows_n11 * rows.transpose();
-  gradient_.head<6>() += rows * d0;
-  gradient_.tail<6>() += rows * d1;
+  const Eigen::Vector2d half(half_px.x() / camera.fx_px, half_px.y() / camera.fy_px);
+  std::array<Row, 2> rows = {};
+  for (int i = 0; i < 6; ++i) {
+    const auto column = element.jacobian.col(i);
+    rows[0][i] = column.dot(middle);
+    rows[1][i] = column.x() * half.x() + column.y() * half.y();
+  }
+  // Sums of w tau^n b and of w tau^n s b; with both, those of w tau^n (1, s)^T (1, s).
+  const Eigen::Vector3d along = AlongLine(camera, element).col(1);
+  std::array<std::array<Eigen::Vector3d, 2>, 3> by_bearing;
+  std::array<std::array<Row, 2>, 3> weighted;
+  for (int n = 0; n < 3; ++n) {
+    by_bearing[n] = {scale * sums.Sum(n), scale * sums.Times(n, along)};
+    const double one = by_bearing[n][0].z(), s = by_bearing[n][1].z(), s2 = by_bearing[n][1].dot(along);
+    weighted[n] = {one * rows[0] + s * rows[1], s * rows[0] + s2 * rows[1]};
+    for (int i = 0; i < 6; ++i) blocks_[n][i] += weighted[n][0] * rows[0][i] + weighted[n][1] * rows[1][i];
+  }
+  const auto residual = [&](int n, int power) {
+    return by_bearing[n][power].dot(element.a_expected) + by_bearing[n + 1][power].dot(element.a_dot);
+  };
+  for (int n = 0; n < 2; ++n) {
+    gradient_[n] += residual(n, 0) * rows[0] + residual(n, 1) * rows[1];
+    by_displacement_[n][0] += weighted[n][0];
+    by_displacement_[n][1] += position * weighted[n][0] + half_length * weighted[n][1];
+  }
   Eigen::Matrix2d in_arc;  // maps (1, s) on the element to (1, s) on the arc
   in_arc << 1.0, position, 0.0, half_length;
-  by_displacement_.topRows<6>() += rows_n00 * in_arc;
-  by_displacement_.bottomRows<6>() += rows_n01 * in_arc;
+  Eigen::Matrix2d n00;
+  n00 << by_bearing[0][0].z(), by_bearing[0][1].z(), by_bearing[0][1].z(), by_bearing[0][1].dot(along);
   information_ += in_arc.transpose() * n00 * in_arc;
-  residual_ += in_arc.transpose() * d0;
+  residual_ += in_arc.transpose() * Eigen::Vector2d(residual(0, 0), residual(0, 1));
 }
 
-void ArcEquations::AddTo(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const {
-  hessian.topLeftCorner<6, 6>() += pose_;
-  hessian.topRightCorner<6, 6>() += cross_;
-  hessian.bottomLeftCorner<6, 6>() += cross_;  // symmetric
-  hessian.bottomRightCorner<6, 6>() += twist_;
-  gradient += gradient_;
-  if (!(sigma_px > 0.0)) return;
-  Eigen::Matrix2d information = information_;
-  information.diagonal().array() += 2.0 / (sigma_px * sigma_px);  // as in LineEquations::Marginalise()
-  const Eigen::Matrix<double, 12, 2> weighted = by_displacement_ * information.inverse();
-  // Not as one product, which would use the blocked algorithm for large matrices.
-  for (int i = 0; i < 2; ++i) hessian -= weighted.col(i) * by_displacement_.col(i).transpose();
-  gradient -= weighted * residual_;
+EVPOSE_CLONES void ArcEquations::AddTo(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const {
+  Eigen::Matrix2d inverse = Eigen::Matrix2d::Zero();
+  if (sigma_px > 0.0) {
+    Eigen::Matrix2d information = information_;
+    information.diagonal().array() += 2.0 / (sigma_px * sigma_px);  // as in LineEquations::Marginalise()
+    inverse = information.inverse();
+  }
+  for (int row = 0; row < 2; ++row) {
+    const std::array<Row, 2>& by = by_displacement_[row];
+    const std::array<Row, 2> weighted = {by[0] * inverse(0, 0) + by[1] * inverse(1, 0),
+                                         by[0] * inverse(0, 1) + by[1] * inverse(1, 1)};
+    const Row change = gradient_[row] - (weighted[0] * residual_[0] + weighted[1] * residual_[1]);
+    for (int i = 0; i < 6; ++i) gradient[6 * row + i] += change[i];
+    for (int column = 0; column < 2; ++column) {
+      const std::array<Row, 2>& other = by_displacement_[column];
+      for (int k = 0; k < 6; ++k) {
+        const Row sum = blocks_[row + column][k] - (weighted[0] * other[0][k] + weighted[1] * other[1][k]);
+        for (int i = 0; i < 6; ++i) hessian(6 * row + i, 6 * column + k) += sum[i];
+      }
+    }
+  }
 }
 
 Eigen::Matrix<double, 3, 2> AlongLine(const CameraModel& camera, const ImageLine& line) {

@@ -37,6 +37,12 @@ class LineSums {
   Eigen::Matrix3d Moment(int n) const;
   // Returns the sum of w tau^n b.
   Eigen::Vector3d Sum(int n) const { return {sums_[n][3], sums_[n][4], sums_[n][5]}; }
+  // Returns M_n v.
+  Eigen::Vector3d Times(int n, const Eigen::Vector3d& v) const {
+    const Products& s = sums_[n];
+    return {s[0] * v.x() + s[1] * v.y() + s[3] * v.z(), s[1] * v.x() + s[2] * v.y() + s[4] * v.z(),
+            s[3] * v.x() + s[4] * v.y() + s[5] * v.z()};
+  }
 
  private:
   using Products = Eigen::Array<double, 6, 1>;
@@ -87,9 +93,13 @@ class ArcEquations {
   void AddTo(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const;
 
  private:
-  Matrix6d pose_ = Matrix6d::Zero(), cross_ = Matrix6d::Zero(), twist_ = Matrix6d::Zero();  // blocks of the Hessian
-  Vector12d gradient_ = Vector12d::Zero();
-  Eigen::Matrix<double, 12, 2> by_displacement_ = Eigen::Matrix<double, 12, 2>::Zero();  // C of equation (11)
+  // One value for each parameter of the pose, and two unused ones: whole vector registers.
+  using Row = double __attribute__((vector_size(64)));
+
+  // The blocks of the Hessian for pose and pose, pose and twist, twist and twist; symmetric, by column.
+  std::array<std::array<Row, 6>, 3> blocks_ = {};
+  std::array<Row, 2> gradient_ = {};                        // for pose and twist
+  std::array<std::array<Row, 2>, 2> by_displacement_ = {};  // C of equation (11): rows for pose and twist, by column
   Eigen::Matrix2d information_ = Eigen::Matrix2d::Zero();
   Eigen::Vector2d residual_ = Eigen::Vector2d::Zero();
 };

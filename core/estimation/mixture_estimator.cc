@@ -8,6 +8,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
+#include "core/estimation/event_dispersion.h"
 #include "core/estimation/flicker_bias.h"
 #include "core/numerics/reusable_vector.h"
 
@@ -48,6 +49,7 @@ class MixtureEstimator : public WindowEstimator {
     return 2.0 * FirstGatePx(predicted_spread_px, gate_factor);
   }
   int MaxEvents() const override { return options_.max_events; }
+  bool UpdatesCovariance() const override { return true; }
 
   void Fit(const MotionState& predicted, const WindowInput& input, double gate_factor, WindowFit& fit) override {
     // Pixels: the passes end when the lines move by less, which is about half of the standard deviation of a line's
@@ -60,7 +62,7 @@ class MixtureEstimator : public WindowEstimator {
 
     MotionState state = predicted;
     AssignDefaults(input.lines.size(), flicker_biases_px_);
-    Project(state, input);
+    StartFrom(predicted, input);
     const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
     MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
     double annealed_px2 = spread_px * spread_px;
@@ -119,6 +121,7 @@ class MixtureEstimator : public WindowEstimator {
       outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
     }
     LearnDisplacement(input.lines);
+    LearnDispersion(input);
     counts_.clear();
     for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
@@ -129,10 +132,10 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
     auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities, deficit_counts,
-           edge_bias, clutter] = self;
+           final_gate_px, moved_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities,
+           deficit_counts, edge_bias, clutter, dispersion] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
-            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter);
+            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion);
   }
 
  private:
@@ -184,13 +187,58 @@ class MixtureEstimator : public WindowEstimator {
     const double usual_px = options_.usual_displacement_px;
     displacement_factor_ = std::clamp(displacement_px2_ / (usual_px * usual_px), 1.0, kMaxFactor);
   }
+  // Updates the dispersion from the distances of the events of the lines.
+  void LearnDispersion(const WindowInput& input) {
+    const double displacement_px = DisplacementPx(input.duration_s);
+    ForEachCurve(input.lines, [&](size_t first, size_t end) {
+      double sum_px = 0.0, w = 0.0, ambiguous_px2 = 0.0;
+      for (size_t k = first; k < end; ++k) {
+        if (!lines_[k].in_view()) continue;
+        const LineSums& sums = sums_[k].sums;
+        sum_px += sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
+        w += sums.weight();
+        ambiguous_px2 += sums_[k].ambiguous_px2;
+      }
+      if (!(w > 0.0)) return;
+      const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, sigma_px_);
+      const double displaced_px = w * observed * displacement_px;
+      const double independent_px2 = w * observed * sigma_px_ * sigma_px_ * options_.events_per_information;
+      dispersion_.Add(input.lines[first].curve, sum_px, independent_px2 + displaced_px * displaced_px, w);
+    });
+  }
+  double EventsPerInformation() const { return options_.events_per_information * dispersion_.factor(); }
+  // Standard deviation of the displacement that the events of a line share in a window.
+  double DisplacementPx(double duration_s) const {
+    return options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(duration_s, 1e-6));
+  }
   double FirstGatePx(double spread_px, double gate_factor) const {
     // Three standard deviations of an event about the predicted line.
     const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
     return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
   }
-  void Project(const MotionState& state, const WindowInput& input) {
-    ProjectLines(camera_, state, input.lines, lines_);
+  // Sets the lines of the first pass.
+  void StartFrom(const MotionState& predicted, const WindowInput& input) {
+    lines_.clear();
+    for (const ImageLine& line : input.image_lines) lines_.push_back(line);
+    if (input.image_lines.empty()) ProjectLines(camera_, predicted, input.lines, lines_);
+    moved_px_ = 0.0;
+    CompleteLines(predicted, input);
+  }
+  // Moves the lines to `state` after a step of the pose that moves them by at most `step_px`.
+  void MoveTo(const MotionState& state, const Vector6d& pose_change, double step_px, const WindowInput& input) {
+    // The images of elements are projected again after they moved by more. The term of second order is then about 0.5^2
+    // / (2 r) for a rotation about a point at r pixels: 0.003 px for 50 px.
+    constexpr double kLinearPx = 0.5;
+    moved_px_ += step_px;
+    if (moved_px_ <= kLinearPx) {
+      MoveLines(camera_, state, pose_change, input.lines, absl::MakeSpan(lines_));
+    } else {
+      ProjectLines(camera_, state, input.lines, lines_);
+      moved_px_ = 0.0;
+    }
+    CompleteLines(state, input);
+  }
+  void CompleteLines(const MotionState& state, const WindowInput& input) {
     ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
     edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
     for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flicker_biases_px_[k];
@@ -212,7 +260,7 @@ class MixtureEstimator : public WindowEstimator {
       if (!dx.allFinite()) break;
       const double step_px = MovementPx(dx, input.duration_s);
       state = Plus(state, dx);
-      Project(state, input);
+      MoveTo(state, dx.head<6>(), step_px, input);
       moved_px = std::max(moved_px, step_px);
       if (step_px < kLinearPx) break;
     }
@@ -224,9 +272,8 @@ class MixtureEstimator : public WindowEstimator {
   enum class Information { kComplete, kObserved };
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
                          Matrix12d& hessian, Vector12d& gradient) {
-    const double event_scale = 1.0 / (sigma_px * sigma_px * options_.events_per_information);
-    const double displacement_px =
-        options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(input.duration_s, 1e-6));
+    const double event_scale = 1.0 / (sigma_px * sigma_px * EventsPerInformation());
+    const double displacement_px = DisplacementPx(input.duration_s);
     const auto scale_of = [&](size_t k) {
       return information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
     };
@@ -245,7 +292,7 @@ class MixtureEstimator : public WindowEstimator {
     CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
                     deficit_counts_);
     return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
-                           1.0 / options_.events_per_information, hessian, gradient);
+                           1.0 / EventsPerInformation(), hessian, gradient);
   }
   bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
   // Adds the equations of the elements [first, end) of an arc. Their common displacement is marginalised once
@@ -285,9 +332,9 @@ class MixtureEstimator : public WindowEstimator {
   // Expected number of observations in the gates from the background. A line at rest has only these and must not be
   // fitted to them.
   double Background(const WindowInput& input, double gate_px) const {
-    double length_px = 0.0;
-    for (const ImageLine& line : lines_) length_px += line.length_px;
-    return input.background_per_px2 * 2.0 * gate_px * length_px * input.shares.observations_per_background_event;
+    double area_px2 = 0.0;
+    for (size_t k = 0; k < lines_.size(); ++k) area_px2 += GateAreaPx2(input.cells, lines_, k, gate_px);
+    return input.background_per_px2 * area_px2 * input.shares.observations_per_background_event;
   }
 
   const MixtureOptions options_;
@@ -301,6 +348,7 @@ class MixtureEstimator : public WindowEstimator {
   // Background events of the window that are attributed to a line, per pixel of its length.
   double noise_per_px_ = 0.0;
   double final_gate_px_ = 0.0;  // of the last pass of the last fit
+  double moved_px_ = 0.0;       // by which lines_ moved since all of them were projected
   MixturePass pass_;
   std::vector<ImageLine> lines_;
   std::vector<MixtureLine> sums_;
@@ -311,6 +359,7 @@ class MixtureEstimator : public WindowEstimator {
   std::vector<DeficitCounts> deficit_counts_;
   EdgeBias edge_bias_;
   LineClutter clutter_;
+  EventDispersion dispersion_;
 };
 
 }  // namespace

@@ -36,9 +36,10 @@ struct MixtureOptions {
   // Largest number of events per window. More do not improve the estimate, because the remaining error is systematic
   // (core/estimation/README.md, section 8, with the validation).
   int max_events = 1200;
-  // Number of events that carry the information of one independent event. Once edge_bias.h has corrected their expected
-  // positions, the mean distances of the events of a line fluctuate from millisecond to millisecond nearly as those of
-  // independent events. Validated by the NEES (core/estimation/README.md, section 7).
+  // Least number of events that carry the information of one independent event; event_dispersion.h multiplies it. Once
+  // edge_bias.h has corrected their expected positions, the mean distances of the events of a fast line fluctuate from
+  // millisecond to millisecond nearly as those of independent events. Validated by the NEES (core/estimation/README.md,
+  // section 7).
   double events_per_information = 1.1;
   // Standard deviation, in px sqrt(s), of the displacement that all events of a line in a window share (unmodelled edge
   // bias), for each end of the line: 0.1 px in a window of 1 ms, 0.02 px in one of 30 ms. It limits the information of

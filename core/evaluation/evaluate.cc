@@ -122,22 +122,52 @@ void SummariseRotation(const std::vector<TrajectoryError>& errors, Evaluation& r
   result.rotation_max_rad = angles.back();
 }
 
-void SummariseTime(const std::vector<TrajectoryError>& errors, int64_t begin_us, int64_t end_us, int64_t max_gap_us,
+// An estimate, as far as times are concerned.
+struct TimedEstimate {
+  enum class Kind { kGood, kBad, kAmbiguous };
+  int64_t t_us = 0;
+  Kind kind = Kind::kBad;
+};
+
+std::vector<TimedEstimate> MergeTimes(const std::vector<TrajectoryError>& errors,
+                                      absl::Span<const int64_t> ambiguous_us, int64_t begin_us, int64_t end_us) {
+  std::vector<TimedEstimate> times;
+  for (const TrajectoryError& error : errors) {
+    times.push_back({error.t_us, error.is_good ? TimedEstimate::Kind::kGood : TimedEstimate::Kind::kBad});
+  }
+  for (const int64_t t_us : ambiguous_us) {
+    if (t_us >= begin_us && t_us <= end_us) times.push_back({t_us, TimedEstimate::Kind::kAmbiguous});
+  }
+  std::stable_sort(times.begin(), times.end(),
+                   [](const TimedEstimate& a, const TimedEstimate& b) { return a.t_us < b.t_us; });
+  return times;
+}
+
+void SummariseTime(const std::vector<TimedEstimate>& times, int64_t begin_us, int64_t end_us, int64_t max_gap_us,
                    Evaluation& result) {
+  using Kind = TimedEstimate::Kind;
   int64_t covered_us = 0;
-  for (size_t i = 0; i < errors.size(); ++i) {
-    if (!errors[i].is_good) continue;
-    const bool is_last = i + 1 == errors.size();
-    const int64_t until_us = is_last ? end_us : errors[i + 1].t_us;
-    const bool is_followed_by_gap = until_us - errors[i].t_us > max_gap_us;
-    covered_us += std::min(until_us - errors[i].t_us, max_gap_us);
-    if (is_followed_by_gap || (!is_last && !errors[i + 1].is_good)) result.losses_at_us.push_back(errors[i].t_us);
+  int64_t ambiguous_us = 0;
+  bool is_in_good_period = false;
+  int64_t good_at_us = 0;  // the last good estimate
+  for (size_t i = 0; i < times.size(); ++i) {
+    const bool is_last = i + 1 == times.size();
+    const int64_t duration_us = (is_last ? end_us : times[i + 1].t_us) - times[i].t_us;
+    if (times[i].kind == Kind::kGood) {
+      covered_us += std::min(duration_us, max_gap_us);
+      good_at_us = times[i].t_us;
+      is_in_good_period = true;
+    }
+    if (times[i].kind == Kind::kAmbiguous) ambiguous_us += std::min(duration_us, max_gap_us);
+    const bool is_followed_by_bad = !is_last && times[i + 1].kind == Kind::kBad;
+    if (!is_in_good_period || (duration_us <= max_gap_us && !is_followed_by_bad)) continue;
+    result.losses_at_us.push_back(good_at_us);
+    is_in_good_period = false;
   }
   result.losses = result.losses_at_us.size();
-  result.coverage_ratio = static_cast<double>(covered_us) / static_cast<double>(end_us - begin_us);
-  if (errors.size() < 2) return;
-  const double duration_s = static_cast<double>(errors.back().t_us - errors.front().t_us) * 1e-6;
-  result.pose_rate_hz = static_cast<double>(errors.size() - 1) / duration_s;
+  const auto span_us = static_cast<double>(end_us - begin_us);
+  result.coverage_ratio = static_cast<double>(covered_us) / span_us;
+  result.ambiguous_ratio = static_cast<double>(ambiguous_us) / span_us;
 }
 
 absl::Status CheckTrajectories(const Trajectory& truth, const Trajectory& estimate, const EvaluationOptions& options) {
@@ -191,10 +221,13 @@ absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& 
 
 absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& estimate,
                                     const EvaluationOptions& options, const ObjectModel* model,
-                                    const CameraModel* camera) {
+                                    const CameraModel* camera, absl::Span<const int64_t> ambiguous_us) {
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrajectoryError> errors, TrajectoryErrors(truth, estimate, options));
   Evaluation result;
   result.num_poses = errors.size();
+  const int64_t begin_us = truth.front().t_us;
+  const int64_t end_us = truth.back().t_us;
+  SummariseTime(MergeTimes(errors, ambiguous_us, begin_us, end_us), begin_us, end_us, options.max_gap_us, result);
   if (errors.empty()) {
     if (!estimate.empty()) {
       return absl::InvalidArgumentError(absl::StrCat("the estimate (", TimeSpan(estimate),
@@ -205,7 +238,10 @@ absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& e
   }
   SummarisePosition(errors, result);
   SummariseRotation(errors, result);
-  SummariseTime(errors, truth.front().t_us, truth.back().t_us, options.max_gap_us, result);
+  if (errors.size() > 1) {
+    const double duration_s = static_cast<double>(errors.back().t_us - errors.front().t_us) * 1e-6;
+    result.pose_rate_hz = static_cast<double>(errors.size() - 1) / duration_s;
+  }
   if (model != nullptr && camera != nullptr) {
     result.reprojection_mean_px = MeanReprojectionError(*model, *camera, errors);
   }

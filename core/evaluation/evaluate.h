@@ -11,6 +11,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/geometry/trajectory.h"
@@ -61,6 +62,7 @@ struct Evaluation {
   uint64_t num_poses = 0;  // estimates within the truth's time span
   // Share of the truth's time span for which good estimates are valid (see max_gap_us).
   double coverage_ratio = 0.0;
+  double ambiguous_ratio = 0.0;  // share for which AMBIGUOUS estimates are valid
   // Distance between the estimated and the true position of the object's origin, or of the centre of its continuous
   // symmetry, in the camera frame.
   double position_rmse_m = kUndefinedError;
@@ -80,18 +82,19 @@ struct Evaluation {
   // are ignored.
   std::optional<double> reprojection_mean_px;
   // Number of times that a good estimate was followed by a bad one or by a gap of more than max_gap_us, the end of the
-  // truth included.
+  // truth included. AMBIGUOUS estimates in between neither end the good period nor prolong its coverage.
   uint64_t losses = 0;
   std::vector<int64_t> losses_at_us;  // times of the last good estimates
   double pose_rate_hz = 0.0;  // (num_poses - 1) / time between the first and the last of them; 0 for fewer than 2
 };
 
-// Evaluates `estimate`. An estimate without any pose is valid input (a tracker that lost the object at once): its
-// coverage is 0. The reprojection error needs both `model` and `camera`. Errors: INVALID_ARGUMENT for options, a truth
-// of fewer than 2 poses or with the object not in front of the camera, times that do not increase, or an estimate that
-// lies entirely outside the truth's time span (naming both).
+// Evaluates `estimate`. `ambiguous_us`, which must increase, are the times of AMBIGUOUS estimates, which are not part
+// of `estimate`. An estimate without any pose is valid input (a tracker that lost the object at once): its coverage is
+// 0. The reprojection error needs both `model` and `camera`. Errors: INVALID_ARGUMENT for options, a truth of fewer
+// than 2 poses or with the object not in front of the camera, times that do not increase, or an estimate that lies
+// entirely outside the truth's time span (naming both).
 absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& estimate,
                                     const EvaluationOptions& options = {}, const ObjectModel* model = nullptr,
-                                    const CameraModel* camera = nullptr);
+                                    const CameraModel* camera = nullptr, absl::Span<const int64_t> ambiguous_us = {});
 
 }  // namespace evpose

@@ -77,6 +77,32 @@ TEST(Evaluate, CoverageAndLosses) {
   EXPECT_EQ(EvaluateOk(TruthAtRest(), estimate, options).losses, 3u);
 }
 
+TEST(Evaluate, AmbiguousEstimatesAreNeitherTrackedNorLost) {
+  EvaluationOptions options;
+  options.max_gap_us = 10'000;
+  const Eigen::Vector3d good(0, 0, 2);
+  // Good for [10, 20), ambiguous for [20, 40), good for [40, 50), ambiguous for [50, 60) and then a gap, which ends the
+  // period that was good.
+  const Trajectory estimate = {Pose(10'000, good), Pose(40'000, good)};
+  const std::vector<int64_t> ambiguous_us = {20'000, 30'000, 50'000};
+  const auto e = Evaluate(TruthAtRest(), estimate, options, nullptr, nullptr, ambiguous_us);
+  ASSERT_TRUE(e.ok()) << e.status();
+  EXPECT_EQ(e->num_poses, 2u);
+  EXPECT_NEAR(e->coverage_ratio, 0.2, 1e-12);
+  EXPECT_NEAR(e->ambiguous_ratio, 0.3, 1e-12);
+  EXPECT_THAT(e->losses_at_us, ::testing::ElementsAre(40'000));
+  // Without them, the first good period ends, too.
+  EXPECT_THAT(EvaluateOk(TruthAtRest(), estimate, options).losses_at_us, ::testing::ElementsAre(10'000, 40'000));
+}
+
+TEST(Evaluate, AmbiguousEstimatesAlone) {
+  const auto e = Evaluate(TruthAtRest(), {}, {}, nullptr, nullptr, std::vector<int64_t>{0, 20'000, 40'000});
+  ASSERT_TRUE(e.ok()) << e.status();
+  EXPECT_EQ(e->num_poses, 0u);
+  EXPECT_EQ(e->losses, 0u);
+  EXPECT_NEAR(e->ambiguous_ratio, 0.6, 1e-12);
+}
+
 TEST(Evaluate, GoodMeansPositionAndRotation) {
   const auto coverage = [](const StampedPose& pose) {
     EvaluationOptions options;

@@ -6,14 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "core/association/visible_edges.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/motion_prior.h"
+#include "core/geometry/spiral_direction.h"
 #include "core/models/visibility.h"
-#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
@@ -45,106 +44,102 @@ Eigen::Matrix3Xd FreeRotations(const ObjectModel& model, const Eigen::Matrix3d& 
   return rotation * model.continuous_symmetry->axis;
 }
 
-// Computes the views of one model.
-class ModelViewer {
- public:
-  ModelViewer(const ObjectModel& model, const CameraModel& camera, const ModelViewOptions& options)
-      : model_(model),
-        camera_(camera),
-        options_(options),
-        centre_(model.continuous_symmetry ? model.continuous_symmetry->centre : CentreOf(model)),
-        distance_m_(camera.MaxFocalPx() * model.diameter_m / options.object_px),
-        edges_(model, VisibilityOptions(), EdgeElementOptions()),
-        visible_(camera, edges_) {}
-
-  ModelView From(const Eigen::Vector3d& direction) {
-    ModelView view;
-    view.camera_from_object = LookAt(direction, centre_, distance_m_);
-    const absl::Span<const TrackedLine> elements = visible_.At(view.camera_from_object);
-    view.elements.assign(elements.begin(), elements.end());
-    MotionState state;
-    state.camera_from_object = view.camera_from_object;
-    ProjectLines(camera_, state, view.elements, image_lines_);
-    for (size_t i = 0; i < view.elements.size(); ++i) {
-      view.length_px += image_lines_[i].length_px;
-      if (view.elements[i].kind == EdgeKind::kContour) view.contour_px += image_lines_[i].length_px;
-    }
-    FindDeviations(view);
-    return view;
-  }
-
- private:
-  // Columns: the motions that move the outline by about 1 px, as tangents of the pose: translations across, depth, and
-  // rotations about the centre.
-  Matrix6d Motions(const RigidTransform& pose) const {
-    const double focal_px = camera_.MaxFocalPx();
-    const double radius_m = 0.5 * model_.diameter_m;
-    const double across_m = distance_m_ / focal_px;
-    Matrix6d motions = Matrix6d::Zero();
-    motions.diagonal() << across_m, across_m, across_m * distance_m_ / radius_m, 0.0, 0.0, 0.0;
-    // A rotation about the centre moves the object's origin, about which the tangent rotates.
-    const Eigen::Vector3d from_centre = pose.translation_m - pose * centre_;
-    for (int axis = 0; axis < 3; ++axis) {
-      const Eigen::Vector3d turn = across_m / radius_m * Eigen::Vector3d::Unit(axis);
-      motions.col(3 + axis) << turn.cross(from_centre), turn;
-    }
-    return motions;
-  }
-
-  // The information of the events about the motions, 1/px^2.
-  Matrix6d Information(const ModelView& view, const Matrix6d& motions) const {
-    // Both halves of an element count: an element that turns about its middle is not at rest.
-    constexpr double kFractions[] = {0.2, 0.8};
-    Matrix6d information = Matrix6d::Zero();
-    for (const ImageLine& line : image_lines_) {
-      if (!line.in_view()) continue;
-      const double events = options_.events * line.length_px / view.length_px / std::size(kFractions);
-      for (const double fraction : kFractions) {
-        const Vector6d row =
-            motions.transpose() * (line.jacobian.transpose() * BearingOf(camera_, line.PointAt(fraction)));
-        information += events / (options_.sigma_px * options_.sigma_px) * row * row.transpose();
-      }
-    }
-    return information;
-  }
-
-  void FindDeviations(ModelView& view) const {
-    view.weakest_px = std::numeric_limits<double>::infinity();
-    if (!(view.length_px > 0.0)) return;
-    const Matrix6d motions = Motions(view.camera_from_object);
-    Matrix6d information = Information(view, motions);
-    // The free rotations count as known.
-    const Eigen::Matrix3Xd free = FreeRotations(model_, view.camera_from_object.rotation);
-    information.bottomRightCorner<3, 3>() += information.trace() * free * free.transpose();
-    const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(information);
-    // Below it, an eigenvalue is due to rounding.
-    constexpr double kRounding = 1e-12;
-    const Vector6d variances = solver.eigenvalues().unaryExpr([largest = solver.eigenvalues()(5)](double value) {
-      return value > kRounding * largest ? 1.0 / value : std::numeric_limits<double>::infinity();
-    });
-    view.weakest_px = std::sqrt(variances(0));
-    for (int motion = 0; motion < 6; ++motion) {
-      double variance = 0.0;
-      for (int i = 0; i < 6; ++i) {
-        const double share = solver.eigenvectors()(motion, i) * solver.eigenvectors()(motion, i);
-        if (share > kRounding) variance += share * variances(i);
-      }
-      view.deviation_px(motion) = std::sqrt(variance);
-    }
-    view.weakest = motions * solver.eigenvectors().col(0);
-  }
-
-  const ObjectModel& model_;
-  const CameraModel camera_;
-  const ModelViewOptions options_;
-  const Eigen::Vector3d centre_;
-  const double distance_m_;
-  const ModelEdges edges_;
-  VisibleEdges visible_;
-  std::vector<ImageLine> image_lines_;
-};
-
 }  // namespace
+
+ModelViewer::ModelViewer(const ObjectModel& model, const CameraModel& camera, const ModelViewOptions& options)
+    : model_(model),
+      camera_(camera),
+      options_(options),
+      centre_(model.continuous_symmetry ? model.continuous_symmetry->centre : CentreOf(model)),
+      edges_(model, VisibilityOptions(), EdgeElementOptions()),
+      visible_(camera, edges_) {}
+
+ModelView ModelViewer::From(const Eigen::Vector3d& direction, double object_px) {
+  return At(LookAt(direction, centre_, camera_.MaxFocalPx() * model_.diameter_m / object_px));
+}
+
+ModelView ModelViewer::At(const RigidTransform& camera_from_object) {
+  ModelView view;
+  view.camera_from_object = camera_from_object;
+  const absl::Span<const TrackedLine> elements = visible_.At(view.camera_from_object);
+  view.elements.assign(elements.begin(), elements.end());
+  view.has_more = visible_.has_more();
+  MotionState state;
+  state.camera_from_object = view.camera_from_object;
+  ProjectLines(camera_, state, view.elements, image_lines_);
+  for (size_t i = 0; i < view.elements.size(); ++i) {
+    view.length_px += image_lines_[i].length_px;
+    if (view.elements[i].kind == EdgeKind::kContour) view.contour_px += image_lines_[i].length_px;
+  }
+  FindDeviations(view);
+  return view;
+}
+
+// Columns: the motions that move the outline by about 1 px, as tangents of the pose: translations across, depth, and
+// rotations about the centre.
+Matrix6d ModelViewer::Motions(const RigidTransform& pose) const {
+  const double distance_m = (pose * centre_).z();
+  const double radius_m = 0.5 * model_.diameter_m;
+  const double across_m = distance_m / camera_.MaxFocalPx();
+  Matrix6d motions = Matrix6d::Zero();
+  motions.diagonal() << across_m, across_m, across_m * distance_m / radius_m, 0.0, 0.0, 0.0;
+  // A rotation about the centre moves the object's origin, about which the tangent rotates.
+  const Eigen::Vector3d from_centre = pose.translation_m - pose * centre_;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Eigen::Vector3d turn = across_m / radius_m * Eigen::Vector3d::Unit(axis);
+    motions.col(3 + axis) << turn.cross(from_centre), turn;
+  }
+  return motions;
+}
+
+// The information of the events about the motions, 1/px^2.
+Matrix6d ModelViewer::Information(const ModelView& view, const Matrix6d& motions) const {
+  // Both halves of an element count: an element that turns about its middle is not at rest.
+  constexpr double kFractions[] = {0.2, 0.8};
+  Matrix6d information = Matrix6d::Zero();
+  for (const ImageLine& line : image_lines_) {
+    if (!line.in_view()) continue;
+    const double events = options_.events * line.length_px / view.length_px / std::size(kFractions);
+    for (const double fraction : kFractions) {
+      const Vector6d row =
+          motions.transpose() * (line.jacobian.transpose() * BearingOf(camera_, line.PointAt(fraction)));
+      information += events / (options_.sigma_px * options_.sigma_px) * row * row.transpose();
+    }
+  }
+  return information;
+}
+
+void ModelViewer::FindDeviations(ModelView& view) const {
+  view.weakest_px = std::numeric_limits<double>::infinity();
+  if (!(view.length_px > 0.0)) return;
+  const Matrix6d motions = Motions(view.camera_from_object);
+  Matrix6d information = Information(view, motions);
+  // The free rotations count as known.
+  const Eigen::Matrix3Xd free = FreeRotations(model_, view.camera_from_object.rotation);
+  information.bottomRightCorner<3, 3>() += information.trace() * free * free.transpose();
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(information);
+  // Below it, an eigenvalue is due to rounding.
+  constexpr double kRounding = 1e-12;
+  const Vector6d variances = solver.eigenvalues().unaryExpr([largest = solver.eigenvalues()(5)](double value) {
+    return value > kRounding * largest ? 1.0 / value : std::numeric_limits<double>::infinity();
+  });
+  view.weakest_px = std::sqrt(variances(0));
+  for (int motion = 0; motion < 6; ++motion) {
+    double variance = 0.0;
+    for (int i = 0; i < 6; ++i) {
+      const double share = solver.eigenvectors()(motion, i) * solver.eigenvectors()(motion, i);
+      if (share > kRounding) variance += share * variances(i);
+    }
+    view.deviation_px(motion) = std::sqrt(variance);
+  }
+  view.weakest = motions * solver.eigenvectors().col(0);
+}
+
+std::vector<Eigen::Vector3d> EvenDirections(int count) {
+  std::vector<Eigen::Vector3d> directions;
+  for (int i = 0; i < count; ++i) directions.push_back(SpiralDirection(i, 1.0 - (2.0 * i + 1.0) / count));
+  return directions;
+}
 
 absl::Status ModelViewOptions::Validate() const {
   constexpr int kMaxViews = 10'000;
@@ -160,11 +155,8 @@ absl::StatusOr<std::vector<ModelView>> ViewModel(const ObjectModel& model, const
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   ModelViewer viewer(model, camera, options);
   std::vector<ModelView> views;
-  for (int i = 0; i < options.num_views; ++i) {
-    const double z = 1.0 - (2.0 * i + 1.0) / options.num_views;
-    const auto [sin, cos] = DeterministicSinCos(i * std::numbers::pi * (3.0 - std::sqrt(5.0)));  // golden angle
-    const double radius = std::sqrt(1.0 - z * z);
-    views.push_back(viewer.From({radius * cos, radius * sin, z}));
+  for (const Eigen::Vector3d& direction : EvenDirections(options.num_views)) {
+    views.push_back(viewer.From(direction, options.object_px));
   }
   return views;
 }
@@ -173,7 +165,7 @@ absl::StatusOr<ModelView> ViewModelFrom(const Eigen::Vector3d& direction, const 
                                         const CameraModel& camera, const ModelViewOptions& options) {
   EVPOSE_RETURN_IF_ERROR(camera.Validate());
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  return ModelViewer(model, camera, options).From(direction);
+  return ModelViewer(model, camera, options).From(direction, options.object_px);
 }
 
 }  // namespace evpose

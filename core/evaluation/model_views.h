@@ -10,6 +10,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/association/association.h"
+#include "core/association/visible_edges.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
@@ -30,6 +31,7 @@ struct ModelViewOptions {
 struct ModelView {
   RigidTransform camera_from_object;
   std::vector<TrackedLine> elements;  // visible edge elements, object frame
+  bool has_more = false;              // edges that the limits of lines and elements leave out
   double length_px = 0.0;             // of all elements
   double contour_px = 0.0;            // of the occluding contours among them
   // Standard deviation, pixels, by which the outline of the object moves along the least certain direction of motion;
@@ -41,6 +43,36 @@ struct ModelView {
   // The least certain direction as a motion of the object about its centre, camera frame: translation, m, and rotation,
   // rad, that move the outline by about 1 px.
   Vector6d weakest = Vector6d::Zero();
+};
+
+// Directions (object frame, from the object to the camera) that are evenly spread over the sphere.
+std::vector<Eigen::Vector3d> EvenDirections(int count);
+
+// Computes views of one model. Keeps a reference to the model. Camera and options must be valid.
+class ModelViewer {
+ public:
+  ModelViewer(const ObjectModel& model, const CameraModel& camera, const ModelViewOptions& options);
+
+  // The view from a direction at which the object has a diameter of `object_px`, its centre on the optical axis.
+  ModelView From(const Eigen::Vector3d& direction, double object_px);
+  ModelView At(const RigidTransform& camera_from_object);
+  // The elements of the latest view in the image, in their order.
+  absl::Span<const ImageLine> image_lines() const { return image_lines_; }
+  // Centre of the symmetry, or else of the bounding box, object frame.
+  const Eigen::Vector3d& centre() const { return centre_; }
+
+ private:
+  Matrix6d Motions(const RigidTransform& pose) const;
+  Matrix6d Information(const ModelView& view, const Matrix6d& motions) const;
+  void FindDeviations(ModelView& view) const;
+
+  const ObjectModel& model_;
+  const CameraModel camera_;
+  const ModelViewOptions options_;
+  const Eigen::Vector3d centre_;
+  const ModelEdges edges_;
+  VisibleEdges visible_;
+  std::vector<ImageLine> image_lines_;
 };
 
 // The views of a model from a distance at which it has the given size, its centre on the optical axis. Errors:

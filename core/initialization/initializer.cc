@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/initialization/initializer.h"
 
-#include <Eigen/Cholesky>
 #include <cmath>
 #include <optional>
 #include <utility>
@@ -16,23 +15,17 @@ ImageSegment AtMiddle(const DetectedLine& line) {
   return {0.5 * (line.at_begin.p1_px + line.at_end.p1_px), 0.5 * (line.at_begin.p2_px + line.at_end.p2_px)};
 }
 
-// The information matrix of the twist from the displacement `begin_px` to `end_px` of a point that moves with the line.
-struct TwistEquations {
-  Matrix6d information = Matrix6d::Zero();
-  Vector6d right_side = Vector6d::Zero();
-
-  void Add(const CameraModel& camera, const ProjectedLine& line, const Eigen::Vector2d& begin_px,
-           const Eigen::Vector2d& end_px, double duration_s, double sigma_px_per_s) {
-    // The distance d = a . b is positive on the side to which this normal points.
-    const Eigen::Vector2d normal = Eigen::Vector2d(line.a.x() / camera.fx_px, line.a.y() / camera.fy_px).normalized();
-    const double velocity_px_per_s = normal.dot(end_px - begin_px) / duration_s;
-    const Eigen::Vector3d bearing = BearingOf(camera, 0.5 * (begin_px + end_px));
-    const Vector6d row = -(line.jacobian.transpose() * bearing);  // a . b_dot = -a_dot . b on the line, by the twist
-    const double weight = 1.0 / (sigma_px_per_s * sigma_px_per_s);
-    information += weight * row * row.transpose();
-    right_side += weight * velocity_px_per_s * row;
-  }
-};
+// Adds the displacement `begin_px` to `end_px` of a point that moves with the line.
+void AddDisplacement(const CameraModel& camera, const ProjectedLine& line, const Eigen::Vector2d& begin_px,
+                     const Eigen::Vector2d& end_px, double duration_s, double sigma_px_per_s,
+                     TwistEquations& equations) {
+  // The distance d = a . b is positive on the side to which this normal points.
+  const Eigen::Vector2d normal = Eigen::Vector2d(line.a.x() / camera.fx_px, line.a.y() / camera.fy_px).normalized();
+  const double velocity_px_per_s = normal.dot(end_px - begin_px) / duration_s;
+  const Eigen::Vector3d bearing = BearingOf(camera, 0.5 * (begin_px + end_px));
+  const Vector6d row = -(line.jacobian.transpose() * bearing);  // a . b_dot = -a_dot . b on the line, by the twist
+  equations.Add(row, velocity_px_per_s, 1.0 / (sigma_px_per_s * sigma_px_per_s));
+}
 
 // Returns the upper quartile: an edge that slides along itself has no normal motion, however fast the object is.
 double MotionPx(const LineDetection& detection) {
@@ -53,10 +46,7 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
   const double duration_s = static_cast<double>(detection.t_end_us - detection.t_begin_us) * 1e-6;
   const double m_per_px = camera_from_object.translation_m.norm() / camera.fx_px;
   TwistEquations equations;
-  const double velocity_m_per_s = options.velocity_px_per_s * m_per_px;
-  equations.information.diagonal().head<3>().setConstant(1.0 / (velocity_m_per_s * velocity_m_per_s));
-  equations.information.diagonal().tail<3>().setConstant(
-      1.0 / (options.angular_velocity_rad_per_s * options.angular_velocity_rad_per_s));
+  equations.AddPrior(options.twist_prior, m_per_px);
   for (size_t j = 0; duration_s > 0.0 && j < model_line.size(); ++j) {
     if (model_line[j] < 0) continue;
     const ModelLine& line = model.lines[model_line[j]];
@@ -66,27 +56,48 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
     // The positions at both ends of the interval have independent errors.
     constexpr double kSqrt2 = 1.4142135623730951;
     const double sigma_px_per_s = kSqrt2 * options.line_error_px / duration_s;
-    equations.Add(camera, *projected, detected.at_begin.p1_px, detected.at_end.p1_px, duration_s, sigma_px_per_s);
-    equations.Add(camera, *projected, detected.at_begin.p2_px, detected.at_end.p2_px, duration_s, sigma_px_per_s);
+    AddDisplacement(camera, *projected, detected.at_begin.p1_px, detected.at_end.p1_px, duration_s, sigma_px_per_s,
+                    equations);
+    AddDisplacement(camera, *projected, detected.at_begin.p2_px, detected.at_end.p2_px, duration_s, sigma_px_per_s,
+                    equations);
   }
-  const auto solver = equations.information.ldlt();
-  TwistEstimate estimate;
-  estimate.twist = solver.solve(equations.right_side);
-  estimate.covariance = solver.solve(Matrix6d::Identity());
-  return estimate;
+  return equations.Solve();
 }
 
 PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                                 std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search)
-    : model_(std::move(model)), camera_(camera), detector_(std::move(detector)), search_(std::move(search)) {}
+                                 std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
+                                 std::unique_ptr<TemplateSearch> templates)
+    : model_(std::move(model)),
+      camera_(camera),
+      detector_(std::move(detector)),
+      search_(std::move(search)),
+      templates_(std::move(templates)) {}
 
 bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
-  if (hypothesis.evidence < options_.min_evidence) return false;
-  const double all = hypothesis.evidence + hypothesis.cost;  // the total cost if no segment is explained
-  return hypothesis.evidence >= options_.min_explained_ratio * all || hypothesis.evidence >= options_.sure_evidence;
+  return hypothesis.chance_poses <= options_.max_chance_poses;
 }
 
 FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {
+  FirstPoses first;
+  if (search_ != nullptr) first = FindByLines(events);
+  if (templates_ != nullptr) FindByContours(events, first);
+  return first;
+}
+
+void PoseInitializer::FindByContours(absl::Span<const PixelEvent> events, FirstPoses& first) {
+  first.uses_contours = true;
+  std::vector<PoseProposal> proposals;
+  for (const FirstPose& pose : first.poses) proposals.push_back({pose.t_us, pose.camera_from_object, pose.twist});
+  const TemplateMatches found = templates_->Find(events, proposals);
+  first.has_moved = first.has_moved || found.has_moved;
+  if (found.matches.empty()) return;
+  first.poses.clear();
+  for (const TemplateMatch& match : found.matches) {
+    first.poses.push_back({found.t_us, match.camera_from_object, match.motion.twist, match.motion.covariance});
+  }
+}
+
+FirstPoses PoseInitializer::FindByLines(absl::Span<const PixelEvent> events) {
   const LineDetection detection = detector_->Detect(events);
   std::vector<ImageSegment> segments;
   for (const DetectedLine& line : detection.lines) segments.push_back(AtMiddle(line));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // First poses from events alone: detects lines, searches for the poses that explain them, and estimates the twist from
-// the motion of the lines.
+// the motion of the lines. For objects with curved edges, templates of all views are compared with the events, too.
 #pragma once
 
 #include <cstdint>
@@ -13,11 +13,13 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/initialization/pose_search.h"
+#include "core/initialization/templates/template_search.h"
+#include "core/initialization/templates/twist_equations.h"
 #include "core/models/object_model.h"
 
 namespace evpose {
 
-// A pose that is consistent with the detected lines, at the middle of their time interval.
+// A pose that is consistent with the detected lines or edges, at the middle of their time interval.
 struct FirstPose {
   int64_t t_us = 0;
   RigidTransform camera_from_object;
@@ -29,6 +31,7 @@ struct FirstPoses {
   int num_lines = 0;             // number of detected lines
   double motion_px = 0.0;        // upper quartile of the displacements of the lines within their interval
   bool has_moved = false;        // the displacement is large enough for a search
+  bool uses_contours = false;    // the search does not depend on lines alone
   std::vector<FirstPose> poses;  // the best one first; distinct modulo the model's symmetries
 };
 
@@ -36,26 +39,16 @@ struct InitializerOptions {
   // Smallest displacement, in pixels, with which a search starts. With a smaller one there are too few events, too
   // close together, to separate lines from noise and to decide which lines are collinear.
   double min_motion_px = 1.0;
-  // Smallest PoseHypothesis::evidence of a pose. Some pose fits any three segments, and a segment contributes at most
-  // PoseSearchOptions::unexplained_cost.
-  double min_evidence = 72.0;
-  // Smallest share of the evidence of all segments that a pose must explain, unless its evidence exceeds that of six
-  // segments: in cluttered views, random poses were observed to gather the evidence of up to four.
-  double min_explained_ratio = 0.5;
-  double sure_evidence = 144.0;  // PoseSearchOptions::unexplained_cost of six segments
-  // Prior of the twist: standard deviation per axis.
-  double velocity_px_per_s = 2000.0;        // fast for an object that fills the image
-  double angular_velocity_rad_per_s = 6.0;  // about one turn per second
+  // Largest PoseHypothesis::chance_poses of a pose: of ten searches in views of clutter alone, one returns a pose. The
+  // events reject it within a few milliseconds (core/tracking/README.md), so that more would cost processor time only.
+  double max_chance_poses = 0.1;
+  TwistPrior twist_prior;
   double line_error_px = 0.5;  // standard deviation of the position of a detected line at either end of its interval
 };
 
 // Returns the twist at the middle of the interval that best explains the motion of the matched lines, and its
 // covariance (README, equation (9)). Each end of each line gives its normal velocity, and the prior constrains the
 // remaining directions. `model_line` is PoseHypothesis::model_line.
-struct TwistEstimate {
-  Vector6d twist = Vector6d::Zero();
-  Matrix6d covariance = Matrix6d::Zero();
-};
 TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
                             const RigidTransform& camera_from_object, const LineDetection& detection,
                             absl::Span<const int> model_line, const InitializerOptions& options);
@@ -63,21 +56,27 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 // Deterministic; not thread-safe.
 class PoseInitializer {
  public:
-  // Several initializers of one thread may share a detector, which keeps no state between calls.
+  // Several initializers of one thread may share a detector, which keeps no state between calls. `search` is null for a
+  // model whose lines determine no pose, `templates` for one without curved edges; not both are.
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                  std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search);
+                  std::shared_ptr<LineDetector> detector, std::unique_ptr<PoseSearch> search,
+                  std::unique_ptr<TemplateSearch> templates = nullptr);
 
-  // `events` are as LineDetector::Detect requires. If the lines have hardly moved, the result has lines but no poses.
+  // `events` are as LineDetector::Detect requires. If the edges have hardly moved, the result has lines but no poses.
   FirstPoses Find(absl::Span<const PixelEvent> events);
 
  private:
-  // Returns whether a pose has more evidence than random segments would give.
+  FirstPoses FindByLines(absl::Span<const PixelEvent> events);
+  // Replaces the poses by those of the template search, which judges them together with its own.
+  void FindByContours(absl::Span<const PixelEvent> events, FirstPoses& first);
+  // Returns whether random segments hardly give a pose that explains as much.
   bool IsPlausible(const PoseHypothesis& hypothesis) const;
 
   const std::shared_ptr<const ObjectModel> model_;
   const CameraModel camera_;
   const std::shared_ptr<LineDetector> detector_;
   const std::unique_ptr<PoseSearch> search_;
+  const std::unique_ptr<TemplateSearch> templates_;
   const InitializerOptions options_;
 };
 

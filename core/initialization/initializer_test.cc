@@ -78,7 +78,7 @@ TEST(EstimateTwist, EqualsThePriorInUnobservedDirections) {
   const InitializerOptions options;
   const TwistEstimate nothing = EstimateTwist(model, kCamera, kPose, detection, numbers, options);
   EXPECT_EQ(nothing.twist.norm(), 0.0);
-  EXPECT_NEAR(std::sqrt(nothing.covariance(5, 5)), options.angular_velocity_rad_per_s, 1e-9);
+  EXPECT_NEAR(std::sqrt(nothing.covariance(5, 5)), options.twist_prior.angular_velocity_rad_per_s, 1e-9);
 
   numbers[0] = 0;
   numbers[1] = 1;
@@ -141,22 +141,19 @@ TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
   }
 }
 
-TEST(PoseInitializer, RejectsPosesWithTheEvidenceOfRandomSegments) {
+TEST(PoseInitializer, RejectsPosesThatRandomSegmentsWouldGive) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   std::vector<ImageSegment> asked;
-  struct Case {
-    double cost, evidence;
-    bool is_plausible;
-  };
-  // Evidence of three segments; of four out of many; of four out of six; of eight out of twenty.
-  for (const Case& c : {Case{20.0, 65.0, false}, {300.0, 96.0, false}, {50.0, 90.0, true}, {300.0, 180.0, true}}) {
-    const PoseHypothesis hypothesis{kPose, c.cost, c.evidence, InOrder(model->lines.size()), 3};
+  const double bound = InitializerOptions().max_chance_poses;
+  for (const auto& [chance_poses, is_plausible] : {std::pair{0.9 * bound, true}, {1.1 * bound, false}}) {
+    PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10};
+    hypothesis.chance_poses = chance_poses;
     PoseInitializer initializer(model, kCamera, std::make_unique<FixedDetector>(detection),
                                 std::make_unique<FixedSearch>(hypothesis, asked));
     const FirstPoses first = initializer.Find({});
     EXPECT_TRUE(first.has_moved);
-    EXPECT_EQ(first.poses.size(), c.is_plausible ? 1u : 0u) << c.evidence;
+    EXPECT_EQ(first.poses.size(), is_plausible ? 1u : 0u) << chance_poses;
   }
 }
 

@@ -9,6 +9,7 @@
 
 #include "core/base/yield_point.h"
 #include "core/geometry/projected_line.h"
+#include "core/initialization/chance_poses.h"
 #include "core/initialization/pose_refinement.h"
 #include "core/initialization/segment_fit.h"
 
@@ -33,6 +34,7 @@ constexpr double kDampingAfterFailure = 20.0;
 constexpr double kCostRounding = 1e-14;
 // The refinement ends when the damping has grown to this value.
 constexpr double kMaxDamping = 1e12;
+constexpr double kUnmatched = 1e300;  // cost of a line without a segment
 
 }  // namespace
 
@@ -205,10 +207,11 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
   hypothesis.camera_from_object = pose;
   hypothesis.model_line.assign(num_segments, -1);
   const FitWeights weights = FitWeights::Make(options_, 1.0);
-  std::vector<double> covered_px(parts.size(), 0.0);
+  std::vector<double> covered_px(parts.size(), 0.0), lengths_px;
+  std::vector<double> across_cost(model_.lines().size(), kUnmatched);  // by line: the least of its segments
   YieldPoint();
   for (const SearchSegment& line : lines_) {
-    double least = options_.unexplained_cost;
+    double least = options_.unexplained_cost, across = 0.0;
     int matched = -1;
     for (size_t i = 0; i < parts.size(); ++i) {
       SegmentFit fit;
@@ -216,18 +219,29 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
       covered_px[i] += fit.overlap_px;  // one segment covers all lines that coincide in the image
       if (fit.cost >= least) continue;
       least = fit.cost;
+      across = fit.across_cost;
       matched = parts[i].line;
     }
     hypothesis.cost += least;
     if (matched < 0) continue;
+    across_cost[matched] = std::min(across_cost[matched], across);
     hypothesis.model_line[line.index] = model_.lines()[matched].model_line;
     ++hypothesis.num_matched;
   }
   for (size_t i = 0; i < parts.size(); ++i) {
-    const double length_px = (parts[i].b_px - parts[i].a_px).norm();
-    hypothesis.cost += MissingCost(length_px, std::min(covered_px[i], length_px), options_);
+    lengths_px.push_back((parts[i].b_px - parts[i].a_px).norm());
+    hypothesis.cost += MissingCost(lengths_px[i], std::min(covered_px[i], lengths_px[i]), options_);
   }
   hypothesis.evidence = options_.unexplained_cost * static_cast<double>(lines_.size()) - hypothesis.cost;
+  ExplainedSegments explained;
+  for (const double cost : across_cost) {
+    if (cost >= kUnmatched) continue;
+    ++explained.num_lines;
+    explained.across_cost += cost;
+  }
+  const double lines_per_part = static_cast<double>(model_.lines().size()) / static_cast<double>(parts.size());
+  hypothesis.chance_poses = ExpectedChancePoses(explained, lines_, lengths_px, std::max(1.0, lines_per_part),
+                                                static_cast<double>(model_.num_symmetries()), options_);
   return hypothesis;
 }
 

@@ -47,6 +47,8 @@ struct PoseHypothesis {
   // True if this pose and the best one differ by a near-symmetry (near_symmetries.h). Such a pose is kept regardless of
   // its cost, because the few lines by which the two differ may not have produced events yet.
   bool is_near_symmetric = false;
+  // Expected number of poses that would explain as much if all segments were clutter (chance_poses.h).
+  double chance_poses = 0.0;
 };
 
 // Immutable after construction; deterministic. Keeps the model.
@@ -120,11 +122,13 @@ absl::StatusOr<std::unique_ptr<PoseSearch>> MakePoseSearch(std::shared_ptr<const
 // one), all parallel, or all through one point.
 absl::Status CheckLinesDeterminePose(const ObjectModel& model);
 
-// Whether a search can find the pose of the model: whether its straight lines determine one. A model with curved edges
-// can be tracked from a given pose all the same.
+// Whether a search for lines can find the pose of the model: whether its straight lines determine one. A model with
+// curved edges is found by its contours all the same (core/initialization/templates).
 inline bool IsSearchable(const ObjectModel& model) { return CheckLinesDeterminePose(model).ok(); }
-// Whether the model has edges beside its straight lines: curves, or curved surfaces, which have contours.
-inline bool HasCurvedEdges(const ObjectModel& model) { return !model.curves.empty() || !model.surface.empty(); }
+// Whether the model has edges beside its straight lines: curves, or curved surfaces or facets, which have contours.
+inline bool HasCurvedEdges(const ObjectModel& model) {
+  return !model.curves.empty() || !model.surface.empty() || !model.facet_edges.empty();
+}
 // OK if the model can be tracked; else the error of CheckLinesDeterminePose().
 inline absl::Status CheckIsTrackable(const ObjectModel& model) {
   return HasCurvedEdges(model) ? absl::OkStatus() : CheckLinesDeterminePose(model);

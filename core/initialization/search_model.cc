@@ -98,6 +98,7 @@ void SearchModel::ChooseLines(const ObjectModel& model) {
 }
 
 void SearchModel::FindLabellings(const ObjectModel& model) {
+  num_symmetries_ = std::max<size_t>(1, model.symmetries.size());
   direction_symmetries_ = {Matrix3d::Identity()};
   if (directions_.size() <= kMaxDirections) {
     direction_symmetries_ = DirectionSymmetries(directions_, kSameDirectionRad);

@@ -53,6 +53,8 @@ class SearchModel {
   // The assignments of directions to each other: symmetry rotations Q of the set of directions, one of each set that
   // the object's own symmetries make equivalent. A rotation R that follows from directions alone represents all R Q.
   const std::vector<Eigen::Matrix3d>& labellings() const { return labellings_; }
+  // Number of the object's own symmetries, the identity included.
+  size_t num_symmetries() const { return num_symmetries_; }
   // The near-symmetries among the labellings, with their shifts (near_symmetries.h).
   const std::vector<RigidTransform>& near_symmetries() const { return near_symmetries_; }
   // The most informative pair first, by the length of the lines that have the directions.
@@ -78,6 +80,7 @@ class SearchModel {
   std::vector<Eigen::Vector3d> directions_;
   std::vector<double> direction_lengths_m_;
   std::vector<Eigen::Matrix3d> direction_symmetries_, labellings_;
+  size_t num_symmetries_ = 1;
   std::vector<RigidTransform> near_symmetries_;
   std::vector<DirectionPair> pairs_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();

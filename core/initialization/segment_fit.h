@@ -35,8 +35,9 @@ struct SegmentMatch {
 };
 
 struct SegmentFit {
-  double cost = 0.0;        // squared standard deviations
-  double overlap_px = 0.0;  // overlap of the segment and the projected line
+  double cost = 0.0;         // squared standard deviations
+  double across_cost = 0.0;  // its part that is due to the distances across the line
+  double overlap_px = 0.0;   // overlap of the segment and the projected line
 };
 
 // Cost of a segment's end that is `inside_px` before the end of its line (negative: beyond it). Beyond the line the
@@ -70,9 +71,9 @@ inline bool FitSegment(const SearchSegment& line, const Eigen::Vector2d& a, cons
   const double slope = rise / run;
   const double middle = ya - slope * sa, half_rise = slope * h;
   // The distances of the two ends are middle -+ half_rise.
-  fit.cost = 2.0 * (middle * middle + half_rise * half_rise) * weights.across;
-  if (fit.cost >= weights.max_across_cost) return false;
-  fit.cost += EndCost(-h - low, weights) + EndCost(high - h, weights);
+  fit.across_cost = 2.0 * (middle * middle + half_rise * half_rise) * weights.across;
+  if (fit.across_cost >= weights.max_across_cost) return false;
+  fit.cost = fit.across_cost + (EndCost(-h - low, weights) + EndCost(high - h, weights));
   return fit.cost < cap;
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -45,19 +46,12 @@ constexpr int64_t kMaxWork = 40'000'000;
 
 enum class EdgeClass : uint8_t { kSmooth, kWeak, kCrease };
 
-// Unit vector perpendicular to the edge, in the plane of the face and towards its inside.
-Eigen::Vector3d Wing(const RawMesh& mesh, const EdgeUse& use) {
-  const Eigen::Vector3d edge = (mesh.points[use.high] - mesh.points[use.low]).normalized();
-  const Eigen::Vector3d across = mesh.points[mesh.triangles[use.triangle][(use.side + 2) % 3]] - mesh.points[use.low];
-  return (across - across.dot(edge) * edge).normalized();
-}
-
 // Whether the facets continue across the edge. Wings serve for any winding and any number of faces, unlike normals.
 bool HaveSmoothWings(const RawMesh& mesh, absl::Span<const EdgeUse> uses, double crease_cosine) {
-  const Eigen::Vector3d first = Wing(mesh, uses[0]);
+  const Eigen::Vector3d first = WingOf(mesh, uses[0]);
   bool has_opposite = false;
   for (const EdgeUse& use : uses.subspan(1)) {
-    const double cosine = first.dot(Wing(mesh, use));
+    const double cosine = first.dot(WingOf(mesh, use));
     if (std::abs(cosine) < crease_cosine) return false;
     has_opposite |= cosine < 0.0;
   }
@@ -72,10 +66,18 @@ class CreaseFinder {
         crease_rad_(options.crease_angle_deg * kRadPerDeg),
         crease_cosine_(DeterministicSinCos(crease_rad_).cos),
         is_smooth_(options.is_smooth),
-        diameter_m_(diameter_m) {}
+        diameter_m_(diameter_m),
+        exact_segments_(ExactSegments(graph.mesh())) {}
 
   std::vector<MeshEdge> Find() {
     ForEachEdge(graph_.uses(), [this](absl::Span<const EdgeUse> uses) {
+      std::vector<EdgeUse> neighbours;
+      if (uses.size() > 2) {
+        std::copy_if(uses.begin(), uses.end(), std::back_inserter(neighbours), [this](const EdgeUse& use) {
+          return graph_.opposite(3 * use.triangle + use.side) != FacetGraph::kNone;
+        });
+        if (!neighbours.empty()) uses = neighbours;
+      }
       const EdgeClass edge_class = Classify(uses);
       if (edge_class == EdgeClass::kSmooth) return;
       classes_.push_back(edge_class);
@@ -140,6 +142,9 @@ class CreaseFinder {
 
   EdgeClass ClassifyExact(absl::Span<const EdgeUse> uses) const {
     const SmoothSurface& exact = mesh_.exact_surface;
+    if (const ExactSegment* segment = FindExactSegment(exact_segments_, uses[0].low, uses[0].high)) {
+      return mesh_.exact_edges[segment->edge].is_smooth ? EdgeClass::kSmooth : EdgeClass::kCrease;
+    }
     if (exact.region_of[uses[0].triangle] == exact.region_of[uses[1].triangle]) return EdgeClass::kSmooth;
     const bool jumps = Differ(NormalsAt(uses[0], exact.normals), NormalsAt(uses[1], exact.normals), kMinStatedJump);
     return jumps ? EdgeClass::kCrease : EdgeClass::kSmooth;
@@ -292,6 +297,7 @@ class CreaseFinder {
   const double crease_cosine_;
   const bool is_smooth_;
   const double diameter_m_;
+  const std::vector<ExactSegment> exact_segments_;
   std::vector<MeshEdge> edges_;
   std::vector<EdgeClass> classes_;  // of `edges_`
   std::vector<PathStep> path_;

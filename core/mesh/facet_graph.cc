@@ -14,6 +14,11 @@ namespace {
 
 // A path of four hundredths of the diameter crosses some 40 triangles of a regular mesh of a million.
 constexpr int kMaxSteps = 96;
+// Where two bodies touch, each has a face there: both with the same direction from the edge (8 degrees, because the
+// normals of narrow triangles are inaccurate), and behind the faces that are seen by at least 3 degrees.
+constexpr double kSameWingCosine = 0.99, kInsideSine = 0.05;
+// Faces at an edge where some bodies touch; more are not compared.
+constexpr size_t kMaxUsesOfJoint = 8;
 
 // The side at which a path leaves a triangle that it has entered at `entry`, and the distance to it; kNone if rounding
 // errors leave no such side.
@@ -37,6 +42,12 @@ std::pair<uint32_t, double> ExitOf(const FacetGraph& graph, uint32_t entry, cons
 
 }  // namespace
 
+Eigen::Vector3d WingOf(const RawMesh& mesh, const EdgeUse& use) {
+  const Eigen::Vector3d edge = (mesh.points[use.high] - mesh.points[use.low]).normalized();
+  const Eigen::Vector3d across = mesh.points[mesh.triangles[use.triangle][(use.side + 2) % 3]] - mesh.points[use.low];
+  return (across - across.dot(edge) * edge).normalized();
+}
+
 double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return DeterministicAtan2(a.cross(b).norm(), a.dot(b));
 }
@@ -51,15 +62,46 @@ FacetGraph::FacetGraph(const RawMesh& mesh)
     normals_.push_back((mesh.points[j] - mesh.points[i]).cross(mesh.points[k] - mesh.points[i]).normalized());
   }
   ForEachEdge(uses_, [this](absl::Span<const EdgeUse> uses) {
-    if (uses.size() != 2 || uses[0].is_forward == uses[1].is_forward) return;
-    const uint32_t first = 3 * uses[0].triangle + uses[0].side, second = 3 * uses[1].triangle + uses[1].side;
+    const auto pair = NeighboursAt(uses);
+    if (!pair.has_value()) return;
+    const uint32_t first = 3 * (*pair)[0].triangle + (*pair)[0].side;
+    const uint32_t second = 3 * (*pair)[1].triangle + (*pair)[1].side;
     opposite_[first] = second;
     opposite_[second] = first;
-    const Eigen::Vector3d &n1 = normals_[uses[0].triangle], &n2 = normals_[uses[1].triangle];
+    const Eigen::Vector3d &n1 = normals_[first / 3], &n2 = normals_[second / 3];
     const double angle = AngleBetween(n1, n2);
     const bool is_convex = n1.cross(n2).dot(end(first) - begin(first)) >= 0.0;
     turn_rad_[first] = turn_rad_[second] = static_cast<float>(is_convex ? angle : -angle);
   });
+}
+
+std::optional<std::array<EdgeUse, 2>> FacetGraph::NeighboursAt(absl::Span<const EdgeUse> uses) const {
+  if (uses.size() == 2 && uses[0].is_forward != uses[1].is_forward) return std::array{uses[0], uses[1]};
+  if (uses.size() <= 2 || uses.size() > kMaxUsesOfJoint) return std::nullopt;
+  std::vector<EdgeUse> rest(uses.begin(), uses.end());
+  std::vector<Eigen::Vector3d> walls;
+  for (size_t i = 0; rest.size() > 2 && i < rest.size();) {
+    const Eigen::Vector3d wing = WingOf(mesh_, rest[i]);
+    const auto other =
+        std::find_if(rest.begin() + static_cast<std::ptrdiff_t>(i) + 1, rest.end(), [&](const EdgeUse& use) {
+          return use.is_forward != rest[i].is_forward && WingOf(mesh_, use).dot(wing) > kSameWingCosine;
+        });
+    if (other == rest.end()) {
+      ++i;
+      continue;
+    }
+    walls.push_back(wing);
+    rest.erase(other);
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(i));
+  }
+  if (rest.size() != 2 || rest[0].is_forward == rest[1].is_forward) return std::nullopt;
+  const Eigen::Vector3d &n1 = normals_[rest[0].triangle], &n2 = normals_[rest[1].triangle];
+  const bool is_convex = n1.dot(WingOf(mesh_, rest[1])) <= 0.0;
+  for (const Eigen::Vector3d& wall : walls) {
+    const bool is_behind1 = n1.dot(wall) < -kInsideSine, is_behind2 = n2.dot(wall) < -kInsideSine;
+    if (is_convex ? !is_behind1 || !is_behind2 : !is_behind1 && !is_behind2) return std::nullopt;
+  }
+  return std::array{rest[0], rest[1]};
 }
 
 void WalkAcross(const FacetGraph& graph, uint32_t side, double max_length_m, int64_t& work,

@@ -5,10 +5,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "absl/functional/function_ref.h"
+#include "absl/types/span.h"
 #include "core/mesh/mesh_edges.h"
 #include "core/mesh/types/raw_mesh.h"
 
@@ -16,6 +19,9 @@ namespace evpose {
 
 // Angle between two vectors, rad, in [0, pi]; 0 if one is zero.
 double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b);
+
+// Unit vector perpendicular to an edge, in the plane of one of its faces and towards its inside.
+Eigen::Vector3d WingOf(const RawMesh& mesh, const EdgeUse& use);
 
 // Side `s` of triangle `t`, from its corner s to the next one, has the number 3 t + s. Keeps a reference: `mesh` must
 // outlive it. Vertices must be shared, and triangles must have an area.
@@ -29,7 +35,8 @@ class FacetGraph {
   const std::vector<EdgeUse>& uses() const { return uses_; }
   // Unit; of the triangle's plane.
   const Eigen::Vector3d& normal(uint32_t triangle) const { return normals_[triangle]; }
-  // The side of the neighbour at the same edge, if exactly two triangles meet there and have one winding; else kNone.
+  // The side of the neighbour at the same edge, if exactly two triangles meet there and have one winding, apart from
+  // those between bodies that touch there (core/mesh/README.md, section 6); else kNone.
   uint32_t opposite(uint32_t side) const { return opposite_[side]; }
   // Angle, rad, by which the surface turns there, positive if it is convex; 0 without a neighbour.
   double turn_rad(uint32_t side) const { return turn_rad_[side]; }
@@ -42,6 +49,9 @@ class FacetGraph {
   Eigen::Vector3d Into(uint32_t side) const { return normals_[side / 3].cross(Along(side)); }
 
  private:
+  // Of the triangles at an edge, the two that are neighbours.
+  std::optional<std::array<EdgeUse, 2>> NeighboursAt(absl::Span<const EdgeUse> uses) const;
+
   const RawMesh& mesh_;
   const std::vector<EdgeUse> uses_;
   std::vector<Eigen::Vector3d> normals_;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
+#include "core/mesh/types/raw_mesh.h"
 
 namespace evpose {
 
@@ -25,6 +26,19 @@ std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> tr
 
 // The uses of one edge, of all sorted ones.
 absl::Span<const EdgeUse> UsesOfEdge(const std::vector<EdgeUse>& uses, uint32_t low, uint32_t high);
+
+// The part of an exact edge between two successive vertices of triangles.
+struct ExactSegment {
+  uint32_t low, high;    // vertices
+  uint32_t edge;         // index into RawMesh::exact_edges
+  uint32_t first, last;  // indices into its points
+};
+
+// All segments, sorted by vertices; of several with the same vertices the first.
+std::vector<ExactSegment> ExactSegments(const RawMesh& mesh);
+
+// The segment between two vertices; nullptr if there is none.
+const ExactSegment* FindExactSegment(const std::vector<ExactSegment>& segments, uint32_t low, uint32_t high);
 
 // Calls `function` once for each edge, with its uses.
 template <typename Function>  // void(absl::Span<const EdgeUse>)

@@ -30,12 +30,26 @@ constexpr size_t kSplitsForAnySize = 1'000'000;
 constexpr size_t kNodesPerTriangle = 400;
 constexpr size_t kNodesForAnySize = 20'000'000;
 constexpr size_t kNodesPerLateTriangle = 20;
+constexpr uint32_t kNoVertex = ~0u;
+// Height, relative to the tolerance, of a triangle that may remain at the end.
+constexpr double kMinHeightOfRest = 1e-3;
 
-// A vertex on an edge, at a share of the way from its lower to its higher end.
+// A vertex on an edge, at a share of the way from its lower to its higher end. Of equal shares, the lower rank is
+// first.
 struct Insertion {
   uint32_t low, high;
   double share;
+  uint32_t rank;
   uint32_t vertex;
+};
+
+// A triangle without area: its longest side, its third vertex and the distance between them.
+struct FlatTriangle {
+  double length2;
+  uint32_t triangle;
+  uint32_t low, high;
+  uint32_t apex;
+  double height_m;
 };
 
 // The insertions into one side of a triangle.
@@ -69,15 +83,26 @@ class JunctionCloser {
 
   JunctionReport Close() {
     bool has_changed = true;
-    for (int round = 0; has_changed && round < kMaxRounds; ++round) has_changed = CloseSome();
-    if (has_changed) {
-      report_.is_complete = false;
-      report_.degenerate_triangles += RemoveFlatTriangles(tolerance_m_, mesh_);
-    }
+    // Each round costs as much again; one that has reached the limits on the work is the last.
+    for (int round = 0; has_changed && report_.is_complete && round < kMaxRounds; ++round) has_changed = CloseSome();
+    report_.is_within_limits = report_.is_complete;
+    // Flat triangles that remain do no harm, unless they have no normal.
+    const size_t without_normal = RemoveFlatTriangles(kMinHeightOfRest * tolerance_m_, mesh_);
+    report_.degenerate_triangles += without_normal;
+    report_.is_complete &= !has_changed && without_normal == 0;
     return report_;
   }
 
  private:
+  using Ends = std::array<uint32_t, 2>;  // of an edge, the lower one first
+  // What the removal of flat triangles does at an edge.
+  struct RemovedAt {
+    bool is_split = false;        // a triangle with this longest side was removed
+    uint32_t apex = 0;            // its third vertex
+    double distance_m = 0.0;      // largest distance of the edge from the triangle that becomes its neighbour
+    uint32_t beyond = kNoVertex;  // the third vertex of that
+  };
+
   // Returns whether the mesh changed.
   bool CloseSome() {
     uses_ = SortedEdgeUses(mesh_.triangles);
@@ -85,7 +110,7 @@ class JunctionCloser {
     remove_.assign(mesh_.triangles.size(), false);
     ChooseFlatTriangles();
     FindJunctions();
-    const auto key = [](const Insertion& i) { return std::tie(i.low, i.high, i.share, i.vertex); };
+    const auto key = [](const Insertion& i) { return std::tie(i.low, i.high, i.share, i.rank, i.vertex); };
     std::sort(insertions_.begin(), insertions_.end(),
               [&](const Insertion& a, const Insertion& b) { return key(a) < key(b); });
     insertions_.erase(std::unique(insertions_.begin(), insertions_.end(),
@@ -100,31 +125,138 @@ class JunctionCloser {
   }
 
   // `sides` is the number of triangles that the vertex splits.
-  void Insert(uint32_t vertex, uint32_t low, uint32_t high, size_t sides) {
+  void Insert(const Insertion& insertion, size_t sides) {
     if (splits_left_ < sides) {
       report_.is_complete = false;
       return;
     }
     splits_left_ -= sides;
-    const Eigen::Vector3d edge = mesh_.points[high] - mesh_.points[low];
-    insertions_.push_back(
-        {low, high, (mesh_.points[vertex] - mesh_.points[low]).dot(edge) / edge.squaredNorm(), vertex});
+    insertions_.push_back(insertion);
   }
 
-  // Chooses triangles without area that do not share their long sides with others chosen: those have to be split first.
-  void ChooseFlatTriangles() {
-    std::vector<bool> is_neighbour(mesh_.triangles.size(), false);
+  double ShareOf(uint32_t vertex, uint32_t low, uint32_t high) const {
+    const Eigen::Vector3d edge = mesh_.points[high] - mesh_.points[low];
+    return (mesh_.points[vertex] - mesh_.points[low]).dot(edge) / edge.squaredNorm();
+  }
+
+  // The triangles without area, by decreasing length.
+  std::vector<FlatTriangle> FlatTriangles() const {
+    std::vector<FlatTriangle> flat;
     for (uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
-      if (HasArea(mesh_, mesh_.triangles[t], tolerance_m_) || is_neighbour[t]) continue;
-      const int side = LongestSide(mesh_.triangles[t]);
       const auto& corners = mesh_.triangles[t];
+      if (HasArea(mesh_, corners, tolerance_m_)) continue;
+      const int side = LongestSide(corners);
       const auto [low, high] = std::minmax(corners[side], corners[(side + 1) % 3]);
-      const absl::Span<const EdgeUse> uses = UsesOfEdge(uses_, low, high);
-      if (std::any_of(uses.begin(), uses.end(), [this](const EdgeUse& use) { return remove_[use.triangle]; })) continue;
-      for (const EdgeUse& use : uses) is_neighbour[use.triangle] = true;
-      remove_[t] = true;
-      if (uses.size() > 1) Insert(corners[(side + 2) % 3], low, high, uses.size() - 1);
+      const double length2 = (mesh_.points[high] - mesh_.points[low]).squaredNorm();
+      flat.push_back({length2, t, low, high, corners[(side + 2) % 3], HeightOf(corners)});
     }
+    std::sort(flat.begin(), flat.end(), [](const FlatTriangle& a, const FlatTriangle& b) {
+      return a.length2 != b.length2 ? a.length2 > b.length2 : a.triangle < b.triangle;
+    });
+    return flat;
+  }
+
+  // Chooses triangles without area and lists the vertices that split the others at their longest sides. One at a short
+  // side of another comes after it: the former's vertex then splits what was beside the latter.
+  void ChooseFlatTriangles() {
+    const std::vector<FlatTriangle> flat = FlatTriangles();
+    flat_edges_.clear();
+    for (const FlatTriangle& triangle : flat) {
+      flat_edges_.push_back({triangle.low, triangle.high});
+      for (const Ends& side : ShorterSides(triangle)) flat_edges_.push_back(side);
+    }
+    std::sort(flat_edges_.begin(), flat_edges_.end());
+    flat_edges_.erase(std::unique(flat_edges_.begin(), flat_edges_.end()), flat_edges_.end());
+    removed_at_.assign(flat_edges_.size(), {});
+    for (const FlatTriangle& triangle : flat) ChooseFlatTriangle(triangle);
+    for (size_t i = 0; i < flat_edges_.size(); ++i) {
+      if (!removed_at_[i].is_split) continue;
+      const absl::Span<const EdgeUse> uses = UsesOfEdge(uses_, flat_edges_[i][0], flat_edges_[i][1]);
+      const size_t rest =
+          std::count_if(uses.begin(), uses.end(), [this](const EdgeUse& use) { return !remove_[use.triangle]; });
+      if (rest > 0) InsertAlong(flat_edges_[i], rest);
+    }
+  }
+
+  void ChooseFlatTriangle(const FlatTriangle& flat) {
+    RemovedAt& longest = *FindRemovedAt({flat.low, flat.high});
+    const std::array<Ends, 2> shorter = ShorterSides(flat);
+    const double distance_m = longest.distance_m + flat.height_m;
+    // Vertices farther away might be beyond the triangle that they split.
+    if (longest.is_split || distance_m > tolerance_m_) return;
+    for (const Ends& side : shorter) {
+      if (FindRemovedAt(side)->is_split) return;  // it is as long
+    }
+    const uint32_t beyond = longest.beyond != kNoVertex ? longest.beyond : VertexBeyond(flat);
+    if (beyond != kNoVertex && !Improves(flat, beyond)) return;
+    longest.is_split = true;
+    longest.apex = flat.apex;
+    remove_[flat.triangle] = true;
+    for (const Ends& side : shorter) {
+      RemovedAt& at = *FindRemovedAt(side);
+      at.distance_m = std::max(at.distance_m, distance_m);
+      at.beyond = beyond;
+    }
+  }
+
+  // The third vertex of another triangle at the longest side; kNoVertex at a boundary.
+  uint32_t VertexBeyond(const FlatTriangle& flat) const {
+    for (const EdgeUse& use : UsesOfEdge(uses_, flat.low, flat.high)) {
+      if (use.triangle != flat.triangle) return mesh_.triangles[use.triangle][(use.side + 2) % 3];
+    }
+    return kNoVertex;
+  }
+
+  // Whether the lower of the flat triangle and its neighbour is lower than both parts of the neighbour: of the vertices
+  // of a flat arc, any two triangles may have one that is flat, and would replace each other without end. If both have
+  // the same longest side, those of their parts are shorter.
+  bool Improves(const FlatTriangle& flat, uint32_t beyond) const {
+    const std::array<uint32_t, 3> neighbour = {flat.low, flat.high, beyond};
+    const int side = LongestSide(neighbour);
+    if (side == 0 && !HasArea(mesh_, neighbour, tolerance_m_)) return true;
+    const double before_m = std::min(flat.height_m, HeightOf(neighbour));
+    return std::min(HeightOf({flat.low, flat.apex, beyond}), HeightOf({flat.apex, flat.high, beyond})) > before_m;
+  }
+
+  // Over the longest side.
+  double HeightOf(const std::array<uint32_t, 3>& corners) const {
+    const int side = LongestSide(corners);
+    const Eigen::Vector3d& from = mesh_.points[corners[side]];
+    const Eigen::Vector3d along = mesh_.points[corners[(side + 1) % 3]] - from;
+    return along.normalized().cross(mesh_.points[corners[(side + 2) % 3]] - from).norm();
+  }
+
+  // nullptr for an edge of no flat triangle.
+  RemovedAt* FindRemovedAt(const Ends& ends) {
+    const auto found = std::lower_bound(flat_edges_.begin(), flat_edges_.end(), ends);
+    if (found == flat_edges_.end() || *found != ends) return nullptr;
+    return &removed_at_[found - flat_edges_.begin()];
+  }
+
+  // Inserts the vertices of the triangles removed at an edge and, between them, at their shorter sides, in their order.
+  // `sides` is the number of triangles that they split.
+  void InsertAlong(const Ends& ends, size_t sides) {
+    std::vector<Ends> open = {ends};  // directed parts of the edge, the next one last
+    double share = 0.0;
+    uint32_t rank = 0;
+    while (!open.empty() && splits_left_ >= sides) {
+      const auto [from, to] = open.back();
+      open.pop_back();
+      const RemovedAt* at = FindRemovedAt({std::min(from, to), std::max(from, to)});
+      if (at != nullptr && at->is_split) {
+        open.push_back({at->apex, to});
+        open.push_back({from, at->apex});
+      } else if (to != ends[1]) {
+        share = std::clamp(ShareOf(to, ends[0], ends[1]), share, 1.0);
+        Insert({ends[0], ends[1], share, rank++, to}, sides);
+      }
+    }
+    report_.is_complete &= open.empty();
+  }
+
+  static std::array<Ends, 2> ShorterSides(const FlatTriangle& flat) {
+    const auto side = [&](uint32_t end) { return Ends{std::min(end, flat.apex), std::max(end, flat.apex)}; };
+    return {side(flat.low), side(flat.high)};
   }
 
   int LongestSide(const std::array<uint32_t, 3>& corners) const {
@@ -161,7 +293,8 @@ class JunctionCloser {
       const Eigen::Vector3d& point = mesh_.points[vertex];
       const Eigen::AlignedBox3d around(point - margin, point + margin);
       const bool was_complete = tree.VisitMeeting(around.cast<float>(), nodes_left_, [&](uint32_t i) {
-        if (IsWithin(vertex, edges[i])) Insert(vertex, edges[i].low, edges[i].high, 1);
+        const auto& [low, high, triangle, side, is_forward] = edges[i];
+        if (IsWithin(vertex, edges[i])) Insert({low, high, ShareOf(vertex, low, high), 0, vertex}, 1);
       });
       if (!was_complete) report_.is_complete = false;
     }
@@ -256,6 +389,8 @@ class JunctionCloser {
   size_t splits_left_;  // triangles that may be added
   size_t nodes_left_;   // of the search
   std::vector<EdgeUse> uses_;
+  std::vector<Ends> flat_edges_;       // of the triangles without area, sorted
+  std::vector<RemovedAt> removed_at_;  // of `flat_edges_`
   std::vector<Insertion> insertions_;
   std::vector<bool> remove_;  // triangles
   JunctionReport report_;

@@ -13,7 +13,8 @@ struct JunctionReport {
   size_t split_edges = 0;           // sides of triangles that were split at vertices within them
   size_t degenerate_triangles = 0;  // removed
   size_t duplicate_triangles = 0;   // removed
-  bool is_complete = true;          // false: the limits on the work were reached, junctions may remain
+  bool is_complete = true;          // false: junctions may remain
+  bool is_within_limits = true;     // false: the limits on the work were reached
 };
 
 // Points must be farther apart than the tolerance, as after MergePoints(). Removes triangles that are at most

@@ -103,6 +103,61 @@ TEST(CloseJunctionsTest, FlatTrianglesThatShareLongSidesLeaveNoHole) {
   EXPECT_NEAR(SurfaceArea(mesh), 32.0, 1e-3);
 }
 
+// A prism on a segment of a circle, whose lids are triangulated as ear clipping does: each round cuts off every other
+// vertex of the arc.
+RawMesh ArcPrism(double angle_rad, int chords) {
+  RawMesh mesh;
+  std::vector<Vector3d> arc;
+  for (int i = 0; i <= chords; ++i) {
+    const double angle = angle_rad * (static_cast<double>(i) / chords - 0.5);
+    arc.emplace_back(std::sin(angle), std::cos(angle), 0.0);
+  }
+  const Vector3d centre(0.0, -1.0, 0.0), up(0.0, 0.0, 0.1);
+  const auto add_lids = [&](const Vector3d& a, const Vector3d& b, const Vector3d& c) {
+    AddTriangle(a + up, b + up, c + up, mesh);
+    AddTriangle(a, c, b, mesh);
+  };
+  std::vector<Vector3d> rest = arc;
+  while (rest.size() > 2) {
+    std::vector<Vector3d> next;
+    for (size_t i = 0; i < rest.size(); ++i) {
+      if (i % 2 == 0 || i + 1 == rest.size()) {
+        next.push_back(rest[i]);
+      } else {
+        add_lids(rest[i + 1], rest[i], rest[i - 1]);
+      }
+    }
+    rest = std::move(next);
+  }
+  add_lids(rest[1], rest[0], centre);
+  arc.push_back(centre);
+  for (size_t i = 0; i < arc.size(); ++i) {
+    const Vector3d &a = arc[i], &b = arc[(i + 1) % arc.size()];
+    AddTriangle(a, b + up, b, mesh);
+    AddTriangle(a, a + up, b + up, mesh);
+  }
+  MergePoints(kToleranceM, mesh);
+  return mesh;
+}
+
+TEST(CloseJunctionsTest, FlatTrianglesOfAnArcEndWithoutAHole) {
+  // Arcs whose smallest, or larger and larger, ears are flat.
+  for (const double step_rad : {0.0025, 0.003, 0.004, 0.0045, 0.006}) {
+    for (const int chords : {3, 4, 5, 8, 11, 30, 64}) {
+      RawMesh mesh = ArcPrism(step_rad * chords, chords);
+      ASSERT_EQ(IrregularEdges(mesh), 0u);
+      const double volume = EnclosedVolume(mesh);
+      const JunctionReport report = CloseJunctions(kToleranceM, mesh);
+      EXPECT_TRUE(report.is_complete) << step_rad << ' ' << chords;
+      EXPECT_EQ(IrregularEdges(mesh), 0u) << step_rad << ' ' << chords;
+      EXPECT_NEAR(EnclosedVolume(mesh), volume, 1e-12);
+      if (step_rad < 0.004 && chords < 5) {
+        EXPECT_GT(report.degenerate_triangles, 0u) << step_rad << ' ' << chords;
+      }
+    }
+  }
+}
+
 TEST(CloseJunctionsTest, NormalsAndRegionsOfPartsAreThoseOfTheTriangle) {
   RawMesh mesh;
   AddTriangle({0, 0, 0}, {4, 0, 0}, {0, 4, 0}, mesh);

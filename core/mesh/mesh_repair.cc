@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/counted.h"
 #include "core/mesh/mesh_junctions.h"
 #include "core/mesh/mesh_overlaps.h"
 #include "core/mesh/mesh_topology.h"
@@ -61,8 +62,9 @@ void AlignCornerNormals(RawMesh& mesh) {
   }
 }
 
-void AddNoticeOf(size_t count, absl::string_view what, std::vector<std::string>& notices) {
-  if (count > 0) notices.push_back(absl::StrCat(count, " ", what));
+// `thing` in the singular, `what` happened to it.
+void AddNoticeOf(size_t count, absl::string_view thing, absl::string_view what, std::vector<std::string>& notices) {
+  if (count > 0) notices.push_back(absl::StrCat(Counted(count, thing), " ", what));
 }
 
 }  // namespace
@@ -76,37 +78,40 @@ RepairReport RepairMesh(RawMesh& mesh) {
   report.duplicate_triangles = RemoveDuplicateTriangles(mesh);
   report.empty_lines = RemoveEmptyLines(mesh);
   report.duplicate_lines = RemoveDuplicateLines(mesh);
-  AddJunctions(CloseJunctions(tolerance_m, mesh), report);
+  JunctionReport junctions = CloseJunctions(tolerance_m, mesh);
+  AddJunctions(junctions, report);
   Orientation orientation = OrientTriangles(mesh);
   AddOrientation(orientation, report);
   // The first pass removes what is to be removed; the surface around it may then have junctions.
   constexpr int kMaxPasses = 3;
-  for (int pass = 0; pass < kMaxPasses && orientation.shells > 1; ++pass) {
+  // A mesh that has reached the limits on the work once would do so in each pass.
+  for (int pass = 0; pass < kMaxPasses && orientation.shells > 1 && junctions.is_within_limits; ++pass) {
     OverlapReport overlaps = RemoveOverlaps(tolerance_m, orientation.shell_of, mesh);
     report.overlapping_triangles += overlaps.removed_triangles;
     report.is_complete &= overlaps.is_complete;
     mesh.covered_edges = std::move(overlaps.covered_edges);
     if (overlaps.removed_triangles == 0) break;
-    AddJunctions(CloseJunctions(tolerance_m, mesh), report);
+    junctions = CloseJunctions(tolerance_m, mesh);
+    AddJunctions(junctions, report);
     orientation = OrientTriangles(mesh);
     AddOrientation(orientation, report);
+    if (!overlaps.is_complete) break;
   }
   AlignCornerNormals(mesh);
   return report;
 }
 
 void DescribeRepair(const RepairReport& report, std::vector<std::string>& notices) {
-  AddNoticeOf(report.merged_points, "points merged with others within the tolerance of welding", notices);
-  AddNoticeOf(report.degenerate_triangles, "triangles without area dropped", notices);
-  AddNoticeOf(report.duplicate_triangles, "duplicate triangles dropped", notices);
-  AddNoticeOf(report.empty_lines, "lines of length zero dropped", notices);
-  AddNoticeOf(report.duplicate_lines, "duplicate lines dropped", notices);
-  AddNoticeOf(report.split_edges, "edges split at vertices of other triangles that lie on them", notices);
-  AddNoticeOf(report.overlapping_triangles,
-              "overlapping triangles dropped: others in the same plane cover them, or they separate two bodies",
-              notices);
-  AddNoticeOf(report.turned_triangles,
-              "triangles turned: their winding differed from that of their neighbours or was inward", notices);
+  AddNoticeOf(report.merged_points, "point", "merged with others within the tolerance of welding", notices);
+  AddNoticeOf(report.degenerate_triangles, "triangle", "without area dropped", notices);
+  AddNoticeOf(report.duplicate_triangles, "duplicate triangle", "dropped", notices);
+  AddNoticeOf(report.empty_lines, "line", "of length zero dropped", notices);
+  AddNoticeOf(report.duplicate_lines, "duplicate line", "dropped", notices);
+  AddNoticeOf(report.split_edges, "edge", "split at vertices of other triangles", notices);
+  AddNoticeOf(report.overlapping_triangles, "overlapping triangle",
+              "dropped: covered by others in the same plane, or between two bodies", notices);
+  AddNoticeOf(report.turned_triangles, "triangle",
+              "turned: the winding differed from that of the neighbours or was inward", notices);
   if (!report.is_oriented) {
     notices.push_back("a surface with one side, such as a Moebius strip: its winding stays as it is");
   }

@@ -135,8 +135,7 @@ TEST(RepairMeshTest, EachClosedShellIsOutward) {
   EXPECT_TRUE(report.is_closed);
   EXPECT_NEAR(EnclosedVolume(mesh), 67.0, 1e-9);
   EXPECT_THAT(NoticesOf(report),
-              ElementsAre("36 triangles turned: their winding differed from that of their neighbours "
-                          "or was inward"));
+              ElementsAre("36 triangles turned: the winding differed from that of the neighbours or was inward"));
 }
 
 TEST(RepairMeshTest, OpenAndOneSidedSurfacesAreReported) {
@@ -207,7 +206,7 @@ TEST(RepairMeshTest, EmptyMeshAndLinesAlone) {
   lines.lines = {{0, 1}, {2, 0}, {1, 2}};
   const RepairReport report = RepairMesh(lines);
   EXPECT_THAT(lines.lines, SizeIs(1));
-  EXPECT_THAT(NoticesOf(report), ElementsAre("1 lines of length zero dropped", "1 duplicate lines dropped"));
+  EXPECT_THAT(NoticesOf(report), ElementsAre("1 line of length zero dropped", "1 duplicate line dropped"));
 }
 
 TEST(RepairMeshTest, CadFiles) {
@@ -246,8 +245,8 @@ TEST(DescribeRepairTest, EachRepairIsReported) {
   report.is_complete = false;
   EXPECT_THAT(
       NoticesOf(report),
-      ElementsAre("1 points merged with others within the tolerance of welding", "3 triangles without area dropped",
-                  "4 duplicate triangles dropped", "2 edges split at vertices of other triangles that lie on them",
+      ElementsAre("1 point merged with others within the tolerance of welding", "3 triangles without area dropped",
+                  "4 duplicate triangles dropped", "2 edges split at vertices of other triangles",
                   HasSubstr("5 overlapping triangles dropped"), HasSubstr("more faults than are repaired")));
 }
 

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <tuple>
 #include <unordered_map>
 #include <utility>
@@ -250,6 +251,44 @@ absl::Span<const EdgeUse> UsesOfEdge(const std::vector<EdgeUse>& uses, uint32_t 
   return absl::MakeConstSpan(uses).subspan(begin - uses.begin(), end - begin);
 }
 
+std::vector<ExactSegment> ExactSegments(const RawMesh& mesh) {
+  std::vector<ExactSegment> segments;
+  if (mesh.exact_edges.empty()) return segments;
+  std::vector<bool> is_vertex(mesh.points.size());
+  for (const auto& triangle : mesh.triangles) {
+    for (const uint32_t vertex : triangle) is_vertex[vertex] = true;
+  }
+  for (uint32_t e = 0; e < mesh.exact_edges.size(); ++e) {
+    const std::vector<uint32_t>& points = mesh.exact_edges[e].points;
+    std::optional<uint32_t> first;
+    for (uint32_t i = 0; i < points.size(); ++i) {
+      if (!is_vertex[points[i]]) continue;
+      if (first.has_value() && points[*first] != points[i]) {
+        const auto [low, high] = std::minmax(points[*first], points[i]);
+        segments.push_back({low, high, e, *first, i});
+      }
+      first = i;
+    }
+  }
+  const auto key = [](const ExactSegment& s) { return std::tie(s.low, s.high, s.edge, s.first); };
+  std::sort(segments.begin(), segments.end(),
+            [&](const ExactSegment& a, const ExactSegment& b) { return key(a) < key(b); });
+  segments.erase(
+      std::unique(segments.begin(), segments.end(),
+                  [](const ExactSegment& a, const ExactSegment& b) { return a.low == b.low && a.high == b.high; }),
+      segments.end());
+  return segments;
+}
+
+const ExactSegment* FindExactSegment(const std::vector<ExactSegment>& segments, uint32_t low, uint32_t high) {
+  const auto found =
+      std::lower_bound(segments.begin(), segments.end(), std::tie(low, high),
+                       [](const ExactSegment& s, const std::tuple<const uint32_t&, const uint32_t&>& ends) {
+                         return std::tie(s.low, s.high) < ends;
+                       });
+  return found != segments.end() && found->low == low && found->high == high ? &*found : nullptr;
+}
+
 double BoundingBoxDiagonal(const RawMesh& model) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& point : model.points) box.extend(point);
@@ -271,6 +310,9 @@ size_t MergePoints(double tolerance_m, RawMesh& model) {
   }
   for (auto& line : model.lines) {
     for (uint32_t& vertex : line) vertex = index[vertex];
+  }
+  for (ExactEdge& edge : model.exact_edges) {
+    for (uint32_t& vertex : edge.points) vertex = index[vertex];
   }
   return moved;
 }

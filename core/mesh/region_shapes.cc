@@ -18,6 +18,8 @@ namespace {
 // A corner takes the normal of the shape with which it shares the vertex, if it differs by less: 30 degrees for a mean
 // over facets, of which the first beside a shape turns by half a step; 3 degrees for another shape.
 constexpr double kMaxTurnOfMean = 0.52, kMaxTurnOfShape = 0.05;
+// Normals at one vertex that are compared with those of each other triangle there: bounds the time of a fan.
+constexpr int kMaxNormalsAtVertex = 64;
 
 void SetNormals(const RawMesh& mesh, absl::Span<const uint32_t> triangles, const SurfaceRegion& region,
                 SmoothSurface& surface) {
@@ -51,7 +53,7 @@ class NormalsAtVertices {
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     auto entry = std::lower_bound(entries_.begin(), entries_.end(), vertex,
                                   [](const Entry& a, uint32_t b) { return a.vertex < b; });
-    for (; entry != entries_.end() && entry->vertex == vertex; ++entry) {
+    for (int i = 0; i < kMaxNormalsAtVertex && entry != entries_.end() && entry->vertex == vertex; ++i, ++entry) {
       if ((entry->normal - normal.cast<double>()).norm() < max_turn) sum += entry->normal;
     }
     if (!sum.isZero()) normal = sum.normalized().cast<float>();

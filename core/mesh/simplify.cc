@@ -23,11 +23,12 @@ namespace {
 constexpr uint32_t kMaxTrianglesAtVertex = 256;
 // A region has one normal at a vertex, unless a crease ends there. Squared difference, above rounding of floats.
 constexpr float kMaxNormalDifference2 = 1e-6f;
-// meshopt_simplify limits a mean distance over the planes of the triangles removed, which the largest exceeds.
-constexpr double kLimitOfMean = 0.5;
+// meshopt_simplify limits a mean distance over the planes of the triangles removed, which the largest exceeds. Limits
+// of the mean to be tried in a cell, relative to the largest distance allowed.
+constexpr std::array<double, 4> kLimitsOfMean = {1.0, 0.5, 0.2, 0.08};
+// Attempts for the whole mesh, each with smaller limits.
+constexpr int kErrorAttempts = 2;
 constexpr double kNextLimit = 0.8;  // of the next attempt, times allowed / largest distance
-// Attempts, each with a smaller limit of the mean, to keep the largest distance within the limit.
-constexpr int kErrorAttempts = 4;
 constexpr size_t kErrorSamples = 4096;
 // Height of a triangle relative to its longest side below which it is a line.
 constexpr double kMinReducedHeight = 1e-7;
@@ -36,6 +37,12 @@ constexpr double kMinReducedHeight = 1e-7;
 // 3e-4 of the size of its input. Regions are therefore reduced cell by cell: so many triangles on average, and so many
 // cells along the longest axis at most.
 constexpr double kTrianglesPerCell = 2000.0, kMaxCells = 16.0;
+// Shifts of the cells in the passes: vertices at the borders of the cells of a pass are within cells of the next.
+constexpr double kShifts[] = {0.0, 0.5, 0.25, 0.75};
+// A pass that removes less is the last one.
+constexpr double kWorthwhileShare = 0.05;
+// Coordinates of cells are in [1, kMaxCells + 2], so that the neighbours of a cell have numbers of their own.
+constexpr uint32_t kCellStride = 32;
 
 constexpr uint32_t kNotCollected = ~0u;
 
@@ -116,69 +123,156 @@ class RegionSimplifier {
     }
   }
 
-  // `indices` of `vertices_`, three for each triangle. The second pass removes vertices at the borders of the cells of
-  // the first one, which are within its own cells.
+  // `indices` of `vertices_`, three for each triangle.
   void Reduce(size_t target, double error_m, std::vector<uint32_t>& indices) {
     cell_index_.assign(vertices_.size(), kNotCollected);
-    for (const double shift : {0.0, 0.5}) {
-      if (indices.size() > 3 * target && box_.sizes().maxCoeff() > 0.0) ReduceCells(target, shift, error_m, indices);
+    removed_.clear();
+    first_limit_ = 0;
+    for (const double shift : kShifts) {
+      const size_t before = indices.size();
+      if (before <= 3 * target || !(box_.sizes().maxCoeff() > 0.0)) return;
+      ReduceCells(target, shift, error_m, indices);
+      if (static_cast<double>(indices.size()) > (1.0 - kWorthwhileShare) * static_cast<double>(before)) return;
     }
   }
+
+  using CellEntry = std::pair<uint32_t, uint32_t>;  // cell, and a triangle or a vertex
 
   void ReduceCells(size_t target, double shift, double error_m, std::vector<uint32_t>& indices) {
     const size_t count = indices.size() / 3;
     const double cells = std::floor(std::sqrt(static_cast<double>(count) / kTrianglesPerCell));
     const double cells_per_m = std::clamp(cells, 1.0, kMaxCells) / box_.sizes().maxCoeff();
-    std::vector<std::pair<uint32_t, uint32_t>> order;  // cell, triangle
+    const auto cell_of = [&](const Eigen::Vector3d& point) {
+      const Eigen::Array3d cell = (point - box_.min()).array() * cells_per_m + (shift + 1.0);
+      return (static_cast<uint32_t>(cell.x()) * kCellStride + static_cast<uint32_t>(cell.y())) * kCellStride +
+             static_cast<uint32_t>(cell.z());
+    };
+    std::vector<CellEntry> order, removed;
     order.reserve(count);
     for (uint32_t t = 0; t < count; ++t) {
       Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
-      for (int corner = 0; corner < 3; ++corner)
-        centroid += mesh_.points[vertices_[indices[3 * t + corner]].point] / 3.0;
-      const Eigen::Array3d cell = (centroid - box_.min()).array() * cells_per_m + shift;
-      const auto [x, y, z] = std::array<uint32_t, 3>{static_cast<uint32_t>(cell.x()), static_cast<uint32_t>(cell.y()),
-                                                     static_cast<uint32_t>(cell.z())};
-      order.emplace_back((x * 32 + y) * 32 + z, t);
+      for (int corner = 0; corner < 3; ++corner) centroid += PointOf(indices[3 * t + corner]) / 3.0;
+      order.emplace_back(cell_of(centroid), t);
     }
     std::sort(order.begin(), order.end());
+    for (const uint32_t vertex : removed_) removed.emplace_back(cell_of(PointOf(vertex)), vertex);
+    std::sort(removed.begin(), removed.end());
     const double share = static_cast<double>(target) / static_cast<double>(count);
     std::vector<uint32_t> reduced, of_cell;
     for (size_t i = 0; i < count; ++i) {
-      const uint32_t t = order[i].second;
+      const uint32_t t = order[i].second, cell = order[i].first;
       of_cell.insert(of_cell.end(), {indices[3 * t], indices[3 * t + 1], indices[3 * t + 2]});
-      if (i + 1 < count && order[i + 1].first == order[i].first) continue;
-      ReduceCell(static_cast<size_t>(share * static_cast<double>(of_cell.size() / 3)), error_m, of_cell);
+      if (i + 1 < count && order[i + 1].first == cell) continue;
+      ReduceCell(static_cast<size_t>(share * static_cast<double>(of_cell.size() / 3)), error_m,
+                 RemovedAround(cell, removed), of_cell);
       reduced.insert(reduced.end(), of_cell.begin(), of_cell.end());
       of_cell.clear();
     }
     indices = std::move(reduced);
   }
 
-  void ReduceCell(size_t target, double error_m, std::vector<uint32_t>& indices) {
+  const Eigen::Vector3d& PointOf(uint32_t vertex) const { return mesh_.points[vertices_[vertex].point]; }
+
+  // Vertices that earlier passes have removed in a cell and its neighbours.
+  static std::vector<uint32_t> RemovedAround(uint32_t cell, const std::vector<CellEntry>& removed) {
+    std::vector<uint32_t> around;
+    if (removed.empty()) return around;
+    for (uint32_t neighbour = 0; neighbour < 9; ++neighbour) {
+      // Three cells along z have successive numbers.
+      const uint32_t first =
+          cell + (neighbour / 3 * kCellStride + neighbour % 3) * kCellStride - (kCellStride + 1) * kCellStride - 1;
+      auto entry = std::lower_bound(removed.begin(), removed.end(), CellEntry(first, 0));
+      for (; entry != removed.end() && entry->first <= first + 2; ++entry) around.push_back(entry->second);
+    }
+    return around;
+  }
+
+  // Reduces the triangles of a cell. All of their vertices, and those of `removed_around` that are near to them, stay
+  // within `error_m` of them.
+  void ReduceCell(size_t target, double error_m, const std::vector<uint32_t>& removed_around,
+                  std::vector<uint32_t>& indices) {
+    if (indices.size() <= 3 * target) return;
     std::vector<uint32_t> vertices;
     Eigen::AlignedBox3d box;
-    for (uint32_t& index : indices) {
+    std::vector<uint32_t> local = indices;
+    for (uint32_t& index : local) {
       if (cell_index_[index] == kNotCollected) {
         cell_index_[index] = static_cast<uint32_t>(vertices.size());
         vertices.push_back(index);
-        box.extend(mesh_.points[vertices_[index].point]);
+        box.extend(PointOf(index));
       }
       index = cell_index_[index];
     }
     for (const uint32_t vertex : vertices) cell_index_[vertex] = kNotCollected;
     const double extent_m = box.sizes().maxCoeff();
-    if (indices.size() > 3 * target && extent_m > 0.0) {
-      std::vector<float> positions;
-      positions.reserve(3 * vertices.size());
-      for (const uint32_t vertex : vertices) {
-        const Eigen::Vector3f position = ((mesh_.points[vertices_[vertex].point] - box.min()) / extent_m).cast<float>();
-        positions.insert(positions.end(), {position.x(), position.y(), position.z()});
-      }
-      indices.resize(meshopt_simplify(indices.data(), indices.data(), indices.size(), positions.data(), vertices.size(),
-                                      3 * sizeof(float), 3 * target, static_cast<float>(error_m / extent_m),
-                                      meshopt_SimplifyLockBorder, nullptr));
+    if (!(extent_m > 0.0)) return;
+    std::vector<float> positions;
+    positions.reserve(3 * vertices.size());
+    for (const uint32_t vertex : vertices) {
+      const Eigen::Vector3f position = ((PointOf(vertex) - box.min()) / extent_m).cast<float>();
+      positions.insert(positions.end(), {position.x(), position.y(), position.z()});
     }
-    for (uint32_t& index : indices) index = vertices[index];
+    const std::vector<uint32_t> watched = Watched(removed_around, box, error_m, indices);
+    std::vector<uint32_t> reduced(local.size());
+    // Neighbouring cells are similar.
+    if (first_limit_ > 0) --first_limit_;
+    for (; first_limit_ < kLimitsOfMean.size(); ++first_limit_) {
+      const double limit_m = kLimitsOfMean[first_limit_] * error_m;
+      reduced.resize(local.size());
+      reduced.resize(meshopt_simplify(reduced.data(), local.data(), local.size(), positions.data(), vertices.size(),
+                                      3 * sizeof(float), 3 * target, static_cast<float>(limit_m / extent_m),
+                                      meshopt_SimplifyLockBorder, nullptr));
+      if (reduced.size() == local.size()) return;
+      for (uint32_t& index : reduced) index = vertices[index];
+      if (AreNear(vertices, watched, error_m, reduced)) {
+        std::swap(indices, reduced);
+        AddRemoved(vertices, indices);
+        return;
+      }
+    }
+  }
+
+  TriangleBvh TreeOf(const std::vector<uint32_t>& indices) const {
+    std::vector<std::array<uint32_t, 3>> triangles;
+    triangles.reserve(indices.size() / 3);
+    for (size_t i = 0; i < indices.size(); i += 3) {
+      triangles.push_back(
+          {vertices_[indices[i]].point, vertices_[indices[i + 1]].point, vertices_[indices[i + 2]].point});
+    }
+    return TriangleBvh(mesh_.points, triangles);
+  }
+
+  // Whether triangles of about the same direction are near to a vertex.
+  bool IsNear(const TriangleBvh& tree, uint32_t vertex, double distance_m) const {
+    return tree.HasNear(PointOf(vertex), distance_m, vertices_[vertex].normal.cast<double>(), 0.0);
+  }
+
+  std::vector<uint32_t> Watched(const std::vector<uint32_t>& removed_around, const Eigen::AlignedBox3d& box,
+                                double error_m, const std::vector<uint32_t>& indices) const {
+    std::vector<uint32_t> watched;
+    for (const uint32_t vertex : removed_around) {
+      if (box.squaredExteriorDistance(PointOf(vertex)) <= error_m * error_m) watched.push_back(vertex);
+    }
+    if (watched.empty()) return watched;
+    const TriangleBvh tree = TreeOf(indices);
+    std::erase_if(watched, [&](uint32_t vertex) { return !IsNear(tree, vertex, error_m); });
+    return watched;
+  }
+
+  bool AreNear(const std::vector<uint32_t>& vertices, const std::vector<uint32_t>& watched, double error_m,
+               const std::vector<uint32_t>& indices) const {
+    const TriangleBvh tree = TreeOf(indices);
+    const auto is_near = [&](uint32_t vertex) { return IsNear(tree, vertex, error_m); };
+    return std::all_of(vertices.begin(), vertices.end(), is_near) &&
+           std::all_of(watched.begin(), watched.end(), is_near);
+  }
+
+  void AddRemoved(const std::vector<uint32_t>& vertices, const std::vector<uint32_t>& indices) {
+    for (const uint32_t index : indices) cell_index_[index] = 0;
+    for (const uint32_t vertex : vertices) {
+      if (cell_index_[vertex] == kNotCollected) removed_.push_back(vertex);
+    }
+    for (const uint32_t index : indices) cell_index_[index] = kNotCollected;
   }
 
   const RawMesh& mesh_;
@@ -186,6 +280,8 @@ class RegionSimplifier {
   std::vector<uint32_t> index_;  // of a point in `vertices_`
   std::vector<Vertex> vertices_;
   std::vector<uint32_t> cell_index_;  // of a vertex among those of a cell
+  std::vector<uint32_t> removed_;     // vertices of the region, in all passes so far
+  size_t first_limit_ = 0;            // of kLimitsOfMean, where the last cell succeeded
   Eigen::AlignedBox3d box_;
 };
 
@@ -246,7 +342,7 @@ double LargestSampledDistance(const RawMesh& mesh, const ReducedTriangles& trian
 Simplification SimplifyMesh(size_t max_triangles, double max_error_m, RawMesh& mesh, SmoothSurface& surface) {
   const size_t before = mesh.triangles.size();
   if (before <= max_triangles) return {before, before, 0.0};
-  double limit_m = kLimitOfMean * max_error_m;
+  double limit_m = max_error_m;
   for (int attempt = 0; attempt < kErrorAttempts; ++attempt) {
     ReducedTriangles triangles = Simplified(max_triangles, limit_m, mesh, surface);
     const double error_m = LargestSampledDistance(mesh, triangles, max_error_m);

@@ -33,6 +33,9 @@ struct SurfaceEdges {
   std::vector<MeshEdge> edges;
   // Regions of shape kFree and kPlane, or those of `mesh.exact_surface`. Empty if `options.is_smooth` is false.
   SmoothSurface surface;
+  // Only if `options.is_smooth` is false: the edges between two facets that are no creases and at which the surface
+  // turns outward, each as the numbers of its two sides (FacetGraph).
+  std::vector<std::array<uint32_t, 2>> facet_edges;
 };
 
 // Vertices of the mesh must be shared. `diameter_m` is that of the model. Time: O(n log n), and at most 40 million

@@ -104,13 +104,19 @@ TriangleBvh::TriangleBvh(absl::Span<const Eigen::Vector3d> vertices,
   std::vector<uint32_t> order(triangles.size());
   std::iota(order.begin(), order.end(), 0u);
   triangles_.reserve(triangles.size());
+  // A leaf has at least two of five or more triangles, and there are twice as many nodes: 156 bytes for each triangle.
+  leaves_.reserve(triangles.size() / 2 + 1);
+  nodes_.reserve(triangles.size() + 1);
   Eigen::AlignedBox3d box;
+  std::vector<Eigen::Vector3d> centres;
+  centres.reserve(triangles.size());
   for (const std::array<uint32_t, 3>& triangle : triangles) {
     for (const uint32_t corner : triangle) box.extend(vertices[corner]);
+    centres.push_back(vertices[triangle[0]] + vertices[triangle[1]] + vertices[triangle[2]]);
   }
   centre_ = box.center();
   extent_m_ = 0.5 * box.sizes().maxCoeff();
-  Build({vertices, triangles}, absl::MakeSpan(order));
+  Build({vertices, triangles, centres}, absl::MakeSpan(order));
 }
 
 TriangleBvh::Node TriangleBvh::MakeNode(const Eigen::AlignedBox3d& box) const {
@@ -137,7 +143,7 @@ void TriangleBvh::Build(const Mesh& mesh, absl::Span<uint32_t> triangles) {
   for (const uint32_t triangle : triangles) {
     const auto& [i, j, k] = mesh.triangles[triangle];
     box.extend(mesh.vertices[i]).extend(mesh.vertices[j]).extend(mesh.vertices[k]);
-    centres.extend(mesh.vertices[i] + mesh.vertices[j] + mesh.vertices[k]);
+    centres.extend(mesh.centres[triangle]);
   }
   nodes_.push_back(MakeNode(box));
   if (triangles.size() <= kMaxLeafTriangles) {
@@ -148,14 +154,10 @@ void TriangleBvh::Build(const Mesh& mesh, absl::Span<uint32_t> triangles) {
   }
   int axis;
   centres.sizes().maxCoeff(&axis);
-  const auto centre = [&](uint32_t triangle) {
-    const auto& [i, j, k] = mesh.triangles[triangle];
-    return mesh.vertices[i][axis] + mesh.vertices[j][axis] + mesh.vertices[k][axis];
-  };
   const size_t half = triangles.size() / 2;
   // Ties are broken by index, so that the tree is a function of the mesh.
   std::nth_element(triangles.begin(), triangles.begin() + half, triangles.end(), [&](uint32_t a, uint32_t b) {
-    const double centre_a = centre(a), centre_b = centre(b);
+    const double centre_a = mesh.centres[a][axis], centre_b = mesh.centres[b][axis];
     return centre_a != centre_b ? centre_a < centre_b : a < b;
   });
   Build(mesh, triangles.subspan(0, half));

@@ -57,6 +57,7 @@ class TriangleBvh {
   struct Mesh {
     absl::Span<const Eigen::Vector3d> vertices;
     absl::Span<const std::array<uint32_t, 3>> triangles;
+    absl::Span<const Eigen::Vector3d> centres;  // of the triangles, times three
   };
   // Calls `visit` with each triangle within the radius and its squared distance, until it returns true.
   template <typename Visit>

@@ -19,7 +19,7 @@ using ::testing::HasSubstr;
 TEST(BadModelTest, EmptyModels) {
   EXPECT_THAT(ErrorOf(""), HasSubstr("empty"));
   EXPECT_THAT(ErrorOf("hello world\n"), HasSubstr("no line and no face"));
-  EXPECT_THAT(ErrorOf(kCubeVertices), HasSubstr("no line and no face"));
+  EXPECT_THAT(ErrorOf(kCubeVertices), HasSubstr("the OBJ file has 8 vertices (v) but no face (f) and no line element"));
   EXPECT_THAT(ErrorOf("v 0 0 0\nv 1 0 0\nl 1 1\nl 2 2\n"), HasSubstr("length zero"));
   EXPECT_THAT(ErrorOf("v 1 1 1\nv 1 1 1\nl 1 2\n"), HasSubstr("size is 0 m"));
   EXPECT_THAT(ErrorOf("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), HasSubstr("no line"));
@@ -117,6 +117,16 @@ INSTANTIATE_TEST_SUITE_P(
                       BadModel{ModelFormat::kStl, "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 nan\n",
                                "line 4: 'nan' is not a finite coordinate"}));
 
+TEST(BadModelTest, IncompleteBinaryStl) {
+  for (const char* header : {"solid of an exporter", "another"}) {
+    std::string stl = header;
+    stl.resize(80, ' ');
+    stl += std::string("\x03\0\0\0", 4) + std::string(120, '\0');
+    EXPECT_THAT(ErrorOf(stl, ModelFormat::kStl),
+                HasSubstr("the header states 3 facets, which take 234 bytes, but the file has 204"));
+  }
+}
+
 TEST(BadModelTest, BinaryStlWithNan) {
   std::string stl = BinaryStl(MustParse(Cube()));
   const float nan = std::nanf("");
@@ -160,7 +170,8 @@ TEST(BadModelTest, SizesThatOnlyAWrongUnitExplains) {
   ModelOptions options;
   for (const double metres_per_unit : {1e-150, 1e-7, 1e4, 1e150}) {
     options.metres_per_unit = metres_per_unit;
-    EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options), HasSubstr("1e-06 to 10000 m: check its unit"));
+    EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options),
+                HasSubstr("models of 0.001 mm to 10 km are accepted: check its unit"));
   }
   for (const double metres_per_unit : {1e-5, 1e3}) {
     options.metres_per_unit = metres_per_unit;

@@ -7,14 +7,11 @@
 #include <optional>
 
 #include "absl/types/span.h"
+#include "core/mesh/types/raw_mesh.h"
 
 namespace evpose {
 
-struct Circle {
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-  Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // unit, either sign
-  double radius_m = 0.0;
-};
+using Circle = EdgeCircle;
 
 // The circle on which all points lie, within `max_distance_m` and 2 % of the height of their arc above the chord
 // between its ends. The last point of a ring is the first one again. None: no value, also for fewer than five distinct

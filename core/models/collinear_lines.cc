@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/counted.h"
 
 namespace evpose {
 namespace {
@@ -18,8 +19,8 @@ namespace {
 // Least cosine between lines that are compared (2.6 degrees): skips most pairs. The tolerance decides about the others.
 constexpr double kNearlyParallelCosine = 0.999;
 constexpr double kMatchingNormalCosine = 0.9;  // 25 degrees
-// Comparisons of two lines: some seconds. Those of ordinary models are some tens for each line.
-constexpr int64_t kMaxPairs = 100'000'000;
+// Comparisons of two lines: two seconds. Those of ordinary models are some tens for each line.
+constexpr int64_t kMaxPairs = 30'000'000;
 // Cells of a grid along each axis, most.
 constexpr double kMaxCells = 128.0;
 
@@ -211,7 +212,7 @@ std::vector<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, double t
 void MergeOverlapping(double tolerance_m, std::vector<ModelLine>& lines, std::vector<std::string>& notices) {
   std::vector<ModelLine> merged = JoinCollinear(lines, tolerance_m, tolerance_m, false);
   if (merged.size() < lines.size()) {
-    notices.push_back(absl::StrCat(lines.size() - merged.size(), " lines merged with overlapping ones"));
+    notices.push_back(absl::StrCat(Counted(lines.size() - merged.size(), "line"), " merged with overlapping ones"));
   }
   lines = std::move(merged);
 }

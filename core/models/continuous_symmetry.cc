@@ -32,6 +32,9 @@ constexpr int64_t kMaxSamples = 1'000'000;
 // slips about its normal, too, but all its lines contradict.
 constexpr double kNearlyBroken = 0.5;
 constexpr int kNumRotations = 7;
+// A closed surface whose greatest and least distance from its centre differ by at most so much, relative to the
+// diameter (6 px at 300 px), is reported as nearly a sphere.
+constexpr double kNearlySphere = 0.02;
 
 // Seven rotations by multiples of the golden angle: by no common fraction of a turn, and none by a small angle. For a
 // sphere about several axes.
@@ -107,17 +110,24 @@ Vector3d Canonical(Vector3d direction) {
   return direction.normalized();
 }
 
-// The trace of reference^T R, the larger the nearer.
-double Nearness(const RigidTransform& pose, const RigidTransform& reference) {
-  return reference.rotation.cwiseProduct(pose.rotation).sum();
+// Adds a notice if the surface is that of a sphere up to a small part of its size.
+void NoteNearlySphere(const ObjectModel& model, const Vector3d& centre, std::vector<std::string>* notices) {
+  if (notices == nullptr || !model.lines.empty() || !model.curves.empty()) return;
+  double least_m = model.diameter_m, greatest_m = 0.0;
+  for (const Vector3d& vertex : model.vertices) {
+    const double radius_m = (vertex - centre).norm();
+    least_m = std::min(least_m, radius_m);
+    greatest_m = std::max(greatest_m, radius_m);
+  }
+  if (greatest_m - least_m > kNearlySphere * model.diameter_m) return;
+  notices->push_back(absl::StrFormat(
+      "nearly a sphere: its rotation is estimated from deviations of at most %.2g m between the least and the greatest "
+      "radius",
+      greatest_m - least_m));
 }
 
-}  // namespace
-
-std::optional<ContinuousSymmetry> FindContinuousSymmetry(const ObjectModel& model, std::vector<std::string>* notices) {
-  if (model.triangles.empty() || !(model.diameter_m > 0.0)) return std::nullopt;
-  const SurfaceMoments moments = MomentsOf(model);
-  if (!(moments.radius_m > 0.0)) return std::nullopt;
+std::optional<ContinuousSymmetry> FindConfirmed(const ObjectModel& model, const SurfaceMoments& moments,
+                                                std::vector<std::string>* notices) {
   SlippageAxis axis = FindSlippageAxis(moments, Matrix3d::Zero());
   if (!(axis.ratios[0] < kMaxSlippage)) return std::nullopt;
   const Confirmation confirmation(model);
@@ -129,6 +139,22 @@ std::optional<ContinuousSymmetry> FindContinuousSymmetry(const ObjectModel& mode
     axis = FindSlippageAxis(moments, LineSlippage(model, moments));
   }
   return confirmation.Axis(moments.centroid + moments.radius_m * axis.point, Canonical(axis.direction), notices);
+}
+
+// The trace of reference^T R, the larger the nearer.
+double Nearness(const RigidTransform& pose, const RigidTransform& reference) {
+  return reference.rotation.cwiseProduct(pose.rotation).sum();
+}
+
+}  // namespace
+
+std::optional<ContinuousSymmetry> FindContinuousSymmetry(const ObjectModel& model, std::vector<std::string>* notices) {
+  if (model.triangles.empty() || !(model.diameter_m > 0.0)) return std::nullopt;
+  const SurfaceMoments moments = MomentsOf(model);
+  if (!(moments.radius_m > 0.0)) return std::nullopt;
+  const std::optional<ContinuousSymmetry> symmetry = FindConfirmed(model, moments, notices);
+  if (!symmetry.has_value()) NoteNearlySphere(model, moments.centroid, notices);
+  return symmetry;
 }
 
 FreeDirections FreeDirectionsAt(const ContinuousSymmetry& symmetry, const RigidTransform& camera_from_object) {

@@ -90,6 +90,22 @@ TEST(ContinuousSymmetryTest, ABallIsASphere) {
   }
 }
 
+TEST(ContinuousSymmetryTest, AnUnevenBallIsReportedAsNearlyASphere) {
+  const auto uneven = [](double height) {
+    std::vector<lathe::LathePiece> profile;
+    lathe::AppendArc({0, 0}, 0.5, -M_PI / 2, M_PI / 2, 24, profile);
+    return lathe::Lathe(profile, 48, [height](double angle, double z, double radius) {
+      return radius * (1.0 + height * std::sin(3 * angle + 5 * z));
+    });
+  };
+  std::vector<std::string> notices;
+  EXPECT_FALSE(FindContinuousSymmetry(uneven(0.015), &notices).has_value());
+  EXPECT_THAT(notices, ::testing::Contains(HasSubstr("nearly a sphere")));
+  notices.clear();
+  EXPECT_FALSE(FindContinuousSymmetry(uneven(0.1), &notices).has_value());
+  EXPECT_THAT(notices, ::testing::Not(::testing::Contains(HasSubstr("nearly a sphere"))));
+}
+
 TEST(ContinuousSymmetryTest, ABallWithARingHasTheAxisOfTheRing) {
   for (const double height : {0.0, 0.3}) {
     ObjectModel model = lathe::Ball(64);

@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <utility>
 
 #include "core/mesh/edge_chains.h"
 #include "core/mesh/region_shapes.h"
 #include "core/mesh/triangle_bvh.h"
+#include "core/models/exact_curves.h"
 #include "core/models/model_lines.h"
 #include "core/models/smooth_curve.h"
 
@@ -38,10 +40,11 @@ Eigen::Vector3d NormalBeside(const RawMesh& mesh, const SmoothSurface& surface, 
 }
 
 // The points of the chain and those of the curve between them.
-SmoothCurve CurveThrough(const EdgeChain& chain, const RawMesh& mesh, double diameter_m, size_t& max_inserted) {
+SmoothCurve CurveThrough(const EdgeChain& chain, const RawMesh& mesh, double diameter_m, size_t& max_inserted,
+                         const std::optional<EdgeCircle>& circle = std::nullopt) {
   std::vector<Eigen::Vector3d> vertices;
   for (const uint32_t vertex : chain.vertices) vertices.push_back(mesh.points[vertex]);
-  return SmoothChain(vertices, diameter_m, max_inserted);
+  return SmoothChain(vertices, diameter_m, max_inserted, circle);
 }
 
 double MedianTurn(const EdgeChain& chain, absl::Span<const MeshEdge> edges) {
@@ -91,19 +94,32 @@ void AddSurfaceEdges(const RawMesh& mesh, const SurfaceEdges& edges, ObjectModel
   if (edges.surface.empty()) {
     straight = edges.edges;
   } else {
-    std::vector<EdgeEnds> ends;
-    for (const MeshEdge& edge : edges.edges) ends.push_back(edge.ends);
-    const auto may_join = [&edges](uint32_t a, uint32_t b) {
-      return edges.edges[a].kind == edges.edges[b].kind && edges.edges[a].triangles.size() <= 2 &&
-             edges.edges[b].triangles.size() <= 2;
-    };
-    const CurvedParts curved = FindCurvedParts(mesh.points, ends, model.diameter_m, may_join);
+    const ExactCurves exact = FindExactCurves(mesh, edges);
     size_t max_inserted = kMaxInsertedPoints;
-    for (const EdgeChain& chain : curved.chains) {
+    for (const auto& [chain, circle] : exact.curves) {
+      model.curves.push_back(
+          CurveOf(chain, CurveThrough(chain, mesh, model.diameter_m, max_inserted, circle), mesh, edges));
+    }
+    std::vector<uint32_t> others;
+    std::vector<EdgeEnds> ends;  // of `others`
+    for (uint32_t e = 0; e < edges.edges.size(); ++e) {
+      if (exact.is_straight[e] || exact.is_curved[e]) continue;
+      others.push_back(e);
+      ends.push_back(edges.edges[e].ends);
+    }
+    const auto may_join = [&](uint32_t i, uint32_t k) {
+      const MeshEdge &a = edges.edges[others[i]], &b = edges.edges[others[k]];
+      return a.kind == b.kind && a.triangles.size() <= 2 && b.triangles.size() <= 2;
+    };
+    CurvedParts curved = FindCurvedParts(mesh.points, ends, model.diameter_m, may_join);
+    for (EdgeChain& chain : curved.chains) {
+      for (uint32_t& edge : chain.edges) edge = others[edge];
       model.curves.push_back(CurveOf(chain, CurveThrough(chain, mesh, model.diameter_m, max_inserted), mesh, edges));
     }
+    std::vector<bool> is_curved = exact.is_curved;
+    for (size_t i = 0; i < others.size(); ++i) is_curved[others[i]] = curved.is_curved[i];
     for (size_t e = 0; e < edges.edges.size(); ++e) {
-      if (!curved.is_curved[e]) straight.push_back(edges.edges[e]);
+      if (!is_curved[e]) straight.push_back(edges.edges[e]);
     }
   }
   for (ModelLine& line : StraightLines(mesh, straight)) model.lines.push_back(std::move(line));

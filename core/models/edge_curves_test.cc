@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "absl/strings/str_cat.h"
@@ -195,6 +196,56 @@ TEST(EdgeCurvesTest, PaintedPolygonsStayLines) {
   const ObjectModel model = MustParse(absl::StrCat(obj, square, hexagon, "\n"));
   EXPECT_THAT(model.lines, SizeIs(10));
   EXPECT_THAT(model.curves, IsEmpty());
+}
+
+// A tube along z between two heights, or, with an inner and an outer radius, both walls and their rings.
+void AppendPipe(double inner, double outer, double low, double high, int sides, std::string& obj) {
+  const int first = static_cast<int>(std::count(obj.begin(), obj.end(), 'v')) + 1;
+  for (int i = 0; i < sides; ++i) {
+    const double x = std::cos(2 * M_PI * i / sides), y = std::sin(2 * M_PI * i / sides);
+    for (const auto& [radius, z] : {std::pair(inner, low), {outer, low}, {outer, high}, {inner, high}}) {
+      absl::StrAppendFormat(&obj, "v %.9g %.9g %g\n", radius * x, radius * y, z);
+    }
+  }
+  for (int i = 0; i < sides; ++i) {
+    const int a = first + 4 * i, b = first + 4 * ((i + 1) % sides);
+    for (int k = 0; k < 4; ++k) {
+      absl::StrAppendFormat(&obj, "f %d %d %d %d\n", a + k, b + k, b + (k + 1) % 4, a + (k + 1) % 4);
+    }
+  }
+}
+
+TEST(EdgeCurvesTest, NoEdgeIsSeenWhereTheBoresOfTwoBodiesMeet) {
+  for (const int sides : {24, 48, 120}) {
+    // A hub on a disc, with the same bore: each has a ring where they touch, of which one is the larger.
+    std::string obj;
+    AppendPipe(0.3, 1.0, 0.0, 0.3, sides, obj);
+    AppendPipe(0.3, 0.6, 0.3, 1.0, sides, obj);
+    const ObjectModel model = MustParse(obj);
+    EXPECT_THAT(model.lines, IsEmpty()) << sides;
+    std::vector<std::pair<double, double>> rims;  // radius and height
+    for (const EdgeCurve& curve : model.curves) {
+      EXPECT_TRUE(curve.is_ring());
+      rims.emplace_back(std::round(10 * curve.points[0].head<2>().norm()) / 10, curve.points[0].z());
+    }
+    const auto rim = [](double radius, double z) {
+      return ::testing::Pair(::testing::DoubleNear(radius, 1e-6), ::testing::DoubleNear(z, 1e-6));
+    };
+    EXPECT_THAT(rims, ::testing::UnorderedElementsAre(rim(0.3, 0), rim(1, 0), rim(1, 0.3), rim(0.6, 0.3), rim(0.6, 1),
+                                                      rim(0.3, 1)))
+        << sides;
+  }
+}
+
+TEST(EdgeCurvesTest, TheFootOfASheetWithTwoSidesIsAnEdge) {
+  // A square of two triangles per half, and a sheet that stands on its middle.
+  const ObjectModel model = MustParse(
+      "v -1 -1 0\nv 0 -1 0\nv 1 -1 0\nv 1 1 0\nv 0 1 0\nv -1 1 0\nv 0 -1 1\nv 0 1 1\n"
+      "f 1 2 5 6\nf 2 3 4 5\nf 2 5 8 7\nf 7 8 5 2\n");
+  const auto is_foot = [](const ModelLine& line) {
+    return std::abs(line.p1.x()) + std::abs(line.p2.x()) + std::abs(line.p1.z()) + std::abs(line.p2.z()) < 1e-9;
+  };
+  EXPECT_EQ(std::count_if(model.lines.begin(), model.lines.end(), is_foot), 1);
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/counted.h"
 #include "core/mesh/mesh_topology.h"
 #include "core/models/collinear_lines.h"
 
@@ -249,7 +250,7 @@ std::vector<ModelLine> PaintedLines(const RawMesh& mesh, const TriangleBvh& face
   }
   if (num_unsearched > 0) {
     notices.push_back(
-        absl::StrCat("the faces of ", num_unsearched, " lines were not searched: too many are near lines"));
+        absl::StrCat("the faces of ", Counted(num_unsearched, "line"), " were not searched: too many are near lines"));
   }
   return lines;
 }

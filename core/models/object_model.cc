@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <numbers>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -14,6 +13,7 @@
 #include "core/base/check_range.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/geometry/spiral_direction.h"
 #include "core/mesh/loading/model_readers.h"
 #include "core/mesh/mesh_repair.h"
 #include "core/mesh/mesh_topology.h"
@@ -24,7 +24,6 @@
 #include "core/models/continuous_symmetry.h"
 #include "core/models/edge_curves.h"
 #include "core/models/symmetry.h"
-#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
@@ -53,6 +52,19 @@ absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat fo
   return mesh;
 }
 
+// A length in a unit in which it has few digits.
+std::string LengthText(double length_m) {
+  struct Unit {
+    double metres;
+    const char* name;
+  };
+  constexpr Unit kUnits[] = {{1e3, "km"}, {1.0, "m"}};
+  for (const Unit& unit : kUnits) {
+    if (length_m >= unit.metres) return absl::StrFormat("%.4g %s", length_m / unit.metres, unit.name);
+  }
+  return absl::StrFormat("%.4g mm", length_m * 1e3);
+}
+
 absl::Status CheckExtent(const RawMesh& raw) {
   const double diagonal_m = BoundingBoxDiagonal(raw);
   double offset_m = 0.0;
@@ -62,7 +74,8 @@ absl::Status CheckExtent(const RawMesh& raw) {
   }
   if (!(diagonal_m >= kMinSizeM && diagonal_m <= kMaxSizeM)) {
     return absl::InvalidArgumentError(
-        absl::StrFormat("the model's size is %g m; %g to %g m: check its unit", diagonal_m, kMinSizeM, kMaxSizeM));
+        absl::StrFormat("the model's size is %s; models of %s to %s are accepted: check its unit (--scale)",
+                        LengthText(diagonal_m), LengthText(kMinSizeM), LengthText(kMaxSizeM)));
   }
   if (offset_m > kMaxRelativeOffset * diagonal_m) {
     return absl::InvalidArgumentError(absl::StrFormat(
@@ -87,15 +100,22 @@ double Diameter(absl::Span<const Eigen::Vector3d> points) {
   constexpr int kDirections = 256;
   std::vector<Eigen::Vector3d> outermost;
   for (int i = 0; i < kDirections; ++i) {
-    const double z = (i + 0.5) / kDirections;
-    const auto [sin, cos] = DeterministicSinCos(i * std::numbers::pi * (3.0 - std::sqrt(5.0)));  // golden angle
-    const double radius = std::sqrt(1.0 - z * z);
-    const Eigen::Vector3d direction(radius * cos, radius * sin, z);
-    const auto [low, high] = std::minmax_element(
-        points.begin(), points.end(),
-        [&](const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return a.dot(direction) < b.dot(direction); });
-    outermost.push_back(*low);
-    outermost.push_back(*high);
+    const Eigen::Vector3d direction = SpiralDirection(i, (i + 0.5) / kDirections);
+    size_t low = 0, high = 0;
+    double lowest = points[0].dot(direction), highest = lowest;
+    for (size_t p = 1; p < points.size(); ++p) {
+      const double height = points[p].dot(direction);
+      if (height < lowest) {
+        lowest = height;
+        low = p;
+      }
+      if (height >= highest) {
+        highest = height;
+        high = p;
+      }
+    }
+    outermost.push_back(points[low]);
+    outermost.push_back(points[high]);
   }
   return LargestDistance(outermost);
 }
@@ -123,6 +143,10 @@ void ScaleMesh(double factor, RawMesh& mesh) {
   for (SurfaceRegion& region : mesh.exact_surface.regions) {
     region.point *= factor;
     region.radius_m *= factor;
+  }
+  for (ExactEdge& edge : mesh.exact_edges) {
+    edge.circle.centre *= factor;
+    edge.circle.radius_m *= factor;
   }
 }
 
@@ -155,7 +179,7 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
                                             std::vector<std::string> notices) {
   if (mesh.triangles.empty() && mesh.lines.empty()) {
     return absl::InvalidArgumentError(
-        "the model file has no line and no face; export the mesh of the object as OBJ, PLY or STL");
+        "the model file has no line and no face: export the faces of the object, or check that the file is complete");
   }
   EVPOSE_RETURN_IF_ERROR(CheckExtent(mesh));
   const bool has_line_elements = !mesh.lines.empty();
@@ -171,7 +195,8 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
   if (!surface.surface.empty()) FitShapes(mesh, model.diameter_m, surface.surface);
   FindEdges(mesh, surface, options, on_step, model);
   const bool is_flat = IsFlat(surface.surface);
-  if (model.lines.empty() && model.curves.empty() && is_flat) {
+  model.facet_edges = std::move(surface.facet_edges);
+  if (model.lines.empty() && model.curves.empty() && is_flat && model.facet_edges.empty()) {
     return absl::InvalidArgumentError(
         has_line_elements ? "has no line: all its line elements (l) have length zero"
                           : absl::StrFormat("has no line and no curved surface: no edge turns by more than %g degrees "

@@ -50,7 +50,11 @@ struct ObjectModel {
   std::vector<ModelLine> lines;                    // straight edges
   std::vector<EdgeCurve> curves;                   // curved edges
   SmoothSurface surface;                           // of `triangles`; empty if no region is curved
-  double diameter_m = 0.0;                         // largest distance between two points of the model
+  // Of a model whose facets are those of the object: the edges between two facets that are no lines and at which the
+  // surface turns outward. Where one of the facets faces the camera, the edge is an occluding contour. Side s of
+  // triangle t, from its corner s to the next one, has the number 3 t + s; each edge is given by both of its sides.
+  std::vector<std::array<uint32_t, 2>> facet_edges;
+  double diameter_m = 0.0;  // largest distance between two points of the model
   // object_from_object motions that map the object onto itself (symmetry.h), the identity first. Empty means the
   // identity alone.
   std::vector<RigidTransform> symmetries;
@@ -65,7 +69,9 @@ struct ModelOptions {
   // cylinder of 16 sides turns by 22.5 at each edge and is round; the creases of machined parts turn by 45 or 90.
   double crease_angle_deg = 30.0;
   // Facets of curved regions approximate a smooth surface, as those of an exported CAD model do. False: the object has
-  // these facets itself, as in a recording that was rendered from the mesh; each crease of the tessellation is an edge.
+  // these facets itself, as in a recording that was rendered from the mesh. Each edge of the mesh at which the surface
+  // turns by more than the crease angle is then an edge, and the others are contours where one of their facets faces
+  // the camera.
   bool is_smooth = true;
   size_t max_bytes = 64u << 20;  // larger files are refused: bounds the memory for uploads
   // Of triangles and line elements together. Bounds memory: the search tree takes some 150 bytes for each.

@@ -199,7 +199,7 @@ TEST(ObjectModelTest, OverlappingLinesAreOne) {
   const std::string points = "v 0 0 0\nv 1 0 0\nv 0.25 0 0\nv 0.5 0 0\nv 1.5 0 0\nv -1 0 0\nv 0 1 0\nv 0 2 0\n";
   const ObjectModel part = MustParse(points + "l 1 2\nl 3 4\nl 1 7\nl 7 8\n");
   EXPECT_THAT(LineSet(part), testing::UnorderedElementsAre("(0 0 0)(1 0 0)", "(0 0 0)(0 1 0)", "(0 1 0)(0 2 0)"));
-  EXPECT_THAT(part.notices, ElementsAre("1 lines merged with overlapping ones"));
+  EXPECT_THAT(part.notices, ElementsAre("1 line merged with overlapping ones"));
   const ObjectModel pieces = MustParse(points + "l 1 2\nl 2 4 1\n");
   EXPECT_THAT(LineSet(pieces), testing::UnorderedElementsAre("(0 0 0)(1 0 0)"));
   EXPECT_THAT(pieces.notices, ElementsAre("2 lines merged with overlapping ones"));
@@ -230,7 +230,7 @@ TEST(ObjectModelTest, AnEdgeThatLiesOnALongerOneSplitsItInEveryMeshFormat) {
     EXPECT_THAT(loaded->lines, SizeIs(9));
     // The STL file was written with the split triangles.
     if (loaded != &from_stl) {
-      EXPECT_THAT(loaded->notices, Contains("1 edges split at vertices of other triangles that lie on them"));
+      EXPECT_THAT(loaded->notices, Contains("1 edge split at vertices of other triangles"));
     }
     std::vector<std::pair<double, size_t>> upper;  // middle, and number of faces
     for (const ModelLine& line : loaded->lines) {
@@ -326,7 +326,28 @@ TEST(ObjectModelTest, SphereHasNoEdgeButACurvedSurface) {
       EXPECT_GT(sphere.surface.normals[t][corner].cast<double>().dot(outward), 0.9995);
     }
   }
-  EXPECT_THAT(ErrorOf(Sphere(24, 48), ModelFormat::kObj, AsIs()), HasSubstr("no edge turns by more than 30 degrees"));
+}
+
+TEST(ObjectModelTest, FacetsThatAreTheSurfaceHaveEdgesThatMayBeContours) {
+  const ObjectModel sphere = MustParse(Sphere(24, 48), ModelFormat::kObj, AsIs());
+  EXPECT_THAT(sphere.lines, IsEmpty());
+  EXPECT_TRUE(sphere.surface.empty());
+  // All edges of the triangles and quadrangles, but not the diagonals of the latter.
+  EXPECT_THAT(sphere.facet_edges, SizeIs(23 * 48 + 24 * 48));
+  for (const auto& [first, second] : sphere.facet_edges) {
+    for (uint32_t corner = 0; corner < 2; ++corner) {
+      EXPECT_EQ(sphere.triangles[first / 3][(first + corner) % 3],
+                sphere.triangles[second / 3][(second + 1 - corner) % 3]);
+    }
+  }
+  EXPECT_THAT(MustParse(Prism(16), ModelFormat::kObj, AsIs()).facet_edges, SizeIs(16));
+  EXPECT_THAT(MustParse(Prism(8), ModelFormat::kObj, AsIs()).facet_edges, IsEmpty()) << "these are lines";
+  EXPECT_THAT(MustParse(Prism(16)).facet_edges, IsEmpty()) << "the surface is smooth";
+  ModelOptions sharp = AsIs();
+  sharp.crease_angle_deg = 20.0;
+  const ObjectModel prism = MustParse(Prism(16), ModelFormat::kObj, sharp);
+  EXPECT_THAT(prism.lines, SizeIs(48));
+  EXPECT_THAT(prism.facet_edges, IsEmpty());
 }
 
 TEST(ObjectModelTest, LineElementsReplaceEdgesButNotContours) {

@@ -63,12 +63,13 @@ Eigen::Vector3d PointOfArc(const Eigen::Vector3d& p, const Eigen::Vector3d& q, c
 
 class ChainSmoother {
  public:
-  ChainSmoother(absl::Span<const Eigen::Vector3d> vertices, double diameter_m)
+  ChainSmoother(absl::Span<const Eigen::Vector3d> vertices, double diameter_m, const std::optional<Circle>& circle)
       : vertices_(vertices),
         count_(vertices.size() - 1),
         is_ring_(count_ > 2 && vertices.front() == vertices.back()),
+        is_circle_known_(circle.has_value()),
         sagitta_m_(kArcSagitta * diameter_m),
-        circle_(FitCircle(vertices, kArcDistance * diameter_m)) {}
+        circle_(circle.has_value() ? circle : FitCircle(vertices, kArcDistance * diameter_m)) {}
 
   SmoothCurve Smooth(size_t& max_inserted) const {
     std::vector<size_t> pieces;
@@ -119,7 +120,7 @@ class ChainSmoother {
     const bool has_before = before.has_value() && IsSmooth(chord, *before);
     const bool has_after = after.has_value() && IsSmooth(chord, *after);
     std::array<Bend, 2> bends = {Bend::Zero(), Bend::Zero()};
-    if (!(p != q) || (!has_before && !has_after)) return bends;
+    if (!(p != q) || (!is_circle_known_ && !has_before && !has_after)) return bends;
     if (circle_.has_value()) {
       bends.fill(BendAbout(*circle_, p, q));
       return bends;
@@ -142,14 +143,16 @@ class ChainSmoother {
   const absl::Span<const Eigen::Vector3d> vertices_;
   const size_t count_;  // chords
   const bool is_ring_;
+  const bool is_circle_known_;
   const double sagitta_m_;
   const std::optional<Circle> circle_;
 };
 
 }  // namespace
 
-SmoothCurve SmoothChain(absl::Span<const Eigen::Vector3d> vertices, double diameter_m, size_t& max_inserted) {
-  return ChainSmoother(vertices, diameter_m).Smooth(max_inserted);
+SmoothCurve SmoothChain(absl::Span<const Eigen::Vector3d> vertices, double diameter_m, size_t& max_inserted,
+                        const std::optional<EdgeCircle>& circle) {
+  return ChainSmoother(vertices, diameter_m, circle).Smooth(max_inserted);
 }
 
 }  // namespace evpose

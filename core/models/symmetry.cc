@@ -8,12 +8,14 @@
 #include <initializer_list>
 #include <map>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <utility>
 
 #include "absl/strings/str_format.h"
 #include "core/models/symmetry_lines.h"
 #include "core/models/symmetry_surface.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
@@ -31,6 +33,8 @@ constexpr int64_t kMaxComparisons = 5'000'000;
 // 1365 sides takes a tenth of the former; one test of a rotation takes up to 28,672 of the latter.
 constexpr int64_t kMaxRotationComparisons = 20'000'000;
 constexpr int64_t kMaxSurfaceSamples = 1'000'000;
+// Angle, rad, of the power of a rotation that is tested, too: the golden section of a turn is no common symmetry.
+constexpr double kLargeAngle = 2.4;
 // Lines from which a rotation is refined; all lines are compared once before it is accepted.
 constexpr size_t kMaxRefiningLines = 64;
 
@@ -184,7 +188,7 @@ class GroupSearch {
   void Run() {
     const std::vector<Vector3d> ends = DistinctEnds(lines_.segments(), 0.5 * tolerance_m_);
     const std::optional<TwoPoints> two = ChooseTwoPoints(ends, tolerance_m_);
-    if (!two.has_value()) return;
+    if (!two.has_value()) return RunAboutAxis();
     const Matrix3d from = Frame(two->p, two->q).transpose();
     const double distance_m = (two->p - two->q).norm();
     for (const Vector3d& p : two->images_of_p) {
@@ -202,6 +206,53 @@ class GroupSearch {
   bool was_cut_short() const { return was_cut_short_; }
 
  private:
+  // For a model all of whose segments lie on one axis, as those of a fluted vase. A symmetry that leaves the axis maps
+  // the lobes of each ring onto each other: it is a rotation by a whole number of lobes. One that turns the axis over
+  // maps a lobe of one ring onto some lobe of another.
+  void RunAboutAxis() {
+    Vector3d axis = Vector3d::Zero();
+    for (const ModelLine& segment : lines_.segments()) {
+      for (const Vector3d& end : {segment.p1, segment.p2}) axis = end.norm() > axis.norm() ? end : axis;
+    }
+    if (!(axis.norm() > tolerance_m_)) return;
+    axis.normalize();
+    std::vector<double> fewest;
+    for (size_t i = 0; i < lines_.segments().size(); ++i) {
+      const std::vector<double> lobes = lines_.LobesOf(i, axis, tolerance_m_);
+      if (!lobes.empty() && (fewest.empty() || lobes.size() < fewest.size())) fewest = lobes;
+    }
+    for (size_t order = fewest.size(); order >= 2; --order) {
+      const double step_rad = 2.0 * std::numbers::pi / static_cast<double>(order);
+      if (fewest.size() % order != 0 || !IsSymmetryAboutAxis(axis, step_rad)) continue;
+      for (size_t k = 1; k < order; ++k) group_.Add(ExpSo3(static_cast<double>(k) * step_rad * axis));
+      break;
+    }
+    if (!fewest.empty()) FindFlip(axis, fewest.front());
+  }
+
+  bool IsSymmetryAboutAxis(const Vector3d& axis, double angle_rad) {
+    const double large_rad = angle_rad * std::max(1.0, std::round(kLargeAngle / angle_rad));
+    return Maps(ExpSo3(large_rad * axis)) && Maps(ExpSo3(angle_rad * axis));
+  }
+
+  bool Maps(const Matrix3d& rotation) { return MapsAllLines(rotation) && MapsSurface(rotation); }
+
+  void FindFlip(const Vector3d& axis, double lobe_rad) {
+    const Vector3d first = axis.unitOrthogonal(), second = axis.cross(first);
+    for (size_t i = 0; i < lines_.segments().size(); ++i) {
+      for (const double other_rad : lines_.LobesOf(i, axis, tolerance_m_)) {
+        if (was_cut_short_) return;
+        const auto [sin, cos] = DeterministicSinCos(0.5 * (lobe_rad + other_rad));
+        const Vector3d across = cos * first + sin * second;
+        const Matrix3d half_turn = 2.0 * across * across.transpose() - Matrix3d::Identity();
+        if (!Maps(half_turn)) continue;
+        const std::vector<Matrix3d> upright = group_.rotations();
+        for (const Matrix3d& rotation : upright) group_.Add(half_turn * rotation);
+        return;
+      }
+    }
+  }
+
   void Consider(const Matrix3d& rough) {
     if (IsIn(group_, rough, 0.1)) return;
     const std::optional<Matrix3d> rotation = Refine(rough, {kRoughTolerance, kRoughTolerance}, 1.0);
@@ -223,7 +274,7 @@ class GroupSearch {
   // Returns the refined power, the rotation itself if its angle is large, and nullopt if the power maps lines off
   // lines.
   std::optional<Matrix3d> LargePower(const Matrix3d& rotation) {
-    constexpr double kSmallAngle = 1.0, kLargeAngle = 2.4;  // rad; the golden section of a turn is no common symmetry
+    constexpr double kSmallAngle = 1.0;  // rad
     const double angle = RotationAngle(rotation, Matrix3d::Identity());
     if (angle >= kSmallAngle || angle * radius_m_ <= tolerance_m_) return rotation;
     // Binary exponentiation. Each product is refined, so that errors do not add up.

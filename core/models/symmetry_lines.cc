@@ -9,6 +9,7 @@
 
 #include "core/models/circle_fit.h"
 #include "core/models/collinear_lines.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
@@ -118,6 +119,39 @@ void CentredSegments::AddCurve(const EdgeCurve& curve, double tolerance_m) {
   origins_.push_back(Origin::kRing);
   const bool is_circle = FitCircle(curve.points, tolerance_m).has_value();
   outlines_.push_back(is_circle ? std::vector<Eigen::Vector3d>() : StepsAlong(curve, kOutlinePoints));
+}
+
+std::vector<double> CentredSegments::LobesOf(size_t segment, const Eigen::Vector3d& axis, double least_m) const {
+  const std::vector<Eigen::Vector3d>& points = outlines_[segment];
+  if (points.size() < 3) return {};
+  const size_t count = points.size() - 1;  // the last point is the first
+  const Eigen::Vector3d first = axis.unitOrthogonal(), second = axis.cross(first);
+  std::vector<double> radii_m, angles_rad;  // angles continue beyond half a turn
+  for (size_t i = 0; i < points.size(); ++i) {
+    const double x = points[i].dot(first), y = points[i].dot(second);
+    const double angle_rad = DeterministicAtan2(y, x), turns = 2.0 * std::numbers::pi;
+    radii_m.push_back(std::sqrt(x * x + y * y));
+    angles_rad.push_back(i == 0 ? angle_rad : angle_rad + turns * std::round((angles_rad.back() - angle_rad) / turns));
+  }
+  const auto [low, high] = std::minmax_element(radii_m.begin(), radii_m.end());
+  const double level_m = 0.5 * (*low + *high), round_rad = angles_rad[count] - angles_rad[0];
+  const auto begin = static_cast<size_t>(low - radii_m.begin()) % count;
+  std::vector<double> lobes;
+  double rise_rad = 0.0, crossing_rad = 0.0;  // where the level was crossed: into the present part, and last
+  bool is_above = false;
+  for (size_t k = 1; k <= count; ++k) {
+    const size_t i = (begin + k - 1) % count;
+    const double from_m = radii_m[i] - level_m, to_m = radii_m[i + 1] - level_m;
+    if ((from_m < 0.0) != (to_m < 0.0)) {
+      const double rounds = begin + k - 1 >= count ? round_rad : 0.0;
+      crossing_rad = angles_rad[i] + rounds + from_m / (from_m - to_m) * (angles_rad[i + 1] - angles_rad[i]);
+    }
+    if (is_above ? to_m >= -least_m : to_m <= least_m) continue;
+    if (is_above) lobes.push_back(0.5 * (rise_rad + crossing_rad));
+    rise_rad = crossing_rad;
+    is_above = !is_above;
+  }
+  return lobes;
 }
 
 // The cell of corner 0 to 7 of a cube about `point` with the half side `offset`. Cells are twice the largest tolerance

@@ -36,6 +36,10 @@ class CentredSegments {
   std::optional<Match> Find(const Eigen::Matrix3d& rotation, size_t segment, double tolerance_m) const;
   // Of a ring that is no circle, points at equal steps along it; empty for other segments.
   absl::Span<const Eigen::Vector3d> outline(size_t segment) const { return outlines_[segment]; }
+  // Of a ring that is no circle, the angles about an axis through the centre, from axis.unitOrthogonal(), of the
+  // middles of its parts that are farther from the axis than the mean of the largest and the least distance, by
+  // `least_m`.
+  std::vector<double> LobesOf(size_t segment, const Eigen::Vector3d& axis, double least_m) const;
 
  private:
   enum class Origin : uint8_t { kLine, kCurve, kRing };

@@ -438,5 +438,51 @@ TEST(SymmetryTest, CurvesWithEndsTakePart) {
   EXPECT_THAT(FindSymmetries(spirals), SizeIs(1));
 }
 
+// --- Models whose rings have one axis
+
+// A closed body of revolution with `lobes` lobes, whose angle grows by `twist_rad` from the bottom to the top.
+std::string Fluted(int lobes, double top_radius, double twist_rad, int sides) {
+  std::string obj;
+  constexpr int kRows = 12;
+  for (int row = 0; row <= kRows; ++row) {
+    const double u = static_cast<double>(row) / kRows;
+    for (int i = 0; i < sides; ++i) {
+      const double angle = 2 * M_PI * i / sides;
+      const double radius = (1.0 + (top_radius - 1.0) * u) * (1.0 + 0.06 * std::cos(lobes * angle + twist_rad * u));
+      obj += Vertex({radius * std::cos(angle), radius * std::sin(angle), 3.0 * u});
+    }
+  }
+  for (int row = 0; row < kRows; ++row) {
+    for (int i = 0; i < sides; ++i) {
+      const int a = row * sides + i + 1, b = row * sides + (i + 1) % sides + 1;
+      absl::StrAppendFormat(&obj, "f %d %d %d %d\n", a, b, b + sides, a + sides);
+    }
+  }
+  obj += Vertex({0, 0, 0}) + Vertex({0, 0, 3});
+  const int bottom = (kRows + 1) * sides + 1, top = bottom + 1;
+  for (int i = 0; i < sides; ++i) {
+    const int next = (i + 1) % sides;
+    absl::StrAppendFormat(&obj, "f %d %d %d\nf %d %d %d\n", bottom, next + 1, i + 1, top, kRows * sides + i + 1,
+                          kRows * sides + next + 1);
+  }
+  return obj;
+}
+
+TEST(SymmetryTest, LobesOfRingsGiveTheRotationsAboutTheirAxis) {
+  for (const size_t lobes : {2, 3, 5, 8}) {
+    for (const int facets_per_lobe : {20, 60}) {
+      const int count = static_cast<int>(lobes), sides = count * facets_per_lobe;
+      EXPECT_EQ(CountOf(Fluted(count, 0.7, 0.0, sides)), lobes) << sides;
+      EXPECT_EQ(CountOf(Fluted(count, 0.7, 1.1, sides)), lobes) << sides;
+      // The half turns across the axis, too.
+      EXPECT_EQ(CountOf(Fluted(count, 1.0, 0.0, sides)), 2 * lobes) << sides;
+      EXPECT_EQ(CountOf(Fluted(count, 1.0, 0.7, sides)), 2 * lobes) << sides;
+    }
+  }
+  ExpectIsGroupOf(MustParse(Fluted(5, 1.0, 0.7, 100)), 2e-3);
+}
+
+TEST(SymmetryTest, LobesOfAnotherNumberOfFacetsGiveThemToo) { EXPECT_EQ(CountOf(Fluted(6, 0.7, 0.5, 125)), 6u); }
+
 }  // namespace
 }  // namespace evpose

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/simulation/describe.h"
 
+#include <array>
 #include <concepts>
 #include <cstdint>
 
@@ -78,6 +79,13 @@ void AddModel(const ObjectModel& model, const MeshFinish& finish, Description& o
   add(model.triangles);
   add(model.surface.normals);
   add(model.surface.region_of);
+  // Painted lines are rendered. A model without any keeps the description that it had before they were.
+  for (const ModelLine& line : model.lines) {
+    if (line.kind == EdgeKind::kPainted) add(std::array{line.p1, line.p2});
+  }
+  for (const EdgeCurve& curve : model.curves) {
+    if (curve.kind == EdgeKind::kPainted) add(curve.points);
+  }
   out.Add("scene.model", digest.FinishHex());
   out.Add("scene.finish.reflectance", reflectance);
   out.Add("scene.finish.specular_ratio", specular_ratio);

@@ -21,6 +21,11 @@ constexpr double kTolerancePx = 0.02;
 // the border of the standard cameras, which is 0.02 px on 24 px.
 constexpr double kMaxEdgePx = 24.0;
 constexpr double kMinDepthM = 1e-9;  // metres; protects the division
+// Painted lines: their width relative to the diameter, 1.5 px at 300 px, a thin pen; how far they are in front of the
+// surface, more than a strip is below a curved one; and their light relative to that of the surface, that of dark ink.
+constexpr double kLineWidth = 0.005;
+constexpr double kLineLift = 1e-3;
+constexpr double kLineLight = 0.25;
 
 }  // namespace
 
@@ -50,7 +55,44 @@ MeshRenderer::MeshRenderer(const ObjectModel& model, const SceneOptions& options
     }
     triangles_[corner / 3][corner % 3] = static_cast<uint32_t>(vertices_.size() - 1);
   }
+  AddStrips(model, max_edge_m);
   screen_.resize(vertices_.size());
+  FindEdges();
+}
+
+void MeshRenderer::FindEdges() {
+  std::vector<Edge> sides;
+  for (uint32_t t = 0; t < triangles_.size(); ++t) {
+    for (int k = 0; k < 3; ++k) {
+      const uint32_t a = triangles_[t][k], b = triangles_[t][(k + 1) % 3];
+      sides.push_back({{std::min(a, b), std::max(a, b)}, {t, kNoTriangle}});
+    }
+  }
+  std::sort(sides.begin(), sides.end(),
+            [](const Edge& a, const Edge& b) { return std::tie(a.ends, a.triangles) < std::tie(b.ends, b.triangles); });
+  for (size_t i = 0; i < sides.size();) {
+    size_t end = i + 1;
+    while (end < sides.size() && sides[end].ends == sides[i].ends) ++end;
+    if (end - i == 2) {
+      edges_.push_back({sides[i].ends, {sides[i].triangles[0], sides[i + 1].triangles[0]}});
+    } else {
+      edges_.insert(edges_.end(), sides.begin() + static_cast<std::ptrdiff_t>(i),
+                    sides.begin() + static_cast<std::ptrdiff_t>(end));
+    }
+    i = end;
+  }
+}
+
+void MeshRenderer::AddStrips(const ObjectModel& model, double max_part_m) {
+  first_strip_vertex_ = vertices_.size();
+  first_strip_ = triangles_.size();
+  lift_m_ = kLineLift * model.diameter_m;
+  const SmoothMesh strips = PaintedStrips(model, kLineWidth * model.diameter_m, max_part_m);
+  for (size_t i = 0; i < strips.triangles.size(); ++i) {
+    const auto first = static_cast<uint32_t>(vertices_.size());
+    for (int k = 0; k < 3; ++k) vertices_.push_back({strips.points[strips.triangles[i][k]], strips.normals[i][k]});
+    triangles_.push_back({first, first + 1, first + 2});
+  }
 }
 
 // Equation (8) of the README.
@@ -74,22 +116,34 @@ PixelRect MeshRenderer::Render(const RigidTransform& camera_from_object, double 
     point.z() = std::max(point.z(), kMinDepthM);
     ScreenVertex& vertex = screen_[i];
     vertex.point_px = camera_.Distort(camera_.Project(point));
-    vertex.inverse_depth = static_cast<float>(1.0 / point.z());
-    vertex.light = static_cast<float>(light * LightOf(point, camera_from_object.rotation * vertices_[i].normal));
+    const bool is_strip = i >= first_strip_vertex_;
+    vertex.inverse_depth = static_cast<float>(1.0 / std::max(point.z() - (is_strip ? lift_m_ : 0.0), kMinDepthM));
+    const double of_surface = light * LightOf(point, camera_from_object.rotation * vertices_[i].normal);
+    vertex.light = static_cast<float>(is_strip ? kLineLight * of_surface : of_surface);
     low = low.cwiseMin(vertex.point_px);
     high = high.cwiseMax(vertex.point_px);
   }
   const Vector2d corners[] = {low, high};
   const PixelRect rect = BoundingRect(corners).Intersection({0, 0, camera_.width_px, camera_.height_px});
-  rasterizer_.Begin(rect);
-  for (const auto& [i, j, k] : triangles_) {
-    const ScreenVertex &a = screen_[i], &b = screen_[j], &c = screen_[k];
-    const Vector2d u = b.point_px - a.point_px;
-    const Vector2d v = c.point_px - a.point_px;
-    // The inside of a closed surface is never seen.
-    if (is_closed_ && u.x() * v.y() - u.y() * v.x() >= 0.0) continue;
-    rasterizer_.AddTriangle({&a, &b, &c});
+  seen_triangles_.clear();
+  faces_camera_.clear();
+  for (size_t t = 0; t < triangles_.size(); ++t) {
+    const std::array<uint32_t, 3>& triangle = triangles_[t];
+    const Vector2d a = screen_[triangle[0]].point_px;
+    const Vector2d u = screen_[triangle[1]].point_px - a;
+    const Vector2d v = screen_[triangle[2]].point_px - a;
+    faces_camera_.push_back(u.x() * v.y() - u.y() * v.x() < 0.0);
+    // The inside of a closed surface is never seen, and a line that is painted on a face only on its side.
+    if (faces_camera_.back() || (!is_closed_ && t < first_strip_)) seen_triangles_.push_back(triangle);
   }
+  seen_edges_.clear();
+  for (const Edge& edge : edges_) {
+    const bool first = faces_camera_[edge.triangles[0]];
+    const bool is_crease = edge.triangles[1] == kNoTriangle;
+    const bool is_seen = is_crease ? first || !is_closed_ : first != faces_camera_[edge.triangles[1]];
+    if (is_seen) seen_edges_.push_back(edge.ends);
+  }
+  rasterizer_.Render(rect, {screen_, seen_triangles_, seen_edges_});
   return rect;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Renders the model of a file as a smooth, shaded surface.
+// Renders the model of a file as a smooth, shaded surface with its painted lines.
 #pragma once
 
 #include <Eigen/Core>
@@ -37,6 +37,16 @@ class MeshRenderer {
     Eigen::Vector3d normal;
   };
 
+  // An edge of one triangle (a border, or one side of a crease) or of two triangles with equal normals there.
+  static constexpr uint32_t kNoTriangle = 0xFFFFFFFF;
+  struct Edge {
+    std::array<uint32_t, 2> ends;       // indices of vertices_
+    std::array<uint32_t, 2> triangles;  // indices of triangles_; the second one may be kNoTriangle
+  };
+
+  void FindEdges();
+  // Appends the painted lines of the model, with vertices of their own.
+  void AddStrips(const ObjectModel& model, double max_part_m);
   double LightOf(const Eigen::Vector3d& point_camera, Eigen::Vector3d normal_camera) const;
 
   const MeshFinish finish_;
@@ -44,8 +54,15 @@ class MeshRenderer {
   const CameraModel camera_;
   std::vector<Vertex> vertices_;
   std::vector<std::array<uint32_t, 3>> triangles_;  // indices of vertices_
+  std::vector<Edge> edges_;
+  size_t first_strip_vertex_ = 0;  // of the painted lines, which are last
+  size_t first_strip_ = 0;         // of their triangles
+  double lift_m_ = 0.0;            // by which these are drawn nearer to the camera than the surface
   bool is_closed_ = false;
   std::vector<ScreenVertex> screen_;  // vertices_ in the image
+  std::vector<bool> faces_camera_;    // of triangles_
+  std::vector<std::array<uint32_t, 3>> seen_triangles_;
+  std::vector<std::array<uint32_t, 2>> seen_edges_;  // contours, borders and creases
   MeshRasterizer rasterizer_;
 };
 

@@ -91,6 +91,38 @@ TEST(MeshRendererTest, ShadesSmoothlyFromTheSideOfTheLamp) {
   EXPECT_LT(largest, 0.015f);
 }
 
+TEST(MeshRendererTest, PaintedLinesAreThinAndDark) {
+  SceneOptions options;
+  options.light.diffuse_ratio = 0.0;
+  options.finish = {0.8, 0.0};
+  // A sheet in the plane z = 0, whose outside faces the camera, with a line along x.
+  ObjectModel sheet;
+  sheet.vertices = {{-0.1, -0.1, 0}, {0.14, -0.1, 0}, {0.14, 0.1, 0}, {-0.1, 0.1, 0}};
+  sheet.triangles = {{0, 2, 1}, {0, 3, 2}};
+  sheet.diameter_m = 0.4;
+  sheet.lines.push_back({{-0.05, 0.03, 0}, {0.05, 0.03, 0}, {{0, 0, -1}}, EdgeKind::kPainted});
+  const auto row_sums = [&](const ObjectModel& model) {
+    const std::vector<float> picture = PictureOf(model, options, 0.5);
+    std::vector<double> missing;  // light, in pixels of the surface, in a column through the line
+    for (int y = 200; y < 300; ++y)
+      missing.push_back((0.8 - picture[static_cast<size_t>(y) * 640 + 310]) / (0.75 * 0.8));
+    return missing;
+  };
+  const std::vector<double> line = row_sums(sheet);
+  double width_px = 0.0, centre_px = 0.0;
+  for (size_t i = 0; i < line.size(); ++i) {
+    width_px += line[i];
+    centre_px += (200.0 + static_cast<double>(i)) * line[i];
+  }
+  EXPECT_NEAR(width_px, 0.005 * 0.4 * 500.0 / 0.5, 0.1);
+  EXPECT_NEAR(centre_px / width_px, 239.5 + 500.0 * 0.03 / 0.5, 0.1);
+  // Not from behind, and no line that is away from all faces.
+  sheet.lines[0].face_normals = {{0, 0, 1}};
+  for (const double missing : row_sums(sheet)) EXPECT_NEAR(missing, 0.0, 1e-6);
+  sheet.lines[0].face_normals.clear();
+  for (const double missing : row_sums(sheet)) EXPECT_NEAR(missing, 0.0, 1e-6);
+}
+
 TEST(MeshRendererTest, HighlightIsOnTheSideOfTheLamp) {
   SceneOptions options;
   options.light.diffuse_ratio = 0.0;

@@ -12,6 +12,7 @@
 
 #include "core/base/output_file.h"
 #include "core/events/recording_reader.h"
+#include "core/simulation/simulate_testing.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose {
@@ -55,22 +56,12 @@ Decoded Decode(const fs::path& path) {
   return {{out.events.begin(), out.events.end()}, decoder->counts()};
 }
 
-std::vector<Event> Simulated(const SimulationOptions& options) {
-  std::vector<Event> events;
-  const auto report = Simulate(options, [&](absl::Span<const Event> batch) {
-    events.insert(events.end(), batch.begin(), batch.end());
-    return absl::OkStatus();
-  });
-  EXPECT_TRUE(report.ok()) << report.status();
-  return events;
-}
-
 TEST(SimulateToDirectoryTest, RecordingDecodesToTheSimulatedEventsAcrossTheClocksWrap) {
   const fs::path directory = TestDirectory() / "made" / "when missing";
   const SimulationOptions options = AcrossTheWrap();
   const auto report = SimulateToDirectory(options, directory.string());
   ASSERT_TRUE(report.ok()) << report.status();
-  const std::vector<Event> simulated = Simulated(options);
+  const std::vector<Event> simulated = SimulatedEvents(options);
   const Decoded decoded = Decode(directory / "recording.raw");
   ASSERT_GT(simulated.size(), 1000u);
   EXPECT_LT(simulated.front().t_us, 1 << 24);

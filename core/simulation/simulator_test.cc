@@ -15,22 +15,12 @@
 
 #include "core/geometry/projected_line.h"
 #include "core/numerics/statistics.h"
+#include "core/simulation/simulate_testing.h"
 
 namespace evpose {
 namespace {
 
 using ::testing::HasSubstr;
-
-std::vector<Event> EventsOf(const SimulationOptions& options, SimulationReport* report = nullptr) {
-  std::vector<Event> events;
-  const auto result = Simulate(options, [&](absl::Span<const Event> batch) {
-    events.insert(events.end(), batch.begin(), batch.end());
-    return absl::OkStatus();
-  });
-  EXPECT_TRUE(result.ok()) << result.status();
-  if (report != nullptr && result.ok()) *report = *result;
-  return events;
-}
 
 SimulationOptions SmallScene(const std::string& object, int64_t duration_us = 200'000) {
   SimulationOptions options = *SimulationPreset(object, "vga");
@@ -129,7 +119,7 @@ DistanceSummary Summarize(const SimulationOptions& options) {
   std::vector<double> distances;
   double sums[2] = {0.0, 0.0};
   size_t counts[2] = {0, 0};
-  for (const Event& event : EventsOf(options)) {
+  for (const Event& event : SimulatedEvents(options)) {
     const auto match = matcher.Match(event);
     if (!match) {
       ++summary.unmatched;
@@ -198,7 +188,7 @@ TEST(SimulatorTest, EveryObjectProducesEventsOnMostOfItsVisibleLines) {
     const LineMatcher matcher(options);
     std::vector<int> per_line(matcher.num_lines());
     size_t unmatched = 0;
-    const std::vector<Event> events = EventsOf(options);
+    const std::vector<Event> events = SimulatedEvents(options);
     for (const Event& event : events) {
       if (const auto match = matcher.Match(event)) {
         ++per_line[match->line];
@@ -217,12 +207,12 @@ TEST(SimulatorTest, IsDeterministicBySeed) {
   SimulationOptions options = SmallScene("spacecraft", 60'000);
   options.sensor.noise_ratio = 0.1;
   options.scene.background.is_textured = true;
-  const std::vector<Event> events = EventsOf(options);
-  EXPECT_EQ(events, EventsOf(options));
+  const std::vector<Event> events = SimulatedEvents(options);
+  EXPECT_EQ(events, SimulatedEvents(options));
   options.path_seed = 1;  // the previous seed
-  EXPECT_EQ(events, EventsOf(options));
+  EXPECT_EQ(events, SimulatedEvents(options));
   options.seed = 2;
-  EXPECT_NE(events, EventsOf(options));
+  EXPECT_NE(events, SimulatedEvents(options));
 }
 
 TEST(SimulatorTest, ThePathSeedOnlyDeterminesTheMotion) {
@@ -231,18 +221,18 @@ TEST(SimulatorTest, ThePathSeedOnlyDeterminesTheMotion) {
   const Eigen::Vector3d end = end_of(options).translation_m;
   options.path_seed = 7;
   EXPECT_NE(end_of(options).translation_m, end);
-  const std::vector<Event> events = EventsOf(options);
+  const std::vector<Event> events = SimulatedEvents(options);
   const Eigen::Vector3d other_end = end_of(options).translation_m;
   options.seed = 2;
   EXPECT_EQ(end_of(options).translation_m, other_end);
-  EXPECT_NE(EventsOf(options), events);
+  EXPECT_NE(SimulatedEvents(options), events);
 }
 
 TEST(SimulatorTest, TimesAreOrderedAndInside) {
   SimulationOptions options = SmallScene("book", 60'000);
   options.sensor.noise_ratio = 0.2;
   SimulationReport report;
-  const std::vector<Event> events = EventsOf(options, &report);
+  const std::vector<Event> events = SimulatedEvents(options, &report);
   EXPECT_EQ(report.events, events.size());
   EXPECT_GT(report.rendered_frames, 20);
   const auto before = [](const Event& a, const Event& b) {
@@ -258,28 +248,28 @@ TEST(SimulatorTest, TimesAreOrderedAndInside) {
 TEST(SimulatorTest, ImageMovesByNoMoreThanTheStep) {
   SimulationOptions options = IdealScene("cube", 100'000);
   SimulationReport usual, fine;
-  EventsOf(options, &usual);
+  SimulatedEvents(options, &usual);
   options.max_step_px = 0.1;
-  EventsOf(options, &fine);
+  SimulatedEvents(options, &fine);
   EXPECT_NEAR(static_cast<double>(fine.rendered_frames) / usual.rendered_frames, 4.0, 0.6);
 }
 
 TEST(SimulatorTest, LightOccluderAndShadingAddEvents) {
   const SimulationOptions plain = IdealScene("cube", 60'000);
-  const size_t base = EventsOf(plain).size();
+  const size_t base = SimulatedEvents(plain).size();
   SimulationOptions flicker = plain;
   flicker.scene.light.flicker_depth = 0.5;
-  EXPECT_GT(EventsOf(flicker).size(), 3 * base);  // the faces produce events at 100 Hz
+  EXPECT_GT(SimulatedEvents(flicker).size(), 3 * base);  // the faces produce events at 100 Hz
   SimulationOptions occluder = plain;
   occluder.scene.occluder.is_present = true;
-  EXPECT_GT(EventsOf(occluder).size(), base + 2000);
+  EXPECT_GT(SimulatedEvents(occluder).size(), base + 2000);
   SimulationOptions change = plain;
   change.scene.light.change_ratio = 5.0;
   change.scene.light.change_period_s = 0.2;
-  EXPECT_GT(EventsOf(change).size(), 2 * base);
+  EXPECT_GT(SimulatedEvents(change).size(), 2 * base);
   SimulationOptions shading = plain;
   shading.scene.light.diffuse_ratio = 0.9;
-  EXPECT_NE(EventsOf(shading).size(), base);
+  EXPECT_NE(SimulatedEvents(shading).size(), base);
 }
 
 TEST(SimulatorTest, TruthHasEveryMillisecondAndTheEnd) {

@@ -186,7 +186,41 @@ class Subdivider {
   std::vector<Vector3d> middle_normal_;
 };
 
+// Appends a strip about the line from `begin` to `end` on a face with this normal.
+void AddStrip(const Vector3d& begin, const Vector3d& end, const Vector3d& normal, double width_m, double max_part_m,
+              SmoothMesh& mesh) {
+  constexpr double kMaxParts = 1000.0;
+  const Vector3d along = end - begin;
+  const Vector3d across = 0.5 * width_m * normal.cross(along).normalized();
+  const int num_parts = static_cast<int>(std::clamp(std::ceil(along.norm() / max_part_m), 1.0, kMaxParts));
+  for (int part = 0; part < num_parts && mesh.triangles.size() < kMaxTriangles; ++part) {
+    const Vector3d from = begin + static_cast<double>(part) / num_parts * along;
+    const Vector3d to = begin + static_cast<double>(part + 1) / num_parts * along;
+    const auto first = static_cast<uint32_t>(mesh.points.size());
+    mesh.points.insert(mesh.points.end(), {from - across, to - across, to + across, from + across});
+    mesh.triangles.push_back({first, first + 1, first + 2});
+    mesh.triangles.push_back({first, first + 2, first + 3});
+    mesh.normals.resize(mesh.triangles.size(), {normal, normal, normal});
+  }
+}
+
 }  // namespace
+
+SmoothMesh PaintedStrips(const ObjectModel& model, double width_m, double max_part_m) {
+  SmoothMesh mesh;
+  for (const ModelLine& line : model.lines) {
+    if (line.kind != EdgeKind::kPainted || line.face_normals.empty()) continue;
+    AddStrip(line.p1, line.p2, line.face_normals.front(), width_m, max_part_m, mesh);
+  }
+  for (const EdgeCurve& curve : model.curves) {
+    if (curve.kind != EdgeKind::kPainted) continue;
+    for (size_t i = 0; i < curve.face_normals.size(); ++i) {
+      const Vector3d& normal = curve.face_normals[i].front();
+      if (!normal.isZero()) AddStrip(curve.points[i], curve.points[i + 1], normal, width_m, max_part_m, mesh);
+    }
+  }
+  return mesh;
+}
 
 SmoothMesh MakeSmoothMesh(const ObjectModel& model) {
   SmoothMesh mesh = {model.vertices, model.triangles, {}};

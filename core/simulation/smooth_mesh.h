@@ -27,6 +27,10 @@ SmoothMesh MakeSmoothMesh(const ObjectModel& model);
 // creases. Ends at 2 million triangles. A cylinder or sphere with exact normals keeps its exact radius.
 void Subdivide(double tolerance_m, double max_edge_m, SmoothMesh& mesh);
 
+// The painted lines and curves of a model as flat strips of the width `width_m` on their faces, in parts of at most
+// `max_part_m`. Lines away from all faces have none. Ends at 2 million triangles.
+SmoothMesh PaintedStrips(const ObjectModel& model, double width_m, double max_part_m);
+
 // Whether each edge belongs to two triangles that run along it in opposite directions.
 bool IsClosed(const SmoothMesh& mesh);
 

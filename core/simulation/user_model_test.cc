@@ -10,6 +10,7 @@
 #include "core/base/temporary_directory.h"
 #include "core/simulation/describe.h"
 #include "core/simulation/objects.h"
+#include "core/simulation/simulate_testing.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose {
@@ -32,19 +33,9 @@ SimulationOptions ShortRun(double size_m = 0.2) {
   return options;
 }
 
-std::vector<Event> EventsOfRun(const SimulationOptions& options) {
-  std::vector<Event> events;
-  const auto report = Simulate(options, [&](absl::Span<const Event> batch) {
-    events.insert(events.end(), batch.begin(), batch.end());
-    return absl::OkStatus();
-  });
-  EXPECT_TRUE(report.ok()) << report.status();
-  return events;
-}
-
 TEST(UserModelTest, EmitsEventsNearItsOutline) {
   const SimulationOptions options = ShortRun();
-  const std::vector<Event> events = EventsOfRun(options);
+  const std::vector<Event> events = SimulatedEvents(options);
   ASSERT_GT(events.size(), 1000u);
   const RigidTransform pose = SimulatedTruth(options).front().camera_from_object;
   const Eigen::Vector2d centre = options.camera.Distort(options.camera.Project(pose * Eigen::Vector3d(5.0, 0.0, 0.0)));
@@ -54,11 +45,11 @@ TEST(UserModelTest, EmitsEventsNearItsOutline) {
 }
 
 TEST(UserModelTest, SameOptionsGiveTheSameEvents) {
-  const std::vector<Event> events = EventsOfRun(ShortRun());
-  EXPECT_EQ(EventsOfRun(ShortRun()), events);
+  const std::vector<Event> events = SimulatedEvents(ShortRun());
+  EXPECT_EQ(SimulatedEvents(ShortRun()), events);
   SimulationOptions other = ShortRun();
   other.path_seed = 7;
-  EXPECT_NE(EventsOfRun(other), events);
+  EXPECT_NE(SimulatedEvents(other), events);
   EXPECT_GT(RotationAngle(SimulatedTruth(other).front().camera_from_object.rotation,
                           SimulatedTruth(ShortRun()).front().camera_from_object.rotation),
             0.1)

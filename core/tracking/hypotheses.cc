@@ -72,7 +72,7 @@ void Hypotheses::Append(Entry entry) {
 
 void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
   for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window, others);
-  DropIf([](const PoseTrack& track) { return track.state() == TrackState::kLost; });
+  DropLost();
   DropRejected();
   if (entries_.size() < 2) return;
   DropEqual();
@@ -117,9 +117,29 @@ double Hypotheses::Preference(size_t i, size_t j) const {
   return variance > 0.0 ? entries_[i].difference[j] / std::sqrt(variance) : 0.0;
 }
 
-void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong) {
+double Hypotheses::LogLikelihoodRatio(size_t i, size_t j) const {
+  const double sigma = Preference(i, j);
+  return 0.5 * sigma * std::abs(sigma);
+}
+
+PoseAlternatives Hypotheses::Alternatives() const {
+  PoseAlternatives alternatives;
+  for (size_t i = 1; i < entries_.size(); ++i) {
+    alternatives.Add({entries_[i].track->motion().camera_from_object, LogLikelihoodRatio(i, 0)});
+  }
+  return alternatives;
+}
+
+void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong, LossCause cause) {
   for (size_t i = entries_.size(); i-- > 0;) {
-    if (is_wrong(*entries_[i].track)) Remove(i);
+    if (is_wrong(*entries_[i].track)) Remove(i, cause);
+  }
+}
+
+void Hypotheses::DropLost() {
+  for (size_t i = entries_.size(); i-- > 0;) {
+    const PoseTrack& track = *entries_[i].track;
+    if (track.state() == TrackState::kLost) Remove(i, track.loss_cause());
   }
 }
 
@@ -131,7 +151,7 @@ void Hypotheses::DropRejected() {
     return entry.track->state() != TrackState::kInitializing;
   });
   const int times = has_confirmed ? kFactorBesideConfirmed : 1;
-  DropIf([times](const PoseTrack& track) { return track.is_rejected(times); });
+  DropIf([times](const PoseTrack& track) { return track.is_rejected(times); }, LossCause::kContradicted);
 }
 
 void Hypotheses::DropEqual() {
@@ -146,7 +166,7 @@ void Hypotheses::DropEqual() {
           NearestEquivalent(entries_[j].track->motion().camera_from_object, *context_.model, kept);
       if (RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&
           (kept.translation_m - other.translation_m).norm() < options.merge_depth_ratio * kept.translation_m.norm()) {
-        Remove(j);
+        Remove(j, LossCause::kBetterPose);
       }
     }
   }
@@ -158,7 +178,7 @@ void Hypotheses::DropWorse() {
       if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
       // Entry j is significantly better than a supported pose, so that the contradictions of j were chance.
       if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->ClearContradictions();
-      Remove(i);
+      Remove(i, LossCause::kBetterPose);
       break;
     }
   }
@@ -175,7 +195,9 @@ void Hypotheses::DropHopelessRivals() {
   for (size_t i = entries_.size(); --i > 0;) {
     const Entry& entry = entries_[i];
     const bool is_early = entry.pending > kSettlingWindows + kComparedWindows - kFirstWindows;
-    if (entry.is_rival && !entry.is_settled() && !is_early && entry.Explained() < kLeastShare * first) Remove(i);
+    if (entry.is_rival && !entry.is_settled() && !is_early && entry.Explained() < kLeastShare * first) {
+      Remove(i, LossCause::kBetterPose);
+    }
   }
 }
 
@@ -216,7 +238,8 @@ void Hypotheses::LoadState(StateReader& reader) {
   if (!reader.ok()) entries_.clear();
 }
 
-void Hypotheses::Remove(size_t index) {
+void Hypotheses::Remove(size_t index, LossCause cause) {
+  if (index == 0) first_removed_because_ = cause;
   const auto offset = static_cast<std::ptrdiff_t>(index);
   entries_.erase(entries_.begin() + offset);
   for (Entry& entry : entries_) {

@@ -39,8 +39,8 @@ class Hypotheses {
   void OnWindow(const EventWindow& window, const Competitors* others = nullptr);
   // See PoseTrack::OnGap.
   void OnGap(int64_t gap_us);
-  // Removes the hypotheses for which `is_wrong` is true.
-  void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong);
+  // Removes the hypotheses for which `is_wrong` is true, for that reason.
+  void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong, LossCause cause);
   // Moves the best hypothesis to the front if the events prefer it to the first one by at least `min_sigma` standard
   // deviations.
   void PutBestFirst(double min_sigma);
@@ -57,6 +57,11 @@ class Hypotheses {
   const PoseTrack& first() const { return *entries_.front().track; }
   // Estimate of the first hypothesis for the last window; nullopt while it is tentative. Requires !empty().
   const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
+  // The other hypotheses at the last window, with their likelihoods relative to the first one (README, equation (3)).
+  // Requires !empty().
+  PoseAlternatives Alternatives() const;
+  // Why the hypothesis that was the first one was removed; to be read after the call that removed it.
+  LossCause first_removed_because() const { return first_removed_because_; }
 
   // To be called between windows. LoadState() requires the same context; after a failure (reader.status()) there are no
   // hypotheses.
@@ -88,16 +93,20 @@ class Hypotheses {
   void Compare(const EventWindow& window, const Competitors* others);
   // Standard deviations by which entry i is better supported than entry j.
   double Preference(size_t i, size_t j) const;
+  // Natural logarithm of the likelihood of entry i divided by that of entry j.
+  double LogLikelihoodRatio(size_t i, size_t j) const;
+  void DropLost();
   void DropRejected();
   void DropEqual();
   void DropWorse();
   void DropHopelessRivals();
   void Append(Entry entry);
-  void Remove(size_t index);
+  void Remove(size_t index, LossCause cause);
 
   const TrackContext& context_;
   std::vector<Entry> entries_;
   std::vector<WindowEvent> compared_events_;
+  LossCause first_removed_because_ = LossCause::kNone;
 };
 
 }  // namespace evpose

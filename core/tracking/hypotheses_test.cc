@@ -94,6 +94,60 @@ TEST(Hypotheses, EqualHypothesesAreMerged) {
   EXPECT_EQ(hypotheses.size(), 1u);
 }
 
+TEST(PoseAlternatives, KeepsTheMostLikelyOnesInOrder) {
+  PoseAlternatives alternatives;
+  EXPECT_TRUE(alternatives.empty());
+  for (const double ratio : {-3.0, -1.0, -5.0, -1.0, 0.5, -6.0}) {
+    alternatives.Add({MakePose({ratio, static_cast<double>(alternatives.size()), 1.0}, {0.0, 0.0, 0.0}), ratio});
+  }
+  ASSERT_EQ(alternatives.size(), PoseAlternatives::kMaxSize);
+  const double expected[] = {0.5, -1.0, -1.0, -3.0};
+  for (size_t i = 0; i < 4; ++i) {
+    EXPECT_EQ(alternatives[i].log_likelihood_ratio, expected[i]);
+    EXPECT_EQ(alternatives[i].camera_from_object.translation_m.x(), expected[i]);
+  }
+  // Among equally likely ones the earlier one comes first.
+  EXPECT_LT(alternatives[1].camera_from_object.translation_m.y(), alternatives[2].camera_from_object.translation_m.y());
+
+  StateWriter writer;
+  writer(alternatives);
+  const std::string bytes = writer.Take();
+  PoseAlternatives loaded;
+  StateReader reader(bytes);
+  reader(loaded);
+  ASSERT_TRUE(reader.Finish().ok());
+  StateWriter again;
+  again(loaded);
+  EXPECT_EQ(again.Take(), bytes);
+  std::string damaged = bytes;
+  damaged[0] = 5;
+  StateReader damaged_reader(damaged);
+  damaged_reader(loaded);
+  EXPECT_FALSE(damaged_reader.ok());
+}
+
+TEST(Hypotheses, AlternativesHaveTheirLikelihoodRelativeToTheFirstOne) {
+  const RigidTransform wrong = MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2});
+  double ratio[2] = {};
+  for (const bool right_first : {true, false}) {
+    TrackContext context = MakeContext();
+    // Without decisions and merges, so that both poses are left.
+    context.options.initialization.decision_sigma = 1e6;
+    context.options.initialization.merge_rad = 0.0;
+    Hypotheses hypotheses(context);
+    hypotheses.Add(Start(context, right_first ? kStart : wrong));
+    EXPECT_TRUE(hypotheses.Alternatives().empty());
+    hypotheses.Add(Start(context, right_first ? wrong : kStart));
+    ASSERT_EQ(hypotheses.Alternatives().size(), 1u);
+    EXPECT_EQ(hypotheses.Alternatives()[0].log_likelihood_ratio, 0.0) << "without a comparison";
+    FollowCube(context, hypotheses, 1'500);
+    ASSERT_EQ(hypotheses.size(), 2u);
+    ratio[right_first] = hypotheses.Alternatives()[0].log_likelihood_ratio;
+  }
+  EXPECT_LT(ratio[1], 0.0);
+  EXPECT_EQ(ratio[0], -ratio[1]);
+}
+
 TEST(Hypotheses, UnsupportedPosesAreRemoved) {
   const TrackContext context = MakeContext();
   Hypotheses hypotheses(context);

@@ -7,6 +7,7 @@
 
 #include "core/base/yield_point.h"
 #include "core/models/continuous_symmetry.h"
+#include "core/tracking/event_extent.h"
 #include "core/tracking/tracker_options.h"
 
 namespace evpose {
@@ -59,12 +60,17 @@ void ObjectTracker::OnGap(const EventGap& gap) {
 }
 
 void ObjectTracker::Finish() {
-  if (!IsGiven(phase_) && !given_pose_) return;
-  // The stream has ended without support for the given pose.
-  CountLoss();
-  Enter(ObjectInput::kAllRejected);
-  hypotheses_.Clear();
-  given_pose_.reset();
+  if (IsGiven(phase_) || given_pose_) {
+    // The stream has ended without support for the given pose.
+    CountLoss(LossCause::kUnconfirmed);
+    Enter(ObjectInput::kAllRejected);
+    hypotheses_.Clear();
+    given_pose_.reset();
+  } else if (hypotheses_.empty() && initializer_ != nullptr) {
+    // The result of the last search may be an exception: an object at rest at the end says nothing about the time
+    // before.
+    report_.status = MostFrequentResult(report_.searches);
+  }
 }
 
 void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us) {
@@ -74,6 +80,7 @@ void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::opt
   past_states_.clear();
   unpublished_state_ = TrackState::kInitializing;
   report_.status = InitializationStatus::kVerifying;
+  report_.searches = {};
   Enter(ObjectInput::kReset);
 }
 
@@ -93,7 +100,13 @@ double ObjectTracker::ImageSpeedPxPerS() const {
 TrackState ObjectTracker::state() const {
   if (!IsPublished(phase_)) return unpublished_state_;
   const bool has_competitors = hypotheses_.size() > 1 && IsCompeting(phase_);
-  return has_competitors ? TrackState::kDegraded : hypotheses_.first().state();
+  return has_competitors ? TrackState::kAmbiguous : hypotheses_.first().state();
+}
+
+InitializationReport ObjectTracker::initialization() const {
+  InitializationReport report = report_;
+  report.num_poses = static_cast<int>(hypotheses_.size());
+  return report;
 }
 
 void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
@@ -138,18 +151,18 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   const PoseTrack* first = &hypotheses_.first();
   const bool has_rival = hypotheses_.HasRival();
   hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
-  hypotheses_.DropIf([this](const PoseTrack& track) { return IsOccupied(track); });
+  hypotheses_.DropIf([this](const PoseTrack& track) { return IsOccupied(track); }, LossCause::kOccupied);
   if (hypotheses_.empty()) {
-    if (IsPublished(phase_) || IsGiven(phase_)) CountLoss();
+    if (IsPublished(phase_) || IsGiven(phase_)) CountLoss(hypotheses_.first_removed_because());
     Enter(ObjectInput::kAllRejected);
-    report_.status = InitializationStatus::kNoPoseFits;
+    report_.status = InitializationStatus::kNotSupported;
     return;
   }
   if (has_rival && first != &hypotheses_.first()) {
     Enter(ObjectInput::kRivals);  // its rival takes its place
   } else if (counts_as_loss && first != &hypotheses_.first()) {
     // Competitors are left: one of them is reported when it is confirmed.
-    CountLoss();
+    CountLoss(hypotheses_.first_removed_because());
     Enter(ObjectInput::kFirstRejected);
   }
   if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
@@ -228,6 +241,7 @@ void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
 
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
   estimate.state = state();
+  if (estimate.state == TrackState::kAmbiguous) estimate.alternatives = hypotheses_.Alternatives();
   if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
   // A search after a loss processes stored windows again; poses of some of them have already been published.
   if (estimate.t_us <= last_published_us_) return;
@@ -280,7 +294,8 @@ bool ObjectTracker::MaySearchAgain() const {
   // the evidence accumulated against them.
   if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
   // Events near its lines do not distinguish an object at rest from one that has left: it may reappear elsewhere.
-  return !IsPublished(phase_) || repeats_left_ > 0 || state() == TrackState::kDegraded;
+  const TrackState now = state();
+  return !IsPublished(phase_) || repeats_left_ > 0 || now == TrackState::kDegraded || now == TrackState::kAmbiguous;
 }
 
 void ObjectTracker::SearchAgain(const EventWindow& window) {
@@ -308,14 +323,44 @@ void ObjectTracker::SearchAgain(const EventWindow& window) {
 
 InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
   constexpr int kMinLines = 3;  // three lines determine the six unknowns of a pose
-  const FirstPoses first = initializer_->Find(CollectEvents());
+  const std::vector<PixelEvent> events = CollectEvents();
+  const FirstPoses first = initializer_->Find(events);
   ++report_.attempts;
   report_.num_lines = first.num_lines;
-  const size_t count = std::min<size_t>(first.poses.size(), context_.options.initialization.max_candidates);
+  // Contours leave more poses undecided than lines: as many are taken as are kept at all (Hypotheses).
+  const int max_count = (first.uses_contours ? 2 : 1) * context_.options.initialization.max_candidates;
+  const size_t count = std::min(first.poses.size(), static_cast<size_t>(max_count));
   for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]));
-  if (!first.poses.empty()) return InitializationStatus::kVerifying;
-  if (first.num_lines < kMinLines) return InitializationStatus::kTooFewLines;
-  return first.has_moved ? InitializationStatus::kNoPoseFits : InitializationStatus::kWaitingForEvents;
+  if (!first.poses.empty()) {
+    ++report_.searches.poses_found;
+    return InitializationStatus::kVerifying;
+  }
+  if (first.num_lines < kMinLines) {
+    if (const auto why = WhyTooFewEdges(events)) return *why;
+    if (!first.uses_contours) {
+      ++report_.searches.too_few_lines;
+      return InitializationStatus::kTooFewLines;
+    }
+  }
+  if (first.has_moved) {
+    ++report_.searches.no_pose_fits;
+    return InitializationStatus::kNoPoseFits;
+  }
+  ++report_.searches.not_enough_motion;
+  return InitializationStatus::kNotEnoughMotion;
+}
+
+std::optional<InitializationStatus> ObjectTracker::WhyTooFewEdges(absl::Span<const PixelEvent> events) {
+  report_.extent_px = EventExtentPx(events, context_.camera.width_px, context_.camera.height_px);
+  if (report_.extent_px == 0) {
+    ++report_.searches.no_signal;
+    return InitializationStatus::kWaitingForEvents;
+  }
+  if (report_.extent_px < kMinSearchExtentPx) {
+    ++report_.searches.too_small;
+    return InitializationStatus::kTooSmall;
+  }
+  return std::nullopt;
 }
 
 std::vector<PixelEvent> ObjectTracker::CollectEvents() {
@@ -423,7 +468,7 @@ void ObjectTracker::VisitState(auto& archive, auto& self) {
           InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
           turned_faces, InRange(next_rivals_us, -kMax_us, kMax_us),
           AtMost(rival_rounds_left, context.options.initialization.num_rival_rounds),
-          AtMost(next_rival, RivalGenerator::kMaxRivals), was_published);
+          AtMost(next_rival, RivalGenerator::kMaxRivals), was_published, InRange(now_us, -kMax_us, kMax_us));
 }
 
 void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }
@@ -452,8 +497,11 @@ void ObjectTracker::Enter(ObjectInput input) {
   phase_ = next;
 }
 
-void ObjectTracker::CountLoss() {
+void ObjectTracker::CountLoss(LossCause cause) {
   unpublished_state_ = TrackState::kLost;
+  report_.loss_cause = cause;
+  report_.lost_at_us = now_us_;
+  report_.searches = {};
   retry_us_ = context_.options.initialization.retry_us;
   ++losses_;
 }

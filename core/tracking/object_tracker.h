@@ -10,6 +10,7 @@
 #include <optional>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/association/competitors.h"
 #include "core/initialization/initializer.h"
 #include "core/tracking/hypotheses.h"
@@ -24,8 +25,8 @@ namespace evpose {
 // Follows the hypotheses about one object and publishes at most one pose per window. Not thread-safe.
 class ObjectTracker {
  public:
-  // `initializer` may be null: every pose is then given, because the caller wants it or because the model has too few
-  // straight lines. The pose in `object` is that at the first event.
+  // `initializer` may be null: every pose is then given, because the caller wants it or because no edge of the model is
+  // visible from any side. The pose in `object` is that at the first event.
   ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer, const ObjectToTrack& object);
 
   // Sets the other objects of the stream, which must be alive whenever this one processes a window. Their positions
@@ -52,7 +53,7 @@ class ObjectTracker {
   double ImageSpeedPxPerS() const;
 
   TrackState state() const;
-  InitializationReport initialization() const { return report_; }
+  InitializationReport initialization() const;
   uint32_t losses() const { return losses_; }
 
   // To be called between windows. LoadState() requires the same object, camera and options; after a failure
@@ -99,8 +100,10 @@ class ObjectTracker {
   bool MaySearchAgain() const;
   void SearchAgain(const EventWindow& window);
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
-  // none.
+  // none, and counts the result.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
+  // The reason, if it is the region of the events, why `events` have too few edges for a search; counts it.
+  std::optional<InitializationStatus> WhyTooFewEdges(absl::Span<const PixelEvent> events);
   // Returns the stored events, undistorted. Not kept between searches, because the objects of a stream search in turn.
   std::vector<PixelEvent> CollectEvents();
   // Returns the pose to which a found pose is compared: among the poses that are equal by the symmetry of the object,
@@ -109,7 +112,7 @@ class ObjectTracker {
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
   // To be called when a published or given pose is rejected.
-  void CountLoss();
+  void CountLoss(LossCause cause);
   // Applies the transition function and reports the transition. No other function changes the phase.
   void Enter(ObjectInput input);
 
@@ -133,7 +136,7 @@ class ObjectTracker {
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;
   ObjectPhase phase_ = ObjectPhase::kSearching;
-  int64_t now_us_ = 0;  // end of the latest window or gap, for the reports of transitions only
+  int64_t now_us_ = 0;  // end of the latest window or gap, for the reports of transitions and losses only
 
   std::vector<const ObjectTracker*> others_;
   std::unique_ptr<Competitors> competitors_;  // null without others

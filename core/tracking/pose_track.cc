@@ -49,6 +49,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       estimator_(context.options.MakeEstimator(context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2, context.edges->num_curves()),
       activity_(context.edges->num_curves(), context.options.mixture.min_events_per_px2),
+      flash_(context.options.flash),
       motion_(start),
       deficit_counts_(static_cast<size_t>(context.edges->num_curves())) {
   RemoveFreeMotion(context.model->continuous_symmetry, motion_);
@@ -89,9 +90,15 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
+  if (is_flash_) {
+    // Events of the change of brightness are no evidence for or against the pose.
+    Enter(TrackInput::kFewEvents, window.t_end_us);
+    if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
+    return MakeEstimate(fit, input);
+  }
   // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
   if (!input.is_confirmed) input.shares.polarity_weight = {1.0, 1.0};
-  health_.AddWindow(camera, input, image_lines_, motion_.twist);
+  health_.AddWindow(camera, input, image_lines_, fit);
   const bool confirming = phase_ == TrackPhase::kTentative;
   const double support = is_fully_tested_ ? health.keep_support_ratio : health.confirm_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
@@ -188,33 +195,31 @@ double PoseTrack::Explains(Observation observation, const Competitors* others) c
 
 const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
   constexpr double kForget = 0.05;  // the running mean covers about 20 windows, 20 to 100 ms
-  const MotionState predicted = Predicted(window.t_mid_us(), 1.0);
+  MotionState predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   input = Gather(window, others, predicted, 1.0);
   fit_.Clear();
+  is_flash_ = false;
   if (input.lines.empty()) return fit_;
-  estimator_->Fit(predicted, input, 1.0, fit_);
-  if (IsOnlyBackground(fit_) || (fit_.deficit_ratio > kMaxDeficitRatio && IsSlow(input))) {
-    // Noise does not measure the pose, nor do the events of something that passes an object at rest. The event deficit
-    // of the lines does measure their motion.
-    const LineEvents nothing;
-    WindowInput no_events = input;
-    no_events.events = {};
-    no_events.sorted = &nothing;
-    no_events.past_deficit_counts = {};
-    no_events.background_per_px2 = 0.0;
-    estimator_->Fit(predicted, no_events, 1.0, second_fit_);
-    fit_.state = second_fit_.state;
+  FitAdapted(window, input, predicted);
+  const bool is_quiet = IsOnlyBackground(fit_) || (fit_.deficit_ratio > kMaxDeficitRatio && IsSlow(input));
+  is_flash_ = IsFlash(window, input);
+  if (is_quiet || is_flash_) {
+    FitNoEvents(input, predicted);
     return fit_;
   }
   // Background events carry no information about the pose, neither for the estimator nor for a second fit.
   if (!HasSignal(fit_)) return fit_;
   if (fit_.explained_signal_ratio() < context_.options.mixture.retry_explained_ratio * usual_explained_ratio_) {
-    const MotionState agile = Predicted(window.t_mid_us(), context_.options.motion.retry_noise_factor);
+    const MotionPriorOptions& motion = context_.options.motion;
+    const MotionState agile = Predicted(window.t_mid_us(), motion, motion.retry_noise_factor);
     const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
     estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor, second_fit_);
     input = wide_input;
     if (!IsBetter(second_fit_, fit_, input.lines, image_lines_)) return fit_;
     std::swap(fit_, second_fit_);
+    adaptation_.Reset();
+  } else if (phase_ != TrackPhase::kTentative && estimator_->UpdatesCovariance()) {
+    adaptation_.Add(MotionAdaptation::Compare(predicted, fit_.state));
   }
   estimator_->Accept(fit_, input);
   if (HasSignal(fit_)) {
@@ -222,6 +227,37 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
         (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit_.explained_signal_ratio() - usual_explained_ratio_);
   }
   return fit_;
+}
+
+void PoseTrack::FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted) {
+  estimator_->Fit(predicted, input, 1.0, fit_);
+  if (adaptation_.ratio() == 1.0 || !HasSignal(fit_)) return;
+  if (!adaptation_.IsSurprising(MotionAdaptation::Compare(predicted, fit_.state))) return;
+  adaptation_.Reset();
+  predicted = Predicted(window.t_mid_us(), context_.options.motion, 1.0);
+  estimator_->Fit(predicted, input, 1.0, fit_);
+}
+
+void PoseTrack::FitNoEvents(const WindowInput& input, const MotionState& predicted) {
+  // Noise does not measure the pose, nor do the events of something that passes an object at rest. The event deficit
+  // of the lines does measure their motion.
+  const LineEvents nothing;
+  WindowInput no_events = input;
+  no_events.events = {};
+  no_events.sorted = &nothing;
+  no_events.past_deficit_counts = {};
+  no_events.background_per_px2 = 0.0;
+  estimator_->Fit(predicted, no_events, 1.0, second_fit_);
+  fit_.state = second_fit_.state;
+}
+
+bool PoseTrack::IsFlash(const EventWindow& window, const WindowInput& input) {
+  flash_.Add(input.shares.near_events, window.t_begin_us, window.t_end_us);
+  if (!flash_.is_changing()) return false;
+  ProjectLines(context_.camera, fit_.state, input.lines, image_lines_);
+  const EventConcentration concentration = health_.Concentration(input, image_lines_, fit_);
+  const FlashOptions& options = context_.options.flash;
+  return concentration.sigma < options.min_sigma || concentration.ratio < options.min_excess_ratio;
 }
 
 bool PoseTrack::IsOnlyBackground(const WindowFit& fit) {
@@ -250,8 +286,8 @@ bool PoseTrack::HasSignal(const WindowFit& fit) const {
   return fit.num_signal() >= std::max(health.min_signal_events, chance);
 }
 
-MotionState PoseTrack::Predicted(int64_t t_us, double noise_factor) const {
-  MotionState predicted = Predict(motion_, t_us, context_.options.motion, noise_factor);
+MotionState PoseTrack::Predicted(int64_t t_us, const MotionPriorOptions& motion, double noise_factor) const {
+  MotionState predicted = Predict(motion_, t_us, motion, noise_factor);
   if (!estimator_->UsesPrediction()) {
     predicted.camera_from_object = motion_.camera_from_object;
     predicted.twist.setZero();
@@ -295,6 +331,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   };
   static_cast<AssociatedEvents&>(input) =
       associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), competing);
+  input.image_lines = image_lines_;
   Remember(input);
   return input;
 }
@@ -337,8 +374,16 @@ void PoseTrack::Enter(TrackInput input, int64_t t_us) {
   const TrackPhase next = NextPhase(phase_, input);
   if (next == TrackPhase::kConfirmed) supported_at_us_ = t_us;
   if (next == TrackPhase::kUnsupported && phase_ != TrackPhase::kUnsupported) unsupported_since_us_ = t_us;
+  if (next == TrackPhase::kLost && phase_ != TrackPhase::kLost) loss_cause_ = CauseOf(input);
   context_.phase_reporter->Report(phase_, next, t_us);
   phase_ = next;
+}
+
+LossCause PoseTrack::CauseOf(TrackInput input) const {
+  if (input == TrackInput::kTimeout) return LossCause::kContradicted;
+  const bool is_in_view = is_occluded_ || std::any_of(image_lines_.begin(), image_lines_.end(),
+                                                      [](const ImageLine& line) { return line.in_view(); });
+  return is_in_view ? LossCause::kUncertain : LossCause::kOutOfView;
 }
 
 // While the events do not support the pose, the covariance of the fit is that of a wrong association: it is small and
@@ -355,10 +400,11 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 }
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
-  auto& [context, visible_edges, all_lines, associator, estimator, health, activity, phase, motion,
+  auto& [context, visible_edges, all_lines, associator, estimator, health, activity, flash, adaptation, phase, motion,
          usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us,
-         is_fully_tested, supported_at_us, unsupported_since_us, lines, unoccluded_lines, is_occluded,
-         is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] = self;
+         is_fully_tested, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines, is_flash,
+         is_occluded, is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] =
+      self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
   archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
@@ -368,7 +414,7 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
           InRange(unsupported_since_us, -kMax_us, kMax_us));
   archive(associator.near_events());
   for (auto& counts : deficit_counts) archive(counts);
-  archive(activity);
+  archive(activity, flash, adaptation);
 }
 
 void PoseTrack::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

@@ -16,8 +16,10 @@
 #include "core/estimation/estimator.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/motion_prior.h"
-#include "core/tracking/curve_activity.h"
-#include "core/tracking/health.h"
+#include "core/tracking/evidence/curve_activity.h"
+#include "core/tracking/evidence/flash.h"
+#include "core/tracking/evidence/health.h"
+#include "core/tracking/motion_adaptation.h"
 #include "core/tracking/pose_estimate.h"
 #include "core/tracking/track_phase.h"
 #include "core/tracking/tracker_options.h"
@@ -49,6 +51,8 @@ class PoseTrack {
   void OnGap(int64_t gap_us);
 
   TrackState state() const { return ReportedState(phase_); }
+  // Why the state is LOST.
+  LossCause loss_cause() const { return loss_cause_; }
   // Tentative, and contradicted by `times` times HealthOptions::max_contradictions test results.
   bool is_rejected(int times) const {
     return phase_ == TrackPhase::kTentative &&
@@ -78,7 +82,13 @@ class PoseTrack {
   // Expected density of the other objects' events at `event`, relative to that of the nearest own line.
   double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
-  MotionState Predicted(int64_t t_us, double noise_factor) const;
+  MotionState Predicted(int64_t t_us, const MotionPriorOptions& motion, double noise_factor) const;
+  // Fits the window with the densities of the motion that were learned, and again with the full ones if it surprises.
+  void FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted);
+  // Whether the brightness changes and the events are not concentrated near the lines of fit_.
+  bool IsFlash(const EventWindow& window, const WindowInput& input);
+  // Replaces fit_ by the one to no events.
+  void FitNoEvents(const WindowInput& input, const MotionState& predicted);
   // Valid until the next window.
   const WindowFit& FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
   // Whether the predicted motion is so slow that an event deficit is not significant.
@@ -94,6 +104,8 @@ class PoseTrack {
   // Applies the transition function, stores the time of the transition and reports it. No other function changes the
   // phase.
   void Enter(TrackInput input, int64_t t_us);
+  // The cause of the loss by `input`.
+  LossCause CauseOf(TrackInput input) const;
   Matrix6d PublishedCovariance(const MotionState& state) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
@@ -109,6 +121,8 @@ class PoseTrack {
   std::unique_ptr<WindowEstimator> estimator_;
   TrackHealth health_;
   CurveActivity activity_;
+  FlashDetector flash_;
+  MotionAdaptation adaptation_;
 
   TrackPhase phase_ = TrackPhase::kTentative;
   MotionState motion_;
@@ -122,8 +136,11 @@ class PoseTrack {
   int64_t supported_at_us_ = 0;       // time of the latest kSupport
   int64_t unsupported_since_us_ = 0;  // time at which kUnsupported was entered
 
+  LossCause loss_cause_ = LossCause::kNone;  // not saved: a lost track is removed before the next window
+
   absl::Span<const TrackedLine> lines_;
   std::vector<TrackedLine> unoccluded_lines_;
+  bool is_flash_ = false;            // IsFlash() of the last window
   bool is_occluded_ = false;         // the other objects occlude all visible lines
   bool is_partly_occluded_ = false;  // the other objects occlude some of them
   std::vector<ImageLine> image_lines_;

@@ -6,10 +6,13 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/association/competitors.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 #include "core/detection/plane_detector.h"
 #include "core/initialization/initializer.h"
+#include "core/initialization/templates/template_model.h"
 #include "core/tracking/object_tracker.h"
 #include "core/tracking/tracker_options.h"
 
@@ -92,27 +95,57 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
-// Returns null for a model that is tracked from given poses only, because its lines determine none.
+// Returns null for a model that is tracked from given poses only, because no edge is visible in its views.
 absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
                                                                  std::shared_ptr<LineDetector> detector) {
-  if (!IsSearchable(*object.model) && HasCurvedEdges(*object.model)) return std::unique_ptr<PoseInitializer>();
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PoseSearch> search,
-                          MakePoseSearch(object.model, camera, {}, object.search_model));
-  return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search));
+  const bool has_curves = HasCurvedEdges(*object.model);
+  std::unique_ptr<PoseSearch> search;
+  if (IsSearchable(*object.model) || !has_curves) {
+    EVPOSE_ASSIGN_OR_RETURN(search, MakePoseSearch(object.model, camera, {}, object.search_model));
+  }
+  std::unique_ptr<TemplateSearch> templates;
+  if (has_curves) {
+    const auto views =
+        object.template_model != nullptr ? object.template_model : std::make_shared<const TemplateModel>(object.model);
+    if (views->num_coarse() > 0) templates = std::make_unique<TemplateSearch>(views, camera);
+  }
+  if (search == nullptr && templates == nullptr) return std::unique_ptr<PoseInitializer>();
+  return std::make_unique<PoseInitializer>(object.model, camera, std::move(detector), std::move(search),
+                                           std::move(templates));
 }
 
 }  // namespace
 
 std::string_view TrackStateName(TrackState state) {
-  static constexpr std::array<std::string_view, static_cast<size_t>(TrackState::kLost) + 1> kNames = {
-      "INITIALIZING", "TRACKING", "DEGRADED", "LOST"};
+  static constexpr std::array<std::string_view, kNumTrackStates> kNames = {"INITIALIZING", "TRACKING", "DEGRADED",
+                                                                           "LOST", "AMBIGUOUS"};
+  static_assert(!kNames.back().empty());
   return kNames[static_cast<size_t>(state)];
 }
 
 std::string_view InitializationStatusName(InitializationStatus status) {
-  static constexpr std::array<std::string_view, static_cast<size_t>(InitializationStatus::kNotSearchable) + 1> kNames =
-      {"NOT_NEEDED", "WAITING_FOR_EVENTS", "TOO_FEW_LINES", "NO_POSE_FITS", "VERIFYING", "AMBIGUOUS", "NOT_SEARCHABLE"};
+  static constexpr std::array<std::string_view, static_cast<size_t>(kLastInitializationStatus) + 1> kNames = {
+      "NOT_NEEDED", "WAITING_FOR_EVENTS", "TOO_FEW_LINES",     "NO_POSE_FITS", "VERIFYING",
+      "AMBIGUOUS",  "NOT_SEARCHABLE",     "NOT_ENOUGH_MOTION", "TOO_SMALL",    "NOT_SUPPORTED"};
+  static_assert(!kNames.back().empty());
   return kNames[static_cast<size_t>(status)];
+}
+
+InitializationStatus MostFrequentResult(const SearchCounts& searches) {
+  // In the order of the steps of a search.
+  const std::pair<uint64_t, InitializationStatus> results[] = {
+      {searches.no_signal, InitializationStatus::kWaitingForEvents},
+      {searches.too_small, InitializationStatus::kTooSmall},
+      {searches.too_few_lines, InitializationStatus::kTooFewLines},
+      {searches.not_enough_motion, InitializationStatus::kNotEnoughMotion},
+      {searches.no_pose_fits, InitializationStatus::kNoPoseFits},
+      {searches.poses_found, InitializationStatus::kNotSupported},
+  };
+  auto most = results[0];
+  for (const auto& result : results) {
+    if (result.first > 0 && result.first >= most.first) most = result;
+  }
+  return most.second;
 }
 
 absl::Status ObjectToTrack::Validate() const {
@@ -122,6 +155,16 @@ absl::Status ObjectToTrack::Validate() const {
         initial_camera_from_object->translation_m.norm() > 1e-9)) {
     return absl::InvalidArgumentError(
         "initial_camera_from_object must be finite, and its translation must not be zero");
+  }
+  if (initial_camera_from_object) {
+    const BoundingSphere sphere = BoundingSphereOf(*model);
+    const double depth_m = (*initial_camera_from_object * sphere.centre).z();
+    if (!(depth_m + sphere.radius_m > 0.0)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "initial_camera_from_object: the object is behind the camera, its centre at z = %.4g m; the z "
+          "axis of the camera points away from it, to the object",
+          depth_m));
+    }
   }
   if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
       reference_rotation.determinant() < 0.0) {
@@ -147,7 +190,8 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   std::shared_ptr<LineDetector> detector;  // of all objects, which search in turn
   if (options.initialization.is_automatic) {
     const LineDetectorFactory& factory = options.initialization.detector_factory;
-    EVPOSE_ASSIGN_OR_RETURN(detector, factory ? factory(sensor) : MakePlaneLineDetector({}, sensor));
+    EVPOSE_ASSIGN_OR_RETURN(
+        detector, factory ? factory(sensor) : MakePlaneLineDetector(PlaneDetectorOptions::ForSensor(sensor), sensor));
   }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {

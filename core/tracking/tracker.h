@@ -25,6 +25,7 @@ namespace evpose {
 
 struct CameraTables;
 class SearchModel;
+class TemplateModel;
 
 // Declared in tracker_options.h, with unit, default and reason of each field.
 struct TrackerOptions;
@@ -37,6 +38,8 @@ struct ObjectToTrack {
   // camera_from_object. Among the equivalent poses of a symmetric object, the one nearest to this rotation is reported.
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
   std::shared_ptr<const SearchModel> search_model;  // search tables of the model; null: computed when they are needed
+  // Views of a model with curved edges; null: the same.
+  std::shared_ptr<const TemplateModel> template_model;
 
   // INVALID_ARGUMENT names the field or the defect of the model.
   absl::Status Validate() const;

@@ -123,6 +123,7 @@ TEST(TrackerInitialization, IsLostWhenTheObjectVanishesAndTracksWhenItIsBackElse
   // A flood of unrelated events for a moment, and then only noise for a second.
   tracker->AddEvents(Noise(5e6, 100'000, 60'000), estimates);
   EXPECT_EQ(tracker->state(), TrackState::kLost);
+  EXPECT_EQ(tracker->initialization().loss_cause, LossCause::kContradicted);
   estimates.clear();
   tracker->AddEvents(Noise(50e3, 160'000, 940'000), estimates);
   EXPECT_EQ(tracker->state(), TrackState::kLost);
@@ -146,6 +147,9 @@ TEST(TrackerInitialization, IsLostWhenTheObjectLeavesAndTracksWhenItIsBack) {
   const Motion away = ConstantTwist(kStart, Twist(3.0, 0.0, 0.0, 0.0, 0.0, 0.0));
   tracker->AddEvents(MakeIdealEvents(*cube, kCamera, away, leaving), estimates);
   EXPECT_EQ(tracker->state(), TrackState::kLost);
+  EXPECT_EQ(tracker->initialization().loss_cause, LossCause::kOutOfView);
+  EXPECT_GT(tracker->initialization().lost_at_us, 50'000);
+  EXPECT_LE(tracker->initialization().lost_at_us, 250'000);
   EXPECT_GE(FirstRightUs(*cube, estimates, away, 0), 0);
 
   tracker->AddEvents(CubeEvents(1'000'000, 150'000), estimates);
@@ -158,19 +162,20 @@ TEST(TrackerInitialization, WaitsWhileNothingMoves) {
   auto tracker = MakeTracker(IdealSensor());
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
   std::vector<PoseEstimate> estimates;
-  tracker->AddEvents(Noise(1000.0, 0, 500'000), estimates);
+  tracker->AddEvents(Noise(500.0, 0, 500'000), estimates);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
   EXPECT_EQ(tracker->initialization().attempts, 0u);
 
-  // A cube that moves by less than a pixel during the whole memory of the search.
+  // A cube that moves by a third of a pixel in all.
   IdealEventOptions creeping;
   creeping.duration_us = 300'000;
   creeping.events_per_px2 = 10.0;
   creeping.clutter_per_s = 1000.0;
   creeping.t_begin_us = 500'000;
-  const Motion creep = ConstantTwist(kStart, Twist(0.003, 0.002, 0.0, 0.0, 0.0, 0.002));
+  const Motion creep = ConstantTwist(kStart, Twist(0.001, 0.0007, 0.0, 0.0, 0.0, 0.0007));
   tracker->AddEvents(MakeIdealEvents(*MakeCube(0.15), kCamera, creep, creeping), estimates);
-  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotEnoughMotion);
+  EXPECT_GT(tracker->initialization().searches.not_enough_motion, 0u);
   EXPECT_EQ(tracker->state(), TrackState::kInitializing);
   EXPECT_TRUE(estimates.empty());
 }
@@ -186,6 +191,100 @@ TEST(TrackerInitialization, ReportsTooFewLines) {
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kTooFewLines);
   EXPECT_GE(tracker->initialization().num_lines, 1);
   EXPECT_TRUE(estimates.empty());
+}
+
+TEST(TrackerInitialization, ReportsThatTheObjectIsTooSmall) {
+  auto tracker = MakeTracker(IdealSensor());
+  IdealEventOptions options;
+  options.duration_us = 300'000;
+  options.events_per_px2 = 5.0;
+  options.clutter_per_s = 2000.0;
+  const RigidTransform far = MakePose({0.1, 0.05, 8.0}, {0.3, 0.2, 0.1});  // about 20 px across
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(
+      MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(far, Twist(1.0, 0.5, 0, 0, 0, 0.5)), options), estimates);
+  tracker->Finish(estimates);
+  const InitializationReport report = tracker->initialization();
+  EXPECT_EQ(report.status, InitializationStatus::kTooSmall);
+  EXPECT_GT(report.searches.too_small, report.searches.too_few_lines);
+  EXPECT_GT(report.extent_px, 5);
+  EXPECT_LT(report.extent_px, 40);
+  EXPECT_TRUE(estimates.empty());
+}
+
+TEST(TrackerInitialization, NoiseHasNoSignal) {
+  auto tracker = MakeTracker(IdealSensor());
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(Noise(20e3, 0, 300'000), estimates);
+  tracker->Finish(estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
+  EXPECT_GT(tracker->initialization().searches.no_signal, 3u);
+}
+
+TEST(TrackerInitialization, ReportsThatTheEventsDoNotSupportAGivenPose) {
+  TrackerOptions options = IdealSensor();
+  options.initialization.is_automatic = false;
+  auto tracker = Tracker::Create(Cube(), kCamera, options, MakePose({0.03, -0.02, 0.6}, {0.1, 0.1, 1.2})).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(CubeEvents(0, 100'000), estimates);
+  EXPECT_TRUE(estimates.empty());
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotSupported);
+  EXPECT_EQ(tracker->initialization().loss_cause, LossCause::kContradicted);
+  EXPECT_GT(tracker->initialization().lost_at_us, 0);
+  EXPECT_EQ(tracker->initialization().num_poses, 0);
+}
+
+TEST(TrackerInitialization, TheEndOfTheStreamIsTheLossOfAGivenPoseThatIsStillTested) {
+  auto tracker = Tracker::Create(Cube(), kCamera, IdealSensor(), kStart).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(CubeEvents(0, 1'500), estimates);
+  tracker->Finish(estimates);
+  ASSERT_TRUE(estimates.empty());
+  EXPECT_EQ(tracker->state(), TrackState::kLost);
+  EXPECT_EQ(tracker->initialization().loss_cause, LossCause::kUnconfirmed);
+}
+
+// An object at rest at the end must not replace the reason of the searches before.
+TEST(TrackerInitialization, TheEndHasTheResultOfMostSearches) {
+  auto tracker = MakeTracker(IdealSensor());
+  IdealEventOptions options;
+  options.duration_us = 200'000;
+  const ObjectModel line = LineFigure({{-0.1, -0.05, 0.0}, {0.1, 0.05, 0.0}}, false);
+  const Motion motion = ConstantTwist(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), Twist(0.1, -0.3, 0, 0, 0, 0));
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(MakeIdealEvents(line, kCamera, motion, options), estimates);
+  // Longer than InitializationOptions::memory_us.
+  tracker->AddEvents(Noise(200.0, 200'000, 1'600'000), estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);
+  tracker->Finish(estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kTooFewLines);
+}
+
+TEST(TrackerInitialization, AModelWithoutVisibleEdgesNeedsAGivenPose) {
+  // Two arcs that are shorter than a pixel in any image that shows both.
+  ObjectModel model;
+  for (const double x : {-0.5, 0.5}) {
+    EdgeCurve curve;
+    curve.points = {{x, 0.0, 0.0}, {x, 0.0002, 0.0}, {x, 0.0003, 0.0002}};
+    curve.face_normals.resize(2, {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()});
+    model.vertices.insert(model.vertices.end(), curve.points.begin(), curve.points.end());
+    model.curves.push_back(curve);
+  }
+  model.diameter_m = 1.0;
+  auto tracker = MakeTracker(IdealSensor(), std::make_shared<const ObjectModel>(model));
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(Noise(200e3, 0, 20'000), estimates);
+  tracker->Finish(estimates);
+  EXPECT_EQ(tracker->initialization().status, InitializationStatus::kNotSearchable);
+  EXPECT_EQ(tracker->initialization().attempts, 0u);
+}
+
+TEST(MostFrequentResult, IsTheOneThatCameNearestToAPoseAmongEqualCounts) {
+  EXPECT_EQ(MostFrequentResult({}), InitializationStatus::kWaitingForEvents);
+  EXPECT_EQ(MostFrequentResult({.no_signal = 2, .too_small = 3}), InitializationStatus::kTooSmall);
+  EXPECT_EQ(MostFrequentResult({.too_few_lines = 2, .no_pose_fits = 2}), InitializationStatus::kNoPoseFits);
+  EXPECT_EQ(MostFrequentResult({.not_enough_motion = 4, .poses_found = 2}), InitializationStatus::kNotEnoughMotion);
+  EXPECT_EQ(MostFrequentResult({.poses_found = 1}), InitializationStatus::kNotSupported);
 }
 
 TEST(TrackerInitialization, LinesOfSomethingElseAreNoPose) {
@@ -213,7 +312,7 @@ TEST(TrackerInitialization, LinesOfSomethingElseAreNoPose) {
 }
 
 // At a large distance the two tilts of a plate have the same image, also under translation.
-TEST(TrackerInitialization, AnAmbiguousPlateIsReportedAsDegradedInTheEnd) {
+TEST(TrackerInitialization, AnAmbiguousPlateIsReportedWithItsAlternatives) {
   const CameraModel far_camera = MakeCamera(640, 480, 120'000.0);
   auto plate = std::make_shared<ObjectModel>(
       LineFigure({{-0.2, -0.12, 0.0}, {0.2, -0.15, 0.0}, {0.13, 0.12, 0.0}, {-0.1, 0.17, 0.0}}, true));
@@ -233,9 +332,36 @@ TEST(TrackerInitialization, AnAmbiguousPlateIsReportedAsDegradedInTheEnd) {
   }
   EXPECT_TRUE(was_ambiguous);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kAmbiguous);
-  EXPECT_EQ(tracker->state(), TrackState::kDegraded);
+  EXPECT_GE(tracker->initialization().num_poses, 2);
+  EXPECT_EQ(tracker->state(), TrackState::kAmbiguous);
   ASSERT_FALSE(estimates.empty());
-  for (const PoseEstimate& estimate : estimates) EXPECT_EQ(estimate.state, TrackState::kDegraded);
+  for (const PoseEstimate& estimate : estimates) {
+    ASSERT_EQ(estimate.state, TrackState::kAmbiguous);
+    ASSERT_GE(estimate.alternatives.size(), 1u);
+    // An alternative that is better by half of decision_sigma is reported itself; one that is worse by decision_sigma
+    // is rejected (equation (3)).
+    for (const PoseAlternative& alternative : estimate.alternatives) {
+      EXPECT_GT(alternative.log_likelihood_ratio, -8.0);
+      EXPECT_LT(alternative.log_likelihood_ratio, 2.0);
+    }
+  }
+  // The true pose is the reported one or an alternative.
+  const PoseEstimate& last = estimates.back();
+  const RigidTransform truth = motion(last.t_us * 1e-6);
+  const auto is_near = [&](const RigidTransform& pose) { return RotationAngle(pose.rotation, truth.rotation) < 0.1; };
+  EXPECT_TRUE(is_near(last.camera_from_object) ||
+              std::any_of(last.alternatives.begin(), last.alternatives.end(),
+                          [&](const PoseAlternative& each) { return is_near(each.camera_from_object); }));
+}
+
+// From nearby, the two tilts look different: one pose leads, and no alternatives are reported.
+TEST(TrackerInitialization, AConfirmedPoseHasNoAlternatives) {
+  const auto cube = Cube();
+  auto tracker = MakeTracker(IdealSensor(), cube);
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(CubeEvents(0, 100'000), estimates);
+  ASSERT_FALSE(estimates.empty());
+  for (const PoseEstimate& estimate : estimates) EXPECT_TRUE(estimate.alternatives.empty());
 }
 
 TEST(TrackerInitialization, DoesNotDependOnTheCutOfCalls) {

@@ -20,12 +20,18 @@ constexpr uint64_t kDetectionBytes = 14u << 20;
 // Pose search of an object: 24,000 rotations and 120,000 votes at most (PoseSearchOptions), the vectors that hold them
 // with twice their capacity.
 constexpr uint64_t kSearchBytes = 6u << 20;
+// Views of a model with curved edges: 642 with 120 points of 68 bytes, and their boxes at 48 turns.
+constexpr uint64_t kTemplateModelBytes = 7u << 20;
+// Template search of an object: sums of 20,000 pixels, distance maps of three boxes, a hash table of 2 MB, and a grid
+// with two bytes for each pixel.
+constexpr uint64_t kTemplateSearchBytes = 14u << 20;
+constexpr uint64_t kTemplateSearchPixelBytes = 2;
 // A hypothesis: observations of its events, the same by line, and the sums of its estimator.
-constexpr uint64_t kTrackBytes = 400u << 10;
+constexpr uint64_t kTrackBytes = 440u << 10;
 // A visible line or element in a hypothesis: image lines with their Jacobians and sums, twice the capacity.
 constexpr uint64_t kTrackLineBytes = 2200;
 // What a hypothesis learns of an edge curve.
-constexpr uint64_t kTrackCurveBytes = 500;
+constexpr uint64_t kTrackCurveBytes = 700;
 // A visible line or element in the past states of an object, which other objects need: 96 bytes in at most 400 windows
 // of the search's memory; and the bytes of it that are saved.
 constexpr uint64_t kPastLineBytes = 400 * 96;
@@ -39,9 +45,12 @@ constexpr uint64_t kCurvePointBytes = 72;
 constexpr uint64_t kSurfaceTriangleBytes = 40;
 // A triangle of a curved surface in the tables of an EdgeElementExtractor.
 constexpr uint64_t kElementTriangleBytes = 200;
+// A triangle of a model with contours between facets in these tables, and one of its facet edges in the model.
+constexpr uint64_t kFacetTriangleBytes = 48;
+constexpr uint64_t kFacetEdgeBytes = 8;
 // A cell of 64 x 64 pixels: its page in a grid, and its background rate.
 constexpr uint64_t kCellBytes = 64;
-constexpr uint64_t kPageBytes = 1024;
+constexpr uint64_t kPageBytes = 1280;
 
 // Upper bounds of the lines and elements that a hypothesis sees in a window.
 uint64_t VisibleLinesOf(const ObjectModel& model, const TrackerOptions& options) {
@@ -53,20 +62,24 @@ uint64_t VisibleLinesOf(const ObjectModel& model, const TrackerOptions& options)
 
 uint64_t CurvesOf(const ObjectModel& model) {
   constexpr uint64_t kArcsOfRegion = 8;  // octants of the image normal
-  const uint64_t curves = model.lines.size() + model.curves.size() + kArcsOfRegion * model.surface.regions.size();
+  const uint64_t curves = model.lines.size() + model.curves.size() +
+                          kArcsOfRegion * (model.surface.regions.size() + (model.facet_edges.empty() ? 0 : 1));
   return std::min<uint64_t>(curves, ModelEdges::kMaxCurves);
 }
 
 // Without the model itself.
 uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_others, const TrackerOptions& options) {
-  // Challengers are followed separately until they join.
-  const auto num_tracks = static_cast<uint64_t>(std::max(1, 3 * options.initialization.max_candidates));
+  // Challengers are followed separately until they join. Contours give twice as many.
+  const int searches = HasCurvedEdges(model) ? 4 : 3;
+  const auto num_tracks = static_cast<uint64_t>(std::max(1, searches * options.initialization.max_candidates));
   const uint64_t num_lines = VisibleLinesOf(model, options);
   uint64_t bytes = kSearchBytes + kTreeTriangleBytes * model.triangles.size();
   bytes += static_cast<uint64_t>(options.initialization.max_events) * sizeof(WindowEvent);
   bytes += num_tracks *
            (kTrackBytes + kTrackLineBytes * num_lines + kTrackCurveBytes * CurvesOf(model) + kCellBytes * num_cells);
   if (!model.surface.empty()) bytes += kElementTriangleBytes * model.triangles.size();
+  if (HasCurvedEdges(model)) bytes += kTemplateSearchBytes;
+  if (!model.facet_edges.empty()) bytes += kFacetTriangleBytes * model.triangles.size();
   bytes += 2 * kPageBytes * num_cells;
   if (has_others) bytes += kPastLineBytes * num_lines + (kCellBytes + kPageBytes) * num_cells;  // Competitors
   return bytes;
@@ -75,8 +88,12 @@ uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_othe
 uint64_t ModelBytes(const ObjectModel& model) {
   uint64_t bytes = model.surface.empty() ? 0 : kSurfaceTriangleBytes * model.triangles.size();
   for (const EdgeCurve& curve : model.curves) bytes += kCurvePointBytes * curve.points.size();
+  if (HasCurvedEdges(model)) {
+    // The TemplateModel has a tree and tables of its own.
+    bytes += kTemplateModelBytes + (kTreeTriangleBytes + kElementTriangleBytes) * model.triangles.size();
+  }
   // The second tree is that of the SearchModel.
-  return bytes + kModelLineBytes * model.lines.size() +
+  return bytes + kFacetEdgeBytes * model.facet_edges.size() + kModelLineBytes * model.lines.size() +
          kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
          kTreeTriangleBytes * model.triangles.size() + sizeof(RigidTransform) * model.symmetries.size();
 }
@@ -95,6 +112,10 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
   // The events of a search, before and after the removal of flicker, and the detector's index of them: 8 bytes for each
   // tile of an image that undistortion enlarges to 1.5 times its width and height.
   memory.max_bytes += kDetectionBytes + 2 * search_events * sizeof(PixelEvent) + num_pixels * 9 / 4 / 64 * 8;
+  // Objects search in turn.
+  if (std::any_of(models.begin(), models.end(), [](const auto& model) { return HasCurvedEdges(*model); })) {
+    memory.max_bytes += kTemplateSearchPixelBytes * num_pixels;
+  }
   memory.max_bytes += 2 * static_cast<uint64_t>(options.windows.max_events) * (sizeof(WindowEvent) + sizeof(uint64_t));
   std::set<const ObjectModel*> distinct;
   for (const auto& model : models) {

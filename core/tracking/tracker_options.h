@@ -9,7 +9,8 @@
 #include "core/estimation/mixture_estimator.h"
 #include "core/geometry/motion_prior.h"
 #include "core/models/visibility.h"
-#include "core/tracking/health.h"
+#include "core/tracking/evidence/flash.h"
+#include "core/tracking/evidence/health.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {
@@ -20,8 +21,9 @@ struct InitializationOptions {
   bool is_automatic = true;
   // Makes the line detector; empty: planes in space and time (plane_detector.h). core/baselines/first_pose has LSD.
   LineDetectorFactory detector_factory;
-  // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels.
-  int64_t memory_us = 200'000;
+  // Microseconds of past events that a search uses: the time in which a slow object moves by a few pixels. max_events
+  // bounds them, too.
+  int64_t memory_us = 1'000'000;
   // Events kept per window and in total: bounds memory and time at any event rate.
   int max_window_events = 4096;
   int max_events = 200'000;
@@ -49,11 +51,12 @@ struct InitializationOptions {
   // resolves them.
   double merge_rad = 0.02;
   double merge_depth_ratio = 0.01;
-  // Microseconds between tests of the generated rivals of a published pose (core/tracking/README.md, section 4), and
+  // Microseconds between tests of the generated rivals of a published pose (core/tracking/README.md, section 6), and
   // the number of tests. After ten of them it has been seen from several views or moves so little that nothing is new.
   int64_t rival_interval_us = 1'000'000;
   int num_rival_rounds = 10;
-  // Microseconds after which the better of several competing hypotheses is published, as DEGRADED.
+  // Microseconds after which the best of several competing hypotheses is published, as AMBIGUOUS and with the others as
+  // alternatives. Most poses that the events tell apart at all have been told apart by then.
   int64_t undecided_us = 200'000;
 
   absl::Status Validate() const;
@@ -75,6 +78,7 @@ struct TrackerOptions : EstimatorOptions {
   InitializationOptions initialization;
   MotionPriorOptions motion;
   HealthOptions health;
+  FlashOptions flash;
 
   std::unique_ptr<WindowEstimator> MakeEstimator(const CameraModel& camera) const;
 

@@ -92,6 +92,7 @@ TEST(TrackStateName, NamesAll) {
   EXPECT_EQ(TrackStateName(TrackState::kInitializing), "INITIALIZING");
   EXPECT_EQ(TrackStateName(TrackState::kTracking), "TRACKING");
   EXPECT_EQ(TrackStateName(TrackState::kDegraded), "DEGRADED");
+  EXPECT_EQ(TrackStateName(TrackState::kAmbiguous), "AMBIGUOUS");
   EXPECT_EQ(TrackStateName(TrackState::kLost), "LOST");
 }
 

@@ -14,6 +14,8 @@ namespace {
 
 static_assert(static_cast<int>(RegionShape::kPlane) + 1 == v1::MESH_SHAPE_PLANE);
 static_assert(static_cast<int>(RegionShape::kFree) + 1 == v1::MESH_SHAPE_FREE);
+static_assert(static_cast<int>(ExactEdge::Shape::kLine) + 1 == v1::MESH_CURVE_LINE);
+static_assert(static_cast<int>(ExactEdge::Shape::kFree) + 1 == v1::MESH_CURVE_FREE);
 
 using CornerNormals = std::vector<std::array<Eigen::Vector3f, 3>>;
 
@@ -56,6 +58,32 @@ void AddFaces(const SmoothSurface& surface, v1::Mesh& message) {
     face.set_half_angle_rad(region.half_angle_rad);
   }
   message.mutable_triangle_faces()->Add(surface.region_of.begin(), surface.region_of.end());
+}
+
+void AddEdges(const std::vector<ExactEdge>& edges, v1::Mesh& message) {
+  for (const ExactEdge& edge : edges) {
+    v1::MeshEdge& added = *message.add_edges();
+    added.set_curve(static_cast<v1::MeshCurve>(static_cast<int>(edge.shape) + 1));
+    added.mutable_points()->Add(edge.points.begin(), edge.points.end());
+    added.set_smooth(edge.is_smooth);
+    if (edge.shape != ExactEdge::Shape::kCircle) continue;
+    *added.mutable_centre_m() = ToProto(edge.circle.centre);
+    *added.mutable_axis() = ToProto(edge.circle.axis);
+    added.set_radius_m(edge.circle.radius_m);
+  }
+}
+
+std::vector<ExactEdge> EdgesOf(const v1::Mesh& message) {
+  std::vector<ExactEdge> edges;
+  for (const v1::MeshEdge& stated : message.edges()) {
+    ExactEdge& edge = edges.emplace_back();
+    edge.shape = static_cast<ExactEdge::Shape>(stated.curve() - 1);
+    edge.is_smooth = stated.smooth();
+    edge.points.assign(stated.points().begin(), stated.points().end());
+    if (edge.shape != ExactEdge::Shape::kCircle) continue;
+    edge.circle = {FromProto(stated.centre_m()), FromProto(stated.axis()).normalized(), stated.radius_m()};
+  }
+  return edges;
 }
 
 CornerNormals NormalsOf(const v1::Mesh& message) {
@@ -106,6 +134,7 @@ std::string EncodeMesh(const RawMesh& mesh) {
   const bool has_faces = !mesh.exact_surface.empty();
   AddNormals(has_faces ? mesh.exact_surface.normals : mesh.corner_normals, message);
   if (has_faces) AddFaces(mesh.exact_surface, message);
+  AddEdges(mesh.exact_edges, message);
   return message.SerializeAsString();
 }
 
@@ -132,6 +161,7 @@ absl::StatusOr<RawMesh> ParseMesh(absl::Span<const uint8_t> bytes, size_t max_tr
   } else {
     mesh.exact_surface = SurfaceOf(message);
     mesh.exact_surface.normals = NormalsOf(message);
+    mesh.exact_edges = EdgesOf(message);
   }
   return mesh;
 }

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/models/mesh_message_checks.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <string>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -126,12 +128,61 @@ absl::Status CheckFaces(const v1::Mesh& mesh) {
   return absl::OkStatus();
 }
 
+absl::Status CheckCircle(const v1::MeshEdge& edge, const Floats& positions, int i) {
+  // Relative to the radius. Single precision and the tolerance of CAD programs are below it.
+  constexpr double kMaxDistance = 0.01;
+  const v1::Vector3 &centre = edge.centre_m(), &axis = edge.axis();
+  if (!edge.has_centre_m() || !std::isfinite(centre.x()) || !std::isfinite(centre.y()) || !std::isfinite(centre.z())) {
+    return ElementError("edges", i, "centre_m is missing or not finite");
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckUnit("edges", i, axis.x(), axis.y(), axis.z()));
+  if (!(edge.radius_m() > 0.0 && std::isfinite(edge.radius_m()))) {
+    return ElementError("edges", i, "radius_m is not above 0 and finite");
+  }
+  for (const uint32_t point : edge.points()) {
+    const int first = 3 * static_cast<int>(point);
+    const double x = positions[first] - centre.x(), y = positions[first + 1] - centre.y(),
+                 z = positions[first + 2] - centre.z();
+    const double height = x * axis.x() + y * axis.y() + z * axis.z();
+    const double across = std::sqrt(std::max(0.0, x * x + y * y + z * z - height * height)) - edge.radius_m();
+    if (std::sqrt(height * height + across * across) <= kMaxDistance * edge.radius_m()) continue;  // false for NaN
+    return ElementError("edges", i, absl::StrFormat("its point %u is not on the circle", point));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckEdges(const v1::Mesh& mesh, size_t max_triangles) {
+  // As many as corners of triangles, of which each may be on an edge.
+  const size_t max_points = 3 * max_triangles;
+  if (mesh.edges_size() == 0) return absl::OkStatus();
+  if (mesh.faces_size() == 0) return FieldError("edges", "are given without faces");
+  EVPOSE_RETURN_IF_ERROR(
+      CheckCount("edges", mesh.edges_size(), static_cast<size_t>(mesh.triangles_size() / 3), "edges"));
+  size_t num_points = 0;
+  for (int i = 0; i < mesh.edges_size(); ++i) {
+    const v1::MeshEdge& edge = mesh.edges(i);
+    if (!v1::MeshCurve_IsValid(edge.curve()) || edge.curve() == v1::MESH_CURVE_UNSPECIFIED) {
+      return ElementError("edges", i, "its curve is missing or unknown");
+    }
+    if (edge.points_size() < 2) return ElementError("edges", i, "has less than two points");
+    num_points += static_cast<size_t>(edge.points_size());
+    if (num_points > max_points) {
+      return FieldError("edges", absl::StrFormat("have more than %d points; simplify the model", max_points));
+    }
+    const std::string field = absl::StrCat("edges[", i, "].points");
+    EVPOSE_RETURN_IF_ERROR(CheckIndices(field, edge.points(), mesh.positions_size() / 3, "points"));
+    if (edge.curve() == v1::MESH_CURVE_CIRCLE) EVPOSE_RETURN_IF_ERROR(CheckCircle(edge, mesh.positions(), i));
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::Status CheckMesh(const v1::Mesh& mesh, size_t max_triangles) {
   EVPOSE_RETURN_IF_ERROR(CheckGeometry(mesh, max_triangles));
   EVPOSE_RETURN_IF_ERROR(CheckNormals(mesh));
-  return CheckFaces(mesh);
+  EVPOSE_RETURN_IF_ERROR(CheckFaces(mesh));
+  return CheckEdges(mesh, max_triangles);
 }
 
 }  // namespace evpose::server

@@ -34,11 +34,21 @@ absl::Status ModelInUse(absl::string_view name) {
                     v1::MODEL_IN_USE, {{"model", std::string(name)}});
 }
 
-std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_hex, uint64_t prepared_bytes) {
+// The file name of a summary of any version; empty if there is none.
+std::string FileNameOf(const ModelRecord& record) {
   storage::v1::ModelSummary stored;
+  return stored.ParseFromString(record.summary) ? stored.file_name() : "";
+}
+
+std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_hex, uint64_t prepared_bytes,
+                          const std::string& file_name) {
+  storage::v1::ModelSummary stored;
+  stored.set_file_name(file_name);
   stored.set_version(kPreparationVersion);
   stored.set_num_faces(static_cast<uint32_t>(model.triangles.size()));
   stored.set_num_lines(static_cast<uint32_t>(model.lines.size()));
+  stored.set_num_curves(static_cast<uint32_t>(model.curves.size()));
+  stored.set_num_regions(static_cast<uint32_t>(model.surface.regions.size()));
   stored.set_num_symmetries(static_cast<uint32_t>(std::max<size_t>(1, model.symmetries.size())));
   if (model.continuous_symmetry) *stored.mutable_continuous_symmetry() = ToStored(*model.continuous_symmetry);
   stored.set_diameter_m(model.diameter_m);
@@ -59,10 +69,13 @@ ModelInfo InfoOf(const ModelRecord& record) {
   ModelInfo info = {.name = record.name,
                     .reading = record.reading,
                     .size_bytes = record.file_bytes,
-                    .create_time = record.create_time};
+                    .create_time = record.create_time,
+                    .file_name = FileNameOf(record)};
   if (const auto summary = CurrentSummary(record); summary.has_value()) {
     info.num_faces = summary->num_faces();
     info.num_lines = summary->num_lines();
+    info.num_curves = summary->num_curves();
+    info.num_regions = summary->num_regions();
     info.num_symmetries = summary->num_symmetries();
     info.continuous_symmetry = SymmetryOf(*summary);
     info.diameter_m = summary->diameter_m();
@@ -143,7 +156,7 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Prepare(ModelR
   EVPOSE_ASSIGN_OR_RETURN(record.prepared, options_.preparer->Prepare(*record.bytes, record.reading.format,
                                                                       LoadingOptions(record.reading), cancellation));
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, DecodePreparedModel(record.prepared));
-  record.summary = EncodeSummary(model, Sha256Hex(*record.bytes), record.prepared.size());
+  record.summary = EncodeSummary(model, Sha256Hex(*record.bytes), record.prepared.size(), FileNameOf(record));
   return std::make_shared<const ObjectModel>(std::move(model));
 }
 
@@ -161,7 +174,7 @@ std::optional<ModelRegistry::Known> ModelRegistry::FindFile(const std::string& t
 absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const ModelReading& reading,
                                                 absl::string_view expected_sha256_hex,
                                                 std::shared_ptr<const std::vector<uint8_t>> bytes,
-                                                const Cancellation& cancellation) {
+                                                const Cancellation& cancellation, const std::string& file_name) {
   EVPOSE_RETURN_IF_ERROR(CheckSha256(expected_sha256_hex, Sha256Hex(*bytes), bytes->size()));
   if (const absl::Status status = LoadingOptions(reading).Validate(); !status.ok())
     return InvalidField("header", status.message());
@@ -171,6 +184,9 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
                         .create_time = absl::Now(),
                         .file_bytes = bytes->size(),
                         .bytes = bytes};
+  storage::v1::ModelSummary named;
+  named.set_file_name(file_name);
+  record.summary = named.SerializeAsString();
   const Key key(tenant, record.name);
   if (IsCurrent(key)) {
     const absl::Status stored = CheckStored(tenant, record.name);

@@ -34,12 +34,15 @@ struct ModelInfo {
   uint64_t size_bytes = 0;
   uint32_t num_faces = 0;
   uint32_t num_lines = 0;
+  uint32_t num_curves = 0;
+  uint32_t num_regions = 0;
   uint32_t num_symmetries = 1;
   std::optional<ContinuousSymmetry> continuous_symmetry;
   double diameter_m = 0.0;
   std::string sha256_hex;  // of the file's bytes
   std::vector<std::string> notices;
   absl::Time create_time;
+  std::string file_name;  // of the first upload; may be empty
 };
 
 // Returns "models/{id}"; the id is defined at Model.name in the API.
@@ -80,13 +83,15 @@ class ModelRegistry {
   std::optional<Known> FindFile(const std::string& tenant, const ModelReading& reading, uint64_t size_bytes,
                                 absl::string_view sha256_hex) const;
 
-  // Prepares and stores a file. A model that exists is returned unchanged. Takes seconds for large models. Errors:
+  // Prepares and stores a file. A model that exists is returned unchanged, with its first file name. Takes seconds for
+  // large models. Errors:
   // INVALID_ARGUMENT with the field (header.sha256 as CheckSha256(), header for parameters out of range, chunk for a
   // file that cannot be parsed) or the reason MODEL_TOO_EXPENSIVE; CANCELLED; those of the store.
   absl::StatusOr<ModelInfo> Upload(const std::string& tenant, const ModelReading& reading,
                                    absl::string_view expected_sha256_hex,
                                    std::shared_ptr<const std::vector<uint8_t>> bytes,
-                                   const Cancellation& cancellation = Cancellation());
+                                   const Cancellation& cancellation = Cancellation(),
+                                   const std::string& file_name = "");
 
   // Checks that a known model is still in the store. A model that another server has deleted is forgotten. Waits for
   // the store if it is shared. Errors: NOT_FOUND (MODEL_NOT_FOUND); those of the store.

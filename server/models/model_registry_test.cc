@@ -2,6 +2,7 @@
 #include "server/models/model_registry.h"
 
 #include "core/models/cube_files_testing.h"
+#include "evpose/storage/v1/model.pb.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/models/prepared_model.h"
@@ -54,6 +55,25 @@ TEST_F(ModelRegistryTest, AStartLoadsNothingAndAUsePreparesNothingAgain) {
   EXPECT_EQ(restarted->UseStored("lab", uploaded.name)->model, use.model) << "sessions share it";
   EXPECT_EQ(restarted->Upload("lab", {}, "", CubeFile())->name, uploaded.name);
   EXPECT_EQ(preparer_->count, 1);
+}
+
+TEST_F(ModelRegistryTest, AModelKeepsTheNameOfItsFirstFile) {
+  const ModelInfo uploaded = Open()->Upload("lab", {}, "", CubeFile(), Cancellation(), "cube.obj").value();
+  EXPECT_EQ(uploaded.file_name, "cube.obj");
+  const auto restarted = Open();
+  EXPECT_EQ(restarted->Upload("lab", {}, "", CubeFile(), Cancellation(), "copy.obj")->file_name, "cube.obj");
+  // The name is kept when another version prepares the model again.
+  ModelRecord record = store_->ReadModel("lab", uploaded.name).value();
+  storage::v1::ModelSummary summary;
+  ASSERT_TRUE(summary.ParseFromString(record.summary));
+  summary.set_version(summary.version() - 1);
+  record.summary = summary.SerializeAsString();
+  ASSERT_TRUE(store_->PutModel(record).ok());
+  const auto later = Open();
+  EXPECT_EQ(later->Get("lab", uploaded.name)->file_name, "cube.obj");
+  ASSERT_TRUE(later->UseStored("lab", uploaded.name).ok());
+  EXPECT_EQ(later->Get("lab", uploaded.name)->file_name, "cube.obj");
+  EXPECT_EQ(later->Get("lab", uploaded.name)->num_lines, 12u);
 }
 
 TEST_F(ModelRegistryTest, TheStoreIsFullOfFilesAndOfWhatWasDerivedFromThem) {

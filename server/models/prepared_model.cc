@@ -51,6 +51,9 @@ bool HasWholeParts(const PreparedModel& stored) {
   bool is_whole = stored.vertices_size() % 3 == 0 && stored.triangles_size() % 3 == 0 &&
                   stored.symmetries_size() % kNumbersOfTransform == 0 && IsWholeSurface(stored);
   for (const uint32_t vertex : stored.triangles()) is_whole &= vertex < num_vertices;
+  is_whole &= stored.facet_edges_size() % 2 == 0;
+  const auto num_sides = static_cast<uint32_t>(stored.triangles_size());
+  for (const uint32_t side : stored.facet_edges()) is_whole &= side < num_sides;
   for (const auto& line : stored.lines()) {
     is_whole &= line.points_size() == 6 && line.normals_size() % 3 == 0 && IsAtMost(line.kind(), EdgeKind::kPainted);
   }
@@ -137,6 +140,7 @@ std::string EncodePreparedModel(const ObjectModel& model) {
   }
   for (const EdgeCurve& curve : model.curves) EncodeCurve(curve, *stored.add_curves());
   EncodeSurface(model.surface, stored);
+  for (const auto& sides : model.facet_edges) stored.mutable_facet_edges()->Add(sides.begin(), sides.end());
   stored.set_diameter_m(model.diameter_m);
   for (const RigidTransform& symmetry : model.symmetries) {
     for (int row = 0; row < 3; ++row) Append(symmetry.rotation.row(row).transpose(), *stored.mutable_symmetries());
@@ -164,6 +168,9 @@ absl::StatusOr<ObjectModel> DecodePreparedModel(absl::string_view encoded) {
   }
   for (const auto& curve : stored.curves()) model.curves.push_back(DecodeCurve(curve));
   model.surface = DecodeSurface(stored);
+  for (int at = 0; at < stored.facet_edges_size(); at += 2) {
+    model.facet_edges.push_back({stored.facet_edges(at), stored.facet_edges(at + 1)});
+  }
   model.diameter_m = stored.diameter_m();
   for (int at = 0; at < stored.symmetries_size(); at += kNumbersOfTransform) {
     RigidTransform symmetry;

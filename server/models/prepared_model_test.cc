@@ -52,6 +52,7 @@ ObjectModel CurvedModel() {
     const float number = 1.0f / static_cast<float>(t + 3);
     model.surface.normals.push_back({Eigen::Vector3f(number, 0, 1), {0, number, 2}, {3, 4, number}});
   }
+  model.facet_edges = {{0, 3}, {5, 7}};
   model.symmetries.clear();
   model.continuous_symmetry = {ContinuousSymmetry::Kind::kAxis, {0.1, 0, 0}, {0, 1, 0}, true};
   return model;
@@ -70,6 +71,7 @@ TEST(PreparedModelTest, CurvesAndSurfaceComeBackToTheBit) {
     EXPECT_EQ(decoded.curves[i].turn_rad, model.curves[i].turn_rad);
   }
   EXPECT_TRUE(decoded.curves[0].is_ring());
+  EXPECT_EQ(decoded.facet_edges, model.facet_edges);
   EXPECT_EQ(decoded.surface.region_of, model.surface.region_of);
   EXPECT_EQ(decoded.surface.normals, model.surface.normals);
   ASSERT_EQ(decoded.surface.regions.size(), 2u);
@@ -96,6 +98,9 @@ TEST(PreparedModelTest, RefusesPartsOfASurface) {
   ObjectModel model = CurvedModel();
   model.surface.region_of[5] = 2;
   EXPECT_TRUE(is_refused(model)) << "a region that does not exist";
+  model = CurvedModel();
+  model.facet_edges[1][0] = static_cast<uint32_t>(3 * model.triangles.size());
+  EXPECT_TRUE(is_refused(model)) << "a side that does not exist";
   model = CurvedModel();
   model.surface.normals.pop_back();
   EXPECT_TRUE(is_refused(model)) << "a triangle without normals";

@@ -14,6 +14,7 @@
 #include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
+#include "server/sessions/types/missing_pose.h"
 
 namespace evpose::server {
 namespace {
@@ -21,8 +22,9 @@ namespace {
 static_assert(EnumNumber(Encoding::kFlat64) == v1::EventEncoding_MAX);
 static_assert(EnumNumber(OverloadPolicy::kLatest) == v1::OverloadPolicy_MAX);
 static_assert(EnumNumber(DropReason::kReader) == v1::DropReason_MAX);
-static_assert(EnumNumber(TrackState::kLost) == v1::TrackState_MAX);
-static_assert(EnumNumber(InitializationStatus::kNotSearchable) == v1::InitializationStatus_MAX);
+static_assert(EnumNumber(TrackState::kAmbiguous) == v1::TrackState_MAX);
+static_assert(EnumNumber(kLastInitializationStatus) == v1::InitializationStatus_MAX);
+static_assert(static_cast<int>(LossCause::kUnconfirmed) == v1::LossCause_MAX);
 static_assert(EnumNumber(SessionState::kEnded) == v1::SessionState_MAX);
 static_assert(EnumNumber(ModelFormat::kMesh) == v1::ModelFormat_MAX);
 
@@ -78,29 +80,15 @@ v1::SensorProfile ToProto(const SensorProfile& sensor) {
   return out;
 }
 
-// Explains, for people, why an object has no confirmed pose (ObjectHealth.detail).
-std::string WhyThereIsNoPose(const InitializationReport& report) {
-  switch (report.status) {
-    case InitializationStatus::kNotNeeded:
-      break;
-    case InitializationStatus::kWaitingForEvents:
-      return "too few events: no object is in view, or it does not move";
-    case InitializationStatus::kTooFewLines:
-      return absl::StrCat("too few lines in the events: ", report.num_lines,
-                          ", and three are needed; an object at rest produces none");
-    case InitializationStatus::kNoPoseFits:
-      if (report.attempts == 0) return "the events do not support the pose that was given";
-      return absl::StrCat("no pose fits the ", report.num_lines,
-                          " lines in the events (searches so far: ", report.attempts,
-                          "); are the model, its scale and the camera the right ones?");
-    case InitializationStatus::kVerifying:
-      return "the events have not confirmed the first pose yet";
-    case InitializationStatus::kAmbiguous:
-      return "two poses explain the events equally well so far";
-    case InitializationStatus::kNotSearchable:
-      return "the model has too few straight lines for a search; give the initial pose, or reset the pose";
-  }
-  return "";
+v1::SearchCounts ToProto(const SearchCounts& searches) {
+  v1::SearchCounts out;
+  out.set_no_signal(searches.no_signal);
+  out.set_too_small(searches.too_small);
+  out.set_too_few_lines(searches.too_few_lines);
+  out.set_not_enough_motion(searches.not_enough_motion);
+  out.set_no_pose_fits(searches.no_pose_fits);
+  out.set_poses_found(searches.poses_found);
+  return out;
 }
 
 absl::StatusOr<CameraModel> FieldFromProto(const v1::CameraModel& camera) {
@@ -325,7 +313,12 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
     const InitializationReport& initialization = health.objects[i].initialization;
     object.set_initialization(EnumNumber<v1::InitializationStatus>(initialization.status));
     object.set_initialization_attempts(initialization.attempts);
-    object.set_detail(WhyThereIsNoPose(initialization));
+    object.set_detail(ExplainMissingPose(health.objects[i]));
+    *object.mutable_searches() = ToProto(initialization.searches);
+    object.set_followed_poses(initialization.num_poses);
+    if (initialization.loss_cause == LossCause::kNone) continue;
+    object.mutable_latest_loss()->set_t_us(initialization.lost_at_us);
+    object.mutable_latest_loss()->set_cause(static_cast<v1::LossCause>(initialization.loss_cause));
   }
   return out;
 }
@@ -383,6 +376,11 @@ v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
   out.set_explained_ratio(estimate.explained_ratio);
   out.set_residual_rms_px(estimate.residual_rms_px);
   *out.mutable_latency() = ToProto(absl::Microseconds(pose.latency_us));
+  for (const PoseAlternative& alternative : estimate.alternatives) {
+    v1::PoseAlternative& added = *out.add_alternatives();
+    *added.mutable_camera_from_object() = ToProto(alternative.camera_from_object);
+    added.set_log_likelihood_ratio(alternative.log_likelihood_ratio);
+  }
   return out;
 }
 
@@ -393,6 +391,9 @@ v1::Model ToProto(const ModelInfo& model) {
   out.set_size_bytes(model.size_bytes);
   out.set_num_faces(model.num_faces);
   out.set_num_lines(model.num_lines);
+  out.set_num_curves(model.num_curves);
+  out.set_num_regions(model.num_regions);
+  out.set_file_name(model.file_name);
   out.set_num_symmetries(model.num_symmetries);
   out.set_diameter_m(model.diameter_m);
   *out.mutable_create_time() = ToProto(model.create_time);

@@ -19,6 +19,7 @@
 #include "server/rpc/conversion.h"
 #include "server/rpc/standard_methods.h"
 #include "server/rpc/status_mapping.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 
@@ -128,6 +129,12 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       return InvalidField("header.sha256",
                           absl::StrCat("has ", header.sha256().size(), " bytes; a SHA-256 has ", kSha256Bytes));
     }
+    constexpr size_t kMaxFileNameBytes = 255;
+    if (header.file_name().size() > kMaxFileNameBytes || !IsPlainText(header.file_name())) {
+      return InvalidField("header.file_name", absl::StrCat("has more than ", kMaxFileNameBytes,
+                                                           " bytes, or characters that are not printable"));
+    }
+    file_name_ = header.file_name();
     sha256_hex_ = absl::BytesToHexString(header.sha256());
     size_bytes_ = header.size_bytes();
     auto known = services_.models.FindFile(caller_->tenant, reading_, size_bytes_, sha256_hex_);
@@ -180,7 +187,8 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     }
     // Without the lock, which OnCancel() takes.
     const auto model = OrOutOfMemory([&] {
-      return services_.models.Upload(caller_->tenant, reading_, sha256_hex_, std::move(file), *cancellation_);
+      return services_.models.Upload(caller_->tenant, reading_, sha256_hex_, std::move(file), *cancellation_,
+                                     file_name_);
     });
     const std::lock_guard lock(mutex_);
     if (is_finished_) return;
@@ -212,6 +220,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   bool is_finished_ = false;
   v1::UploadModelRequest request_;
   ModelReading reading_;
+  std::string file_name_;
   std::string sha256_hex_;
   bool has_header_ = false;
   uint64_t size_bytes_ = 0;

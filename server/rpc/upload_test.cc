@@ -55,6 +55,8 @@ TEST_F(UploadTest, UploadsAMesh) {
   EXPECT_EQ(model.surface(), v1::MODEL_SURFACE_SMOOTH);
   EXPECT_EQ(model.num_faces(), 12u);
   EXPECT_EQ(model.num_lines(), 12u);
+  EXPECT_EQ(model.num_curves(), 0u);
+  EXPECT_EQ(model.file_name(), "");
   EXPECT_EQ(model.num_symmetries(), 24u);
   EXPECT_NEAR(model.diameter_m(), 0.2 * std::sqrt(3.0), 1e-6);
   requests[0].mutable_header()->set_surface(v1::MODEL_SURFACE_AS_IS);
@@ -62,6 +64,18 @@ TEST_F(UploadTest, UploadsAMesh) {
   ASSERT_EQ(Describe(Upload(requests, &as_is)), "OK");
   EXPECT_EQ(as_is.surface(), v1::MODEL_SURFACE_AS_IS);
   EXPECT_NE(as_is.name(), model.name());
+}
+
+TEST_F(UploadTest, AFileNameIsPlainText) {
+  std::vector<v1::UploadModelRequest> requests = MeshUploadRequests(CubeMesh().SerializeAsString());
+  v1::Model model;
+  for (const std::string& name : {std::string(256, 'a'), std::string("a\nb")}) {
+    requests[0].mutable_header()->set_file_name(name);
+    EXPECT_THAT(Describe(Upload(requests, &model)), ::testing::HasSubstr("header.file_name"));
+  }
+  requests[0].mutable_header()->set_file_name("cube of steel.stl");
+  ASSERT_EQ(Describe(Upload(requests, &model)), "OK");
+  EXPECT_EQ(model.file_name(), "cube of steel.stl");
 }
 
 TEST_F(UploadTest, RefusesAMeshWithItsFieldAndIndex) {

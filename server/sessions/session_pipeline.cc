@@ -18,7 +18,7 @@ namespace {
 constexpr int64_t kSliceUs = 1000;
 
 // Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
-constexpr uint32_t kTrackerStateVersion = 3;
+constexpr uint32_t kTrackerStateVersion = 4;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);
@@ -34,6 +34,7 @@ void WriteModel(const ObjectModel* model, StateWriter& writer) {
     const auto kind = static_cast<uint8_t>(curve.kind);
     writer(kind, curve.points, curve.face_normals, curve.turn_rad);
   }
+  if (!model->facet_edges.empty()) writer(model->facet_edges);
   const SmoothSurface& surface = model->surface;
   writer(surface.region_of, surface.normals);
   writer.Count(surface.regions.size());

@@ -115,7 +115,7 @@ class FakeTracker : public Tracker {
     uint64_t attempts = 0;  // one for each event without a pose
     static void VisitState(auto& archive, auto& self) {
       auto& [state, losses, attempts] = self;
-      archive(AtMost(state, TrackState::kLost), losses, attempts);
+      archive(AtMost(state, TrackState::kAmbiguous), losses, attempts);
     }
   };
 

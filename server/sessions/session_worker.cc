@@ -17,7 +17,7 @@ constexpr size_t kMinSliceBytes = 256;
 constexpr std::chrono::milliseconds kLongSlice{5};
 constexpr std::chrono::milliseconds kShortSlice{2};
 
-bool HasPose(TrackState state) { return state == TrackState::kTracking || state == TrackState::kDegraded; }
+bool HasPose(TrackState state) { return state != TrackState::kInitializing && state != TrackState::kLost; }
 
 absl::Span<const uint8_t> PayloadOf(const EventChunk& chunk) {
   return {reinterpret_cast<const uint8_t*>(chunk.payload.data()), chunk.payload.size()};

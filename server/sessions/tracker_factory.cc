@@ -10,6 +10,7 @@
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
+#include "core/initialization/templates/template_model.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 #include "server/runtime/errors.h"
@@ -20,7 +21,9 @@ namespace {
 
 struct Shared {
   WeakCache<CameraModel, CameraTables> camera_tables;
-  WeakCache<const ObjectModel*, SearchModel> search_models;  // they own their models: an address is not reused
+  // They own their models: an address is not reused.
+  WeakCache<const ObjectModel*, SearchModel> search_models;
+  WeakCache<const ObjectModel*, TemplateModel> template_models;
 };
 
 absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config,
@@ -32,7 +35,12 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config
     objects.push_back({models[i], object.initial_camera_from_object, object.reference_rotation});
     const absl::Status status = objects.back().Validate();
     if (!status.ok()) return InvalidField(absl::StrCat("config.objects[", i, "]"), status.message());
-    if (HasCurvedEdges(*models[i]) && !IsSearchable(*models[i])) continue;  // it is tracked from given poses
+    if (HasCurvedEdges(*models[i])) {
+      auto views = shared.template_models.Get(models[i].get(), [&] { return MakeTemplateModel(models[i]); });
+      if (!views.ok()) return views.status();
+      objects.back().template_model = *std::move(views);
+      if (!IsSearchable(*models[i])) continue;  // its lines determine no pose
+    }
     auto search_model = shared.search_models.Get(models[i].get(), [&] { return MakeSearchModel(models[i]); });
     if (!search_model.ok())
       return InvalidField(absl::StrCat("config.objects[", i, "].model"), search_model.status().message());

@@ -204,7 +204,7 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
                     .detached = 2,
                     .ended = 3,
                     .closed = 4,
-                    .objects = {5, 6, 7, 8},
+                    .objects = {5, 6, 7, 8, 9},
                     .queued_bytes = 9,
                     .oldest_queue_age_us = 1'500'000};
   state.max_sessions = 10;
@@ -225,6 +225,7 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_objects{state=\"initializing\"}"), 5.0);
   EXPECT_EQ(parsed.At("evpose_objects{state=\"tracking\"}"), 6.0);
   EXPECT_EQ(parsed.At("evpose_objects{state=\"degraded\"}"), 7.0);
+  EXPECT_EQ(parsed.At("evpose_objects{state=\"ambiguous\"}"), 9.0);
   EXPECT_EQ(parsed.At("evpose_objects{state=\"lost\"}"), 8.0);
   EXPECT_EQ(parsed.At("evpose_queue_bytes"), 9.0);
   EXPECT_EQ(parsed.At("evpose_queue_age_seconds"), 1.5);

@@ -24,8 +24,10 @@ MAX_ROTATION_DEG = 10
 MAX_POSITION_OF_DEPTH = 0.05
 
 
-def run(*arguments):
-    subprocess.run([EVPOSE, *arguments], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+def run(*arguments, statuses=(0,)):
+    status = subprocess.run([EVPOSE, *arguments], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+    if status not in statuses:
+        raise RuntimeError(f"evpose {arguments[0]} ended with the status {status}")
 
 
 def read_truth(path):
@@ -71,7 +73,9 @@ def measure(task):
         truth = os.path.join(scene, "truth.tum")
         run("simulate", "--object", name, "--speed", "1.5", "--duration", "0.5", "--seed", str(seed), "--out", scene, *LIGHTS[light])
         run("replay", os.path.join(scene, "recording.raw"), "--model", os.path.join(scene, "model.obj"),
-            "--camera", os.path.join(scene, "camera.yaml"), "--out", poses)
+            "--camera", os.path.join(scene, "camera.yaml"), "--out", poses, statuses=(0, 1))  # 1: no pose was found
+        if not os.path.exists(poses):
+            raise RuntimeError(f"no poses of {name}, seed {seed}")
         return {"object": name, "light": light, "seed": seed, "wrong_ms": wrong_times_ms(poses, truth)}
 
 

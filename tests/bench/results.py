@@ -235,17 +235,49 @@ def models(result):
                   "triangles, most", "elements"], rows)
 
 
+def real(result):
+    """Two lines for each recording, and one for the absent objects."""
+    rows = []
+    for recording in result["recordings"]:
+        for start, runs in (("none", recording["searched"]), ("reference", recording["given"])):
+            rows.append([
+                recording["recording"], start, f"{runs['found']} of {runs['starts']}", f"{runs['first_wrong']}",
+                f"{cell(1000 * runs['wait_median_s'], 1)} / {cell(1000 * runs['wait_longest_s'], 0)}",
+                cell(1000 * runs["compute_median_s"], 1), cell(1000 * runs["longest_wrong_tracking_s"], 0),
+                f"{100 * runs['right_ratio']:.1f} %", f"{runs['losses']}",
+                f"{cell(runs['median_error_px'], 2)} / {cell(runs['p95_error_px'], 2)}",
+            ])
+    absent = result["absent"]
+    tracked = [run for run in absent if run["found"]]
+    longest = f", the longest for {1000 * max(run['tracking_s'] for run in tracked):.0f} ms" if tracked else ""
+    text = table(["recording", "prior", "found", "first pose wrong", "wait, median / longest, ms", "processor time until then, ms",
+                  "longest wrong while TRACKING, ms", "right", "losses", "error, median / p95 of the worst run, px"], rows)
+    return (f"{text}\n\nAbsent objects: TRACKING in {len(tracked)} of {len(absent)} pairs of an object and a recording"
+            f"{longest}, {sum(run['duration_s'] for run in absent):.1f} s searched.")
+
+
 def read_json(text):
     # A benchmark writes null for a figure that no run has.
     return json.loads(text, object_pairs_hook=lambda pairs: {k: float("nan") if v is None else v for k, v in pairs})
 
 
+def cmake_value(name):
+    """The value of a variable of the release build; empty without one."""
+    try:
+        with open(os.path.join(ROOT, "build/release/CMakeCache.txt"), encoding="utf-8") as file:
+            found = re.search(rf"^{name}:\w+=(.*)$", file.read(), re.M)
+    except OSError:
+        return ""
+    return found.group(1) if found else ""
+
+
 class Run:
     """A command, and the sections of the page that its output fills."""
 
-    def __init__(self, command, quick, sections, read=read_json, setup=()):
+    def __init__(self, command, quick, sections, read=read_json, setup=(), needs=""):
         self.command, self.quick, self.sections, self.read = command, quick, sections, read
         self.setup = setup  # command that makes its input
+        self.needs = needs  # directory of input that is not part of the project; without it the sections are skipped
 
     def arguments(self, is_quick):
         """Of --quick, the options replace those of the same name."""
@@ -259,6 +291,8 @@ class Run:
 
 
 BENCH = ["evpose", "bench"]
+# Recordings that are not part of the project, in the folder EVPOSE_SHARED_DATA of CMake.
+REAL = os.path.join(cmake_value("EVPOSE_SHARED_DATA"), "real")
 RUNS = [
     Run(BENCH + ["tracking", "--seeds", "1", "--paths", "1", "--estimators", "mixture,static-mm"], [("--duration", "0.2")],
         {"tracking": tracking}),
@@ -267,6 +301,7 @@ RUNS = [
     # All tessellations of a shape are tracked on the same recordings.
     Run(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
         {"models": models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
+    Run(BENCH + ["real", REAL], [("--starts", "3"), ("--parts", "present")], {"real": real}, needs=REAL),
     Run(BENCH + ["initialization"], [("--trials", "10"), ("--methods", "evpose,ransac")], {"first-pose": first_pose}),
     Run(BENCH + ["initialization", "--from-events"], [("--starts", "5"), ("--duration", "0.5"), ("--returns", "1")],
         {"from-events": from_events}),
@@ -293,11 +328,11 @@ def machine():
 
 
 def output_of(arguments):
-    """What the command prints as JSON. `bench speed` and `bench models` write it to a file."""
+    """What the command prints as JSON. `bench speed`, `bench models` and `bench real` write it to a file."""
     program = EVPOSE if arguments[0] == "evpose" else os.path.join(ROOT, arguments[0])
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "table.json")
-        writes_file = arguments[1:3] in (["bench", "speed"], ["bench", "models"])
+        writes_file = arguments[1:3] in (["bench", "speed"], ["bench", "models"], ["bench", "real"])
         done = subprocess.run([program] + arguments[1:] + (["--json", path] if writes_file else ["--json"]),
                               stdout=subprocess.PIPE, text=True, check=False, cwd=ROOT)
         if done.returncode != 0:
@@ -315,7 +350,8 @@ def measure(run, sections, is_quick):
     result = run.read(output_of(arguments))
     version = subprocess.run([EVPOSE, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
-    source = f"{kind} with `{' '.join(arguments)}`, {version}, on {machine()}."
+    command = " ".join("DIR" if argument == REAL else argument for argument in arguments)
+    source = f"{kind} with `{command}`, {version}, on {machine()}."
     return {name: f"{source}\n\n{run.sections[name](result)}\n" for name in sections}
 
 
@@ -369,6 +405,9 @@ def main():
     for run in RUNS:
         wanted = [name for name in run.sections if name in (arguments.sections or SECTIONS)]
         if not wanted:
+            continue
+        if run.needs and not os.path.isdir(os.path.join(ROOT, run.needs)):
+            print(f"results.py: {run.needs} does not exist: {', '.join(wanted)} is skipped", file=sys.stderr)
             continue
         # Each run is written when it is done: the next ones take hours.
         texts = measure(run, wanted, arguments.quick)

@@ -125,8 +125,9 @@ def measure(binaries, store, case):
             if charged_mb > 0 and created_mb == 0:
                 created_mb = now_mb - before_mb
             time.sleep(0.02)
-        if client.returncode != 0:
-            sys.exit(f"{case[0]}: {client.stderr.read().strip()}")
+        errors = client.stderr.read()
+        if client.returncode != 0 and "no pose was found" not in errors:  # which is expected in noise
+            sys.exit(f"{case[0]}: {errors.strip()}")
         return charged_mb, created_mb, memory_mb(pid, "VmHWM") - before_mb
 
 

@@ -4,9 +4,11 @@
 
   tests/bench/start_stop.py --bin build/release [--models-mb 512] [--sessions 10000] [--creates 200]
 
-Prints three figures: the time from the start of the process until a call is answered, with a store of that many MB of models and that
-many sessions; the latency of CreateSession while another tenant uploads expensive models and gives up after 1 s; and the time from
-SIGTERM to the end of the process with a queue of such uploads and --shutdown-timeout 3. Needs python3-grpcio and python3-protobuf.
+Prints four figures: the time from the start of the process until a call is answered, with a store of that many MB of models and that
+many sessions; the time of CreateSession on a stored model of --triangles triangles, the first after a restart and later ones (goal: 100 ms);
+the latency of CreateSession while another tenant uploads expensive models and gives up after 1 s; and the time from
+SIGTERM to the end of the process with a queue of such uploads and --shutdown-timeout 3. Needs python3-grpcio, python3-protobuf and
+python3-numpy. With --known-model-only, only the second is measured.
 """
 import argparse
 import importlib
@@ -25,6 +27,8 @@ import time
 
 import grpc
 from google.protobuf import empty_pb2
+
+import model_preparation
 
 PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
 SHUTDOWN_TIMEOUT_S = 3
@@ -59,6 +63,11 @@ class Server:
     @staticmethod
     def metadata_of(token):
         return [("authorization", f"Bearer {token}")] if token else []
+
+    def processor_s(self):
+        """Processor time of the process so far, in steps of 10 ms."""
+        fields = pathlib.Path(f"/proc/{self.process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def read_log(self):
         return pathlib.Path(self.log.name).read_text()
@@ -153,6 +162,29 @@ def measure_start(program, api, arguments, folder):
     server.end()
 
 
+def measure_known_model(program, api, arguments, folder):
+    _, sessions, models = api
+    store = ["--store", "sqlite", "--data-dir", folder + "/known"]
+    file = pathlib.Path(folder, "known.stl")
+    for name in ("blob", "mug"):
+        model_preparation.HONEST[name](arguments.triangles, file)
+        server = Server(program, store)
+        model = server.upload(models, file.read_bytes(), 3).name
+        server.end()
+        server = Server(program, store)
+        times_ms, processor_ms = [], []
+        for _ in range(6):
+            begin_s, begin_processor_s = time.monotonic(), server.processor_s()
+            created = server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
+            times_ms.append(1000 * (time.monotonic() - begin_s))
+            processor_ms.append(1000 * (server.processor_s() - begin_processor_s))
+            server.unary("SessionService/DeleteSession", sessions.DeleteSessionRequest(name=created.session.name), empty_pb2.Empty)
+        print(f"CreateSession on the stored model of a {name} of {arguments.triangles} triangles: first {times_ms[0]:.0f} ms, "
+              f"then {min(times_ms[1:]):.0f} to {max(times_ms[1:]):.0f} ms; processor time first {processor_ms[0]:.0f} ms, "
+              f"then {min(processor_ms[1:]):.0f} to {max(processor_ms[1:]):.0f} ms")
+        server.end()
+
+
 def new_token(program, tenant, path):
     answer = subprocess.run([program, "--new-token", tenant, "--token-file", path], check=True, capture_output=True, text=True)
     return answer.stdout.strip()
@@ -219,10 +251,15 @@ def main():
     parser.add_argument("--models-mb", type=int, default=512, help="size of the models in the store, MB")
     parser.add_argument("--sessions", type=int, default=10_000, help="sessions in the store, with a camera of 64x64 pixels")
     parser.add_argument("--creates", type=int, default=200, help="calls of CreateSession beside hostile uploads")
+    parser.add_argument("--triangles", type=int, default=1_000_000, help="triangles of the file of the stored model")
+    parser.add_argument("--known-model-only", action="store_true", help="measures only CreateSession on that model")
     arguments = parser.parse_args()
     program = os.path.join(arguments.bin, "server", "evpose-server")
     with tempfile.TemporaryDirectory() as folder:
         api = load_api(folder)
+        measure_known_model(program, api, arguments, folder)
+        if arguments.known_model_only:
+            return
         measure_end(program, api)
         measure_hostile_uploads(program, api, arguments, folder)
         measure_start(program, api, arguments, folder)

@@ -3,6 +3,7 @@
 // Tests invalid input: exit status 1, one line that names the file and the place, and no incomplete output files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <cmath>
@@ -207,8 +208,8 @@ TEST_F(BadInputTest, UnusableLinesAreReportedAsSkipped) {
   const std::string a = first.substr(2, first.find(' ', 2) - 2), b = first.substr(first.find(' ', 2) + 1);
   model += "l " + b + " " + a + "\n" + first + "\nv 0.05 0.1 0.1\nv -0.02 0.1 0.1\nl -1 -2\n";
   WriteText("cube/model.obj", model);
-  const auto notices = ::testing::ElementsAre("1 lines of length zero dropped", "2 duplicate lines dropped",
-                                              "1 lines merged with overlapping ones");
+  const auto notices = ::testing::ElementsAre("1 line of length zero dropped", "2 duplicate lines dropped",
+                                              "1 line merged with overlapping ones");
   const CliResult replay = Run(ReplayArguments("poses.tum"));
   ASSERT_EQ(replay.status, 0) << replay.err;
   EXPECT_THAT(replay.Json()["model_notices"].get<std::vector<std::string>>(), notices);
@@ -221,11 +222,24 @@ TEST_F(BadInputTest, UnusableLinesAreReportedAsSkipped) {
   const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
   const CliResult upload = Run({"models", "upload", Path("cube/model.obj"), "--server", address});
   ASSERT_EQ(upload.status, 0) << upload.err;
-  EXPECT_THAT(upload.out, HasSubstr("\nnotice: 1 lines merged with overlapping ones\n"));
+  EXPECT_THAT(upload.out, HasSubstr("\nnotice: 1 line merged with overlapping ones\n"));
   const nlohmann::json list = Run({"models", "list", "--server", address, "--json"}).Json();
   ASSERT_EQ(list.size(), 1u);
   EXPECT_THAT(list[0]["notices"].get<std::vector<std::string>>(), notices);
   EXPECT_EQ(list[0]["lines"], 12);
+}
+
+TEST_F(BadInputTest, PipesAreNoFiles) {
+  for (const char* name : {"pipe.obj", "pipe.glb", "pipe.yaml", "pipe.tum"}) {
+    ASSERT_EQ(mkfifo(Path(name).c_str(), 0600), 0);
+  }
+  const auto expect_refused = [](const CliResult& result) {
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, HasSubstr("is a pipe or device, not a file"));
+  };
+  for (const char* name : {"pipe.obj", "pipe.glb"}) expect_refused(Run({"models", "inspect", Path(name)}));
+  expect_refused(Run({"models", "inspect", Path("cube/model.obj"), "--camera", Path("pipe.yaml")}));
+  expect_refused(Run({"evaluate", "--truth", Path("pipe.tum"), "--estimate", Path("cube/truth.tum")}));
 }
 
 TEST_F(BadInputTest, TrajectoryWithABadLine) {

@@ -7,8 +7,11 @@
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <numbers>
 #include <sstream>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/cli/cli.h"
 
 namespace evpose {
@@ -85,8 +88,30 @@ void CliTest::SimulateCube(double duration_s) const {
   ASSERT_EQ(result.status, 0) << result.err;
 }
 
-std::string CliTest::FirstPose() const {
-  const std::string truth = ReadText("cube/truth.tum");
+void CliTest::SimulateCylinder(const std::string& directory, int sides, const std::string& surface,
+                               double duration_s) const {
+  std::string obj, bottom, top, walls;
+  for (const double z : {-0.06, 0.06}) {
+    for (int i = 0; i < sides; ++i) {
+      const double angle = 2.0 * std::numbers::pi * i / sides;
+      absl::StrAppendFormat(&obj, "v %.9g %.9g %g\n", 0.04 * std::cos(angle), 0.04 * std::sin(angle), z);
+    }
+  }
+  for (int i = 1; i <= sides; ++i) {
+    const int next = i % sides + 1;
+    absl::StrAppend(&bottom, " ", sides + 1 - i);
+    absl::StrAppend(&top, " ", sides + i);
+    absl::StrAppendFormat(&walls, "f %d %d %d %d\n", i, next, sides + next, sides + i);
+  }
+  WriteText(directory + ".obj", absl::StrCat(obj, "f", bottom, "\nf", top, "\n", walls));
+  const CliResult result =
+      Run({"simulate", "--model", Path(directory + ".obj"), "--surface", surface, "--camera", "vga", "--duration",
+           std::to_string(duration_s), "--path-seed", "4", "--out", Path(directory)});
+  ASSERT_EQ(result.status, 0) << result.err;
+}
+
+std::string CliTest::FirstPose(const std::string& directory) const {
+  const std::string truth = ReadText(directory + "/truth.tum");
   const std::string line = truth.substr(0, truth.find('\n'));
   return line.substr(line.find(' ') + 1);
 }

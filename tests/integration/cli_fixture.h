@@ -42,8 +42,11 @@ class CliTest : public ::testing::Test {
 
   // Writes cube/recording.raw, truth.tum, model.obj and camera.yaml: a cube in front of a VGA camera for `duration_s`.
   void SimulateCube(double duration_s) const;
+  // The same files in another directory for a cylinder of so many sides, 0.08 m wide and 0.12 m high, which are flat as
+  // the simulator draws them with `surface` as-is.
+  void SimulateCylinder(const std::string& directory, int sides, const std::string& surface, double duration_s) const;
   // The pose of the truth's first line, in the format of --init-pose.
-  std::string FirstPose() const;
+  std::string FirstPose(const std::string& directory = "cube") const;
   // The arguments of a replay of that recording, with that pose or without an initial pose.
   std::vector<std::string> ReplayArguments(const std::string& out, const std::vector<std::string>& more = {}) const;
   std::vector<std::string> SearchArguments(const std::string& out, const std::vector<std::string>& more = {}) const;

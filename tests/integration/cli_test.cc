@@ -72,6 +72,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
                               "bench",
                               "bench initialization",
                               "bench models",
+                              "bench real",
                               "bench synthetic",
                               "bench tracking",
                               "calibrate",
@@ -177,7 +178,7 @@ TEST_F(CliTest, ErrorsOfAModelNameItsFile) {
   const CliResult prose = replay("prose.obj");
   EXPECT_EQ(prose.status, 1);
   EXPECT_THAT(prose.err, HasSubstr(Path("prose.obj") +
-                                   ": server in this process: the model file has no line and no face; export"));
+                                   ": server in this process: the model file has no line and no face: export"));
   const CliResult empty = replay("empty.obj");
   EXPECT_EQ(empty.status, 1);
   EXPECT_THAT(empty.err, HasSubstr(Path("empty.obj") + ": the model file is empty\n"));
@@ -359,6 +360,30 @@ TEST_F(CliTest, PictureShowsEventsAndModel) {
   EXPECT_GT(CountColour(image, 110, 240, 110), 300);  // the model
 }
 
+TEST_F(CliTest, PictureShowsCurvesAndContours) {
+  SimulateCylinder("can", 48, "smooth", 0.02);
+  const auto count = [&](const std::string& poses, const std::string& picture) {
+    const CliResult result =
+        Run({"render", Path("can/recording.raw"), "--poses", Path(poses), "--model", Path("can.obj"), "--camera",
+             Path("can/camera.yaml"), "--at", "16.01", "-o", Path(picture)});
+    EXPECT_EQ(result.status, 0) << result.err;
+    return CountColour(cv::imread(Path(picture)), 110, 240, 110);
+  };
+  WriteText("none.tum", "");
+  EXPECT_EQ(count("none.tum", "none.png"), 0);
+  // The cylinder is 120 px long and 80 px wide, and has no straight edge: its outline is that of two contours and two
+  // rims.
+  EXPECT_GT(count("can/truth.tum", "can.png"), 200);
+}
+
+TEST_F(CliTest, PicturesOfOtherFormatsAreRefused) {
+  SimulateCube(0.002);
+  const CliResult result = Run({"models", "inspect", Path("cube/model.obj"), "--picture", Path("cube.jpg")});
+  EXPECT_EQ(result.status, 2);
+  EXPECT_THAT(result.err, HasSubstr("cube.jpg: pictures are written as PNG; the name must end in .png"));
+  EXPECT_FALSE(std::filesystem::exists(Path("cube.jpg")));
+}
+
 TEST_F(CliTest, FilmLastsAsLongAsTheRecording) {
   SimulateCube(0.1);
   for (const char* name : {"film.mp4", "film.avi"}) {
@@ -386,6 +411,7 @@ TEST_F(CliTest, EvaluateTableHasARowForEachEstimate) {
                                   .Json()["estimates"];
   EXPECT_EQ(rows[0]["position_rmse_m"], 0.0);
   EXPECT_EQ(rows[0]["coverage_ratio"], 1.0);
+  EXPECT_TRUE(rows[0]["surface_distance_mean_m"].is_null()) << "without a model";
   EXPECT_EQ(rows[1]["poses"], 0);
   EXPECT_TRUE(rows[1]["position_rmse_m"].is_null());
 }

@@ -8,7 +8,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/calibration_picture.h"
@@ -155,9 +154,6 @@ void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
 
 absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
-  if (!arguments.picture.empty() && !absl::EndsWith(arguments.picture, ".png")) {
-    return UsageError(absl::StrCat("--picture ", arguments.picture, ": the name of a picture ends in .png"));
-  }
   SensorCalibrationOptions options;
   if (!arguments.start.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(options.initial, LoadSensorProfile(arguments.start));
@@ -209,8 +205,8 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("-o,--out", arguments->out,
                  "Profile for evpose replay --sensor, YAML; the file appears only when it is complete")
       ->required();
-  app.add_option("--picture", arguments->picture,
-                 "Draw the residuals by speed and by event density, before and after the fit: .png");
+  AddPicture(app, "--picture", arguments->picture,
+             "Draw the residuals by speed and by event density, before and after the fit: .png");
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "The object should move back and forth, slowly and fast, and have edges of several contrasts. An offset between\n"

@@ -18,6 +18,7 @@
 #include "client/cli/common/table_cell.h"
 #include "core/base/status_macros.h"
 #include "core/evaluation/consistency.h"
+#include "core/evaluation/surface_distance.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
 #include "core/numerics/math.h"
@@ -41,6 +42,8 @@ struct Row {
   Evaluation evaluation;
   std::optional<Consistency> consistency;  // of estimates with covariances
   int nees_degrees_of_freedom = 6;
+  size_t num_ambiguous = 0;                  // AMBIGUOUS poses of a CSV
+  std::optional<double> surface_distance_m;  // with a model that has faces, and at least one pose
 };
 
 // Splits "NAME=FILE"; the name of a FILE alone is the file.
@@ -69,6 +72,17 @@ absl::StatusOr<std::optional<Consistency>> EvaluateConsistency(const Trajectory&
   return SummariseConsistency(std::move(values));
 }
 
+// The mean over the poses; nullopt without any.
+absl::StatusOr<std::optional<double>> MeanSurfaceDistance(const Trajectory& truth, const Trajectory& estimate,
+                                                          const SurfaceDistance& surface,
+                                                          const EvaluationOptions& options) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrajectoryError> errors, TrajectoryErrors(truth, estimate, options));
+  if (errors.empty()) return std::nullopt;
+  double sum_m = 0.0;
+  for (const TrajectoryError& error : errors) sum_m += surface.Between(error.true_pose, error.estimated_pose);
+  return sum_m / static_cast<double>(errors.size());
+}
+
 absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments) {
   EVPOSE_ASSIGN_OR_RETURN(const Trajectory truth, ReadTumTrajectory(arguments.truth));
   std::optional<ObjectModel> model;
@@ -83,19 +97,24 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
     options.symmetries = model->symmetries;
     options.continuous_symmetry = model->continuous_symmetry;
   }
+  std::optional<SurfaceDistance> surface;
+  if (model && !model->triangles.empty()) surface.emplace(*model);
   std::vector<Row> rows;
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
     EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadPoseFile(path));
-    absl::StatusOr<Evaluation> evaluation =
-        Evaluate(truth, estimate.trajectory, options, model ? &*model : nullptr, camera ? &*camera : nullptr);
+    absl::StatusOr<Evaluation> evaluation = Evaluate(truth, estimate.trajectory, options, model ? &*model : nullptr,
+                                                     camera ? &*camera : nullptr, estimate.ambiguous_us);
     if (!evaluation.ok()) {
       return absl::Status(evaluation.status().code(),
                           absl::StrCat(path, " against ", arguments.truth, ": ", evaluation.status().message()));
     }
     EVPOSE_ASSIGN_OR_RETURN(const std::optional<Consistency> consistency,
                             EvaluateConsistency(truth, estimate, options));
-    rows.push_back({name, *evaluation, consistency, NumObservable(options.continuous_symmetry)});
+    Row& row = rows.emplace_back(Row{
+        name, *evaluation, consistency, NumObservable(options.continuous_symmetry), estimate.ambiguous_us.size(), {}});
+    if (!surface) continue;
+    EVPOSE_ASSIGN_OR_RETURN(row.surface_distance_m, MeanSurfaceDistance(truth, estimate.trajectory, *surface, options));
   }
   return rows;
 }
@@ -106,6 +125,7 @@ Json RowJson(const Row& row) {
   Json json = {{"name", row.name},
                {"poses", e.num_poses},
                {"coverage_ratio", e.coverage_ratio},
+               {"ambiguous_ratio", e.ambiguous_ratio},
                {"position_rmse_m", e.position_rmse_m},
                {"position_mean_m", e.position_mean_m},
                {"position_median_m", e.position_median_m},
@@ -116,6 +136,7 @@ Json RowJson(const Row& row) {
                {"rotation_p95_deg", e.rotation_p95_rad * kDegreesPerRadian},
                {"rotation_max_deg", e.rotation_max_rad * kDegreesPerRadian},
                {"reprojection_mean_px", e.reprojection_mean_px ? Json(*e.reprojection_mean_px) : Json(nullptr)},
+               {"surface_distance_mean_m", row.surface_distance_m ? Json(*row.surface_distance_m) : Json(nullptr)},
                {"losses", e.losses},
                {"pose_rate_hz", e.pose_rate_hz}};
   if (!row.consistency) return json;
@@ -132,6 +153,7 @@ std::vector<std::string> RowCells(const Row& row) {
   return {row.name,
           absl::StrCat(e.num_poses),
           Cell(100.0 * e.coverage_ratio, 1),
+          Cell(100.0 * e.ambiguous_ratio, 1),
           Cell(1e3 * e.position_rmse_m, 3),
           Cell(1e3 * e.position_mean_m, 3),
           Cell(1e3 * e.position_median_m, 3),
@@ -142,6 +164,7 @@ std::vector<std::string> RowCells(const Row& row) {
           Cell(kDegreesPerRadian * e.rotation_p95_rad, 3),
           Cell(kDegreesPerRadian * e.rotation_max_rad, 3),
           e.reprojection_mean_px ? Cell(*e.reprojection_mean_px, 2) : "-",
+          row.surface_distance_m ? Cell(1e3 * *row.surface_distance_m, 3) : "-",
           absl::StrCat(e.losses),
           Cell(e.pose_rate_hz, 1),
           row.consistency ? Cell(row.consistency->median, 1) : "-",
@@ -150,9 +173,10 @@ std::vector<std::string> RowCells(const Row& row) {
 
 void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   std::vector<std::vector<std::string>> lines = {
-      {"", "", "cover", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "", "rate", "NEES", "5 to"},
-      {"estimate", "poses", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
-       "px", "losses", "Hz", "median", "95 %"}};
+      {"", "", "cover", "ambig", "position", "", "", "", "RMSE", "rotation", "", "", "", "reproj", "surface", "",
+       "rate", "NEES", "5 to"},
+      {"estimate", "poses", "%", "%", "RMSE mm", "mean", "median", "std", "% depth", "mean deg", "median", "p95", "max",
+       "px", "mm", "losses", "Hz", "median", "95 %"}};
   for (const Row& row : rows) lines.push_back(RowCells(row));
   PrintTable(lines, "", out);
 }
@@ -162,7 +186,9 @@ void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
 absl::Status CheckPlausible(const std::vector<Row>& rows, CliContext& context) {
   std::vector<std::string> empty;
   for (const Row& row : rows) {
-    if (row.evaluation.num_poses == 0) empty.push_back(row.name);
+    if (row.evaluation.num_poses == 0) {
+      empty.push_back(absl::StrCat(row.name, row.num_ambiguous > 0 ? " (with AMBIGUOUS poses only)" : ""));
+    }
     if (!(row.evaluation.position_rmse_of_depth > 1.0)) continue;
     context.err << absl::StrFormat(
         "evpose evaluate: %s: the RMSE of its positions is %.3g times the distance of the object; are they of this "
@@ -208,9 +234,14 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "cover is the share of the truth's duration with a pose within 5 % of depth and 10 deg of the truth; losses "
       "counts\n"
-      "how often such a period ended. Positions are compared in the camera frame, without alignment.\n"
+      "how often such a period ended. ambig is the share with AMBIGUOUS poses of a CSV (TUM has none): they count as\n"
+      "neither tracked nor lost, and errors are computed without them. Positions are compared in the camera frame, "
+      "without alignment.\n"
       "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
       "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n"
+      "surface is the mean distance of the object's surface from that at the true pose (ADD-S): 0 for all poses that "
+      "look\n"
+      "the same, whatever the symmetry.\n"
       "With --symmetric, a model with an axis of symmetry has 5 (median 4.4), a sphere 3 (2.4); their positions are "
       "those\n"
       "of the symmetry's centre, their rotation errors the angles between the axes.\n"

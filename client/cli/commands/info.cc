@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
+#include "core/base/counted.h"
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
@@ -96,8 +97,8 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
   out << path << ": " << EncodingName(info.header.encoding) << " " << info.header.geometry.width_px << "x"
       << info.header.geometry.height_px << (info.header.geometry_is_stated ? "" : " (not stated by the header)")
       << "\n";
-  out << absl::StrFormat("events     %d (%d ON, %d OFF), %d triggers\n", counts.cd_events, info.on_events,
-                         counts.cd_events - info.on_events, counts.triggers);
+  out << absl::StrFormat("events     %d (%d ON, %d OFF), %s\n", counts.cd_events, info.on_events,
+                         counts.cd_events - info.on_events, Counted(counts.triggers, "trigger"));
   if (counts.cd_events > 0) {
     out << absl::StrFormat("time       %.6f to %.6f s, %.6f s", info.t_first_us * 1e-6, info.t_last_us * 1e-6,
                            duration_s);
@@ -105,16 +106,19 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
       out << absl::StrFormat(", %.3f Mev/s", static_cast<double>(counts.cd_events) * 1e-6 / duration_s);
     out << "\n";
   }
-  out << absl::StrFormat("clock      %d wraps, %d steps back\n", counts.clock_wraps, counts.time_backsteps);
-  out << absl::StrFormat("invalid    %d words (%d unknown, %d broken vectors)\n", counts.invalid_words(),
-                         counts.unknown_words, counts.broken_vectors);
-  out << absl::StrFormat("dropped    %d events (%d before the first time stamp, %d with an unreadable address)\n",
-                         counts.dropped_events(), counts.dropped_before_time, counts.dropped_outside_sensor);
+  out << absl::StrFormat("clock      %s, %s\n", Counted(counts.clock_wraps, "wrap"),
+                         Counted(counts.time_backsteps, "step back", "steps back"));
+  out << absl::StrFormat("invalid    %s (%d unknown, %s)\n", Counted(counts.invalid_words(), "word"),
+                         counts.unknown_words, Counted(counts.broken_vectors, "broken vector"));
+  out << absl::StrFormat("dropped    %s (%d before the first time stamp, %d with an unreadable address)\n",
+                         Counted(counts.dropped_events(), "event"), counts.dropped_before_time,
+                         counts.dropped_outside_sensor);
   if (counts.kept_outside_sensor > 0) {
-    out << absl::StrFormat("outside    %d events lie outside the sensor; replay leaves them out\n",
-                           counts.kept_outside_sensor);
+    out << absl::StrFormat("outside    %s outside the sensor; replay leaves such events out\n",
+                           Counted(counts.kept_outside_sensor, "event"));
   }
-  if (info.truncated_bytes > 0) out << "truncated  " << info.truncated_bytes << " bytes at the end are no whole word\n";
+  if (info.truncated_bytes > 0)
+    out << "truncated  " << Counted(info.truncated_bytes, "byte") << " at the end: no whole word\n";
   out << "sha256     " << info.sha256 << "\n";
 }
 

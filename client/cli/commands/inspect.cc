@@ -11,8 +11,11 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/commands/inspect_findability.h"
 #include "client/cli/commands/model_picture.h"
 #include "client/cli/common/model_arguments.h"
+#include "core/association/visible_edges.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/evaluation/model_views.h"
 #include "core/models/object_model.h"
@@ -40,23 +43,27 @@ constexpr std::array<const char*, 6> kMotionTexts = {
 struct Inspection {
   ObjectModel model;
   Eigen::Vector3d size_m;
+  CameraModel camera;
   std::vector<ModelView> views;
+  std::vector<ViewFindability> findability;
   absl::Duration preparation;
   absl::Duration time_per_view;
 };
 
 absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
-  CameraModel camera = SimulationOptions::SimulatedEvk4Camera();
+  Inspection inspection;
+  CameraModel& camera = inspection.camera;
+  camera = SimulationOptions::SimulatedEvk4Camera();
   if (!arguments.camera.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
-  Inspection inspection;
   const absl::Time start = absl::Now();
   EVPOSE_ASSIGN_OR_RETURN(inspection.model, arguments.reading.Load(arguments.file));
   const absl::Time prepared = absl::Now();
   inspection.preparation = prepared - start;
   EVPOSE_ASSIGN_OR_RETURN(inspection.views, ViewModel(inspection.model, camera));
   inspection.time_per_view = (absl::Now() - prepared) / inspection.views.size();
+  EVPOSE_ASSIGN_OR_RETURN(inspection.findability, PredictFindability(inspection.model, camera));
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& vertex : inspection.model.vertices) box.extend(vertex);
   for (const ModelLine& line : inspection.model.lines) box.extend(line.p1).extend(line.p2);
@@ -99,6 +106,7 @@ struct ViewSummary {
   Deviation weakest;                   // of the least certain motion
   std::array<Deviation, 6> by_motion;  // ModelView::deviation_px
   size_t num_unobservable = 0;
+  std::vector<Eigen::Vector3d> limited;  // directions of the views with more edges than are used, from the object
 };
 
 // `get` returns the value of a view.
@@ -119,6 +127,7 @@ ViewSummary Summarise(const std::vector<ModelView>& views) {
     length_px += view.length_px;
     contour_px += view.contour_px;
     summary.num_unobservable += view.weakest_px > kUnobservablePx ? 1 : 0;
+    if (view.has_more) summary.limited.push_back(-view.camera_from_object.rotation.row(2).transpose());
   }
   summary.contour_share = length_px > 0.0 ? contour_px / length_px : 0.0;
   summary.weakest = DeviationOver(views, [](const ModelView& view) { return view.weakest_px; });
@@ -139,7 +148,7 @@ std::string SymmetryText(const ObjectModel& model) {
   }
   const size_t count = std::max<size_t>(1, model.symmetries.size());
   if (count == 1) return "none";
-  return absl::StrFormat("%d rotations map the object onto itself", count);
+  return absl::StrCat(Counted(count, "rotation"), " map the object onto itself");
 }
 
 std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummary& summary) {
@@ -152,13 +161,14 @@ std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummar
                         "there, the pose follows from the predicted motion and becomes inaccurate within a short time",
                         summary.num_unobservable, num_views, kUnobservablePx));
   }
-  // TrackerOptions: the line search needs three directions.
-  constexpr size_t kMinLines = 3;
-  if (inspection.model.lines.size() < kMinLines) {
-    warnings.push_back(
-        absl::StrFormat("the model has %d straight lines; the search for a first pose needs at least %d, so give the "
-                        "pose with --init-pose",
-                        inspection.model.lines.size(), kMinLines));
+  if (!summary.limited.empty()) {
+    const Eigen::Vector3d& first = summary.limited.front();
+    warnings.push_back(absl::StrFormat(
+        "in %d of %d views, as from (%.2f, %.2f, %.2f), more edges are visible than the %d straight lines and %d "
+        "elements that are used: the strongest are chosen, and parts of the object have none; --crease-angle leaves "
+        "blunt edges out",
+        summary.limited.size(), num_views, first.x(), first.y(), first.z(), ModelEdges::kMaxLines,
+        EdgeElementOptions().max_elements));
   }
   return warnings;
 }
@@ -188,6 +198,10 @@ Json InspectionJson(const Inspection& inspection) {
   const auto deviation = [&](const Deviation& of) {
     return Json{{"median_px", finite(of.median_px)}, {"worst_px", finite(of.worst_px)}};
   };
+  Json limited = Json::array();
+  for (const Eigen::Vector3d& direction : summary.limited) {
+    limited.push_back({direction.x(), direction.y(), direction.z()});
+  }
   Json deviations;
   for (int motion = 0; motion < 6; ++motion) deviations[kMotionNames[motion]] = deviation(summary.by_motion[motion]);
   return {{"size_m", {inspection.size_m.x(), inspection.size_m.y(), inspection.size_m.z()}},
@@ -196,6 +210,7 @@ Json InspectionJson(const Inspection& inspection) {
           {"triangles", model.triangles.size()},
           {"regions", regions},
           {"edges", edges},
+          {"facet_edges", model.facet_edges.size()},
           {"symmetry", SymmetryJson(model)},
           {"views",
            {{"count", inspection.views.size()},
@@ -204,7 +219,9 @@ Json InspectionJson(const Inspection& inspection) {
             {"contour_share", summary.contour_share},
             {"deviation", deviations},
             {"weakest", deviation(summary.weakest)},
-            {"unobservable", summary.num_unobservable}}},
+            {"unobservable", summary.num_unobservable},
+            {"limited", limited}}},
+          {"findability", FindabilityJson(inspection.findability, model, inspection.camera)},
           {"preparation_s", absl::ToDoubleSeconds(inspection.preparation)},
           {"extraction_ms", absl::ToDoubleMilliseconds(inspection.time_per_view)},
           {"notices", model.notices},
@@ -216,8 +233,9 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
   const Eigen::Vector3d& size_m = inspection.size_m;
   out << absl::StrFormat("%s: %.4g x %.4g x %.4g m, diameter %.4g m\n", path, size_m.x(), size_m.y(), size_m.z(),
                          model.diameter_m);
-  out << absl::StrFormat("mesh         %d triangles, %d vertices, prepared in %.2f s\n", model.triangles.size(),
-                         model.vertices.size(), absl::ToDoubleSeconds(inspection.preparation));
+  out << absl::StrFormat("mesh         %s, %s, prepared in %.2f s\n", Counted(model.triangles.size(), "triangle"),
+                         Counted(model.vertices.size(), "vertex", "vertices"),
+                         absl::ToDoubleSeconds(inspection.preparation));
   const auto add_region = [](std::string* text, const std::pair<const char*, size_t>& region) {
     absl::StrAppendFormat(text, "%d %s", region.second, region.first);
   };
@@ -227,7 +245,12 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
   }
   for (const EdgeCounts& counts : CountEdges(model)) {
     if (counts.lines + counts.curves == 0) continue;
-    out << absl::StrFormat("%-12s %d straight lines, %d curves\n", counts.name, counts.lines, counts.curves);
+    out << absl::StrFormat("%-12s %s, %s\n", counts.name, Counted(counts.lines, "straight line"),
+                           Counted(counts.curves, "curve"));
+  }
+  if (!model.facet_edges.empty()) {
+    out << absl::StrFormat("facets       %s, which is a contour where one of its facets faces the camera\n",
+                           Counted(model.facet_edges.size(), "edge between facets", "edges between facets"));
   }
   out << "symmetry     " << SymmetryText(model) << "\n";
   const ViewSummary summary = Summarise(inspection.views);
@@ -247,6 +270,7 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
     out << absl::StrFormat("             %-16s %.2f / %.2f\n", kMotionTexts[motion], deviation.median_px,
                            deviation.worst_px);
   }
+  PrintFindability(inspection.findability, model, inspection.camera, out);
   out << absl::StrFormat(
       "cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
       "proportional to their number\n",
@@ -270,15 +294,21 @@ absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) 
 }  // namespace
 
 CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
-  CLI::App* const app = models.add_subcommand(
-      "inspect", "Print size, repairs, edges, symmetry and observability of a model file; needs no server");
+  CLI::App* const app = models.add_subcommand("inspect",
+                                              "Print size, repairs, edges, symmetry and observability of a model file, "
+                                              "and from where it can be found; needs no "
+                                              "server");
   auto arguments = std::make_shared<InspectArguments>();
   AddFile(*app, "file", arguments->file, "Model file of any format")->required();
   arguments->reading.AddTo(*app);
   AddFile(*app, "--camera", arguments->camera, "Camera: ROS camera_info YAML; default: that of evpose simulate");
-  AddFile(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
+  AddPicture(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
   app->add_flag("--json", arguments->is_json, "JSON on standard output");
   app->footer(
+      "findable is a prediction from the visible edges: three edges of 20 px, and a pose that is determined to 10 deg "
+      "by\n"
+      "one event for each pixel of edge and of motion. confusable are half turns about the principal axes after which\n"
+      "most edges coincide; --json has both for each view.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose models inspect cube/model.obj --picture cube.png");

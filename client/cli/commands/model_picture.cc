@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
-#include "absl/strings/str_format.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/evaluation/model_views.h"
 
@@ -109,7 +109,7 @@ absl::StatusOr<std::vector<uint8_t>> DrawModel(const ObjectModel& model, const s
     cv::Mat panel = image(cv::Rect(column * kViewSize, kHeaderHeight + row * kViewSize, kViewSize, kViewSize));
     DrawFaces(model, view.camera_from_object, camera, panel);
     DrawElements(view, camera, panel);
-    WriteText(panel, absl::StrFormat("%d elements", view.elements.size()), {8, kViewSize - 10});
+    WriteText(panel, Counted(view.elements.size(), "element"), {8, kViewSize - 10});
   }
   std::vector<uint8_t> png;
   if (!cv::imencode(".png", image, png)) return absl::InternalError("the picture cannot be encoded as PNG");

@@ -11,6 +11,7 @@
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/model_intake/model_intake.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -24,22 +25,11 @@ struct ModelArguments {
   bool is_json = false;
 };
 
-Json VectorJson(const Eigen::Vector3d& vector) { return {vector.x(), vector.y(), vector.z()}; }
-
-Json SymmetryJson(const std::optional<ContinuousSymmetry>& symmetry) {
-  if (!symmetry) return nullptr;
-  if (symmetry->kind == ContinuousSymmetry::Kind::kSphere) {
-    return {{"kind", "SPHERE"}, {"centre_m", VectorJson(symmetry->centre_m)}};
-  }
-  return {{"kind", "AXIS"},
-          {"centre_m", VectorJson(symmetry->centre_m)},
-          {"axis", VectorJson(symmetry->axis)},
-          {"is_flippable", symmetry->is_flippable}};
-}
+const char* SurfaceText(ModelSurface surface) { return surface == ModelSurface::kSmooth ? "smooth" : "as-is"; }
 
 std::string SymmetryText(const ModelInfo& model) {
   if (!model.continuous_symmetry) {
-    return absl::StrCat(model.num_symmetries, model.num_symmetries == 1 ? " symmetry" : " symmetries");
+    return model.num_symmetries == 1 ? "no symmetry" : Counted(model.num_symmetries, "symmetry", "symmetries");
   }
   const ContinuousSymmetry& symmetry = *model.continuous_symmetry;
   if (symmetry.kind == ContinuousSymmetry::Kind::kSphere) return "symmetric about a centre";
@@ -49,15 +39,18 @@ std::string SymmetryText(const ModelInfo& model) {
 
 Json ModelJson(const ModelInfo& model) {
   return {{"name", model.name},
+          {"file_name", model.file_name},
           {"size_bytes", model.size_bytes},
           {"faces", model.num_faces},
           {"lines", model.num_lines},
+          {"curves", model.num_curves},
+          {"regions", model.num_regions},
           {"symmetries", model.num_symmetries},
           {"continuous_symmetry", SymmetryJson(model.continuous_symmetry)},
           {"diameter_m", model.diameter_m},
           {"metres_per_unit", model.metres_per_unit},
           {"crease_angle_deg", model.crease_angle_deg},
-          {"surface", model.surface == ModelSurface::kSmooth ? "smooth" : "as-is"},
+          {"surface", SurfaceText(model.surface)},
           {"sha256", model.sha256_hex},
           {"create_time", absl::FormatTime(model.create_time, absl::UTCTimeZone())},
           {"notices", model.notices}};
@@ -65,13 +58,28 @@ Json ModelJson(const ModelInfo& model) {
 
 void PrintModel(const ModelInfo& model, std::ostream& out) {
   out << model.name
-      << absl::StrFormat("  %d lines  %d faces  %s  diameter %.4f m\n", model.num_lines, model.num_faces,
-                         SymmetryText(model), model.diameter_m);
+      << absl::StrFormat("  %s  %s  %s  %s  diameter %.4g m  %s\n", Counted(model.num_lines, "line"),
+                         Counted(model.num_curves, "curve"), Counted(model.num_faces, "face"), SymmetryText(model),
+                         model.diameter_m, model.file_name.empty() ? "-" : model.file_name);
+}
+
+// What the preparation found.
+void PrintDetails(const ModelInfo& model, std::ostream& out) {
+  out << absl::StrFormat("file         %s, %s\n", model.file_name.empty() ? "without a name" : model.file_name,
+                         Counted(model.size_bytes, "byte"));
+  out << absl::StrFormat("reading      %g m per unit, crease angle %g degrees, surface %s\n", model.metres_per_unit,
+                         model.crease_angle_deg, SurfaceText(model.surface));
+  out << absl::StrFormat("mesh         %s, diameter %.4g m\n", Counted(model.num_faces, "face"), model.diameter_m);
+  if (model.num_regions > 0) out << absl::StrFormat("regions      %d\n", model.num_regions);
+  out << absl::StrFormat("edges        %s, %s\n", Counted(model.num_lines, "straight line"),
+                         Counted(model.num_curves, "curve"));
+  out << "symmetry     " << SymmetryText(model) << "\n";
 }
 
 absl::Status Print(const ModelInfo& model, bool is_json, CliContext& context) {
   return PrintResult(context, is_json, ModelJson(model), [&model](std::ostream& out) {
-    PrintModel(model, out);
+    out << model.name << "\n";
+    PrintDetails(model, out);
     for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
   });
 }
@@ -129,7 +137,7 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
   const auto add_name = [](CLI::App& command, ModelArguments& arguments) {
     command.add_option("model", arguments.name, "models/ID")->required();
   };
-  add("list", "All models, one on each line", RunList, [](CLI::App&, ModelArguments&) {});
+  add("list", "All models, one on each line: name, edges, size and file", RunList, [](CLI::App&, ModelArguments&) {});
   add("upload", "Upload a model; identical files and options get the same name", RunUpload,
       [](CLI::App& command, ModelArguments& arguments) {
         AddFile(command, "file", arguments.file, kModelFormats)->required();

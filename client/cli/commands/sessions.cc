@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/time.h"
 #include "client/cli/commands/commands.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -41,9 +42,10 @@ Json SessionJson(const Session& session) {
 
 void PrintSession(const Session& session, std::ostream& out) {
   out << session.name << "  " << SessionStateName(session.state)
-      << absl::StrFormat("  %d events  %d poses", session.health.decoded_events, session.health.poses);
+      << absl::StrFormat("  %s  %s", Counted(session.health.decoded_events, "event"),
+                         Counted(session.health.poses, "pose"));
   for (const ObjectHealth& object : session.health.objects) {
-    out << "  " << object.object_id << " " << DescribeState(object) << ", " << object.losses << " losses";
+    out << "  " << object.object_id << " " << DescribeState(object) << ", " << Counted(object.losses, "loss", "losses");
   }
   out << "\n";
 }

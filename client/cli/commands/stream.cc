@@ -136,8 +136,9 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   AddSpoolOptions(app, *arguments);
   app.footer(
       "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows until an interrupt\n"
-      "(SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked. If no pose is found, the report has the\n"
-      "reason, and the exit status is 0. While the server is unreachable, standard input is read and stored, and a\n"
+      "(SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked. Objects without a confirmed pose at\n"
+      "the end are reported with the reason; without any pose, the exit status is 1. While the server is unreachable, "
+      "standard input is read and stored, and a\n"
       "file is read later. If the server has been unreachable for more than two seconds, an interrupt ends the wait;\n"
       "a second interrupt ends the program at once. An error ends it with exit status 1; without --resume, the poses\n"
       "received so far are written. With --resume, the same command continues the session; for standard input it\n"

@@ -11,6 +11,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/cord.h"
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
@@ -89,6 +90,14 @@ CLI::Validator NotNegative() {
 
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
   return app.add_option(name, path, description)->type_name("FILE");
+}
+
+CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
+  const auto check = [](const std::string& text) -> std::string {
+    if (absl::EndsWith(text, ".png")) return "";
+    return absl::StrCat(text, ": pictures are written as PNG; the name must end in .png");
+  };
+  return AddFile(app, name, path, description)->check(check);
 }
 
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
@@ -189,12 +198,36 @@ Json MillisecondsJson(const std::optional<absl::Duration>& duration) {
   return duration ? Json(absl::ToDoubleMilliseconds(*duration)) : Json(nullptr);
 }
 
+Json SymmetryJson(const std::optional<ContinuousSymmetry>& symmetry) {
+  if (!symmetry) return nullptr;
+  const auto vector = [](const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); };
+  if (symmetry->kind == ContinuousSymmetry::Kind::kSphere) {
+    return {{"kind", "SPHERE"}, {"centre_m", vector(symmetry->centre_m)}};
+  }
+  return {{"kind", "AXIS"},
+          {"centre_m", vector(symmetry->centre_m)},
+          {"axis", vector(symmetry->axis)},
+          {"is_flippable", symmetry->is_flippable}};
+}
+
 Json ObjectJson(const ObjectHealth& object) {
+  const std::optional<Loss>& loss = object.latest_loss;
+  const SearchCounts& searches = object.searches;
   return {{"object_id", object.object_id},
           {"state", std::string(TrackStateName(object.state))},
           {"losses", object.losses},
+          {"lost_at_us", loss ? Json(loss->t_us) : Json(nullptr)},
+          {"loss_cause", loss ? Json(std::string(LossCauseName(loss->cause))) : Json(nullptr)},
           {"initialization", std::string(InitializationStatusName(object.initialization))},
           {"initialization_attempts", object.initialization_attempts},
+          {"searches",
+           {{"no_signal", searches.no_signal},
+            {"too_small", searches.too_small},
+            {"too_few_lines", searches.too_few_lines},
+            {"not_enough_motion", searches.not_enough_motion},
+            {"no_pose_fits", searches.no_pose_fits},
+            {"poses_found", searches.poses_found}}},
+          {"followed_poses", object.followed_poses},
           {"detail", object.detail}};
 }
 

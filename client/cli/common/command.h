@@ -51,6 +51,8 @@ CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, con
 }
 // Adds an option for the path of a file.
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
+// Adds an option for a picture that is written as PNG; a name with another extension is wrong usage.
+CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
 // Adds an option for a comma-separated list of names.
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description);
@@ -106,6 +108,9 @@ absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest
 
 // A number of milliseconds; null for nullopt.
 Json MillisecondsJson(const std::optional<absl::Duration>& duration);
+
+// Kind, centre and axis of a continuous symmetry, in which the pose is not measured; null for nullopt.
+Json SymmetryJson(const std::optional<ContinuousSymmetry>& symmetry);
 
 // All fields of an object's health but the explained ratio.
 Json ObjectJson(const ObjectHealth& object);

@@ -23,7 +23,7 @@ constexpr int kSubPixelBits = 4;        // OpenCV draws at 1/16 px
 }  // namespace
 
 FramePainter::FramePainter(const CameraModel& camera, const ObjectModel& model)
-    : camera_(camera), model_(model), visibility_(model, VisibilityOptions{}) {
+    : camera_(camera), edges_(model, VisibilityOptions(), EdgeElementOptions()), visible_(camera, edges_) {
   Clear();
 }
 
@@ -40,11 +40,10 @@ void FramePainter::DrawEvent(const Event& event) {
 
 void FramePainter::DrawModel(const std::optional<RigidTransform>& camera_from_object) {
   if (!camera_from_object) return;
-  for (const VisibleSegment& segment : visibility_.VisibleSegments(camera_, *camera_from_object)) {
-    const ModelLine& line = model_.lines[static_cast<size_t>(segment.line)];
+  for (const TrackedLine& line : visible_.At(*camera_from_object)) {
     std::vector<cv::Point> points;
     for (int i = 0; i <= kSamplesPerSegment; ++i) {
-      const double share = segment.begin + (segment.end - segment.begin) * i / kSamplesPerSegment;
+      const double share = static_cast<double>(i) / kSamplesPerSegment;
       const Eigen::Vector3d point = *camera_from_object * (line.p1 + share * (line.p2 - line.p1));
       if (point.z() <= 0.0) continue;
       const Eigen::Vector2d pixel = camera_.Distort(camera_.Project(point));

@@ -7,11 +7,11 @@
 #include <optional>
 #include <string>
 
+#include "core/association/visible_edges.h"
 #include "core/events/event.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
-#include "core/models/visibility.h"
 
 namespace evpose::client {
 
@@ -24,7 +24,8 @@ class FramePainter {
   void Clear();
   // Events outside the picture are ignored.
   void DrawEvent(const Event& event);
-  // Draws the visible lines of the model, with the distortion of the lens; nullopt: none.
+  // Draws the visible edges of the model that the tracker uses: straight lines, curves and contours, with the
+  // distortion of the lens; nullopt: none.
   void DrawModel(const std::optional<RigidTransform>& camera_from_object);
   void DrawLegend(int64_t t_us, double window_ms, const std::optional<RigidTransform>& camera_from_object);
 
@@ -34,8 +35,8 @@ class FramePainter {
   void DrawText(const std::string& text, int line);
 
   const CameraModel& camera_;
-  const ObjectModel& model_;
-  VisibilityTester visibility_;
+  const ModelEdges edges_;
+  VisibleEdges visible_;
   cv::Mat image_;
   uint64_t on_events_ = 0;
   uint64_t off_events_ = 0;

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/common/model_arguments.h"
 
+#include <filesystem>
 #include <utility>
 
 #include "client/cli/common/command.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
 
 namespace evpose::client {
@@ -24,8 +26,8 @@ void ModelReadingArguments::AddTo(CLI::App& app, CLI::Option* model) {
         AddOption(app, "--crease-angle", crease_angle_deg,
                   "Least angle, degrees, by which the surface of the model turns at a crease", CLI::Range(0.1, 179.9)),
         AddOption(app, "--surface", surface,
-                  "smooth: the facets of the model approximate a smooth surface; as-is: the object has these facets, "
-                  "and every edge above --crease-angle, which must be small for fine facets, is an edge of the object",
+                  "smooth: the facets of the model approximate a smooth surface; as-is: the object has these facets: "
+                  "edges above --crease-angle are always edges of the object, the others where they form its outline",
                   CLI::IsMember({kSmooth, kAsIs}))}) {
     if (model != nullptr) option->needs(model);
   }
@@ -39,11 +41,14 @@ absl::StatusOr<ObjectModel> ModelReadingArguments::Load(const std::string& path)
 
 absl::StatusOr<ModelUpload> ModelReadingArguments::ReadForUpload(const std::string& path) const {
   EVPOSE_ASSIGN_OR_RETURN(ModelFile file, ReadModelFile(path, metres_per_unit));
+  std::string name = std::filesystem::path(path).filename().string();
+  if (!server::IsPlainText(name)) name.clear();  // a server refuses it, and the model needs none
   return ModelUpload{.bytes = std::move(file.bytes),
                      .options = {.format = server::EnumNumber<ModelFormat>(file.format),
                                  .metres_per_unit = metres_per_unit,
                                  .crease_angle_deg = crease_angle_deg,
-                                 .surface = surface == kSmooth ? ModelSurface::kSmooth : ModelSurface::kAsIs},
+                                 .surface = surface == kSmooth ? ModelSurface::kSmooth : ModelSurface::kAsIs,
+                                 .file_name = std::move(name)},
                      .notices = std::move(file.notices)};
 }
 

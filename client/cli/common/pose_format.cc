@@ -28,6 +28,16 @@ void VisitUpper(const Eigen::Matrix<double, 6, 6>& matrix, const Visit& visit) {
 
 std::string StateName(const Pose& pose) { return std::string(TrackStateName(pose.state)); }
 
+// As many as the API has at most; the columns of absent ones are empty.
+constexpr size_t kAlternativesInCsv = 4;
+
+// The translation and the quaternion [x y z w].
+std::array<double, 7> Numbers(const Transform& transform) {
+  const Eigen::Vector3d& t = transform.translation_m;
+  const Eigen::Quaterniond q = transform.Quaternion();
+  return {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()};
+}
+
 std::string CsvHeader() {
   std::string line =
       "pose_seq,object_id,t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw,state,num_events,explained_ratio,residual_rms_px";
@@ -38,29 +48,47 @@ std::string CsvHeader() {
   VisitUpper(Eigen::Matrix<double, 6, 6>::Zero(), [&](int row, int column, double) {
     absl::StrAppend(&line, ",cov_", kAxes[static_cast<size_t>(row)], "_", kAxes[static_cast<size_t>(column)]);
   });
+  absl::StrAppend(&line, ",num_alternatives");
+  for (size_t i = 1; i <= kAlternativesInCsv; ++i) {
+    for (const char* name : {"tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw", "log_likelihood_ratio"}) {
+      absl::StrAppend(&line, ",alt", i, "_", name);
+    }
+  }
   return line + "\n";
 }
 
 std::string CsvLine(const Pose& pose) {
-  const Eigen::Vector3d& t = pose.camera_from_object.translation_m;
-  const Eigen::Quaterniond q = pose.camera_from_object.Quaternion();
-  std::string line = absl::StrFormat("%d,%s,%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%s,%d,%.9g,%.9g", pose.seq,
-                                     pose.object_id, pose.t_us, t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w(),
-                                     StateName(pose), pose.num_events, pose.explained_ratio, pose.residual_rms_px);
+  std::string line = absl::StrFormat("%d,%s,%d", pose.seq, pose.object_id, pose.t_us);
+  for (const double value : Numbers(pose.camera_from_object)) absl::StrAppendFormat(&line, ",%.17g", value);
+  absl::StrAppendFormat(&line, ",%s,%d,%.9g,%.9g", StateName(pose), pose.num_events, pose.explained_ratio,
+                        pose.residual_rms_px);
   for (const double value : pose.twist) absl::StrAppendFormat(&line, ",%.17g", value);
   VisitUpper(pose.covariance, [&](int, int, double value) { absl::StrAppendFormat(&line, ",%.17g", value); });
+  absl::StrAppend(&line, ",", pose.alternatives.size());
+  for (size_t i = 0; i < kAlternativesInCsv; ++i) {
+    if (i >= pose.alternatives.size()) {
+      absl::StrAppend(&line, ",,,,,,,,");
+      continue;
+    }
+    const PoseAlternative& alternative = pose.alternatives[i];
+    for (const double value : Numbers(alternative.camera_from_object)) absl::StrAppendFormat(&line, ",%.17g", value);
+    absl::StrAppendFormat(&line, ",%.9g", alternative.log_likelihood_ratio);
+  }
   return line + "\n";
 }
 
+void SetTransform(const Transform& transform, nlohmann::ordered_json& json) {
+  const std::array<double, 7> n = Numbers(transform);
+  json["translation_m"] = {n[0], n[1], n[2]};
+  json["quaternion_xyzw"] = {n[3], n[4], n[5], n[6]};
+}
+
 std::string JsonLine(const Pose& pose) {
-  const Eigen::Vector3d& t = pose.camera_from_object.translation_m;
-  const Eigen::Quaterniond q = pose.camera_from_object.Quaternion();
   nlohmann::ordered_json json;
   json["pose_seq"] = pose.seq;
   json["object_id"] = pose.object_id;
   json["t_us"] = pose.t_us;
-  json["translation_m"] = {t.x(), t.y(), t.z()};
-  json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
+  SetTransform(pose.camera_from_object, json);
   json["state"] = StateName(pose);
   json["num_events"] = pose.num_events;
   json["explained_ratio"] = pose.explained_ratio;
@@ -69,6 +97,13 @@ std::string JsonLine(const Pose& pose) {
   std::vector<double> upper;
   VisitUpper(pose.covariance, [&](int, int, double value) { upper.push_back(value); });
   json["covariance_upper"] = upper;
+  json["alternatives"] = nlohmann::ordered_json::array();
+  for (const PoseAlternative& alternative : pose.alternatives) {
+    nlohmann::ordered_json item;
+    SetTransform(alternative.camera_from_object, item);
+    item["log_likelihood_ratio"] = alternative.log_likelihood_ratio;
+    json["alternatives"].push_back(std::move(item));
+  }
   // An object ID that is not valid UTF-8 must not stop the output.
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
@@ -87,6 +122,8 @@ std::string PoseHeader(PoseFormat format) { return format == PoseFormat::kCsv ? 
 std::string PoseLine(PoseFormat format, const Pose& pose) {
   switch (format) {
     case PoseFormat::kTum:
+      // A reader of TUM takes every line for a pose that is confirmed.
+      if (pose.state == TrackState::kAmbiguous) return "";
       return TumLine({pose.t_us, ToCore(pose.camera_from_object)}) + "\n";
     case PoseFormat::kCsv:
       return CsvLine(pose);

@@ -20,7 +20,8 @@ enum class PoseFormat { kTum, kCsv, kJsonLines };
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
 // The header line, line feed included; empty for a format without a header.
 std::string PoseHeader(PoseFormat format);
-// One line, line feed included. It depends on the bytes of the session only, so that it does not contain the latency.
+// One line, line feed included; empty for an AMBIGUOUS pose in TUM, which has no states. It depends on the bytes of the
+// session only, so that it does not contain the latency.
 std::string PoseLine(PoseFormat format, const Pose& pose);
 
 // Writes the poses of the objects of a session as they arrive: to one file or, if the path contains "{object}", to one

@@ -6,11 +6,13 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 
 namespace evpose::client {
 namespace {
@@ -50,6 +52,47 @@ TEST(PoseFormat, Tum) {
   EXPECT_EQ(PoseLine(PoseFormat::kTum, MakePose()), "16.000250 0.10000000000000001 -0.25 1.5 0 0 0 1\n");
 }
 
+Pose AmbiguousPose() {
+  Pose pose = MakePose();
+  pose.state = TrackState::kAmbiguous;
+  for (const double ratio : {0.25, -3.5}) {
+    PoseAlternative alternative;
+    alternative.camera_from_object.translation_m = {0.5, 0.0, ratio};
+    alternative.camera_from_object.rotation = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal();
+    alternative.log_likelihood_ratio = ratio;
+    pose.alternatives.push_back(alternative);
+  }
+  return pose;
+}
+
+TEST(PoseFormat, TumHasNoAmbiguousPoses) { EXPECT_EQ(PoseLine(PoseFormat::kTum, AmbiguousPose()), ""); }
+
+TEST(PoseFormat, CsvHasColumnsForFourAlternatives) {
+  const std::vector<std::string> names = absl::StrSplit(absl::StripSuffix(PoseHeader(PoseFormat::kCsv), "\n"), ',');
+  const std::vector<std::string> values =
+      absl::StrSplit(absl::StripSuffix(PoseLine(PoseFormat::kCsv, AmbiguousPose()), "\n"), ',');
+  ASSERT_EQ(names.size(), values.size());
+  std::map<std::string, std::string> row;
+  for (size_t i = 0; i < names.size(); ++i) row[names[i]] = values[i];
+  EXPECT_EQ(row.at("state"), "AMBIGUOUS");
+  EXPECT_EQ(row.at("num_alternatives"), "2");
+  EXPECT_EQ(row.at("alt1_tz_m"), "0.25");
+  EXPECT_EQ(row.at("alt1_qx"), "1");
+  EXPECT_EQ(row.at("alt1_log_likelihood_ratio"), "0.25");
+  EXPECT_EQ(row.at("alt2_tz_m"), "-3.5");
+  EXPECT_EQ(row.at("alt2_log_likelihood_ratio"), "-3.5");
+  EXPECT_EQ(row.at("alt3_tx_m"), "");
+  EXPECT_EQ(row.at("alt4_log_likelihood_ratio"), "");
+}
+
+TEST(PoseFormat, JsonHasTheAlternatives) {
+  const nlohmann::json json = nlohmann::json::parse(PoseLine(PoseFormat::kJsonLines, AmbiguousPose()));
+  EXPECT_EQ(json["state"], "AMBIGUOUS");
+  ASSERT_EQ(json["alternatives"].size(), 2u);
+  EXPECT_EQ(json["alternatives"][0]["translation_m"], nlohmann::json({0.5, 0.0, 0.25}));
+  EXPECT_EQ(json["alternatives"][1]["log_likelihood_ratio"], -3.5);
+}
+
 TEST(PoseFormat, CsvHasANameForEachNumber) {
   const std::vector<std::string> names = absl::StrSplit(PoseHeader(PoseFormat::kCsv), ',');
   const std::vector<std::string> values = absl::StrSplit(PoseLine(PoseFormat::kCsv, MakePose()), ',');
@@ -70,7 +113,8 @@ TEST(PoseFormat, CsvHasANameForEachNumber) {
   EXPECT_EQ(value("wz_rad_per_s"), "6");
   EXPECT_EQ(value("cov_tx_tx"), "0");
   EXPECT_EQ(value("cov_ty_rx"), "13");
-  EXPECT_EQ(values.back(), "55\n");
+  EXPECT_EQ(value("cov_rz_rz"), "55");
+  EXPECT_EQ(value("num_alternatives"), "0");
 }
 
 TEST(PoseFormat, JsonLine) {

@@ -13,6 +13,7 @@
 #include "absl/strings/strip.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "evpose/types.h"
 
 namespace evpose::client {
 namespace {
@@ -29,6 +30,7 @@ struct Columns {
   std::array<size_t, 7> pose = {};
   std::vector<size_t> covariance;  // 21, upper triangle row by row; or empty
   std::optional<size_t> object_id;
+  std::optional<size_t> state;
 };
 
 std::optional<size_t> Find(const Fields& header, absl::string_view name) {
@@ -51,6 +53,7 @@ absl::StatusOr<Columns> FindColumns(const Fields& header, const std::string& pat
     EVPOSE_ASSIGN_OR_RETURN(columns.pose[i], needed(kPoseColumns[i]));
   }
   columns.object_id = Find(header, "object_id");
+  columns.state = Find(header, "state");
   for (size_t row = 0; row < kAxes.size(); ++row) {
     for (size_t column = row; column < kAxes.size(); ++column) {
       const std::optional<size_t> found = Find(header, absl::StrCat("cov_", kAxes[row], "_", kAxes[column]));
@@ -75,13 +78,18 @@ absl::Status ParseLine(const Columns& columns, const Fields& fields, ReadPoses& 
   if (!absl::SimpleAtoi(fields[columns.t_us], &pose.t_us)) {
     return absl::InvalidArgumentError(absl::StrCat("\"", fields[columns.t_us], "\" is no time in microseconds"));
   }
-  if (!poses.trajectory.empty() && pose.t_us <= poses.trajectory.back().t_us) {
+  const bool follows_pose = poses.trajectory.empty() || pose.t_us > poses.trajectory.back().t_us;
+  if (!follows_pose || (!poses.ambiguous_us.empty() && pose.t_us <= poses.ambiguous_us.back())) {
     return absl::InvalidArgumentError("its time does not increase");
   }
   std::array<double, 7> v = {};
   for (size_t i = 0; i < v.size(); ++i) EVPOSE_RETURN_IF_ERROR(number(columns.pose[i], v[i]));
   EVPOSE_ASSIGN_OR_RETURN(pose.camera_from_object,
                           MakeRigidTransform({v[0], v[1], v[2]}, Eigen::Quaterniond(v[6], v[3], v[4], v[5])));
+  if (columns.state && fields[*columns.state] == std::string(TrackStateName(TrackState::kAmbiguous))) {
+    poses.ambiguous_us.push_back(pose.t_us);
+    return absl::OkStatus();
+  }
   poses.trajectory.push_back(pose);
   if (columns.covariance.empty()) return absl::OkStatus();
   Matrix6d covariance;
@@ -118,7 +126,7 @@ absl::StatusOr<ReadPoses> ParsePoseCsv(absl::string_view text, const std::string
     }
     if (!columns->object_id) continue;
     const absl::string_view id = fields[*columns->object_id];
-    if (poses.trajectory.size() > 1 && id != object) {
+    if (poses.trajectory.size() + poses.ambiguous_us.size() > 1 && id != object) {
       return absl::InvalidArgumentError(absl::StrCat(name_for_errors, ":", line_number, ": holds poses of ", object,
                                                      " and of ", id, "; keep those of one object"));
     }

@@ -56,6 +56,19 @@ TEST(PoseReaderTest, ColumnsInAnyOrderAndWithoutCovariance) {
   EXPECT_TRUE(poses->covariances.empty());
 }
 
+TEST(PoseReaderTest, AmbiguousPosesAreNoPartOfTheTrajectory) {
+  Pose ambiguous = SomePose(6);
+  ambiguous.state = TrackState::kAmbiguous;
+  ambiguous.alternatives = {{ambiguous.camera_from_object, -1.0}};
+  const auto poses = ParsePoseCsv(Csv({SomePose(5), ambiguous, SomePose(7)}), "some.csv");
+  ASSERT_TRUE(poses.ok()) << poses.status();
+  ASSERT_EQ(poses->trajectory.size(), 2u);
+  EXPECT_EQ(poses->trajectory[1].t_us, 7);
+  EXPECT_EQ(poses->covariances.size(), 2u);
+  EXPECT_THAT(poses->ambiguous_us, ::testing::ElementsAre(6));
+  EXPECT_FALSE(ParsePoseCsv(Csv({ambiguous, SomePose(6)}), "some.csv").ok());
+}
+
 TEST(PoseReaderTest, ErrorsNameTheLineAndTheCause) {
   const auto message = [](const std::string& text) {
     const absl::Status status = ParsePoseCsv(text, "some.csv").status();

@@ -15,7 +15,6 @@ std::string Milliseconds(const std::optional<absl::Duration>& duration) {
 }  // namespace
 
 void ReplayReport::Add(const Notice& notice) {
-  if (const auto* change = std::get_if<StateChange>(&notice)) last_change_us_[change->object_id] = change->t_us;
   if (const auto* fault = std::get_if<DecodeFault>(&notice)) {
     if (decode_faults_ == 0) first_decode_fault_ = absl::StrCat("chunk ", fault->chunk_seq, ": ", fault->detail);
     decode_faults_ += fault->count;
@@ -23,17 +22,29 @@ void ReplayReport::Add(const Notice& notice) {
   if (const auto* restart = std::get_if<TrackingRestarted>(&notice)) restarts_.push_back(*restart);
 }
 
+void ReplayReport::Add(const Pose& pose) {
+  if (pose.state == TrackState::kAmbiguous) ++ambiguous_poses_;
+}
+
 std::string ReplayReport::NameOf(const std::string& object_id) const {
   return models.size() > 1 ? object_id + ": " : "";
 }
 
 std::string ReplayReport::WhyNoPose(const ObjectHealth& object) const {
-  if (object.state == TrackState::kInitializing) return absl::StrCat("no pose found: ", object.detail);
-  if (object.state != TrackState::kLost) return "";
-  const auto change = last_change_us_.find(object.object_id);
-  const int64_t since_us = change == last_change_us_.end() ? 0 : change->second;
-  return absl::StrFormat("LOST: the object is lost since %.6f s; no pose is reported after that time: %s",
-                         since_us * 1e-6, object.detail);
+  switch (object.state) {
+    case TrackState::kInitializing:
+      return absl::StrCat("no pose found: ", object.detail);
+    case TrackState::kLost:
+      return absl::StrCat("LOST: ", object.detail);
+    case TrackState::kAmbiguous:
+      return absl::StrCat("AMBIGUOUS: ", object.detail);
+    case TrackState::kUnknown:
+      return absl::StrCat("no confirmed pose, in a state of a later server: ", object.detail);
+    case TrackState::kTracking:
+    case TrackState::kDegraded:
+      break;
+  }
+  return "";
 }
 
 uint32_t ReplayReport::Losses() const {
@@ -49,7 +60,7 @@ Json ReplayReport::ObjectsJson() const {
     Json json = ObjectJson(object);
     json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
     json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
-    json["has_continuous_symmetry"] = i < models.size() && models[i].has_continuous_symmetry;
+    json["continuous_symmetry"] = i < models.size() ? SymmetryJson(models[i].continuous_symmetry) : Json(nullptr);
     json["model_diameter_m"] = i < models.size() ? models[i].diameter_m : 0.0;
     objects.push_back(std::move(json));
   }
@@ -95,7 +106,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     if (model.num_symmetries > 1) {
       stream << "; looks the same in " << model.num_symmetries << " orientations; a pose represents all of them";
     }
-    if (model.has_continuous_symmetry) {
+    if (model.continuous_symmetry) {
       stream << "; symmetric about an axis or a centre; the rotation about it is not measured";
     }
     stream << "\n";
@@ -107,7 +118,14 @@ void ReplayReport::Print(std::ostream& stream) const {
     if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
   }
   if (!session.empty()) stream << "session: " << session << "\n";
-  if (!files.empty()) stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses\n";
+  if (!files.empty()) {
+    stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses";
+    if (ambiguous_poses_ > 0) {
+      stream << ", of which " << ambiguous_poses_ << " are AMBIGUOUS: a .tum file does not have them, .csv and .jsonl "
+             << "files have them with their alternatives";
+    }
+    stream << "\n";
+  }
   stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",
                             health.decoded_events, summary.poses, Losses(), MegaEventsPerSecond(),
                             Milliseconds(health.latency_p50), Milliseconds(health.latency_p99));
@@ -121,6 +139,7 @@ Json ReplayReport::ToJson() const {
                {"session", session.empty() ? Json(nullptr) : Json(session)},
                {"events", health.decoded_events},
                {"poses", summary.poses},
+               {"ambiguous_poses", ambiguous_poses_},
                {"losses", Losses()},
                {"objects", ObjectsJson()}};
   // For a single object, its fields are also those of the report.

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -32,18 +33,19 @@ struct ReplayReport {
     std::vector<std::string> notices;
     uint32_t num_symmetries = 1;
     double diameter_m = 0.0;
-    bool has_continuous_symmetry = false;
+    std::optional<ContinuousSymmetry> continuous_symmetry;
   };
   std::vector<Model> models;  // of the objects, in their order
 
   void Add(const Notice& notice);
+  void Add(const Pose& pose);
 
   // The last line has the numbers of events, poses and losses, the event rate in Mev/s, and latencies.
   void Print(std::ostream& out_stream) const;
   Json ToJson() const;
 
  private:
-  // Returns a line about objects that are not tracked at the end; empty if all are.
+  // Returns a line about an object that has no confirmed pose at the end; empty if it has one.
   std::string WhyNoPose(const ObjectHealth& object) const;
   // Returns the prefix of a line about one of several objects; empty for a single object.
   std::string NameOf(const std::string& object_id) const;
@@ -51,7 +53,7 @@ struct ReplayReport {
   Json ObjectsJson() const;
   double MegaEventsPerSecond() const;
 
-  std::map<std::string, int64_t> last_change_us_;  // by object
+  uint64_t ambiguous_poses_ = 0;  // received by this process
   uint64_t decode_faults_ = 0;
   std::string first_decode_fault_;
   std::vector<TrackingRestarted> restarts_;  // one for each server that could not read the state of the tracker

@@ -36,15 +36,38 @@ TEST(ReplayReportTest, SumsDecodeFaultsAndNamesTheFirst) {
   EXPECT_THAT(Printed(report), HasSubstr("decoder: skipped 6 words or events, the first in chunk 3: a vector without"));
 }
 
-TEST(ReplayReportTest, GivesTheTimeSinceWhichAnObjectIsLost) {
+TEST(ReplayReportTest, GivesTheReasonForEachObjectWithoutAConfirmedPose) {
   ReplayReport report;
   ObjectHealth object;
   object.object_id = "object";
-  object.state = TrackState::kLost;
-  object.detail = "no pose fits";
+  object.detail = "the reason";
+  object.latest_loss = {2'500'000, LossCause::kOutOfView};
+  for (const auto& [state, text] : {std::pair{TrackState::kInitializing, "no pose found: the reason\n"},
+                                    {TrackState::kLost, "LOST: the reason\n"},
+                                    {TrackState::kAmbiguous, "AMBIGUOUS: the reason\n"}}) {
+    object.state = state;
+    report.summary.health.objects = {object};
+    EXPECT_THAT(Printed(report), HasSubstr(text));
+  }
+  EXPECT_EQ(report.ToJson()["lost_at_us"], 2'500'000);
+  EXPECT_EQ(report.ToJson()["loss_cause"], "OUT_OF_VIEW");
+  object.state = TrackState::kTracking;
   report.summary.health.objects = {object};
-  report.Add(StateChange{"object", 2'500'000, TrackState::kLost});
-  EXPECT_THAT(Printed(report), HasSubstr("LOST: the object is lost since 2.500000 s"));
+  EXPECT_THAT(Printed(report), Not(HasSubstr("the reason")));
+}
+
+TEST(ReplayReportTest, CountsAmbiguousPoses) {
+  ReplayReport report;
+  report.files = {"poses.tum"};
+  report.summary.poses = 2;
+  Pose pose;
+  pose.state = TrackState::kTracking;
+  report.Add(pose);
+  EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 2 poses\n"));
+  pose.state = TrackState::kAmbiguous;
+  report.Add(pose);
+  EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 2 poses, of which 1 are AMBIGUOUS"));
+  EXPECT_EQ(report.ToJson()["ambiguous_poses"], 1);
 }
 
 }  // namespace

@@ -206,7 +206,7 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& a
     absl::StatusOr<ModelInfo> model = UploadModel(client, input.model_path, input.model);
     if (!model.ok()) return model.status();
     report.models.push_back(
-        {input.id, model->notices, model->num_symmetries, model->diameter_m, model->continuous_symmetry.has_value()});
+        {input.id, model->notices, model->num_symmetries, model->diameter_m, model->continuous_symmetry});
     config.objects.push_back(
         {.object_id = input.id, .model = model->name, .initial_camera_from_object = input.initial_pose});
   }

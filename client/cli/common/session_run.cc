@@ -13,6 +13,7 @@
 #include "client/lib/client_access.h"
 #include "client/lib/core_types.h"
 #include "client/lib/status_details.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 
@@ -177,6 +178,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   TrackCallbacks callbacks;
   callbacks.on_pose = [this](const Pose& pose) {
     if (poses_) poses_->Write(pose);
+    report_.Add(pose);
     ++num_poses_;
     last_pose_us_ = std::max(last_pose_us_, pose.t_us);
   };
@@ -225,7 +227,7 @@ std::string SessionRun::KeepPoses() {
   if (!poses_ || num_poses_ == 0) return "";
   const absl::Status status = poses_->Commit();
   if (!status.ok()) return absl::StrCat("; the poses are lost: ", status.message());
-  return absl::StrFormat("; %s: %d poses up to %.6f s", absl::StrJoin(report_.files, ", "), num_poses_,
+  return absl::StrFormat("; %s: %s up to %.6f s", absl::StrJoin(report_.files, ", "), Counted(num_poses_, "pose"),
                          static_cast<double>(last_pose_us_) * 1e-6);
 }
 
@@ -274,6 +276,9 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
     return absl::OutOfRangeError(absl::StrCat(
         "--reset-pose at ", inputs_.resets.front().t_us,
         " us was not applied: the events end before it; sensor times are those of evpose info and of the poses"));
+  }
+  if (summary.health.poses == 0) {
+    return absl::NotFoundError(absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason"));
   }
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,

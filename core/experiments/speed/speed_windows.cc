@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
-#include "core/tracking/health.h"
+#include "core/tracking/evidence/health.h"
 
 namespace evpose {
 namespace {

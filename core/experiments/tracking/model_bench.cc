@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -14,6 +13,7 @@
 #include "core/base/status_macros.h"
 #include "core/contours/edge_elements.h"
 #include "core/experiments/speed/measured_time.h"
+#include "core/experiments/tracking/model_run.h"
 #include "core/experiments/tracking/tracking_recordings.h"
 #include "core/models/visibility.h"
 #include "core/numerics/statistics.h"
@@ -30,15 +30,6 @@ constexpr double kWeakPx = 12.0;
 constexpr int64_t kBeforeLossUs = 50'000;
 // Share of the time with a good pose, at the least, of a model that is kept: the first windows give no pose.
 constexpr double kKeptCoverage = 0.95;
-
-using LoadedModel = std::shared_ptr<const ObjectModel>;
-
-absl::StatusOr<LoadedModel> Load(const std::string& path, double metres_per_unit) {
-  ModelOptions options;
-  options.metres_per_unit = metres_per_unit;
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(path, options));
-  return std::make_shared<const ObjectModel>(std::move(model));
-}
 
 std::string SymmetryText(const ObjectModel& model) {
   if (model.continuous_symmetry) {
@@ -67,35 +58,7 @@ double MeanElements(const ObjectModel& model, const CameraModel& camera, const T
   return static_cast<double>(count) / kPoses;
 }
 
-// One run: what is tracked, and the simulation.
-struct RunInputs {
-  LoadedModel model;
-  SimulationOptions simulation;
-  Trajectory truth;
-  std::string directory;
-};
-
-absl::StatusOr<RunInputs> MakeInputs(const ModelBenchOptions& options, const BenchModel& bench_model,
-                                     LoadedModel tracked, LoadedModel rendered, uint64_t seed) {
-  RunInputs inputs;
-  inputs.model = std::move(tracked);
-  EVPOSE_ASSIGN_OR_RETURN(inputs.simulation, ModelSimulationPreset(std::move(rendered), options.camera));
-  inputs.simulation.seed = seed;
-  inputs.simulation.duration_us = options.duration_us;
-  inputs.simulation.sensor.noise_ratio = options.noise_ratio;
-  inputs.simulation.scene.background.is_textured = seed % 2 == 0;
-  EVPOSE_RETURN_IF_ERROR(inputs.simulation.Validate());
-  inputs.truth = SimulatedTruth(inputs.simulation);
-  if (!options.recordings.empty()) {
-    const std::filesystem::path directory = options.recordings;
-    const std::string name = bench_model.reference_path.empty() ? bench_model.path : bench_model.reference_path;
-    inputs.directory =
-        (directory / absl::StrFormat("%s-seed%d", std::filesystem::path(name).stem().string(), seed)).string();
-  }
-  return inputs;
-}
-
-absl::StatusOr<TrackingOutput> TrackFromTruth(const ModelBenchOptions& options, const RunInputs& inputs,
+absl::StatusOr<TrackingOutput> TrackFromTruth(const ModelBenchOptions& options, const ModelRunInputs& inputs,
                                               EventRate& rate, const std::function<bool(double)>& on_progress) {
   TrackerOptions tracker_options = options.tracker;
   tracker_options.initialization.is_automatic = false;  // a lost object stays lost
@@ -155,7 +118,7 @@ void SetErrorsOfRun(const std::vector<TrajectoryError>& errors, const std::vecto
   run.rotation_p95_rad = InterpolatedQuantile(angles, 0.95);
 }
 
-absl::StatusOr<ModelRun> RunOnce(const ModelBenchOptions& options, const RunInputs& inputs,
+absl::StatusOr<ModelRun> RunOnce(const ModelBenchOptions& options, const ModelRunInputs& inputs,
                                  const std::function<bool(double)>& on_progress) {
   const SimulationOptions& simulation = inputs.simulation;
   EventRate rate(simulation.t_begin_us);
@@ -204,9 +167,9 @@ void Summarise(ModelBenchRow& row) {
 }
 
 // Prepares a model and sets what is known without a recording.
-absl::StatusOr<LoadedModel> Prepare(ModelBenchRow& row) {
-  absl::StatusOr<LoadedModel> model;
-  row.preparation_s = ProcessorSecondsOf([&] { model = Load(row.model.path, row.model.metres_per_unit); });
+absl::StatusOr<std::shared_ptr<const ObjectModel>> Prepare(ModelBenchRow& row) {
+  absl::StatusOr<std::shared_ptr<const ObjectModel>> model;
+  row.preparation_s = ProcessorSecondsOf([&] { model = LoadBenchModel(row.model.path, row.model.metres_per_unit); });
   if (!model.ok()) return model;
   row.diameter_m = (*model)->diameter_m;
   row.triangles = (*model)->triangles.size();
@@ -222,22 +185,22 @@ absl::StatusOr<ModelBenchRow> RunModel(const ModelBenchOptions& options, const B
                                        const ModelBenchProgress& on_progress) {
   ModelBenchRow row;
   row.model = bench_model;
-  const absl::StatusOr<LoadedModel> tracked = Prepare(row);
+  const absl::StatusOr<std::shared_ptr<const ObjectModel>> tracked = Prepare(row);
   if (!tracked.ok()) {
     row.error = std::string(tracked.status().message());
     return row;
   }
-  LoadedModel rendered = *tracked;
+  std::shared_ptr<const ObjectModel> rendered = *tracked;
   if (!bench_model.reference_path.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(rendered, Load(bench_model.reference_path, 1.0));
+    EVPOSE_ASSIGN_OR_RETURN(rendered, LoadBenchModel(bench_model.reference_path, 1.0));
   }
   for (int i = 0; i < options.num_seeds; ++i) {
     const std::string text = absl::StrFormat("%s, seed %d", bench_model.name, i + 1);
     const auto on_run = [&](double ratio) {
       return !on_progress || on_progress((i + ratio) / options.num_seeds, text);
     };
-    EVPOSE_ASSIGN_OR_RETURN(const RunInputs inputs,
-                            MakeInputs(options, bench_model, *tracked, rendered, static_cast<uint64_t>(i) + 1));
+    EVPOSE_ASSIGN_OR_RETURN(const ModelRunInputs inputs,
+                            MakeModelRun(options, bench_model, *tracked, rendered, static_cast<uint64_t>(i) + 1));
     if (i == 0) row.mean_elements = MeanElements(**tracked, inputs.simulation.camera, inputs.truth);
     EVPOSE_ASSIGN_OR_RETURN(const ModelRun run, RunOnce(options, inputs, on_run));
     row.runs.push_back(run);

@@ -8,6 +8,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/model_readers.h"
 #include "core/mesh/loading/text_lines.h"
@@ -31,6 +32,11 @@ class ObjReader {
     if (largest_index_ > static_cast<int64_t>(vertices_.size())) {
       return LineError(largest_index_line_,
                        absl::StrFormat("vertex index %d, but there are %d vertices", largest_index_, vertices_.size()));
+    }
+    if (elements_.empty() && !vertices_.empty()) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("the OBJ file has ", Counted(vertices_.size(), "vertex (v)", "vertices (v)"),
+                       " but no face (f) and no line element (l): it is incomplete, or a cloud of points"));
     }
     return MakeMesh();
   }

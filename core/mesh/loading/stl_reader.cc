@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/model_readers.h"
 #include "core/mesh/loading/text_lines.h"
@@ -106,6 +107,13 @@ absl::StatusOr<RawMesh> ReadStl(absl::Span<const uint8_t> bytes, const MeshLimit
       bytes.size() >= kStlHeaderBytes &&
       bytes.size() == kStlHeaderBytes + kStlFacetBytes * static_cast<size_t>(LittleEndian32(bytes.data() + 80));
   if (has_binary_size) return ReadBinaryStl(bytes, ElementCounter(limits));
+  // Text has no zero byte; some binary files begin with 'solid', too.
+  if (bytes.size() >= kStlHeaderBytes && AsText(bytes).find('\0') != absl::string_view::npos) {
+    const uint64_t facets = LittleEndian32(bytes.data() + 80);
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "binary STL: the header states %s, which take %d bytes, but the file has %d: it is incomplete or no STL file",
+        Counted(facets, "facet"), kStlHeaderBytes + kStlFacetBytes * facets, bytes.size()));
+  }
   if (absl::StartsWith(AsText(bytes), "solid")) return ReadAsciiStl(AsText(bytes), ElementCounter(limits));
   return absl::InvalidArgumentError(
       "not an STL file: it neither begins with 'solid' nor has the size that its binary header gives");

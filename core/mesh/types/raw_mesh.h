@@ -15,6 +15,24 @@
 
 namespace evpose {
 
+// The circle of an edge.
+struct EdgeCircle {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // unit, either sign
+  double radius_m = 0.0;
+};
+
+// An edge between faces of a CAD model.
+struct ExactEdge {
+  enum class Shape : uint8_t { kLine, kCircle, kFree };
+  Shape shape = Shape::kFree;
+  bool is_smooth = false;  // the faces continue each other: nothing is seen of the edge
+  EdgeCircle circle;       // of a kCircle
+  // Indices of points along the edge, at least two; the first one again at the end of a ring. Between those that are
+  // vertices of triangles may be others, which only lie on the edge.
+  std::vector<uint32_t> points;
+};
+
 struct RawMesh {
   // Readers return coordinates in the unit of the file, rounded to single precision, which is that of a binary STL.
   std::vector<Eigen::Vector3d> points;
@@ -28,6 +46,8 @@ struct RawMesh {
   std::vector<std::array<Eigen::Vector3f, 3>> corner_normals;
   // The faces of the CAD model of which the mesh was made: exact normals and shapes. Empty if they are unknown.
   SmoothSurface exact_surface;
+  // The edges between these faces, as far as they are known. Empty without `exact_surface`.
+  std::vector<ExactEdge> exact_edges;
   // Sides of triangles across which other triangles continue the plane, in the face of another body: no edges. Lower
   // index first, sorted. RepairMesh() finds them.
   std::vector<std::array<uint32_t, 2>> covered_edges;

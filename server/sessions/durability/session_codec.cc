@@ -23,8 +23,9 @@ constexpr uint32_t kDecoderFormat = 1;
 
 static_assert(EnumNumber(Encoding::kFlat64) == pb::Encoding_MAX);
 static_assert(EnumNumber(OverloadPolicy::kLatest) == pb::OverloadPolicy_MAX);
-static_assert(EnumNumber(TrackState::kLost) == pb::TrackState_MAX);
-static_assert(EnumNumber(InitializationStatus::kNotSearchable) == pb::InitializationStatus_MAX);
+static_assert(EnumNumber(TrackState::kAmbiguous) == pb::TrackState_MAX);
+static_assert(EnumNumber(kLastInitializationStatus) == pb::InitializationStatus_MAX);
+static_assert(static_cast<int>(LossCause::kUnconfirmed) == pb::LossCause_MAX);
 
 // Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
 class RecordCheck {
@@ -53,6 +54,22 @@ void EnumFromStored(Stored stored, RecordCheck& check, Value& value) {
   const bool is_known = google::protobuf::GetEnumDescriptor<Stored>()->FindValueByNumber(stored) != nullptr;
   check.Require(is_known, "a choice that this version does not know");
   if (is_known && stored != Stored()) value = EnumValue<Value>(stored);
+}
+
+// The value that earlier servers know and that comes nearest to `value` (proto/evpose/storage/README.md, rule 5).
+TrackState Earlier(TrackState state) { return state == TrackState::kAmbiguous ? TrackState::kDegraded : state; }
+
+InitializationStatus Earlier(InitializationStatus status) {
+  switch (status) {
+    case InitializationStatus::kNotEnoughMotion:
+      return InitializationStatus::kWaitingForEvents;
+    case InitializationStatus::kTooSmall:
+      return InitializationStatus::kTooFewLines;
+    case InitializationStatus::kNotSupported:
+      return InitializationStatus::kNoPoseFits;
+    default:
+      return status;
+  }
 }
 
 using Numbers = google::protobuf::RepeatedField<double>;
@@ -171,24 +188,59 @@ DecodeCounts FromStored(const pb::DecodeCounts& stored) {
           .clock_wraps = stored.clock_wraps()};
 }
 
+void ToStored(const SearchCounts& searches, pb::SearchCounts& stored) {
+  const auto& [no_signal, too_small, too_few_lines, not_enough_motion, no_pose_fits, poses_found] = searches;
+  stored.set_no_signal(no_signal);
+  stored.set_too_small(too_small);
+  stored.set_too_few_lines(too_few_lines);
+  stored.set_not_enough_motion(not_enough_motion);
+  stored.set_no_pose_fits(no_pose_fits);
+  stored.set_poses_found(poses_found);
+}
+
+SearchCounts FromStored(const pb::SearchCounts& stored) {
+  return {.no_signal = stored.no_signal(),
+          .too_small = stored.too_small(),
+          .too_few_lines = stored.too_few_lines(),
+          .not_enough_motion = stored.not_enough_motion(),
+          .no_pose_fits = stored.no_pose_fits(),
+          .poses_found = stored.poses_found()};
+}
+
 void ToStored(const ObjectHealth& object, pb::ObjectHealth& stored) {
   const auto& [state, losses, explained_ratio, initialization] = object;
-  const auto& [status, attempts, num_lines] = initialization;
-  stored.set_state(EnumNumber<pb::TrackState>(state));
+  const auto& [status, attempts, num_lines, searches, extent_px, num_poses, loss_cause, lost_at_us] = initialization;
+  stored.set_state(EnumNumber<pb::TrackState>(Earlier(state)));
+  if (state != Earlier(state)) stored.set_later_state(EnumNumber<pb::TrackState>(state));
   stored.set_losses(losses);
   stored.set_explained_ratio(explained_ratio);
-  stored.set_initialization(EnumNumber<pb::InitializationStatus>(status));
+  stored.set_initialization(EnumNumber<pb::InitializationStatus>(Earlier(status)));
+  if (status != Earlier(status)) stored.set_later_initialization(EnumNumber<pb::InitializationStatus>(status));
   stored.set_initialization_attempts(attempts);
   stored.set_initialization_lines(num_lines);
+  ToStored(searches, *stored.mutable_searches());
+  stored.set_extent_px(extent_px);
+  stored.set_followed_poses(num_poses);
+  stored.set_loss_cause(static_cast<pb::LossCause>(loss_cause));
+  stored.set_lost_at_us(lost_at_us);
 }
 
 void FromStored(const pb::ObjectHealth& stored, RecordCheck& check, ObjectHealth& object) {
   EnumFromStored(stored.state(), check, object.state);
+  EnumFromStored(stored.later_state(), check, object.state);
   object.losses = stored.losses();
   object.explained_ratio = stored.explained_ratio();
-  EnumFromStored(stored.initialization(), check, object.initialization.status);
-  object.initialization.attempts = stored.initialization_attempts();
-  object.initialization.num_lines = stored.initialization_lines();
+  InitializationReport& report = object.initialization;
+  EnumFromStored(stored.initialization(), check, report.status);
+  EnumFromStored(stored.later_initialization(), check, report.status);
+  report.attempts = stored.initialization_attempts();
+  report.num_lines = stored.initialization_lines();
+  report.searches = FromStored(stored.searches());
+  report.extent_px = stored.extent_px();
+  report.num_poses = stored.followed_poses();
+  check.Require(pb::LossCause_IsValid(stored.loss_cause()), "a cause of a loss that this version does not know");
+  if (pb::LossCause_IsValid(stored.loss_cause())) report.loss_cause = static_cast<LossCause>(stored.loss_cause());
+  report.lost_at_us = stored.lost_at_us();
 }
 
 void ToStored(const SessionHealth& health, pb::SessionHealth& stored) {
@@ -225,7 +277,12 @@ void ToStored(const StreamPosition& position, pb::StreamPosition& stored) {
   const auto& [decoder, reported_states, first_t_us, now_us, slice_end_us] = position;
   stored.set_decoder(decoder);
   stored.set_decoder_format(kDecoderFormat);
-  for (const TrackState state : reported_states) stored.add_reported_states(EnumNumber<pb::TrackState>(state));
+  const bool has_later = std::any_of(reported_states.begin(), reported_states.end(),
+                                     [](TrackState state) { return state != Earlier(state); });
+  for (const TrackState state : reported_states) {
+    stored.add_reported_states(EnumNumber<pb::TrackState>(Earlier(state)));
+    if (has_later) stored.add_later_reported_states(EnumNumber<pb::TrackState>(state));
+  }
   if (first_t_us >= 0) stored.set_first_t_us(first_t_us);
   if (now_us >= 0) stored.set_now_us(now_us);
   stored.set_slice_end_us(slice_end_us);
@@ -234,7 +291,9 @@ void ToStored(const StreamPosition& position, pb::StreamPosition& stored) {
 void FromStored(const pb::StreamPosition& stored, RecordCheck& check, StreamPosition& position) {
   check.Require(stored.decoder_format() == kDecoderFormat, "the decoder's state has a format that is not known");
   position.decoder = stored.decoder();
-  for (const int state : stored.reported_states()) {
+  const auto& later = stored.later_reported_states();
+  check.Require(later.empty() || later.size() == stored.reported_states_size(), "the reported states are incomplete");
+  for (const int state : later.empty() ? stored.reported_states() : later) {
     EnumFromStored(static_cast<pb::TrackState>(state), check, position.reported_states.emplace_back());
   }
   if (stored.has_first_t_us()) position.first_t_us = stored.first_t_us();
@@ -242,10 +301,24 @@ void FromStored(const pb::StreamPosition& stored, RecordCheck& check, StreamPosi
   position.slice_end_us = stored.slice_end_us();
 }
 
+void ToStored(const PoseAlternative& alternative, pb::PoseAlternative& stored) {
+  SetNumbers(alternative.camera_from_object.rotation, *stored.mutable_rotation());
+  SetNumbers(alternative.camera_from_object.translation_m, *stored.mutable_translation_m());
+  stored.set_log_likelihood_ratio(alternative.log_likelihood_ratio);
+}
+
+PoseAlternative FromStored(const pb::PoseAlternative& stored, RecordCheck& check) {
+  PoseAlternative alternative;
+  GetNumbers(stored.rotation(), check, alternative.camera_from_object.rotation);
+  GetNumbers(stored.translation_m(), check, alternative.camera_from_object.translation_m);
+  alternative.log_likelihood_ratio = stored.log_likelihood_ratio();
+  return alternative;
+}
+
 void ToStored(const StoredPose& pose, pb::Pose& stored) {
   const auto& [pose_seq, object_index, estimate, latency_us] = pose;
   const auto& [estimate_object, t_us, camera_from_object, covariance, twist, state, num_events, explained_ratio,
-               residual_rms_px] = estimate;
+               residual_rms_px, alternatives] = estimate;
   stored.set_pose_seq(pose_seq);
   stored.set_object_index(object_index);
   stored.set_t_us(t_us);
@@ -253,7 +326,9 @@ void ToStored(const StoredPose& pose, pb::Pose& stored) {
   SetNumbers(camera_from_object.translation_m, *stored.mutable_translation_m());
   SetNumbers(covariance, *stored.mutable_covariance());
   SetNumbers(twist, *stored.mutable_twist());
-  stored.set_state(EnumNumber<pb::TrackState>(state));
+  stored.set_state(EnumNumber<pb::TrackState>(Earlier(state)));
+  if (state != Earlier(state)) stored.set_later_state(EnumNumber<pb::TrackState>(state));
+  for (const PoseAlternative& alternative : alternatives) ToStored(alternative, *stored.add_alternatives());
   stored.set_num_events(num_events);
   stored.set_explained_ratio(explained_ratio);
   stored.set_residual_rms_px(residual_rms_px);
@@ -271,6 +346,12 @@ StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
   GetNumbers(stored.covariance(), check, estimate.covariance);
   GetNumbers(stored.twist(), check, estimate.twist);
   EnumFromStored(stored.state(), check, estimate.state);
+  EnumFromStored(stored.later_state(), check, estimate.state);
+  const bool has_space = static_cast<size_t>(stored.alternatives_size()) <= PoseAlternatives::kMaxSize;
+  check.Require(has_space, "a pose has more alternatives than there may be");
+  for (const pb::PoseAlternative& alternative : stored.alternatives()) {
+    estimate.alternatives.Add(FromStored(alternative, check));
+  }
   estimate.num_events = stored.num_events();
   estimate.explained_ratio = stored.explained_ratio();
   estimate.residual_rms_px = stored.residual_rms_px();

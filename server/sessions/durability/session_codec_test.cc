@@ -45,11 +45,15 @@ SessionCheckpoint ACheckpoint() {
   checkpoint.health.poses = 9;
   checkpoint.health.processing_us = 10;
   checkpoint.health.skipped_events = 11;
-  checkpoint.health.objects = {{TrackState::kLost, 3, 0.1f, {InitializationStatus::kAmbiguous, 5, 6}},
-                               {TrackState::kTracking, 1, 0.2f, {}}};
+  checkpoint.health.objects = {
+      {TrackState::kLost, 3, 0.1f, {.status = InitializationStatus::kTooSmall, .attempts = 5, .num_lines = 6}},
+      {TrackState::kAmbiguous, 1, 0.2f, {}}};
+  checkpoint.health.objects[0].initialization.searches = {1, 2, 3, 4, 5, 6};
+  checkpoint.health.objects[0].initialization.loss_cause = LossCause::kUnconfirmed;
+  checkpoint.health.objects[0].initialization.lost_at_us = 77;
   for (int i = 0; i < 100; ++i) checkpoint.latencies.Add(1000);
   checkpoint.pipeline = {.position = {.decoder = std::string("a\0decoder", 9),
-                                      .reported_states = {TrackState::kLost, TrackState::kTracking},
+                                      .reported_states = {TrackState::kLost, TrackState::kAmbiguous},
                                       .first_t_us = 0,
                                       .now_us = 123,
                                       .slice_end_us = 1000},
@@ -110,7 +114,12 @@ TEST(SessionCodecTest, CheckpointRoundTrip) {
   EXPECT_EQ(EncodeCheckpoint(checkpoint), EncodeCheckpoint(ACheckpoint()));
   EXPECT_EQ(checkpoint.processed_seq, 99u);
   EXPECT_EQ(checkpoint.health.counts, ACheckpoint().health.counts);
-  EXPECT_EQ(checkpoint.health.objects[0].initialization.status, InitializationStatus::kAmbiguous);
+  const InitializationReport& report = checkpoint.health.objects[0].initialization;
+  EXPECT_EQ(report.status, InitializationStatus::kTooSmall);
+  EXPECT_EQ(report.searches, (SearchCounts{1, 2, 3, 4, 5, 6}));
+  EXPECT_EQ(report.loss_cause, LossCause::kUnconfirmed);
+  EXPECT_EQ(report.lost_at_us, 77);
+  EXPECT_EQ(checkpoint.health.objects[1].state, TrackState::kAmbiguous);
   EXPECT_EQ(checkpoint.health.objects[0].losses, 3u);
   EXPECT_EQ(checkpoint.health.skipped_events, 11u);
   EXPECT_EQ(checkpoint.latencies.Percentile(0.5), ACheckpoint().latencies.Percentile(0.5));
@@ -118,6 +127,48 @@ TEST(SessionCodecTest, CheckpointRoundTrip) {
   SessionCheckpoint first = ACheckpoint();
   first.pipeline->position.first_t_us = first.pipeline->position.now_us = -1;
   EXPECT_EQ(DecodeCheckpoint(EncodeCheckpoint(first), 2)->pipeline, first.pipeline) << "no event time is known";
+}
+
+// Rule 5 of proto/evpose/storage/README.md.
+TEST(SessionCodecTest, EarlierServersReadLaterValuesAsTheNearestOnesThatTheyKnow) {
+  storage::v1::Checkpoint checkpoint;
+  ASSERT_TRUE(checkpoint.ParseFromString(EncodeCheckpoint(ACheckpoint())));
+  EXPECT_EQ(checkpoint.health().objects(0).initialization(), storage::v1::INITIALIZATION_STATUS_TOO_FEW_LINES);
+  EXPECT_EQ(checkpoint.health().objects(1).state(), storage::v1::TRACK_STATE_DEGRADED);
+  EXPECT_THAT(checkpoint.position().reported_states(),
+              testing::ElementsAre(storage::v1::TRACK_STATE_LOST, storage::v1::TRACK_STATE_DEGRADED));
+  std::vector<StoredPose> poses = SomePoses();
+  poses[0].estimate.state = TrackState::kAmbiguous;
+  storage::v1::PoseSegment segment;
+  ASSERT_TRUE(segment.ParseFromString(EncodePoses(poses).bytes));
+  EXPECT_EQ(segment.poses(0).state(), storage::v1::TRACK_STATE_DEGRADED);
+  EXPECT_EQ(segment.poses(0).later_state(), storage::v1::TRACK_STATE_AMBIGUOUS);
+  EXPECT_EQ(segment.poses(1).later_state(), storage::v1::TRACK_STATE_UNSPECIFIED);
+}
+
+TEST(SessionCodecTest, AnAmbiguousPoseKeepsItsAlternatives) {
+  std::vector<StoredPose> poses = SomePoses();
+  PoseEstimate& estimate = poses[1].estimate;
+  estimate.state = TrackState::kAmbiguous;
+  estimate.alternatives.Add({poses[2].estimate.camera_from_object, -3.0});
+  estimate.alternatives.Add({poses[0].estimate.camera_from_object, 0.1});
+  const PoseSegment segment = EncodePoses(poses);
+  const auto decoded = DecodePoses(segment, 2);
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_EQ(EncodePoses(*decoded).bytes, segment.bytes);
+  const PoseEstimate& read = (*decoded)[1].estimate;
+  EXPECT_EQ(read.state, TrackState::kAmbiguous);
+  ASSERT_EQ(read.alternatives.size(), 2u);
+  EXPECT_EQ(read.alternatives[0].log_likelihood_ratio, 0.1);
+  EXPECT_EQ(read.alternatives[1].log_likelihood_ratio, -3.0);
+  EXPECT_EQ(read.alternatives[1].camera_from_object.translation_m, poses[2].estimate.camera_from_object.translation_m);
+
+  storage::v1::PoseSegment stored;
+  ASSERT_TRUE(stored.ParseFromString(segment.bytes));
+  for (int i = 0; i < 4; ++i) *stored.mutable_poses(1)->add_alternatives() = stored.poses(1).alternatives(0);
+  EXPECT_THAT(
+      DecodePoses({segment.first_pose_seq, segment.last_pose_seq, stored.SerializeAsString()}, 2).status().message(),
+      testing::HasSubstr("more alternatives"));
 }
 
 TEST(SessionCodecTest, PosesRoundTripToTheBit) {

@@ -71,8 +71,9 @@ struct SessionTotals {
   uint32_t attached = 0;
   uint32_t detached = 0;
   uint32_t ended = 0;
-  uint32_t closed = 0;                   // to be removed: fenced, or without space in the store
-  std::array<uint32_t, 4> objects = {};  // number of objects by TrackState, without those of ended sessions
+  uint32_t closed = 0;  // to be removed: fenced, or without space in the store
+  // Number of objects by TrackState, without those of ended sessions.
+  std::array<uint32_t, kNumTrackStates> objects = {};
   uint64_t queued_bytes = 0;
   int64_t oldest_queue_age_us = 0;
 };

@@ -52,6 +52,7 @@ struct UploadOptions {
   double metres_per_unit = 1.0;
   double crease_angle_deg = 30.0;  // edges at which the surface turns by more are lines
   ModelSurface surface = ModelSurface::kSmooth;
+  std::string file_name;  // for lists of models; at most 255 bytes of printable UTF-8
 };
 
 struct WatchPosesOptions {

@@ -66,20 +66,27 @@ enum class ModelFormat { kObj = 1, kPly, kStl, kMesh };
 enum class ModelSurface { kSmooth = 1, kAsIs };
 
 // State of an object's track. kUnknown is a state of a later server; it means that there is no confirmed pose.
-enum class TrackState { kUnknown, kInitializing, kTracking, kDegraded, kLost };
-std::string_view TrackStateName(TrackState state);  // "UNKNOWN", "INITIALIZING", "TRACKING", "DEGRADED", "LOST"
+enum class TrackState { kUnknown, kInitializing, kTracking, kDegraded, kLost, kAmbiguous };
+std::string_view TrackStateName(TrackState state);  // "UNKNOWN", "INITIALIZING", "TRACKING", ...
 
 // The reason why an object has no pose yet.
 enum class InitializationStatus {
   kNotNeeded = 1,     // a pose is tracked
   kWaitingForEvents,  // too few events
   kTooFewLines,       // fewer than three lines were detected
-  kNoPoseFits,        // no pose of the model is consistent with the detected lines and the events
+  kNoPoseFits,        // no pose of the model fits the detected lines
   kVerifying,         // a pose is being tested against the events
   kAmbiguous,         // several poses are equally consistent with the events
-  kNotSearchable,     // the model has too few straight lines for a search; give a pose
+  kNotSearchable,     // no edge of the model is visible from any side; give a pose
+  kNotEnoughMotion,   // the detected lines moved by less than a pixel
+  kTooSmall,          // fewer than three lines, and the region with the events is too small for them
+  kNotSupported,      // a pose was found or given, and the events do not support it
 };
 std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
+
+// The reason why a reported or given pose was rejected. kUnknown also stands for causes of a later server.
+enum class LossCause { kUnknown, kContradicted, kUncertain, kOutOfView, kBetterPose, kOccupied, kUnconfirmed };
+std::string_view LossCauseName(LossCause cause);  // "UNKNOWN", "CONTRADICTED", "UNCERTAIN", ...
 
 // The lowest level that a server writes to its log.
 enum class LogLevel { kDebug = 1, kInfo, kWarning, kError, kOff };
@@ -113,7 +120,9 @@ struct ModelInfo {
   ModelFormat format = ModelFormat::kObj;
   uint64_t size_bytes = 0;
   uint32_t num_faces = 0;
-  uint32_t num_lines = 0;
+  uint32_t num_lines = 0;                                 // straight edges
+  uint32_t num_curves = 0;                                // curved edges
+  uint32_t num_regions = 0;                               // parts of the surface between creases; 0 if all are flat
   uint32_t num_symmetries = 1;                            // 1 with a continuous symmetry
   std::optional<ContinuousSymmetry> continuous_symmetry;  // absent also for a kind of a later server
   double diameter_m = 0.0;
@@ -123,6 +132,7 @@ struct ModelInfo {
   std::string sha256_hex;
   absl::Time create_time = absl::InfinitePast();
   std::vector<std::string> notices;
+  std::string file_name;  // UploadOptions::file_name of the first upload
 };
 
 struct TrackedObject {
@@ -144,6 +154,21 @@ struct SessionConfig {
   std::optional<absl::Duration> max_lag;  // kLatest only; absent: the server's default, which CreateSession returns
 };
 
+// Searches for the pose by their result, since the start or the latest loss.
+struct SearchCounts {
+  uint64_t no_signal = 0;  // no region had more events than the noise
+  uint64_t too_small = 0;
+  uint64_t too_few_lines = 0;
+  uint64_t not_enough_motion = 0;
+  uint64_t no_pose_fits = 0;
+  uint64_t poses_found = 0;  // poses, which the events may have rejected later
+};
+
+struct Loss {
+  int64_t t_us = 0;
+  LossCause cause = LossCause::kUnknown;
+};
+
 struct ObjectHealth {
   std::string object_id;
   TrackState state = TrackState::kInitializing;
@@ -152,6 +177,9 @@ struct ObjectHealth {
   InitializationStatus initialization = InitializationStatus::kWaitingForEvents;
   uint64_t initialization_attempts = 0;
   std::string detail;
+  std::optional<Loss> latest_loss;
+  SearchCounts searches;
+  uint32_t followed_poses = 0;  // poses that are tested, compared with each other, or reported
 };
 
 struct SessionHealth {
@@ -186,6 +214,12 @@ struct Session {
   SessionHealth health;
 };
 
+// A pose that competes with the reported one.
+struct PoseAlternative {
+  Transform camera_from_object;
+  double log_likelihood_ratio = 0.0;  // relative to the reported pose; 0 means equally likely
+};
+
 // The pose of one object. All fields but `latency` are functions of the session's events.
 struct Pose {
   uint64_t seq = 0;
@@ -201,6 +235,7 @@ struct Pose {
   float explained_ratio = 0.0f;  // fraction of the events in the gate that are attributed to the lines
   float residual_rms_px = 0.0f;
   absl::Duration latency;
+  std::vector<PoseAlternative> alternatives;  // kAmbiguous only: at most 4, the most likely one first
 };
 
 // A pose given by the caller; tracking of the object restarts from it.

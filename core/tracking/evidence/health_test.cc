@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/tracking/health.h"
+#include "core/tracking/evidence/health.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -59,7 +60,9 @@ class HealthTest : public ::testing::Test {
     input.duration_s = kWindowS;
     input.background_per_px2 = background_per_px2;
     input.lines = tracked_;
-    health_.AddWindow(camera_, input, lines_, state_.twist);
+    WindowFit fit;
+    fit.state = state_;
+    health_.AddWindow(camera_, input, lines_, fit);
     events_.clear();
   }
   // A window in which `num_lines` lines have events of their own, and the others have unrelated events nearby.
@@ -195,6 +198,74 @@ TEST_F(HealthTest, AnObjectAtRestStaysQuietInDenseNoise) {
   EXPECT_EQ(flood(), Kind::kFewEvents);
 }
 
+// Lines 5 px apart, as the grooves of a puzzle cube in a small image: the gates of three lines overlap everywhere.
+class DenseLinesTest : public ::testing::Test {
+ protected:
+  static constexpr double kSpacingPx = 5.0;
+  DenseLinesTest() {
+    for (int k = 0; k < kNumLines; ++k) {
+      const double x = 0.001 * kSpacingPx * k;
+      tracked_.push_back({k, {x, -0.5 * kLineM, 1.0}, {x, 0.5 * kLineM, 1.0}});
+    }
+    ProjectLines(camera_, MotionState(), tracked_, lines_);
+    grid_.Build(lines_, 12.0);
+  }
+  // Adds an event at a distance from a line.
+  void Add(int line, double distance_px) {
+    const Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform(0.0, 1.0));
+    Observation event;
+    event.u_px = pixel.x() + distance_px;
+    event.v_px = pixel.y();
+    const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
+    event.bx = bearing.x();
+    event.by = bearing.y();
+    grid_.GiveLines(event);
+    events_.push_back(event);
+  }
+  // Windows with `count` events about each line, with a normal distribution about the place of another pose. Ends with
+  // the first result.
+  HealthResult Judge(int count, double shift_px, double spread_px, int max_windows) {
+    TrackHealth health(options_, 0.0, kNumLines);
+    HealthResult result;
+    for (int i = 0; i < max_windows && result.kind == Kind::kOpen; ++i) {
+      for (int k = 1; k + 1 < kNumLines; ++k) {
+        for (int n = 0; n < count; ++n) Add(k, shift_px + spread_px * random_.Normal());
+      }
+      WindowInput input;
+      const LineEvents sorted(events_, tracked_.size());
+      input.sorted = &sorted;
+      input.duration_s = 0.01;
+      input.lines = tracked_;
+      WindowFit fit;
+      fit.residual_rms_px = std::min(spread_px, 1.0);
+      health.AddWindow(camera_, input, lines_, fit);
+      events_.clear();
+      result = health.Test(kKeep, kSure, 2, 10'000);
+    }
+    return result;
+  }
+
+  const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);
+  const HealthOptions options_;
+  std::vector<TrackedLine> tracked_;
+  std::vector<ImageLine> lines_;
+  TileGrid grid_{camera_};
+  std::vector<Observation> events_;
+  Random random_{13};
+};
+
+TEST_F(DenseLinesTest, EventsBetweenTheLinesAreNoSupport) {
+  EXPECT_EQ(Judge(100, 0.0, 0.8, 20).kind, Kind::kSupported);
+  EXPECT_EQ(Judge(100, 0.0, 30.0, 20).kind, Kind::kUnsupported) << "uniform";
+  EXPECT_EQ(Judge(100, 0.5 * kSpacingPx, 0.8, 20).kind, Kind::kUnsupported) << "slid by half of the spacing";
+}
+
+TEST_F(DenseLinesTest, AContradictionRequiresPower) {
+  // 20 events of each of eight lines in a window: of isolated lines they would suffice.
+  EXPECT_EQ(Judge(20, 0.0, 30.0, 2).kind, Kind::kOpen);
+  EXPECT_EQ(Judge(20, 0.0, 30.0, 20).kind, Kind::kUnsupported);
+}
+
 // A circle of elements, 60 px in radius, as one curve.
 class RingHealthTest : public ::testing::Test {
  protected:
@@ -240,7 +311,9 @@ class RingHealthTest : public ::testing::Test {
     input.background_per_px2 = background_per_px2;
     input.expectations = expectations;
     TrackHealth health(options_, 0.15, 1);
-    health.AddWindow(camera_, input, lines_, state_.twist);
+    WindowFit fit;
+    fit.state = state_;
+    health.AddWindow(camera_, input, lines_, fit);
     return health.Test(kKeep, kSure, 3, 1000);
   }
 

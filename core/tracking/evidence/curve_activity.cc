@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/tracking/curve_activity.h"
+#include "core/tracking/evidence/curve_activity.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/bench/bench_first_pose_output.h"
+
+#include <algorithm>
+#include <limits>
+#include <string>
+
+#include "absl/strings/str_format.h"
+#include "client/cli/common/table_cell.h"
+#include "core/numerics/math.h"
+#include "core/numerics/statistics.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+
+double MedianOf(std::vector<double> values) { return values.empty() ? kNoNumber : UpperMedian(values); }
+
+struct FirstPoseFigures {
+  int found = 0;
+  int wrong = 0;            // starts with a wrong pose while TRACKING
+  double time_ms = 0.0;     // median sensor time from the motion to the first right pose
+  double compute_ms = 0.0;  // median processor time until it
+  double longest_wrong_ms = 0.0;
+  int first = 0;           // searches whose best pose is right
+  int among = 0;           // searches with a right pose
+  int moved = 0;           // searches with enough motion
+  double search_ms = 0.0;  // median processor time
+  double worst_search_ms = 0.0;
+};
+
+FirstPoseFigures FiguresOf(const FirstPoseBenchRow& row) {
+  FirstPoseFigures figures;
+  std::vector<double> times_ms, computes_ms, searches_ms;
+  for (const FirstPoseStart& start : row.starts) {
+    figures.found += start.is_found() ? 1 : 0;
+    figures.wrong += start.longest_wrong_us > 0 ? 1 : 0;
+    figures.longest_wrong_ms = std::max(figures.longest_wrong_ms, 1e-3 * static_cast<double>(start.longest_wrong_us));
+    if (start.right_us < 0) continue;
+    times_ms.push_back(1e-3 * static_cast<double>(start.right_us - std::max<int64_t>(0, start.moved_us)));
+    computes_ms.push_back(1e3 * start.compute_s);
+  }
+  for (const SearchTrial& trial : row.trials) {
+    figures.moved += trial.has_moved ? 1 : 0;
+    figures.first += trial.rank == 0 ? 1 : 0;
+    figures.among += trial.rank >= 0 ? 1 : 0;
+    if (trial.has_moved) searches_ms.push_back(1e3 * trial.compute_s);
+    figures.worst_search_ms = std::max(figures.worst_search_ms, 1e3 * trial.compute_s);
+  }
+  figures.time_ms = MedianOf(times_ms);
+  figures.compute_ms = MedianOf(computes_ms);
+  figures.search_ms = MedianOf(searches_ms);
+  return figures;
+}
+
+}  // namespace
+
+const char kFirstPoseTableHelp[] =
+    "With --first-pose, trackers are started without a prior at times that are distributed evenly over each recording\n"
+    "(--starts, --watch), and a single search by contours runs on the events up to the end of each start's time.\n"
+    "  views     views of the model that are compared with the events; prep.: processor time to prepare them\n"
+    "  found     starts with a right pose (2 deg, 2 % of the depth, modulo symmetries) reported as TRACKING within\n"
+    "            300 ms, counted from the time at which the image of the object has moved by 2 px\n"
+    "  time      median of this time; CPU: median processor time until then\n"
+    "  wrong     starts in which a wrong pose was reported as TRACKING, and the longest time\n"
+    "  search    searches whose best pose, and any of whose poses, is within 6 deg and 3 % of the depth of the true\n"
+    "            one, of those with enough motion; median and longest processor time of a search\n";
+
+void PrintFirstPoseHeader(std::ostream& out) {
+  out << "                               prep.           time    CPU      wrong         search          ms        \n"
+         "model                    views    ms    found    ms     ms   starts    ms   best any  of  median longest\n";
+}
+
+void PrintFirstPoseRow(const FirstPoseBenchRow& row, std::ostream& out) {
+  if (!row.error.empty()) {
+    out << absl::StrFormat("%-24s  not prepared: %s\n", row.model.name, row.error);
+    out.flush();
+    return;
+  }
+  const FirstPoseFigures figures = FiguresOf(row);
+  out << absl::StrFormat("%-24s %5d %5.0f %4d/%-3d %6s %6s %8d %5.0f %6d %3d %3d %7s %7.0f\n", row.model.name,
+                         row.num_views, 1e3 * row.preparation_s, figures.found, row.starts.size(),
+                         Cell(figures.time_ms, 1), Cell(figures.compute_ms, 0), figures.wrong, figures.longest_wrong_ms,
+                         figures.first, figures.among, figures.moved, Cell(figures.search_ms, 0),
+                         figures.worst_search_ms);
+  out.flush();
+}
+
+void PrintFirstPoseSummary(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out) {
+  int found = 0, starts = 0, wrong = 0;
+  double longest_ms = 0.0;
+  std::string name = "-";
+  for (const FirstPoseBenchRow& row : rows) {
+    const FirstPoseFigures figures = FiguresOf(row);
+    found += figures.found;
+    starts += static_cast<int>(row.starts.size());
+    wrong += figures.wrong;
+    if (figures.longest_wrong_ms <= longest_ms) continue;
+    longest_ms = figures.longest_wrong_ms;
+    name = row.model.name;
+  }
+  out << absl::StrFormat("\nfound in %d of %d starts; wrong while TRACKING in %d, for at most %.0f ms (%s)\n", found,
+                         starts, wrong, longest_ms, name);
+}
+
+Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBenchOptions& options) {
+  Json json = {{"seeds", options.bench.num_seeds},
+               {"starts", options.num_starts},
+               {"watch_s", 1e-6 * static_cast<double>(options.watch_us)},
+               {"camera", options.bench.camera},
+               {"models", Json::array()}};
+  for (const FirstPoseBenchRow& row : rows) {
+    Json model = {{"model", row.model.name},  {"file", row.model.path},
+                  {"error", row.error},       {"preparation_s", row.preparation_s},
+                  {"views", row.num_views},   {"starts", Json::array()},
+                  {"searches", Json::array()}};
+    for (const FirstPoseStart& start : row.starts) {
+      model["starts"].push_back({{"t_start_us", start.t_start_us},
+                                 {"moved_us", start.moved_us},
+                                 {"right_us", start.right_us},
+                                 {"longest_wrong_us", start.longest_wrong_us},
+                                 {"searches", start.searches},
+                                 {"compute_s", start.compute_s}});
+    }
+    for (const SearchTrial& trial : row.trials) {
+      model["searches"].push_back({{"t_us", trial.t_us},
+                                   {"has_moved", trial.has_moved},
+                                   {"poses", trial.num_poses},
+                                   {"rank", trial.rank},
+                                   {"best_rotation_deg", kDegreesPerRadian * trial.best_rotation_rad},
+                                   {"compute_s", trial.compute_s}});
+    }
+    json["models"].push_back(std::move(model));
+  }
+  return json;
+}
+
+}  // namespace evpose::client

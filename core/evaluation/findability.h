@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// From which views and how small in the image an object can be found, and with which other pose of itself it can be
+// confused there (core/evaluation/README.md, section 5).
+#pragma once
+
+#include <limits>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/evaluation/model_views.h"
+
+namespace evpose {
+
+struct FindabilityOptions {
+  ModelViewOptions views;  // `object_px` is the size at which edges are counted and twins are compared
+  // Visible length, pixels, of edges that a view needs: three edges, which determine the six unknowns of a pose, of the
+  // least length that the line detector accepts (LineSetOptions::min_length_px).
+  double min_edge_px = 60.0;
+  // Displacement of the object, pixels, after which it is to be found. Each pixel of edge has about one event for each
+  // pixel of motion.
+  double motion_px = 2.0;
+  // Largest rotation, radians, by which the least certain motion may be wrong: beyond it a tracker cannot associate its
+  // lines (EvaluationOptions::good_rotation_rad).
+  double max_deviation_rad = 0.1745;
+  // Diameters in the image, pixels, among which the smallest one is sought: from `min_object_px` in steps of a factor,
+  // at most `max_object_px` and the shorter side of the image. The step is as exact as the prediction is.
+  double min_object_px = 16.0;
+  double max_object_px = 1024.0;
+  double size_step = 1.25;
+  // Two edges are the same in the image if they are nearer than this, pixels, and turned by less than this, radians: a
+  // hypothesis attributes events to an edge up to this distance.
+  double same_px = 3.0;
+  double same_rad = 0.35;
+
+  absl::Status Validate() const;
+};
+
+// The pose that is turned by half a turn, compared with the true one.
+struct HalfTurnTwin {
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // principal axis, object frame, unit
+  // Visible length of the edges of either pose that have no counterpart in the other, pixels, after the best shift in
+  // the image, and its share of the length of both.
+  double differing_px = 0.0;
+  double differing_share = 0.0;
+};
+
+struct ViewFindability {
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // object frame, from the object to the camera
+  double edge_px = 0.0;                                 // visible length of edges at ModelViewOptions::object_px
+  // Smallest diameter of the object in the image with which it can be found; infinite if it cannot be found with the
+  // largest one.
+  double smallest_px = std::numeric_limits<double>::infinity();
+  std::vector<HalfTurnTwin> twins;  // without those that are symmetries of the object
+};
+
+// Returns the views of ViewModel(). Errors: INVALID_ARGUMENT for invalid options or an invalid camera.
+absl::StatusOr<std::vector<ViewFindability>> PredictFindability(const ObjectModel& model, const CameraModel& camera,
+                                                                const FindabilityOptions& options = {});
+
+}  // namespace evpose

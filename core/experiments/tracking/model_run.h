@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// A simulated recording of a model file: the inputs that the benchmarks of model files share.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "core/experiments/tracking/model_bench.h"
+#include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
+#include "core/simulation/simulator.h"
+
+namespace evpose {
+
+// What is tracked, and the simulation.
+struct ModelRunInputs {
+  std::shared_ptr<const ObjectModel> model;
+  SimulationOptions simulation;
+  Trajectory truth;
+  std::string directory;  // of the recording (tracking_recordings.h); empty: it is not stored
+};
+
+// Errors: those of LoadObjectModel().
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const std::string& path, double metres_per_unit);
+
+// `tracked` is the model of `bench_model`, `rendered` its reference. Errors: those of ModelSimulationPreset() and
+// SimulationOptions::Validate().
+absl::StatusOr<ModelRunInputs> MakeModelRun(const ModelBenchOptions& options, const BenchModel& bench_model,
+                                            std::shared_ptr<const ObjectModel> tracked,
+                                            std::shared_ptr<const ObjectModel> rendered, uint64_t seed);
+
+}  // namespace evpose

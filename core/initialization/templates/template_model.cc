@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/initialization/templates/template_model.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "core/base/yield_point.h"
+#include "core/numerics/math.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Triangles, and points of curves, up to which 642 views take less than about a second.
+constexpr size_t kManyTriangles = 150'000;
+
+// The object is as wide in the camera of the templates as in the distance maps of a search.
+constexpr double kTemplateFocalPx = 360.0;
+CameraModel TemplateCamera() { return {240, 240, kTemplateFocalPx, kTemplateFocalPx, 120.0, 120.0, {}}; }
+
+// Rows are the axes of a camera that looks along -direction.
+Matrix3d RotationOfView(const Vector3d& direction) {
+  const Vector3d forward = -direction;
+  Matrix3d rotation;
+  rotation.row(0) = forward.unitOrthogonal();
+  rotation.row(2) = forward;
+  rotation.row(1) = forward.cross(Vector3d(rotation.row(0)));
+  return rotation;
+}
+
+// `angle_rad` as a number of steps, 0 to count - 1.
+int StepOf(double angle_rad, double step_rad, int count) {
+  const int step = static_cast<int>(std::floor(angle_rad / step_rad));
+  return (step % count + count) % count;
+}
+
+std::array<TemplateTurn, kTemplateTurns> MakeTurns() {
+  std::array<TemplateTurn, kTemplateTurns> turns;
+  for (int i = 0; i < kTemplateTurns; ++i) {
+    const auto [sin, cos] = DeterministicSinCos(2.0 * std::numbers::pi / kTemplateTurns * i);
+    turns[i] = {static_cast<float>(sin), static_cast<float>(cos)};
+  }
+  return turns;
+}
+
+TemplateExtent ExtentOf(const std::vector<TemplatePoint>& points, const TemplateTurn& turn) {
+  TemplateExtent extent;
+  extent.low = extent.high = turn * points[0].at;
+  for (const TemplatePoint& point : points) {
+    const Eigen::Vector2f at = turn * point.at;
+    extent.low = extent.low.cwiseMin(at);
+    extent.high = extent.high.cwiseMax(at);
+  }
+  return extent;
+}
+
+}  // namespace
+
+const TemplateTurn& TemplateTurn::At(int turn) {
+  static const std::array<TemplateTurn, kTemplateTurns> turns = MakeTurns();
+  return turns[turn];
+}
+
+VisibilityOptions TemplateVisibilityOptions() {
+  VisibilityOptions options;
+  options.samples_per_line = 6;  // as for the views of SearchModel
+  options.min_length_px = 3.0;
+  return options;
+}
+
+EdgeElementOptions TemplateElementOptions() {
+  EdgeElementOptions options;
+  options.sagitta_px = 0.5;  // of a cell of the distance maps
+  options.max_elements = 96;
+  return options;
+}
+
+TemplateModel::TemplateModel(std::shared_ptr<const ObjectModel> model)
+    : model_(std::move(model)),
+      edges_(*model_, TemplateVisibilityOptions(), TemplateElementOptions()),
+      radius_m_(0.5 * model_->diameter_m) {
+  const int subdivisions = model_->triangles.size() > kManyTriangles ? 2 : 3;
+  const ViewSphere sphere = MakeViewSphere(*model_, subdivisions);
+  if (sphere.is_turn_free) num_turns_ = 1;
+  for (size_t i = 0; i < sphere.directions.size(); ++i) {
+    YieldPoint();
+    const bool is_coarse = static_cast<int>(i) < sphere.num_coarse;
+    if (AddView(sphere.directions[i], is_coarse) && is_coarse) ++num_coarse_;
+  }
+}
+
+bool TemplateModel::AddView(const Vector3d& direction, bool is_coarse) {
+  ViewTemplate view;
+  view.rotation = RotationOfView(direction);
+  const double distance_m = kDistanceOfRadius * radius_m_;
+  const RigidTransform pose{view.rotation, Vector3d(0.0, 0.0, distance_m) - view.rotation * centre()};
+  const CameraModel camera = TemplateCamera();
+  SampleVisibleEdges(edges_, camera, pose, kPoints, view.samples);
+  if (view.samples.empty()) return false;
+  for (const EdgeSample& sample : view.samples) {
+    const Vector3d point = pose * sample.point, along = view.rotation * sample.along;
+    const Eigen::Vector2d at = kDistanceOfRadius * point.head<2>() / point.z();
+    // Derivative of the image position along the edge.
+    const Eigen::Vector2d flow = along.head<2>() - along.z() / point.z() * point.head<2>();
+    const double angle_rad = DeterministicAtan2(flow.y(), flow.x());
+    view.points.push_back(
+        {at.cast<float>(), static_cast<uint8_t>(StepOf(angle_rad, std::numbers::pi / kTemplateTurns, kTemplateTurns))});
+  }
+  for (int turn = 0; turn < num_turns_; ++turn) view.extents.push_back(ExtentOf(view.points, TemplateTurn::At(turn)));
+  view.parent = static_cast<int>(views_.size());
+  if (!is_coarse) FindParent(view);
+  views_.push_back(std::move(view));
+  return true;
+}
+
+void TemplateModel::FindParent(ViewTemplate& view) const {
+  double nearest = -2.0;
+  const auto consider = [&](const Matrix3d& rotation) {
+    for (int i = 0; i < num_coarse_; ++i) {
+      const Matrix3d relative = views_[i].rotation * rotation.transpose();
+      if (!(relative(2, 2) > nearest)) continue;
+      nearest = relative(2, 2);
+      view.parent = i;
+      const double turn_rad = DeterministicAtan2(relative(1, 0) - relative(0, 1), relative(0, 0) + relative(1, 1));
+      constexpr double kStepRad = 2.0 * std::numbers::pi / kTemplateTurns;
+      view.parent_turn = StepOf(turn_rad + 0.5 * kStepRad, kStepRad, kTemplateTurns);
+    }
+  };
+  consider(view.rotation);
+  for (const RigidTransform& symmetry : model_->symmetries) consider(view.rotation * symmetry.rotation);
+}
+
+absl::StatusOr<std::shared_ptr<const TemplateModel>> MakeTemplateModel(std::shared_ptr<const ObjectModel> model) {
+  return std::make_shared<const TemplateModel>(std::move(model));
+}
+
+}  // namespace evpose

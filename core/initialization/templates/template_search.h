@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// First poses of objects with any edges, from events: templates of all views are compared with the edges in the events
+// (core/initialization/templates/README.md).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/types/span.h"
+#include "core/detection/line_detector.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/initialization/templates/event_edges.h"
+#include "core/initialization/templates/template_alignment.h"
+#include "core/initialization/templates/template_model.h"
+#include "core/initialization/templates/template_scan.h"
+#include "core/initialization/templates/twist_equations.h"
+
+namespace evpose {
+
+struct TemplateSearchOptions {
+  EventEdgeOptions edges;
+  TwistPrior twist_prior;
+  // Smallest motion of the edges, pixels, with which a search starts, as InitializerOptions::min_motion_px.
+  double min_motion_px = 1.0;
+  // Number of boxes in the image that are searched: the object, and two things that are as large.
+  int max_boxes = 3;
+  // Numbers of poses after each stage, for each box and then for all: those that are aligned with the edges of their
+  // template, with the edges that are visible at their pose, and once more. The time of a search is proportional to
+  // them.
+  int max_placements = 64;
+  int max_coarse = 24;
+  int max_fine = 12;
+  // Number of returned poses: an object with three near-symmetries looks alike in eight poses.
+  int max_matches = 8;
+  // Smallest share of the visible edges with events, and of the events on edges of the box that a pose explains. An
+  // object with 35 % hidden has two thirds of them.
+  double min_hit_ratio = 0.5;
+  double min_explained_ratio = 0.3;
+
+  // Error: INVALID_ARGUMENT naming the field.
+  absl::Status Validate() const;
+};
+
+// A pose that another search has found, which is judged together with the templates.
+struct PoseProposal {
+  int64_t t_us = 0;
+  RigidTransform camera_from_object;
+  Vector6d twist = Vector6d::Zero();
+};
+
+// A pose at the middle of the events that were used.
+struct TemplateMatch {
+  RigidTransform camera_from_object;
+  TwistEstimate motion;
+  AlignmentScore score;
+};
+
+struct TemplateMatches {
+  int64_t t_us = 0;
+  double motion_px = 0.0;              // median motion of the edges in the events that were used
+  bool has_moved = false;              // it was enough for a search
+  std::vector<TemplateMatch> matches;  // the best one first; distinct modulo the symmetries of the object
+};
+
+// Deterministic; not thread-safe. Calls YieldPoint().
+class TemplateSearch {
+ public:
+  // `options` must be valid.
+  TemplateSearch(std::shared_ptr<const TemplateModel> model, const CameraModel& camera,
+                 const TemplateSearchOptions& options = {});
+
+  // `events` are as LineDetector::Detect requires. The work is bounded for any content of the events.
+  TemplateMatches Find(absl::Span<const PixelEvent> events, absl::Span<const PoseProposal> proposals = {});
+
+ private:
+  struct Candidate {
+    RigidTransform camera_from_object;
+    size_t box = 0;
+    double score = 0.0;
+    AlignmentScore alignment;
+    TwistEstimate motion;
+  };
+  using Maps = std::vector<std::unique_ptr<EdgeDistanceMap>>;
+
+  // Appends the poses of the placements in a box, aligned with the edges of their templates.
+  void AppendCandidates(const EdgeDistanceMap& map, size_t box, std::vector<Candidate>& candidates) const;
+  // Appends the proposals, moved to t_us, as candidates of all boxes.
+  static void AppendProposals(absl::Span<const PoseProposal> proposals, int64_t t_us, size_t num_boxes,
+                              std::vector<Candidate>& candidates);
+  // Aligns a pose with the edges that are visible at it.
+  void Refine(const EdgeDistanceMap& map, int num_samples, double gate, Candidate& candidate) const;
+  // Sorts by score and keeps the best `count` that differ, modulo symmetries.
+  void KeepDistinct(size_t count, std::vector<Candidate>& candidates) const;
+
+  const std::shared_ptr<const TemplateModel> model_;
+  const CameraModel camera_;
+  const TemplateSearchOptions options_;
+  const TemplateScanner scanner_;
+  EventEdgeDetector detector_;
+};
+
+}  // namespace evpose

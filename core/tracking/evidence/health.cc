@@ -1,0 +1,488 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/evidence/health.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/association/competitors.h"
+#include "core/association/line_cells.h"
+#include "core/base/check_range.h"
+#include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
+#include "core/numerics/math.h"
+#include "core/numerics/reusable_vector.h"
+
+namespace evpose {
+namespace {
+
+// Events of a line: fewer cannot reach the significance, even if all of them are near.
+constexpr double kTestableEvents = 20.0;
+
+// The octant of a direction in the image, 0 to 7.
+int OctantOf(const Eigen::Vector2d& direction) {
+  const bool is_steep = std::abs(direction.y()) > std::abs(direction.x());
+  return (direction.x() < 0.0 ? 1 : 0) + (direction.y() < 0.0 ? 2 : 0) + (is_steep ? 4 : 0);
+}
+
+// Probability that an event is within `near_px` of its nearest line, README, equation (2): events are normal about
+// lines that are two cells apart. The distance from the nearest line has a wrapped normal distribution, which is
+// integrated by its Fourier series.
+double NearProbability(double near_px, double cell_px, double spread_px) {
+  constexpr int kTerms = 16;  // the next one is below 1e-9 for cells of up to eight spreads
+  constexpr double kPi = std::numbers::pi;
+  const double exponent = 0.5 * kPi * kPi * spread_px * spread_px / (cell_px * cell_px);
+  double probability = near_px / cell_px;
+  for (int m = 1; m <= kTerms; ++m) {
+    const double amplitude = DeterministicExp(-exponent * m * m);
+    probability += 2.0 / (kPi * m) * amplitude * DeterministicSinCos(kPi * m * near_px / cell_px).sin;
+  }
+  return probability;
+}
+
+// LineStatistics::lines of the elements of a curve, of a total length in pixels.
+int NumLines(absl::Span<const TrackedLine> elements, absl::Span<const ImageLine> lines, double length_px) {
+  // Pixels. A shorter arc has too few events to determine a direction, and could fit clutter.
+  constexpr double kMinArcPx = 30.0;
+  int arcs = 0;
+  ForEachArc(elements, lines, [&](size_t, size_t) { ++arcs; });
+  const int long_enough = static_cast<int>(std::min(length_px / kMinArcPx, LineStatistics::kMaxLines + 0.0));
+  return std::max(1, std::min(arcs, long_enough));
+}
+
+}  // namespace
+
+absl::Status HealthOptions::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckRange("gate_px", gate_px, 1.0, 64.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("near_px", near_px, 0.1, 0.5 * gate_px));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_spread_px", max_spread_px, 0.05, gate_px));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_spread_px", min_spread_px, 0.05, max_spread_px));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("significance_sigma", significance_sigma));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("power_sigma", power_sigma, significance_sigma, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("dispersion", dispersion, 1.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_noise_hz_per_px", max_noise_hz_per_px, 0.0, 1e6));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_excess_ratio", min_excess_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_events", min_events, 1, 1'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_span_us", static_cast<double>(min_span_us)));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("confirm_support_ratio", confirm_support_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("keep_support_ratio", keep_support_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("confirm_lines", confirm_lines, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("keep_lines", keep_lines, 1, confirm_lines));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_signal_events", min_signal_events, 0.0, 1e6));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("memory_us", static_cast<double>(memory_us)));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_tested_ratio", min_tested_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_hold_us", static_cast<double>(max_hold_us), 0.0, 1e9));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_missing_sectors", max_missing_sectors, 0, TrackHealth::kNumSectors));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("patience_us", static_cast<double>(patience_us)));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("lost_after_us", static_cast<double>(lost_after_us)));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("max_contradictions", max_contradictions, 1, 1000));
+  return CheckPositive("max_uncertainty_px", max_uncertainty_px);
+}
+
+void LineStatistics::Add(const LineStatistics& other, double kept_ratio) {
+  gated = kept_ratio * gated + other.gated;
+  along = kept_ratio * along + other.along;
+  excess = kept_ratio * excess + other.excess;
+  variance = kept_ratio * variance + other.variance;
+  right_excess = kept_ratio * right_excess + other.right_excess;
+  information = kept_ratio * information + other.information;
+  noise = kept_ratio * noise + other.noise;
+  expected = kept_ratio * expected + other.expected;
+  length_px = kept_ratio * length_px + other.length_px;
+  lines = std::max(lines, other.lines);
+}
+
+TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_curves)
+    : options_(options),
+      min_events_per_px2_(min_events_per_px2),
+      statistics_(static_cast<size_t>(num_curves)),
+      memory_(static_cast<size_t>(num_curves)) {
+  for (int step = 0; step <= kSpreadSteps; ++step) {
+    const double range_px = options.max_spread_px - options.min_spread_px;
+    const double spread_px = options.min_spread_px + range_px * step / kSpreadSteps;
+    near_probability_[step][0] = 0.5;  // the limit for a cell that is much narrower than the spread
+    for (int i = 1; i <= kCellSteps; ++i) {
+      const double cell_px = options.gate_px * i / kCellSteps;
+      near_probability_[step][i] = NearProbability(NearPx(cell_px), cell_px, spread_px);
+    }
+  }
+  const double chance = options.near_px / options.gate_px;
+  const double right_excess = near_probability_[kSpreadSteps][kCellSteps] - chance;
+  testable_information_ = kTestableEvents * right_excess * right_excess / (chance * (1.0 - chance));
+}
+
+double TrackHealth::RightProbability(double cell_px) const {
+  const int step = static_cast<int>(cell_px / options_.gate_px * kCellSteps + 0.5);
+  return near_probability_[spread_step_][std::clamp(step, 0, kCellSteps)];
+}
+
+void TrackHealth::Reset() {
+  const double left = std::max(0.0, 1.0 - span_s_ * 1e6 / static_cast<double>(options_.memory_us));
+  for (size_t k = 0; k < statistics_.size(); ++k) memory_[k].Add(statistics_[k], left);
+  std::fill(statistics_.begin(), statistics_.end(), LineStatistics());
+  span_s_ = 0.0;
+  gated_ = 0.0;
+  gate_px2_s_ = 0.0;
+  recent_ = Recent();
+}
+
+void TrackHealth::EnterLines(const WindowInput& input, absl::Span<const ImageLine> lines) {
+  window_lines_.clear();
+  places_.clear();
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double all_px = 0.0;
+  for (const ImageLine& line : lines) {
+    if (!line.in_view()) continue;
+    centre += line.length_px * line.PointAt(0.5);
+    all_px += line.length_px;
+  }
+  centre /= std::max(all_px, 1.0);
+  ForEachCurve(input.lines, [&](size_t first, size_t end) {
+    double length_px = 0.0;
+    for (size_t k = first; k < end; ++k) {
+      const std::array<int, 2> sectors = {OctantOf(lines[k].PointAt(0.25) - centre),
+                                          OctantOf(lines[k].PointAt(0.75) - centre)};
+      places_.push_back({window_lines_.size(), length_px, sectors});
+      length_px += lines[k].length_px;
+    }
+    WindowLine& line = window_lines_.emplace_back();
+    line.curve = input.lines[first].curve;
+    line.places_per_px = static_cast<double>(line.along.size()) / length_px;
+    if (!input.lines[first].is_element) return;
+    line.lines = NumLines(input.lines.subspan(first, end - first), lines.subspan(first, end - first), length_px);
+  });
+}
+
+void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLine> lines, const WindowFit& fit) {
+  const double range_px = std::max(1e-6, options_.max_spread_px - options_.min_spread_px);
+  const double beyond = std::clamp((fit.residual_rms_px - options_.min_spread_px) / range_px, 0.0, 1.0);
+  spread_step_ = static_cast<int>(std::ceil(beyond * kSpreadSteps));
+  EnterLines(input, lines);
+  window_sectors_ = {};
+  FindNearest(*input.sorted, lines);
+  const Lanes gate_px = AllLanes(options_.gate_px);
+  for (const LineGroup& group : input.sorted->groups()) {
+    if (!lines[group.line].in_view()) continue;
+    const GroupLine line(group, lines[group.line]);
+    const Place& place = places_[group.line];
+    for (size_t i = 0; i < group.events.size(); ++i) {
+      const EventLanes& event = group.events[i];
+      const Lanes distance_px = line.DistancePx(event);
+      const Lanes along_px = line.AlongPx(event);
+      const LaneMask is_own = group.is_shared ? is_nearest_[group.first + i] : kAllLanes;
+      const LaneMask counts = is_own & line.IsGated(event, distance_px, along_px, gate_px);
+      for (int lane = 0; lane < kNumLanes; ++lane) {
+        if (counts[lane] == 0) continue;
+        const double cell_px = group.is_shared ? cell_px_[group.first + i][lane] : options_.gate_px;
+        const size_t half = 2.0 * along_px[lane] < lines[group.line].length_px ? 0 : 1;
+        AddEvent({distance_px[lane], place.begin_px + along_px[lane], event.competing[lane], cell_px, group.polarity},
+                 window_lines_[place.window_line], window_sectors_[place.sector[half]]);
+      }
+    }
+  }
+}
+
+void TrackHealth::AddEvent(const NearEvent& event, WindowLine& line, Sector& sector) {
+  // Excess of the right pose per event below which an event carries no evidence: the cell is narrower than the spread.
+  constexpr double kLeastExcess = 0.1;
+  constexpr double kLeastCellPx = 1e-3;  // of an event on two lines at the same place
+  const double share = OwnShare(event.distance_px, event.competing);
+  const double cell_px = std::max(event.cell_px, kLeastCellPx);
+  const double near_px = NearPx(cell_px);
+  const double chance = near_px / cell_px;
+  const bool is_near = std::abs(event.distance_px) <= near_px;
+  const double excess = share * ((is_near ? 1.0 : 0.0) - chance);
+  const double variance = share * chance * (1.0 - chance);
+  const double right_excess = RightProbability(cell_px) - chance;
+  const double place = std::clamp(event.along_px * line.places_per_px, 0.0, line.along.size() - 1.0);
+  line.along[static_cast<int>(place)] += share;
+  PolarityCounts& counts = line.of[event.polarity];
+  counts.gated += share;
+  counts.near += is_near ? share : 0.0;
+  counts.excess += excess;
+  counts.variance += variance;
+  counts.right_excess += share * right_excess;
+  counts.information += share * right_excess * right_excess / (chance * (1.0 - chance));
+  if (right_excess < kLeastExcess) return;
+  sector.observed += excess / right_excess;
+  sector.variance += variance / (right_excess * right_excess);
+}
+
+EventConcentration TrackHealth::Concentration(const WindowInput& input, absl::Span<const ImageLine> lines,
+                                              const WindowFit& fit) {
+  CountWindow(input, lines, fit);
+  LineStatistics total;
+  for (const WindowLine& line : window_lines_) {
+    for (const PolarityCounts& counts : line.of) AddExcess(counts, total);
+  }
+  return {ExcessSigma(total), total.right_excess > 0.0 ? total.excess / total.right_excess : 0.0};
+}
+
+void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
+                            const WindowFit& fit) {
+  CountWindow(input, lines, fit);
+  for (const WindowLine& line : window_lines_) {
+    LineStatistics& statistics = statistics_[line.curve];
+    statistics.lines = std::max(statistics.lines, line.lines);
+    statistics.along += line.along;
+    for (int polarity = 0; polarity < 2; ++polarity) {
+      statistics.gated += input.shares.polarity_weight[polarity] * line.of[polarity].gated;
+      statistics.information += input.shares.polarity_weight[polarity] * line.of[polarity].information;
+      AddExcess(line.of[polarity], statistics);
+      gated_ += line.of[polarity].gated;
+      recent_.gated += line.of[polarity].gated;
+    }
+  }
+  const double observed_ratio = input.shares.observations_per_background_event;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    YieldPoint(k);
+    if (!lines[k].in_view()) continue;
+    const double gate_px2 = GateAreaPx2(input.cells, lines, k, options_.gate_px) * observed_ratio;
+    gate_px2_s_ += gate_px2 * input.duration_s;
+    LineStatistics& statistics = statistics_[input.lines[k].curve];
+    statistics.noise += input.background_per_px2 * gate_px2;
+    recent_.noise += input.background_per_px2 * gate_px2;
+    statistics.length_px += lines[k].length_px * input.duration_s;
+  }
+  AddExpectedEvents(camera, input, lines, fit.state.twist);
+  span_s_ += input.duration_s;
+  recent_.span_s += input.duration_s;
+}
+
+void TrackHealth::AddExpectedEvents(const CameraModel& camera, const WindowInput& input,
+                                    absl::Span<const ImageLine> lines, const Vector6d& twist) {
+  // Expected events of a sector that are remembered: four times as many as make the absence of all of them significant.
+  constexpr double kSectorEvents = 200.0;
+  for (size_t k = 0; k < lines.size(); ++k) {
+    const Expectation expectation = input.ExpectationOf(k);
+    if (!lines[k].in_view() || expectation == Expectation::kNothing) continue;
+    const double events_per_px2 = min_events_per_px2_ * lines[k].prior_contrast;
+    for (int half = 0; half < 2; ++half) {
+      const Eigen::Vector3d bearing = BearingOf(camera, lines[k].PointAt(0.25 + 0.5 * half));
+      const double speed = std::abs(bearing.dot(lines[k].jacobian * twist));
+      const double expected = events_per_px2 * 0.5 * lines[k].length_px * speed * input.duration_s;
+      statistics_[input.lines[k].curve].expected += expected;
+      if (expectation == Expectation::kEvents) window_sectors_[places_[k].sector[half]].expected += expected;
+    }
+  }
+  const double events_per_observation = input.shares.mean_events_per_observation;
+  for (int i = 0; i < kNumSectors; ++i) {
+    Sector& sector = sectors_[i];
+    sector.expected += window_sectors_[i].expected;
+    sector.observed += events_per_observation * window_sectors_[i].observed;
+    sector.variance += events_per_observation * events_per_observation * window_sectors_[i].variance;
+    const double kept = std::min(1.0, kSectorEvents / std::max(sector.expected, 1.0));
+    sector.expected *= kept;
+    sector.observed *= kept;
+    sector.variance *= kept;
+  }
+}
+
+bool TrackHealth::Sector::IsMissing(const HealthOptions& options) const {
+  const double missing = expected - std::max(0.0, observed);
+  return missing > 0.5 * expected &&
+         missing > options.significance_sigma * std::sqrt(options.dispersion * (expected + variance));
+}
+
+int TrackHealth::MissingSectors() const {
+  return static_cast<int>(
+      std::count_if(sectors_.begin(), sectors_.end(), [this](const Sector& s) { return s.IsMissing(options_); }));
+}
+
+void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines) {
+  constexpr float kBeyond = std::numeric_limits<float>::infinity();
+  // A line at up to this distance may limit the cell of a nearer one within the gate.
+  const Lanes gate_px = AllLanes(2.0 * options_.gate_px);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), distance_px_);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), cell_px_);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), is_nearest_);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), line_of_);
+  std::fill(distance_px_.begin(), distance_px_.end(), AllLanes(kBeyond));
+  for (const LineGroup& group : events.groups()) {
+    if (!group.is_shared || !lines[group.line].in_view()) continue;
+    const GroupLine line(group, lines[group.line]);
+    for (size_t i = 0; i < group.events.size(); ++i) {
+      const EventLanes& event = group.events[i];
+      const Lanes distance_px = line.DistancePx(event);
+      const LaneMask is_gated = line.IsGated(event, distance_px, line.AlongPx(event), gate_px);
+      distance_px_[group.first + i] = Select(is_gated, distance_px, AllLanes(kBeyond));
+      line_of_[group.first + i] = group.line;
+    }
+  }
+  const auto distance_at = [this](uint32_t place) { return distance_px_[place / kNumLanes][place % kNumLanes]; };
+  for (const LineEvents::Shared& event : events.shared()) {
+    float least_px = kBeyond;
+    uint32_t nearest = 0;
+    for (const uint32_t place : event.Places()) {
+      const float distance_px = std::abs(distance_at(place));
+      if (distance_px >= least_px) continue;
+      least_px = distance_px;
+      nearest = place;
+    }
+    if (!(least_px <= options_.gate_px)) continue;
+    const Eigen::Vector2d& direction = lines[line_of_[nearest / kNumLanes]].direction;
+    const double side = distance_at(nearest) < 0.0f ? -1.0 : 1.0;
+    double cell_px = options_.gate_px;  // half-width
+    for (const uint32_t place : event.Places()) {
+      const float distance_px = distance_at(place);
+      if (place == nearest || !(std::abs(distance_px) < kBeyond)) continue;
+      const double cosine = side * direction.dot(lines[line_of_[place / kNumLanes]].direction);
+      cell_px = std::min(cell_px, CellBoundaryPx(least_px, distance_px, cosine));
+    }
+    is_nearest_[nearest / kNumLanes][nearest % kNumLanes] = -1;
+    cell_px_[nearest / kNumLanes][nearest % kNumLanes] = static_cast<float>(std::max<double>(cell_px, least_px));
+  }
+}
+
+HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
+                               int64_t patience_us) {
+  // Seconds without more events than those of the background after which the result is kFewEvents: a pose at rest is
+  // reported as such within 20 ms.
+  constexpr double kLongestSpanS = 0.02;
+  // Seconds after which a test without power ends as kFewEvents: the evidence of the last support is as old as this.
+  constexpr double kLongestOpenS = 1.0;
+  // Added to the span because sums of durations in seconds are rounded, and the options are whole microseconds.
+  constexpr double kHalfMicrosecond = 0.5;
+  const double span_us = span_s_ * 1e6 + kHalfMicrosecond;
+  HealthResult result;
+  if (gated_ >= options_.min_events && span_us >= static_cast<double>(options_.min_span_us)) {
+    result = Evaluate(min_support_ratio, sure_support_ratio, min_supported_lines);
+    if (result.kind != HealthResult::Kind::kSupported) {
+      if (span_us < static_cast<double>(patience_us)) {
+        result.kind = HealthResult::Kind::kOpen;
+      } else if (IsExplained(gated_, Noise())) {
+        result.kind = HealthResult::Kind::kFewEvents;
+      }
+    }
+  }
+  if (result.kind == HealthResult::Kind::kOpen && recent_.span_s >= kLongestSpanS) {
+    const bool is_quiet = IsExplained(recent_.gated, CreditedNoiseRatio() * recent_.noise);
+    if (is_quiet || span_s_ >= kLongestOpenS) result.kind = HealthResult::Kind::kFewEvents;
+    recent_ = Recent();
+  }
+  if (result.kind == HealthResult::Kind::kOpen) return result;
+  was_quiet_ = result.kind == HealthResult::Kind::kFewEvents;
+  Reset();
+  return result;
+}
+
+double TrackHealth::Noise() const {
+  double noise = 0.0;
+  for (const LineStatistics& line : statistics_) noise += line.noise;
+  return noise * CreditedNoiseRatio();
+}
+
+double TrackHealth::CreditedNoiseRatio() const {
+  // After kFewEvents the object is at rest, and every background rate explains the events. A moving object does not
+  // stop at the moment at which dense noise begins, so that only a limited rate is accepted as an explanation.
+  if (was_quiet_) return 1.0;
+  double noise = 0.0;
+  for (const LineStatistics& line : statistics_) noise += line.noise;
+  return noise > 0.0 ? std::min(1.0, options_.max_noise_hz_per_px * gate_px2_s_ / noise) : 1.0;
+}
+
+bool TrackHealth::IsExplained(double gated, double noise) const {
+  // One event more than the noise is no significant excess, however little noise there is.
+  return gated <= noise + options_.significance_sigma * std::sqrt(std::max(noise, 1.0) * options_.dispersion);
+}
+
+void TrackHealth::AddExcess(const PolarityCounts& counts, LineStatistics& statistics) {
+  // Gated events outside near_px at which a window has half its weight.
+  constexpr double kFewEvents = 4.0;
+  const double weight = kFewEvents / (kFewEvents + counts.gated - counts.near);
+  statistics.excess += weight * counts.excess;
+  statistics.variance += weight * weight * counts.variance;
+  statistics.right_excess += weight * counts.right_excess;
+}
+
+double TrackHealth::ExcessSigma(const LineStatistics& line) const {
+  if (line.variance <= 0.0) return 0.0;
+  return line.excess / std::sqrt(line.variance * options_.dispersion);
+}
+
+double TrackHealth::RightExcess(const LineStatistics& line, double credited_ratio) {
+  const double noise = credited_ratio * line.noise;
+  return line.right_excess * (line.gated > 0.0 ? std::max(0.0, 1.0 - noise / line.gated) : 0.0);
+}
+
+double TrackHealth::PowerSigma(const LineStatistics& line, double credited_ratio) const {
+  if (line.variance <= 0.0) return 0.0;
+  return RightExcess(line, credited_ratio) / std::sqrt(line.variance * options_.dispersion);
+}
+
+bool TrackHealth::IsExpected(const LineStatistics& line, double noise, double events) const {
+  const double share = options_.near_px / options_.gate_px;
+  const double spread = std::sqrt(noise * share / (1.0 - share) * options_.dispersion);
+  return line.expected >= std::max(events, options_.significance_sigma * spread);
+}
+
+bool TrackHealth::IsTestable(const LineStatistics& line) const {
+  const double signal = line.gated - line.noise;
+  const bool has_events = signal >= kTestableEvents && line.information * signal / line.gated >= testable_information_;
+  return has_events || IsExpected(line, line.noise, kTestableEvents);
+}
+
+bool TrackHealth::HasPower(const LineStatistics& line, double credited_ratio) const {
+  // The number of events, and with it the square of the power, is that of IsTestable().
+  const double ratio = options_.power_sigma / options_.significance_sigma;
+  return PowerSigma(line, credited_ratio) >= options_.power_sigma ||
+         IsExpected(line, line.noise, ratio * ratio * kTestableEvents);
+}
+
+double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const {
+  if (IsExpected(line, noise, kTestableEvents)) return 1.0;
+  const auto places = static_cast<double>(line.along.size());
+  const double least = (noise + kTestableEvents) / places;
+  return static_cast<double>((line.along.array() >= least).count()) / places;
+}
+
+HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const {
+  using Kind = HealthResult::Kind;
+  const double credited_ratio = CreditedNoiseRatio();
+  HealthResult result;
+  LineStatistics total;
+  double supported_length = 0.0, testable_length = 0.0, present_length = 0.0, contradicting_length = 0.0;
+  int decided_lines = 0;
+  for (size_t k = 0; k < statistics_.size(); ++k) {
+    YieldPoint(k);
+    LineStatistics line = statistics_[k];
+    const double length_px = line.length_px;
+    total.Add(line);
+    present_length += PresentRatio(line, credited_ratio * line.noise) * length_px;
+    if (!IsTestable(line)) line.Add(memory_[k]);
+    if (!IsTestable(line)) continue;
+    result.testable_lines += line.lines;
+    testable_length += length_px;
+    if (ExcessSigma(line) >= options_.significance_sigma) {
+      result.supported_lines += line.lines;
+      decided_lines += line.lines;
+      supported_length += length_px;
+    } else if (HasPower(line, credited_ratio)) {
+      decided_lines += line.lines;
+      contradicting_length += length_px;
+    }
+  }
+  result.sigma = ExcessSigma(total);
+  result.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;
+  result.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
+  result.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;
+  result.missing_sectors = MissingSectors();
+  const double decided_length = supported_length + contradicting_length;
+  const double decided_ratio = decided_length > 0.0 ? supported_length / decided_length : 0.0;
+  const bool has_excess = result.sigma > options_.significance_sigma &&
+                          total.excess >= options_.min_excess_ratio * RightExcess(total, credited_ratio);
+  const bool has_lines = result.supported_lines >= min_supported_lines;
+  if (has_excess && has_lines && result.support_ratio >= sure_support_ratio) {
+    result.kind = result.missing_sectors > options_.max_missing_sectors ? Kind::kDoubtful : Kind::kSupported;
+  } else if (has_excess && has_lines && result.support_ratio >= min_support_ratio) {
+    result.kind = decided_ratio < sure_support_ratio ? Kind::kDoubtful : Kind::kOpen;
+  } else if (!has_excess) {
+    result.kind = HasPower(total, credited_ratio) ? Kind::kUnsupported : Kind::kOpen;
+  } else if (decided_lines >= min_supported_lines && (!has_lines || decided_ratio < min_support_ratio)) {
+    result.kind = Kind::kUnsupported;
+  }
+  return result;
+}
+
+}  // namespace evpose

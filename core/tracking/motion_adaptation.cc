@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/motion_adaptation.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace evpose {
+
+MotionAdaptation::Innovation MotionAdaptation::Compare(const MotionState& predicted, const MotionState& estimated) {
+  const Vector12d x = Minus(estimated, predicted);
+  const Eigen::LDLT<Matrix12d> prior(predicted.covariance);
+  Innovation innovation;
+  innovation.square = x.dot(prior.solve(x));
+  double kept = 0.0;
+  for (int k = 0; k < 12; ++k) kept += prior.solve(Vector12d(estimated.covariance.col(k)))[k];
+  innovation.expected = 12.0 - kept;
+  return innovation;
+}
+
+MotionPriorOptions MotionAdaptation::Adapted(const MotionPriorOptions& options) const {
+  MotionPriorOptions adapted = options;
+  const double ratio = std::sqrt(ratio_);
+  adapted.linear_acceleration_density *= ratio;
+  adapted.angular_acceleration_density *= ratio;
+  return adapted;
+}
+
+bool MotionAdaptation::IsSurprising(const Innovation& innovation) const {
+  // Standard deviations of a chi-square variable with `expected` degrees of freedom, and a margin for few degrees.
+  constexpr double kSigma = 5.0;
+  constexpr double kMargin = 5.0;
+  const double expected = std::clamp(innovation.expected, 0.0, 12.0);
+  return ratio_ < 1.0 && !(innovation.square <= expected + kSigma * std::sqrt(2.0 * expected) + kMargin);
+}
+
+void MotionAdaptation::Add(const Innovation& innovation) {
+  // Relative change of the ratio per degree of freedom. Slow objects have windows with few events, which measure less
+  // than one direction: their ratio falls to a hundredth within some thousand windows, about ten seconds.
+  constexpr double kGain = 0.02;
+  // Bound of one window: twice the directions of a pose and its twist.
+  constexpr double kMaxExcess = 12.0;
+  if (!std::isfinite(innovation.square) || !std::isfinite(innovation.expected)) return;
+  const double expected = std::clamp(innovation.expected, 0.0, 12.0);
+  const double excess = std::clamp(innovation.square - expected, -expected, kMaxExcess);
+  ratio_ = std::clamp(ratio_ * (1.0 + kGain * excess), kMinRatio, 1.0);
+}
+
+}  // namespace evpose
