@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <string>
 #include <utility>
 
 #include "core/base/yield_point.h"
@@ -11,11 +13,44 @@
 
 namespace evpose {
 
-void Hypotheses::Add(const MotionState& start, bool is_from_contours) {
+void Hypotheses::Add(const MotionState& start) {
   Entry entry;
-  entry.is_from_contours = is_from_contours;
   entry.track = std::make_unique<PoseTrack>(context_, start);
   Append(std::move(entry));
+}
+
+const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind) {
+  if (is_full()) return nullptr;
+  Entry entry;
+  entry.track = std::make_unique<PoseTrack>(context_, state);
+  if (kind == RivalKind::kSameEdges) {
+    StateWriter writer;
+    writer(*entries_.front().track);
+    const std::string learned = writer.Take();
+    StateReader reader(learned);
+    reader(*entry.track);
+    entry.track->set_motion(state);
+  }
+  entry.is_rival = true;
+  entry.pending = kSettlingWindows + kComparedWindows;
+  Append(std::move(entry));
+  return entries_.back().track.get();
+}
+
+bool Hypotheses::HasSettled(const PoseTrack* track) const {
+  return std::any_of(entries_.begin(), entries_.end(),
+                     [track](const Entry& entry) { return entry.track.get() == track && entry.is_settled(); });
+}
+
+bool Hypotheses::HasRival() const {
+  return std::any_of(entries_.begin(), entries_.end(),
+                     [this](const Entry& entry) { return entry.is_rival && &entry != &entries_.front(); });
+}
+
+bool Hypotheses::HasUndecidedRival() const {
+  return std::any_of(entries_.begin(), entries_.end(), [this](const Entry& entry) {
+    return entry.is_rival && entry.pending == 0 && &entry != &entries_.front();
+  });
 }
 
 void Hypotheses::Join(Hypotheses&& others) {
@@ -43,6 +78,8 @@ void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) 
   DropEqual();
   Compare(window, others);
   DropWorse();
+  DropHopelessRivals();
+  for (Entry& entry : entries_) entry.pending = std::max(0, entry.pending - 1);
 }
 
 void Hypotheses::OnGap(int64_t gap_us) {
@@ -64,6 +101,7 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   }
   for (Entry& entry : entries_) {
     for (size_t other = 0; other < entries_.size(); ++other) {
+      if (!entry.is_settled() || !entries_[other].is_settled()) continue;
       for (size_t k = 0; k < events.size(); ++k) {
         const double difference = entry.explains[k] - entries_[other].explains[k];
         entry.difference[other] += difference;
@@ -119,9 +157,11 @@ void Hypotheses::DropRejected() {
 void Hypotheses::DropEqual() {
   const InitializationOptions& options = context_.options.initialization;
   for (size_t i = 0; i < entries_.size(); ++i) {
+    if (!entries_[i].is_settled()) continue;
     const RigidTransform& kept = entries_[i].track->motion().camera_from_object;
     for (size_t j = entries_.size(); --j > i;) {
       YieldPoint();
+      if (!entries_[j].is_settled()) continue;
       const RigidTransform other =
           NearestEquivalent(entries_[j].track->motion().camera_from_object, *context_.model, kept);
       if (RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&
@@ -144,6 +184,23 @@ void Hypotheses::DropWorse() {
   }
 }
 
+double Hypotheses::Entry::Explained() const { return std::accumulate(explains.begin(), explains.end(), 0.0); }
+
+void Hypotheses::DropHopelessRivals() {
+  // Most generated poses explain next to nothing; the settling of those would take most of the time of all rivals.
+  constexpr double kLeastShare = 0.5;
+  constexpr double kMinExplained = 20.0;  // with fewer events the shares are chance
+  const double first = entries_.front().Explained();
+  if (first < kMinExplained) return;
+  for (size_t i = entries_.size(); --i > 0;) {
+    const Entry& entry = entries_[i];
+    const bool is_early = entry.pending > kSettlingWindows + kComparedWindows - kFirstWindows;
+    if (entry.is_rival && !entry.is_settled() && !is_early && entry.Explained() < kLeastShare * first) {
+      Remove(i, LossCause::kBetterPose);
+    }
+  }
+}
+
 void Hypotheses::PutBestFirst(double min_sigma) {
   size_t best = 0;
   for (size_t i = 1; i < entries_.size(); ++i) {
@@ -158,8 +215,8 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, is_from_contours, estimate, explains, difference, squares] = self;
-  archive(*track, is_from_contours, estimate);
+  auto& [track, estimate, explains, difference, squares, is_rival, pending] = self;
+  archive(*track, estimate, is_rival, AtMost(pending, kSettlingWindows + kComparedWindows));
   // Both have one element per entry.
   for (auto& value : difference) archive(Finite(value));
   for (auto& value : squares) archive(Finite(value));

@@ -20,8 +20,16 @@ class Hypotheses {
   explicit Hypotheses(const TrackContext& context) : context_(context) {}
 
   // Adds a hypothesis that starts at `start`. Among equally supported hypotheses the earlier one takes precedence.
-  // `is_from_contours`: the pose was found by contours, which nearly symmetric poses share.
-  void Add(const MotionState& start, bool is_from_contours = false);
+  void Add(const MotionState& start);
+  // Adds a rival of the first hypothesis (rivals.h), unless as many hypotheses are followed as Join() keeps. In its
+  // first windows its pose is refined: it is neither compared with the others nor merged with them. kSameEdges: both
+  // see the same edges, and the rival starts with all that the first hypothesis has learned about them. A rival that
+  // explains less than half of what the first hypothesis explains after three windows is removed. Returns the rival, or
+  // null if there is no room. Requires !empty().
+  enum class RivalKind { kSameEdges, kOtherEdges };
+  const PoseTrack* AddRival(const MotionState& state, RivalKind kind);
+  // Whether this hypothesis is left and is or may be compared with the others.
+  bool HasSettled(const PoseTrack* track) const;
   // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
   // twice InitializationOptions::max_candidates are kept, the earliest ones.
   void Join(Hypotheses&& others);
@@ -37,11 +45,16 @@ class Hypotheses {
   // deviations.
   void PutBestFirst(double min_sigma);
 
+  // Whether the first hypothesis has rivals that AddRival() has added; undecided: one was compared with it in several
+  // windows, and the test has rejected neither.
+  bool HasRival() const;
+  bool HasUndecidedRival() const;
+
   bool empty() const { return entries_.empty(); }
   size_t size() const { return entries_.size(); }
+  bool is_full() const { return entries_.size() >= MaxEntries(); }
   // Requires !empty().
   const PoseTrack& first() const { return *entries_.front().track; }
-  bool first_is_from_contours() const { return entries_.front().is_from_contours; }
   // Estimate of the first hypothesis for the last window; nullopt while it is tentative. Requires !empty().
   const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
   // The other hypotheses at the last window, with their likelihoods relative to the first one (README, equation (3)).
@@ -56,15 +69,24 @@ class Hypotheses {
   void LoadState(StateReader& reader);
 
  private:
+  // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them. Windows of
+  // its comparison after which the test is undecided; one is enough for most wrong poses.
+  static constexpr int kSettlingWindows = 8;
+  static constexpr int kFirstWindows = 3;
+  static constexpr int kComparedWindows = 8;
+
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {
     std::unique_ptr<PoseTrack> track;
-    bool is_from_contours = false;
     std::optional<PoseEstimate> estimate;
     std::vector<float> explains;  // scores of the compared events of the window (PoseTrack::Explains)
     // For each other entry, in the order of `entries_`: sum of the differences of `explains`, and of their squares.
     std::vector<double> difference;
     std::vector<double> squares;
+    bool is_rival = false;
+    int pending = 0;  // windows of a rival that are left until it is undecided
+    bool is_settled() const { return pending <= kComparedWindows; }
+    double Explained() const;  // sum of `explains`
     static void VisitState(auto& archive, auto& self);
   };
 
@@ -77,6 +99,7 @@ class Hypotheses {
   void DropRejected();
   void DropEqual();
   void DropWorse();
+  void DropHopelessRivals();
   void Append(Entry entry);
   void Remove(size_t index, LossCause cause);
 

@@ -157,5 +157,62 @@ TEST(Hypotheses, UnsupportedPosesAreRemoved) {
   EXPECT_TRUE(hypotheses.empty());
 }
 
+TEST(Hypotheses, AWrongRivalIsRejectedAndChangesNothing) {
+  const TrackContext context = MakeContext();
+  Hypotheses alone(context), hypotheses(context);
+  for (Hypotheses* each : {&alone, &hypotheses}) each->Add(Start(context, kStart));
+  hypotheses.AddRival(Start(context, MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2})),
+                      Hypotheses::RivalKind::kOtherEdges);
+  EXPECT_TRUE(hypotheses.HasRival());
+  EXPECT_FALSE(hypotheses.HasUndecidedRival());
+  FollowCube(context, alone, 40'000);
+  FollowCube(context, hypotheses, 40'000);
+  ASSERT_EQ(hypotheses.size(), 1u);
+  EXPECT_FALSE(hypotheses.HasRival());
+  EXPECT_EQ(hypotheses.first().motion().camera_from_object, alone.first().motion().camera_from_object);
+}
+
+TEST(Hypotheses, ARivalTakesThePlaceOfAWrongPose) {
+  const TrackContext context = MakeContext();
+  Hypotheses hypotheses(context);
+  hypotheses.Add(Start(context, MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2})));
+  hypotheses.AddRival(Start(context, kStart), Hypotheses::RivalKind::kOtherEdges);
+  const std::optional<PoseEstimate> estimate = FollowCube(context, hypotheses, 40'000);
+  ASSERT_EQ(hypotheses.size(), 1u);
+  ASSERT_TRUE(estimate.has_value());
+  EXPECT_FALSE(hypotheses.HasRival());
+  EXPECT_LT(Angle(hypotheses.first(), estimate->t_us), 0.01);
+}
+
+TEST(Hypotheses, ARivalIsRefinedBeforeItIsMerged) {
+  const TrackContext context = MakeContext();
+  for (const int64_t duration_us : {4'000, 30'000}) {
+    Hypotheses hypotheses(context);
+    hypotheses.Add(Start(context, kStart));
+    hypotheses.AddRival(Start(context, kStart), Hypotheses::RivalKind::kSameEdges);
+    FollowCube(context, hypotheses, duration_us);
+    EXPECT_EQ(hypotheses.size(), duration_us < 5'000 ? 2u : 1u) << duration_us;
+  }
+}
+
+TEST(Hypotheses, RivalsAreSavedWithTheirCounts) {
+  const TrackContext context = MakeContext();
+  Hypotheses hypotheses(context), loaded(context);
+  hypotheses.Add(Start(context, kStart));
+  hypotheses.AddRival(Start(context, MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2})),
+                      Hypotheses::RivalKind::kOtherEdges);
+  StateWriter writer;
+  hypotheses.SaveState(writer);
+  const std::string state = writer.Take();
+  StateReader reader(state);
+  loaded.LoadState(reader);
+  ASSERT_TRUE(reader.Finish().ok());
+  EXPECT_TRUE(loaded.HasRival());
+  FollowCube(context, hypotheses, 20'000);
+  FollowCube(context, loaded, 20'000);
+  EXPECT_EQ(loaded.size(), hypotheses.size());
+  EXPECT_EQ(loaded.first().motion().camera_from_object, hypotheses.first().motion().camera_from_object);
+}
+
 }  // namespace
 }  // namespace evpose

@@ -15,6 +15,11 @@ namespace {
 
 // Windows last 1 ms or more, so that this is never reached; it bounds the memory in any case.
 constexpr size_t kMaxPastStates = 1000;
+// Inclination of a face at which its mirrored pose is tested, relative to InitializationOptions::merge_rad: both then
+// differ by more than poses that are merged.
+constexpr double kInclinedOfMerge = 0.6;
+// Generated rivals that are followed together: bounds the cost of a window.
+constexpr int kRivalsAtOnce = 3;
 
 }  // namespace
 
@@ -28,7 +33,9 @@ ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializ
       initializer_(std::move(initializer)),
       given_pose_(object.initial_camera_from_object),
       retry_us_(context_.options.initialization.retry_us),
-      hypotheses_(context_) {}
+      hypotheses_(context_),
+      rival_generator_(*context_.model),
+      turned_faces_(*context_.edges, kInclinedOfMerge * context_.options.initialization.merge_rad) {}
 
 void ObjectTracker::SetOthers(std::vector<const ObjectTracker*> others) {
   others_ = std::move(others);
@@ -91,12 +98,6 @@ double ObjectTracker::ImageSpeedPxPerS() const {
 }
 
 TrackState ObjectTracker::state() const {
-  const TrackState supported = SupportedState();
-  const bool is_untested = IsPublished(phase_) && hypotheses_.first_is_from_contours();
-  return is_untested && supported == TrackState::kTracking ? TrackState::kDegraded : supported;
-}
-
-TrackState ObjectTracker::SupportedState() const {
   if (!IsPublished(phase_)) return unpublished_state_;
   const bool has_competitors = hypotheses_.size() > 1 && IsCompeting(phase_);
   return has_competitors ? TrackState::kAmbiguous : hypotheses_.first().state();
@@ -112,7 +113,7 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
   now_us_ = window.t_end_us;
   if (given_pose_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
-    if (IsPublished(phase_) && repeats_left_ == 0 && SupportedState() == TrackState::kTracking) {
+    if (IsPublished(phase_) && repeats_left_ == 0 && state() == TrackState::kTracking) {
       memory_.Clear();
       retry_us_ = context_.options.initialization.repeat_us;
     } else {
@@ -148,6 +149,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   // Its rejection is a loss, even if competitors are left.
   const bool counts_as_loss = IsGiven(phase_) || phase_ == ObjectPhase::kPublished;
   const PoseTrack* first = &hypotheses_.first();
+  const bool has_rival = hypotheses_.HasRival();
   hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
   hypotheses_.DropIf([this](const PoseTrack& track) { return IsOccupied(track); }, LossCause::kOccupied);
   if (hypotheses_.empty()) {
@@ -156,12 +158,15 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
     report_.status = InitializationStatus::kNotSupported;
     return;
   }
-  if (counts_as_loss && first != &hypotheses_.first()) {
+  if (has_rival && first != &hypotheses_.first()) {
+    Enter(ObjectInput::kRivals);  // its rival takes its place
+  } else if (counts_as_loss && first != &hypotheses_.first()) {
     // Competitors are left: one of them is reported when it is confirmed.
     CountLoss(hypotheses_.first_removed_because());
     Enter(ObjectInput::kFirstRejected);
   }
   if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
+  if (hypotheses_.HasUndecidedRival()) Enter(ObjectInput::kRivals);
   // A published pose is replaced only by one that is significantly more likely.
   if (IsCompeting(phase_) && !IsGiven(phase_)) {
     hypotheses_.PutBestFirst(IsPublished(phase_) ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
@@ -177,12 +182,67 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   }
   report_.status = IsCompeting(phase_) ? InitializationStatus::kAmbiguous : InitializationStatus::kNotNeeded;
   if (estimate) Publish(*estimate, estimates);
+  AddRivals(window);
+}
+
+void ObjectTracker::AddRivals(const EventWindow& window) {
+  if (phase_ != ObjectPhase::kPublished || hypotheses_.size() > 1) {
+    turned_faces_.Reset();  // another pose may be published next
+    return;
+  }
+  const double focal_px = context_.camera.MaxFocalPx();
+  const MotionState& motion = hypotheses_.first().motion();
+  const std::optional<size_t> due = turned_faces_.Update(motion.camera_from_object, focal_px);
+  // The published estimators are compared as they are.
+  if (state() != TrackState::kTracking || context_.options.estimator_factory) return;
+  if (due) {
+    const ModelEdges::FacePlane& face = context_.edges->face_planes()[*due];
+    hypotheses_.AddRival(MirroredState(motion, face.point, face.normal, focal_px, context_.options.initial),
+                         Hypotheses::RivalKind::kSameEdges);
+  } else if (rival_rounds_left_ > 0 && window.t_end_us >= next_rivals_us_) {
+    AddGeneratedRivals(window.t_end_us);
+  }
+}
+
+void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
+  const InitializationOptions& options = context_.options.initialization;
+  const std::vector<MotionState> rivals = rival_generator_.RivalsOf(
+      hypotheses_.first().motion(), context_.camera.MaxFocalPx(), context_.options.initial, options.merge_rad);
+  const int count = static_cast<int>(rivals.size());
+  const int end = std::min(count, next_rival_ + kRivalsAtOnce);
+  for (; next_rival_ < end; ++next_rival_) {
+    hypotheses_.AddRival(rivals[static_cast<size_t>(next_rival_)], Hypotheses::RivalKind::kOtherEdges);
+  }
+  if (next_rival_ < count) return;
+  next_rival_ = 0;
+  --rival_rounds_left_;
+  next_rivals_us_ = t_us + options.rival_interval_us;
+}
+
+void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
+  if (context_.options.estimator_factory) return;
+  const MotionState start = hypotheses.first().motion();
+  Hypotheses trial(context_);
+  trial.Add(start);
+  std::vector<std::pair<const PoseTrack*, MotionState>> rivals;
+  for (const MotionState& rival : rival_generator_.RivalsOf(
+           start, context_.camera.MaxFocalPx(), context_.options.initial, context_.options.initialization.merge_rad)) {
+    const PoseTrack* track = trial.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);
+    if (track != nullptr) rivals.emplace_back(track, rival);
+  }
+  for (size_t i = 0; i < memory_.size() && trial.HasRival(); ++i) {
+    const EventWindow past = memory_.At(i);
+    if (past.t_mid_us() >= start.t_us) trial.OnWindow(past, OthersAt(past, nullptr));
+  }
+  for (const auto& [track, rival] : rivals) {
+    if (trial.HasSettled(track) && !hypotheses.is_full()) hypotheses.Add(rival);
+  }
 }
 
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
   estimate.state = state();
   if (estimate.state == TrackState::kAmbiguous) estimate.alternatives = hypotheses_.Alternatives();
-  if (SupportedState() == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
+  if (estimate.state == TrackState::kTracking) last_tracked_ = hypotheses_.first().motion();
   // A search after a loss processes stored windows again; poses of some of them have already been published.
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
@@ -193,6 +253,10 @@ void ObjectTracker::StartPublishing(const EventWindow& window) {
   const InitializationOptions& options = context_.options.initialization;
   repeats_left_ = IsGiven(phase_) ? 0 : options.num_repeats;
   Enter(ObjectInput::kPublication);
+  turned_faces_.Reset();
+  next_rivals_us_ = window.t_end_us;
+  rival_rounds_left_ = options.num_rival_rounds;
+  next_rival_ = 0;
   retry_us_ = options.repeat_us;
   next_search_us_ = window.t_end_us + options.repeat_us;
 }
@@ -211,6 +275,7 @@ void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>&
       std::min(is_without_pose ? options.max_no_pose_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
   next_search_us_ = window.t_end_us + retry_us_;
   if (hypotheses_.empty()) return;
+  AddEqualRivals(hypotheses_);
   Enter(ObjectInput::kPosesFound);
   past_states_.clear();
   followed_since_us_ = hypotheses_.first().motion().t_us;
@@ -229,7 +294,7 @@ bool ObjectTracker::MaySearchAgain() const {
   // the evidence accumulated against them.
   if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
   // Events near its lines do not distinguish an object at rest from one that has left: it may reappear elsewhere.
-  const TrackState now = SupportedState();
+  const TrackState now = state();
   return !IsPublished(phase_) || repeats_left_ > 0 || now == TrackState::kDegraded || now == TrackState::kAmbiguous;
 }
 
@@ -265,7 +330,7 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
   // Contours leave more poses undecided than lines: as many are taken as are kept at all (Hypotheses).
   const int max_count = (first.uses_contours ? 2 : 1) * context_.options.initialization.max_candidates;
   const size_t count = std::min(first.poses.size(), static_cast<size_t>(max_count));
-  for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]), first.uses_contours);
+  for (size_t i = 0; i < count; ++i) hypotheses.Add(StartState(first.poses[i]));
   if (!first.poses.empty()) {
     ++report_.searches.poses_found;
     return InitializationStatus::kVerifying;
@@ -394,13 +459,16 @@ void ObjectTracker::StorePastState(const EventWindow& window) {
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, sphere, memory, initializer, unpublished_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, repeats_left, hypotheses,
-         followed_since_us, phase, now_us, others, competitors, past_states, was_published] = self;
+         followed_since_us, phase, now_us, others, competitors, past_states, rival_generator, turned_faces,
+         next_rivals_us, rival_rounds_left, next_rival, was_published] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory, AtMost(unpublished_state, TrackState::kLost), report, losses, last_tracked, last_published_us,
           given_pose, given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
           AtMost(repeats_left, context.options.initialization.num_repeats), hypotheses,
           InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
-          was_published, InRange(now_us, -kMax_us, kMax_us));
+          turned_faces, InRange(next_rivals_us, -kMax_us, kMax_us),
+          AtMost(rival_rounds_left, context.options.initialization.num_rival_rounds),
+          AtMost(next_rival, RivalGenerator::kMaxRivals), was_published, InRange(now_us, -kMax_us, kMax_us));
 }
 
 void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

@@ -14,6 +14,7 @@
 #include "core/association/competitors.h"
 #include "core/initialization/initializer.h"
 #include "core/tracking/hypotheses.h"
+#include "core/tracking/rivals.h"
 #include "core/tracking/track_phase.h"
 #include "core/tracking/tracker.h"
 #include "core/windows/event_window.h"
@@ -74,9 +75,6 @@ class ObjectTracker {
   // Whether the values that were read, each of them valid, are valid together.
   bool IsConsistent() const;
 
-  // The state that the events support. That of a pose that was found by contours is reported as DEGRADED instead of
-  // TRACKING, because its half turns and reflections, which have nearly the same contours, are not tested against it.
-  TrackState SupportedState() const;
   void StartFromGivenPose(const EventWindow& window);
   void Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // The other published objects in a window; null when there are none. `near` restricts them to those whose image is
@@ -90,6 +88,13 @@ class ObjectTracker {
   void StorePastState(const EventWindow& window);
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
+  // Adds rivals of the published pose: the mirrored one when a face of the object has passed the position in which it
+  // is seen edge-on, and the generated ones at intervals.
+  void AddRivals(const EventWindow& window);
+  void AddGeneratedRivals(int64_t t_us);
+  // Adds the generated rivals of the first of `hypotheses`, which is in its start state, that explain the stored events
+  // as well as it does, to decide between them before one is published.
+  void AddEqualRivals(Hypotheses& hypotheses);
   // Whether a search is allowed while hypotheses exist, and the search: the poses that are found become competing
   // hypotheses.
   bool MaySearchAgain() const;
@@ -137,6 +142,11 @@ class ObjectTracker {
   std::unique_ptr<Competitors> competitors_;  // null without others
   // Past states for the stored windows, in order of time; empty without other objects.
   std::deque<PastState> past_states_;
+  const RivalGenerator rival_generator_;
+  TurnedFaceDetector turned_faces_;
+  int64_t next_rivals_us_ = 0;
+  int rival_rounds_left_ = 0;
+  int next_rival_ = 0;  // of the present round
   // A pose was published before this window, so that the other objects take this one into account.
   bool was_published_ = false;
 };

@@ -78,6 +78,8 @@ ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input) {
       return phase == ObjectPhase::kSearching ? ObjectPhase::kVerifyingCompeting : phase;
     case ObjectInput::kChallengers:
       return WithChallengers(phase);
+    case ObjectInput::kRivals:
+      return phase == ObjectPhase::kPublished ? ObjectPhase::kPublishedCompeting : phase;
     case ObjectInput::kSingleLeft:
       return WithSingle(phase);
     case ObjectInput::kPublication:

@@ -52,7 +52,7 @@ enum class ObjectPhase {
   kVerifying,                // one hypothesis from a search; not reported
   kVerifyingCompeting,       // several; not reported
   kPublished,                // the first hypothesis is reported; it has been the only one at least once
-  kPublishedCompeting,       // the first hypothesis is reported, and it has always had competitors
+  kPublishedCompeting,       // the first hypothesis is reported, but which of several is right is not decided
 };
 inline constexpr int kNumObjectPhases = 7;
 std::string_view ObjectPhaseName(ObjectPhase phase);  // "SEARCHING", ...
@@ -62,13 +62,14 @@ enum class ObjectInput {
   kGivenPose,      // a pose was given: it becomes the only hypothesis
   kPosesFound,     // a search found poses
   kChallengers,    // a search found poses beside the present ones
+  kRivals,         // another pose may have the image of the published one (rivals.h)
   kSingleLeft,     // one hypothesis is left
   kPublication,    // the first hypothesis is reported from now on
   kFirstRejected,  // the first hypothesis was rejected, and others are left
   kAllRejected,    // none is left
   kReset,          // the user discards the present pose
 };
-inline constexpr int kNumObjectInputs = 8;
+inline constexpr int kNumObjectInputs = 9;
 
 // Returns the phase after `input`, by the table of the README; `phase` itself if nothing changes.
 ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input);
@@ -77,7 +78,7 @@ ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input);
 bool IsPublished(ObjectPhase phase);
 // Whether the pose that is being verified was given by the user.
 bool IsGiven(ObjectPhase phase);
-// Whether several hypotheses compete and none of them has been the only one.
+// Whether several hypotheses compete and none of them takes precedence.
 bool IsCompeting(ObjectPhase phase);
 
 // Change of the phase of a hypothesis, or of an object.

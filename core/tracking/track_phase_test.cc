@@ -44,21 +44,21 @@ using O = ObjectPhase;
 
 // The table of core/tracking/README.md, by phase; columns in the order of ObjectInput.
 constexpr std::array<std::array<O, kNumObjectInputs>, kNumObjectPhases> kObjectTable = {{
-    // given pose, poses found, challengers, single left, publication, first rejected, all rejected, reset
+    // given pose, poses found, challengers, rivals, single left, publication, first rejected, all rejected, reset
     {O::kVerifyingGiven, O::kVerifyingCompeting, O::kSearching, O::kSearching, O::kSearching, O::kSearching,
-     O::kSearching, O::kSearching},
-    {O::kVerifyingGiven, O::kVerifyingGiven, O::kVerifyingGivenCompeting, O::kVerifyingGiven, O::kPublished,
-     O::kVerifyingCompeting, O::kSearching, O::kSearching},
-    {O::kVerifyingGiven, O::kVerifyingGivenCompeting, O::kVerifyingGivenCompeting, O::kVerifyingGiven,
+     O::kSearching, O::kSearching, O::kSearching},
+    {O::kVerifyingGiven, O::kVerifyingGiven, O::kVerifyingGivenCompeting, O::kVerifyingGiven, O::kVerifyingGiven,
+     O::kPublished, O::kVerifyingCompeting, O::kSearching, O::kSearching},
+    {O::kVerifyingGiven, O::kVerifyingGivenCompeting, O::kVerifyingGivenCompeting, O::kVerifyingGivenCompeting,
+     O::kVerifyingGiven, O::kPublishedCompeting, O::kVerifyingCompeting, O::kSearching, O::kSearching},
+    {O::kVerifyingGiven, O::kVerifying, O::kVerifyingCompeting, O::kVerifying, O::kVerifying, O::kPublished,
+     O::kVerifying, O::kSearching, O::kSearching},
+    {O::kVerifyingGiven, O::kVerifyingCompeting, O::kVerifyingCompeting, O::kVerifyingCompeting, O::kVerifying,
      O::kPublishedCompeting, O::kVerifyingCompeting, O::kSearching, O::kSearching},
-    {O::kVerifyingGiven, O::kVerifying, O::kVerifyingCompeting, O::kVerifying, O::kPublished, O::kVerifying,
-     O::kSearching, O::kSearching},
-    {O::kVerifyingGiven, O::kVerifyingCompeting, O::kVerifyingCompeting, O::kVerifying, O::kPublishedCompeting,
+    {O::kVerifyingGiven, O::kPublished, O::kPublished, O::kPublishedCompeting, O::kPublished, O::kPublished,
      O::kVerifyingCompeting, O::kSearching, O::kSearching},
-    {O::kVerifyingGiven, O::kPublished, O::kPublished, O::kPublished, O::kPublished, O::kVerifyingCompeting,
-     O::kSearching, O::kSearching},
-    {O::kVerifyingGiven, O::kPublishedCompeting, O::kPublishedCompeting, O::kPublished, O::kPublishedCompeting,
-     O::kPublishedCompeting, O::kSearching, O::kSearching},
+    {O::kVerifyingGiven, O::kPublishedCompeting, O::kPublishedCompeting, O::kPublishedCompeting, O::kPublished,
+     O::kPublishedCompeting, O::kPublishedCompeting, O::kSearching, O::kSearching},
 }};
 
 TEST(ObjectPhaseTest, EveryTransitionIsThatOfTheTable) {

@@ -29,6 +29,8 @@ absl::Status InitializationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckPositive("decision_sigma", decision_sigma));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_compared_events", max_compared_events, 1, 1'000'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("merge_rad", merge_rad, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("rival_interval_us", rival_interval_us, 1, 60'000'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("num_rival_rounds", num_rival_rounds, 0, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("merge_depth_ratio", merge_depth_ratio, 0.0, 1.0));
   return CheckRange("undecided_us", undecided_us, 0, 60'000'000);
 }

@@ -51,6 +51,10 @@ struct InitializationOptions {
   // resolves them.
   double merge_rad = 0.02;
   double merge_depth_ratio = 0.01;
+  // Microseconds between tests of the generated rivals of a published pose (core/tracking/README.md, section 6), and
+  // the number of tests. After ten of them it has been seen from several views or moves so little that nothing is new.
+  int64_t rival_interval_us = 1'000'000;
+  int num_rival_rounds = 10;
   // Microseconds after which the best of several competing hypotheses is published, as AMBIGUOUS and with the others as
   // alternatives. Most poses that the events tell apart at all have been told apart by then.
   int64_t undecided_us = 200'000;

@@ -138,7 +138,7 @@ absl::StatusOr<FirstPoseStart> RunStart(const LoadedRun& run, const FirstPoseBen
       if (!is_wrong) wrong_since_us = -1;
       if (is_wrong && wrong_since_us < 0) wrong_since_us = estimate.t_us;
       if (is_wrong) start.longest_wrong_us = std::max(start.longest_wrong_us, estimate.t_us - wrong_since_us);
-      if (estimate.state != TrackState::kAmbiguous && error->is_right() && start.right_us < 0) {
+      if (estimate.state == TrackState::kTracking && error->is_right() && start.right_us < 0) {
         start.right_us = t_us + kStartStepUs - start_us;
       }
     }

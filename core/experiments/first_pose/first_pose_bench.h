@@ -41,7 +41,7 @@ struct FirstPoseStart {
   int64_t t_start_us = 0;
   // Microseconds from the start until a point of the object has moved by 2 px in the image; -1: it never does.
   int64_t moved_us = -1;
-  int64_t right_us = -1;         // until a right pose is reported as TRACKING or DEGRADED; -1: never
+  int64_t right_us = -1;         // until a right pose is reported as TRACKING; -1: never
   int64_t longest_wrong_us = 0;  // time in which wrong poses are reported as TRACKING
   uint64_t searches = 0;
   double compute_s = 0.0;  // processor seconds until the first right pose, or for all events
