@@ -167,14 +167,10 @@ TileGrid::TileGrid(const CameraModel& camera)
       pages_(1) {
   const int cell_rows = (rows_ + kCellTiles - 1) / kCellTiles;
   cells_.assign(static_cast<size_t>(cell_columns_) * cell_rows, &pages_.front());
-  has_lines_.assign(cells_.size(), 0);
 }
 
 void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
-  for (const uint32_t tile : touched_) {
-    cells_[CellOf(tile)] = &pages_.front();
-    has_lines_[CellOf(tile)] = 0;
-  }
+  for (const uint32_t tile : touched_) cells_[CellOf(tile)] = &pages_.front();
   num_pages_ = 1;
   touched_.clear();
   distances_px_.clear();
@@ -201,10 +197,7 @@ TileGrid::Tile& TileGrid::Touch(uint32_t tile) {
     page->fill(Tile());
   }
   Tile& touched = (*page)[tile % kTilesPerCell];
-  if (touched.count == 0) {
-    touched_.push_back(tile);
-    has_lines_[CellOf(tile)] |= uint64_t{1} << tile % kTilesPerCell;
-  }
+  if (touched.count == 0) touched_.push_back(tile);
   return touched;
 }
 

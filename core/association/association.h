@@ -180,7 +180,7 @@ std::optional<Observation> Observe(const CameraModel& camera, const Undistortion
 // range in which the pose may still move the joint. A larger one would make every event a candidate of the whole chain.
 inline constexpr double kJoinedReachRatio = 0.25;
 
-// A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance. Memory: 16
+// A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance. Memory: 8
 // bytes for each cell of 8 x 8 tiles, and 1.3 kB for each cell with lines.
 class TileGrid {
  public:
@@ -207,7 +207,7 @@ class TileGrid {
   }
   // Returns the index of the cell of a tile: cells are numbered row by row.
   static uint32_t CellOf(uint32_t tile) { return tile / kTilesPerCell; }
-  bool has_lines(uint32_t tile) const { return (has_lines_[CellOf(tile)] >> tile % kTilesPerCell & 1) != 0; }
+  bool has_lines(uint32_t tile) const { return At(tile).count != 0; }
   absl::Span<const uint16_t> Lines(uint32_t tile) const { return absl::MakeConstSpan(At(tile).lines, At(tile).count); }
   // Sets the candidate lines of the event to the lines of a tile.
   void GiveLines(uint32_t tile, Observation& event) const {
@@ -249,9 +249,6 @@ class TileGrid {
   int columns_ = 0;
   int rows_ = 0;
   int cell_columns_ = 0;
-  // One bit for each tile of a cell: a compact table, because it is read for each event.
-  std::vector<uint64_t> has_lines_;
-  static_assert(kTilesPerCell == 64);
   std::vector<Page*> cells_;  // the first page for all cells without lines
   std::deque<Page> pages_;    // the first one is empty; reused from one Build() to the next
   size_t num_pages_ = 1;      // pages in use
