@@ -54,7 +54,7 @@ class ModelViewer {
         options_(options),
         centre_(model.continuous_symmetry ? model.continuous_symmetry->centre : CentreOf(model)),
         distance_m_(camera.MaxFocalPx() * model.diameter_m / options.object_px),
-        edges_(model, VisibilityOptions(), EdgeElementOptions()),
+        edges_(model, VisibilityOptions(), {.max_arc_px = 0.0}),  // the pictures have straight elements
         visible_(camera, edges_) {}
 
   ModelView From(const Eigen::Vector3d& direction) {
