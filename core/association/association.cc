@@ -53,6 +53,33 @@ void ProjectStraight(const CameraModel& camera, const MotionState& state, const 
   line.length_px = length_px;
 }
 
+// The derivative of the motion of an element along itself, px, by the pose. `arm` is its middle relative to the origin
+// of the object, `point` the same in the camera frame.
+Vector6d AlongJacobian(const CameraModel& camera, const ImageLine& line, const Eigen::Vector3d& arm,
+                       const Eigen::Vector3d& point) {
+  Eigen::Vector3d gradient(line.direction.x() * camera.fx_px, line.direction.y() * camera.fy_px, 0.0);
+  gradient.z() = -(gradient.x() * point.x() + gradient.y() * point.y()) / point.z();
+  gradient /= point.z();
+  Vector6d jacobian;
+  jacobian << gradient, arm.cross(gradient);
+  return jacobian;
+}
+
+// Bends an element to an arc, README, equations (11) and (12).
+void Bend(const CameraModel& camera, const MotionState& state, const Eigen::Vector3d& bow, const Eigen::Vector3d& point,
+          const Vector6d& along_jacobian, ImageLine& line) {
+  const Eigen::Vector3d sagitta = state.camera_from_object.rotation * bow;
+  const Eigen::Vector2d focal_px(camera.fx_px, camera.fy_px);
+  const Eigen::Vector2d image_px =
+      focal_px.cwiseProduct(sagitta.head<2>() - sagitta.z() / point.z() * point.head<2>()) / point.z();
+  line.bow_px = line.a.head<2>().cwiseQuotient(focal_px).dot(image_px);
+  const Eigen::Vector2d along = 2.0 / line.length_px * line.direction;
+  const Eigen::Vector3d position(along.x() * camera.fx_px, along.y() * camera.fy_px,
+                                 along.dot(Eigen::Vector2d(camera.cx_px, camera.cy_px) - line.p1_px) - 1.0);
+  line.jacobian -= 4.0 * line.bow_px / line.length_px * position * along_jacobian.transpose();
+  line.a_dot = line.jacobian * state.twist;
+}
+
 // Sets what only elements have, after the images of all lines are known.
 void JoinElements(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   absl::Span<ImageLine> image_lines) {
@@ -63,11 +90,11 @@ void JoinElements(const CameraModel& camera, const MotionState& state, absl::Spa
     line.prior_contrast = lines[k].prior_contrast;
     const Eigen::Vector3d arm = state.camera_from_object.rotation * (0.5 * (lines[k].p1 + lines[k].p2));
     const Eigen::Vector3d point = arm + state.camera_from_object.translation_m;
-    const Eigen::Vector3d velocity = state.twist.head<3>() + state.twist.tail<3>().cross(arm);
-    const Eigen::Vector2d focal_px(camera.fx_px, camera.fy_px);
-    const Eigen::Vector2d image_velocity =
-        focal_px.cwiseProduct(velocity.head<2>() - velocity.z() / point.z() * point.head<2>()) / point.z();
-    line.along_dot_px_per_s = point.z() > 0.0 ? line.direction.dot(image_velocity) : 0.0;
+    if (point.z() > 0.0) {
+      const Vector6d along_jacobian = AlongJacobian(camera, line, arm, point);
+      line.along_dot_px_per_s = along_jacobian.dot(state.twist);
+      if (!lines[k].bow.isZero(0.0)) Bend(camera, state, lines[k].bow, point, along_jacobian, line);
+    }
     const std::array<int, 2> neighbours = {lines[k].previous, lines[k].next};
     for (int end = 0; end < 2; ++end) {
       if (neighbours[end] < 0) continue;
@@ -166,22 +193,18 @@ TileGrid::TileGrid(const CameraModel& camera)
       pages_(1) {
   const int cell_rows = (rows_ + kCellTiles - 1) / kCellTiles;
   cells_.assign(static_cast<size_t>(cell_columns_) * cell_rows, &pages_.front());
-  has_lines_.assign(cells_.size(), 0);
 }
 
 void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
-  for (const uint32_t tile : touched_) {
-    cells_[CellOf(tile)] = &pages_.front();
-    has_lines_[CellOf(tile)] = 0;
-  }
+  for (const uint32_t tile : touched_) cells_[CellOf(tile)] = &pages_.front();
   num_pages_ = 1;
   touched_.clear();
   distances_px_.clear();
-  const double reach = reach_px + kHalfDiagonalPx;
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
     const ImageLine& line = lines[k];
     if (!line.in_view()) continue;
+    const double reach = reach_px + kHalfDiagonalPx + std::abs(line.bow_px);
     const double y1 = line.p1_px.y();
     const double y2 = line.PointAt(1.0).y();
     const double first = (std::min(y1, y2) - reach + kMarginPx) / kTilePx;
@@ -200,10 +223,7 @@ TileGrid::Tile& TileGrid::Touch(uint32_t tile) {
     page->fill(Tile());
   }
   Tile& touched = (*page)[tile % kTilesPerCell];
-  if (touched.count == 0) {
-    touched_.push_back(tile);
-    has_lines_[CellOf(tile)] |= uint64_t{1} << tile % kTilesPerCell;
-  }
+  if (touched.count == 0) touched_.push_back(tile);
   return touched;
 }
 

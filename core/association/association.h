@@ -34,21 +34,24 @@ struct TrackedLine {
   // Upper bound of the image width of the narrowest adjacent face, pixels. The two edges of a face that is seen nearly
   // edge-on cannot be distinguished. Infinite for a line without flat faces.
   double narrowest_face_px = std::numeric_limits<double>::infinity();
-  // Part of a curve or contour. The elements of a curve are consecutive, and the normals of their images point to the
-  // same side of it.
+  // Part of a curve or contour, or one of the straight lines of a model that has many: it is short, and its estimation
+  // costs less. The elements of a curve are consecutive, and the normals of their images point to the same side of it.
   bool is_element = false;
   EdgeKind kind = EdgeKind::kCrease;
   float prior_contrast = 1.0f;  // EdgeElement::prior_contrast
   // The elements that continue the curve at p1 and at p2, indices into the same list; -1: the curve ends there.
   int previous = -1;
   int next = -1;
+  // An element that stands for an arc: the sagitta of the arc as a vector, from the middle of its chord to the arc. The
+  // line from p1 to p2 is the chord, moved to the mean of the arc; README, equation (11). Zero: a straight element.
+  Eigen::Vector3d bow = Eigen::Vector3d::Zero();
 
   // The reader must check the ranges of `curve`, `previous` and `next`. The face width depends on the view and is not
   // part of the state.
   static void VisitState(auto& archive, auto& self) {
-    auto& [curve, p1, p2, narrowest_face_px, is_element, kind, prior_contrast, previous, next] = self;
+    auto& [curve, p1, p2, narrowest_face_px, is_element, kind, prior_contrast, previous, next, bow] = self;
     archive(curve, Finite(p1), Finite(p2), is_element, AtMost(kind, EdgeKind::kContour),
-            InRange(prior_contrast, 0.0f, 1.0f), previous, next);
+            InRange(prior_contrast, 0.0f, 1.0f), previous, next, Finite(bow));
   }
 };
 
@@ -67,26 +70,28 @@ void ForEachCurve(absl::Span<const TrackedLine> lines, const Visit& visit) {
 }
 
 // The moving image of a TrackedLine. The signed distance of bearing b from it is d = (a + tau a_dot) . b pixels, where
-// tau is the time in seconds since the time of the state.
+// tau is the time in seconds since the time of the state; from that of an arc it is d - BowAt().
 struct ImageLine {
   Eigen::Vector3d a = Eigen::Vector3d::Zero();
   // The same line displaced by the edge bias, to the expected position of its events (core/estimation/edge_bias.h);
   // equal to a until the correction is applied.
   Eigen::Vector3d a_expected = Eigen::Vector3d::Zero();
   Eigen::Vector3d a_dot = Eigen::Vector3d::Zero();
-  Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();        // d a / d xi of the pose
-  Eigen::Matrix<double, 3, 6> a_dot_jacobian = Eigen::Matrix<double, 3, 6>::Zero();  // d a_dot / d xi of the pose
   Eigen::Vector2d p1_px = Eigen::Vector2d::Zero();
   Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // unit, from p1 to p2
   double length_px = 0.0;                               // 0 if the line is not in view; no event is then near it
-  // The following members differ from their defaults for elements only.
-  bool is_element = false;
-  float prior_contrast = 1.0f;
+  // The following members, up to is_element, differ from their defaults for elements only.
   double along_dot_px_per_s = 0.0;  // velocity of the element along itself
-  // For p1 and p2: whether another element continues there, and the slope of the border between the two, README,
-  // equation (9).
-  std::array<bool, 2> is_joined = {false, false};
+  double bow_px = 0.0;              // sagitta of an arc in the direction of the gradient of d
+  // For p1 and p2: the slope of the border to the element that continues there, README, equation (9), and whether one
+  // does.
   std::array<double, 2> border = {0.0, 0.0};
+  std::array<bool, 2> is_joined = {false, false};
+  float prior_contrast = 1.0f;
+  bool is_element = false;
+  // At the end, because what is read for each event then takes three cache lines.
+  Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();        // d a / d xi of the pose
+  Eigen::Matrix<double, 3, 6> a_dot_jacobian = Eigen::Matrix<double, 3, 6>::Zero();  // d a_dot / d xi of the pose
 
   bool in_view() const { return length_px > 0.0; }
   // Returns the undistorted pixel at a fraction of the length.
@@ -94,6 +99,13 @@ struct ImageLine {
   // Returns the coordinate along the line, pixels from p1, of the projection of an undistorted pixel onto it.
   double AlongPx(double u_px, double v_px) const {
     return (u_px - p1_px.x()) * direction.x() + (v_px - p1_px.y()) * direction.y();
+  }
+  // Returns the distance of the arc from the line at a coordinate along the line, README, equation (11).
+  double BowAt(double along_px) const {
+    // Events beyond the ends may belong to the neighbours; far beyond, the parabola is not the curve.
+    constexpr double kFarthest2 = 2.25;
+    const double position = 2.0 * along_px / length_px - 1.0;
+    return bow_px * (1.0 / 3.0 - std::min(position * position, kFarthest2));
   }
   // Returns whether a point at this coordinate along the line and this distance from it lies between the ends, or at
   // most margin_px beyond an end at which no element continues, or joined_margin_px beyond a border.
@@ -180,7 +192,7 @@ std::optional<Observation> Observe(const CameraModel& camera, const Undistortion
 // range in which the pose may still move the joint. A larger one would make every event a candidate of the whole chain.
 inline constexpr double kJoinedReachRatio = 0.25;
 
-// A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance. Memory: 16
+// A grid of tiles of 8 x 8 undistorted pixels. Each tile lists the lines that pass within a given distance. Memory: 8
 // bytes for each cell of 8 x 8 tiles, and 1.3 kB for each cell with lines.
 class TileGrid {
  public:
@@ -207,7 +219,7 @@ class TileGrid {
   }
   // Returns the index of the cell of a tile: cells are numbered row by row.
   static uint32_t CellOf(uint32_t tile) { return tile / kTilesPerCell; }
-  bool has_lines(uint32_t tile) const { return (has_lines_[CellOf(tile)] >> tile % kTilesPerCell & 1) != 0; }
+  bool has_lines(uint32_t tile) const { return At(tile).count != 0; }
   absl::Span<const uint16_t> Lines(uint32_t tile) const { return absl::MakeConstSpan(At(tile).lines, At(tile).count); }
   // Sets the candidate lines of the event to the lines of a tile.
   void GiveLines(uint32_t tile, Observation& event) const {
@@ -249,9 +261,6 @@ class TileGrid {
   int columns_ = 0;
   int rows_ = 0;
   int cell_columns_ = 0;
-  // One bit for each tile of a cell: a compact table, because it is read for each event.
-  std::vector<uint64_t> has_lines_;
-  static_assert(kTilesPerCell == 64);
   std::vector<Page*> cells_;  // the first page for all cells without lines
   std::deque<Page> pages_;    // the first one is empty; reused from one Build() to the next
   size_t num_pages_ = 1;      // pages in use
@@ -275,8 +284,10 @@ inline double AlongPx(const Observation& event, const ImageLine& line) {
 // Returns the signed distance of an event from the expected position of a line's events at the time of the event.
 inline double DistancePx(const Observation& event, const ImageLine& line) {
   const Eigen::Vector3d& a = line.a_expected;
-  return a.x() * event.bx + a.y() * event.by + a.z() +
-         event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
+  const double distance_px = a.x() * event.bx + a.y() * event.by + a.z() +
+                             event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
+  // The motion of the arc along itself within the window is part of a_dot.
+  return line.bow_px == 0.0 ? distance_px : distance_px - line.BowAt(line.AlongPx(event.u_px, event.v_px));
 }
 
 // Removes the candidate lines that are farther than reach_px from the event, across the line or beyond its ends, or

@@ -15,6 +15,8 @@ namespace {
 constexpr double kReachSigma = 4.0;
 // Pixels beyond a line's end within which events still belong to it, because the end points move within the window.
 constexpr double kEndMarginPx = 2.0;
+// Half the length, pixels, up to which an element is not cut where another object begins to hide it.
+constexpr double kShortHalfPx = 24.0;
 // Lower bound of a rate, px/s: events of a slower line cannot be distinguished from noise. It keeps ratios of rates
 // finite.
 constexpr double kMinRatePxPerS = 1.0;
@@ -154,10 +156,13 @@ bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::ve
       const bool is_behind_all = body.sphere.centre.norm() - body.sphere.radius_m > std::max(p1.norm(), p2.norm());
       if (!is_behind_all && MayOverlap(camera_, segment, body.sphere, 0.0)) before.push_back(&body);
     }
+    // The straight lines of a model with many are elements, too, but not all of them are short.
+    const bool is_short =
+        !line.bow.isZero(0.0) || segment.radius_m * camera_.MaxFocalPx() <= kShortHalfPx * segment.centre.z();
     if (before.empty()) {
       visible.push_back(line);
-    } else if (line.is_element) {
-      // An element is short: it is visible or hidden as its middle.
+    } else if (line.is_element && is_short) {
+      // It is visible or hidden as its middle.
       const bool is_hidden = IsHidden(camera_from_object * (0.5 * (line.p1 + line.p2)), before);
       hides |= is_hidden;
       if (is_hidden) place_of[k] = -1;
@@ -200,6 +205,11 @@ bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, c
     }
     return seen;
   };
+  const auto append = [&](const Eigen::Vector3d& p1, const Eigen::Vector3d& p2) {
+    TrackedLine part{line.curve, p1, p2};
+    part.is_element = line.is_element;
+    visible.push_back(part);
+  };
   double begin = 0.0;
   bool was_hidden = true;
   bool hides = false;
@@ -208,11 +218,11 @@ bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, c
     const double previous = static_cast<double>(i - 1) / steps;
     const bool now_hidden = is_hidden(s);
     if (!now_hidden && was_hidden) begin = i == 0 ? 0.0 : boundary(s, previous);
-    if (now_hidden && !was_hidden) visible.push_back({line.curve, at(begin), at(boundary(previous, s))});
+    if (now_hidden && !was_hidden) append(at(begin), at(boundary(previous, s)));
     hides |= now_hidden;
     was_hidden = now_hidden;
   }
-  if (!was_hidden) visible.push_back({line.curve, at(begin), line.p2});
+  if (!was_hidden) append(at(begin), line.p2);
   return hides;
 }
 

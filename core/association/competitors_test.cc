@@ -109,9 +109,15 @@ TEST_F(CompetitorsTest, CutsALineWhereItIsHidden) {
   AddCube(front_);
   // A horizontal line behind the cube, from 100 to 540 px: it is visible on both sides of the silhouette.
   const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
-  std::vector<TrackedLine> lines = {{7, {-0.44, 0.0, 0.0}, {0.44, 0.0, 0.0}}};
+  std::vector<TrackedLine> element = {{7, {-0.44, 0.0, 0.0}, {0.44, 0.0, 0.0}}}, lines = element;
+  element[0].is_element = true;
   competitors_.RemoveHidden(pose, lines);
   ASSERT_EQ(lines.size(), 2u);
+  // A long element is cut like a line.
+  competitors_.RemoveHidden(pose, element);
+  ASSERT_EQ(element.size(), 2u);
+  EXPECT_TRUE(element[1].is_element);
+  EXPECT_EQ(element[1].p1, lines[1].p1);
   const double edge_px = 0.075 * 600.0 / 0.485;
   EXPECT_NEAR(kCamera.Project(pose * lines[0].p2).x(), kCamera.cx_px - edge_px, 1.0);
   EXPECT_NEAR(kCamera.Project(pose * lines[1].p1).x(), kCamera.cx_px + edge_px, 1.0);

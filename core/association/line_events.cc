@@ -4,8 +4,18 @@
 #include "core/numerics/reusable_vector.h"
 
 namespace evpose {
+namespace {
 
-void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines) {
+// The bearing of an event, displaced by the distance of the arc from its line.
+Eigen::Vector2d StraightenedBearing(const Observation& event, const ImageLine& arc) {
+  const Eigen::Vector2d across = arc.a.head<2>();
+  const double bow_px = arc.BowAt(arc.AlongPx(event.u_px, event.v_px));
+  return Eigen::Vector2d(event.bx, event.by) - bow_px / across.squaredNorm() * across;
+}
+
+}  // namespace
+
+void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines, absl::Span<const ImageLine> lines) {
   num_lines_ = num_lines;
   Reserve(events.size());
   AssignDefaults(4 * num_lines, counts_);
@@ -14,14 +24,19 @@ void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines) {
   }
   MakeGroups();
   shared_.clear();
+  const auto image_of = [&](uint16_t line) {
+    return lines.empty() || lines[line].bow_px == 0.0 ? nullptr : &lines[line];
+  };
   for (const Observation& event : events) {
     if (event.num_lines == 1) {
-      Place(event, event.lines[0]);
+      Place(event, event.lines[0], image_of(event.lines[0]));
     } else if (event.num_lines > 1) {
       Shared& shared = shared_.emplace_back();
       shared.num_places = event.num_lines;
       shared.competing = event.competing;
-      for (int i = 0; i < event.num_lines; ++i) shared.places[i] = Place(event, event.lines[i]);
+      for (int i = 0; i < event.num_lines; ++i) {
+        shared.places[i] = Place(event, event.lines[i], image_of(event.lines[i]));
+      }
     }
   }
 }
@@ -62,18 +77,20 @@ void LineEvents::MakeGroups() {
   }
 }
 
-uint32_t LineEvents::Place(const Observation& event, int line) {
+uint32_t LineEvents::Place(const Observation& event, int line, const ImageLine* image) {
   const uint32_t number = counts_[KeyOf(event, line)];
   const uint32_t place = next_[number]++;
   LineGroup& group = groups_[number];
+  const Eigen::Vector2d bearing =
+      image == nullptr ? Eigen::Vector2d(event.bx, event.by) : StraightenedBearing(event, *image);
   if (place == group.first * kNumLanes) {
-    group.origin = {event.bx, event.by};
+    group.origin = bearing;
     group.origin_px = {event.u_px, event.v_px};
   }
   EventLanes& lanes = lanes_[place / kNumLanes + (group.is_shared ? first_shared_ : 0)];
   const uint32_t lane = place % kNumLanes;
-  lanes.bx[lane] = static_cast<float>(event.bx - group.origin.x());
-  lanes.by[lane] = static_cast<float>(event.by - group.origin.y());
+  lanes.bx[lane] = static_cast<float>(bearing.x() - group.origin.x());
+  lanes.by[lane] = static_cast<float>(bearing.y() - group.origin.y());
   lanes.u_px[lane] = static_cast<float>(event.u_px - group.origin_px.x());
   lanes.v_px[lane] = static_cast<float>(event.v_px - group.origin_px.y());
   lanes.tau_s[lane] = static_cast<float>(event.tau_s);

@@ -83,8 +83,10 @@ class LineEvents {
   LineEvents() = default;
   LineEvents(absl::Span<const Observation> events, size_t num_lines) { Sort(events, num_lines); }
 
-  // Replaces the contents. `num_lines` is the number of lines that the observations' indices refer to. Reuses memory.
-  void Sort(absl::Span<const Observation> events, size_t num_lines);
+  // Replaces the contents. `num_lines` is the number of lines that the observations' indices refer to; `lines` are
+  // their images, or empty if all are straight: the events of an arc are displaced across it by the distance of the arc
+  // from its line, so that their distances from the line are those from the arc. Reuses memory.
+  void Sort(absl::Span<const Observation> events, size_t num_lines, absl::Span<const ImageLine> lines = {});
 
   // The results of the accessors below are valid until the next Sort(). Groups that are not shared come first.
   absl::Span<const LineGroup> groups() const { return groups_; }
@@ -112,8 +114,9 @@ class LineEvents {
   // Reserves memory for twice this number of events with any candidate lines.
   void Reserve(size_t num_events);
   void MakeGroups();
-  // Writes the event into the group of one of its lines. Returns its position (Shared::Places).
-  uint32_t Place(const Observation& event, int line);
+  // Writes the event into the group of one of its lines, `image` its image or null if it is straight. Returns its
+  // position (Shared::Places).
+  uint32_t Place(const Observation& event, int line, const ImageLine* image);
 
   size_t num_lines_ = 0;
   size_t capacity_ = 0;           // number of events for which memory is reserved

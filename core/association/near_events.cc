@@ -21,18 +21,6 @@ double ObservedRatio(const ByPolarity& events_per_observation, const ByPolarity&
 
 }  // namespace
 
-NearEvents::NearEvents(const CameraModel& camera, const UndistortionTable& undistortion)
-    : camera_(camera), undistortion_(undistortion) {
-  if (camera.HasDistortion()) return;
-  const TileGrid grid(camera);
-  const auto tile_of = [&](int x, int y) {
-    const Eigen::Vector2f bearing = undistortion.Bearing(x, y);
-    return grid.TileOf(camera.fx_px * bearing.x() + camera.cx_px, camera.fy_px * bearing.y() + camera.cy_px);
-  };
-  for (int x = 0; x < camera.width_px; ++x) column_tiles_.push_back(tile_of(x, 0));
-  for (int y = 0; y < camera.height_px; ++y) row_tiles_.push_back(tile_of(0, y) - tile_of(0, 0));
-}
-
 NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int max_events,
                             BackgroundRate& background) {
   events_.clear();
@@ -40,16 +28,17 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   // Members are copied to local variables, because the compiler must assume that Count() changes members.
   const absl::Span<const WindowEvent> events = window.events;
   const ByPolarity events_per_sample = window.events_per_sample;
-  const int width_px = camera_.width_px;
-  const int height_px = camera_.height_px;
+  const CameraModel camera = camera_;
   for (size_t i = 0; i < events.size(); ++i) {
     if (i + kPrefetchAhead < events.size()) {
       const WindowEvent& ahead = events[i + kPrefetchAhead];
       undistortion_.Prefetch(ahead.x, ahead.y);
     }
     const WindowEvent& event = events[i];
-    if (event.x >= width_px || event.y >= height_px) continue;
-    const uint32_t tile = TileOf(event, grid);
+    if (event.x >= camera.width_px || event.y >= camera.height_px) continue;
+    const Eigen::Vector2f bearing = undistortion_.Bearing(event.x, event.y);
+    const uint32_t tile =
+        grid.TileOf(camera.fx_px * bearing.x() + camera.cx_px, camera.fy_px * bearing.y() + camera.cy_px);
     if (tile == TileGrid::kNoTile) continue;
     if (grid.has_lines(tile)) {
       events_.push_back({static_cast<uint32_t>(i), tile, event.polarity});

@@ -34,7 +34,8 @@ struct NearShares {
 class NearEvents {
  public:
   // `undistortion` must be that of `camera` and outlive the object.
-  NearEvents(const CameraModel& camera, const UndistortionTable& undistortion);
+  NearEvents(const CameraModel& camera, const UndistortionTable& undistortion)
+      : camera_(camera), undistortion_(undistortion) {}
 
   // Stores the events of the window that lie in tiles with lines, and counts the others in `background`. At most
   // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities: while the brightness of
@@ -67,7 +68,7 @@ class NearEvents {
   }
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [camera, undistortion, column_tiles, row_tiles, events, observations, usual_events] = self;
+    auto& [camera, undistortion, events, observations, usual_events] = self;
     constexpr double kMax = 1e18;  // events; keeps sums and ratios finite
     archive(InRange(usual_events[0], kFewEvents, kMax), InRange(usual_events[1], kFewEvents, kMax));
   }
@@ -79,12 +80,6 @@ class NearEvents {
     uint32_t tile : 31;
     uint32_t polarity : 1;
   };
-  // Returns the tile of a pixel inside the sensor.
-  uint32_t TileOf(const WindowEvent& event, const TileGrid& grid) const {
-    if (!column_tiles_.empty()) return column_tiles_[event.x] + row_tiles_[event.y];
-    const Eigen::Vector2f bearing = undistortion_.Bearing(event.x, event.y);
-    return grid.TileOf(camera_.fx_px * bearing.x() + camera_.cx_px, camera_.fy_px * bearing.y() + camera_.cy_px);
-  }
   void UpdateUsualEvents(const ByPolarity& near_events);
   // Returns the shares of OFF and ON events in the sample; their sum is 1. `found`: number of events of each polarity.
   ByPolarity SampleShares(const ByPolarity& found) const;
@@ -94,10 +89,6 @@ class NearEvents {
 
   const CameraModel camera_;
   const UndistortionTable& undistortion_;
-  // Without distortion, the number of a pixel's tile is the sum of a part of its column and a part of its row. Empty
-  // for a camera with distortion.
-  std::vector<uint32_t> column_tiles_;
-  std::vector<uint32_t> row_tiles_;
   std::vector<NearEvent> events_;
   std::vector<Observation> observations_;
   ByPolarity usual_events_ = {kFewEvents, kFewEvents};  // exponentially weighted sums over the past windows

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/association/competitors.h"
+#include "core/association/element_arcs.h"
 #include "core/base/yield_point.h"
 
 namespace evpose {
@@ -20,6 +21,9 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // turn towards or away from the camera are checked separately, at every pose.
 constexpr double kChangePx = 2.0;
 constexpr double kChangeRad = 0.005;
+// Radians (0.75 degrees), for the straight lines of a model that has many, or curves besides: each of its lines has a
+// small part of the information, and rays are a large part of the cost.
+constexpr double kChangeOfManyRad = 0.013;
 // The same for elements: 1.5 degrees and 2 % of the distance. Contours slide in between; what changes is mostly which
 // elements are visible, README, section 5.
 constexpr double kElementChangeRad = 0.026;
@@ -69,6 +73,7 @@ ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibi
     : model_(model),
       visibility_(model, WithFewSamples(visibility, has_many_lines())),
       elements_(model, visibility_.faces(), elements),
+      element_options_(elements),
       lines_(LongestLines(model, kMaxPool)),
       num_curves_(static_cast<int>(
           std::min<uint64_t>(kMaxCurves, std::max<uint64_t>(elements_.num_curves(), model.lines.size())))),
@@ -169,7 +174,8 @@ bool VisibleEdges::ViewChanged(const RigidTransform& camera_from_object) const {
   const Vector6d change = Difference(camera_from_object, *computed_at_);
   const double depth_m = camera_from_object.translation_m.norm();
   const double focal_px = camera_.MaxFocalPx();
-  return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > kChangeRad;
+  const double change_rad = edges_.elements().has_curves() || edges_.has_many_lines() ? kChangeOfManyRad : kChangeRad;
+  return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > change_rad;
 }
 
 bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int level) {
@@ -245,6 +251,7 @@ void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
     lines_.push_back({.curve = edges_.CurveOf(static_cast<uint32_t>(segment.line)),
                       .p1 = line.p1 + segment.begin * extent,
                       .p2 = line.p1 + segment.end * extent,
+                      .is_element = edges_.has_many_lines(),
                       .kind = line.kind});
   }
 }
@@ -281,6 +288,7 @@ void VisibleEdges::ExtractAt(const RigidTransform& camera_from_object, int level
     line.prior_contrast = element.prior_contrast;
   }
   FindNeighbours(camera_from_object);
+  JoinArcs(camera_, camera_from_object, edges_.element_options(), elements_, joined_);
 }
 
 void VisibleEdges::FindNeighbours(const RigidTransform& camera_from_object) {

@@ -27,6 +27,7 @@ class ModelEdges {
   const ObjectModel& model() const { return model_; }
   const VisibilityTester& visibility() const { return visibility_; }
   const EdgeElementExtractor& elements() const { return elements_; }
+  const EdgeElementOptions& element_options() const { return element_options_; }
 
   // More straight lines than this are not tested at every pose: the best kMaxLines visible ones are chosen for a view.
   // It is more than the simple models have for which all lines are tested.
@@ -76,6 +77,7 @@ class ModelEdges {
   const ObjectModel& model_;
   const VisibilityTester visibility_;
   const EdgeElementExtractor elements_;
+  const EdgeElementOptions element_options_;
   std::vector<int> lines_;
   int num_curves_ = 0;
   std::vector<FlatFaces> flat_faces_;  // of ObjectModel::curves
@@ -136,7 +138,7 @@ class VisibleEdges {
   std::vector<VisibleSegment> segments_;
   bool has_more_lines_ = false;
   bool has_more_elements_ = false;
-  std::vector<EdgeElement> elements_;  // as extracted, by TrackedLine::curve
+  std::vector<EdgeElement> elements_;  // as extracted and joined to arcs, by TrackedLine::curve
   std::vector<TrackedLine> joined_;    // of elements_; previous and next are indices into joined_
   std::vector<TrackedLine> lines_;     // the visible parts of segments_, then the elements
 };

@@ -52,7 +52,7 @@ class WindowAssociator {
     background_.CloseWindow(grid_, associated.duration_s);
     associated.background_per_px2 = background_.hz_per_px() * associated.duration_s;
     associated.events = near_events_.Observe(window, grid_, lines, t_us, reach_px, competing);
-    line_events_.Sort(associated.events, lines.size());
+    line_events_.Sort(associated.events, lines.size(), lines);
     associated.sorted = &line_events_;
     FindCells(grid_, lines, cells_);
     associated.cells = cells_;

@@ -161,8 +161,11 @@ void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
   direction_.assign(lines_.size(), 0.0);
   for (size_t k = 0; k < lines_.size(); ++k) {
     const ImageLine& line = lines_[k];
-    // Elements are too short for a passage; they only determine which events do not belong to a straight line.
-    if (line.is_element || line.length_px < options_.min_length_px) continue;
+    // Elements of curves are too short for a passage; they only determine which events do not belong to a straight
+    // line. The straight lines have the first numbers; those of a model with many are elements, too.
+    const bool is_straight =
+        tracked[k].curve < static_cast<int>(open_.size()) && (edges_.has_many_lines() || !line.is_element);
+    if (!is_straight || line.length_px < options_.min_length_px) continue;
     const double first = NormalSpeedPxPerS(camera_, line, 0.0), last = NormalSpeedPxPerS(camera_, line, 1.0);
     if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < options_.min_speed_px_per_s) continue;
     direction_[k] = first > 0.0 ? 1.0 : -1.0;

@@ -35,6 +35,7 @@ Eigen::Vector3d CentreOf(const ObjectModel& model) {
 absl::Status EdgeElementOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("EdgeElementOptions.sagitta_px", sagitta_px, 0.01, 10.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("EdgeElementOptions.min_chain_px", min_chain_px, 0.0, 1000.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("EdgeElementOptions.max_arc_px", max_arc_px, 0.0, 1000.0));
   return CheckRange("EdgeElementOptions.max_elements", max_elements, 1, 10'000);
 }
 

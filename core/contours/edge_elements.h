@@ -46,8 +46,12 @@ struct EdgeElementOptions {
   double sagitta_px = 0.25;
   // Chains of edges that are shorter in the image are not used: they have few events.
   double min_chain_px = 3.0;
-  // Most elements of a view. The cost of a window is proportional to it.
+  // Most elements of a view.
   int max_elements = 256;
+  // Successive elements of a curve are tracked as one arc of at most this length, pixels (core/association/README.md,
+  // section 5); 0: each by itself. The cost of a window is proportional to the number of arcs; with 48 px they have two
+  // to four elements.
+  double max_arc_px = 48.0;
 
   absl::Status Validate() const;
 };

@@ -51,7 +51,7 @@ ModelViewer::ModelViewer(const ObjectModel& model, const CameraModel& camera, co
       camera_(camera),
       options_(options),
       centre_(model.continuous_symmetry ? model.continuous_symmetry->centre : CentreOf(model)),
-      edges_(model, VisibilityOptions(), EdgeElementOptions()),
+      edges_(model, VisibilityOptions(), {.max_arc_px = 0.0}),  // the pictures have straight elements
       visible_(camera, edges_) {}
 
 ModelView ModelViewer::From(const Eigen::Vector3d& direction, double object_px) {

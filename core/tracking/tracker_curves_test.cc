@@ -208,8 +208,9 @@ TEST(TrackerCurves, TheCostDependsOnTheImageAndNotOnTheMesh) {
       track.OnWindow(window);
       most = std::max(most, track.lines().size());
     });
-    EXPECT_GT(most, 30u) << count;
-    EXPECT_LE(most, static_cast<size_t>(tracker_options.elements.max_elements)) << count;
+    // The circles of the outline are 36 to 102 px in radius, and an arc turns by at most 25 degrees.
+    EXPECT_GT(most, 14u) << count;
+    EXPECT_LE(most, 80u) << count;
   }
 }
 
