@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "absl/strings/str_format.h"
 #include "client/cli/common/table_cell.h"
@@ -124,10 +125,15 @@ Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBe
                                  {"compute_s", start.compute_s}});
     }
     for (const SearchTrial& trial : row.trials) {
+      Json scores = Json::array();
+      for (const AlignmentScore& score : trial.scores) {
+        scores.push_back({{"hit_ratio", score.hit_ratio}, {"explained_ratio", score.explained_ratio}});
+      }
       model["searches"].push_back({{"t_us", trial.t_us},
                                    {"has_moved", trial.has_moved},
                                    {"poses", trial.num_poses},
                                    {"rank", trial.rank},
+                                   {"scores", std::move(scores)},
                                    {"best_rotation_deg", kDegreesPerRadian * trial.best_rotation_rad},
                                    {"compute_s", trial.compute_s}});
     }

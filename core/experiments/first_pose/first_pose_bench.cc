@@ -86,6 +86,7 @@ SearchTrial RunSearch(const LoadedRun& run, const TrackerOptions& options, int64
   trial.num_poses = static_cast<int>(found.matches.size());
   trial.best_rotation_rad = std::numbers::pi;
   for (size_t i = 0; i < found.matches.size(); ++i) {
+    trial.scores.push_back(found.matches[i].score);
     const std::optional<PoseError> error = run.ErrorAt(found.t_us, found.matches[i].camera_from_object);
     if (!error) continue;
     trial.best_rotation_rad = std::min(trial.best_rotation_rad, error->rotation_rad);

@@ -11,6 +11,7 @@
 
 #include "absl/status/status.h"
 #include "core/experiments/tracking/model_bench.h"
+#include "core/initialization/templates/template_alignment.h"
 
 namespace evpose {
 
@@ -32,8 +33,9 @@ struct SearchTrial {
   // Index of the first returned pose from which tracking finds the true one: within 6 degrees and 3 % of the depth,
   // modulo the symmetries. -1: none.
   int rank = -1;
-  double best_rotation_rad = 0.0;  // of the returned pose nearest to the truth by rotation
-  double compute_s = 0.0;          // processor time
+  double best_rotation_rad = 0.0;      // of the returned pose nearest to the truth by rotation
+  std::vector<AlignmentScore> scores;  // of the returned poses
+  double compute_s = 0.0;              // processor time
 };
 
 // A tracker that is started without a prior.

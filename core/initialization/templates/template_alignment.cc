@@ -13,8 +13,9 @@ using Eigen::Vector3d;
 
 // Distance, cells, up to which a sample meets an edge: about 2 % of the size of the object, the error of a pose between
 // two views after its alignment.
-constexpr double kHitCells = 2.5;
-constexpr int kMarkedCells = 2;
+constexpr double kHitCells = 3.0;
+// An event is explained by an edge up to 1.5 cells away in each direction.
+constexpr int kMarkedCells = 1;
 // Standard deviation of a distance, cells, with the correlation of neighbouring samples.
 constexpr double kSigmaCells = 3.0;
 // Change of a pose in one alignment, one standard deviation: half the distance of two views, a tenth of the size.
@@ -113,30 +114,46 @@ double TemplateAligner::Nearness(const RigidTransform& camera_from_object, absl:
   return samples.empty() ? 0.0 : sum / (255.0 * static_cast<double>(samples.size()));
 }
 
-AlignmentScore TemplateAligner::Score(const RigidTransform& camera_from_object,
-                                      absl::Span<const EdgeSample> samples) const {
-  // The directions of the samples near each cell, one bit for each bin.
-  std::vector<uint16_t> directions(static_cast<size_t>(map_.width()) * map_.height(), 0);
-  int hits = 0;
-  for (const EdgeSample& sample : samples) {
-    Image image;
-    if (!Project(camera_from_object, sample, image)) continue;
-    const MapEdge* edge = EdgeAt(image);
-    if (edge != nullptr && (edge->at.cast<double>() - image.at).squaredNorm() < kHitCells * kHitCells) ++hits;
-    uint16_t bits = 0;
-    for (int turn = -1; turn <= 1; ++turn) {
-      bits |= static_cast<uint16_t>(1u << ((image.bin + turn + kOrientationBins) % kOrientationBins));
-    }
-    const int steps = std::clamp(static_cast<int>(image.along.norm()), 1, EdgeDistanceMap::kCellsOfBox);
-    for (int step = -steps; step <= steps; ++step) {
-      const Vector2d at = image.at + static_cast<double>(step) / steps * image.along;
-      const int x = static_cast<int>(std::floor(at.x() + 0.5)), y = static_cast<int>(std::floor(at.y() + 0.5));
-      for (int dy = -kMarkedCells; dy <= kMarkedCells; ++dy) {
-        for (int dx = -kMarkedCells; dx <= kMarkedCells; ++dx) {
-          if (map_.IsInside(x + dx, y + dy)) directions[map_.Place(x + dx, y + dy)] |= bits;
-        }
+void TemplateAligner::Mark(const Image& image, std::vector<uint16_t>& directions) const {
+  uint16_t bits = 0;
+  for (int turn = -1; turn <= 1; ++turn) {
+    bits |= static_cast<uint16_t>(1u << ((image.bin + turn + kOrientationBins) % kOrientationBins));
+  }
+  const int steps = std::clamp(static_cast<int>(image.along.norm()), 1, EdgeDistanceMap::kCellsOfBox);
+  for (int step = -steps; step <= steps; ++step) {
+    const Vector2d at = image.at + static_cast<double>(step) / steps * image.along;
+    const int x = static_cast<int>(std::floor(at.x() + 0.5)), y = static_cast<int>(std::floor(at.y() + 0.5));
+    for (int dy = -kMarkedCells; dy <= kMarkedCells; ++dy) {
+      for (int dx = -kMarkedCells; dx <= kMarkedCells; ++dx) {
+        if (map_.IsInside(x + dx, y + dy)) directions[map_.Place(x + dx, y + dy)] |= bits;
       }
     }
+  }
+}
+
+AlignmentScore TemplateAligner::Score(const RigidTransform& camera_from_object, absl::Span<const EdgeSample> samples,
+                                      const Vector6d& twist, double duration_s) const {
+  // An edge that moves by less across itself has few events or none.
+  constexpr double kLeastMotionPx = 0.5;
+  // The directions of the samples near each cell, one bit for each bin.
+  std::vector<uint16_t> directions(static_cast<size_t>(map_.width()) * map_.height(), 0);
+  double hits = 0.0;
+  int expected = 0;
+  for (const EdgeSample& sample : samples) {
+    Image image;
+    if (!Project(camera_from_object, sample, image)) {
+      ++expected;
+      continue;
+    }
+    Mark(image, directions);
+    const Vector2d normal = Vector2d(-image.along.y(), image.along.x()).normalized();
+    const double motion_px = std::abs(RowOf(image, normal).dot(twist)) * duration_s * map_.cell_px();
+    if (motion_px < kLeastMotionPx) continue;
+    ++expected;
+    const MapEdge* edge = EdgeAt(image);
+    if (edge == nullptr) continue;
+    const double of_reach = (edge->at.cast<double>() - image.at).squaredNorm() / (kHitCells * kHitCells);
+    hits += std::max(0.0, 1.0 - of_reach);
   }
   double explained = 0.0;
   for (const MapEdge& edge : map_.edges()) {
@@ -144,7 +161,7 @@ AlignmentScore TemplateAligner::Score(const RigidTransform& camera_from_object,
     if (map_.IsInside(x, y) && ((directions[map_.Place(x, y)] >> edge.bin) & 1) != 0) explained += edge.weight;
   }
   AlignmentScore score;
-  if (!samples.empty()) score.hit_ratio = hits / static_cast<double>(samples.size());
+  if (expected > 0) score.hit_ratio = hits / expected;
   if (map_.edge_weight() > 0.0) score.explained_ratio = explained / map_.edge_weight();
   return score;
 }

@@ -18,7 +18,8 @@ namespace evpose {
 
 // How well the edges of an object at a pose agree with those in the map.
 struct AlignmentScore {
-  double hit_ratio = 0.0;        // share of the samples with an edge nearby
+  // Share of the samples with an edge nearby, of those whose motion should cause events.
+  double hit_ratio = 0.0;
   double explained_ratio = 0.0;  // share of the events on the edges of the map with a sample nearby
 
   // An edge without events costs less than events without an edge: edges of low contrast and those that move along
@@ -41,7 +42,9 @@ class TemplateAligner {
                        double last_gate, int iterations, size_t stride) const;
   // Mean nearness of the samples to edges of their directions, in [0, 1].
   double Nearness(const RigidTransform& camera_from_object, absl::Span<const EdgeSample> samples) const;
-  AlignmentScore Score(const RigidTransform& camera_from_object, absl::Span<const EdgeSample> samples) const;
+  // `twist` is the motion at the pose, and `duration_s` the time in which the edges of the map were seen.
+  AlignmentScore Score(const RigidTransform& camera_from_object, absl::Span<const EdgeSample> samples,
+                       const Vector6d& twist, double duration_s) const;
   // The twist that explains the motion of the edges near the samples.
   TwistEstimate EstimateTwist(const RigidTransform& camera_from_object, absl::Span<const EdgeSample> samples,
                               const TwistPrior& prior) const;
@@ -61,6 +64,8 @@ class TemplateAligner {
   bool Project(const RigidTransform& camera_from_object, const EdgeSample& sample, Image& image) const;
   // Derivative of `normal` . image with respect to the pose, cells.
   Vector6d RowOf(const Image& image, const Eigen::Vector2d& normal) const;
+  // Sets the bits of the sample's direction and its neighbours in the cells near its part of the edge.
+  void Mark(const Image& image, std::vector<uint16_t>& directions) const;
   // The edge at the sample; null if it is farther than kReach.
   const MapEdge* EdgeAt(const Image& image) const;
 

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/base/yield_point.h"
+#include "core/models/slippage.h"
 #include "core/numerics/math.h"
 
 namespace evpose {
@@ -92,6 +93,44 @@ TemplateModel::TemplateModel(std::shared_ptr<const ObjectModel> model)
     const bool is_coarse = static_cast<int>(i) < sphere.num_coarse;
     if (AddView(sphere.directions[i], is_coarse) && is_coarse) ++num_coarse_;
   }
+  FindNearAxis();
+}
+
+void TemplateModel::FindNearAxis() {
+  // Slippage ratio of an object that is nearly round. That of flat plates and links is 0.17 and more.
+  constexpr double kNearlyRound = 0.15;
+  if (model_->continuous_symmetry || model_->triangles.empty()) return;
+  const SurfaceMoments moments = MomentsOf(*model_);
+  if (!(moments.radius_m > 0.0)) return;
+  const SlippageAxis axis = FindSlippageAxis(moments, Matrix3d::Zero());
+  if (!(axis.ratios[0] < kNearlyRound)) return;
+  near_axis_ = ContinuousSymmetry{ContinuousSymmetry::Kind::kAxis, moments.centroid + moments.radius_m * axis.point,
+                                  axis.direction, false};
+  const auto keeps_axis = [&](const RigidTransform& symmetry) {
+    return axis.direction.dot(symmetry.rotation * axis.direction) > 0.999;
+  };
+  const auto count = std::count_if(model_->symmetries.begin(), model_->symmetries.end(), keeps_axis);
+  num_spins_ = std::max(1, kTemplateTurns / std::max(1, static_cast<int>(count)));
+}
+
+int TemplateModel::NearestView(RigidTransform& camera_from_object) const {
+  const RigidTransform pose = camera_from_object;
+  int nearest = 0;
+  double largest = -2.0;
+  const auto consider = [&](const RigidTransform& equivalent) {
+    const Vector3d sight = (equivalent * centre()).normalized();
+    const Vector3d axis = equivalent.rotation.transpose() * sight;  // from the camera to the centre, object frame
+    for (size_t i = 0; i < views_.size(); ++i) {
+      const double cosine = views_[i].rotation.row(2).dot(axis);
+      if (!(cosine > largest)) continue;
+      largest = cosine;
+      nearest = static_cast<int>(i);
+      camera_from_object = equivalent;
+    }
+  };
+  consider(pose);
+  for (const RigidTransform& symmetry : model_->symmetries) consider(pose * symmetry);
+  return nearest;
 }
 
 bool TemplateModel::AddView(const Vector3d& direction, bool is_coarse) {

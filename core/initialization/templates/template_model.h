@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -76,6 +77,16 @@ class TemplateModel {
   // kTemplateTurns, or 1 if all turns look alike.
   int num_turns() const { return num_turns_; }
 
+  // The axis about which rotations change the surface least, if they change it little: the object is nearly round, as a
+  // shaft with a keyway. Not set for an axis of a continuous symmetry.
+  const std::optional<ContinuousSymmetry>& near_axis() const { return near_axis_; }
+  // Number of turns about it, in steps of 2 pi / kTemplateTurns, after which the symmetries of the object repeat the
+  // first ones.
+  int num_spins() const { return num_spins_; }
+  // The view nearest to a pose, an index into views(); `camera_from_object` is replaced by the equivalent pose from
+  // which the object looks like this view up to a turn.
+  int NearestView(RigidTransform& camera_from_object) const;
+
   // Points of a template.
   static constexpr int kPoints = 120;
   // Distance of the camera from the centre, in radii: an object that fills a third to a half of a usual image.
@@ -85,6 +96,7 @@ class TemplateModel {
   // False if no edge is visible from there.
   bool AddView(const Eigen::Vector3d& direction, bool is_coarse);
   void FindParent(ViewTemplate& view) const;
+  void FindNearAxis();
 
   const std::shared_ptr<const ObjectModel> model_;
   const ModelEdges edges_;
@@ -92,6 +104,8 @@ class TemplateModel {
   std::vector<ViewTemplate> views_;
   int num_coarse_ = 0;
   int num_turns_ = kTemplateTurns;
+  std::optional<ContinuousSymmetry> near_axis_;
+  int num_spins_ = 0;
 };
 
 // The form that caches of shared objects need; always OK.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <utility>
 
 #include "core/base/check_range.h"
@@ -31,8 +32,11 @@ absl::Status TemplateSearchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_placements", max_placements, 1, 10'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_coarse", max_coarse, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_fine", max_fine, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_spun", max_spun, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_spins", max_spins, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_matches", max_matches, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.min_hit_ratio", min_hit_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.min_sum", min_sum, 0.0, 2.0));
   return CheckRange("TemplateSearchOptions.min_explained_ratio", min_explained_ratio, 0.0, 1.0);
 }
 
@@ -72,16 +76,49 @@ void TemplateSearch::AppendProposals(absl::Span<const PoseProposal> proposals, i
   }
 }
 
-void TemplateSearch::Refine(const EdgeDistanceMap& map, int num_samples, double gate, Candidate& candidate) const {
+void TemplateSearch::Refine(const EdgeDistanceMap& map, int num_samples, double gate, double duration_s,
+                            Candidate& candidate) const {
   const TemplateAligner aligner(map, camera_, model_->radius_m(), model_->centre());
   std::vector<EdgeSample> samples;
   SampleVisibleEdges(model_->edges(), aligner.map_camera(), candidate.camera_from_object, num_samples, samples);
   YieldPoint();
   candidate.camera_from_object = aligner.Align(candidate.camera_from_object, samples, gate, 0.5 * gate, 4, 1);
   YieldPoint();
-  candidate.alignment = aligner.Score(candidate.camera_from_object, samples);
-  candidate.score = candidate.alignment.total();
   candidate.motion = aligner.EstimateTwist(candidate.camera_from_object, samples, options_.twist_prior);
+  candidate.alignment = aligner.Score(candidate.camera_from_object, samples, candidate.motion.twist, duration_s);
+  candidate.score = candidate.alignment.total();
+}
+
+void TemplateSearch::AppendSpins(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const {
+  if (!model_->near_axis()) return;
+  std::vector<Candidate> spun, spins;
+  const auto is_known = [&](const Candidate& candidate) {
+    return std::any_of(spun.begin(), spun.end(), [&](const Candidate& other) {
+      const RigidTransform& pose = other.camera_from_object;
+      const RigidTransform nearest = NearestEquivalent(candidate.camera_from_object, *model_->near_axis(), pose);
+      return RotationAngle(nearest.rotation, pose.rotation) < 2.0 * kSameRotationRad;
+    });
+  };
+  for (const Candidate& candidate : candidates) {
+    if (static_cast<int>(spun.size()) == options_.max_spun) break;
+    if (!is_known(candidate)) spun.push_back(candidate);
+  }
+  const Eigen::Vector3d& axis = model_->near_axis()->axis;
+  for (const Candidate& candidate : spun) {
+    const TemplateAligner aligner(*maps[candidate.box], camera_, model_->radius_m(), model_->centre());
+    for (int turn = 0; turn < model_->num_spins(); ++turn) {
+      YieldPoint();
+      Candidate spin = candidate;
+      const Eigen::Matrix3d rotation = ExpSo3(2.0 * std::numbers::pi / kTemplateTurns * turn * axis);
+      spin.camera_from_object = candidate.camera_from_object * AboutCentre(*model_->near_axis(), rotation);
+      const std::vector<EdgeSample>& samples = model_->views()[model_->NearestView(spin.camera_from_object)].samples;
+      spin.camera_from_object = aligner.Align(spin.camera_from_object, samples, 4.0, 3.0, 2, 1);
+      spin.score = aligner.Score(spin.camera_from_object, samples, spin.motion.twist, duration_s).total();
+      spins.push_back(std::move(spin));
+    }
+  }
+  KeepDistinct(static_cast<size_t>(options_.max_spins), spins);
+  candidates.insert(candidates.end(), spins.begin(), spins.end());
 }
 
 void TemplateSearch::KeepDistinct(size_t count, std::vector<Candidate>& candidates) const {
@@ -115,6 +152,7 @@ TemplateMatches TemplateSearch::Find(absl::Span<const PixelEvent> events, absl::
   found.motion_px = edges.motion_px;
   found.has_moved = edges.motion_px >= options_.min_motion_px;
   if (!found.has_moved) return found;
+  const double duration_s = 1e-6 * static_cast<double>(edges.t_end_us - edges.t_begin_us);
   Maps maps;
   std::vector<Candidate> candidates;
   for (const ImageBox& box : FindEdgeBlobs(edges.points, {camera_.width_px, camera_.height_px}, options_.max_boxes)) {
@@ -124,13 +162,15 @@ TemplateMatches TemplateSearch::Find(absl::Span<const PixelEvent> events, absl::
   }
   KeepDistinct(static_cast<size_t>(options_.max_coarse), candidates);
   AppendProposals(proposals, found.t_us, maps.size(), candidates);
-  for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kFewSamples, 6.0, candidate);
+  for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kFewSamples, 6.0, duration_s, candidate);
   KeepDistinct(static_cast<size_t>(options_.max_fine), candidates);
-  for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kManySamples, 4.0, candidate);
+  AppendSpins(maps, duration_s, candidates);
+  for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kManySamples, 4.0, duration_s, candidate);
   KeepDistinct(static_cast<size_t>(options_.max_matches), candidates);
   for (const Candidate& candidate : candidates) {
     if (candidate.alignment.hit_ratio < options_.min_hit_ratio) continue;
     if (candidate.alignment.explained_ratio < options_.min_explained_ratio) continue;
+    if (candidate.alignment.hit_ratio + candidate.alignment.explained_ratio < options_.min_sum) continue;
     found.matches.push_back({candidate.camera_from_object, candidate.motion, candidate.alignment});
   }
   return found;

@@ -34,12 +34,18 @@ struct TemplateSearchOptions {
   int max_placements = 64;
   int max_coarse = 24;
   int max_fine = 12;
+  // Of a nearly round object: candidates that are turned about its axis, in steps of 2 pi / kTemplateTurns, and number
+  // of the poses that are kept of all of them.
+  int max_spun = 3;
+  int max_spins = 12;
   // Number of returned poses: an object with three near-symmetries looks alike in eight poses.
   int max_matches = 8;
-  // Smallest share of the visible edges with events, and of the events on edges of the box that a pose explains. An
-  // object with 35 % hidden has two thirds of them.
+  // Smallest share of the visible edges with events, of the events on edges of the box that a pose explains, and of
+  // both together. With 35 % of the object hidden, two thirds of its edges have events, but it explains most events; in
+  // clutter it explains a third of them, but all its edges have events. A wrong object has and explains about half.
   double min_hit_ratio = 0.5;
   double min_explained_ratio = 0.3;
+  double min_sum = 1.2;
 
   // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
@@ -92,7 +98,10 @@ class TemplateSearch {
   static void AppendProposals(absl::Span<const PoseProposal> proposals, int64_t t_us, size_t num_boxes,
                               std::vector<Candidate>& candidates);
   // Aligns a pose with the edges that are visible at it.
-  void Refine(const EdgeDistanceMap& map, int num_samples, double gate, Candidate& candidate) const;
+  void Refine(const EdgeDistanceMap& map, int num_samples, double gate, double duration_s, Candidate& candidate) const;
+  // Appends the best poses that differ from one of the best candidates by a rotation about the axis of a nearly round
+  // object: what tells them apart is small.
+  void AppendSpins(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const;
   // Sorts by score and keeps the best `count` that differ, modulo symmetries.
   void KeepDistinct(size_t count, std::vector<Candidate>& candidates) const;
 

@@ -133,6 +133,33 @@ TEST(TemplateSearchTest, FindsAnObjectOfWhichAThirdIsHidden) {
   EXPECT_GE(RankOf(found, *model, motion(1e-6 * static_cast<double>(found.t_us))), 0) << found.matches.size();
 }
 
+TEST(TemplateSearchTest, FindsTheTurnOfANearlyRoundObject) {
+  // One painted line along the side of a cylinder tells the turn about its axis.
+  ObjectModel model = CylinderModel(0.07, 0.04, 64);
+  ModelLine line;
+  line.p1 = {0.04, 0.0, -0.06};
+  line.p2 = {0.04, 0.0, 0.06};
+  line.face_normals.push_back(Eigen::Vector3d::UnitX());
+  line.kind = EdgeKind::kPainted;
+  model.lines.push_back(line);
+  const auto shared = std::make_shared<const ObjectModel>(model);
+  const auto views = std::make_shared<const TemplateModel>(shared);
+  ASSERT_TRUE(views->near_axis().has_value());
+  EXPECT_NEAR(std::abs(views->near_axis()->axis.z()), 1.0, 1e-3);
+  TemplateSearch search(views, kSearchCamera);
+  for (const double turn : {0.0, 0.4, -0.5}) {
+    // The camera sees the line in front.
+    const RigidTransform start{
+        MakePose({0, 0, 0}, {0.3, 0.2, 0.4}).rotation * ExpSo3({1.3, 0.0, 0.0}) * ExpSo3({0.0, 0.0, -1.5707963 + turn}),
+        {0.02, -0.01, 0.6}};
+    const Motion motion = ConstantTwist(start, SearchTwist());
+    IdealEventOptions options;
+    options.duration_us = 30'000;
+    const TemplateMatches found = search.Find(IdealPixelEvents(*shared, motion, options));
+    EXPECT_GE(RankOf(found, *shared, motion(1e-6 * static_cast<double>(found.t_us))), 0) << turn;
+  }
+}
+
 TEST(TemplateSearchTest, NoiseHasNoPose) {
   const auto model = ModelOfShape(SearchShape::kTorus);
   TemplateSearch search(std::make_shared<const TemplateModel>(model), kSearchCamera);

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/experiments/first_pose/first_pose_bench.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_format.h"
+#include "core/base/output_file.h"
+#include "core/base/temporary_directory.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+
+// A cone whose upper end is cut off, without a straight edge: an OBJ file in millimetres.
+std::string CutConeObj() {
+  constexpr int kSides = 64;
+  std::string obj, low = "f", high = "f";
+  for (int i = 0; i < kSides; ++i) {
+    const double angle = 2.0 * std::numbers::pi * i / kSides;
+    absl::StrAppendFormat(&obj, "v %.6f %.6f 0\nv %.6f %.6f 90\n", 55.0 * std::cos(angle), 55.0 * std::sin(angle),
+                          30.0 * std::cos(angle), 30.0 * std::sin(angle));
+  }
+  for (int i = 0; i < kSides; ++i) {
+    const int next = (i + 1) % kSides;
+    absl::StrAppendFormat(&obj, "f %d %d %d %d\n", 2 * i + 1, 2 * next + 1, 2 * next + 2, 2 * i + 2);
+    absl::StrAppendFormat(&low, " %d", 2 * (kSides - 1 - i) + 1);
+    absl::StrAppendFormat(&high, " %d", 2 * i + 2);
+  }
+  return obj + low + "\n" + high + "\n";
+}
+
+class FirstPoseBenchTest : public testing::Test {
+ protected:
+  FirstPoseBenchOptions OptionsFor(const std::string& name, const std::string& content) const {
+    const std::string path = directory_.File(name);
+    EXPECT_TRUE(WriteFile(path, content).ok());
+    FirstPoseBenchOptions options;
+    options.bench.models = {{name, path, 1e-3, ""}};
+    options.bench.num_seeds = 1;
+    options.bench.duration_us = 200'000;
+    options.bench.camera = "vga";
+    options.num_starts = 2;
+    options.watch_us = 120'000;
+    return options;
+  }
+
+  const TemporaryDirectory directory_;
+};
+
+TEST_F(FirstPoseBenchTest, FindsAModelWithoutStraightEdges) {
+  std::vector<FirstPoseBenchRow> rows;
+  const absl::Status status = RunFirstPoseBench(OptionsFor("cone.obj", CutConeObj()),
+                                                [&](const FirstPoseBenchRow& row) { rows.push_back(row); });
+  ASSERT_TRUE(status.ok()) << status;
+  ASSERT_EQ(rows.size(), 1u);
+  EXPECT_EQ(rows[0].error, "");
+  EXPECT_EQ(rows[0].num_views, 31u) << "a meridian";
+  ASSERT_EQ(rows[0].starts.size(), 2u);
+  ASSERT_EQ(rows[0].trials.size(), 2u);
+  for (const FirstPoseStart& start : rows[0].starts) {
+    EXPECT_GT(start.moved_us, 0);
+    EXPECT_TRUE(start.is_found()) << start.right_us;
+    EXPECT_GE(start.searches, 1u);
+  }
+  EXPECT_EQ(rows[0].starts[1].t_start_us - rows[0].starts[0].t_start_us, 80'000);
+  for (const SearchTrial& trial : rows[0].trials) {
+    EXPECT_TRUE(trial.has_moved);
+    EXPECT_GE(trial.rank, 0);
+    EXPECT_EQ(trial.scores.size(), static_cast<size_t>(trial.num_poses));
+  }
+}
+
+TEST_F(FirstPoseBenchTest, ModelThatCannotBePreparedHasTheReason) {
+  std::vector<FirstPoseBenchRow> rows;
+  const FirstPoseBenchOptions options = OptionsFor("broken.obj", "v 1 2 3\nf 1 2 3\n");
+  ASSERT_TRUE(RunFirstPoseBench(options, [&](const FirstPoseBenchRow& row) { rows.push_back(row); }).ok());
+  ASSERT_EQ(rows.size(), 1u);
+  EXPECT_THAT(rows[0].error, HasSubstr("broken.obj"));
+}
+
+TEST_F(FirstPoseBenchTest, ValidatesItsOptions) {
+  FirstPoseBenchOptions options = OptionsFor("cone.obj", "");
+  EXPECT_TRUE(options.Validate().ok());
+  options.watch_us = 300'000;
+  EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("watch_us"));
+  options.watch_us = 100'000;
+  options.num_starts = 0;
+  EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("num_starts"));
+}
+
+}  // namespace
+}  // namespace evpose
