@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/association/observability.h"
 #include "core/association/visible_edges.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
@@ -35,13 +36,6 @@ RigidTransform LookAt(const Eigen::Vector3d& direction, const Eigen::Vector3d& c
   pose.rotation << right.transpose(), forward.cross(right).transpose(), forward.transpose();
   pose.translation_m = Eigen::Vector3d(0.0, 0.0, distance_m) - pose.rotation * centre;
   return pose;
-}
-
-// The directions in which the pose may change without a change of the image: rotations about the centre, camera frame.
-Eigen::Matrix3Xd FreeRotations(const ObjectModel& model, const Eigen::Matrix3d& rotation) {
-  if (!model.continuous_symmetry) return Eigen::Matrix3Xd(3, 0);
-  if (model.continuous_symmetry->kind == ContinuousSymmetry::Kind::kSphere) return Eigen::Matrix3d::Identity();
-  return rotation * model.continuous_symmetry->axis;
 }
 
 }  // namespace
@@ -75,36 +69,13 @@ ModelView ModelViewer::At(const RigidTransform& camera_from_object) {
   return view;
 }
 
-// Columns: the motions that move the outline by about 1 px, as tangents of the pose: translations across, depth, and
-// rotations about the centre.
-Matrix6d ModelViewer::Motions(const RigidTransform& pose) const {
-  const double distance_m = (pose * centre_).z();
-  const double radius_m = 0.5 * model_.diameter_m;
-  const double across_m = distance_m / camera_.MaxFocalPx();
-  Matrix6d motions = Matrix6d::Zero();
-  motions.diagonal() << across_m, across_m, across_m * distance_m / radius_m, 0.0, 0.0, 0.0;
-  // A rotation about the centre moves the object's origin, about which the tangent rotates.
-  const Eigen::Vector3d from_centre = pose.translation_m - pose * centre_;
-  for (int axis = 0; axis < 3; ++axis) {
-    const Eigen::Vector3d turn = across_m / radius_m * Eigen::Vector3d::Unit(axis);
-    motions.col(3 + axis) << turn.cross(from_centre), turn;
-  }
-  return motions;
-}
-
 // The information of the events about the motions, 1/px^2.
 Matrix6d ModelViewer::Information(const ModelView& view, const Matrix6d& motions) const {
-  // Both halves of an element count: an element that turns about its middle is not at rest.
-  constexpr double kFractions[] = {0.2, 0.8};
   Matrix6d information = Matrix6d::Zero();
   for (const ImageLine& line : image_lines_) {
     if (!line.in_view()) continue;
-    const double events = options_.events * line.length_px / view.length_px / std::size(kFractions);
-    for (const double fraction : kFractions) {
-      const Vector6d row =
-          motions.transpose() * (line.jacobian.transpose() * BearingOf(camera_, line.PointAt(fraction)));
-      information += events / (options_.sigma_px * options_.sigma_px) * row * row.transpose();
-    }
+    const double events = options_.events * line.length_px / view.length_px;
+    AddInformation(camera_, line, events / (options_.sigma_px * options_.sigma_px), motions, information);
   }
   return information;
 }
@@ -112,7 +83,7 @@ Matrix6d ModelViewer::Information(const ModelView& view, const Matrix6d& motions
 void ModelViewer::FindDeviations(ModelView& view) const {
   view.weakest_px = std::numeric_limits<double>::infinity();
   if (!(view.length_px > 0.0)) return;
-  const Matrix6d motions = Motions(view.camera_from_object);
+  const Matrix6d motions = OutlineMotions(camera_, view.camera_from_object, centre_, 0.5 * model_.diameter_m);
   Matrix6d information = Information(view, motions);
   // The free rotations count as known.
   const Eigen::Matrix3Xd free = FreeRotations(model_, view.camera_from_object.rotation);

@@ -62,7 +62,6 @@ class ModelViewer {
   const Eigen::Vector3d& centre() const { return centre_; }
 
  private:
-  Matrix6d Motions(const RigidTransform& pose) const;
   Matrix6d Information(const ModelView& view, const Matrix6d& motions) const;
   void FindDeviations(ModelView& view) const;
 

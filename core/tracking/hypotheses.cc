@@ -47,14 +47,14 @@ bool Hypotheses::HasRival() const {
                      [this](const Entry& entry) { return entry.is_rival && &entry != &entries_.front(); });
 }
 
-bool Hypotheses::HasUndecidedRival() const {
-  return std::any_of(entries_.begin(), entries_.end(), [this](const Entry& entry) {
-    return entry.is_rival && entry.pending == 0 && &entry != &entries_.front();
-  });
+bool Hypotheses::IsUndecided() const {
+  return std::any_of(entries_.begin(), entries_.end(),
+                     [this](const Entry& entry) { return entry.pending == 0 && &entry != &entries_.front(); });
 }
 
 void Hypotheses::Join(Hypotheses&& others) {
   for (Entry& entry : others.entries_) {
+    entry.pending = kComparedWindows;
     if (entries_.size() < MaxEntries()) Append(std::move(entry));
   }
   others.entries_.clear();

@@ -45,10 +45,10 @@ class Hypotheses {
   // deviations.
   void PutBestFirst(double min_sigma);
 
-  // Whether the first hypothesis has rivals that AddRival() has added; undecided: one was compared with it in several
-  // windows, and the test has rejected neither.
+  // Whether the first hypothesis has rivals that AddRival() has added.
   bool HasRival() const;
-  bool HasUndecidedRival() const;
+  // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
+  bool IsUndecided() const;
 
   bool empty() const { return entries_.empty(); }
   size_t size() const { return entries_.size(); }
@@ -70,7 +70,8 @@ class Hypotheses {
 
  private:
   // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them. Windows of
-  // its comparison after which the test is undecided; one is enough for most wrong poses.
+  // the comparison of a rival, or of a pose of a later search, after which the test is undecided; one is enough for most
+  // wrong poses.
   static constexpr int kSettlingWindows = 8;
   static constexpr int kFirstWindows = 3;
   static constexpr int kComparedWindows = 8;
@@ -84,7 +85,7 @@ class Hypotheses {
     std::vector<double> difference;
     std::vector<double> squares;
     bool is_rival = false;
-    int pending = 0;  // windows of a rival that are left until it is undecided
+    int pending = 0;  // windows that are left until the comparison with the first hypothesis is undecided
     bool is_settled() const { return pending <= kComparedWindows; }
     double Explained() const;  // sum of `explains`
     static void VisitState(auto& archive, auto& self);

@@ -164,7 +164,7 @@ TEST(Hypotheses, AWrongRivalIsRejectedAndChangesNothing) {
   hypotheses.AddRival(Start(context, MakePose({0.02, -0.01, 0.62}, {0.75, 0.5, 0.2})),
                       Hypotheses::RivalKind::kOtherEdges);
   EXPECT_TRUE(hypotheses.HasRival());
-  EXPECT_FALSE(hypotheses.HasUndecidedRival());
+  EXPECT_FALSE(hypotheses.IsUndecided());
   FollowCube(context, alone, 40'000);
   FollowCube(context, hypotheses, 40'000);
   ASSERT_EQ(hypotheses.size(), 1u);

@@ -27,7 +27,6 @@ ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializ
                              const ObjectToTrack& object)
     : context_(std::move(context)),
       reference_rotation_(object.reference_rotation),
-      sphere_(BoundingSphereOf(*context_.model)),
       memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
               context_.options.initialization.max_events),
       initializer_(std::move(initializer)),
@@ -87,13 +86,13 @@ void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::opt
 double ObjectTracker::ImageSpeedPxPerS() const {
   if (!IsPublished(phase_)) return 0.0;
   const MotionState& motion = hypotheses_.first().motion();
-  const Eigen::Vector3d arm = motion.camera_from_object.rotation * sphere_.centre;
+  const Eigen::Vector3d arm = motion.camera_from_object.rotation * context_.sphere.centre;
   const Eigen::Vector3d centre = motion.camera_from_object.translation_m + arm;
   const Eigen::Vector3d angular = motion.twist.tail<3>();
   const Eigen::Vector3d velocity = motion.twist.head<3>() + angular.cross(arm);
-  const double depth_m = std::max(centre.z(), sphere_.radius_m);
+  const double depth_m = std::max(centre.z(), context_.sphere.radius_m);
   const Eigen::Vector2d sideways = velocity.head<2>() - velocity.z() / depth_m * centre.head<2>();
-  const double about_centre = sphere_.radius_m * (angular.norm() + std::abs(velocity.z()) / depth_m);
+  const double about_centre = context_.sphere.radius_m * (angular.norm() + std::abs(velocity.z()) / depth_m);
   return context_.camera.MaxFocalPx() / depth_m * (sideways.norm() + about_centre);
 }
 
@@ -166,7 +165,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
     Enter(ObjectInput::kFirstRejected);
   }
   if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
-  if (hypotheses_.HasUndecidedRival()) Enter(ObjectInput::kRivals);
+  if (hypotheses_.IsUndecided()) Enter(ObjectInput::kRivals);
   // A published pose is replaced only by one that is significantly more likely.
   if (IsCompeting(phase_) && !IsGiven(phase_)) {
     hypotheses_.PutBestFirst(IsPublished(phase_) ? 0.5 * context_.options.initialization.decision_sigma : 0.0);
@@ -426,11 +425,11 @@ void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& nea
   const MotionState state = Predict(before.motion, t_us, context_.options.motion);
   const BoundingSphere sphere = SphereAt(state.camera_from_object);
   if (near && !MayOverlap(context_.camera, *near, sphere, kMarginPx)) return;
-  competitors.Add(state, before.lines, context_.edges->visibility(), sphere_, context_.options.sensor.pixel_noise_px);
+  competitors.Add(state, before.lines, context_.edges->visibility(), context_.sphere, context_.options.sensor.pixel_noise_px);
 }
 
 BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object) const {
-  return {camera_from_object * sphere_.centre, sphere_.radius_m};
+  return {camera_from_object * context_.sphere.centre, context_.sphere.radius_m};
 }
 
 bool ObjectTracker::IsOccupied(const PoseTrack& track) const {
@@ -441,7 +440,7 @@ bool ObjectTracker::IsOccupied(const PoseTrack& track) const {
   return std::any_of(others_.begin(), others_.end(), [&](const ObjectTracker* other) {
     if (!IsPublished(other->phase_) || other->context_.model != context_.model) return false;
     const RigidTransform& pose = other->hypotheses_.first().motion().camera_from_object;
-    return (other->SphereAt(pose).centre - centre).norm() < kSamePlaceRatio * sphere_.radius_m;
+    return (other->SphereAt(pose).centre - centre).norm() < kSamePlaceRatio * context_.sphere.radius_m;
   });
 }
 
@@ -457,7 +456,7 @@ void ObjectTracker::StorePastState(const EventWindow& window) {
 }
 
 void ObjectTracker::VisitState(auto& archive, auto& self) {
-  auto& [context, reference_rotation, sphere, memory, initializer, unpublished_state, report, losses, last_tracked,
+  auto& [context, reference_rotation, memory, initializer, unpublished_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, repeats_left, hypotheses,
          followed_since_us, phase, now_us, others, competitors, past_states, rival_generator, turned_faces,
          next_rivals_us, rival_rounds_left, next_rival, was_published] = self;

@@ -118,7 +118,6 @@ class ObjectTracker {
 
   const TrackContext context_;
   const Eigen::Matrix3d reference_rotation_;
-  const BoundingSphere sphere_;  // object frame
   WindowMemory memory_;
   const std::unique_ptr<PoseInitializer> initializer_;  // null: every pose is given
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/association/observability.h"
 #include "core/estimation/free_motion.h"
 
 namespace evpose {
@@ -109,7 +110,8 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     // Too little is visible for an event deficit or foreign events to contradict the pose.
     Enter(TrackInput::kOcclusion, window.t_end_us);
   } else {
-    UpdatePhase(result, window.t_end_us);
+    const bool is_determined = result.kind != HealthResult::Kind::kSupported || IsDetermined(input.lines, support);
+    UpdatePhase(result, is_determined, window.t_end_us);
   }
   if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
   return MakeEstimate(fit, input);
@@ -336,7 +338,39 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   return input;
 }
 
-void PoseTrack::UpdatePhase(const HealthResult& result, int64_t t_us) {
+bool PoseTrack::IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio) {
+  const RigidTransform& pose = motion_.camera_from_object;
+  const Matrix6d motions = OutlineMotions(context_.camera, pose, context_.sphere.centre, context_.sphere.radius_m);
+  Matrix6d information = Matrix6d::Zero(), supported = Matrix6d::Zero(), expected = Matrix6d::Zero();
+  curve_information_.clear();
+  ForEachCurve(lines, [&](size_t first, size_t end) {
+    const CurveResult& result = health_.curve_results()[lines[first].curve];
+    if (result.kind == CurveResult::Kind::kOpen) return;
+    double length_px = 0.0;
+    Matrix6d by_length = Matrix6d::Zero();
+    for (size_t k = first; k < end; ++k) {
+      if (!image_lines_[k].in_view()) continue;
+      length_px += image_lines_[k].length_px;
+      AddInformation(context_.camera, image_lines_[k], image_lines_[k].length_px, motions, by_length);
+    }
+    if (!(length_px > 0.0)) return;
+    expected += result.expected / length_px * by_length;
+    if (result.kind != CurveResult::Kind::kSupported) return;
+    supported += result.expected / length_px * by_length;
+    curve_information_.push_back(result.events / length_px / context_.options.health.dispersion * by_length);
+    information += curve_information_.back();
+  });
+  const Eigen::Matrix3Xd free = FreeRotations(*context_.model, pose.rotation);
+  // A pose that differs by near_px has the same events near its lines.
+  const double max_deviation_px = context_.options.health.near_px;
+  if (!IsAtLeast(supported, support_ratio, expected, free)) return false;
+  if (is_fully_tested_) return evpose::IsDetermined(information, free, max_deviation_px);
+  return std::all_of(curve_information_.begin(), curve_information_.end(), [&](const Matrix6d& of_curve) {
+    return evpose::IsDetermined(information - of_curve, free, max_deviation_px);
+  });
+}
+
+void PoseTrack::UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us) {
   // An object at rest produces no events: events near the smaller part of its lines come from something that passes.
   constexpr double kMostLines = 0.5;
   const HealthOptions& health = context_.options.health;
@@ -347,10 +381,11 @@ void PoseTrack::UpdatePhase(const HealthResult& result, int64_t t_us) {
     case HealthResult::Kind::kOpen:
       return;
     case HealthResult::Kind::kSupported:
-      if (result.testable_ratio >= health.min_tested_ratio) is_fully_tested_ = true;
+      if (result.testable_ratio >= health.min_tested_ratio && is_determined) is_fully_tested_ = true;
       // The first confirmation waits until most lines could be tested: a part of an object can equal another object.
+      // Lines that alone show a motion may be short, and take longer to be tested than the others.
       if (is_tentative && !is_fully_tested_ && t_us - followed_since_us_ < health.max_hold_us) return;
-      Enter(TrackInput::kSupport, t_us);
+      Enter(is_determined ? TrackInput::kSupport : TrackInput::kPartialSupport, t_us);
       return;
     case HealthResult::Kind::kDoubtful:
       // The pose is right and partly occluded, or attracted by the occluder. It is kept, and other poses may compete.
@@ -372,7 +407,7 @@ void PoseTrack::UpdatePhase(const HealthResult& result, int64_t t_us) {
 
 void PoseTrack::Enter(TrackInput input, int64_t t_us) {
   const TrackPhase next = NextPhase(phase_, input);
-  if (next == TrackPhase::kConfirmed) supported_at_us_ = t_us;
+  if (next == TrackPhase::kConfirmed || phase_ == TrackPhase::kTentative) supported_at_us_ = t_us;
   if (next == TrackPhase::kUnsupported && phase_ != TrackPhase::kUnsupported) unsupported_since_us_ = t_us;
   if (next == TrackPhase::kLost && phase_ != TrackPhase::kLost) loss_cause_ = CauseOf(input);
   context_.phase_reporter->Report(phase_, next, t_us);
@@ -403,7 +438,8 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_edges, all_lines, associator, estimator, health, activity, flash, adaptation, phase, motion,
          usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us,
          is_fully_tested, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines, is_flash,
-         is_occluded, is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] =
+         is_occluded, is_partly_occluded, image_lines, rates, past_deficit_counts, expectations,
+         curve_information, fit, second_fit] =
       self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected

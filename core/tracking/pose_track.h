@@ -35,6 +35,7 @@ struct TrackContext {
   TrackerOptions options;
   std::shared_ptr<const ModelEdges> edges;  // of `model`
   std::shared_ptr<PhaseReporter> phase_reporter = std::make_shared<PhaseReporter>();
+  BoundingSphere sphere = BoundingSphereOf(*model);  // object frame
 };
 
 // Tracks one pose with its twist and covariance. Not thread-safe; deterministic.
@@ -100,7 +101,11 @@ class PoseTrack {
   bool IsOnlyBackground(const WindowFit& fit);
   // Handles a window in which the other objects occlude all lines: the estimate is the prediction with its covariance.
   std::optional<PoseEstimate> Hold(const EventWindow& window);
-  void UpdatePhase(const HealthResult& result, int64_t t_us);
+  // Whether the curves that the last test found supported determine every motion of the object, and whether of all curves
+  // that should show a motion, by their expected events, this share is supported. Before the pose is fully tested, they
+  // must do so without any single one of them: another edge nearby can support one curve of a wrong pose.
+  bool IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio);
+  void UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us);
   // Applies the transition function, stores the time of the transition and reports it. No other function changes the
   // phase.
   void Enter(TrackInput input, int64_t t_us);
@@ -147,6 +152,7 @@ class PoseTrack {
   std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
   std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
   std::vector<Expectation> expectations_;           // of the lines of the window; empty without elements
+  std::vector<Matrix6d> curve_information_;         // of the supported curves, IsDetermined()
   WindowFit fit_;
   WindowFit second_fit_;
 };

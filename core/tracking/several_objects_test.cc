@@ -144,7 +144,8 @@ TEST(SeveralObjects, AnOccludedOneIsHeldAndContinues) {
   const std::vector<Actor> actors = {{Cube(0.12), Passing(1.5, 0.0, 0.5, 0.2, 1.0)},
                                      {Cube(0.08), Passing(-0.3, 0.0, 1.0, 0.2, -0.8)}};
   const auto tracker = MakeTracker(actors, true);
-  const std::vector<PoseEstimate> estimates = Track(*tracker, Film(actors, 400'000));
+  // After 390 ms only a corner of the near one is left in the view, which does not determine its depth.
+  const std::vector<PoseEstimate> estimates = Track(*tracker, Film(actors, 385'000));
   for (uint32_t i = 0; i < 2; ++i) {
     EXPECT_EQ(tracker->state(i), TrackState::kTracking) << i;
     EXPECT_EQ(tracker->losses(i), 0u) << i;

@@ -111,6 +111,47 @@ TEST_P(TracksRoundObjects, FromTheTruePose) {
 INSTANTIATE_TEST_SUITE_P(Shapes, TracksRoundObjects,
                          ::testing::Values(Shape::kCylinder, Shape::kTorus, Shape::kCapsule, Shape::kPlate));
 
+// A cylinder with a painted line, the only part that shows the turn about its axis.
+std::shared_ptr<const ObjectModel> MarkedCylinder() {
+  auto model = std::make_shared<ObjectModel>(CylinderModel(0.07, 0.04, 64));
+  for (const double offset : {-0.01, 0.01}) {
+    ModelLine& line = model->lines.emplace_back();
+    line.p1 = {std::sqrt(0.04 * 0.04 - offset * offset), offset, -0.06};
+    line.p2 = {line.p1.x(), offset, 0.02};  // not symmetric
+    line.face_normals.push_back(Eigen::Vector3d(line.p1.x(), offset, 0.0).normalized());
+    line.kind = EdgeKind::kPainted;
+  }
+  return model;
+}
+
+TEST(TrackerCurves, TheTurnOfANearlyRoundObjectMustBeSupported) {
+  const auto model = MarkedCylinder();
+  // The camera sees the painted lines.
+  const RigidTransform seen{MakePose({0, 0, 0}, {0.3, 0.2, 0.4}).rotation *
+                                MakePose({0, 0, 0}, {1.3, 0.0, 0.0}).rotation *
+                                MakePose({0, 0, 0}, {0.0, 0.0, -1.57}).rotation,
+                            {0.02, -0.01, 0.5}};
+  const Motion motion = ConstantTwist(seen, Twist(0.25, 0.1, 0.05, 0.8, -0.6, 0.4));
+  IdealEventOptions options;
+  options.duration_us = 120'000;
+  const std::vector<Event> events = MakeIdealEvents(*model, kCamera, motion, options);
+  for (const double turn : {0.0, 0.6, -0.6}) {
+    const RigidTransform turned{seen.rotation * MakePose({0, 0, 0}, {0, 0, turn}).rotation, seen.translation_m};
+    const RoundRun run = Follow(model, events, turned);
+    size_t num_tracking = 0;
+    for (const PoseEstimate& estimate : run.estimates) {
+      if (estimate.state != TrackState::kTracking) continue;
+      ++num_tracking;
+      EXPECT_LT(
+          RotationAngle(estimate.camera_from_object.rotation, motion(estimate.t_us * 1e-6).rotation), 0.05)
+          << turn << " " << estimate.t_us;
+    }
+    if (turn == 0.0) {
+      EXPECT_GT(num_tracking, run.estimates.size() * 9 / 10);
+    }
+  }
+}
+
 TEST(TrackerCurves, AFaceThatPassesTheEdgeOnViewKeepsItsInclination) {
   const auto model = ModelOf(Shape::kCylinder);
   // A cap, 0.07 m from the centre, is seen edge-on after 0.06 s and then from its other side.

@@ -97,7 +97,8 @@ TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2
     : options_(options),
       min_events_per_px2_(min_events_per_px2),
       statistics_(static_cast<size_t>(num_curves)),
-      memory_(static_cast<size_t>(num_curves)) {
+      memory_(static_cast<size_t>(num_curves)),
+      curve_results_(static_cast<size_t>(num_curves)) {
   for (int step = 0; step <= kSpreadSteps; ++step) {
     const double range_px = options.max_spread_px - options.min_spread_px;
     const double spread_px = options.min_spread_px + range_px * step / kSpreadSteps;
@@ -437,7 +438,7 @@ double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const
   return static_cast<double>((line.along.array() >= least).count()) / places;
 }
 
-HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const {
+HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) {
   using Kind = HealthResult::Kind;
   const double credited_ratio = CreditedNoiseRatio();
   HealthResult result;
@@ -446,6 +447,9 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
   int decided_lines = 0;
   for (size_t k = 0; k < statistics_.size(); ++k) {
     YieldPoint(k);
+    CurveResult& curve = curve_results_[k];
+    curve = {CurveResult::Kind::kOpen, std::max(0.0, statistics_[k].excess + memory_[k].excess),
+             statistics_[k].expected + memory_[k].expected};
     LineStatistics line = statistics_[k];
     const double length_px = line.length_px;
     total.Add(line);
@@ -458,9 +462,11 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
       result.supported_lines += line.lines;
       decided_lines += line.lines;
       supported_length += length_px;
+      curve.kind = CurveResult::Kind::kSupported;
     } else if (HasPower(line, credited_ratio)) {
       decided_lines += line.lines;
       contradicting_length += length_px;
+      curve.kind = CurveResult::Kind::kContradicted;
     }
   }
   result.sigma = ExcessSigma(total);

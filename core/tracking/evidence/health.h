@@ -144,6 +144,15 @@ struct HealthResult {
   int missing_sectors = 0;  // sectors of the outline with significantly less than half of the expected events
 };
 
+// Result for one straight line or curve.
+struct CurveResult {
+  enum class Kind : uint8_t { kOpen, kSupported, kContradicted };
+  Kind kind = Kind::kOpen;
+  // Of the last memory_us: the events beyond those of clutter, and LineStatistics::expected.
+  double events = 0.0;
+  double expected = 0.0;
+};
+
 // Events of a window near the lines, compared with those of uniform clutter and of the right pose: equation (1) of the
 // README over all lines.
 struct EventConcentration {
@@ -184,7 +193,7 @@ class TrackHealth {
   static void VisitState(auto& archive, auto& self) {
     auto& [options, min_events_per_px2, near_probability, testable_information, spread_step, evidence, memory, span_s,
            gated, gate_px2_s, recent, was_quiet, sectors, window_sectors, window_lines, places, distance_px, cell_px,
-           is_nearest, line_of] = self;
+           is_nearest, line_of, curve_results] = self;
     for (auto& line : evidence) archive(line);
     for (auto& line : memory) archive(line);
     archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), recent, was_quiet);
@@ -192,6 +201,9 @@ class TrackHealth {
   }
 
   static constexpr int kNumSectors = 8;
+
+  // What the last Test() with a result found for each curve, by TrackedLine::curve. Not part of the state.
+  absl::Span<const CurveResult> curve_results() const { return curve_results_; }
 
  private:
   // Counts of one polarity of a window near one line, and the terms of equation (1) without weights.
@@ -249,7 +261,7 @@ class TrackHealth {
   static void AddExcess(const PolarityCounts& counts, LineStatistics& statistics);
   void AddExpectedEvents(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                          const Vector6d& twist);
-  HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) const;
+  HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines);
   // Whether the line would be supported at the right pose: it has, or should have produced, significantly more events
   // than the background, with as much information as kTestableEvents of an isolated line.
   bool IsTestable(const LineStatistics& line) const;
@@ -300,6 +312,7 @@ class TrackHealth {
   std::vector<Lanes> cell_px_;        // for the nearest line of an event: width of its cell on the side of the event
   std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event; indexed like distance_px_
   std::vector<uint16_t> line_of_;     // index of the line, by index of the EventLanes
+  std::vector<CurveResult> curve_results_;
 };
 
 }  // namespace evpose
