@@ -32,7 +32,7 @@ void AddInformation(const CameraModel& camera, const ImageLine& line, double eve
     const Vector6d row = motions.transpose() * (line.jacobian.transpose() * BearingOf(camera, line.PointAt(fraction)));
     information += count * row * row.transpose();
   };
-  if (line.is_element && line.bow_px == 0.0) {
+  if (line.is_element) {
     add(0.5, events);
     return;
   }

@@ -361,10 +361,10 @@ bool PoseTrack::IsDetermined(absl::Span<const TrackedLine> lines, double support
     information += curve_information_.back();
   });
   const Eigen::Matrix3Xd free = FreeRotations(*context_.model, pose.rotation);
-  // A pose that differs by near_px has the same events near its lines.
-  const double max_deviation_px = context_.options.health.near_px;
+  const double max_deviation_px = context_.options.health.max_uncertainty_px;
+  const bool was_determined = is_fully_tested_ && phase_ == TrackPhase::kConfirmed;
+  if (was_determined) return evpose::IsDetermined(information, free, max_deviation_px);
   if (!IsAtLeast(supported, support_ratio, expected, free)) return false;
-  if (is_fully_tested_) return evpose::IsDetermined(information, free, max_deviation_px);
   return std::all_of(curve_information_.begin(), curve_information_.end(), [&](const Matrix6d& of_curve) {
     return evpose::IsDetermined(information - of_curve, free, max_deviation_px);
   });

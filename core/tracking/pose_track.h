@@ -101,9 +101,9 @@ class PoseTrack {
   bool IsOnlyBackground(const WindowFit& fit);
   // Handles a window in which the other objects occlude all lines: the estimate is the prediction with its covariance.
   std::optional<PoseEstimate> Hold(const EventWindow& window);
-  // Whether the curves that the last test found supported determine every motion of the object, and whether of all curves
-  // that should show a motion, by their expected events, this share is supported. Before the pose is fully tested, they
-  // must do so without any single one of them: another edge nearby can support one curve of a wrong pose.
+  // Whether the curves that the last test found supported determine every motion of the object. To become confirmed, they
+  // must do so without any single one of them, because another edge nearby can support one curve of a wrong pose, and
+  // this share of all curves that should show a motion must be supported, by their expected events.
   bool IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio);
   void UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us);
   // Applies the transition function, stores the time of the transition and reports it. No other function changes the
