@@ -16,7 +16,7 @@
 
 namespace evpose {
 
-// Returns the distance from line A at which line B becomes nearer, README, equation (11), for a point at the distance
+// Returns the distance from line A at which line B becomes nearer, README, equation (13), for a point at the distance
 // `own_px` (>= 0) from A that moves away from it; infinite if none. `other_px` is the signed distance of the point from
 // B with |other_px| >= own_px, and `cosine` that between the direction of motion and the gradient of other_px.
 inline double CellBoundaryPx(double own_px, double other_px, double cosine) {

@@ -74,6 +74,9 @@ TEST_F(ObservabilityTest, TheDeviationIsThatOfTheEvents) {
   const Matrix6d all = 4.0 * Matrix6d::Identity();
   EXPECT_TRUE(IsDetermined(all, Eigen::Matrix3Xd(3, 0), 0.51));
   EXPECT_FALSE(IsDetermined(all, Eigen::Matrix3Xd(3, 0), 0.49));
+  Matrix6d weak = 1e6 * all;
+  weak(5, 5) = 90.0;
+  EXPECT_FALSE(IsDetermined(weak, Eigen::Matrix3Xd(3, 0), 12.0)) << "errors of the derivatives of the other motions";
 }
 
 TEST_F(ObservabilityTest, ThePartIsComparedForEachMotion) {

@@ -52,6 +52,11 @@ bool Hypotheses::IsUndecided() const {
                      [this](const Entry& entry) { return entry.pending == 0 && &entry != &entries_.front(); });
 }
 
+bool Hypotheses::AreAllDegraded() const {
+  return std::all_of(entries_.begin(), entries_.end(),
+                     [](const Entry& entry) { return entry.track->state() == TrackState::kDegraded; });
+}
+
 void Hypotheses::Join(Hypotheses&& others) {
   for (Entry& entry : others.entries_) {
     entry.pending = kComparedWindows;

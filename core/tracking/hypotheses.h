@@ -50,6 +50,9 @@ class Hypotheses {
   // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
   bool IsUndecided() const;
 
+  // Whether all have been supported in part, and none as a whole.
+  bool AreAllDegraded() const;
+
   bool empty() const { return entries_.empty(); }
   size_t size() const { return entries_.size(); }
   bool is_full() const { return entries_.size() >= MaxEntries(); }

@@ -174,8 +174,11 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!IsPublished(phase_)) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
+    // Poses that are all only partly supported do not show what tells them apart; a further search may find the one that
+    // does.
     const bool is_decided =
-        !IsCompeting(phase_) || window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+        !IsCompeting(phase_) || hypotheses_.AreAllDegraded() ||
+        window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
     if (!estimate || !is_decided) return;
     StartPublishing(window);
   }

@@ -345,7 +345,7 @@ bool PoseTrack::IsDetermined(absl::Span<const TrackedLine> lines, double support
   curve_information_.clear();
   ForEachCurve(lines, [&](size_t first, size_t end) {
     const CurveResult& result = health_.curve_results()[lines[first].curve];
-    if (result.kind == CurveResult::Kind::kOpen) return;
+    if (result.kind == CurveResult::Kind::kOpen && result.events >= 0.5 * result.expected) return;
     double length_px = 0.0;
     Matrix6d by_length = Matrix6d::Zero();
     for (size_t k = first; k < end; ++k) {

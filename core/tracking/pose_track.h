@@ -103,7 +103,8 @@ class PoseTrack {
   std::optional<PoseEstimate> Hold(const EventWindow& window);
   // Whether the curves that the last test found supported determine every motion of the object. To become confirmed, they
   // must do so without any single one of them, because another edge nearby can support one curve of a wrong pose, and
-  // this share of all curves that should show a motion must be supported, by their expected events.
+  // this share of all curves that should show a motion must be supported, by their expected events. Curves that are not
+  // decided yet count as not supported if they have less than half of these.
   bool IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio);
   void UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us);
   // Applies the transition function, stores the time of the transition and reports it. No other function changes the
