@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <string>
 #include <utility>
 
@@ -12,6 +11,28 @@
 #include "core/numerics/sampling.h"
 
 namespace evpose {
+namespace {
+
+// Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
+// it as far again, so that the integral across the line, and with it the mean over uniform clutter, is zero.
+double ScoreOf(const PoseTrack::Nearness& event, double half_px) {
+  const double distance_px = event.distance_px;
+  if (distance_px < half_px) return (1.0 - distance_px / half_px) * event.share;
+  return distance_px < 2.0 * half_px ? -0.5 * event.share : 0.0;
+}
+
+// Pixels. The widest triangle, for poses that are not refined yet, and the narrowest one: the distances of events are
+// rounded to pixels.
+constexpr double kWidestPx = 0.5 * PoseTrack::kScoredPx;
+constexpr double kNarrowestPx = 1.5;
+
+// The half-width of the triangle with the standard deviation of the events about the lines of both poses.
+double HalfWidthPx(double spread_px, double other_spread_px) {
+  constexpr double kOfSpread = 2.449489742783178;  // the square root of 6
+  return std::clamp(kOfSpread * std::max(spread_px, other_spread_px), kNarrowestPx, kWidestPx);
+}
+
+}  // namespace
 
 void Hypotheses::Add(const MotionState& start) {
   Entry entry;
@@ -19,7 +40,7 @@ void Hypotheses::Add(const MotionState& start) {
   Append(std::move(entry));
 }
 
-const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind) {
+const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind, RivalPrior prior) {
   if (is_full()) return nullptr;
   Entry entry;
   entry.track = std::make_unique<PoseTrack>(context_, state);
@@ -30,11 +51,18 @@ const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind) 
     StateReader reader(learned);
     reader(*entry.track);
     entry.track->set_motion(state);
+    entry.has_rivals_tested = is_first_tested();
   }
   entry.is_rival = true;
+  entry.is_unlikely = prior == RivalPrior::kUnlikely;
   entry.pending = kSettlingWindows + kComparedWindows;
   Append(std::move(entry));
   return entries_.back().track.get();
+}
+
+bool Hypotheses::Has(const PoseTrack* track) const {
+  return std::any_of(entries_.begin(), entries_.end(),
+                     [track](const Entry& entry) { return entry.track.get() == track; });
 }
 
 bool Hypotheses::HasSettled(const PoseTrack* track) const {
@@ -48,8 +76,12 @@ bool Hypotheses::HasRival() const {
 }
 
 bool Hypotheses::IsUndecided() const {
-  return std::any_of(entries_.begin(), entries_.end(),
-                     [this](const Entry& entry) { return entry.pending == 0 && &entry != &entries_.front(); });
+  const double least_sigma = 0.5 * context_.options.initialization.decision_sigma;
+  for (size_t i = 1; i < entries_.size(); ++i) {
+    const Entry& entry = entries_[i];
+    if (entry.pending == 0 && (!entry.is_unlikely || Preference(i, 0) >= least_sigma)) return true;
+  }
+  return false;
 }
 
 bool Hypotheses::AreAllDegraded() const {
@@ -58,11 +90,43 @@ bool Hypotheses::AreAllDegraded() const {
 }
 
 void Hypotheses::Join(Hypotheses&& others) {
+  const size_t num_present = entries_.size();
   for (Entry& entry : others.entries_) {
     entry.pending = kComparedWindows;
-    if (entries_.size() < MaxEntries()) Append(std::move(entry));
+    const RigidTransform& pose = entry.track->motion().camera_from_object;
+    const auto is_same = [&](const Entry& present) {
+      return LooksLike(present.track->motion().camera_from_object, pose);
+    };
+    const auto end = entries_.begin() + static_cast<std::ptrdiff_t>(num_present);
+    const bool is_known = num_present > 0 && (HasWonAgainst(pose) || std::any_of(entries_.begin(), end, is_same));
+    if (!is_known && entries_.size() < MaxEntries()) Append(std::move(entry));
   }
   others.entries_.clear();
+}
+
+bool Hypotheses::HasWonAgainst(const RigidTransform& camera_from_object) const {
+  const Entry& first = entries_.front();
+  const RigidTransform& pose = first.track->motion().camera_from_object;
+  return std::any_of(first.won_against.begin(), first.won_against.end(), [&](const RigidTransform& relative) {
+    return LooksLike(pose * relative, camera_from_object);
+  });
+}
+
+bool Hypotheses::LooksLike(const RigidTransform& a, const RigidTransform& b) const {
+  constexpr size_t kMaxPoints = 64;
+  const RigidTransform other = NearestEquivalent(b, *context_.model, a);
+  const std::vector<Eigen::Vector3d>& vertices = context_.model->vertices;
+  const size_t step = vertices.size() / kMaxPoints + 1;
+  double sum_px2 = 0.0, count = 0.0;
+  for (size_t i = 0; i < vertices.size(); i += step) {
+    const Eigen::Vector3d p = a * vertices[i], q = other * vertices[i];
+    if (p.z() <= 0.0 || q.z() <= 0.0) continue;
+    const Eigen::Vector2d moved = p.head<2>() / p.z() - q.head<2>() / q.z();
+    sum_px2 += moved.cwiseProduct(Eigen::Vector2d(context_.camera.fx_px, context_.camera.fy_px)).squaredNorm();
+    count += 1.0;
+  }
+  const double near_px = context_.options.health.near_px;
+  return count > 0.0 && sum_px2 < near_px * near_px * count;
 }
 
 void Hypotheses::Append(Entry entry) {
@@ -96,23 +160,31 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   DownsampleByClass(
       static_cast<size_t>(context_.options.initialization.max_compared_events), {0.5, 0.5}, window.events,
       [](const WindowEvent& event) { return event.polarity; }, events);
-  for (Entry& entry : entries_) entry.explains.assign(events.size(), 0.0f);
+  for (Entry& entry : entries_) entry.events.assign(events.size(), {});
   for (size_t k = 0; k < events.size(); ++k) {
     YieldPoint(k);
     const std::optional<Observation> event =
         Observe(context_.camera, context_.tables->undistortion, events[k], window.t_mid_us());
     if (!event) continue;
-    for (Entry& entry : entries_) entry.explains[k] = static_cast<float>(entry.track->Explains(*event, others));
+    for (Entry& entry : entries_) entry.events[k] = entry.track->NearestLine(*event, others);
   }
-  for (Entry& entry : entries_) {
-    for (size_t other = 0; other < entries_.size(); ++other) {
-      if (!entry.is_settled() || !entries_[other].is_settled()) continue;
-      for (size_t k = 0; k < events.size(); ++k) {
-        const double difference = entry.explains[k] - entries_[other].explains[k];
-        entry.difference[other] += difference;
-        entry.squares[other] += difference * difference;
-      }
+  for (size_t i = 0; i < entries_.size(); ++i) {
+    for (size_t j = i + 1; j < entries_.size(); ++j) {
+      if (entries_[i].is_settled() && entries_[j].is_settled()) CompareScores(i, j);
     }
+  }
+}
+
+void Hypotheses::CompareScores(size_t i, size_t j) {
+  Entry &a = entries_[i], &b = entries_[j];
+  const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
+  for (size_t k = 0; k < a.events.size(); ++k) {
+    YieldPoint(k);
+    const double difference = ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px);
+    a.difference[j] += difference;
+    b.difference[i] -= difference;
+    a.squares[j] += difference * difference;
+    b.squares[i] += difference * difference;
   }
 }
 
@@ -183,13 +255,21 @@ void Hypotheses::DropWorse() {
       if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
       // Entry j is significantly better than a supported pose, so that the contradictions of j were chance.
       if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->ClearContradictions();
+      std::vector<RigidTransform>& won_against = entries_[j].won_against;
+      if (won_against.size() == kMaxWonAgainst) won_against.erase(won_against.begin());
+      won_against.push_back(entries_[j].track->motion().camera_from_object.Inverse() *
+                            entries_[i].track->motion().camera_from_object);
       Remove(i, LossCause::kBetterPose);
       break;
     }
   }
 }
 
-double Hypotheses::Entry::Explained() const { return std::accumulate(explains.begin(), explains.end(), 0.0); }
+double Hypotheses::Entry::Explained() const {
+  double sum = 0.0;
+  for (const PoseTrack::Nearness& event : events) sum += ScoreOf(event, kWidestPx);
+  return sum;
+}
 
 void Hypotheses::DropHopelessRivals() {
   // Most generated poses explain next to nothing; the settling of those would take most of the time of all rivals.
@@ -220,8 +300,11 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, estimate, explains, difference, squares, is_rival, pending] = self;
-  archive(*track, estimate, is_rival, AtMost(pending, kSettlingWindows + kComparedWindows));
+  auto& [track, estimate, events, difference, squares, is_rival, is_unlikely, has_rivals_tested, pending, won_against] =
+      self;
+  archive(*track, estimate, is_rival, is_unlikely, has_rivals_tested, AtMost(pending, kSettlingWindows + kComparedWindows));
+  archive(won_against);
+  archive.Check(won_against.size() <= kMaxWonAgainst, "more rejected poses than are kept");
   // Both have one element per entry.
   for (auto& value : difference) archive(Finite(value));
   for (auto& value : squares) archive(Finite(value));

@@ -27,11 +27,16 @@ class Hypotheses {
   // explains less than half of what the first hypothesis explains after three windows is removed. Returns the rival, or
   // null if there is no room. Requires !empty().
   enum class RivalKind { kSameEdges, kOtherEdges };
-  const PoseTrack* AddRival(const MotionState& state, RivalKind kind);
-  // Whether this hypothesis is left and is or may be compared with the others.
+  // kUnlikely: the rival was excluded before, by an earlier test or because the first pose was given. It is undecided
+  // only once the events prefer it by half of InitializationOptions::decision_sigma.
+  enum class RivalPrior { kEqual, kUnlikely };
+  const PoseTrack* AddRival(const MotionState& state, RivalKind kind, RivalPrior prior = RivalPrior::kEqual);
+  // Whether this hypothesis is left; settled: and is or may be compared with the others.
+  bool Has(const PoseTrack* track) const;
   bool HasSettled(const PoseTrack* track) const;
   // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
-  // twice InitializationOptions::max_candidates are kept, the earliest ones.
+  // twice InitializationOptions::max_candidates are kept, the earliest ones. Poses that are followed already, or that
+  // the first hypothesis has won against, are left out: the evidence about them would begin anew.
   void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 
@@ -45,6 +50,13 @@ class Hypotheses {
   // deviations.
   void PutBestFirst(double min_sigma);
 
+  // Whether a pose that looks like this one was rejected because the events prefer the first hypothesis. Requires
+  // !empty().
+  bool HasWonAgainst(const RigidTransform& camera_from_object) const;
+  // The generated rivals of the first hypothesis have been added, and whether they have. A rival with the same edges has
+  // the same rivals.
+  void MarkFirstTested() { entries_.front().has_rivals_tested = true; }
+  bool is_first_tested() const { return entries_.front().has_rivals_tested; }
   // Whether the first hypothesis has rivals that AddRival() has added.
   bool HasRival() const;
   // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
@@ -78,27 +90,35 @@ class Hypotheses {
   static constexpr int kSettlingWindows = 8;
   static constexpr int kFirstWindows = 3;
   static constexpr int kComparedWindows = 8;
+  static constexpr size_t kMaxWonAgainst = 16;
 
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {
     std::unique_ptr<PoseTrack> track;
     std::optional<PoseEstimate> estimate;
-    std::vector<float> explains;  // scores of the compared events of the window (PoseTrack::Explains)
-    // For each other entry, in the order of `entries_`: sum of the differences of `explains`, and of their squares.
+    std::vector<PoseTrack::Nearness> events;  // the compared ones of the window
+    // For each other entry, in the order of `entries_`: sum of the differences of the scores, and of their squares.
     std::vector<double> difference;
     std::vector<double> squares;
     bool is_rival = false;
-    int pending = 0;  // windows that are left until the comparison with the first hypothesis is undecided
+    bool is_unlikely = false;        // RivalPrior
+    bool has_rivals_tested = false;  // MarkFirstTested()
+    int pending = 0;                 // windows that are left until the comparison with the first hypothesis is undecided
+    std::vector<RigidTransform> won_against;  // poses relative to this one, object_from_object; at most kMaxWonAgainst
     bool is_settled() const { return pending <= kComparedWindows; }
-    double Explained() const;  // sum of `explains`
+    double Explained() const;  // sum of the scores
     static void VisitState(auto& archive, auto& self);
   };
 
   void Compare(const EventWindow& window, const Competitors* others);
+  // Adds the differences of the scores of the compared events to the sums of both.
+  void CompareScores(size_t i, size_t j);
   // Standard deviations by which entry i is better supported than entry j.
   double Preference(size_t i, size_t j) const;
   // Natural logarithm of the likelihood of entry i divided by that of entry j.
   double LogLikelihoodRatio(size_t i, size_t j) const;
+  // Whether both poses, which differ by no symmetry, have the same image up to the width of a line's events.
+  bool LooksLike(const RigidTransform& a, const RigidTransform& b) const;
   void DropLost();
   void DropRejected();
   void DropEqual();

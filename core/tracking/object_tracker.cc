@@ -18,8 +18,6 @@ constexpr size_t kMaxPastStates = 1000;
 // Inclination of a face at which its mirrored pose is tested, relative to InitializationOptions::merge_rad: both then
 // differ by more than poses that are merged.
 constexpr double kInclinedOfMerge = 0.6;
-// Generated rivals that are followed together: bounds the cost of a window.
-constexpr int kRivalsAtOnce = 3;
 
 }  // namespace
 
@@ -159,11 +157,13 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   }
   if (has_rival && first != &hypotheses_.first()) {
     Enter(ObjectInput::kRivals);  // its rival takes its place
+    StartRivalRounds(window.t_end_us, Hypotheses::RivalPrior::kEqual);
   } else if (counts_as_loss && first != &hypotheses_.first()) {
     // Competitors are left: one of them is reported when it is confirmed.
     CountLoss(hypotheses_.first_removed_because());
     Enter(ObjectInput::kFirstRejected);
   }
+  if (hypotheses_.size() == 1 && IsCompeting(phase_)) TestRivalsOfWinner();
   if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
   if (hypotheses_.IsUndecided()) Enter(ObjectInput::kRivals);
   // A published pose is replaced only by one that is significantly more likely.
@@ -187,60 +187,6 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   AddRivals(window);
 }
 
-void ObjectTracker::AddRivals(const EventWindow& window) {
-  if (phase_ != ObjectPhase::kPublished || hypotheses_.size() > 1) {
-    turned_faces_.Reset();  // another pose may be published next
-    return;
-  }
-  const double focal_px = context_.camera.MaxFocalPx();
-  const MotionState& motion = hypotheses_.first().motion();
-  const std::optional<size_t> due = turned_faces_.Update(motion.camera_from_object, focal_px);
-  // The published estimators are compared as they are.
-  if (state() != TrackState::kTracking || context_.options.estimator_factory) return;
-  if (due) {
-    const ModelEdges::FacePlane& face = context_.edges->face_planes()[*due];
-    hypotheses_.AddRival(MirroredState(motion, face.point, face.normal, focal_px, context_.options.initial),
-                         Hypotheses::RivalKind::kSameEdges);
-  } else if (rival_rounds_left_ > 0 && window.t_end_us >= next_rivals_us_) {
-    AddGeneratedRivals(window.t_end_us);
-  }
-}
-
-void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
-  const InitializationOptions& options = context_.options.initialization;
-  const std::vector<MotionState> rivals = rival_generator_.RivalsOf(
-      hypotheses_.first().motion(), context_.camera.MaxFocalPx(), context_.options.initial, options.merge_rad);
-  const int count = static_cast<int>(rivals.size());
-  const int end = std::min(count, next_rival_ + kRivalsAtOnce);
-  for (; next_rival_ < end; ++next_rival_) {
-    hypotheses_.AddRival(rivals[static_cast<size_t>(next_rival_)], Hypotheses::RivalKind::kOtherEdges);
-  }
-  if (next_rival_ < count) return;
-  next_rival_ = 0;
-  --rival_rounds_left_;
-  next_rivals_us_ = t_us + options.rival_interval_us;
-}
-
-void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
-  if (context_.options.estimator_factory) return;
-  const MotionState start = hypotheses.first().motion();
-  Hypotheses trial(context_);
-  trial.Add(start);
-  std::vector<std::pair<const PoseTrack*, MotionState>> rivals;
-  for (const MotionState& rival : rival_generator_.RivalsOf(
-           start, context_.camera.MaxFocalPx(), context_.options.initial, context_.options.initialization.merge_rad)) {
-    const PoseTrack* track = trial.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);
-    if (track != nullptr) rivals.emplace_back(track, rival);
-  }
-  for (size_t i = 0; i < memory_.size() && trial.HasRival(); ++i) {
-    const EventWindow past = memory_.At(i);
-    if (past.t_mid_us() >= start.t_us) trial.OnWindow(past, OthersAt(past, nullptr));
-  }
-  for (const auto& [track, rival] : rivals) {
-    if (trial.HasSettled(track) && !hypotheses.is_full()) hypotheses.Add(rival);
-  }
-}
-
 void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates) {
   estimate.state = state();
   if (estimate.state == TrackState::kAmbiguous) estimate.alternatives = hypotheses_.Alternatives();
@@ -253,12 +199,11 @@ void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& es
 
 void ObjectTracker::StartPublishing(const EventWindow& window) {
   const InitializationOptions& options = context_.options.initialization;
-  repeats_left_ = IsGiven(phase_) ? 0 : options.num_repeats;
+  const bool is_given = IsGiven(phase_);
+  repeats_left_ = is_given ? 0 : options.num_repeats;
   Enter(ObjectInput::kPublication);
   turned_faces_.Reset();
-  next_rivals_us_ = window.t_end_us;
-  rival_rounds_left_ = options.num_rival_rounds;
-  next_rival_ = 0;
+  StartRivalRounds(window.t_end_us, is_given ? Hypotheses::RivalPrior::kUnlikely : Hypotheses::RivalPrior::kEqual);
   retry_us_ = options.repeat_us;
   next_search_us_ = window.t_end_us + options.repeat_us;
 }
@@ -462,7 +407,7 @@ void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, memory, initializer, unpublished_state, report, losses, last_tracked,
          last_published_us, given_pose, given_at_us, next_search_us, retry_us, repeats_left, hypotheses,
          followed_since_us, phase, now_us, others, competitors, past_states, rival_generator, turned_faces,
-         next_rivals_us, rival_rounds_left, next_rival, was_published] = self;
+         next_rivals_us, rival_rounds_left, next_rival, rival_prior, was_published] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory, AtMost(unpublished_state, TrackState::kLost), report, losses, last_tracked, last_published_us,
           given_pose, given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
@@ -470,7 +415,8 @@ void ObjectTracker::VisitState(auto& archive, auto& self) {
           InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
           turned_faces, InRange(next_rivals_us, -kMax_us, kMax_us),
           AtMost(rival_rounds_left, context.options.initialization.num_rival_rounds),
-          AtMost(next_rival, RivalGenerator::kMaxRivals), was_published, InRange(now_us, -kMax_us, kMax_us));
+          AtMost(next_rival, RivalGenerator::kMaxRivals), AtMost(rival_prior, Hypotheses::RivalPrior::kUnlikely),
+          was_published, InRange(now_us, -kMax_us, kMax_us));
 }
 
 void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }

@@ -92,6 +92,12 @@ class ObjectTracker {
   // is seen edge-on, and the generated ones at intervals.
   void AddRivals(const EventWindow& window);
   void AddGeneratedRivals(int64_t t_us);
+  // Starts the tests of the generated rivals of a pose that is published from now on.
+  void StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior);
+  // Adds the generated rivals of the only hypothesis that is left, unless they have been tested: one that has won
+  // against other poses may still have a twin.
+  void TestRivalsOfWinner();
+  std::vector<MotionState> RivalsOf(const MotionState& state) const;
   // Adds the generated rivals of the first of `hypotheses`, which is in its start state, that explain the stored events
   // as well as it does, to decide between them before one is published.
   void AddEqualRivals(Hypotheses& hypotheses);
@@ -146,6 +152,7 @@ class ObjectTracker {
   int64_t next_rivals_us_ = 0;
   int rival_rounds_left_ = 0;
   int next_rival_ = 0;  // of the present round
+  Hypotheses::RivalPrior rival_prior_ = Hypotheses::RivalPrior::kEqual;  // of the present round
   // A pose was published before this window, so that the other objects take this one into account.
   bool was_published_ = false;
 };

@@ -180,19 +180,16 @@ std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
   return MakeEstimate(fit, WindowInput());
 }
 
-double PoseTrack::Explains(Observation observation, const Competitors* others) const {
-  // A triangle of half-width kOwnPx about the line, which is the spread of its events, and a constant negative value up
-  // to kScoredPx, so that the integral across the line is zero.
-  constexpr double kOwnPx = 3.0;
-  constexpr double kScoredPx = 6.0;
-  constexpr double kBesideScore = 0.5 * kOwnPx / (kScoredPx - kOwnPx);
-  if (!associator_.grid().GiveLines(observation)) return 0.0;
+PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const Competitors* others) const {
+  Nearness nearness;
+  if (!associator_.grid().GiveLines(observation)) return nearness;
   const NearLines near = FindNearLines(observation, image_lines_.data(), kScoredPx, 0.0);
-  if (near.count == 0) return 0.0;
-  const double distance = std::abs(near.distance_px[0]);
-  const double explains = distance < kOwnPx ? 1.0 - distance / kOwnPx : -kBesideScore;
-  if (others == nullptr || rates_.empty()) return explains;
-  return explains * OwnShare(distance, CompetingFor(observation, *others, rates_));
+  if (near.count == 0) return nearness;
+  const double distance_px = std::abs(near.distance_px[0]);
+  nearness.distance_px = static_cast<float>(distance_px);
+  if (others == nullptr || rates_.empty()) return nearness;
+  nearness.share = static_cast<float>(OwnShare(distance_px, CompetingFor(observation, *others, rates_)));
+  return nearness;
 }
 
 const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {

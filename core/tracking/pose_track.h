@@ -67,11 +67,17 @@ class PoseTrack {
   void set_motion(const MotionState& motion) { motion_ = motion; }
   // The lines that were associated in the last window; valid until the next one.
   absl::Span<const TrackedLine> lines() const { return lines_; }
-  // Score of an event of the last window in [-0.5, 1]: high on a line, negative beside one, so that the mean over
-  // uniform clutter is zero; 0 where no line is near.
-  double Explains(Observation observation, const Competitors* others = nullptr) const;
+  // Where an event of the last window lies relative to the lines.
+  struct Nearness {
+    float distance_px = kScoredPx;  // from the nearest line in view; kScoredPx where none is nearer
+    float share = 1.0f;             // probability that the event is not that of another object
+  };
+  static constexpr float kScoredPx = 6.0f;
+  Nearness NearestLine(Observation observation, const Competitors* others = nullptr) const;
+  // Root mean square of the residuals of the last window, pixels.
+  double spread_px() const { return fit_.residual_rms_px; }
 
-  // To be called between windows; lines() and Explains() are not restored. LoadState() requires the same context.
+  // To be called between windows; lines(), NearestLine() and spread_px() are not restored. LoadState() requires the same context.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 

@@ -27,6 +27,52 @@ void SetRivalCovariance(const MotionState& from, double focal_px, const InitialP
   rival.covariance.bottomRightCorner<6, 6>() = kTwistFactor * from.covariance.bottomRightCorner<6, 6>();
 }
 
+// Integrals over the edges or the surface of a model.
+struct Moments {
+  double measure = 0.0;  // length or area
+  Vector3d first = Vector3d::Zero();
+  Matrix3d second = Matrix3d::Zero();  // of x x^T
+
+  void AddSegment(const Vector3d& p, const Vector3d& q) {
+    const double length = (q - p).norm();
+    const Vector3d sum = p + q;
+    measure += length;
+    first += length / 2.0 * sum;
+    second += length / 6.0 * (sum * sum.transpose() + p * p.transpose() + q * q.transpose());
+  }
+  void AddTriangle(const Vector3d& p, const Vector3d& q, const Vector3d& r) {
+    const double area = 0.5 * (q - p).cross(r - p).norm();
+    const Vector3d sum = p + q + r;
+    measure += area;
+    first += area / 3.0 * sum;
+    second += area / 12.0 * (sum * sum.transpose() + p * p.transpose() + q * q.transpose() + r * r.transpose());
+  }
+};
+
+// Those of what the events show: the edges, unless some of them are contours, which move over the whole surface.
+Moments MomentsOf(const ObjectModel& model) {
+  Moments moments;
+  if (model.surface.empty() && model.facet_edges.empty()) {
+    for (size_t i = 0; i < model.lines.size(); ++i) {
+      YieldPoint(i);
+      moments.AddSegment(model.lines[i].p1, model.lines[i].p2);
+    }
+    for (const EdgeCurve& curve : model.curves) {
+      for (size_t i = 1; i < curve.points.size(); ++i) {
+        YieldPoint(i);
+        moments.AddSegment(curve.points[i - 1], curve.points[i]);
+      }
+    }
+    return moments;
+  }
+  for (size_t i = 0; i < model.triangles.size(); ++i) {
+    YieldPoint(i);
+    const auto& [a, b, c] = model.triangles[i];
+    moments.AddTriangle(model.vertices[a], model.vertices[b], model.vertices[c]);
+  }
+  return moments;
+}
+
 }  // namespace
 
 MotionState MirroredState(const MotionState& state, const Vector3d& point, const Vector3d& normal, double focal_px,
@@ -109,22 +155,11 @@ RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
   // Eigenvalues of the second moments that differ by less, relative to the largest, do not determine their axes: the
   // object is nearly a cube, or turns into itself.
   constexpr double kDistinct = 0.02;
-  Matrix3d moments = Matrix3d::Zero();
-  double area = 0.0;
-  for (size_t i = 0; i < model.triangles.size(); ++i) {
-    YieldPoint(i);
-    const auto& [a, b, c] = model.triangles[i];
-    const Vector3d &p = model.vertices[a], &q = model.vertices[b], &r = model.vertices[c];
-    const double part = 0.5 * (q - p).cross(r - p).norm();
-    const Vector3d sum = p + q + r;
-    area += part;
-    centroid_ += part / 3.0 * sum;
-    // The integral of x x^T over a triangle.
-    moments += part / 12.0 * (sum * sum.transpose() + p * p.transpose() + q * q.transpose() + r * r.transpose());
-  }
-  if (!(area > 0.0)) return;
-  centroid_ /= area;
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(moments / area - centroid_ * centroid_.transpose());
+  const Moments moments = MomentsOf(model);
+  if (!(moments.measure > 0.0)) return;
+  centroid_ = moments.first / moments.measure;
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(moments.second / moments.measure -
+                                                      centroid_ * centroid_.transpose());
   const Vector3d& values = solver.eigenvalues();
   for (int k = 0; k < 3; ++k) {
     double gap = values[2];

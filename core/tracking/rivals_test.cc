@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -165,6 +166,23 @@ TEST(RivalGeneratorTest, APlateHasItsFlip) {
     EXPECT_GE(differ(rivals[i], state), 0.02) << i;
     for (size_t j = 0; j < i; ++j) EXPECT_GE(differ(rivals[i], rivals[j]), 0.02) << i << ", " << j;
   }
+}
+
+TEST(RivalGeneratorTest, TheHalfTurnOfPaintedLinesIsAboutTheirCentre) {
+  // A rectangle drawn beside the only face of the model, which is a triangle.
+  ObjectModel drawing;
+  const Vector3d corners[] = {{0.01, 0.02, 0.0}, {0.07, 0.02, 0.0}, {0.07, 0.06, 0.0}, {0.01, 0.06, 0.0}};
+  drawing.vertices = {{-0.2, -0.1, 0.0}, {-0.1, -0.1, 0.0}, {-0.15, -0.05, 0.0}};
+  drawing.triangles = {{0, 1, 2}};
+  for (int i = 0; i < 4; ++i) drawing.lines.push_back({corners[i], corners[(i + 1) % 4], {}, EdgeKind::kPainted});
+  const MotionState state = InclinedFace(0.5, 0.0);
+  const std::vector<MotionState> rivals =
+      RivalGenerator(drawing).RivalsOf(state, kCamera.fx_px, InitialPoseOptions(), 0.02);
+  const auto turns = [&](const MotionState& rival) {
+    return (rival.camera_from_object * corners[0] - state.camera_from_object * corners[2]).norm() < 1e-9 &&
+           (rival.camera_from_object * corners[1] - state.camera_from_object * corners[3]).norm() < 1e-9;
+  };
+  EXPECT_EQ(std::count_if(rivals.begin(), rivals.end(), turns), 1);
 }
 
 }  // namespace

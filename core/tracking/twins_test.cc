@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Poses whose images differ by about a pixel: half turns of a card with two frames that are not quite concentric.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <memory>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/estimation/ideal_events_testing.h"
+#include "core/tracking/hypotheses.h"
+#include "core/tracking/tracker.h"
+#include "core/tracking/tracking_testing.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector3d;
+using testing::ConstantTwist;
+using testing::IdealEventOptions;
+using testing::MakeIdealEvents;
+using testing::MakePose;
+
+const Vector6d kCardTwist = Twist(0.2, 0.25, 0.05, 0.3, 0.3, 0.4);
+
+// The middles of both frames are `offset_m` apart; 1 mm is about 1 px.
+std::shared_ptr<const ObjectModel> Card(double offset_m) {
+  auto card = std::make_shared<ObjectModel>();
+  const auto add_frame = [&card](double half_width_m, double half_height_m, double middle_m) {
+    const Vector3d corners[] = {{-half_width_m, middle_m - half_height_m, 0.0},
+                                {half_width_m, middle_m - half_height_m, 0.0},
+                                {half_width_m, middle_m + half_height_m, 0.0},
+                                {-half_width_m, middle_m + half_height_m, 0.0}};
+    for (int i = 0; i < 4; ++i) {
+      card->vertices.push_back(corners[i]);
+      card->lines.push_back({corners[i], corners[(i + 1) % 4], {{0.0, 0.0, -1.0}}, EdgeKind::kPainted});
+    }
+  };
+  add_frame(0.1, 0.06, 0.0);
+  add_frame(0.06, 0.03, offset_m);
+  card->diameter_m = 0.24;
+  return card;
+}
+
+const RigidTransform kHalfTurn = MakePose({0.0, 0.0, 0.0}, {0.0, 0.0, std::numbers::pi});
+
+std::vector<Event> CardEvents(const ObjectModel& card, int64_t duration_us) {
+  IdealEventOptions options;
+  options.duration_us = duration_us;
+  return MakeIdealEvents(card, kCamera, ConstantTwist(kStart, kCardTwist), options);
+}
+
+class TwinsTest : public ::testing::Test {
+ protected:
+  TwinsTest() {
+    auto edges = std::make_shared<const ModelEdges>(*card_, options_.visibility, options_.elements);
+    context_ = std::make_unique<TrackContext>(
+        TrackContext{card_, kCamera, MakeCameraTables(kCamera).value(), options_, std::move(edges)});
+  }
+
+  MotionState StateOf(const RigidTransform& pose) const {
+    MotionState state = InitialMotionState(pose, 0, kCamera.fx_px, options_.initial);
+    state.twist = kCardTwist;
+    return state;
+  }
+  // Follows the hypotheses until one is left; returns that time, or the end.
+  int64_t UntilOneIsLeftUs(Hypotheses& hypotheses, int64_t duration_us) const {
+    EventWindower windower(options_.windows, {kCamera.width_px, kCamera.height_px});
+    int64_t end_us = duration_us;
+    windower.Add(CardEvents(*card_, duration_us), [&](const EventWindow& window) {
+      if (hypotheses.size() < 2) return;
+      hypotheses.OnWindow(window);
+      if (hypotheses.size() < 2) end_us = window.t_end_us;
+    });
+    return end_us;
+  }
+  static bool IsTurned(const RigidTransform& pose, double t_s) {
+    return RotationAngle(pose.rotation, ConstantTwist(kStart, kCardTwist)(t_s).rotation) > 1.0;
+  }
+
+  const TrackerOptions options_ = IdealSensor();
+  const std::shared_ptr<const ObjectModel> card_ = Card(0.002);
+  std::unique_ptr<TrackContext> context_;
+};
+
+TEST_F(TwinsTest, TheRightHalfTurnWinsWithinAFewWindows) {
+  for (const bool right_first : {true, false}) {
+    Hypotheses hypotheses(*context_);
+    hypotheses.Add(StateOf(right_first ? kStart : kStart * kHalfTurn));
+    hypotheses.Add(StateOf(right_first ? kStart * kHalfTurn : kStart));
+    const int64_t end_us = UntilOneIsLeftUs(hypotheses, 60'000);
+    ASSERT_EQ(hypotheses.size(), 1u) << right_first;
+    EXPECT_LT(end_us, 25'000);
+    EXPECT_FALSE(IsTurned(hypotheses.first().motion().camera_from_object, static_cast<double>(end_us) * 1e-6));
+    EXPECT_TRUE(hypotheses.HasWonAgainst(hypotheses.first().motion().camera_from_object * kHalfTurn));
+    EXPECT_FALSE(hypotheses.HasWonAgainst(hypotheses.first().motion().camera_from_object));
+  }
+}
+
+TEST_F(TwinsTest, APoseThatIsFollowedOrRejectedDoesNotJoinAgain) {
+  Hypotheses hypotheses(*context_);
+  hypotheses.Add(StateOf(kStart));
+  hypotheses.Add(StateOf(kStart * kHalfTurn));
+  const int64_t end_us = UntilOneIsLeftUs(hypotheses, 60'000);
+  const RigidTransform pose = hypotheses.first().motion().camera_from_object;
+  const auto joins = [&](const RigidTransform& other) {
+    Hypotheses found(*context_);
+    found.Add(InitialMotionState(other, end_us, kCamera.fx_px, options_.initial));
+    hypotheses.Join(std::move(found));
+    return hypotheses.size() == 2;
+  };
+  EXPECT_FALSE(joins(pose));
+  EXPECT_FALSE(joins(pose * kHalfTurn));
+  // Saved and loaded, it is known all the same.
+  StateWriter writer;
+  hypotheses.SaveState(writer);
+  const std::string state = writer.Take();
+  StateReader reader(state);
+  hypotheses.LoadState(reader);
+  ASSERT_TRUE(reader.Finish().ok());
+  EXPECT_FALSE(joins(pose * kHalfTurn));
+  EXPECT_TRUE(joins(pose * MakePose({0.0, 0.02, 0.0}, {0.0, 0.0, 0.0})));
+}
+
+TEST_F(TwinsTest, AnUnlikelyRivalIsUndecidedOnlyIfTheEventsPreferIt) {
+  TrackerOptions undecided = options_;
+  undecided.initialization.decision_sigma = 1e6;
+  const TrackContext context{card_, kCamera, context_->tables, undecided, context_->edges};
+  for (const auto prior : {Hypotheses::RivalPrior::kEqual, Hypotheses::RivalPrior::kUnlikely}) {
+    Hypotheses hypotheses(context);
+    hypotheses.Add(StateOf(kStart));
+    hypotheses.AddRival(StateOf(kStart * kHalfTurn), Hypotheses::RivalKind::kOtherEdges, prior);
+    UntilOneIsLeftUs(hypotheses, 40'000);
+    ASSERT_EQ(hypotheses.size(), 2u);
+    EXPECT_EQ(hypotheses.IsUndecided(), prior == Hypotheses::RivalPrior::kEqual);
+  }
+}
+
+// States and poses of a tracker.
+struct CardRun {
+  int turned_tracking = 0, tracking = 0, ambiguous = 0;
+  bool ends_right = false;
+};
+
+CardRun Track(const std::shared_ptr<const ObjectModel>& card, const std::optional<RigidTransform>& given) {
+  auto tracker = Tracker::Create(card, kCamera, IdealSensor(), given).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(CardEvents(*card, 150'000), estimates);
+  CardRun run;
+  for (const PoseEstimate& estimate : estimates) {
+    const RigidTransform truth = ConstantTwist(kStart, kCardTwist)(static_cast<double>(estimate.t_us) * 1e-6);
+    const bool is_turned = RotationAngle(estimate.camera_from_object.rotation, truth.rotation) > 0.1;
+    run.tracking += estimate.state == TrackState::kTracking ? 1 : 0;
+    run.ambiguous += estimate.state == TrackState::kAmbiguous ? 1 : 0;
+    run.turned_tracking += is_turned && estimate.state == TrackState::kTracking ? 1 : 0;
+    run.ends_right = !is_turned;
+  }
+  return run;
+}
+
+TEST(TwinsTrackerTest, AFoundPoseIsTrackedOnlyOnceItsHalfTurnIsRejected) {
+  const CardRun run = Track(Card(0.002), std::nullopt);
+  EXPECT_EQ(run.turned_tracking, 0);
+  EXPECT_GT(run.tracking, 50);
+  EXPECT_TRUE(run.ends_right);
+}
+
+TEST(TwinsTrackerTest, AGivenPoseExcludesItsHalfTurnUntilTheEventsContradict) {
+  const CardRun right = Track(Card(0.0005), kStart);
+  EXPECT_EQ(right.turned_tracking, 0);
+  EXPECT_EQ(right.ambiguous, 0);
+  EXPECT_GT(right.tracking, 100);
+  EXPECT_TRUE(Track(Card(0.002), kStart * kHalfTurn).ends_right);
+}
+
+}  // namespace
+}  // namespace evpose
