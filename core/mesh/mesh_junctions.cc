@@ -86,10 +86,10 @@ class JunctionCloser {
     // Each round costs as much again; one that has reached the limits on the work is the last.
     for (int round = 0; has_changed && report_.is_complete && round < kMaxRounds; ++round) has_changed = CloseSome();
     report_.is_within_limits = report_.is_complete;
-    // Flat triangles that remain do no harm, unless they have no normal.
+    // Flat triangles that remain do no harm, unless they have no normal; junctions that remain are slits.
     const size_t without_normal = RemoveFlatTriangles(kMinHeightOfRest * tolerance_m_, mesh_);
     report_.degenerate_triangles += without_normal;
-    report_.is_complete &= !has_changed && without_normal == 0;
+    report_.is_complete &= !(has_changed && has_junctions_) && without_normal == 0;
     return report_;
   }
 
@@ -109,7 +109,9 @@ class JunctionCloser {
     insertions_.clear();
     remove_.assign(mesh_.triangles.size(), false);
     ChooseFlatTriangles();
+    const size_t num_insertions = insertions_.size();
     FindJunctions();
+    has_junctions_ = insertions_.size() > num_insertions;
     const auto key = [](const Insertion& i) { return std::tie(i.low, i.high, i.share, i.rank, i.vertex); };
     std::sort(insertions_.begin(), insertions_.end(),
               [&](const Insertion& a, const Insertion& b) { return key(a) < key(b); });
@@ -188,7 +190,7 @@ class JunctionCloser {
       if (FindRemovedAt(side)->is_split) return;  // it is as long
     }
     const uint32_t beyond = longest.beyond != kNoVertex ? longest.beyond : VertexBeyond(flat);
-    if (beyond != kNoVertex && !Improves(flat, beyond)) return;
+    if (beyond != kNoVertex && !LeavesAreas(flat, beyond)) return;
     longest.is_split = true;
     longest.apex = flat.apex;
     remove_[flat.triangle] = true;
@@ -207,15 +209,14 @@ class JunctionCloser {
     return kNoVertex;
   }
 
-  // Whether the lower of the flat triangle and its neighbour is lower than both parts of the neighbour: of the vertices
-  // of a flat arc, any two triangles may have one that is flat, and would replace each other without end. If both have
-  // the same longest side, those of their parts are shorter.
-  bool Improves(const FlatTriangle& flat, uint32_t beyond) const {
+  // Whether the parts of the neighbour have areas. Of the vertices of a flat arc, any two triangles may have one that
+  // is flat, and would replace each other without end. If both have the same longest side, those of the parts are
+  // shorter.
+  bool LeavesAreas(const FlatTriangle& flat, uint32_t beyond) const {
     const std::array<uint32_t, 3> neighbour = {flat.low, flat.high, beyond};
-    const int side = LongestSide(neighbour);
-    if (side == 0 && !HasArea(mesh_, neighbour, tolerance_m_)) return true;
-    const double before_m = std::min(flat.height_m, HeightOf(neighbour));
-    return std::min(HeightOf({flat.low, flat.apex, beyond}), HeightOf({flat.apex, flat.high, beyond})) > before_m;
+    if (LongestSide(neighbour) == 0 && !HasArea(mesh_, neighbour, tolerance_m_)) return true;
+    return HasArea(mesh_, {flat.low, flat.apex, beyond}, tolerance_m_) &&
+           HasArea(mesh_, {flat.apex, flat.high, beyond}, tolerance_m_);
   }
 
   // Over the longest side.
@@ -392,7 +393,8 @@ class JunctionCloser {
   std::vector<Ends> flat_edges_;       // of the triangles without area, sorted
   std::vector<RemovedAt> removed_at_;  // of `flat_edges_`
   std::vector<Insertion> insertions_;
-  std::vector<bool> remove_;  // triangles
+  bool has_junctions_ = false;  // the last round has found some
+  std::vector<bool> remove_;    // triangles
   JunctionReport report_;
 };
 
