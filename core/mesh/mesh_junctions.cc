@@ -190,7 +190,7 @@ class JunctionCloser {
       if (FindRemovedAt(side)->is_split) return;  // it is as long
     }
     const uint32_t beyond = longest.beyond != kNoVertex ? longest.beyond : VertexBeyond(flat);
-    if (beyond != kNoVertex && !LeavesAreas(flat, beyond)) return;
+    if (beyond != kNoVertex && !Improves(flat, beyond)) return;
     longest.is_split = true;
     longest.apex = flat.apex;
     remove_[flat.triangle] = true;
@@ -209,14 +209,15 @@ class JunctionCloser {
     return kNoVertex;
   }
 
-  // Whether the parts of the neighbour have areas. Of the vertices of a flat arc, any two triangles may have one that
-  // is flat, and would replace each other without end. If both have the same longest side, those of the parts are
-  // shorter.
-  bool LeavesAreas(const FlatTriangle& flat, uint32_t beyond) const {
+  // Whether the lower of the flat triangle and its neighbour is lower than both parts of the neighbour: of the vertices
+  // of a flat arc, any two triangles may have one that is flat, and would replace each other without end. If both have
+  // the same longest side, those of their parts are shorter.
+  bool Improves(const FlatTriangle& flat, uint32_t beyond) const {
     const std::array<uint32_t, 3> neighbour = {flat.low, flat.high, beyond};
-    if (LongestSide(neighbour) == 0 && !HasArea(mesh_, neighbour, tolerance_m_)) return true;
-    return HasArea(mesh_, {flat.low, flat.apex, beyond}, tolerance_m_) &&
-           HasArea(mesh_, {flat.apex, flat.high, beyond}, tolerance_m_);
+    const int side = LongestSide(neighbour);
+    if (side == 0 && !HasArea(mesh_, neighbour, tolerance_m_)) return true;
+    const double before_m = std::min(flat.height_m, HeightOf(neighbour));
+    return std::min(HeightOf({flat.low, flat.apex, beyond}), HeightOf({flat.apex, flat.high, beyond})) > before_m;
   }
 
   // Over the longest side.
@@ -277,15 +278,20 @@ class JunctionCloser {
     ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
       if (uses.size() == 1 && !remove_[uses[0].triangle]) edges.push_back(uses[0]);
     });
-    std::vector<Eigen::AlignedBox3f> boxes;
     std::vector<uint32_t> vertices;
+    for (const EdgeUse& edge : edges) vertices.insert(vertices.end(), {edge.low, edge.high});
+    std::sort(vertices.begin(), vertices.end());
+    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+    // What cannot end within the limit is not begun: for a million triangles without neighbours it would take seconds.
+    if (vertices.size() * BoxTree::LeastNodes(edges.size()) > nodes_left_) {
+      report_.is_complete = report_.is_searched = false;
+      return;
+    }
+    std::vector<Eigen::AlignedBox3f> boxes;
     for (const EdgeUse& edge : edges) {
       Eigen::AlignedBox3d box(mesh_.points[edge.low]);
       boxes.push_back(box.extend(mesh_.points[edge.high]).cast<float>());
-      vertices.insert(vertices.end(), {edge.low, edge.high});
     }
-    std::sort(vertices.begin(), vertices.end());
-    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
     const BoxTree tree(boxes);
     for (const uint32_t vertex : vertices) {
       YieldPoint(vertex);

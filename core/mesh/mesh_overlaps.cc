@@ -78,6 +78,11 @@ Polygon2d ClipPolygon(const Polygon2d& polygon, const Eigen::Vector2d& a, const 
   return kept;
 }
 
+Polygon2d ClipByTriangle(Polygon2d polygon, const Triangle2d& triangle) {
+  for (size_t i = 0; i < 3; ++i) polygon = ClipPolygon(polygon, triangle[i], triangle[(i + 1) % 3], /*keep_left=*/true);
+  return polygon;
+}
+
 // Whether counter-clockwise triangles cover a triangle up to a strip along its sides that is one tolerance wide. Each
 // piece of the triangle that is cut takes one from `budget`; false if it ends.
 bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triangle, double tolerance_m,
@@ -86,6 +91,13 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   for (size_t i = 0; i < 3; ++i) perimeter += (triangle[(i + 1) % 3] - triangle[i]).norm();
   std::vector<Polygon2d> pieces(1, Polygon2d(triangle.begin(), triangle.end())), rest;
   const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
+  if (budget < covers.size()) return false;
+  budget -= covers.size();
+  // No more can be covered than the covers have in common with the triangle, one by one. The pieces of most triangles
+  // that are partly covered are not cut, whose number would grow with that of the covers.
+  double common = 0.0;
+  for (const Triangle2d& cover : covers) common += std::max(0.0, PolygonArea(ClipByTriangle(pieces[0], cover)));
+  if (common < total - 2.0 * negligible) return false;
   for (const Triangle2d& cover : covers) {
     if (budget < pieces.size()) return false;
     budget -= pieces.size();
@@ -269,7 +281,8 @@ class OverlapRemover {
       const Triangle2d triangle = Project(t, t);
       is_copy_[t] = AreCovering(same, triangle, tolerance_m_, budget);
       is_wall_[t] = AreCovering(opposite, triangle, tolerance_m_, budget);
-      is_second_[t] = is_wall_[t] && AreCovering(first_opposite, triangle, tolerance_m_, budget);
+      is_second_[t] = is_wall_[t] && (first_opposite.size() == opposite.size() ||
+                                      AreCovering(first_opposite, triangle, tolerance_m_, budget));
     }
     report_.is_complete &= budget > 0;
   }
