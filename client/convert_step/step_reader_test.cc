@@ -18,6 +18,7 @@
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
 #include <TopoDS_Shape.hxx>
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -219,6 +220,21 @@ TEST_F(StepReaderTest, TheProgramPrintsTheMeshOrItsError) {
               testing::StartsWith("cannot be read"));
 }
 
+// Largest distance of a curve, at its points and the middles of its segments, from a circle.
+double DistanceFrom(const EdgeCircle& circle, const EdgeCurve& curve) {
+  double largest_m = 0.0;
+  const auto visit = [&](const Eigen::Vector3d& point) {
+    const double height_m = circle.axis.dot(point - circle.centre);
+    const double across_m = (point - circle.centre - height_m * circle.axis).norm();
+    largest_m = std::max(largest_m, std::hypot(height_m, across_m - circle.radius_m));
+  };
+  for (size_t i = 0; i < curve.points.size(); ++i) {
+    visit(curve.points[i]);
+    if (i > 0) visit(0.5 * (curve.points[i - 1] + curve.points[i]));
+  }
+  return largest_m;
+}
+
 TEST_F(StepReaderTest, APublicPartIsRead) {
   const std::string path = FindTestData("cad/featuretype.STEP");
   if (path.empty()) GTEST_SKIP() << "no cad/featuretype.STEP";
@@ -230,7 +246,17 @@ TEST_F(StepReaderTest, APublicPartIsRead) {
   const auto model =
       server::ParseModelFile({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, ModelFormat::kMesh, {});
   ASSERT_TRUE(model.ok()) << model.status();
-  EXPECT_GT(model->curves.size(), 10u);
+  // Each circle is a curve of the model, within the sagitta of the segments of curves.
+  size_t num_circles = 0;
+  for (const ExactEdge& edge : mesh->exact_edges) {
+    if (edge.shape != ExactEdge::Shape::kCircle || edge.is_smooth) continue;
+    ++num_circles;
+    EXPECT_TRUE(std::any_of(model->curves.begin(), model->curves.end(), [&](const EdgeCurve& curve) {
+      return DistanceFrom(edge.circle, curve) < 2e-5 * model->diameter_m;
+    })) << edge.circle.centre.transpose();
+  }
+  EXPECT_GT(num_circles, 50u);
+  EXPECT_GT(model->curves.size(), num_circles);
 }
 
 }  // namespace

@@ -30,6 +30,9 @@ constexpr size_t kSplitsForAnySize = 1'000'000;
 constexpr size_t kNodesPerTriangle = 400;
 constexpr size_t kNodesForAnySize = 20'000'000;
 constexpr size_t kNodesPerLateTriangle = 20;
+// A vertex is compared with each edge whose box it meets, which takes as long as some nodes: needles about one axis
+// have boxes that all contain each other's ends.
+constexpr size_t kNodesPerJunctionTest = 4;
 constexpr uint32_t kNoVertex = ~0u;
 // Height, relative to the tolerance, of a triangle that may remain at the end.
 constexpr double kMinHeightOfRest = 1e-3;
@@ -301,6 +304,7 @@ class JunctionCloser {
       const Eigen::AlignedBox3d around(point - margin, point + margin);
       const bool was_complete = tree.VisitMeeting(around.cast<float>(), nodes_left_, [&](uint32_t i) {
         const auto& [low, high, triangle, side, is_forward] = edges[i];
+        nodes_left_ -= std::min(nodes_left_, kNodesPerJunctionTest);
         if (IsWithin(vertex, edges[i])) Insert({low, high, ShareOf(vertex, low, high), 0, vertex}, 1);
       });
       if (!was_complete) report_.is_complete = false;
