@@ -12,6 +12,7 @@
 #include <Standard_Failure.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopLoc_Location.hxx>
+#include <TopTools_DataMapOfShapeInteger.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Shape.hxx>
 #include <array>
@@ -23,6 +24,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "client/convert_step/face_surface.h"
+#include "client/convert_step/step_edges.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 
@@ -130,7 +132,9 @@ absl::StatusOr<RawMesh> Triangulate(const TopoDS_Shape& shape, const StepOptions
   const double deflection = options.deflection_ratio * std::sqrt(box.SquareExtent());
   const BRepMesh_IncrementalMesh mesher(shape, deflection, /*isRelative=*/false, options.turn_rad);
   RawMesh mesh;
+  TopTools_DataMapOfShapeInteger first_points;  // of the faces
   for (TopExp_Explorer faces(shape, TopAbs_FACE); faces.More(); faces.Next()) {
+    first_points.Bind(faces.Current(), static_cast<int>(mesh.points.size()));
     AppendFace(TopoDS::Face(faces.Current()), mesh);
     if (mesh.triangles.size() > options.max_triangles) {
       return absl::InvalidArgumentError(
@@ -138,6 +142,8 @@ absl::StatusOr<RawMesh> Triangulate(const TopoDS_Shape& shape, const StepOptions
     }
   }
   if (mesh.triangles.empty()) return absl::InvalidArgumentError("has no face");
+  const double edge_deflection = options.edge_deflection_ratio * std::sqrt(box.SquareExtent());
+  AppendEdges(shape, first_points, kMetresPerUnit, edge_deflection, mesh);
   return mesh;
 }
 
@@ -147,6 +153,7 @@ absl::Status StepOptions::Validate() const {
   constexpr double kMaxTriangles = 1e8;  // indices have 32 bits
   EVPOSE_RETURN_IF_ERROR(CheckRange("StepOptions.deflection_ratio", deflection_ratio, 1e-7, 0.1));
   EVPOSE_RETURN_IF_ERROR(CheckRange("StepOptions.turn_rad", turn_rad, 1e-3, 1.5));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("StepOptions.edge_deflection_ratio", edge_deflection_ratio, 1e-7, 0.1));
   return CheckRange("StepOptions.max_triangles", static_cast<double>(max_triangles), 1.0, kMaxTriangles);
 }
 

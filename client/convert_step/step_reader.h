@@ -18,13 +18,17 @@ struct StepOptions {
   double deflection_ratio = 5e-4;
   // Largest angle by which the surface turns along a facet, radians: circles, however small, have at least 21 sides.
   double turn_rad = 0.3;
+  // Largest distance between a segment of a curved edge and the curve, relative to the diagonal: that of the segments
+  // of a model's curves (core/models/README.md, section 5).
+  double edge_deflection_ratio = 2e-5;
   size_t max_triangles = 2'000'000;  // what a server accepts
 
   absl::Status Validate() const;
 };
 
-// Returns the faces of a file in metres, with their exact normals and shapes. Errors: INVALID_ARGUMENT for a file that
-// cannot be read or has no face, for more triangles than the options allow, and for invalid options.
+// Returns the faces and edges of a file in metres, with their exact normals, shapes and curves. Errors:
+// INVALID_ARGUMENT for a file that cannot be read or has no face, for more triangles than the options allow, and for
+// invalid options.
 absl::StatusOr<RawMesh> ReadStep(const std::string& path, const StepOptions& options = {});
 
 }  // namespace evpose::client

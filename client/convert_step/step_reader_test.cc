@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/convert_step/step_reader.h"
 
+#include <BRepAdaptor_Curve.hxx>
+#include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepFilletAPI_MakeFillet.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
@@ -11,7 +14,11 @@
 #include <Interface_Static.hxx>
 #include <STEPControl_Controller.hxx>
 #include <STEPControl_Writer.hxx>
+#include <TopExp_Explorer.hxx>
+#include <TopoDS.hxx>
+#include <TopoDS_Edge.hxx>
 #include <TopoDS_Shape.hxx>
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -105,6 +112,78 @@ TEST_F(StepReaderTest, ConesSpheresAndFreeSurfacesHaveOutwardNormalsAlsoAtTheirP
   EXPECT_EQ(CountShapes(*torus), (std::map<RegionShape, int>{{RegionShape::kFree, 1}}));
 }
 
+TEST_F(StepReaderTest, EdgesAreExactCirclesAndLinesWithoutSeams) {
+  const auto mesh = ReadStep(Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape()));
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  ASSERT_EQ(mesh->exact_edges.size(), 2u);
+  for (const ExactEdge& edge : mesh->exact_edges) {
+    EXPECT_EQ(edge.shape, ExactEdge::Shape::kCircle);
+    EXPECT_FALSE(edge.is_smooth);
+    EXPECT_EQ(edge.points.front(), edge.points.back());
+    EXPECT_NEAR(edge.circle.radius_m, 0.01, 1e-12);
+    EXPECT_LT(edge.circle.centre.head<2>().norm(), 1e-12);
+  }
+  const auto box = ReadStep(Write(BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()));
+  ASSERT_TRUE(box.ok()) << box.status();
+  EXPECT_EQ(box->exact_edges.size(), 12u);
+  for (const ExactEdge& edge : box->exact_edges) EXPECT_EQ(edge.shape, ExactEdge::Shape::kLine);
+}
+
+TEST_F(StepReaderTest, FilletsHaveSmoothEdgesAndTheModelHasNone) {
+  const TopoDS_Shape box = BRepPrimAPI_MakeBox(40.0, 20.0, 10.0).Shape();
+  BRepFilletAPI_MakeFillet fillet(box);
+  // The four edges along z.
+  for (TopExp_Explorer edges(box, TopAbs_EDGE); edges.More(); edges.Next()) {
+    const TopoDS_Edge edge = TopoDS::Edge(edges.Current());
+    gp_Pnt begin, end;
+    BRepAdaptor_Curve(edge).D0(0.0, begin);
+    BRepAdaptor_Curve(edge).D0(1.0, end);
+    if (std::abs(end.Z() - begin.Z()) > 0.5) fillet.Add(4.0, edge);
+  }
+  const auto mesh = ReadStep(Write(fillet.Shape()));
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  std::map<std::pair<ExactEdge::Shape, bool>, int> counts;
+  for (const ExactEdge& edge : mesh->exact_edges) ++counts[{edge.shape, edge.is_smooth}];
+  EXPECT_EQ(counts, (std::map<std::pair<ExactEdge::Shape, bool>, int>{{{ExactEdge::Shape::kLine, false}, 8},
+                                                                      {{ExactEdge::Shape::kLine, true}, 8},
+                                                                      {{ExactEdge::Shape::kCircle, false}, 8}}));
+  const std::string bytes = server::EncodeMesh(*mesh);
+  const auto model =
+      server::ParseModelFile({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, ModelFormat::kMesh, {});
+  ASSERT_TRUE(model.ok()) << model.status();
+  EXPECT_EQ(model->lines.size(), 8u);
+  ASSERT_EQ(model->curves.size(), 8u);
+  for (const EdgeCurve& curve : model->curves) {
+    for (const Eigen::Vector3d& point : curve.points) {
+      const Eigen::Vector2d corner(point.x() < 0.02 ? 0.004 : 0.036, point.y() < 0.01 ? 0.004 : 0.016);
+      EXPECT_NEAR((point.head<2>() - corner).norm(), 0.004, 1e-8);
+    }
+  }
+}
+
+TEST_F(StepReaderTest, CurvesOtherThanCirclesAreSampled) {
+  // Where two cylinders of different radii meet.
+  const TopoDS_Shape along_z = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, -30), gp_Dir(0, 0, 1)), 10.0, 60.0).Shape();
+  const TopoDS_Shape along_x = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0)), 6.0, 40.0).Shape();
+  const auto mesh = ReadStep(Write(BRepAlgoAPI_Fuse(along_z, along_x).Shape()));
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  int num_free = 0;
+  for (const ExactEdge& edge : mesh->exact_edges) {
+    if (edge.shape != ExactEdge::Shape::kFree) continue;
+    ++num_free;
+    EXPECT_FALSE(edge.is_smooth);
+    for (size_t i = 0; i < edge.points.size(); ++i) {
+      const Eigen::Vector3d& point = mesh->points[edge.points[i]];
+      EXPECT_NEAR(point.head<2>().norm(), 0.01, 1e-7);
+      EXPECT_NEAR(point.tail<2>().norm(), 0.006, 1e-7);
+      if (i == 0) continue;
+      const Eigen::Vector3d middle = 0.5 * (point + mesh->points[edge.points[i - 1]]);
+      EXPECT_NEAR(middle.tail<2>().norm(), 0.006, 1e-5);
+    }
+  }
+  EXPECT_GE(num_free, 1);
+}
+
 TEST_F(StepReaderTest, IgesFilesAreReadLikewise) {
   IGESControl_Writer writer("MM", 1);  // 1: faces of solids
   ASSERT_TRUE(writer.AddShape(BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()));
@@ -141,6 +220,21 @@ TEST_F(StepReaderTest, TheProgramPrintsTheMeshOrItsError) {
               testing::StartsWith("cannot be read"));
 }
 
+// Largest distance of a curve, at its points and the middles of its segments, from a circle.
+double DistanceFrom(const EdgeCircle& circle, const EdgeCurve& curve) {
+  double largest_m = 0.0;
+  const auto visit = [&](const Eigen::Vector3d& point) {
+    const double height_m = circle.axis.dot(point - circle.centre);
+    const double across_m = (point - circle.centre - height_m * circle.axis).norm();
+    largest_m = std::max(largest_m, std::hypot(height_m, across_m - circle.radius_m));
+  };
+  for (size_t i = 0; i < curve.points.size(); ++i) {
+    visit(curve.points[i]);
+    if (i > 0) visit(0.5 * (curve.points[i - 1] + curve.points[i]));
+  }
+  return largest_m;
+}
+
 TEST_F(StepReaderTest, APublicPartIsRead) {
   const std::string path = FindTestData("cad/featuretype.STEP");
   if (path.empty()) GTEST_SKIP() << "no cad/featuretype.STEP";
@@ -148,6 +242,21 @@ TEST_F(StepReaderTest, APublicPartIsRead) {
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_GT(CountShapes(*mesh)[RegionShape::kCylinder], 10);
   ExpectOutward(*mesh);
+  const std::string bytes = server::EncodeMesh(*mesh);
+  const auto model =
+      server::ParseModelFile({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, ModelFormat::kMesh, {});
+  ASSERT_TRUE(model.ok()) << model.status();
+  // Each circle is a curve of the model, within the sagitta of the segments of curves.
+  size_t num_circles = 0;
+  for (const ExactEdge& edge : mesh->exact_edges) {
+    if (edge.shape != ExactEdge::Shape::kCircle || edge.is_smooth) continue;
+    ++num_circles;
+    EXPECT_TRUE(std::any_of(model->curves.begin(), model->curves.end(), [&](const EdgeCurve& curve) {
+      return DistanceFrom(edge.circle, curve) < 2e-5 * model->diameter_m;
+    })) << edge.circle.centre.transpose();
+  }
+  EXPECT_GT(num_circles, 50u);
+  EXPECT_GT(model->curves.size(), num_circles);
 }
 
 }  // namespace

@@ -69,10 +69,11 @@ double SineBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
 }  // namespace
 
 ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibility,
-                       const EdgeElementOptions& elements)
+                       const EdgeElementOptions& elements, std::shared_ptr<const SurfaceTables> surface)
     : model_(model),
-      visibility_(model, WithFewSamples(visibility, has_many_lines())),
-      elements_(model, visibility_.faces(), elements),
+      surface_(surface != nullptr ? std::move(surface) : std::make_shared<const SurfaceTables>(model)),
+      visibility_(model, WithFewSamples(visibility, has_many_lines()), surface_->faces),
+      elements_(model, surface_, elements),
       element_options_(elements),
       lines_(LongestLines(model, kMaxPool)),
       num_curves_(static_cast<int>(
@@ -80,6 +81,20 @@ ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibi
       centre_(BoundingSphereOf(model).centre) {
   for (const EdgeCurve& curve : model.curves) flat_faces_.push_back(FlatFacesOf(curve));
   face_planes_ = FindFacePlanes();
+}
+
+std::shared_ptr<const ModelEdges> MakeModelEdges(std::shared_ptr<const ObjectModel> model,
+                                                 const VisibilityOptions& visibility,
+                                                 const EdgeElementOptions& elements) {
+  struct Both {
+    Both(std::shared_ptr<const ObjectModel> of, const VisibilityOptions& visibility_,
+         const EdgeElementOptions& elements_)
+        : model(std::move(of)), edges(*model, visibility_, elements_) {}
+    const std::shared_ptr<const ObjectModel> model;
+    const ModelEdges edges;
+  };
+  const auto both = std::make_shared<const Both>(std::move(model), visibility, elements);
+  return std::shared_ptr<const ModelEdges>(both, &both->edges);
 }
 
 std::vector<ModelEdges::FacePlane> ModelEdges::FindFacePlanes() const {

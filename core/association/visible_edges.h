@@ -6,25 +6,30 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "core/association/association.h"
 #include "core/contours/edge_elements.h"
+#include "core/contours/surface_tables.h"
 #include "core/models/object_model.h"
 #include "core/models/visibility.h"
 
 namespace evpose {
 
-// Finds the visible edges of a model; shared by all its hypotheses. Immutable after construction, thread-compatible.
-// Keeps a reference: `model` must outlive it.
+// Finds the visible edges of a model; shared by all hypotheses of all trackers with the same options. Immutable after
+// construction, thread-compatible. Keeps a reference: `model` must outlive it. `surface` are the tables of its surface;
+// null: computed here.
 class ModelEdges {
  public:
-  ModelEdges(const ObjectModel& model, const VisibilityOptions& visibility, const EdgeElementOptions& elements);
+  ModelEdges(const ObjectModel& model, const VisibilityOptions& visibility, const EdgeElementOptions& elements,
+             std::shared_ptr<const SurfaceTables> surface = nullptr);
   ModelEdges(const ModelEdges&) = delete;
   ModelEdges& operator=(const ModelEdges&) = delete;
 
   const ObjectModel& model() const { return model_; }
+  const std::shared_ptr<const SurfaceTables>& surface() const { return surface_; }
   const VisibilityTester& visibility() const { return visibility_; }
   const EdgeElementExtractor& elements() const { return elements_; }
   const EdgeElementOptions& element_options() const { return element_options_; }
@@ -75,6 +80,7 @@ class ModelEdges {
   std::vector<FacePlane> FindFacePlanes() const;
 
   const ObjectModel& model_;
+  const std::shared_ptr<const SurfaceTables> surface_;
   const VisibilityTester visibility_;
   const EdgeElementExtractor elements_;
   const EdgeElementOptions element_options_;
@@ -84,6 +90,11 @@ class ModelEdges {
   std::vector<FacePlane> face_planes_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
 };
+
+// Keeps the model; for caches of shared objects.
+std::shared_ptr<const ModelEdges> MakeModelEdges(std::shared_ptr<const ObjectModel> model,
+                                                 const VisibilityOptions& visibility,
+                                                 const EdgeElementOptions& elements);
 
 // The visible edges of one hypothesis.
 class VisibleEdges {

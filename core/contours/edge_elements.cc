@@ -2,13 +2,13 @@
 #include "core/contours/edge_elements.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/contours/contour_mesh.h"
 #include "core/contours/curve_levels.h"
 #include "core/contours/element_view.h"
-#include "core/contours/facet_contours.h"
+#include "core/contours/surface_tables.h"
 
 namespace evpose {
 namespace {
@@ -53,27 +53,27 @@ int DetailLevel(const ObjectModel& model, const CameraModel& camera, const Rigid
   return level;
 }
 
-struct EdgeElementExtractor::Prepared {
-  ContourMesh mesh;
-  FacetContours facets;
-  CurveLevels curves;
-
-  uint32_t num_regions() const { return mesh.num_regions() + (facets.empty() ? 0 : 1); }
-};
+EdgeElementExtractor::EdgeElementExtractor(const ObjectModel& model, std::shared_ptr<const SurfaceTables> surface,
+                                           const EdgeElementOptions& options)
+    : model_(model),
+      surface_(std::move(surface)),
+      options_(options),
+      curves_(std::make_unique<const CurveLevels>(model, options.sagitta_px)) {}
 
 EdgeElementExtractor::EdgeElementExtractor(const ObjectModel& model, const TriangleBvh& faces,
                                            const EdgeElementOptions& options)
-    : model_(model),
-      faces_(faces),
-      options_(options),
-      prepared_(new Prepared{ContourMesh(model), FacetContours(model), CurveLevels(model, options.sagitta_px)}) {}
+    : EdgeElementExtractor(
+          model,
+          std::make_shared<const SurfaceTables>(
+              model, std::shared_ptr<const TriangleBvh>(std::shared_ptr<const void>(), &faces)),  // without ownership
+          options) {}
 
 EdgeElementExtractor::~EdgeElementExtractor() = default;
 
-bool EdgeElementExtractor::has_curves() const { return !model_.curves.empty() || prepared_->num_regions() > 0; }
+bool EdgeElementExtractor::has_curves() const { return !model_.curves.empty() || surface_->num_regions() > 0; }
 
 uint32_t EdgeElementExtractor::num_curves() const {
-  return static_cast<uint32_t>(model_.lines.size() + model_.curves.size()) + kOctants * prepared_->num_regions();
+  return static_cast<uint32_t>(model_.lines.size() + model_.curves.size()) + kOctants * surface_->num_regions();
 }
 
 bool EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
@@ -82,19 +82,19 @@ bool EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransfo
   if (!has_curves()) return false;
   const ElementView view{camera, camera_from_object, camera_from_object.Inverse().translation_m};
   std::vector<Candidate> candidates;
-  prepared_->curves.VisitChords(level, [&](EdgeElement element, size_t curve) {
+  curves_->VisitChords(level, [&](EdgeElement element, size_t curve) {
     if (IsTurnedAway(view, element)) return;
     if (element.kind == EdgeKind::kCrease) element.prior_contrast = CreaseContrast(model_.curves[curve].turn_rad);
     AppendCandidates(view, element, element.curve, candidates);
   });
   Rims rims;
-  prepared_->mesh.FindRims(view.eye, options_.sagitta_px / camera.MaxFocalPx(), rims);
-  prepared_->facets.AppendRims(view.eye, prepared_->mesh.num_regions(), rims);
+  surface_->contours.FindRims(view.eye, options_.sagitta_px / camera.MaxFocalPx(), rims);
+  surface_->facets.AppendRims(view.eye, surface_->contours.num_regions(), rims);
   AppendContours(view, rims, options_.sagitta_px, static_cast<uint32_t>(model_.lines.size() + model_.curves.size()),
                  candidates);
   RemoveShortChains(options_.min_chain_px, candidates);
   bool has_more = KeepStrongest(kCandidatesPerElement * static_cast<size_t>(options_.max_elements), candidates);
-  KeepVisible(view, model_, faces_, candidates);
+  KeepVisible(view, model_, *surface_->faces, candidates);
   RemoveShortChains(options_.min_chain_px, candidates);
   has_more |= SelectElements(options_.max_elements, candidates);
   elements.reserve(candidates.size());
@@ -105,7 +105,7 @@ bool EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransfo
 double EdgeElementExtractor::FacetShiftPx(const EdgeElement& element, const Eigen::Vector3d& eye,
                                           double focal_px) const {
   return element.facet_edge == EdgeElement::kNoFacetEdge ? 0.0
-                                                         : prepared_->facets.ShiftPx(element.facet_edge, eye, focal_px);
+                                                         : surface_->facets.ShiftPx(element.facet_edge, eye, focal_px);
 }
 
 }  // namespace evpose

@@ -63,10 +63,16 @@ inline constexpr int kNumDetailLevels = 16;
 int DetailLevel(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object,
                 int previous);
 
-// Finds the visible edge elements of a model. Immutable after construction, thread-compatible. Keeps references:
-// `model` and `faces`, the search tree of its triangles, must outlive it.
+class CurveLevels;     // curve_levels.h
+struct SurfaceTables;  // surface_tables.h
+
+// Finds the visible edge elements of a model. Immutable after construction, thread-compatible. Keeps a reference:
+// `model` must outlive it.
 class EdgeElementExtractor {
  public:
+  EdgeElementExtractor(const ObjectModel& model, std::shared_ptr<const SurfaceTables> surface,
+                       const EdgeElementOptions& options);
+  // With tables of its own. `faces`, the search tree of the model's triangles, must outlive it.
   EdgeElementExtractor(const ObjectModel& model, const TriangleBvh& faces, const EdgeElementOptions& options);
   ~EdgeElementExtractor();
   EdgeElementExtractor(const EdgeElementExtractor&) = delete;
@@ -89,10 +95,9 @@ class EdgeElementExtractor {
 
  private:
   const ObjectModel& model_;
-  const TriangleBvh& faces_;
+  const std::shared_ptr<const SurfaceTables> surface_;
   const EdgeElementOptions options_;
-  struct Prepared;
-  std::unique_ptr<const Prepared> prepared_;
+  const std::unique_ptr<const CurveLevels> curves_;
 };
 
 // Moves the ends of a contour element along the surface to where the surface turns away from the camera centre `eye`

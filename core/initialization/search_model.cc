@@ -54,13 +54,14 @@ bool Preserves(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotat
 
 }  // namespace
 
-SearchModel::SearchModel(const ObjectModel& model) {
+SearchModel::SearchModel(const ObjectModel& model, std::shared_ptr<const TriangleBvh> faces) {
+  if (faces == nullptr) faces = std::make_shared<const TriangleBvh>(model.vertices, model.triangles);
   ChooseLines(model);
   FindLabellings(model);
   near_symmetries_ = FindNearSymmetries(shape_.lines, labellings_, radius_m_);
   FindPairs();
   const VisibilityOptions visibility = {.samples_per_line = kSamplesPerLine, .min_length_px = kMinPartPx};
-  visibility_ = std::make_unique<VisibilityTester>(shape_, visibility);
+  visibility_ = std::make_unique<VisibilityTester>(shape_, visibility, std::move(faces));
   MakeViews();
 }
 
@@ -72,8 +73,6 @@ void SearchModel::ChooseLines(const ObjectModel& model) {
   while (!order.empty() && !(length_m(order.back()) > 0.0)) order.pop_back();
   if (order.size() > kMaxLines) order.resize(kFewLines);
 
-  shape_.vertices = model.vertices;
-  shape_.triangles = model.triangles;
   shape_.diameter_m = model.diameter_m;
   for (const int i : order) shape_.lines.push_back(model.lines[i]);
   directions_ = UniqueDirections(shape_, kSameDirectionRad);
@@ -219,14 +218,16 @@ std::vector<ViewLine> SearchModel::MakeView(int cell) const {
   return view;
 }
 
-absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model) {
+absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model,
+                                                                   std::shared_ptr<const TriangleBvh> faces) {
   EVPOSE_RETURN_IF_ERROR(CheckLinesDeterminePose(*model));
   struct Both {
-    explicit Both(std::shared_ptr<const ObjectModel> of) : model(std::move(of)), search_model(*model) {}
+    Both(std::shared_ptr<const ObjectModel> of, std::shared_ptr<const TriangleBvh> faces_of)
+        : model(std::move(of)), search_model(*model, std::move(faces_of)) {}
     const std::shared_ptr<const ObjectModel> model;
     const SearchModel search_model;
   };
-  const auto both = std::make_shared<const Both>(std::move(model));
+  const auto both = std::make_shared<const Both>(std::move(model), std::move(faces));
   return std::shared_ptr<const SearchModel>(both, &both->search_model);
 }
 

@@ -42,8 +42,8 @@ struct ViewLine {
 // Immutable after construction.
 class SearchModel {
  public:
-  // Copies the parts of the model that it needs.
-  explicit SearchModel(const ObjectModel& model);
+  // Copies the parts of the model that it needs. `faces` is the search tree of its triangles; null: computed here.
+  explicit SearchModel(const ObjectModel& model, std::shared_ptr<const TriangleBvh> faces = nullptr);
   SearchModel(const SearchModel&) = delete;
   SearchModel& operator=(const SearchModel&) = delete;
 
@@ -85,14 +85,15 @@ class SearchModel {
   std::vector<DirectionPair> pairs_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   double radius_m_ = 0.0;
-  ObjectModel shape_;  // the faces, and the lines that are searched for
+  ObjectModel shape_;  // the lines that are searched for
   std::unique_ptr<VisibilityTester> visibility_;
   int cells_per_side_ = 1;  // the views are the cells of the six faces of a cube
   double mean_view_size_ = 0.0;
   std::vector<std::vector<ViewLine>> views_;  // by cell
 };
 
-// Keeps the model. Errors: those of CheckLinesDeterminePose.
-absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model);
+// Keeps the model. `faces` as in SearchModel. Errors: those of CheckLinesDeterminePose.
+absl::StatusOr<std::shared_ptr<const SearchModel>> MakeSearchModel(std::shared_ptr<const ObjectModel> model,
+                                                                   std::shared_ptr<const TriangleBvh> faces = nullptr);
 
 }  // namespace evpose

@@ -21,6 +21,13 @@ BoxTree::BoxTree(absl::Span<const Eigen::AlignedBox3f> boxes) : order_(boxes.siz
   for (const uint32_t index : order_) boxes_.push_back(boxes[index]);
 }
 
+// The search visits both children of each node on the way to the leaf.
+size_t BoxTree::LeastNodes(size_t num_boxes) {
+  size_t nodes = num_boxes > 0 ? 1 : 0;
+  for (; num_boxes > kMaxLeafBoxes; num_boxes /= 2) nodes += 2;
+  return nodes;
+}
+
 void BoxTree::Build(absl::Span<const Eigen::AlignedBox3f> boxes, size_t begin, size_t end) {
   const size_t node = nodes_.size();
   nodes_.emplace_back();

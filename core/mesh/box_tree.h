@@ -17,6 +17,9 @@ class BoxTree {
  public:
   explicit BoxTree(absl::Span<const Eigen::AlignedBox3f> boxes);
 
+  // A lower bound of the nodes that a search visits in the tree of so many boxes if its query meets one of them.
+  static size_t LeastNodes(size_t num_boxes);
+
   // Calls `visit` with the index of every box that meets `query`, in an order that depends on the boxes only. Each node
   // visited takes one from `budget`. Returns false if the budget ended first.
   template <typename Visit>  // void(uint32_t)

@@ -30,6 +30,9 @@ constexpr size_t kSplitsForAnySize = 1'000'000;
 constexpr size_t kNodesPerTriangle = 400;
 constexpr size_t kNodesForAnySize = 20'000'000;
 constexpr size_t kNodesPerLateTriangle = 20;
+// A vertex is compared with each edge whose box it meets, which takes as long as some nodes: needles about one axis
+// have boxes that all contain each other's ends.
+constexpr size_t kNodesPerJunctionTest = 4;
 constexpr uint32_t kNoVertex = ~0u;
 // Height, relative to the tolerance, of a triangle that may remain at the end.
 constexpr double kMinHeightOfRest = 1e-3;
@@ -86,10 +89,10 @@ class JunctionCloser {
     // Each round costs as much again; one that has reached the limits on the work is the last.
     for (int round = 0; has_changed && report_.is_complete && round < kMaxRounds; ++round) has_changed = CloseSome();
     report_.is_within_limits = report_.is_complete;
-    // Flat triangles that remain do no harm, unless they have no normal.
+    // Flat triangles that remain do no harm, unless they have no normal; junctions that remain are slits.
     const size_t without_normal = RemoveFlatTriangles(kMinHeightOfRest * tolerance_m_, mesh_);
     report_.degenerate_triangles += without_normal;
-    report_.is_complete &= !has_changed && without_normal == 0;
+    report_.is_complete &= !(has_changed && has_junctions_) && without_normal == 0;
     return report_;
   }
 
@@ -109,7 +112,9 @@ class JunctionCloser {
     insertions_.clear();
     remove_.assign(mesh_.triangles.size(), false);
     ChooseFlatTriangles();
+    const size_t num_insertions = insertions_.size();
     FindJunctions();
+    has_junctions_ = insertions_.size() > num_insertions;
     const auto key = [](const Insertion& i) { return std::tie(i.low, i.high, i.share, i.rank, i.vertex); };
     std::sort(insertions_.begin(), insertions_.end(),
               [&](const Insertion& a, const Insertion& b) { return key(a) < key(b); });
@@ -276,15 +281,20 @@ class JunctionCloser {
     ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
       if (uses.size() == 1 && !remove_[uses[0].triangle]) edges.push_back(uses[0]);
     });
-    std::vector<Eigen::AlignedBox3f> boxes;
     std::vector<uint32_t> vertices;
+    for (const EdgeUse& edge : edges) vertices.insert(vertices.end(), {edge.low, edge.high});
+    std::sort(vertices.begin(), vertices.end());
+    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+    // What cannot end within the limit is not begun: for a million triangles without neighbours it would take seconds.
+    if (vertices.size() * BoxTree::LeastNodes(edges.size()) > nodes_left_) {
+      report_.is_complete = report_.is_searched = false;
+      return;
+    }
+    std::vector<Eigen::AlignedBox3f> boxes;
     for (const EdgeUse& edge : edges) {
       Eigen::AlignedBox3d box(mesh_.points[edge.low]);
       boxes.push_back(box.extend(mesh_.points[edge.high]).cast<float>());
-      vertices.insert(vertices.end(), {edge.low, edge.high});
     }
-    std::sort(vertices.begin(), vertices.end());
-    vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
     const BoxTree tree(boxes);
     for (const uint32_t vertex : vertices) {
       YieldPoint(vertex);
@@ -294,6 +304,7 @@ class JunctionCloser {
       const Eigen::AlignedBox3d around(point - margin, point + margin);
       const bool was_complete = tree.VisitMeeting(around.cast<float>(), nodes_left_, [&](uint32_t i) {
         const auto& [low, high, triangle, side, is_forward] = edges[i];
+        nodes_left_ -= std::min(nodes_left_, kNodesPerJunctionTest);
         if (IsWithin(vertex, edges[i])) Insert({low, high, ShareOf(vertex, low, high), 0, vertex}, 1);
       });
       if (!was_complete) report_.is_complete = false;
@@ -392,7 +403,8 @@ class JunctionCloser {
   std::vector<Ends> flat_edges_;       // of the triangles without area, sorted
   std::vector<RemovedAt> removed_at_;  // of `flat_edges_`
   std::vector<Insertion> insertions_;
-  std::vector<bool> remove_;  // triangles
+  bool has_junctions_ = false;  // the last round has found some
+  std::vector<bool> remove_;    // triangles
   JunctionReport report_;
 };
 

@@ -15,6 +15,7 @@ struct JunctionReport {
   size_t duplicate_triangles = 0;   // removed
   bool is_complete = true;          // false: junctions may remain
   bool is_within_limits = true;     // false: the limits on the work were reached
+  bool is_searched = true;          // false: the search would exceed the limits in any case and was not begun
 };
 
 // Points must be farther apart than the tolerance, as after MergePoints(). Removes triangles that are at most

@@ -6,7 +6,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
+#include <vector>
 
+#include "core/mesh/box_tree.h"
 #include "core/mesh/mesh_topology.h"
 #include "core/mesh/meshes_testing.h"
 
@@ -138,6 +141,27 @@ RawMesh ArcPrism(double angle_rad, int chords) {
   }
   MergePoints(kToleranceM, mesh);
   return mesh;
+}
+
+TEST(BoxTreeTest, NoSearchThatMeetsABoxVisitsFewerNodesThanTheBound) {
+  std::mt19937 random(1);
+  for (const size_t count : {1, 4, 5, 9, 100, 1000, 1023}) {
+    std::vector<Eigen::AlignedBox3f> boxes;
+    for (size_t i = 0; i < count; ++i) {
+      const Eigen::Vector3f at(static_cast<float>(random() % 1000), static_cast<float>(random() % 1000), 0.0f);
+      boxes.emplace_back(at, at + Eigen::Vector3f::Ones());
+    }
+    const BoxTree tree(boxes);
+    size_t least = 1000;
+    for (const Eigen::AlignedBox3f& box : boxes) {
+      size_t budget = 1000;
+      ASSERT_TRUE(tree.VisitMeeting(box, budget, [](uint32_t) {}));
+      least = std::min(least, 1000 - budget);
+    }
+    EXPECT_GE(least, BoxTree::LeastNodes(count)) << count;
+    EXPECT_LE(least, BoxTree::LeastNodes(count) + 4) << "the bound is close";
+  }
+  EXPECT_EQ(BoxTree::LeastNodes(0), 0u);
 }
 
 TEST(CloseJunctionsTest, FlatTrianglesOfAnArcEndWithoutAHole) {

@@ -78,6 +78,11 @@ Polygon2d ClipPolygon(const Polygon2d& polygon, const Eigen::Vector2d& a, const 
   return kept;
 }
 
+Polygon2d ClipByTriangle(Polygon2d polygon, const Triangle2d& triangle) {
+  for (size_t i = 0; i < 3; ++i) polygon = ClipPolygon(polygon, triangle[i], triangle[(i + 1) % 3], /*keep_left=*/true);
+  return polygon;
+}
+
 // Whether counter-clockwise triangles cover a triangle up to a strip along its sides that is one tolerance wide. Each
 // piece of the triangle that is cut takes one from `budget`; false if it ends.
 bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triangle, double tolerance_m,
@@ -86,6 +91,13 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   for (size_t i = 0; i < 3; ++i) perimeter += (triangle[(i + 1) % 3] - triangle[i]).norm();
   std::vector<Polygon2d> pieces(1, Polygon2d(triangle.begin(), triangle.end())), rest;
   const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
+  if (budget < covers.size()) return false;
+  budget -= covers.size();
+  // No more can be covered than the covers have in common with the triangle, one by one. The pieces of most triangles
+  // that are partly covered are not cut, whose number would grow with that of the covers.
+  double common = 0.0;
+  for (const Triangle2d& cover : covers) common += std::max(0.0, PolygonArea(ClipByTriangle(pieces[0], cover)));
+  if (common < total - 2.0 * negligible) return false;
   for (const Triangle2d& cover : covers) {
     if (budget < pieces.size()) return false;
     budget -= pieces.size();
@@ -159,6 +171,17 @@ class OverlapRemover {
     return box.cast<float>();
   }
 
+  // Of all shells but the largest, which become `other_shells_`.
+  std::vector<Eigen::AlignedBox3f> BoxesOfOtherShells(uint32_t largest) {
+    std::vector<Eigen::AlignedBox3f> boxes(*std::max_element(shell_of_.begin(), shell_of_.end()) + 1);
+    for (uint32_t t = 0; t < mesh_.triangles.size(); ++t) boxes[shell_of_[t]].extend(BoxOf(t));
+    other_shells_.resize(boxes.size());
+    std::iota(other_shells_.begin(), other_shells_.end(), 0u);
+    boxes.erase(boxes.begin() + largest);
+    other_shells_.erase(other_shells_.begin() + largest);
+    return boxes;
+  }
+
   // Lists both orders of each pair of triangles of different shells that overlap, sorted.
   void FindPairs() {
     const uint32_t largest = LargestShell();
@@ -169,7 +192,7 @@ class OverlapRemover {
       others.push_back(t);
       boxes.push_back(BoxOf(t));
     }
-    const BoxTree tree(boxes);
+    const BoxTree tree(boxes), shells(BoxesOfOtherShells(largest));
     size_t budget = std::min(kOverlapNodesPerSearch * mesh_.triangles.size(),
                              kOverlapNodesForAnySize + kOverlapNodesPerLateSearch * mesh_.triangles.size());
     const size_t max_pairs = 2 * kOverlapsPerTriangle * mesh_.triangles.size();
@@ -179,6 +202,13 @@ class OverlapRemover {
       // The tolerance is at least eight roundings of a coordinate to float.
       const Eigen::Vector3f margin = Eigen::Vector3f::Constant(static_cast<float>(2.0 * tolerance_m_));
       query = Eigen::AlignedBox3f(query.min() - margin, query.max() + margin);
+      // The triangles of a shell of its own would be found in vain: those of a fan are all near to each other.
+      if (shell_of_[t] != largest) {
+        bool meets_other = false;
+        report_.is_complete &=
+            shells.VisitMeeting(query, budget, [&](uint32_t i) { meets_other |= other_shells_[i] != shell_of_[t]; });
+        if (!meets_other) continue;
+      }
       const bool was_complete = tree.VisitMeeting(query, budget, [&](uint32_t i) {
         const uint32_t other = others[i];
         // A pair of two triangles of the tree is found from both.
@@ -251,7 +281,8 @@ class OverlapRemover {
       const Triangle2d triangle = Project(t, t);
       is_copy_[t] = AreCovering(same, triangle, tolerance_m_, budget);
       is_wall_[t] = AreCovering(opposite, triangle, tolerance_m_, budget);
-      is_second_[t] = is_wall_[t] && AreCovering(first_opposite, triangle, tolerance_m_, budget);
+      is_second_[t] = is_wall_[t] && (first_opposite.size() == opposite.size() ||
+                                      AreCovering(first_opposite, triangle, tolerance_m_, budget));
     }
     report_.is_complete &= budget > 0;
   }
@@ -373,6 +404,7 @@ class OverlapRemover {
   const absl::Span<const uint32_t> shell_of_;
   RawMesh& mesh_;
   std::vector<Eigen::Vector3d> normals_;  // of the triangles, unit
+  std::vector<uint32_t> other_shells_;
   std::vector<std::pair<uint32_t, uint32_t>> pairs_;
   std::vector<bool> is_copy_;    // covered by triangles with the same winding that are no copies
   std::vector<bool> is_wall_;    // covered by triangles with the opposite winding

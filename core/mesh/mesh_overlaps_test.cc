@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 #include "core/mesh/mesh_topology.h"
 #include "core/mesh/meshes_testing.h"
@@ -147,6 +149,33 @@ TEST(RemoveOverlapsTest, OutlinesOfPlatesThatOverlapInPartAreCoveredWhereTheOthe
   EXPECT_EQ(report.removed_triangles, 0u);
   // The lower side of the second; its other sides and its diagonal extend beyond the first.
   EXPECT_THAT(report.covered_edges, ElementsAre(std::array<uint32_t, 2>{4, 5}));
+}
+
+// A closed drum whose lids are fans about their middles.
+void AddDrum(const Vector3d& middle, double radius_m, double height_m, int sides, RawMesh& mesh) {
+  const auto rim = [&](int i, double z) -> Vector3d {
+    const double turn = 2.0 * std::numbers::pi * (i % sides) / sides;
+    return middle + Vector3d(radius_m * std::cos(turn), radius_m * std::sin(turn), z);
+  };
+  const Vector3d top = middle + height_m * Vector3d::UnitZ();
+  for (int i = 0; i < sides; ++i) {
+    AddTriangle(middle, rim(i + 1, 0), rim(i, 0), mesh);
+    AddTriangle(top, rim(i, height_m), rim(i + 1, height_m), mesh);
+    AddTriangle(rim(i, 0), rim(i + 1, 0), rim(i + 1, height_m), mesh);
+    AddTriangle(rim(i, 0), rim(i + 1, height_m), rim(i, height_m), mesh);
+  }
+}
+
+TEST(RemoveOverlapsTest, LidsOfManyNarrowTrianglesThatTouchAreComparedWithinTheLimits) {
+  RawMesh mesh;
+  constexpr int kSides = 300;
+  AddDrum(Vector3d::Zero(), 1.0, 0.2, kSides, mesh);
+  AddDrum({0.3, 0.1, 0.2}, 0.5, 0.4, kSides, mesh);
+  const double area = SurfaceArea(mesh);
+  const OverlapReport report = MergeAndRemoveOverlaps(mesh);
+  EXPECT_TRUE(report.is_complete);
+  EXPECT_EQ(report.removed_triangles, 0u);
+  EXPECT_NEAR(SurfaceArea(mesh), area, 1e-12);
 }
 
 TEST(RemoveOverlapsTest, WorkOnManyPlatesInOnePlaceIsBounded) {

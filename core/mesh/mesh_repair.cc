@@ -38,6 +38,7 @@ void AddJunctions(const JunctionReport& junctions, RepairReport& report) {
   report.degenerate_triangles += junctions.degenerate_triangles;
   report.duplicate_triangles += junctions.duplicate_triangles;
   report.is_complete &= junctions.is_complete;
+  report.is_searched &= junctions.is_searched;
 }
 
 void AddOrientation(const Orientation& orientation, RepairReport& report) {

@@ -25,6 +25,7 @@ struct RepairReport {
   bool is_closed = true;             // every shell encloses a volume
   bool is_oriented = true;           // every shell has two sides
   bool is_complete = true;           // false: limits on the work were reached, faults may remain
+  bool is_searched = true;           // false: T-junctions were not searched, because there are too many loose edges
 };
 
 // Repairs a mesh in metres with finite points. Points within max(1e-5 of the diagonal, 4 roundings to single precision

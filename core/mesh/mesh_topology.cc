@@ -6,9 +6,9 @@
 #include <cmath>
 #include <optional>
 #include <tuple>
-#include <unordered_map>
 #include <utility>
 
+#include "absl/container/flat_hash_map.h"
 #include "absl/types/span.h"
 #include "core/mesh/mesh_edges.h"
 
@@ -21,7 +21,7 @@ struct CellHash {
   size_t operator()(const std::array<int64_t, 3>& cell) const {
     uint64_t hash = 0;
     for (const int64_t value : cell) hash = (hash ^ static_cast<uint64_t>(value)) * 0x9E3779B97F4A7C15u + (hash >> 29);
-    return hash;
+    return hash ^ (hash >> 32);
   }
 };
 
@@ -73,7 +73,7 @@ class PointGrid {
 
   const double tolerance_m_;
   const double inverse_cell_m_;
-  std::unordered_map<std::array<int64_t, 3>, uint32_t, CellHash> first_in_cell_;
+  absl::flat_hash_map<std::array<int64_t, 3>, uint32_t, CellHash> first_in_cell_;
   std::vector<uint32_t> next_in_cell_;
 };
 

@@ -27,6 +27,25 @@ TEST(BadModelTest, EmptyModels) {
   EXPECT_THAT(ErrorOf("v 1000001 0 0\nv 1000002 0 0\nl 1 2\n"), HasSubstr("from its origin"));
 }
 
+// Random triangles, as OBJ.
+std::string TriangleSoup(int count) {
+  std::mt19937 random(1);
+  std::string text;
+  for (int i = 0; i < 3 * count; ++i) {
+    absl::StrAppend(&text, "v ", random() % 1000000, " ", random() % 1000000, " ", random() % 1000000, "\n");
+  }
+  for (int i = 0; i < count; ++i) absl::StrAppend(&text, "f ", 3 * i + 1, " ", 3 * i + 2, " ", 3 * i + 3, "\n");
+  return text;
+}
+
+TEST(BadModelTest, ManyTrianglesWithoutNeighboursAreRefusedByTheRepair) {
+  EXPECT_TRUE(Parse(TriangleSoup(1000), ModelFormat::kObj, {.metres_per_unit = 1e-6}).ok());
+  const auto model = Parse(TriangleSoup(320'000), ModelFormat::kObj, {.metres_per_unit = 1e-6});
+  EXPECT_THAT(std::string(model.status().message()),
+              HasSubstr("repairing the mesh: its 320000 triangles are 320000 separate surfaces"));
+  EXPECT_EQ(model.status().code(), absl::StatusCode::kInvalidArgument);
+}
+
 struct BadModel {
   ModelFormat format;
   const char* text;

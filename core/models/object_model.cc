@@ -174,6 +174,16 @@ void Simplify(double diameter_m, RawMesh& mesh, SmoothSurface& surface, std::vec
                                     done.triangles_before, done.triangles_after, done.error_m));
 }
 
+// Each triangle without neighbours is three edges of the object. A million of them is no object that can be tracked,
+// and the steps after the repair would need more memory than a server allows.
+absl::Status CheckIsSurface(const RepairReport& repair, size_t num_triangles) {
+  if (repair.is_searched || 2 * repair.shells <= num_triangles) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "repairing the mesh: its %d triangles are %d separate surfaces, too many to search for corners that lie on edges "
+      "of others; export the object as a surface of connected triangles",
+      num_triangles, repair.shells));
+}
+
 // For a mesh in metres.
 absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step,
                                             std::vector<std::string> notices) {
@@ -186,7 +196,9 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
   ObjectModel model;
   model.notices = std::move(notices);
   on_step("repairing the mesh");
-  DescribeRepair(RepairMesh(mesh), model.notices);
+  const RepairReport repair = RepairMesh(mesh);
+  EVPOSE_RETURN_IF_ERROR(CheckIsSurface(repair, mesh.triangles.size()));
+  DescribeRepair(repair, model.notices);
   on_step("measuring the diameter");
   model.diameter_m = Diameter(mesh.points);
   on_step("finding creases");

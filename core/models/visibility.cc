@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
@@ -107,10 +108,12 @@ void AppendVisibleParts(const View& view, int index, const ModelLine& line, cons
 
 }  // namespace
 
-VisibilityTester::VisibilityTester(const ObjectModel& model, const VisibilityOptions& options)
+VisibilityTester::VisibilityTester(const ObjectModel& model, const VisibilityOptions& options,
+                                   std::shared_ptr<const TriangleBvh> faces)
     : model_(&model),
       options_(options),
-      faces_(model.vertices, model.triangles),
+      faces_(faces != nullptr ? std::move(faces)
+                              : std::make_shared<const TriangleBvh>(model.vertices, model.triangles)),
       tolerance_m_(options.surface_tolerance * model.diameter_m),
       all_lines_(model.lines.size()) {
   std::iota(all_lines_.begin(), all_lines_.end(), 0);
@@ -133,7 +136,7 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
                                            absl::Span<const int> lines, std::vector<VisibleSegment>& segments) const {
   const View view{camera,
                   camera_from_object,
-                  faces_,
+                  *faces_,
                   options_,
                   tolerance_m_,
                   camera_from_object.Inverse().translation_m,
@@ -151,7 +154,7 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
 }
 
 bool VisibilityTester::IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const {
-  return !faces_.IsOccluded(origin_object, point_object, tolerance_m_);
+  return !faces_->IsOccluded(origin_object, point_object, tolerance_m_);
 }
 
 }  // namespace evpose

@@ -4,6 +4,7 @@
 // (core/models/README.md, section 3).
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -45,10 +46,12 @@ bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::
                    Eigen::Vector3d& origin);
 
 // Tests lines by ray casting against the mesh. Immutable after construction; thread-compatible. Keeps a reference:
-// `model` must outlive it.
+// `model` must outlive it. `faces` is the search tree of the triangles that hide lines, those of `model`; null:
+// computed here.
 class VisibilityTester {
  public:
-  VisibilityTester(const ObjectModel& model, const VisibilityOptions& options);
+  VisibilityTester(const ObjectModel& model, const VisibilityOptions& options,
+                   std::shared_ptr<const TriangleBvh> faces = nullptr);
 
   // Segments in order of line index, then begin.
   std::vector<VisibleSegment> VisibleSegments(const CameraModel& camera,
@@ -62,12 +65,12 @@ class VisibilityTester {
   // Whether the segment from `origin_object` to `point_object` meets no face before the point.
   bool IsPointVisible(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const;
   // The search tree of the model's triangles.
-  const TriangleBvh& faces() const { return faces_; }
+  const TriangleBvh& faces() const { return *faces_; }
 
  private:
   const ObjectModel* model_;
   VisibilityOptions options_;
-  TriangleBvh faces_;
+  std::shared_ptr<const TriangleBvh> faces_;
   double tolerance_m_;
   std::vector<int> all_lines_;
 };

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/association/competitors.h"
+#include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 #include "core/detection/plane_detector.h"
@@ -115,7 +116,8 @@ absl::StatusOr<std::vector<std::shared_ptr<LineDetector>>> MakeDetectors(const I
 
 // Returns null for a model that is tracked from given poses only, because no edge is visible in its views.
 absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
-                                                                 std::vector<std::shared_ptr<LineDetector>> detectors) {
+                                                                 std::vector<std::shared_ptr<LineDetector>> detectors,
+                                                                 const ModelEdges& edges) {
   const bool has_curves = HasCurvedEdges(*object.model);
   std::unique_ptr<PoseSearch> search;
   if (IsSearchable(*object.model) || !has_curves) {
@@ -123,8 +125,9 @@ absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToT
   }
   std::unique_ptr<TemplateSearch> templates;
   if (has_curves) {
-    const auto views =
-        object.template_model != nullptr ? object.template_model : std::make_shared<const TemplateModel>(object.model);
+    const auto views = object.template_model != nullptr
+                           ? object.template_model
+                           : std::make_shared<const TemplateModel>(object.model, edges.surface());
     if (views->num_coarse() > 0) templates = std::make_unique<TemplateSearch>(views, camera);
   }
   if (search == nullptr && templates == nullptr) return std::unique_ptr<PoseInitializer>();
@@ -168,6 +171,9 @@ InitializationStatus MostFrequentResult(const SearchCounts& searches) {
 
 absl::Status ObjectToTrack::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckModel(model.get()));
+  if (edges != nullptr && &edges->model() != model.get()) {
+    return absl::InvalidArgumentError("edges are those of another model; make them from the same one");
+  }
   if (initial_camera_from_object &&
       !(initial_camera_from_object->rotation.allFinite() && initial_camera_from_object->translation_m.allFinite() &&
         initial_camera_from_object->translation_m.norm() > 1e-9)) {
@@ -212,12 +218,13 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {
+    const auto edges =
+        object.edges != nullptr ? object.edges : MakeModelEdges(object.model, options.visibility, options.elements);
     std::unique_ptr<PoseInitializer> initializer;
     if (!detectors.empty()) {
-      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detectors));
+      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detectors, *edges));
     }
-    TrackContext context{object.model, camera, tables, options,
-                         std::make_shared<const ModelEdges>(*object.model, options.visibility, options.elements)};
+    TrackContext context{object.model, camera, tables, options, edges};
     context.phase_reporter->object_index = static_cast<uint32_t>(trackers.size());
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));
   }

@@ -24,6 +24,7 @@
 namespace evpose {
 
 struct CameraTables;
+class ModelEdges;
 class SearchModel;
 class TemplateModel;
 
@@ -40,6 +41,8 @@ struct ObjectToTrack {
   std::shared_ptr<const SearchModel> search_model;  // search tables of the model; null: computed when they are needed
   // Views of a model with curved edges; null: the same.
   std::shared_ptr<const TemplateModel> template_model;
+  // Finds the edges of the model with TrackerOptions::visibility and elements; null: the same.
+  std::shared_ptr<const ModelEdges> edges;
 
   // INVALID_ARGUMENT names the field or the defect of the model.
   absl::Status Validate() const;

@@ -8,8 +8,10 @@
 #include <memory>
 #include <vector>
 
+#include "core/association/visible_edges.h"
 #include "core/contours/contour_shapes_testing.h"
 #include "core/estimation/ideal_events_testing.h"
+#include "core/initialization/templates/template_model.h"
 #include "core/models/continuous_symmetry.h"
 #include "core/tracking/pose_track.h"
 #include "core/tracking/tracker.h"
@@ -231,6 +233,37 @@ TEST(TrackerCurves, AModelNeedsAnEdge) {
   model.lines.clear();
   const auto tracker = Tracker::Create(std::make_shared<const ObjectModel>(model), kCamera, IdealSensor(), kRoundStart);
   EXPECT_EQ(tracker.status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(TrackerCurves, TrackersThatShareTheTablesOfAModelGiveThePosesOfOneThatHasItsOwn) {
+  const auto model = ModelOf(Shape::kCylinder);
+  IdealEventOptions options;
+  options.duration_us = 30'000;
+  const std::vector<Event> events =
+      MakeIdealEvents(*model, kCamera, ConstantTwist(kRoundStart, Twist(0.25, 0.1, 0.05, 0.8, -0.6, 0.4)), options);
+  const RoundRun alone = Follow(model, events, kRoundStart);
+  ASSERT_GT(alone.estimates.size(), 3u);
+  ObjectToTrack object{model, kRoundStart};
+  object.edges = MakeModelEdges(model, IdealSensor().visibility, IdealSensor().elements);
+  object.template_model = std::make_shared<const TemplateModel>(model, object.edges->surface());
+  const long uses = object.edges->surface().use_count();
+  RoundRun first, second;
+  for (RoundRun* run : {&first, &second}) run->tracker = Tracker::Create({object}, kCamera, IdealSensor()).value();
+  EXPECT_EQ(object.edges->surface().use_count(), uses) << "they have no tables of their own";
+  for (const Event& event : events) {
+    for (RoundRun* run : {&first, &second}) run->tracker->AddEvents({&event, 1}, run->estimates);
+  }
+  for (RoundRun* run : {&first, &second}) {
+    run->tracker->Finish(run->estimates);
+    ASSERT_EQ(run->estimates.size(), alone.estimates.size());
+    for (size_t i = 0; i < alone.estimates.size(); ++i) {
+      EXPECT_EQ(run->estimates[i].camera_from_object.translation_m,
+                alone.estimates[i].camera_from_object.translation_m);
+      EXPECT_EQ(run->estimates[i].camera_from_object.rotation, alone.estimates[i].camera_from_object.rotation);
+    }
+  }
+  object.model = ModelOf(Shape::kTorus);
+  EXPECT_EQ(Tracker::Create({object}, kCamera, IdealSensor()).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST(TrackerCurves, TheCostDependsOnTheImageAndNotOnTheMesh) {

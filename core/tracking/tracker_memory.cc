@@ -2,7 +2,6 @@
 #include "core/tracking/tracker_memory.h"
 
 #include <algorithm>
-#include <set>
 
 #include "core/association/association.h"
 #include "core/association/visible_edges.h"
@@ -36,14 +35,14 @@ constexpr uint64_t kTrackCurveBytes = 700;
 // of the search's memory; and the bytes of it that are saved.
 constexpr uint64_t kPastLineBytes = 400 * 96;
 constexpr uint64_t kStatePastLineBytes = 400 * 70;
-// A triangle in a search tree (VisibilityTester), and a line or a vertex with a triangle in a model.
+// A triangle in the search tree (SurfaceTables), and a line or a vertex with a triangle in a model.
 constexpr uint64_t kTreeTriangleBytes = 160;
 constexpr uint64_t kModelLineBytes = 400;
 constexpr uint64_t kModelTriangleBytes = 40;
 // A point of a curve with its normals, and a triangle of a curved surface with the normals at its corners.
 constexpr uint64_t kCurvePointBytes = 72;
 constexpr uint64_t kSurfaceTriangleBytes = 40;
-// A triangle of a curved surface in the tables of an EdgeElementExtractor.
+// A triangle of a curved surface in the tables of contours (SurfaceTables).
 constexpr uint64_t kElementTriangleBytes = 200;
 // A triangle of a model with contours between facets in these tables, and one of its facet edges in the model.
 constexpr uint64_t kFacetTriangleBytes = 48;
@@ -67,35 +66,20 @@ uint64_t CurvesOf(const ObjectModel& model) {
   return std::min<uint64_t>(curves, ModelEdges::kMaxCurves);
 }
 
-// Without the model itself.
+// Without the model itself and its tables.
 uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_others, const TrackerOptions& options) {
   // Challengers are followed separately until they join. Contours give twice as many.
   const int searches = HasCurvedEdges(model) ? 4 : 3;
   const auto num_tracks = static_cast<uint64_t>(std::max(1, searches * options.initialization.max_candidates));
   const uint64_t num_lines = VisibleLinesOf(model, options);
-  uint64_t bytes = kSearchBytes + kTreeTriangleBytes * model.triangles.size();
+  uint64_t bytes = kSearchBytes;
   bytes += static_cast<uint64_t>(options.initialization.max_events) * sizeof(WindowEvent);
   bytes += num_tracks *
            (kTrackBytes + kTrackLineBytes * num_lines + kTrackCurveBytes * CurvesOf(model) + kCellBytes * num_cells);
-  if (!model.surface.empty()) bytes += kElementTriangleBytes * model.triangles.size();
   if (HasCurvedEdges(model)) bytes += kTemplateSearchBytes;
-  if (!model.facet_edges.empty()) bytes += kFacetTriangleBytes * model.triangles.size();
   bytes += 2 * kPageBytes * num_cells;
   if (has_others) bytes += kPastLineBytes * num_lines + (kCellBytes + kPageBytes) * num_cells;  // Competitors
   return bytes;
-}
-
-uint64_t ModelBytes(const ObjectModel& model) {
-  uint64_t bytes = model.surface.empty() ? 0 : kSurfaceTriangleBytes * model.triangles.size();
-  for (const EdgeCurve& curve : model.curves) bytes += kCurvePointBytes * curve.points.size();
-  if (HasCurvedEdges(model)) {
-    // The TemplateModel has a tree and tables of its own.
-    bytes += kTemplateModelBytes + (kTreeTriangleBytes + kElementTriangleBytes) * model.triangles.size();
-  }
-  // The second tree is that of the SearchModel.
-  return bytes + kFacetEdgeBytes * model.facet_edges.size() + kModelLineBytes * model.lines.size() +
-         kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
-         kTreeTriangleBytes * model.triangles.size() + sizeof(RigidTransform) * model.symmetries.size();
 }
 
 }  // namespace
@@ -117,17 +101,24 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
     memory.max_bytes += kTemplateSearchPixelBytes * num_pixels;
   }
   memory.max_bytes += 2 * static_cast<uint64_t>(options.windows.max_events) * (sizeof(WindowEvent) + sizeof(uint64_t));
-  std::set<const ObjectModel*> distinct;
-  for (const auto& model : models) {
-    memory.max_bytes += ObjectBytes(*model, num_cells, models.size() > 1, options);
-    if (distinct.insert(model.get()).second) memory.max_bytes += ModelBytes(*model);
-  }
+  for (const auto& model : models) memory.max_bytes += ObjectBytes(*model, num_cells, models.size() > 1, options);
   memory.max_state_bytes = num_pixels / 5 + 2 * kStateEventBytes * static_cast<uint64_t>(options.windows.max_events) +
                            models.size() * (kStateEventBytes * search_events + kTrackBytes);
   for (const auto& model : models) {
     if (models.size() > 1) memory.max_state_bytes += kStatePastLineBytes * VisibleLinesOf(*model, options);
   }
   return memory;
+}
+
+uint64_t EstimateModelMemory(const ObjectModel& model) {
+  uint64_t bytes = kTreeTriangleBytes * model.triangles.size();
+  if (!model.surface.empty()) bytes += (kSurfaceTriangleBytes + kElementTriangleBytes) * model.triangles.size();
+  if (!model.facet_edges.empty()) bytes += kFacetTriangleBytes * model.triangles.size();
+  for (const EdgeCurve& curve : model.curves) bytes += kCurvePointBytes * curve.points.size();
+  if (HasCurvedEdges(model)) bytes += kTemplateModelBytes;
+  return bytes + kFacetEdgeBytes * model.facet_edges.size() + kModelLineBytes * model.lines.size() +
+         kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
+         sizeof(RigidTransform) * model.symmetries.size();
 }
 
 }  // namespace evpose

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <set>
+
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracker_options.h"
 
@@ -16,7 +18,9 @@ using Models = std::vector<std::shared_ptr<const ObjectModel>>;
 constexpr double kMb = 1e6;
 
 double MegabytesOf(const CameraModel& camera, const Models& models) {
-  return static_cast<double>(EstimateTrackerMemory(camera, models, TrackerOptions()).max_bytes) / kMb;
+  uint64_t bytes = EstimateTrackerMemory(camera, models, TrackerOptions()).max_bytes;
+  for (const auto& model : std::set(models.begin(), models.end())) bytes += EstimateModelMemory(*model);
+  return static_cast<double>(bytes) / kMb;
 }
 
 TEST(TrackerMemory, GrowsWithPixelsObjectsAndDistortion) {
@@ -31,16 +35,18 @@ TEST(TrackerMemory, GrowsWithPixelsObjectsAndDistortion) {
   EXPECT_NEAR(MegabytesOf(large, {cube}) - plain, 8.0 * 4096 * 4096 / kMb, 0.1);
 }
 
-TEST(TrackerMemory, CountsTheModelOnceAndItsTreesForEachObject) {
+TEST(TrackerMemory, CountsAModelAndItsSearchTreeOnceForAllObjects) {
   ObjectModel dense = *MakeCube(0.2);
   const CameraModel camera = MakeCamera(640, 480, 500.0);
   const double small = MegabytesOf(camera, Models(2, MakeCube(0.2)));
   dense.triangles.resize(1'000'000);
   const auto shared = std::make_shared<const ObjectModel>(dense);
+  const double once = MegabytesOf(camera, Models(1, shared)) - MegabytesOf(camera, {MakeCube(0.2)});
   const double twice = MegabytesOf(camera, Models(2, shared)) - small;
   const double apart = MegabytesOf(camera, {shared, std::make_shared<const ObjectModel>(dense)}) - small;
-  EXPECT_GT(twice, 2 * 100.0);
-  EXPECT_GT(apart, twice + 100.0);
+  EXPECT_GT(once, 160.0 + 12.0) << "a tree, and the triangles";
+  EXPECT_NEAR(twice, once, 1.0);
+  EXPECT_NEAR(apart, 2.0 * once, 1.0);
 }
 
 TEST(TrackerMemory, OfAModelWithManyLinesIsThatOfItsVisibleOnes) {

@@ -53,6 +53,16 @@ RawMesh Tetrahedron() {
   return mesh;
 }
 
+// The same with exact edges: a smooth line, an arc and a free curve.
+RawMesh TetrahedronWithEdges() {
+  RawMesh mesh = Tetrahedron();
+  mesh.exact_edges = {
+      {.shape = ExactEdge::Shape::kLine, .is_smooth = true, .points = {0, 1}},
+      {.shape = ExactEdge::Shape::kCircle, .circle = {{0.5, 0.25, 0}, Eigen::Vector3d::UnitZ(), 0.5}, .points = {2, 2}},
+      {.shape = ExactEdge::Shape::kFree, .points = {1, 0, 3}}};
+  return mesh;
+}
+
 v1::Mesh Message(const RawMesh& mesh) {
   v1::Mesh message;
   EXPECT_TRUE(message.ParseFromString(EncodeMesh(mesh)));
@@ -79,6 +89,22 @@ TEST(MeshMessageTest, AMeshWithExactFacesIsReadAsItWasWritten) {
     EXPECT_EQ(is.radius_m, was.radius_m);
     EXPECT_EQ(is.half_angle_rad, was.half_angle_rad);
     EXPECT_EQ(is.is_convex, was.is_convex);
+  }
+}
+
+TEST(MeshMessageTest, ExactEdgesAreReadAsTheyWereWritten) {
+  const RawMesh mesh = TetrahedronWithEdges();
+  const absl::StatusOr<RawMesh> read = Parse(Message(mesh));
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->exact_edges.size(), 3u);
+  for (size_t i = 0; i < 3; ++i) {
+    const ExactEdge &was = mesh.exact_edges[i], &is = read->exact_edges[i];
+    EXPECT_EQ(is.shape, was.shape);
+    EXPECT_EQ(is.is_smooth, was.is_smooth);
+    EXPECT_EQ(is.points, was.points);
+    EXPECT_EQ(is.circle.centre, was.circle.centre);
+    EXPECT_EQ(is.circle.axis, was.circle.axis);
+    EXPECT_EQ(is.circle.radius_m, was.circle.radius_m);
   }
 }
 
@@ -124,9 +150,24 @@ TEST(MeshMessageTest, ErrorsNameTheFieldAndTheIndex) {
       {"Mesh.faces[1]: radius_m", [](v1::Mesh& m) { m.mutable_faces(1)->set_radius_m(kNan); }},
       {"Mesh.faces[1]: radius_m", [](v1::Mesh& m) { m.mutable_faces(1)->set_radius_m(INFINITY); }},
       {"Mesh.faces[2]: half_angle_rad", [](v1::Mesh& m) { m.mutable_faces(2)->set_half_angle_rad(1.6); }},
+      {"Mesh.edges: are given without faces",
+       [](v1::Mesh& m) {
+         m.clear_faces();
+         m.clear_triangle_faces();
+       }},
+      {"Mesh.edges: has 5 edges; at most 4", [](v1::Mesh& m) { m.add_edges(), m.add_edges(); }},
+      {"Mesh.edges[0]: its curve is missing", [](v1::Mesh& m) { m.mutable_edges(0)->clear_curve(); }},
+      {"Mesh.edges[0]: its curve is missing", [](v1::Mesh& m) { m.mutable_edges(0)->set_curve(v1::MeshCurve(9)); }},
+      {"Mesh.edges[2]: has less than two points", [](v1::Mesh& m) { m.mutable_edges(2)->clear_points(); }},
+      {"Mesh.edges[0].points[1]: is 4, but there are 4", [](v1::Mesh& m) { m.mutable_edges(0)->set_points(1, 4); }},
+      {"Mesh.edges[1]: centre_m is missing", [](v1::Mesh& m) { m.mutable_edges(1)->clear_centre_m(); }},
+      {"Mesh.edges[1]: centre_m is missing", [](v1::Mesh& m) { m.mutable_edges(1)->mutable_centre_m()->set_x(kNan); }},
+      {"Mesh.edges[1]: is not a unit vector", [](v1::Mesh& m) { m.mutable_edges(1)->clear_axis(); }},
+      {"Mesh.edges[1]: radius_m", [](v1::Mesh& m) { m.mutable_edges(1)->set_radius_m(INFINITY); }},
+      {"Mesh.edges[1]: its point 2 is not on the circle", [](v1::Mesh& m) { m.mutable_edges(1)->set_radius_m(0.4); }},
   };
   for (const auto& [error, spoil] : cases) {
-    v1::Mesh message = Message(Tetrahedron());
+    v1::Mesh message = Message(TetrahedronWithEdges());
     spoil(message);
     const absl::Status status = Parse(message).status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << error;
@@ -139,6 +180,9 @@ TEST(MeshMessageTest, LimitsAndMalformedBytesAreErrors) {
   EXPECT_TRUE(Parse(message, 4).ok());
   EXPECT_THAT(std::string(Parse(message, 3).status().message()),
               HasSubstr("Mesh.triangles: has 4 triangles; at most 3: simplify"));
+  v1::Mesh long_edge = Message(TetrahedronWithEdges());
+  for (int i = 0; i < 12; ++i) long_edge.mutable_edges(2)->add_points(0);
+  EXPECT_THAT(std::string(Parse(long_edge, 4).status().message()), HasSubstr("Mesh.edges: have more than 12 points"));
   const std::string bytes = message.SerializeAsString();
   size_t refused = 0;
   for (size_t size = 1; size < bytes.size(); ++size)

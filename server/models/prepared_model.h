@@ -13,7 +13,7 @@
 namespace evpose::server {
 
 // To be raised with every change of core/models or core/mesh that alters the result of ParseObjectModel().
-inline constexpr uint32_t kPreparationVersion = 4;
+inline constexpr uint32_t kPreparationVersion = 5;
 
 std::string EncodePreparedModel(const ObjectModel& model);
 // Returns the encoded model, equal to the bit. Errors: DATA_LOSS.

@@ -121,7 +121,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
                                                                  const std::string& request_id) const {
   absl::StatusOr<Models> models = UseModels(tenant, config);
   if (!models.ok()) return absl::IsDataLoss(models.status()) ? FromStore(models.status()) : models.status();
-  EVPOSE_ASSIGN_OR_RETURN(MemoryCharge charge, options_.memory->Charge(tenant, MemoryOf(config, models->models)));
+  EVPOSE_ASSIGN_OR_RETURN(MemoryCharge charge, options_.memory->Charge(tenant, MemoryOf(config, models->models),
+                                                                       MemoryOfModels(models->models)));
   EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
   Session::Parts parts = MakeParts(absl::StrCat("sessions/", id), tenant);
   EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models->models, options_.make_tracker));
@@ -173,9 +174,11 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(const StoredSes
   const bool has_ended = parts.beginning.checkpoint.ended;
   auto models = UseModels(stored.record.tenant, parts.config);
   // An ended session is readable without its models.
-  SessionMemory memory = MemoryOf(parts.config, models.ok() ? models->models : Models().models);
+  const std::vector<std::shared_ptr<const ObjectModel>> used = models.ok() ? models->models : Models().models;
+  SessionMemory memory = MemoryOf(parts.config, used);
   if (has_ended) memory.tracking_bytes = 0;
-  MemoryCharge charge = options_.memory->ChargeBeyondLimit(stored.record.tenant, memory);
+  MemoryCharge charge = options_.memory->ChargeBeyondLimit(
+      stored.record.tenant, memory, has_ended ? std::vector<ModelMemory>() : MemoryOfModels(used));
   parts.memory_charge = std::move(charge.other);
   if (has_ended && models.ok()) parts.model_uses = std::move(models->uses);
   if (!has_ended) {

@@ -32,7 +32,8 @@ TEST(TrackerFactoryTest, TrackersOfOneModelShareItsPreparedData) {
   const long uses_of_first = model.use_count() - 1;
   const auto second = make_tracker(CubeConfig(), {model});
   ASSERT_TRUE(second.ok()) << second.status();
-  EXPECT_EQ(model.use_count(), 1 + uses_of_first + uses_of_first - 1);  // the shared data also reference the model
+  // The data that both trackers share reference the model, too: its edges, and those of its search.
+  EXPECT_EQ(model.use_count(), 1 + uses_of_first + uses_of_first - 2);
 }
 
 TEST(TrackerFactoryTest, DataOfAnUntrackedModelAreReleased) {

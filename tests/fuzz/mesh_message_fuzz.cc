@@ -30,6 +30,17 @@ void CheckIndices(const RawMesh& mesh) {
   }
 }
 
+void CheckEdges(const RawMesh& mesh) {
+  EVPOSE_FUZZ_REQUIRE(mesh.exact_edges.size() <= mesh.triangles.size());
+  for (const ExactEdge& edge : mesh.exact_edges) {
+    EVPOSE_FUZZ_REQUIRE(edge.points.size() >= 2);
+    for (const uint32_t index : edge.points) EVPOSE_FUZZ_REQUIRE(index < mesh.points.size());
+    if (edge.shape != ExactEdge::Shape::kCircle) continue;
+    EVPOSE_FUZZ_REQUIRE(edge.circle.centre.allFinite() && std::abs(edge.circle.axis.norm() - 1.0) < 1e-9);
+    EVPOSE_FUZZ_REQUIRE(edge.circle.radius_m > 0.0 && std::isfinite(edge.circle.radius_m));
+  }
+}
+
 void CheckSurface(const RawMesh& mesh) {
   const SmoothSurface& surface = mesh.exact_surface;
   EVPOSE_FUZZ_REQUIRE(mesh.corner_normals.empty() || mesh.corner_normals.size() == mesh.triangles.size());
@@ -62,6 +73,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   }
   CheckIndices(*mesh);
   CheckSurface(*mesh);
+  CheckEdges(*mesh);
   const absl::StatusOr<RawMesh> again = server::ParseMesh(AsBytes(server::EncodeMesh(*mesh)), kMaxTriangles);
   EVPOSE_FUZZ_REQUIRE(again.ok() && again->points == mesh->points && again->triangles == mesh->triangles);
   ModelOptions options;

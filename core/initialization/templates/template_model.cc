@@ -81,9 +81,9 @@ EdgeElementOptions TemplateElementOptions() {
   return options;
 }
 
-TemplateModel::TemplateModel(std::shared_ptr<const ObjectModel> model)
+TemplateModel::TemplateModel(std::shared_ptr<const ObjectModel> model, std::shared_ptr<const SurfaceTables> surface)
     : model_(std::move(model)),
-      edges_(*model_, TemplateVisibilityOptions(), TemplateElementOptions()),
+      edges_(*model_, TemplateVisibilityOptions(), TemplateElementOptions(), std::move(surface)),
       radius_m_(0.5 * model_->diameter_m) {
   const int subdivisions = model_->triangles.size() > kManyTriangles ? 2 : 3;
   const ViewSphere sphere = MakeViewSphere(*model_, subdivisions);
@@ -174,8 +174,9 @@ void TemplateModel::FindParent(ViewTemplate& view) const {
   for (const RigidTransform& symmetry : model_->symmetries) consider(view.rotation * symmetry.rotation);
 }
 
-absl::StatusOr<std::shared_ptr<const TemplateModel>> MakeTemplateModel(std::shared_ptr<const ObjectModel> model) {
-  return std::make_shared<const TemplateModel>(std::move(model));
+absl::StatusOr<std::shared_ptr<const TemplateModel>> MakeTemplateModel(std::shared_ptr<const ObjectModel> model,
+                                                                       std::shared_ptr<const SurfaceTables> surface) {
+  return std::make_shared<const TemplateModel>(std::move(model), std::move(surface));
 }
 
 }  // namespace evpose

@@ -63,7 +63,9 @@ class TemplateModel {
  public:
   // Keeps the model. Looks at it from up to 642 sides; from 162 if it has so many triangles that it would take longer
   // than about a second.
-  explicit TemplateModel(std::shared_ptr<const ObjectModel> model);
+  // `surface` are the tables of the model's surface; null: computed here.
+  explicit TemplateModel(std::shared_ptr<const ObjectModel> model,
+                         std::shared_ptr<const SurfaceTables> surface = nullptr);
   TemplateModel(const TemplateModel&) = delete;
   TemplateModel& operator=(const TemplateModel&) = delete;
 
@@ -109,7 +111,8 @@ class TemplateModel {
 };
 
 // The form that caches of shared objects need; always OK.
-absl::StatusOr<std::shared_ptr<const TemplateModel>> MakeTemplateModel(std::shared_ptr<const ObjectModel> model);
+absl::StatusOr<std::shared_ptr<const TemplateModel>> MakeTemplateModel(std::shared_ptr<const ObjectModel> model,
+                                                                       std::shared_ptr<const SurfaceTables> surface);
 
 // Edges at the level of detail of a search: coarse, because a search looks at many poses.
 VisibilityOptions TemplateVisibilityOptions();

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
@@ -31,33 +32,57 @@ absl::Status BeyondLimit(absl::string_view subject, absl::string_view whose, uin
 
 struct MemoryBudget::Part {
   ~Part() {
-    if (bytes > 0) budget->Release(tenant, bytes);
+    if (bytes > 0) budget->Release(*this);
   }
   std::shared_ptr<MemoryBudget> budget;
   std::string tenant;
   uint64_t bytes = 0;
+  std::shared_ptr<const ObjectModel> model;   // of a part that sessions share
+  std::vector<std::shared_ptr<Part>> shared;  // those of a session
 };
 
+std::shared_ptr<MemoryBudget::Part> MemoryBudget::MakePart(const std::string& tenant) {
+  auto part = std::make_shared<Part>();
+  part->budget = shared_from_this();
+  part->tenant = tenant;
+  return part;
+}
+
 absl::StatusOr<MemoryCharge> MemoryBudget::Charge(const std::string& tenant, const SessionMemory& memory,
-                                                  bool may_refuse) {
-  // Everything is allocated before anything is counted.
-  const auto make_part = [&] {
-    auto part = std::make_shared<Part>();
-    part->budget = shared_from_this();
-    part->tenant = tenant;
-    return part;
-  };
-  const std::shared_ptr<Part> tracking = make_part();
-  const std::shared_ptr<Part> other = make_part();
-  const std::lock_guard lock(mutex_);
-  if (may_refuse) {
-    EVPOSE_RETURN_IF_ERROR(Check(tenant, memory.total_bytes()));
+                                                  absl::Span<const ModelMemory> models, bool may_refuse) {
+  // Everything is allocated before anything is counted. The parts are destroyed after the lock, which their destructor
+  // takes.
+  const std::shared_ptr<Part> tracking = MakePart(tenant), other = MakePart(tenant);
+  for (const ModelMemory& model : models) {
+    tracking->shared.push_back(MakePart(tenant));
+    tracking->shared.back()->model = model.model;
   }
-  charged_by_tenant_[tenant] += memory.total_bytes();
-  charged_bytes_ += memory.total_bytes();
-  tracking->bytes = memory.tracking_bytes;
-  other->bytes = memory.other_bytes;
+  const std::lock_guard lock(mutex_);
+  uint64_t bytes = memory.total_bytes();
+  for (size_t i = 0; i < models.size(); ++i) {
+    const auto found = models_.find({tenant, models[i].model.get()});
+    const std::shared_ptr<Part> charged = found == models_.end() ? nullptr : found->second.lock();
+    if (charged != nullptr) tracking->shared[i] = charged;
+    if (charged == nullptr) bytes += models[i].bytes;
+  }
+  if (may_refuse) {
+    EVPOSE_RETURN_IF_ERROR(Check(tenant, bytes));
+  }
+  for (size_t i = 0; i < models.size(); ++i) {
+    const std::shared_ptr<Part>& part = tracking->shared[i];
+    if (part->bytes > 0 || models[i].bytes == 0) continue;
+    Add(*part, models[i].bytes);
+    models_[{tenant, models[i].model.get()}] = part;
+  }
+  Add(*tracking, memory.tracking_bytes);
+  Add(*other, memory.other_bytes);
   return MemoryCharge{tracking, other};
+}
+
+void MemoryBudget::Add(Part& part, uint64_t bytes) {
+  part.bytes = bytes;
+  charged_bytes_ += bytes;
+  if (bytes > 0) charged_by_tenant_[part.tenant] += bytes;
 }
 
 absl::Status MemoryBudget::Check(const std::string& tenant, uint64_t bytes) const {
@@ -76,12 +101,16 @@ absl::Status MemoryBudget::Check(const std::string& tenant, uint64_t bytes) cons
   return absl::OkStatus();
 }
 
-void MemoryBudget::Release(const std::string& tenant, uint64_t bytes) {
+void MemoryBudget::Release(const Part& part) {
   const std::lock_guard lock(mutex_);
-  charged_bytes_ -= bytes;
-  const auto charged = charged_by_tenant_.find(tenant);
-  charged->second -= bytes;
+  charged_bytes_ -= part.bytes;
+  const auto charged = charged_by_tenant_.find(part.tenant);
+  charged->second -= part.bytes;
   if (charged->second == 0) charged_by_tenant_.erase(charged);
+  if (part.model == nullptr) return;
+  // Another session may have charged the model again meanwhile.
+  const auto model = models_.find({part.tenant, part.model.get()});
+  if (model != models_.end() && model->second.expired()) models_.erase(model);
 }
 
 uint64_t MemoryBudget::charged_bytes() const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The memory of all sessions: each is charged with the most that it may take before anything of it is allocated.
+// The memory of all sessions: each is charged with the most that it may take before anything of it is allocated. A
+// model that sessions of a tenant share is charged once.
 #pragma once
 
 #include <cstdint>
@@ -10,10 +11,12 @@
 #include <mutex>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 #include "server/sessions/memory/session_memory.h"
 #include "server/telemetry/metrics.h"
 
@@ -21,7 +24,7 @@ namespace evpose::server {
 
 // Charges of one session, each until its last copy is destroyed.
 struct MemoryCharge {
-  std::shared_ptr<const void> tracking;
+  std::shared_ptr<const void> tracking;  // with the models: each until the last charge with it is destroyed
   std::shared_ptr<const void> other;
 };
 
@@ -38,12 +41,14 @@ class MemoryBudget : public std::enable_shared_from_this<MemoryBudget> {
   }
 
   // Errors: RESOURCE_EXHAUSTED (SESSION_MEMORY) with the bytes that are needed, taken and allowed.
-  absl::StatusOr<MemoryCharge> Charge(const std::string& tenant, const SessionMemory& memory) {
-    return Charge(tenant, memory, true);
+  absl::StatusOr<MemoryCharge> Charge(const std::string& tenant, const SessionMemory& memory,
+                                      absl::Span<const ModelMemory> models = {}) {
+    return Charge(tenant, memory, models, true);
   }
   // For a session that exists already: never refused.
-  MemoryCharge ChargeBeyondLimit(const std::string& tenant, const SessionMemory& memory) {
-    return *Charge(tenant, memory, false);
+  MemoryCharge ChargeBeyondLimit(const std::string& tenant, const SessionMemory& memory,
+                                 absl::Span<const ModelMemory> models = {}) {
+    return *Charge(tenant, memory, models, false);
   }
 
   uint64_t charged_bytes() const;
@@ -54,15 +59,20 @@ class MemoryBudget : public std::enable_shared_from_this<MemoryBudget> {
 
   // Bytes of a charge. Released when it is destroyed, if they have been added.
   struct Part;
+  using ModelKey = std::pair<std::string, const ObjectModel*>;  // tenant, and the model, which its part keeps
 
-  absl::StatusOr<MemoryCharge> Charge(const std::string& tenant, const SessionMemory& memory, bool may_refuse);
+  std::shared_ptr<Part> MakePart(const std::string& tenant);
+  absl::StatusOr<MemoryCharge> Charge(const std::string& tenant, const SessionMemory& memory,
+                                      absl::Span<const ModelMemory> models, bool may_refuse);
   absl::Status Check(const std::string& tenant, uint64_t bytes) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void Release(const std::string& tenant, uint64_t bytes);
+  void Add(Part& part, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Release(const Part& part);
 
   const Options options_;
   mutable std::mutex mutex_;
   uint64_t charged_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::map<std::string, uint64_t> charged_by_tenant_ ABSL_GUARDED_BY(mutex_);  // no zeros
+  std::map<ModelKey, std::weak_ptr<Part>> models_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace evpose::server

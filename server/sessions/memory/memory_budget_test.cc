@@ -4,7 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <memory>
 #include <optional>
+#include <vector>
 
 #include "server/runtime/errors.h"
 
@@ -65,6 +67,26 @@ TEST(MemoryBudget, TenantsHaveALimitOfTheirOwn) {
   EXPECT_EQ(GetErrorDetails(refused).quota_subject, "tenant_session_memory");
   EXPECT_EQ(metrics->quota_refusals[QuotaLimit::kTenantSessionMemory].value(), 1u);
   EXPECT_TRUE(budget->Charge("b", kSession).ok());
+}
+
+TEST(MemoryBudget, AModelIsChargedOnceForTheSessionsOfATenant) {
+  const auto budget = MemoryBudget::Create({.max_bytes = 1'500'000'000});
+  auto model = std::make_shared<const ObjectModel>();
+  const std::vector<ModelMemory> models = {{model, 200'000'000}};
+  std::optional<MemoryCharge> first = *budget->Charge("a", kSession, models);
+  EXPECT_EQ(budget->charged_bytes(), 600'000'000u);
+  std::optional<MemoryCharge> second = *budget->Charge("a", kSession, models);
+  EXPECT_EQ(budget->charged_bytes(), 1'000'000'000u);
+  const absl::Status refused = budget->Charge("b", kSession, models).status();
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("600000000 bytes")) << "tenants share no models";
+  first.reset();
+  EXPECT_EQ(budget->charged_bytes(), 600'000'000u) << "the second session has the model";
+  second->tracking.reset();
+  EXPECT_EQ(budget->charged_bytes(), 100'000'000u);
+  second.reset();
+  EXPECT_EQ(budget->charged_bytes(), 0u);
+  EXPECT_EQ(model.use_count(), 2) << "of this test";
+  EXPECT_TRUE(budget->Charge("b", kSession, models).ok());
 }
 
 TEST(MemoryBudget, AnExistingSessionIsChargedBeyondTheLimit) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sessions/memory/session_memory.h"
 
+#include <algorithm>
+
 #include "core/tracking/tracker_memory.h"
 #include "core/tracking/tracker_options.h"
 #include "server/sessions/types/pose_log.h"
@@ -30,6 +32,16 @@ SessionMemory MaxSessionMemory(const SessionConfig& config,
   if (limits.writes_checkpoints) memory.tracking_bytes += 2 * (tracker.max_state_bytes + pose_bytes / 2);
   memory.other_bytes = queue_bytes + pose_bytes + kFixedBytes;
   return memory;
+}
+
+std::vector<ModelMemory> MemoryOfModels(const std::vector<std::shared_ptr<const ObjectModel>>& models) {
+  std::vector<ModelMemory> distinct;
+  for (const auto& model : models) {
+    const auto is_same = [&](const ModelMemory& memory) { return memory.model == model; };
+    if (std::any_of(distinct.begin(), distinct.end(), is_same)) continue;
+    distinct.push_back({model, EstimateModelMemory(*model)});
+  }
+  return distinct;
 }
 
 }  // namespace evpose::server

@@ -19,6 +19,12 @@ struct SessionMemory {
   uint64_t total_bytes() const { return tracking_bytes + other_bytes; }
 };
 
+// A model with its tables, which all sessions of a tenant share.
+struct ModelMemory {
+  std::shared_ptr<const ObjectModel> model;
+  uint64_t bytes = 0;
+};
+
 // The limits of each session that bound its memory; as in SessionLimits.
 struct SessionMemoryLimits {
   uint64_t credit_bytes = 0;
@@ -27,9 +33,12 @@ struct SessionMemoryLimits {
   bool writes_checkpoints = true;
 };
 
-// Returns an upper bound, with the assumptions of EstimateTrackerMemory(). `models`: one for each of config.objects.
+// Returns an upper bound without the models, with the assumptions of EstimateTrackerMemory(). `models`: one for each of
+// config.objects.
 SessionMemory MaxSessionMemory(const SessionConfig& config,
                                const std::vector<std::shared_ptr<const ObjectModel>>& models,
                                const SessionMemoryLimits& limits);
+// The memory of each distinct one.
+std::vector<ModelMemory> MemoryOfModels(const std::vector<std::shared_ptr<const ObjectModel>>& models);
 
 }  // namespace evpose::server
