@@ -10,6 +10,7 @@
 
 #include "core/association/competitors.h"
 #include "core/base/yield_point.h"
+#include "core/contours/surface_tables.h"
 
 namespace evpose {
 namespace {
