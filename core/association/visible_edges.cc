@@ -11,6 +11,7 @@
 #include "core/association/competitors.h"
 #include "core/association/element_arcs.h"
 #include "core/base/yield_point.h"
+#include "core/contours/surface_tables.h"
 
 namespace evpose {
 namespace {

@@ -12,7 +12,6 @@
 
 #include "core/association/association.h"
 #include "core/contours/edge_elements.h"
-#include "core/contours/surface_tables.h"
 #include "core/models/object_model.h"
 #include "core/models/visibility.h"
 

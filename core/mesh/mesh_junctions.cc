@@ -21,6 +21,9 @@ namespace {
 // Real files need two or three: the last one finds nothing. Vertices whose distance is near the tolerance can need
 // splits that alternate without end.
 constexpr int kMaxRounds = 6;
+// From this round on, flat triangles are removed only if fewer remain: on an arc of vertices that are all within the
+// tolerance of its chords, each removal moves the next flat triangle by one vertex.
+constexpr int kLateRound = 3;
 // Vertices that may be inserted into sides, per triangle of a small and in total for a large mesh: bounds memory. In
 // the worst real file seen, a cube whose every edge has a T-junction, 3 triangles in 4 are split.
 constexpr size_t kMaxSplitsPerTriangle = 4;
@@ -87,7 +90,10 @@ class JunctionCloser {
   JunctionReport Close() {
     bool has_changed = true;
     // Each round costs as much again; one that has reached the limits on the work is the last.
-    for (int round = 0; has_changed && report_.is_complete && round < kMaxRounds; ++round) has_changed = CloseSome();
+    for (int round = 0; has_changed && report_.is_complete && round < kMaxRounds; ++round) {
+      is_late_ = round >= kLateRound;
+      has_changed = CloseSome();
+    }
     report_.is_within_limits = report_.is_complete;
     // Flat triangles that remain do no harm, unless they have no normal; junctions that remain are slits.
     const size_t without_normal = RemoveFlatTriangles(kMinHeightOfRest * tolerance_m_, mesh_);
@@ -220,7 +226,9 @@ class JunctionCloser {
     const int side = LongestSide(neighbour);
     if (side == 0 && !HasArea(mesh_, neighbour, tolerance_m_)) return true;
     const double before_m = std::min(flat.height_m, HeightOf(neighbour));
-    return std::min(HeightOf({flat.low, flat.apex, beyond}), HeightOf({flat.apex, flat.high, beyond})) > before_m;
+    const double after_m = std::min(HeightOf({flat.low, flat.apex, beyond}), HeightOf({flat.apex, flat.high, beyond}));
+    if (is_late_ && before_m > kMinHeightOfRest * tolerance_m_) return after_m > tolerance_m_;
+    return after_m > before_m;
   }
 
   // Over the longest side.
@@ -403,6 +411,7 @@ class JunctionCloser {
   std::vector<Ends> flat_edges_;       // of the triangles without area, sorted
   std::vector<RemovedAt> removed_at_;  // of `flat_edges_`
   std::vector<Insertion> insertions_;
+  bool is_late_ = false;
   bool has_junctions_ = false;  // the last round has found some
   std::vector<bool> remove_;    // triangles
   JunctionReport report_;

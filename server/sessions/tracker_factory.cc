@@ -9,6 +9,7 @@
 #include "core/association/camera_tables.h"
 #include "core/association/visible_edges.h"
 #include "core/baselines/estimators/estimator_factory.h"
+#include "core/contours/surface_tables.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_model.h"

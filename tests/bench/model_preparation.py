@@ -91,8 +91,11 @@ def shape(name):
     def write(count, path):
         """A shape of `evpose bench models`, with so many facets per circle that there are about `count` triangles."""
         low, high = (len(SHAPES[name](sides).triangles) for sides in (60, 120))
-        growth = math.log2(high / low)
-        write_stl(path, SHAPES[name](round(120 * (count / high) ** (1 / growth) / 4) * 4), 0.001)
+        # Lids have a number of triangles that is linear in the sides, surfaces that are curved twice a quadratic one.
+        quadratic = (high - 2 * low) / (2 * 60**2)
+        linear = low / 60 - 60 * quadratic
+        sides = (math.sqrt(linear**2 + 4 * quadratic * count) - linear) / (2 * quadratic)
+        write_stl(path, SHAPES[name](round(sides / 4) * 4), 0.001)
     return write
 
 
