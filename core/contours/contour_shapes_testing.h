@@ -15,6 +15,7 @@
 
 #include "core/contours/edge_elements.h"
 #include "core/models/object_model.h"
+#include "core/models/view_testing.h"
 
 namespace evpose {
 
@@ -211,27 +212,7 @@ inline ObjectModel PlateWithHoles(double half_m, double radius_m, double thickne
   return builder.model;
 }
 
-inline CameraModel ContourCamera() {
-  CameraModel camera;
-  camera.width_px = 640;
-  camera.height_px = 480;
-  camera.fx_px = camera.fy_px = 700.0;
-  camera.cx_px = 320.0;
-  camera.cy_px = 240.0;
-  return camera;
-}
-
-// The camera is at `eye` (object frame) and looks at the origin.
-inline RigidTransform ViewFrom(const Eigen::Vector3d& eye) {
-  const Eigen::Vector3d z = -eye.normalized();
-  const Eigen::Vector3d x = z.cross(Eigen::Vector3d(0.1, 1.0, 0.05)).normalized();
-  RigidTransform pose;
-  pose.rotation.row(0) = x;
-  pose.rotation.row(1) = z.cross(x);
-  pose.rotation.row(2) = z;
-  pose.translation_m = -(pose.rotation * eye);
-  return pose;
-}
+inline CameraModel ContourCamera() { return {640, 480, 700.0, 700.0, 320.0, 240.0, {}}; }
 
 inline std::vector<EdgeElement> ElementsOf(const ObjectModel& model, const Eigen::Vector3d& eye,
                                            const EdgeElementOptions& options = {}) {

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "absl/strings/str_format.h"
+#include "core/models/view_testing.h"
 
 namespace evpose {
 namespace {
@@ -42,27 +43,7 @@ std::string Box(const Eigen::Vector3d& centre, const Eigen::Vector3d& size, int 
 
 std::string CentredCube() { return Box({0, 0, 0}, {0.15, 0.15, 0.15}); }
 
-CameraModel Camera() {
-  CameraModel camera;
-  camera.width_px = 1280;
-  camera.height_px = 720;
-  camera.fx_px = camera.fy_px = 1000.0;
-  camera.cx_px = 640.0;
-  camera.cy_px = 360.0;
-  return camera;
-}
-
-// The camera is at `eye` (object frame) and looks at `target`.
-RigidTransform LookAt(const Eigen::Vector3d& eye, const Eigen::Vector3d& target = Eigen::Vector3d::Zero()) {
-  const Eigen::Vector3d z = (target - eye).normalized();
-  const Eigen::Vector3d x = z.cross(Eigen::Vector3d(0.1, 1.0, 0.05)).normalized();
-  RigidTransform pose;
-  pose.rotation.row(0) = x;
-  pose.rotation.row(1) = z.cross(x);
-  pose.rotation.row(2) = z;
-  pose.translation_m = -(pose.rotation * eye);
-  return pose;
-}
+CameraModel Camera() { return {1280, 720, 1000.0, 1000.0, 640.0, 360.0, {}}; }
 
 std::vector<VisibleSegment> See(const ObjectModel& model, const RigidTransform& pose,
                                 const VisibilityOptions& options = {}, const CameraModel& camera = Camera()) {
@@ -92,10 +73,10 @@ std::vector<VisibleSegment> Of(const std::vector<VisibleSegment>& segments, cons
 
 TEST(VisibilityTest, CubeShowsOneTwoOrThreeFaces) {
   const ObjectModel cube = Model(CentredCube());
-  EXPECT_THAT(See(cube, LookAt({0, 0, 0.8})), SizeIs(4));
-  EXPECT_THAT(See(cube, LookAt({0.5, 0, 0.6})), SizeIs(7));
-  EXPECT_THAT(See(cube, LookAt({0.4, 0.3, 0.6})), SizeIs(9));
-  for (const VisibleSegment& segment : See(cube, LookAt({0.4, 0.3, 0.6}))) {
+  EXPECT_THAT(See(cube, ViewFrom({0, 0, 0.8})), SizeIs(4));
+  EXPECT_THAT(See(cube, ViewFrom({0.5, 0, 0.6})), SizeIs(7));
+  EXPECT_THAT(See(cube, ViewFrom({0.4, 0.3, 0.6})), SizeIs(9));
+  for (const VisibleSegment& segment : See(cube, ViewFrom({0.4, 0.3, 0.6}))) {
     EXPECT_EQ(segment.begin, 0.0);
     EXPECT_EQ(segment.end, 1.0);
   }
@@ -115,7 +96,7 @@ TEST(VisibilityTest, CubeFromAnywhereShowsTheEdgesOfTheFacesTurnedToTheCamera) {
         if (n.dot(eye) > 0.075) expected.insert(static_cast<int>(i));
       }
     }
-    for (const VisibleSegment& segment : See(cube, LookAt(eye))) {
+    for (const VisibleSegment& segment : See(cube, ViewFrom(eye))) {
       seen.insert(segment.line);
       EXPECT_EQ(segment.end - segment.begin, 1.0);
     }
@@ -126,7 +107,7 @@ TEST(VisibilityTest, CubeFromAnywhereShowsTheEdgesOfTheFacesTurnedToTheCamera) {
 TEST(VisibilityTest, SecondBoxHidesPartOfTheFirst) {
   // A box 0.1 m in front of the cube's face hides its right half, as seen from (0, 0, 1).
   const ObjectModel model = Model(CentredCube() + Box({0.1, 0, 0.175}, {0.2, 0.6, 0.02}, 8));
-  const auto segments = See(model, LookAt({0, 0, 1}));
+  const auto segments = See(model, ViewFrom({0, 0, 1}));
   // The ray that grazes the box's edge x = 0 at its front runs straight on to x = 0.
   for (const double y : {-0.075, 0.075}) {
     const auto horizontal = Of(segments, model, {0, y, 0.075});
@@ -142,7 +123,7 @@ TEST(VisibilityTest, SecondBoxHidesPartOfTheFirst) {
 
 TEST(VisibilityTest, LineIsSplitByABarInFrontOfIt) {
   const ObjectModel model = Model(CentredCube() + Box({0, 0, 0.175}, {0.03, 0.6, 0.02}, 8));
-  const auto parts = Of(See(model, LookAt({0, 0, 1})), model, {0, 0.075, 0.075});
+  const auto parts = Of(See(model, ViewFrom({0, 0, 1})), model, {0, 0.075, 0.075});
   ASSERT_THAT(parts, SizeIs(2));
   // The bar's front, at z = 0.185, hides |x| < 0.015 (1 - 0.075) / (1 - 0.185) on the line.
   const double half_hidden = 0.015 * 0.925 / 0.815 / 0.15;
@@ -154,7 +135,7 @@ TEST(VisibilityTest, LineIsSplitByABarInFrontOfIt) {
 
 TEST(VisibilityTest, LinesAreCutAtTheImage) {
   const ObjectModel cube = Model(CentredCube());
-  RigidTransform pose = LookAt({0, 0, 0.8});
+  RigidTransform pose = ViewFrom({0, 0, 0.8});
   pose.translation_m.x() +=
       640.0 / 1000.0 * 0.725;  // the face's middle now lies on the right border, but for half a pixel
   const CameraModel camera = Camera();
@@ -199,27 +180,27 @@ std::string PlanarTarget() {
 
 TEST(VisibilityTest, PlanarTargetFromTheFrontAndFromBehind) {
   const ObjectModel target = Model(PlanarTarget());
-  EXPECT_THAT(See(target, LookAt({0.2, 0.1, 1})), SizeIs(6));
-  EXPECT_THAT(See(target, LookAt({0, 0, 1})), SizeIs(6));
-  EXPECT_THAT(See(target, LookAt({0.2, 0.1, -1})), IsEmpty());
+  EXPECT_THAT(See(target, ViewFrom({0.2, 0.1, 1})), SizeIs(6));
+  EXPECT_THAT(See(target, ViewFrom({0, 0, 1})), SizeIs(6));
+  EXPECT_THAT(See(target, ViewFrom({0.2, 0.1, -1})), IsEmpty());
 }
 
 TEST(VisibilityTest, SheetShowsItsBoundaryFromTheFront) {
   const ObjectModel sheet = Model("v 0 0 0\nv 0.2 0 0\nv 0.2 0.2 0\nv 0 0.2 0\nf 1 2 3 4\n");
-  EXPECT_THAT(See(sheet, LookAt({0.1, 0.3, 1})), SizeIs(4));
-  EXPECT_THAT(See(sheet, LookAt({0.1, 0.3, -1})), IsEmpty());
+  EXPECT_THAT(See(sheet, ViewFrom({0.1, 0.3, 1})), SizeIs(4));
+  EXPECT_THAT(See(sheet, ViewFrom({0.1, 0.3, -1})), IsEmpty());
 }
 
 TEST(VisibilityTest, WireframeHidesNothing) {
   const ObjectModel wire = Model(
       "v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nv 0 0 .1\nv .1 0 .1\nv .1 .1 .1\nv 0 .1 .1\n"
       "l 1 2 3 4 1\nl 5 6 7 8 5\nl 1 5\nl 2 6\nl 3 7\nl 4 8\n");
-  EXPECT_THAT(See(wire, LookAt({0.5, 0.3, 0.8})), SizeIs(12));
+  EXPECT_THAT(See(wire, ViewFrom({0.5, 0.3, 0.8})), SizeIs(12));
 }
 
 TEST(VisibilityTest, WireBehindAFaceIsHidden) {
   const ObjectModel model = Model(CentredCube() + "v -0.3 0 -0.2\nv 0.3 0 -0.2\nl 9 10\n");
-  const auto segments = See(model, LookAt({0, 0, 1}));
+  const auto segments = See(model, ViewFrom({0, 0, 1}));
   ASSERT_THAT(segments, SizeIs(2));
   // The front face's border, 0.075 at depth 0.925, hides 0.0973 at depth 1.2.
   EXPECT_NEAR(segments[0].end, 0.5 - 0.075 / 0.925 * 1.2 / 0.6, 1e-3);
@@ -227,14 +208,14 @@ TEST(VisibilityTest, WireBehindAFaceIsHidden) {
 }
 
 TEST(VisibilityTest, CameraInsideSeesNothingOfTheOutside) {
-  EXPECT_THAT(See(Model(Box({0, 0, 0}, {2, 2, 2})), LookAt({0, 0, 0.1})), IsEmpty());
+  EXPECT_THAT(See(Model(Box({0, 0, 0}, {2, 2, 2})), ViewFrom({0, 0, 0.1})), IsEmpty());
 }
 
 TEST(VisibilityTest, GrazingFacesKeepTheirLines) {
   const ObjectModel cube = Model(CentredCube());
   const auto seen_far_edge = [&](double height_m) {
     // The top's far edge, with the camera this much above the plane of the top.
-    return !Of(See(cube, LookAt({0.8, 0.001, 0.075 + height_m})), cube, {-0.075, 0, 0.075}).empty();
+    return !Of(See(cube, ViewFrom({0.8, 0.001, 0.075 + height_m})), cube, {-0.075, 0, 0.075}).empty();
   };
   EXPECT_TRUE(seen_far_edge(0.3));
   EXPECT_TRUE(seen_far_edge(0.005));
@@ -243,15 +224,15 @@ TEST(VisibilityTest, GrazingFacesKeepTheirLines) {
   EXPECT_FALSE(seen_far_edge(-0.05));
   VisibilityOptions strict;
   strict.grazing_cosine = 0.0;
-  EXPECT_TRUE(Of(See(cube, LookAt({0.8, 0.001, 0.070}), strict), cube, {-0.075, 0, 0.075}).empty());
+  EXPECT_TRUE(Of(See(cube, ViewFrom({0.8, 0.001, 0.070}), strict), cube, {-0.075, 0, 0.075}).empty());
 }
 
 TEST(VisibilityTest, ShortPiecesAreLeftOut) {
   const ObjectModel sheet = Model("v 0 0 0\nv 0.2 0 0\nv 0.2 0.2 0\nv 0 0.2 0\nf 1 2 3 4\n");
-  EXPECT_THAT(See(sheet, LookAt({0, 0, 60})), IsEmpty());  // 3.3 px
+  EXPECT_THAT(See(sheet, ViewFrom({0, 0, 60})), IsEmpty());  // 3.3 px
   VisibilityOptions options;
   options.min_length_px = 3.0;
-  EXPECT_THAT(See(sheet, LookAt({0, 0, 60}), options), SizeIs(4));
+  EXPECT_THAT(See(sheet, ViewFrom({0, 0, 60}), options), SizeIs(4));
 }
 
 TEST(VisibilityTest, DistortionMovesTheBorderOfTheView) {

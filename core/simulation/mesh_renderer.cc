@@ -21,9 +21,12 @@ constexpr double kTolerancePx = 0.02;
 // the border of the standard cameras, which is 0.02 px on 24 px.
 constexpr double kMaxEdgePx = 24.0;
 constexpr double kMinDepthM = 1e-9;  // metres; protects the division
-// Painted lines: their width relative to the diameter, 1.5 px at 300 px, a thin pen; how far they are in front of the
-// surface, more than a strip is below a curved one; and their light relative to that of the surface, that of dark ink.
+// Painted lines: their width relative to the diameter, 1.5 px at 300 px, a thin pen, but at least so many pixels at the
+// nearest depth, because the lens and the pixels blur thinner lines to a contrast below the threshold of a sensor; how
+// far they are in front of the surface relative to the diameter, more than a strip is below a curved one; and their
+// light relative to that of the surface, that of dark ink.
 constexpr double kLineWidth = 0.005;
+constexpr double kLineWidthPx = 2.0;
 constexpr double kLineLift = 1e-3;
 constexpr double kLineLight = 0.25;
 
@@ -55,7 +58,7 @@ MeshRenderer::MeshRenderer(const ObjectModel& model, const SceneOptions& options
     }
     triangles_[corner / 3][corner % 3] = static_cast<uint32_t>(vertices_.size() - 1);
   }
-  AddStrips(model, max_edge_m);
+  AddStrips(model, std::max(kLineWidth * model.diameter_m, kLineWidthPx * pixel_m), max_edge_m);
   screen_.resize(vertices_.size());
   FindEdges();
 }
@@ -83,11 +86,11 @@ void MeshRenderer::FindEdges() {
   }
 }
 
-void MeshRenderer::AddStrips(const ObjectModel& model, double max_part_m) {
+void MeshRenderer::AddStrips(const ObjectModel& model, double width_m, double max_part_m) {
   first_strip_vertex_ = vertices_.size();
   first_strip_ = triangles_.size();
   lift_m_ = kLineLift * model.diameter_m;
-  const SmoothMesh strips = PaintedStrips(model, kLineWidth * model.diameter_m, max_part_m);
+  const SmoothMesh strips = PaintedStrips(model, width_m, max_part_m);
   for (size_t i = 0; i < strips.triangles.size(); ++i) {
     const auto first = static_cast<uint32_t>(vertices_.size());
     for (int k = 0; k < 3; ++k) vertices_.push_back({strips.points[strips.triangles[i][k]], strips.normals[i][k]});

@@ -46,7 +46,7 @@ class MeshRenderer {
 
   void FindEdges();
   // Appends the painted lines of the model, with vertices of their own.
-  void AddStrips(const ObjectModel& model, double max_part_m);
+  void AddStrips(const ObjectModel& model, double width_m, double max_part_m);
   double LightOf(const Eigen::Vector3d& point_camera, Eigen::Vector3d normal_camera) const;
 
   const MeshFinish finish_;
