@@ -25,7 +25,8 @@ absl::Status VisibilityOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("samples_per_line", samples_per_line, 2, 10'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("surface_tolerance", surface_tolerance, 0.0, 0.1, OpenEnds::kBoth));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_length_px", min_length_px, 0.0, kInfinity, OpenEnds::kHigh));
-  return CheckRange("grazing_cosine", grazing_cosine, -1.0, 1.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("grazing_cosine", grazing_cosine, -1.0, 1.0));
+  return CheckRange("painted_cosine", painted_cosine, -1.0, 1.0);
 }
 
 bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::Vector3d& middle, double grazing_cosine,
@@ -115,6 +116,8 @@ VisibilityTester::VisibilityTester(const ObjectModel& model, const VisibilityOpt
       faces_(faces != nullptr ? std::move(faces)
                               : std::make_shared<const TriangleBvh>(model.vertices, model.triangles)),
       tolerance_m_(options.surface_tolerance * model.diameter_m),
+      is_solid_(std::any_of(model.lines.begin(), model.lines.end(),
+                            [](const ModelLine& line) { return line.face_normals.size() > 1; })),
       all_lines_(model.lines.size()) {
   std::iota(all_lines_.begin(), all_lines_.end(), 0);
 }
@@ -148,7 +151,10 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
     if (interval.empty()) continue;
     Eigen::Vector3d origin = view.centre_object;
     const Eigen::Vector3d middle = line.p1 + 0.5 * (interval.begin + interval.end) * (line.p2 - line.p1);
-    if (!FindRayOrigin(line.face_normals, middle, options_.grazing_cosine, origin)) continue;
+    const bool is_drawn = is_solid_ && line.kind == EdgeKind::kPainted && line.face_normals.size() == 1;
+    const double least_cosine =
+        is_drawn ? std::max(options_.grazing_cosine, options_.painted_cosine) : options_.grazing_cosine;
+    if (!FindRayOrigin(line.face_normals, middle, least_cosine, origin)) continue;
     AppendVisibleParts(view, i, line, interval, origin, segments);
   }
 }

@@ -34,6 +34,9 @@ struct VisibilityOptions {
   // core/association/README.md, section 3: grazing faces are kept, never dropped by a threshold at the predicted pose
   // alone.
   double grazing_cosine = -0.02;
+  // The same for lines drawn on a face of a solid (some of whose edges are between two faces), if it is larger. A drawn
+  // pattern is compressed to the spread of its events long before the face disappears, and the edge of the face remains.
+  double painted_cosine = -1.0;
 
   absl::Status Validate() const;
 };
@@ -72,6 +75,7 @@ class VisibilityTester {
   VisibilityOptions options_;
   std::shared_ptr<const TriangleBvh> faces_;
   double tolerance_m_;
+  bool is_solid_ = false;  // an edge is between two faces
   std::vector<int> all_lines_;
 };
 

@@ -227,6 +227,23 @@ TEST(VisibilityTest, GrazingFacesKeepTheirLines) {
   EXPECT_TRUE(Of(See(cube, ViewFrom({0.8, 0.001, 0.070}), strict), cube, {-0.075, 0, 0.075}).empty());
 }
 
+TEST(VisibilityTest, LinesDrawnOnAGrazingFaceOfASolidAreLeftOut) {
+  VisibilityOptions options;
+  options.painted_cosine = 0.15;
+  const auto sees = [&](const ObjectModel& model, double height_m, const Eigen::Vector3d& middle) {
+    return !Of(See(model, LookAt({0.8, 0.001, 0.075 + height_m}), options), model, middle).empty();
+  };
+  // A line across the top of a cube whose edges are lines, too.
+  const ObjectModel cube = Model(CentredCube() + "v 0 -0.075 0.075\nv 0 0.075 0.075\nl 9 10\nl 5 6 7 8 5\n");
+  EXPECT_TRUE(sees(cube, 0.2, {0, 0, 0.075}));
+  EXPECT_FALSE(sees(cube, 0.08, {0, 0, 0.075})) << "cosine 0.1";
+  EXPECT_TRUE(sees(cube, 0.08, {-0.075, 0, 0.075})) << "the edge of the face";
+  // On a sheet nothing else would be left.
+  const ObjectModel sheet = Model("v -.1 -.1 .075\nv .1 -.1 .075\nv .1 .1 .075\nv -.1 .1 .075\nf 1 2 3 4\n"
+                                  "v 0 -.075 .075\nv 0 .075 .075\nl 5 6\n");
+  EXPECT_TRUE(sees(sheet, 0.08, {0, 0, 0.075}));
+}
+
 TEST(VisibilityTest, ShortPiecesAreLeftOut) {
   const ObjectModel sheet = Model("v 0 0 0\nv 0.2 0 0\nv 0.2 0.2 0\nv 0 0.2 0\nf 1 2 3 4\n");
   EXPECT_THAT(See(sheet, ViewFrom({0, 0, 60})), IsEmpty());  // 3.3 px
@@ -328,6 +345,7 @@ TEST(VisibilityTest, OptionsNameTheWrongField) {
   EXPECT_THAT(message([](auto& o) { o.surface_tolerance = std::nan(""); }), HasSubstr("surface_tolerance"));
   EXPECT_THAT(message([](auto& o) { o.min_length_px = -1; }), HasSubstr("min_length_px"));
   EXPECT_THAT(message([](auto& o) { o.grazing_cosine = 2; }), HasSubstr("grazing_cosine"));
+  EXPECT_THAT(message([](auto& o) { o.painted_cosine = -2; }), HasSubstr("painted_cosine"));
 }
 
 }  // namespace

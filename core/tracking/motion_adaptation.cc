@@ -20,9 +20,9 @@ MotionAdaptation::Innovation MotionAdaptation::Compare(const MotionState& predic
 
 MotionPriorOptions MotionAdaptation::Adapted(const MotionPriorOptions& options) const {
   MotionPriorOptions adapted = options;
-  const double ratio = std::sqrt(ratio_);
-  adapted.linear_acceleration_density *= ratio;
-  adapted.angular_acceleration_density *= ratio;
+  const double root = std::sqrt(ratio());
+  adapted.linear_acceleration_density *= root;
+  adapted.angular_acceleration_density *= root;
   return adapted;
 }
 
@@ -31,7 +31,8 @@ bool MotionAdaptation::IsSurprising(const Innovation& innovation) const {
   constexpr double kSigma = 5.0;
   constexpr double kMargin = 5.0;
   const double expected = std::clamp(innovation.expected, 0.0, 12.0);
-  return ratio_ < 1.0 && !(innovation.square <= expected + kSigma * std::sqrt(2.0 * expected) + kMargin);
+  if (is_limited() || ratio_ == 1.0) return false;
+  return !(innovation.square <= expected + kSigma * std::sqrt(2.0 * expected) + kMargin);
 }
 
 void MotionAdaptation::Add(const Innovation& innovation) {
@@ -40,7 +41,7 @@ void MotionAdaptation::Add(const Innovation& innovation) {
   constexpr double kGain = 0.02;
   // Bound of one window: twice the directions of a pose and its twist.
   constexpr double kMaxExcess = 12.0;
-  if (!std::isfinite(innovation.square) || !std::isfinite(innovation.expected)) return;
+  if (is_limited() || !std::isfinite(innovation.square) || !std::isfinite(innovation.expected)) return;
   const double expected = std::clamp(innovation.expected, 0.0, 12.0);
   const double excess = std::clamp(innovation.square - expected, -expected, kMaxExcess);
   ratio_ = std::clamp(ratio_ * (1.0 + kGain * excess), kMinRatio, 1.0);

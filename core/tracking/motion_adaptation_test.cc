@@ -57,5 +57,23 @@ TEST(MotionAdaptationTest, OnlyASurpriseExceedsTheReducedDensities) {
   EXPECT_TRUE(adaptation.IsSurprising({std::nan(""), 6.0}));
 }
 
+TEST(MotionAdaptationTest, ALimitAppliesInPlaceOfTheLearnedRatio) {
+  const MotionPriorOptions options;
+  MotionAdaptation adaptation;
+  while (adaptation.ratio() > 0.5) adaptation.Add({1.0, 6.0});
+  const double learned = adaptation.ratio();
+  adaptation.Limit(0.01);
+  EXPECT_EQ(adaptation.ratio(), 0.01);
+  EXPECT_DOUBLE_EQ(adaptation.Adapted(options).angular_acceleration_density,
+                   0.1 * options.angular_acceleration_density);
+  EXPECT_DOUBLE_EQ(adaptation.Adapted(options).linear_acceleration_density, 0.1 * options.linear_acceleration_density);
+  adaptation.Add({1.0, 6.0});
+  EXPECT_FALSE(adaptation.IsSurprising({1000.0, 6.0}));
+  adaptation.Limit(0.0);
+  EXPECT_EQ(adaptation.ratio(), MotionAdaptation::kMinRatio);
+  adaptation.Limit(2.0);
+  EXPECT_EQ(adaptation.ratio(), learned);
+}
+
 }  // namespace
 }  // namespace evpose

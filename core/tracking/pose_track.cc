@@ -194,11 +194,17 @@ PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const Compet
 
 const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
   constexpr double kForget = 0.05;  // the running mean covers about 20 windows, 20 to 100 ms
+  adaptation_.Limit(1.0);
   MotionState predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   input = Gather(window, others, predicted, 1.0);
   fit_.Clear();
   is_flash_ = false;
   if (input.lines.empty()) return fit_;
+  // A longer window has fewer events than an estimate needs that does not depend on the prior.
+  const bool is_sparse = window.t_end_us - window.t_begin_us > context_.options.windows.interval_us;
+  if (is_sparse && LimitMotion(input)) {
+    predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
+  }
   FitAdapted(window, input, predicted);
   const bool is_quiet = IsOnlyBackground(fit_) || (fit_.deficit_ratio > kMaxDeficitRatio && IsSlow(input));
   is_flash_ = IsFlash(window, input);
@@ -226,6 +232,37 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
         (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit_.explained_signal_ratio() - usual_explained_ratio_);
   }
   return fit_;
+}
+
+bool PoseTrack::LimitMotion(const WindowInput& input) {
+  // Events per square pixel that an edge of ordinary contrast sweeps; sensors have 1 to 5.
+  constexpr double kEventsPerPx2 = 1.0;
+  // Standard deviations of an unknown velocity, in image speeds: the speed is that of the mean line across itself.
+  constexpr double kSpeeds = 2.0;
+  double length_px = 0.0;
+  for (const ImageLine& line : image_lines_) length_px += line.in_view() ? line.length_px : 0.0;
+  const double could_sweep = kEventsPerPx2 * length_px * input.duration_s;
+  if (!(could_sweep > 0.0)) return false;
+  const double speed_px_per_s = (input.shares.near_events[0] + input.shares.near_events[1]) / could_sweep;
+  const MotionPriorOptions& motion = context_.options.motion;
+  const double focal_px = context_.camera.MaxFocalPx();
+  const double radius_m = 0.5 * context_.model->diameter_m;
+  const double depth_m = std::max(radius_m, (motion_.camera_from_object * context_.edges->centre()).z());
+  const double px_per_m = focal_px / depth_m, px_per_rad = px_per_m * radius_m;
+  const double density =
+      focal_px * motion.linear_acceleration_density + px_per_rad * motion.angular_acceleration_density;
+  const double learned = adaptation_.ratio();
+  adaptation_.Limit(speed_px_per_s * speed_px_per_s / (motion.turn_time_s * density * density));
+  bool is_limited = adaptation_.ratio() != learned;
+  if (followed_since_us_ < 0 && motion_.twist.isZero()) {
+    auto twist = motion_.covariance.bottomRightCorner<6, 6>();
+    const double prior = px_per_m * px_per_m * twist.topLeftCorner<3, 3>().trace() / 3.0 +
+                         px_per_rad * px_per_rad * twist.bottomRightCorner<3, 3>().trace() / 3.0;
+    const double ratio = kSpeeds * kSpeeds * speed_px_per_s * speed_px_per_s / prior;
+    is_limited = is_limited || ratio < 1.0;
+    if (ratio < 1.0) twist *= ratio;
+  }
+  return is_limited;
 }
 
 void PoseTrack::FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted) {
@@ -342,7 +379,8 @@ bool PoseTrack::IsDetermined(absl::Span<const TrackedLine> lines, double support
   curve_information_.clear();
   ForEachCurve(lines, [&](size_t first, size_t end) {
     const CurveResult& result = health_.curve_results()[lines[first].curve];
-    if (result.kind == CurveResult::Kind::kOpen && result.events >= 0.5 * result.expected) return;
+    const bool is_undecided = result.kind == CurveResult::Kind::kOpen || result.kind == CurveResult::Kind::kPooled;
+    if (is_undecided && result.events >= 0.5 * result.expected) return;
     double length_px = 0.0;
     Matrix6d by_length = Matrix6d::Zero();
     for (size_t k = first; k < end; ++k) {

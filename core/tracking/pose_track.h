@@ -90,6 +90,9 @@ class PoseTrack {
   double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
   MotionState Predicted(int64_t t_us, const MotionPriorOptions& motion, double noise_factor) const;
+  // Limits the densities of the motion, and the velocity of a track that has just started, by the speed that the number
+  // of events permits (README, equation (7)). Returns whether the prediction is thereby another one.
+  bool LimitMotion(const WindowInput& input);
   // Fits the window with the densities of the motion that were learned, and again with the full ones if it surprises.
   void FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted);
   // Whether the brightness changes and the events are not concentrated near the lines of fit_.

@@ -67,6 +67,9 @@ struct TrackerOptions : EstimatorOptions {
     // Exactly the lines that are visible at the predicted pose. On ideal events of a tumbling cube a tolerance of 0.02
     // to 0.1 in either direction loses up to a fifth of the runs; without a tolerance no run is lost.
     visibility.grazing_cosine = 0.0;
+    // 9 degrees: grooves 15 px apart on a face seen from the front then are 2 px apart, as far as the events of each
+    // spread. Their events would be given to the wrong ones while a face appears or disappears.
+    visibility.painted_cosine = 0.15;
   }
 
   // Makes the estimator of each hypothesis; empty: the mixture estimator. core/baselines/estimators has others.

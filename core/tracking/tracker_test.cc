@@ -438,5 +438,22 @@ TEST(Tracker, TimeMarksCloseWindowsWithoutEvents) {
   EXPECT_LT(run.estimates.back().t_us, 150'000);
 }
 
+TEST(Tracker, TheNumberOfEventsLimitsTheMotionOfASlowObject) {
+  // 10 px/s: the windows hold 150 events each, in which the cube moves by less than a tenth of a pixel.
+  const Vector6d twist = Twist(0.008, 0.004, 0.0, 0.02, 0.03, 0.02);
+  testing::IdealEventOptions events;
+  events.duration_us = 500'000;
+  events.clutter_per_s = 3000;
+  auto tracker = Tracker::Create(Cube(), kCamera, WithoutInitialization(), kStart).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(testing::MakeIdealEvents(*Cube(), kCamera, testing::ConstantTwist(kStart, twist), events),
+                     estimates);
+  ASSERT_GT(estimates.size(), 20u);
+  for (const PoseEstimate& estimate : estimates) {
+    EXPECT_LT((estimate.twist - twist).tail<3>().norm(), 0.2) << estimate.t_us;
+    EXPECT_EQ(estimate.state, TrackState::kTracking);
+  }
+}
+
 }  // namespace
 }  // namespace evpose

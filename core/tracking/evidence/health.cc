@@ -438,12 +438,20 @@ double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const
   return static_cast<double>((line.along.array() >= least).count()) / places;
 }
 
+void TrackHealth::SupportPooled() {
+  for (CurveResult& curve : curve_results_) {
+    if (curve.kind == CurveResult::Kind::kPooled) curve.kind = CurveResult::Kind::kSupported;
+  }
+}
+
 HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) {
   using Kind = HealthResult::Kind;
   const double credited_ratio = CreditedNoiseRatio();
   HealthResult result;
-  LineStatistics total;
+  LineStatistics total, pooled;
   double supported_length = 0.0, testable_length = 0.0, present_length = 0.0, contradicting_length = 0.0;
+  double pooled_length = 0.0;
+  int pooled_lines = 0;
   int decided_lines = 0;
   for (size_t k = 0; k < statistics_.size(); ++k) {
     YieldPoint(k);
@@ -467,7 +475,19 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
       decided_lines += line.lines;
       contradicting_length += length_px;
       curve.kind = CurveResult::Kind::kContradicted;
+    } else {
+      curve.kind = CurveResult::Kind::kPooled;
+      pooled.Add(line);
+      pooled_length += length_px;
+      pooled_lines += line.lines;
     }
+  }
+  if (ExcessSigma(pooled) >= options_.significance_sigma) {
+    // Lines that have no power alone have it together: their share of the excess of the right pose is supported.
+    const double share = pooled.excess / std::max(pooled.excess, RightExcess(pooled, credited_ratio));
+    supported_length += share * pooled_length;
+    result.supported_lines += static_cast<int>(share * pooled_lines);
+    SupportPooled();
   }
   result.sigma = ExcessSigma(total);
   result.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;

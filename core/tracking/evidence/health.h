@@ -146,7 +146,8 @@ struct HealthResult {
 
 // Result for one straight line or curve.
 struct CurveResult {
-  enum class Kind : uint8_t { kOpen, kSupported, kContradicted };
+  // kOpen: not testable; kPooled: without power alone, and not supported together with the others of this kind.
+  enum class Kind : uint8_t { kOpen, kPooled, kSupported, kContradicted };
   Kind kind = Kind::kOpen;
   // Of the last memory_us: the events beyond those of clutter, and LineStatistics::expected.
   double events = 0.0;
@@ -262,6 +263,8 @@ class TrackHealth {
   void AddExpectedEvents(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                          const Vector6d& twist);
   HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines);
+  // Marks the pooled curves as supported.
+  void SupportPooled();
   // Whether the line would be supported at the right pose: it has, or should have produced, significantly more events
   // than the background, with as much information as kTestableEvents of an isolated line.
   bool IsTestable(const LineStatistics& line) const;

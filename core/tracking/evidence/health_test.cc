@@ -266,6 +266,14 @@ TEST_F(DenseLinesTest, AContradictionRequiresPower) {
   EXPECT_EQ(Judge(20, 0.0, 30.0, 20).kind, Kind::kUnsupported);
 }
 
+TEST_F(DenseLinesTest, LinesWithoutPowerOfTheirOwnSupportAPoseTogether) {
+  // Too few events for the significance of most single lines.
+  const HealthResult right = Judge(110, 0.0, 1.0, 1);
+  EXPECT_EQ(right.kind, Kind::kSupported);
+  EXPECT_GE(right.support_ratio, kSure);
+  EXPECT_NE(Judge(110, 0.5 * kSpacingPx, 1.0, 1).kind, Kind::kSupported);
+}
+
 // A circle of elements, 60 px in radius, as one curve.
 class RingHealthTest : public ::testing::Test {
  protected:
