@@ -21,9 +21,9 @@ Matrix6d OutlineMotions(const CameraModel& camera, const RigidTransform& camera_
 // no column without one.
 Eigen::Matrix3Xd FreeRotations(const ObjectModel& model, const Eigen::Matrix3d& rotation);
 
-// Adds equation (14): the information of `events` events of a line, each with a standard deviation of 1 px across it, about `motions`.
-// Only the middle of an element of a curve counts: the derivative of its ends contains that the chord turns while the
-// curve moves along itself, which no event shows. Requires line.in_view().
+// Adds equation (14): the information of `events` events of a line, each with a standard deviation of 1 px across it,
+// about `motions`. Only the middle of an element of a curve counts: the derivative of its ends contains that the chord
+// turns while the curve moves along itself, which no event shows. Requires line.in_view().
 void AddInformation(const CameraModel& camera, const ImageLine& line, double events, const Matrix6d& motions,
                     Matrix6d& information);
 

@@ -107,9 +107,8 @@ void Hypotheses::Join(Hypotheses&& others) {
 bool Hypotheses::HasWonAgainst(const RigidTransform& camera_from_object) const {
   const Entry& first = entries_.front();
   const RigidTransform& pose = first.track->motion().camera_from_object;
-  return std::any_of(first.won_against.begin(), first.won_against.end(), [&](const RigidTransform& relative) {
-    return LooksLike(pose * relative, camera_from_object);
-  });
+  return std::any_of(first.won_against.begin(), first.won_against.end(),
+                     [&](const RigidTransform& relative) { return LooksLike(pose * relative, camera_from_object); });
 }
 
 bool Hypotheses::LooksLike(const RigidTransform& a, const RigidTransform& b) const {
@@ -302,7 +301,8 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
   auto& [track, estimate, events, difference, squares, is_rival, is_unlikely, has_rivals_tested, pending, won_against] =
       self;
-  archive(*track, estimate, is_rival, is_unlikely, has_rivals_tested, AtMost(pending, kSettlingWindows + kComparedWindows));
+  archive(*track, estimate, is_rival, is_unlikely, has_rivals_tested,
+          AtMost(pending, kSettlingWindows + kComparedWindows));
   archive(won_against);
   archive.Check(won_against.size() <= kMaxWonAgainst, "more rejected poses than are kept");
   // Both have one element per entry.

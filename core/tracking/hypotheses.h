@@ -53,8 +53,8 @@ class Hypotheses {
   // Whether a pose that looks like this one was rejected because the events prefer the first hypothesis. Requires
   // !empty().
   bool HasWonAgainst(const RigidTransform& camera_from_object) const;
-  // The generated rivals of the first hypothesis have been added, and whether they have. A rival with the same edges has
-  // the same rivals.
+  // The generated rivals of the first hypothesis have been added, and whether they have. A rival with the same edges
+  // has the same rivals.
   void MarkFirstTested() { entries_.front().has_rivals_tested = true; }
   bool is_first_tested() const { return entries_.front().has_rivals_tested; }
   // Whether the first hypothesis has rivals that AddRival() has added.
@@ -85,8 +85,8 @@ class Hypotheses {
 
  private:
   // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them. Windows of
-  // the comparison of a rival, or of a pose of a later search, after which the test is undecided; one is enough for most
-  // wrong poses.
+  // the comparison of a rival, or of a pose of a later search, after which the test is undecided; one is enough for
+  // most wrong poses.
   static constexpr int kSettlingWindows = 8;
   static constexpr int kFirstWindows = 3;
   static constexpr int kComparedWindows = 8;
@@ -103,7 +103,7 @@ class Hypotheses {
     bool is_rival = false;
     bool is_unlikely = false;        // RivalPrior
     bool has_rivals_tested = false;  // MarkFirstTested()
-    int pending = 0;                 // windows that are left until the comparison with the first hypothesis is undecided
+    int pending = 0;  // windows that are left until the comparison with the first hypothesis is undecided
     std::vector<RigidTransform> won_against;  // poses relative to this one, object_from_object; at most kMaxWonAgainst
     bool is_settled() const { return pending <= kComparedWindows; }
     double Explained() const;  // sum of the scores

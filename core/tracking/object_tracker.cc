@@ -174,11 +174,10 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!IsPublished(phase_)) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
-    // Poses that are all only partly supported do not show what tells them apart; a further search may find the one that
-    // does.
-    const bool is_decided =
-        !IsCompeting(phase_) || hypotheses_.AreAllDegraded() ||
-        window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
+    // Poses that are all only partly supported do not show what tells them apart; a further search may find the one
+    // that does.
+    const bool is_decided = !IsCompeting(phase_) || hypotheses_.AreAllDegraded() ||
+                            window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
     if (!estimate || !is_decided) return;
     StartPublishing(window);
   }
@@ -373,7 +372,8 @@ void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& nea
   const MotionState state = Predict(before.motion, t_us, context_.options.motion);
   const BoundingSphere sphere = SphereAt(state.camera_from_object);
   if (near && !MayOverlap(context_.camera, *near, sphere, kMarginPx)) return;
-  competitors.Add(state, before.lines, context_.edges->visibility(), context_.sphere, context_.options.sensor.pixel_noise_px);
+  competitors.Add(state, before.lines, context_.edges->visibility(), context_.sphere,
+                  context_.options.sensor.pixel_noise_px);
 }
 
 BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object) const {

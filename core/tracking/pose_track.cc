@@ -5,7 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "core/association/observability.h"
 #include "core/estimation/free_motion.h"
 
 namespace evpose {
@@ -49,6 +48,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
       associator_(context.camera, *context.tables),
       estimator_(context.options.MakeEstimator(context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2, context.edges->num_curves()),
+      determination_(context.camera, *context.model, context.sphere, context.options.health),
       activity_(context.edges->num_curves(), context.options.mixture.min_events_per_px2),
       flash_(context.options.flash),
       motion_(start),
@@ -373,36 +373,9 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
 }
 
 bool PoseTrack::IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio) {
-  const RigidTransform& pose = motion_.camera_from_object;
-  const Matrix6d motions = OutlineMotions(context_.camera, pose, context_.sphere.centre, context_.sphere.radius_m);
-  Matrix6d information = Matrix6d::Zero(), supported = Matrix6d::Zero(), expected = Matrix6d::Zero();
-  curve_information_.clear();
-  ForEachCurve(lines, [&](size_t first, size_t end) {
-    const CurveResult& result = health_.curve_results()[lines[first].curve];
-    const bool is_undecided = result.kind == CurveResult::Kind::kOpen || result.kind == CurveResult::Kind::kPooled;
-    if (is_undecided && result.events >= 0.5 * result.expected) return;
-    double length_px = 0.0;
-    Matrix6d by_length = Matrix6d::Zero();
-    for (size_t k = first; k < end; ++k) {
-      if (!image_lines_[k].in_view()) continue;
-      length_px += image_lines_[k].length_px;
-      AddInformation(context_.camera, image_lines_[k], image_lines_[k].length_px, motions, by_length);
-    }
-    if (!(length_px > 0.0)) return;
-    expected += result.expected / length_px * by_length;
-    if (result.kind != CurveResult::Kind::kSupported) return;
-    supported += result.expected / length_px * by_length;
-    curve_information_.push_back(result.events / length_px / context_.options.health.dispersion * by_length);
-    information += curve_information_.back();
-  });
-  const Eigen::Matrix3Xd free = FreeRotations(*context_.model, pose.rotation);
-  const double max_deviation_px = context_.options.health.max_uncertainty_px;
+  determination_.Sum(motion_.camera_from_object, lines, image_lines_, health_.curve_results());
   const bool was_determined = is_fully_tested_ && phase_ == TrackPhase::kConfirmed;
-  if (was_determined) return evpose::IsDetermined(information, free, max_deviation_px);
-  if (!IsAtLeast(supported, support_ratio, expected, free)) return false;
-  return std::all_of(curve_information_.begin(), curve_information_.end(), [&](const Matrix6d& of_curve) {
-    return evpose::IsDetermined(information - of_curve, free, max_deviation_px);
-  });
+  return was_determined ? determination_.IsKept() : determination_.IsConfirmed(support_ratio);
 }
 
 void PoseTrack::UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us) {
@@ -470,12 +443,11 @@ Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
 }
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
-  auto& [context, visible_edges, all_lines, associator, estimator, health, activity, flash, adaptation, phase, motion,
-         usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions, followed_since_us,
-         is_fully_tested, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines, is_flash,
-         is_occluded, is_partly_occluded, image_lines, rates, past_deficit_counts, expectations,
-         curve_information, fit, second_fit] =
-      self;
+  auto& [context, visible_edges, all_lines, associator, estimator, health, determination, activity, flash, adaptation,
+         phase, motion, usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions,
+         followed_since_us, is_fully_tested, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines,
+         is_flash, is_occluded, is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit,
+         second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
   archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,

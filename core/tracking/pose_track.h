@@ -17,6 +17,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/motion_prior.h"
 #include "core/tracking/evidence/curve_activity.h"
+#include "core/tracking/evidence/determination.h"
 #include "core/tracking/evidence/flash.h"
 #include "core/tracking/evidence/health.h"
 #include "core/tracking/motion_adaptation.h"
@@ -77,7 +78,8 @@ class PoseTrack {
   // Root mean square of the residuals of the last window, pixels.
   double spread_px() const { return fit_.residual_rms_px; }
 
-  // To be called between windows; lines(), NearestLine() and spread_px() are not restored. LoadState() requires the same context.
+  // To be called between windows; lines(), NearestLine() and spread_px() are not restored. LoadState() requires the
+  // same context.
   void SaveState(StateWriter& writer) const;
   void LoadState(StateReader& reader);
 
@@ -110,10 +112,7 @@ class PoseTrack {
   bool IsOnlyBackground(const WindowFit& fit);
   // Handles a window in which the other objects occlude all lines: the estimate is the prediction with its covariance.
   std::optional<PoseEstimate> Hold(const EventWindow& window);
-  // Whether the curves that the last test found supported determine every motion of the object. To become confirmed, they
-  // must do so without any single one of them, because another edge nearby can support one curve of a wrong pose, and
-  // this share of all curves that should show a motion must be supported, by their expected events. Curves that are not
-  // decided yet count as not supported if they have less than half of these.
+  // Whether the curves that the last test found supported determine every motion of the object, as the phase requires.
   bool IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio);
   void UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us);
   // Applies the transition function, stores the time of the transition and reports it. No other function changes the
@@ -135,6 +134,7 @@ class PoseTrack {
   WindowAssociator associator_;
   std::unique_ptr<WindowEstimator> estimator_;
   TrackHealth health_;
+  Determination determination_;
   CurveActivity activity_;
   FlashDetector flash_;
   MotionAdaptation adaptation_;
@@ -162,7 +162,6 @@ class PoseTrack {
   std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
   std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
   std::vector<Expectation> expectations_;           // of the lines of the window; empty without elements
-  std::vector<Matrix6d> curve_information_;         // of the supported curves, IsDetermined()
   WindowFit fit_;
   WindowFit second_fit_;
 };

@@ -159,7 +159,7 @@ RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
   if (!(moments.measure > 0.0)) return;
   centroid_ = moments.first / moments.measure;
   const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(moments.second / moments.measure -
-                                                      centroid_ * centroid_.transpose());
+                                                       centroid_ * centroid_.transpose());
   const Vector3d& values = solver.eigenvalues();
   for (int k = 0; k < 3; ++k) {
     double gap = values[2];

@@ -60,8 +60,8 @@ class RivalGenerator {
   explicit RivalGenerator(const ObjectModel& model);
 
   // Returns the rivals of a state, at most kMaxRivals: half turns about the principal axes of the edges, or of the
-  // surface if it has contours, and the reflections of these axes, each also after a half turn. Those that equal the state or an earlier rival by the
-  // symmetry of the model, or nearly (`merge_rad`), are left out.
+  // surface if it has contours, and the reflections of these axes, each also after a half turn. Those that equal the
+  // state or an earlier rival by the symmetry of the model, or nearly (`merge_rad`), are left out.
   std::vector<MotionState> RivalsOf(const MotionState& state, double focal_px, const InitialPoseOptions& options,
                                     double merge_rad) const;
   static constexpr int kMaxRivals = 15;

@@ -144,8 +144,7 @@ TEST(TrackerCurves, TheTurnOfANearlyRoundObjectMustBeSupported) {
     for (const PoseEstimate& estimate : run.estimates) {
       if (estimate.state != TrackState::kTracking) continue;
       ++num_tracking;
-      EXPECT_LT(
-          RotationAngle(estimate.camera_from_object.rotation, motion(estimate.t_us * 1e-6).rotation), 0.05)
+      EXPECT_LT(RotationAngle(estimate.camera_from_object.rotation, motion(estimate.t_us * 1e-6).rotation), 0.05)
           << turn << " " << estimate.t_us;
     }
     if (turn == 0.0) {

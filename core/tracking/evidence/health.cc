@@ -80,19 +80,6 @@ absl::Status HealthOptions::Validate() const {
   return CheckPositive("max_uncertainty_px", max_uncertainty_px);
 }
 
-void LineStatistics::Add(const LineStatistics& other, double kept_ratio) {
-  gated = kept_ratio * gated + other.gated;
-  along = kept_ratio * along + other.along;
-  excess = kept_ratio * excess + other.excess;
-  variance = kept_ratio * variance + other.variance;
-  right_excess = kept_ratio * right_excess + other.right_excess;
-  information = kept_ratio * information + other.information;
-  noise = kept_ratio * noise + other.noise;
-  expected = kept_ratio * expected + other.expected;
-  length_px = kept_ratio * length_px + other.length_px;
-  lines = std::max(lines, other.lines);
-}
-
 TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_curves)
     : options_(options),
       min_events_per_px2_(min_events_per_px2),
@@ -438,12 +425,6 @@ double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const
   return static_cast<double>((line.along.array() >= least).count()) / places;
 }
 
-void TrackHealth::SupportPooled() {
-  for (CurveResult& curve : curve_results_) {
-    if (curve.kind == CurveResult::Kind::kPooled) curve.kind = CurveResult::Kind::kSupported;
-  }
-}
-
 HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) {
   using Kind = HealthResult::Kind;
   const double credited_ratio = CreditedNoiseRatio();
@@ -487,7 +468,9 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
     const double share = pooled.excess / std::max(pooled.excess, RightExcess(pooled, credited_ratio));
     supported_length += share * pooled_length;
     result.supported_lines += static_cast<int>(share * pooled_lines);
-    SupportPooled();
+    for (CurveResult& curve : curve_results_) {
+      if (curve.kind == CurveResult::Kind::kPooled) curve.kind = CurveResult::Kind::kSupported;
+    }
   }
   result.sigma = ExcessSigma(total);
   result.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;

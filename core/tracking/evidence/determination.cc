@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/evidence/determination.h"
+
+#include <algorithm>
+
+#include "core/association/observability.h"
+
+namespace evpose {
+namespace {
+
+bool IsDecided(CurveResult::Kind kind) {
+  return kind == CurveResult::Kind::kSupported || kind == CurveResult::Kind::kContradicted;
+}
+
+}  // namespace
+
+void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<const TrackedLine> tracked,
+                        absl::Span<const ImageLine> lines, absl::Span<const CurveResult> results) {
+  free_rotations_ = FreeRotations(model_, camera_from_object.rotation);
+  for (Matrix6d* const sum : {&information_, &supported_, &expected_}) sum->setZero();
+  of_curves_.clear();
+  const Matrix6d motions = OutlineMotions(camera_, camera_from_object, sphere_.centre, sphere_.radius_m);
+  ForEachCurve(tracked, [&](size_t first, size_t end) {
+    const CurveResult& result = results[tracked[first].curve];
+    if (!IsDecided(result.kind) && result.events >= 0.5 * result.expected) return;
+    double length_px = 0.0;
+    Matrix6d by_length = Matrix6d::Zero();
+    for (size_t k = first; k < end; ++k) {
+      if (!lines[k].in_view()) continue;
+      length_px += lines[k].length_px;
+      AddInformation(camera_, lines[k], lines[k].length_px, motions, by_length);
+    }
+    if (!(length_px > 0.0)) return;
+    expected_ += result.expected / length_px * by_length;
+    if (result.kind != CurveResult::Kind::kSupported) return;
+    supported_ += result.expected / length_px * by_length;
+    of_curves_.push_back(result.events / length_px / options_.dispersion * by_length);
+    information_ += of_curves_.back();
+  });
+}
+
+bool Determination::IsKept() const { return IsDetermined(information_, free_rotations_, options_.max_uncertainty_px); }
+
+bool Determination::IsConfirmed(double support_ratio) const {
+  return IsAtLeast(supported_, support_ratio, expected_, free_rotations_) &&
+         std::all_of(of_curves_.begin(), of_curves_.end(), [this](const Matrix6d& of_curve) {
+           return IsDetermined(information_ - of_curve, free_rotations_, options_.max_uncertainty_px);
+         });
+}
+
+}  // namespace evpose
