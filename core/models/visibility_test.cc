@@ -231,7 +231,7 @@ TEST(VisibilityTest, LinesDrawnOnAGrazingFaceOfASolidAreLeftOut) {
   VisibilityOptions options;
   options.painted_cosine = 0.15;
   const auto sees = [&](const ObjectModel& model, double height_m, const Eigen::Vector3d& middle) {
-    return !Of(See(model, LookAt({0.8, 0.001, 0.075 + height_m}), options), model, middle).empty();
+    return !Of(See(model, ViewFrom({0.8, 0.001, 0.075 + height_m}), options), model, middle).empty();
   };
   // A line across the top of a cube whose edges are lines, too.
   const ObjectModel cube = Model(CentredCube() + "v 0 -0.075 0.075\nv 0 0.075 0.075\nl 9 10\nl 5 6 7 8 5\n");
