@@ -383,16 +383,16 @@ void PoseTrack::UpdatePhase(const HealthResult& result, bool is_determined, int6
   constexpr double kMostLines = 0.5;
   const HealthOptions& health = context_.options.health;
   const bool is_tentative = phase_ == TrackPhase::kTentative;
+  const bool is_tested = is_fully_tested_ || result.testable_ratio >= health.min_tested_ratio;
   const bool is_passed =
       result.kind == HealthResult::Kind::kUnsupported && !is_tentative && result.present_ratio < kMostLines;
   switch (is_passed ? HealthResult::Kind::kFewEvents : result.kind) {
     case HealthResult::Kind::kOpen:
       return;
     case HealthResult::Kind::kSupported:
-      if (result.testable_ratio >= health.min_tested_ratio && is_determined) is_fully_tested_ = true;
+      is_fully_tested_ = is_fully_tested_ || (is_tested && is_determined);
       // The first confirmation waits until most lines could be tested: a part of an object can equal another object.
-      // Lines that alone show a motion may be short, and take longer to be tested than the others.
-      if (is_tentative && !is_fully_tested_ && t_us - followed_since_us_ < health.max_hold_us) return;
+      if (is_tentative && !is_tested && t_us - followed_since_us_ < health.max_hold_us) return;
       Enter(is_determined ? TrackInput::kSupport : TrackInput::kPartialSupport, t_us);
       return;
     case HealthResult::Kind::kDoubtful:
