@@ -6,14 +6,6 @@
 #include "core/association/observability.h"
 
 namespace evpose {
-namespace {
-
-bool IsDecided(CurveResult::Kind kind) {
-  return kind == CurveResult::Kind::kSupported || kind == CurveResult::Kind::kContradicted;
-}
-
-}  // namespace
-
 void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<const TrackedLine> tracked,
                         absl::Span<const ImageLine> lines, absl::Span<const CurveResult> results) {
   free_rotations_ = FreeRotations(model_, camera_from_object.rotation);
@@ -22,7 +14,7 @@ void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<con
   const Matrix6d motions = OutlineMotions(camera_, camera_from_object, sphere_.centre, sphere_.radius_m);
   ForEachCurve(tracked, [&](size_t first, size_t end) {
     const CurveResult& result = results[tracked[first].curve];
-    if (!IsDecided(result.kind) && result.events >= 0.5 * result.expected) return;
+    if (result.kind == CurveResult::Kind::kOpen && result.events >= 0.5 * result.expected) return;
     double length_px = 0.0;
     Matrix6d by_length = Matrix6d::Zero();
     for (size_t k = first; k < end; ++k) {

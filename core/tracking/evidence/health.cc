@@ -457,7 +457,6 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
       contradicting_length += length_px;
       curve.kind = CurveResult::Kind::kContradicted;
     } else {
-      curve.kind = CurveResult::Kind::kPooled;
       pooled.Add(line);
       pooled_length += length_px;
       pooled_lines += line.lines;
@@ -468,9 +467,6 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
     const double share = pooled.excess / std::max(pooled.excess, RightExcess(pooled, credited_ratio));
     supported_length += share * pooled_length;
     result.supported_lines += static_cast<int>(share * pooled_lines);
-    for (CurveResult& curve : curve_results_) {
-      if (curve.kind == CurveResult::Kind::kPooled) curve.kind = CurveResult::Kind::kSupported;
-    }
   }
   result.sigma = ExcessSigma(total);
   result.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;

@@ -110,8 +110,7 @@ struct HealthResult {
 
 // Result for one straight line or curve.
 struct CurveResult {
-  // kOpen: not testable; kPooled: without power alone, and not supported together with the others of this kind.
-  enum class Kind : uint8_t { kOpen, kPooled, kSupported, kContradicted };
+  enum class Kind : uint8_t { kOpen, kSupported, kContradicted };
   Kind kind = Kind::kOpen;
   // Of the last memory_us: the events beyond those of clutter, and LineStatistics::expected.
   double events = 0.0;
