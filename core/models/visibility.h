@@ -35,7 +35,8 @@ struct VisibilityOptions {
   // alone.
   double grazing_cosine = -0.02;
   // The same for lines drawn on a face of a solid (some of whose edges are between two faces), if it is larger. A drawn
-  // pattern is compressed to the spread of its events long before the face disappears, and the edge of the face remains.
+  // pattern is compressed to the spread of its events long before the face disappears, and the edge of the face
+  // remains.
   double painted_cosine = -1.0;
 
   absl::Status Validate() const;

@@ -239,8 +239,9 @@ TEST(VisibilityTest, LinesDrawnOnAGrazingFaceOfASolidAreLeftOut) {
   EXPECT_FALSE(sees(cube, 0.08, {0, 0, 0.075})) << "cosine 0.1";
   EXPECT_TRUE(sees(cube, 0.08, {-0.075, 0, 0.075})) << "the edge of the face";
   // On a sheet nothing else would be left.
-  const ObjectModel sheet = Model("v -.1 -.1 .075\nv .1 -.1 .075\nv .1 .1 .075\nv -.1 .1 .075\nf 1 2 3 4\n"
-                                  "v 0 -.075 .075\nv 0 .075 .075\nl 5 6\n");
+  const ObjectModel sheet = Model(
+      "v -.1 -.1 .075\nv .1 -.1 .075\nv .1 .1 .075\nv -.1 .1 .075\nf 1 2 3 4\n"
+      "v 0 -.075 .075\nv 0 .075 .075\nl 5 6\n");
   EXPECT_TRUE(sees(sheet, 0.08, {0, 0, 0.075}));
 }
 
