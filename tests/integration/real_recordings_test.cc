@@ -173,7 +173,6 @@ INSTANTIATE_TEST_SUITE_P(RealRecordings, FlashingBoardTest, ::testing::Values("0
 struct AbsentCase {
   const char* recording;
   const char* folder;  // of camera and model
-  int64_t most_tracking_us = 0;
 };
 
 class AbsentObjectTest : public ::testing::TestWithParam<AbsentCase> {};
@@ -188,15 +187,15 @@ TEST_P(AbsentObjectTest, IsNeverTracked) {
   scene.model = std::make_shared<ObjectModel>(LoadObjectModel(model).value());
   Outcome outcome;
   Track(scene, std::nullopt, outcome);
-  EXPECT_LE(outcome.tracking_us, GetParam().most_tracking_us) << outcome.poses << " poses";
+  EXPECT_EQ(outcome.tracking_us, 0) << outcome.poses << " poses";
 }
 
-// Cameras of the same resolution. The outline of a phone is that of a box: the cube is reported on it for a second.
+// Cameras of the same resolution. The outline of a phone is that of a box: the cube is DEGRADED on it.
 INSTANTIATE_TEST_SUITE_P(RealRecordings, AbsentObjectTest,
                          ::testing::Values(AbsentCase{"negatives/screwdriver.raw", "phone_shake"},
                                            AbsentCase{"negatives/screwdriver.raw", "cube_turntable"},
                                            AbsentCase{"negatives/screwdriver.raw", "checkerboard_flash"},
-                                           AbsentCase{"phone_shake/recording.raw", "cube_turntable", 1'500'000},
+                                           AbsentCase{"phone_shake/recording.raw", "cube_turntable"},
                                            AbsentCase{"phone_shake/recording.raw", "checkerboard_flash"},
                                            AbsentCase{"cube_turntable/recording.raw", "phone_shake"},
                                            AbsentCase{"checkerboard_flash/09.raw", "phone_shake"},
