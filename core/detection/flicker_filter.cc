@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/detection/flicker_filter.h"
 
-#include <algorithm>
 #include <cstdint>
 
 namespace evpose {
@@ -34,10 +33,8 @@ size_t NumKept(size_t own, size_t other, double ratio) {
 absl::Span<const PixelEvent> FlickerFilter::Remove(absl::Span<const PixelEvent> events) {
   kept_.clear();
   if (events.empty()) return kept_;
-  const auto [first, last] = std::minmax_element(
-      events.begin(), events.end(), [](const PixelEvent& a, const PixelEvent& b) { return a.t_us < b.t_us; });
-  const int64_t t_begin_us = first->t_us;
-  slices_.assign(SliceOf(*last, t_begin_us) + 1, Counts{});
+  const int64_t t_begin_us = events.front().t_us;
+  slices_.assign(SliceOf(events.back(), t_begin_us) + 1, Counts{});
   for (const PixelEvent& event : events) ++slices_[SliceOf(event, t_begin_us)][event.polarity != 0];
   std::array<double, 2> total = {kFewEvents, kFewEvents};
   for (const Counts& slice : slices_) {

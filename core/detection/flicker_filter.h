@@ -18,11 +18,10 @@ namespace evpose {
 // Deterministic. Reuses memory, but keeps no state between calls.
 class FlickerFilter {
  public:
-  // Downsamples `events`. Their order need not be that of time, as after the damage of a saved state. In each slice of
-  // 0.5 ms the number of events of one polarity that edges may have produced is estimated from the events of the other
-  // polarity and the usual ratio; the larger the excess over it, the fewer events are kept. A change in the motion of
-  // edges causes no excess, because edges produce both polarities; neither does a constant excess of one polarity. The
-  // result is valid until the next call.
+  // Downsamples `events`, which must be in order of time. In each slice of 0.5 ms the number of events of one polarity
+  // that edges may have produced is estimated from the events of the other polarity and the usual ratio; the larger the
+  // excess over it, the fewer events are kept. A change in the motion of edges causes no excess, because edges produce
+  // both polarities; neither does a constant excess of one polarity. The result is valid until the next call.
   absl::Span<const PixelEvent> Remove(absl::Span<const PixelEvent> events);
 
  private:

@@ -63,15 +63,6 @@ TEST_F(FlickerFilterTest, KeepsAConstantExcessOfOnePolarity) {
   EXPECT_GT(KeptRatio(kEdge), 0.95);
 }
 
-TEST_F(FlickerFilterTest, TheOrderOfTheEventsIsNotRelevantForTheSlices) {
-  std::vector<PixelEvent> events;
-  for (const int64_t t_us : {5'000, 9'000, 0, 7'000, 2'000}) {
-    PixelEvent& event = events.emplace_back();
-    event.t_us = t_us;
-  }
-  EXPECT_EQ(filter_.Remove(events).size(), events.size());
-}
-
 TEST_F(FlickerFilterTest, IsEmptyWithoutEvents) { EXPECT_TRUE(filter_.Remove({}).empty()); }
 
 }  // namespace

@@ -330,6 +330,11 @@ std::vector<PixelEvent> ObjectTracker::CollectEvents() {
           {event.t_us, static_cast<float>(observation->u_px), static_cast<float>(observation->v_px), event.polarity});
     }
   }
+  // A step back in time is tolerated within a window, but the detectors of the search require the order of time.
+  const auto is_earlier = [](const PixelEvent& a, const PixelEvent& b) { return a.t_us < b.t_us; };
+  if (!std::is_sorted(pixel_events.begin(), pixel_events.end(), is_earlier)) {
+    std::stable_sort(pixel_events.begin(), pixel_events.end(), is_earlier);
+  }
   return pixel_events;
 }
 

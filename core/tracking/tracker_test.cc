@@ -438,6 +438,24 @@ TEST(Tracker, TimeMarksCloseWindowsWithoutEvents) {
   EXPECT_LT(run.estimates.back().t_us, 150'000);
 }
 
+// The detectors of the search index their tables by the time since the first event.
+TEST(Tracker, EventsThatStepBackInTimeAreSearched) {
+  testing::IdealEventOptions options;
+  options.duration_us = 40'000;
+  options.clutter_per_s = 2'000'000;
+  const Motion motion = testing::ConstantTwist(kStart, Twist(0.3, 0.2, 0.1, 1.0, -0.8, 0.6));
+  std::vector<Event> events = testing::MakeIdealEvents(*Cube(), kCamera, motion, options);
+  constexpr size_t kBlock = 500;
+  for (size_t i = 0; i + kBlock <= events.size(); i += kBlock) {
+    const auto begin = events.begin() + static_cast<std::ptrdiff_t>(i);
+    std::reverse(begin, begin + kBlock);
+  }
+  auto tracker = Tracker::Create(Cube(), kCamera, IdealSensor(), std::nullopt).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(events, estimates);
+  EXPECT_GE(tracker->initialization().attempts, 1u);
+}
+
 TEST(Tracker, TheNumberOfEventsLimitsTheMotionOfASlowObject) {
   // 10 px/s: the windows hold 150 events each, in which the cube moves by less than a tenth of a pixel.
   const Vector6d twist = Twist(0.008, 0.004, 0.0, 0.02, 0.03, 0.02);
