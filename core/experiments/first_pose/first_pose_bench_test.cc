@@ -4,37 +4,20 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
-#include <numbers>
 #include <string>
 #include <vector>
 
-#include "absl/strings/str_format.h"
 #include "core/base/output_file.h"
 #include "core/base/temporary_directory.h"
+#include "core/experiments/frustum_testing.h"
 
 namespace evpose {
 namespace {
 
 using ::testing::HasSubstr;
 
-// A cone whose upper end is cut off, without a straight edge: an OBJ file in millimetres.
-std::string CutConeObj() {
-  constexpr int kSides = 64;
-  std::string obj, low = "f", high = "f";
-  for (int i = 0; i < kSides; ++i) {
-    const double angle = 2.0 * std::numbers::pi * i / kSides;
-    absl::StrAppendFormat(&obj, "v %.6f %.6f 0\nv %.6f %.6f 90\n", 55.0 * std::cos(angle), 55.0 * std::sin(angle),
-                          30.0 * std::cos(angle), 30.0 * std::sin(angle));
-  }
-  for (int i = 0; i < kSides; ++i) {
-    const int next = (i + 1) % kSides;
-    absl::StrAppendFormat(&obj, "f %d %d %d %d\n", 2 * i + 1, 2 * next + 1, 2 * next + 2, 2 * i + 2);
-    absl::StrAppendFormat(&low, " %d", 2 * (kSides - 1 - i) + 1);
-    absl::StrAppendFormat(&high, " %d", 2 * i + 2);
-  }
-  return obj + low + "\n" + high + "\n";
-}
+// The frustum of a cone, which has no straight edge.
+std::string ConeObj() { return FrustumObj(64, 55.0, 30.0, 90.0); }
 
 class FirstPoseBenchTest : public testing::Test {
  protected:
@@ -56,8 +39,8 @@ class FirstPoseBenchTest : public testing::Test {
 
 TEST_F(FirstPoseBenchTest, FindsAModelWithoutStraightEdges) {
   std::vector<FirstPoseBenchRow> rows;
-  const absl::Status status = RunFirstPoseBench(OptionsFor("cone.obj", CutConeObj()),
-                                                [&](const FirstPoseBenchRow& row) { rows.push_back(row); });
+  const absl::Status status =
+      RunFirstPoseBench(OptionsFor("cone.obj", ConeObj()), [&](const FirstPoseBenchRow& row) { rows.push_back(row); });
   ASSERT_TRUE(status.ok()) << status;
   ASSERT_EQ(rows.size(), 1u);
   EXPECT_EQ(rows[0].error, "");

@@ -4,39 +4,18 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cmath>
-#include <numbers>
 #include <string>
 #include <vector>
 
-#include "absl/strings/str_format.h"
 #include "core/base/output_file.h"
 #include "core/base/temporary_directory.h"
+#include "core/experiments/frustum_testing.h"
 
 namespace evpose {
 namespace {
 
 using Eigen::Vector3d;
 using ::testing::HasSubstr;
-
-// A prism with regular ends of `sides` corners, as an OBJ file in millimetres.
-std::string PrismObj(int sides, double radius_mm, double height_mm) {
-  std::string obj;
-  for (int i = 0; i < sides; ++i) {
-    const double angle = 2.0 * std::numbers::pi * i / sides;
-    for (const double z : {0.0, height_mm}) {
-      absl::StrAppendFormat(&obj, "v %.6f %.6f %.6f\n", radius_mm * std::cos(angle), radius_mm * std::sin(angle), z);
-    }
-  }
-  std::string low = "f", high = "f";
-  for (int i = 0; i < sides; ++i) {
-    const int next = (i + 1) % sides;
-    absl::StrAppendFormat(&obj, "f %d %d %d %d\n", 2 * i + 1, 2 * next + 1, 2 * next + 2, 2 * i + 2);
-    absl::StrAppendFormat(&low, " %d", 2 * (sides - 1 - i) + 1);
-    absl::StrAppendFormat(&high, " %d", 2 * i + 2);
-  }
-  return obj + low + "\n" + high + "\n";
-}
 
 class ModelBenchTest : public testing::Test {
  protected:
@@ -59,7 +38,8 @@ class ModelBenchTest : public testing::Test {
 
 TEST_F(ModelBenchTest, KeepsPrismaticModels) {
   ModelBenchOptions options = ShortOptions();
-  options.models = {AddFile("box.obj", PrismObj(4, 70.0, 60.0)), AddFile("prism.obj", PrismObj(6, 60.0, 50.0))};
+  options.models = {AddFile("box.obj", FrustumObj(4, 70.0, 70.0, 60.0)),
+                    AddFile("prism.obj", FrustumObj(6, 60.0, 60.0, 50.0))};
   std::vector<ModelBenchRow> rows;
   const absl::Status status = RunModelBench(options, [&](const ModelBenchRow& row) { rows.push_back(row); });
   ASSERT_TRUE(status.ok()) << status;
@@ -95,7 +75,7 @@ TEST_F(ModelBenchTest, ModelThatCannotBePreparedHasTheReason) {
 
 TEST_F(ModelBenchTest, EndsWhenItIsInterrupted) {
   ModelBenchOptions options = ShortOptions();
-  options.models = {AddFile("box.obj", PrismObj(4, 70.0, 60.0))};
+  options.models = {AddFile("box.obj", FrustumObj(4, 70.0, 70.0, 60.0))};
   const absl::Status status = RunModelBench(
       options, [](const ModelBenchRow&) { FAIL(); }, [](double, const std::string&) { return false; });
   EXPECT_EQ(status.code(), absl::StatusCode::kCancelled);
