@@ -24,8 +24,9 @@
 namespace evpose::client {
 namespace {
 
-// Faces whose normals differ by less, at the median of the points of their edge, continue each other (10 degrees): as
-// for the normals that a model file states (core/mesh/README.md, section 8).
+// Two faces continue each other if the angle between their normals, the median over the points of their common edge, is
+// below this one (10 degrees). The same bound holds for the normals that a model file states (core/mesh/README.md,
+// section 8).
 constexpr double kMaxSmoothAngle = 10.0 * std::numbers::pi / 180.0;
 // Pieces of one segment of a free curve. Those of the triangulation turn by 0.3 rad at most.
 constexpr double kMaxPieces = 16.0;

@@ -63,8 +63,8 @@ TEST_F(ObservabilityTest, RingsDoNotShowTheTurnAboutTheirAxis) {
 }
 
 TEST_F(ObservabilityTest, TheDeviationIsThatOfTheEvents) {
-  // Two crossing pairs of lines through the centre determine two translations; the information is the count of the
-  // events, because OutlineMotions() move an outline by 1 px.
+  // A line along the x axis of the camera, through the centre, determines the translation along y. The information is
+  // the number of events, because OutlineMotions() move an outline by 1 px.
   AddLine(pose_.rotation.transpose() * Eigen::Vector3d(-0.05, 0, 0),
           pose_.rotation.transpose() * Eigen::Vector3d(0.05, 0, 0));
   const Matrix6d information = Information(40.0);

@@ -33,8 +33,8 @@ constexpr size_t kSplitsForAnySize = 1'000'000;
 constexpr size_t kNodesPerTriangle = 400;
 constexpr size_t kNodesForAnySize = 20'000'000;
 constexpr size_t kNodesPerLateTriangle = 20;
-// A vertex is compared with each edge whose box it meets, which takes as long as some nodes: needles about one axis
-// have boxes that all contain each other's ends.
+// Cost, in nodes, of the comparison of a vertex with an edge whose box contains it. The number of these comparisons can
+// be large: the boxes of thin triangles around one axis contain the ends of all the others.
 constexpr size_t kNodesPerJunctionTest = 4;
 constexpr uint32_t kNoVertex = ~0u;
 // Height, relative to the tolerance, of a triangle that may remain at the end.

@@ -93,8 +93,9 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
   if (budget < covers.size()) return false;
   budget -= covers.size();
-  // No more can be covered than the covers have in common with the triangle, one by one. The pieces of most triangles
-  // that are partly covered are not cut, whose number would grow with that of the covers.
+  // The covered area is at most the sum of the areas that the triangle has in common with each of the covers. Most
+  // triangles that are partly covered are rejected by this bound, before they are cut into pieces whose number grows
+  // with the number of covers.
   double common = 0.0;
   for (const Triangle2d& cover : covers) common += std::max(0.0, PolygonArea(ClipByTriangle(pieces[0], cover)));
   if (common < total - 2.0 * negligible) return false;

@@ -151,7 +151,7 @@ TEST(RemoveOverlapsTest, OutlinesOfPlatesThatOverlapInPartAreCoveredWhereTheOthe
   EXPECT_THAT(report.covered_edges, ElementsAre(std::array<uint32_t, 2>{4, 5}));
 }
 
-// A closed drum whose lids are fans about their middles.
+// A closed cylinder. The triangles of each of its two ends share the centre of the end.
 void AddDrum(const Vector3d& middle, double radius_m, double height_m, int sides, RawMesh& mesh) {
   const auto rim = [&](int i, double z) -> Vector3d {
     const double turn = 2.0 * std::numbers::pi * (i % sides) / sides;

@@ -34,9 +34,9 @@ struct VisibilityOptions {
   // core/association/README.md, section 3: grazing faces are kept, never dropped by a threshold at the predicted pose
   // alone.
   double grazing_cosine = -0.02;
-  // The same for lines drawn on a face of a solid (some of whose edges are between two faces), if it is larger. A drawn
-  // pattern is compressed to the spread of its events long before the face disappears, and the edge of the face
-  // remains.
+  // The same for lines that are drawn on a face of a solid, if this value is larger. An object is a solid if some of
+  // its lines are edges between two faces. A drawn pattern is compressed to the spread of its events long before the
+  // face disappears, and the edge of the face remains.
   double painted_cosine = -1.0;
 
   absl::Status Validate() const;

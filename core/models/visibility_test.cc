@@ -233,7 +233,7 @@ TEST(VisibilityTest, LinesDrawnOnAGrazingFaceOfASolidAreLeftOut) {
   const auto sees = [&](const ObjectModel& model, double height_m, const Eigen::Vector3d& middle) {
     return !Of(See(model, ViewFrom({0.8, 0.001, 0.075 + height_m}), options), model, middle).empty();
   };
-  // A line across the top of a cube whose edges are lines, too.
+  // The model has the edges of a cube and a drawn line across its top.
   const ObjectModel cube = Model(CentredCube() + "v 0 -0.075 0.075\nv 0 0.075 0.075\nl 9 10\nl 5 6 7 8 5\n");
   EXPECT_TRUE(sees(cube, 0.2, {0, 0, 0.075}));
   EXPECT_FALSE(sees(cube, 0.08, {0, 0, 0.075})) << "cosine 0.1";

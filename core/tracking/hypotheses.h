@@ -60,6 +60,7 @@ class Hypotheses {
   // Whether the first hypothesis has rivals that AddRival() has added.
   bool HasRival() const;
   // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
+  // RivalPrior::kUnlikely is taken into account.
   bool IsUndecided() const;
 
   // Whether all have been supported in part, and none as a whole.

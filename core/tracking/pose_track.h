@@ -147,7 +147,7 @@ class PoseTrack {
   std::vector<DeficitCounts> deficit_counts_;  // counts of earlier windows, by TrackedLine::curve
   int num_contradictions_ = 0;                 // test results that contradicted the tentative pose
   int64_t followed_since_us_ = -1;             // begin of the first window, microseconds; -1 before it
-  bool is_fully_tested_ = false;      // min_tested_ratio of its lines was testable in at least one result with support
+  bool is_fully_tested_ = false;      // in one result, min_tested_ratio of its lines was testable and it was confirmed
   int64_t supported_at_us_ = 0;       // time of the latest kSupport
   int64_t unsupported_since_us_ = 0;  // time at which kUnsupported was entered
 

@@ -33,8 +33,8 @@ class TurnedFaceDetector {
   TurnedFaceDetector(const ModelEdges& edges, double inclined_rad);
 
   // To be called with each tracked state, and after a loss once Reset() was called. Returns the plane,
-  // ModelEdges::face_planes(), whose mirrored state must be tested now. If several are due, the widest one: another
-  // rival could not be told from it.
+  // ModelEdges::face_planes(), whose mirrored state must be tested now. If several planes are due at once, it is the
+  // widest one: the mirrored states of the others differ too little from its own.
   std::optional<size_t> Update(const RigidTransform& camera_from_object, double focal_px);
   void Reset();
 

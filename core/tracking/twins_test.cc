@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Poses whose images differ by about a pixel: half turns of a card with two frames that are not quite concentric.
+// Tests with two poses whose images differ by about one pixel: a card shows two rectangles whose centres differ
+// slightly, and the second pose is turned by half a turn.
 #include <gtest/gtest.h>
 
 #include <algorithm>

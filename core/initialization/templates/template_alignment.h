@@ -18,7 +18,7 @@ namespace evpose {
 
 // How well the edges of an object at a pose agree with those in the map.
 struct AlignmentScore {
-  // Share of the samples with an edge nearby, of those whose motion should cause events.
+  // Of the samples whose motion should cause events, the share that has an edge nearby.
   double hit_ratio = 0.0;
   double explained_ratio = 0.0;  // share of the events on the edges of the map with a sample nearby
 

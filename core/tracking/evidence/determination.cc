@@ -6,6 +6,7 @@
 #include "core/association/observability.h"
 
 namespace evpose {
+
 void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<const TrackedLine> tracked,
                         absl::Span<const ImageLine> lines, absl::Span<const CurveResult> results) {
   free_rotations_ = FreeRotations(model_, camera_from_object.rotation);
