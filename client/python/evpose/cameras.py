@@ -18,9 +18,9 @@ PathLike = Union[str, pathlib.Path]
 
 # Numbers of distortion coefficients by the name of the lens model: k1 k2 p1 p2 [k3]; k1 k2 p1 p2 k3 k4 k5 k6; k1 k2 k3 k4.
 _COUNTS = {"brown": (0, 4, 5), "rational": (8,), "fisheye": (4,)}
-# The names of ROS.
-_ROS_MODELS = {"": "brown", "none": "brown", "plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "fisheye",
-               "fisheye": "fisheye"}
+# The names of ROS, and those by which other tools call the same models.
+_ROS_MODELS = {"plumb_bob": "brown", "radtan": "brown", "rational_polynomial": "rational", "equidistant": "fisheye", "fisheye": "fisheye",
+               "kannala_brandt": "fisheye"}
 # A camera file is a page of text; the limit bounds the work on another file.
 _MAX_FILE_BYTES = 100_000
 
@@ -142,23 +142,35 @@ def _from_evpose(data: dict[str, Any]) -> Camera:
         distortion=tuple(_numbers(data, "distortion")), lens_model=str(data.get("lens_model", "brown")))
 
 
-def _from_camera_info(data: dict[str, Any]) -> Camera:
-    model = str(data.get("distortion_model", "")).strip().lower()
-    if model not in _ROS_MODELS:
+def _lens_of_camera_info(data: dict[str, Any]) -> tuple[str, list[float]]:
+    """Returns the lens model and its coefficients."""
+    key = "distortion_coefficients"
+    model = str(data.get("distortion_model") or "").strip().lower()
+    is_stated = model not in ("", "none")
+    coefficients = _numbers(data, key) if is_stated or data.get(key) else []
+    if not is_stated and not any(coefficients):
+        return "brown", []
+    if model == "none":
+        raise InvalidArgumentError(f"distortion_model: is none, but {key} are not 0; set it to plumb_bob")
+    if not model and len(coefficients) not in (4, 5):
+        raise InvalidArgumentError(f"distortion_model: is missing, and {key} has {len(coefficients)} numbers; "
+                                   "give plumb_bob (4 or 5), rational_polynomial (8) or equidistant (4)")
+    if model and model not in _ROS_MODELS:
         raise InvalidArgumentError(
-            f"distortion_model: {model!r} is not known; it must be plumb_bob, rational_polynomial, equidistant or none")
+            f"distortion_model: {model!r} is not supported; it must be plumb_bob, rational_polynomial, equidistant or none")
+    lens_model = _ROS_MODELS.get(model, "brown")
+    if lens_model == "rational" and len(coefficients) in (12, 14) and not any(coefficients[8:]):
+        coefficients = coefficients[:8]  # OpenCV writes the thin prism, too
+    return lens_model, coefficients
+
+
+def _from_camera_info(data: dict[str, Any]) -> Camera:
+    lens_model, coefficients = _lens_of_camera_info(data)
     matrix = _numbers(data, "camera_matrix")
     if len(matrix) != 9:
         raise InvalidArgumentError(f"camera_matrix: has {len(matrix)} numbers, but needs 9")
-    if matrix[1] != 0.0:
-        raise InvalidArgumentError("camera_matrix: skew is not supported")
-    if matrix[3] != 0.0 or matrix[6:] != [0.0, 0.0, 1.0]:
-        raise InvalidArgumentError("camera_matrix: is not [fx, 0, cx, 0, fy, cy, 0, 0, 1]")
-    is_stated = model not in ("", "none")
-    coefficients = _numbers(data, "distortion_coefficients") if is_stated or data.get("distortion_coefficients") else []
-    if not is_stated and any(coefficients):
-        raise InvalidArgumentError(
-            "distortion_model: is missing or none, but distortion_coefficients are not 0; set it to plumb_bob")
+    if [matrix[i] for i in (1, 3, 6, 7, 8)] != [0.0, 0.0, 0.0, 0.0, 1.0]:
+        raise InvalidArgumentError("camera_matrix: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1], row by row, without skew")
     return Camera(
         width_px=_integer(data, "image_width"), height_px=_integer(data, "image_height"), fx_px=matrix[0], fy_px=matrix[4],
-        cx_px=matrix[2], cy_px=matrix[5], distortion=tuple(coefficients) if is_stated else (), lens_model=_ROS_MODELS[model])
+        cx_px=matrix[2], cy_px=matrix[5], distortion=tuple(coefficients), lens_model=lens_model)

@@ -15,7 +15,7 @@ from testing import ROOT, evpose, run_evpose
 from evpose.recordings import parse_header
 from evpose.stream.outbox import FeedPoint, Outbox, make_chunk
 from evpose.stream.retry import Advice, Backoff, advise_on
-from evpose.v1 import error_reason_pb2, session_pb2
+from evpose.v1 import error_reason_pb2, geometry_pb2, session_pb2
 
 CAMERA_INFO = """image_width: 640
 image_height: 480
@@ -66,6 +66,31 @@ class CameraTest(InputTest):
         fisheye = self.read(json.dumps({**values, "lens_model": "fisheye", "distortion": [0.1, 0.2, 0.3, 0.4]}))
         self.assertEqual((fisheye.lens_model, fisheye.distortion), ("fisheye", (0.1, 0.2, 0.3, 0.4)))
 
+    def test_lens_models_of_ros(self):
+        def read(model, numbers):
+            text = CAMERA_INFO.replace("distortion_model: plumb_bob\n", model).replace("[-0.1, 1e-5, 0.001, -0.002, 0]", str(numbers))
+            camera = self.read(text)
+            return camera.lens_model, list(camera.distortion)
+
+        eight = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]
+        self.assertEqual(read("distortion_model: rational_polynomial\n", eight), ("rational", eight))
+        self.assertEqual(read("distortion_model: rational_polynomial\n", eight + [0] * 6), ("rational", eight))
+        self.assertEqual(read("distortion_model: equidistant\n", eight[:4]), ("fisheye", eight[:4]))
+        self.assertEqual(read("", eight[:4]), ("brown", eight[:4]))
+        self.assertEqual(read("", [0] * 14), ("brown", []))
+        for model, numbers, words in (("", eight, "is missing, and distortion_coefficients has 8 numbers"),
+                                      ("distortion_model: rational_polynomial\n", eight + [0, 0, 0, 9], "has 12 numbers"),
+                                      ("distortion_model: equidistant\n", eight[:3], "has 3 numbers")):
+            self.assertIn(words, self.refused(evpose.InvalidArgumentError, read, model, numbers))
+
+    def test_lens_models_of_the_api(self):
+        fisheye = evpose.Camera(640, 480, 600.0, 600.0, 320.0, 240.0, (0.1, 0.2, 0.3, 0.4), "fisheye")
+        if "lens_model" not in geometry_pb2.CameraModel.DESCRIPTOR.fields_by_name:
+            self.assertIn("no lens model fisheye", self.refused(evpose.InvalidArgumentError, fisheye.to_proto))
+            return
+        message = fisheye.to_proto()
+        self.assertEqual((message.lens_model, list(message.distortion)), (geometry_pb2.LENS_MODEL_FISHEYE, [0.1, 0.2, 0.3, 0.4]))
+
     def test_four_coefficients_of_the_brown_model_are_sent_as_five(self):
         camera = self.read(CAMERA_INFO.replace("-0.002, 0]", "-0.002]"))
         self.assertEqual(list(camera.to_proto().distortion), [-0.1, 1e-5, 0.001, -0.002, 0.0])
@@ -74,11 +99,11 @@ class CameraTest(InputTest):
         for old, new, words in (
                 ("image_width: 640", "", "image_width: None is not a number"),
                 ("image_width: 640", "image_width: 640.5", "image_width: 640.5 is not a whole number"),
-                ("600.5, 0,", "600.5, 1,", "camera_matrix: skew"),
+                ("600.5, 0,", "600.5, 1,", "without skew"),
                 ("600.5,", "-600.5,", "fx_px and fy_px must be positive"),
                 ("600.5,", ".nan,", "fx_px is not a finite number"),
                 ("600.5,", "", "camera_matrix: has 8 numbers"),
-                ("0, 0, 1]", "0, 0, 2]", "camera_matrix: is not [fx"),
+                ("0, 0, 1]", "0, 0, 2]", "camera_matrix: must be [fx"),
                 ("plumb_bob", "ladybug", "distortion_model: 'ladybug'"),
                 ("plumb_bob", "none", "set it to plumb_bob"),
                 ("-0.002, 0]", "-0.002, 0, 0]", "distortion has 6 numbers"),
@@ -295,6 +320,24 @@ class RetryTest(InputTest):
         with outbox.changed:
             self.assertIsNone(outbox.get(4))
             self.assertIn("has 4 chunks", self.refused(evpose.FailedPreconditionError, outbox.get, 5))
+
+    def test_a_full_outbox_waits_for_durable_chunks(self):
+        outbox = Outbox(1, FeedPoint())  # a chunk that exceeds the limit is accepted when it is the only one
+        first = make_chunk(FeedPoint(), b"\x00" * 8)
+        second = make_chunk(first.end, b"\x01" * 8)
+        self.assertTrue(outbox.append(first))
+        results = []
+        thread = threading.Thread(target=lambda: results.append((outbox.append(second), outbox.durable.seq)))
+        thread.start()
+        outbox.forget(1)
+        thread.join()
+        self.assertEqual(results, [(True, 1)])
+        thread = threading.Thread(target=lambda: results.append(outbox.append(make_chunk(second.end, b"\x02" * 8))))
+        thread.start()
+        outbox.close()
+        thread.join()
+        self.assertEqual(results[1], False)
+        self.assertFalse(outbox.wait_for_demand(1))
 
     def test_the_numbers_are_those_of_the_api(self):
         for enum, values, prefix in ((evpose.TrackState, session_pb2.TrackState, "TRACK_STATE_"),

@@ -8,7 +8,7 @@ import unittest
 import crc32c
 import grpc
 from scripted_server import Fail, ScriptedServer, ack, attached, notice, pose, summary
-from testing import evpose
+from testing import evpose, server
 
 A, B, C = (bytes([i]) * 16 for i in (1, 2, 3))
 UNAVAILABLE = Fail(grpc.StatusCode.UNAVAILABLE, "DRAINING")
@@ -29,10 +29,10 @@ def whole(stream):
 
 class StreamTest(unittest.TestCase):
     def serve(self, *scripts):
-        server = ScriptedServer(*scripts)
-        self.addCleanup(server.stop)
-        self.addCleanup(lambda: self.assertEqual(server.failures, []))
-        return server
+        scripted = ScriptedServer(*scripts)
+        self.addCleanup(scripted.stop)
+        self.addCleanup(lambda: self.assertEqual(scripted.failures, []))
+        return scripted
 
     def fails(self, error, script, source=(A,), **options):
         with self.assertRaises(error) as caught:
@@ -107,16 +107,39 @@ class OrderTest(StreamTest):
 
         self.serve(script).track([A, B, C]).read_all()
 
+    def test_a_live_source_is_read_while_the_server_takes_nothing(self):
+        is_read = threading.Event()
+        chunk = bytes(65536)
+
+        def source():
+            for _ in range(48):  # three times what is read ahead otherwise
+                yield chunk
+            is_read.set()
+
+        def script(stream):
+            stream.read("attach")
+            yield attached(limit=0)
+            assert is_read.wait(server.PATIENCE_S)
+            yield ack(0, limit=48 * len(chunk))
+            for seq in range(1, 49):
+                assert stream.read("events").seq == seq
+            stream.read("end")
+            yield summary(0)
+
+        track = self.serve(script).track(source(), is_live=True)
+        self.assertEqual(list(track), [])
+        self.assertEqual(track.summary.sent_bytes, 48 * len(chunk))
+
     def test_a_server_without_credit_is_lost(self):
         def script(stream):
             stream.read("attach")
             yield attached(limit=0)
             stream.read("end")  # never
 
-        server = ScriptedServer(script)
-        self.addCleanup(server.stop)
+        scripted = ScriptedServer(script)
+        self.addCleanup(scripted.stop)
         with self.assertRaises(evpose.DeadlineExceededError) as caught:
-            server.track([A], retry=evpose.RetryOptions(max_outage_s=0.2)).read_all()
+            scripted.track([A], retry=evpose.RetryOptions(max_outage_s=0.2)).read_all()
         self.assertIn("no credit for 0.2 s", str(caught.exception))
 
 
@@ -143,12 +166,12 @@ class ResumptionTest(StreamTest):
             yield summary(3)
 
         changes = []
-        server = self.serve(first, second)
-        track = server.track([A, B, C], on_connection=changes.append)
+        scripted = self.serve(first, second)
+        track = scripted.track([A, B, C], on_connection=changes.append)
         self.assertEqual([each.seq for each in track], [1, 2, 3])
         self.assertEqual([(each.is_away, getattr(each.cause, "reason", "")) for each in changes], [(True, "DRAINING"), (False, "")])
         self.assertEqual(changes[0].kept_bytes, 32)
-        self.assertEqual(len(server.clock.waits), 1)
+        self.assertEqual(len(scripted.clock.waits), 1)
         self.assertEqual((track.position.resume_token, track.position.previous_token), ("token2", "token1"))
 
     def test_a_server_that_asks_for_a_durable_chunk_has_lost_it(self):
@@ -164,10 +187,10 @@ class ResumptionTest(StreamTest):
             yield attached(next_seq=1)
             stream.read("end")
 
-        server = ScriptedServer(first, second)
-        self.addCleanup(server.stop)
+        scripted = ScriptedServer(first, second)
+        self.addCleanup(scripted.stop)
         with self.assertRaises(evpose.DataLossError) as caught:
-            server.track([A, B]).read_all()
+            scripted.track([A, B]).read_all()
         self.assertIn("chunk 1 again", str(caught.exception))
 
     def test_a_lost_answer_to_attach(self):
@@ -241,11 +264,11 @@ class ResumptionTest(StreamTest):
             yield B
 
         notices = []
-        server = self.serve(leaves, second)
-        track = server.track(source(), on_notice=notices.append, on_connection=lambda _: has_left.set())
+        scripted = self.serve(leaves, second)
+        track = scripted.track(source(), on_notice=notices.append, on_connection=lambda _: has_left.set())
         self.assertEqual(list(track), [])
         self.assertEqual(notices, [evpose.GoAway(5.0)])
-        self.assertEqual(server.clock.waits, [0.0])
+        self.assertEqual(scripted.clock.waits, [0.0])
 
     def test_another_process_continues_with_the_same_events_only(self):
         def first(stream):
@@ -277,10 +300,10 @@ class ResumptionTest(StreamTest):
             stream.read("end")  # never
 
         for source, words in (([A, A, C], "first 32 bytes differ"), ([A], "the events end after 16 bytes")):
-            server = ScriptedServer(third)
-            self.addCleanup(server.stop)
+            scripted = ScriptedServer(third)
+            self.addCleanup(scripted.stop)
             with self.assertRaises(evpose.FailedPreconditionError) as refused:
-                server.track(source, evpose.TrackPosition.from_json(positions[-1])).read_all()
+                scripted.track(source, evpose.TrackPosition.from_json(positions[-1])).read_all()
             self.assertIn(words, str(refused.exception))
 
     def test_outages_end_after_the_limit(self):
@@ -289,12 +312,12 @@ class ResumptionTest(StreamTest):
             raise Fail(grpc.StatusCode.UNAVAILABLE)
             yield
 
-        server = self.serve(*[breaks] * 40)
+        scripted = self.serve(*[breaks] * 40)
         with self.assertRaises(evpose.UnavailableError) as caught:
-            server.track([A], retry=evpose.RetryOptions(max_outage_s=20.0)).read_all()
+            scripted.track([A], retry=evpose.RetryOptions(max_outage_s=20.0)).read_all()
         self.assertRegex(str(caught.exception), r"from the script .after 0 bytes sent, 0 poses received.; gave up after \d+ more tries in ")
-        self.assertLessEqual(sum(server.clock.waits), 20.0)
-        self.assertGreater(sum(server.clock.waits), 10.0)
+        self.assertLessEqual(sum(scripted.clock.waits), 20.0)
+        self.assertGreater(sum(scripted.clock.waits), 10.0)
         with self.assertRaises(evpose.UnavailableError):
             self.serve(breaks).track([A], retry=evpose.RetryOptions(max_outage_s=0.0)).read_all()
 
@@ -393,9 +416,9 @@ class ViolationTest(StreamTest):
             waits.wait()
             yield A
 
-        server = ScriptedServer(script)
-        self.addCleanup(server.stop)
-        track = server.track(source())
+        scripted = ScriptedServer(script)
+        self.addCleanup(scripted.stop)
+        track = scripted.track(source())
         self.assertEqual(next(track).seq, 1)
         reader = threading.Thread(target=lambda: self.assertRaises(evpose.CancelledError, track.read_all))
         reader.start()
