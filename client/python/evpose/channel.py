@@ -137,26 +137,27 @@ class Endpoint:
 
     def call(self, method: str, request: Any, response: Any, timeout_s: float) -> Any:
         """Makes a call with one request and one response. Raises EvposeError."""
-        function = self.channel.unary_unary(method, _serialize, response.FromString)
-        try:
-            return function(request, timeout=timeout_s, metadata=self.token.metadata())
-        except grpc.RpcError as error:
-            raise (from_call(error, self.name) or error) from None
+        return self._start(self.channel.unary_unary, method, request, response, timeout=timeout_s)
 
     def upload(self, method: str, requests: Any, response: Any, timeout_s: float) -> Any:
-        function = self.channel.stream_unary(method, _serialize, response.FromString)
-        try:
-            return function(requests, timeout=timeout_s, metadata=self.token.metadata())
-        except grpc.RpcError as error:
-            raise (from_call(error, self.name) or error) from None
+        """Makes a call with a stream of requests and one response. Raises EvposeError."""
+        return self._start(self.channel.stream_unary, method, requests, response, timeout=timeout_s)
 
     def watch(self, method: str, request: Any, response: Any) -> Any:
         """Starts a call with one request and a stream of responses."""
-        return self.channel.unary_stream(method, _serialize, response.FromString)(request, metadata=self.token.metadata())
+        return self._start(self.channel.unary_stream, method, request, response)
 
     def stream(self, method: str, requests: Any, response: Any) -> Any:
         """Starts a call with streams of both."""
-        return self.channel.stream_stream(method, _serialize, response.FromString)(requests, metadata=self.token.metadata())
+        return self._start(self.channel.stream_stream, method, requests, response)
+
+    def _start(self, kind: Any, method: str, request: Any, response: Any, **settings: Any) -> Any:
+        try:
+            return kind(method, _serialize, response.FromString)(request, metadata=self.token.metadata(), **settings)
+        except grpc.RpcError as error:
+            raise (from_call(error, self.name) or error) from None
+        except ValueError:  # of gRPC, for a closed channel
+            raise FailedPreconditionError(f"{self.name}: the client was closed") from None
 
 
 def explain_tls(address: str, tls: Optional[Tls], timeout_s: float) -> str:

@@ -264,13 +264,17 @@ class WatchTest(ServerTest):
             watcher.delete_model(model.name)
         self.assertEqual(caught.exception.reason, "MODEL_IN_USE")
         watched.delete()
-        watched.delete()
+        watched.delete()  # again: no error
         watcher.delete_model(model.name)
         for call in (session.info, lambda: list(session.watch_poses()), lambda: list(session.watch_health()),
                      lambda: watcher.session(session.name)):
             with self.assertRaises(evpose.NotFoundError) as caught:
                 call()
             self.assertEqual(caught.exception.reason, "SESSION_NOT_FOUND")
+        feeder.close()
+        for call in (session.info, lambda: list(session.watch_poses()), lambda: self.create(feeder)):
+            with self.assertRaisesRegex(evpose.FailedPreconditionError, "the client was closed"):
+                call()
 
 
 class AccessTest(ServerTest):

@@ -72,6 +72,8 @@ class SessionFollower:
                 follow()
                 return
             except evpose.EvposeError as error:
+                if self._stop.is_set():
+                    return
                 if advise_on(error) is not Advice.TRY_AGAIN:
                     raise
                 if self._after_seq > before:
