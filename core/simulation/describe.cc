@@ -124,14 +124,15 @@ void AddSensor(const SensorOptions& options, Description& out) {
 }
 
 void AddCamera(const CameraModel& camera, Description& out) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, lens_model, distortion] = camera;
   out.Add("camera.width_px", width_px);
   out.Add("camera.height_px", height_px);
   out.Add("camera.fx_px", fx_px);
   out.Add("camera.fy_px", fy_px);
   out.Add("camera.cx_px", cx_px);
   out.Add("camera.cy_px", cy_px);
-  for (const double k : distortion) out.Add("camera.distortion", k);
+  for (const double k : camera.Coefficients()) out.Add("camera.distortion", k);
+  if (lens_model != LensModel::kBrown) out.Add("camera.lens_model", static_cast<int64_t>(lens_model));
 }
 
 }  // namespace

@@ -29,6 +29,7 @@ TEST(DescribeSimulationTest, EveryChangeChangesTheText) {
       [](auto& o) { o.sensor.flood_hz = 1.0; },
       [](auto& o) { o.sensor.threshold_off = 0.3; },
       [](auto& o) { o.camera.distortion[4] = 0.1; },
+      [](auto& o) { o.camera.lens_model = LensModel::kFisheye; },
       [](auto& o) { o.camera.cx_px += 0.5; },
       [](auto& o) { o.t_begin_us += 1; },
       [](auto& o) { o.duration_us += 1; },

@@ -2,8 +2,8 @@
 
 // Fuzz target for the text files of users (camera, sensor profile, trajectory) and for a pose as an argument. Accepted
 // values are valid, and writing and reading them again gives the same values.
+#include "core/camera_files/camera_file.h"
 #include "core/estimation/sensor_profile.h"
-#include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"

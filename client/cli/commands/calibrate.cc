@@ -18,6 +18,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/sensor_calibration.h"
+#include "core/camera_files/camera_file.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"

@@ -17,6 +17,7 @@
 #include "core/association/visible_edges.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/evaluation/model_views.h"
 #include "core/models/object_model.h"
 #include "core/simulation/simulator.h"

@@ -20,6 +20,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"

@@ -13,6 +13,7 @@
 #include "client/lib/core_types.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose::client {
