@@ -48,12 +48,12 @@ Transform FromCore(const RigidTransform& transform) { return {transform.rotation
 RigidTransform ToCore(const Transform& transform) { return {transform.rotation, transform.translation_m}; }
 
 Camera FromCore(const CameraModel& camera) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, lens_model, distortion] = camera;
-  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, FromCore(lens_model), distortion};
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
+  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, FromCore(lens_model)};
 }
 CameraModel ToCore(const Camera& camera) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, lens_model, distortion] = camera;
-  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, ToCore(lens_model), distortion};
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
+  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, ToCore(lens_model)};
 }
 
 SensorParameters FromCore(const SensorProfile& profile) {

@@ -19,8 +19,8 @@ struct CameraModel {
   double fy_px = 0.0;
   double cx_px = 0.0;
   double cy_px = 0.0;
-  LensModel lens_model = LensModel::kBrown;
   Distortion distortion = {};
+  LensModel lens_model = LensModel::kBrown;
 
   bool operator==(const CameraModel&) const = default;
 

@@ -124,7 +124,7 @@ void AddSensor(const SensorOptions& options, Description& out) {
 }
 
 void AddCamera(const CameraModel& camera, Description& out) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, lens_model, distortion] = camera;
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
   out.Add("camera.width_px", width_px);
   out.Add("camera.height_px", height_px);
   out.Add("camera.fx_px", fx_px);

@@ -84,7 +84,7 @@ void GetNumbers(const Numbers& numbers, RecordCheck& check, auto& matrix) {
 }
 
 void ToStored(const CameraModel& camera, pb::Camera& stored) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, lens_model, distortion] = camera;
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
   stored.set_width_px(width_px);
   stored.set_height_px(height_px);
   stored.set_fx_px(fx_px);

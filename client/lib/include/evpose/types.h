@@ -43,8 +43,8 @@ struct Camera {
   double fy_px = 0.0;
   double cx_px = 0.0;
   double cy_px = 0.0;
-  LensModel lens_model = LensModel::kBrown;
   std::array<double, 8> distortion = {};  // of the lens model, in its order; then 0
+  LensModel lens_model = LensModel::kBrown;
 
   bool operator==(const Camera&) const = default;
 };
