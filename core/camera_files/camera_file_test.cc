@@ -75,6 +75,41 @@ TEST(CameraFileTest, FourCoefficients) {
   EXPECT_EQ(camera->distortion, (Distortion{-0.1, 0.08, 0, 0, 0}));
 }
 
+TEST(CameraFileTest, FourOrFiveCoefficientsWithoutAModelAreBrown) {
+  const auto five = ParseCameraModel(Replaced("distortion_model: plumb_bob\n", ""), "c");
+  ASSERT_TRUE(five.ok()) << five.status();
+  EXPECT_EQ(five->lens_model, LensModel::kBrown);
+  EXPECT_EQ(five->distortion[4], -0.02);
+  const std::string without = Replaced("distortion_model: plumb_bob\n", "");
+  const auto four =
+      ParseCameraModel(absl::StrReplaceAll(without, {{"cols: 5\n  data: [-0.1, 0.08, 0.001, -0.0005, -0.02]",
+                                                      "cols: 4\n  data: [-0.1, 0.08, 0.001, -0.0005]"}}),
+                       "c");
+  ASSERT_TRUE(four.ok()) << four.status();
+  EXPECT_EQ(four->distortion, (Distortion{-0.1, 0.08, 0.001, -0.0005}));
+}
+
+TEST(CameraFileTest, RationalAndFisheyeLenses) {
+  const auto with = [](const char* model, const char* cols, const char* data) {
+    return ParseCameraModel(absl::StrReplaceAll(kYaml, {{"plumb_bob", model},
+                                                        {"cols: 5\n  data: [-0.1, 0.08, 0.001, -0.0005, -0.02]",
+                                                         absl::StrCat("cols: ", cols, "\n  data: [", data, "]")}}),
+                            "c");
+  };
+  const auto rational = with("rational_polynomial", "8", "1, 2, 3, 4, 5, 6, 7, 8");
+  ASSERT_TRUE(rational.ok()) << rational.status();
+  EXPECT_EQ(rational->lens_model, LensModel::kRational);
+  EXPECT_EQ(rational->distortion, (Distortion{1, 2, 3, 4, 5, 6, 7, 8}));
+  const auto fisheye = with("equidistant", "4", "1, 2, 3, 4");
+  ASSERT_TRUE(fisheye.ok()) << fisheye.status();
+  EXPECT_EQ(fisheye->lens_model, LensModel::kFisheye);
+  EXPECT_EQ(fisheye->distortion, (Distortion{1, 2, 3, 4}));
+  // OpenCV's calibration writes 14 numbers for a rational lens.
+  EXPECT_TRUE(with("rational_polynomial", "14", "1, 2, 3, 4, 5, 6, 7, 8, 0, 0, 0, 0, 0, 0").ok());
+  EXPECT_THAT(with("rational_polynomial", "12", "1, 2, 3, 4, 5, 6, 7, 8, 0, 0, 0, 9").status().message(),
+              HasSubstr("thin prism"));
+}
+
 TEST(CameraFileTest, NoDistortion) {
   const std::string start = std::string(kYaml).substr(0, std::string(kYaml).find("distortion_model"));
   for (const char* end :
@@ -145,11 +180,17 @@ INSTANTIATE_TEST_SUITE_P(
         BadFile{"1021.5", "-1021.5", "fx is -1021.5"}, BadFile{"1019.75", ".nan", "fy is nan"},
         BadFile{"1019.75", ".inf", "fy is inf"}, BadFile{"640.25", ".nan", "cx is not a finite"},
         BadFile{"355.5", "-.inf", "cy is not a finite"}, BadFile{"[1021.5, 0.0", "[1021.5, 0.5", "without skew"},
-        BadFile{"distortion_model: plumb_bob", "distortion_model: equidistant", "'equidistant' is not supported"},
-        BadFile{"distortion_model: plumb_bob", "distortion_model: fisheye", "'fisheye' is not supported"},
+        BadFile{"distortion_model: plumb_bob", "distortion_model: equidistant",
+                "distortion_coefficients: has 5 numbers, but a fisheye lens has 4"},
+        BadFile{"distortion_model: plumb_bob", "distortion_model: rational_polynomial",
+                "distortion_coefficients: has 5 numbers, but a rational lens has 8"},
+        BadFile{"distortion_model: plumb_bob", "distortion_model: omni", "'omni' is not supported"},
+        BadFile{"image_width: 1280\n", "image_width: 1280\nimage_width: 640\n", "image_width: is given twice"},
         BadFile{"distortion_model: plumb_bob", "distortion_model: [a]", "distortion_model: is not a word"},
         BadFile{"distortion_model: plumb_bob", "distortion_model: none", "set it to plumb_bob"},
-        BadFile{"distortion_model: plumb_bob\n", "", "set it to plumb_bob"},
+        BadFile{"distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [",
+                "distortion_coefficients:\n  rows: 1\n  cols: 8\n  data: [0, 0, 0, ",
+                "distortion_model: is missing, and distortion_coefficients has 8 numbers"},
         BadFile{"distortion_coefficients", "coefficients", "distortion_coefficients: is missing"},
         BadFile{"cols: 5\n  data: [-0.1, 0.08, 0.001, -0.0005, -0.02]", "cols: 3\n  data: [1, 2, 3]",
                 "distortion_coefficients: has 3 numbers"},
@@ -186,7 +227,7 @@ TEST(CameraFileTest, LoadsFromDisk) {
   const auto camera = LoadCameraModel(path);
   ASSERT_TRUE(camera.ok()) << camera.status();
   EXPECT_EQ(camera->fx_px, 1021.5);
-  std::ofstream(path) << std::string(200'000, ' ');
+  std::ofstream(path) << std::string(2'000'000, ' ');
   EXPECT_THAT(std::string(LoadCameraModel(path).status().message()), HasSubstr("larger than"));
   std::filesystem::remove(path);
 

@@ -26,7 +26,7 @@ class Description {
 };
 
 void AddMotion(const MotionOptions& options, Description& out) {
-  const auto& [depth_m, depth_swing, extent, rotation_swing, speed, angular_speed, profile] = options;
+  const auto& [depth_m, depth_swing, extent, rotation_swing, speed, angular_speed, profile, view_angle] = options;
   out.Add("scene.motion.depth_m", depth_m);
   out.Add("scene.motion.depth_swing_ratio", depth_swing);
   out.Add("scene.motion.extent_ratio", extent);
@@ -34,6 +34,7 @@ void AddMotion(const MotionOptions& options, Description& out) {
   out.Add("scene.motion.speed_m_per_s", speed);
   out.Add("scene.motion.angular_speed_rad_per_s", angular_speed);
   out.Add("scene.motion.profile", static_cast<int64_t>(profile));
+  if (view_angle != 0.0) out.Add("scene.motion.view_angle_rad", view_angle);
 }
 
 void AddBackground(const BackgroundOptions& options, Description& out) {

@@ -22,6 +22,7 @@ TEST(DescribeSimulationTest, EveryChangeChangesTheText) {
       [](auto& o) { o.scene.object = SimulatedObject::kBook; },
       [](auto& o) { o.scene.motion.speed_m_per_s += 1e-15; },
       [](auto& o) { o.scene.motion.profile = MotionProfile::kHalfOut; },
+      [](auto& o) { o.scene.motion.view_angle_rad = 0.1; },
       [](auto& o) { o.scene.background.has_moving_edge = true; },
       [](auto& o) { o.scene.light.reaches_background = true; },
       [](auto& o) { o.scene.occluder.follows_object = true; },

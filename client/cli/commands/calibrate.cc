@@ -196,7 +196,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
       ->required();
   app.add_option("--model", arguments->models, absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"))
       ->required();
-  app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
+  app.add_option("--camera", arguments->cameras, absl::StrCat(kCameraFiles, "; one for all or one for each"))
       ->required();
   arguments->reading.AddTo(app);
   app.add_option(
