@@ -165,7 +165,9 @@ absl::StatusOr<CameraFile> ReadOpenCv(const CameraTree& tree, const CameraFields
   }
   const CameraFields fields = name.empty() ? root : root.Child(name);
   EVPOSE_RETURN_IF_ERROR(TakeSize(fields, result.camera));
-  EVPOSE_ASSIGN_OR_RETURN(const bool is_fisheye, IsFisheye(fields));
+  // In a DV file the flag is beside the node of the camera.
+  const bool has_model = fields.Has("use_fisheye_model") || fields.Has("distortion_model");
+  EVPOSE_ASSIGN_OR_RETURN(const bool is_fisheye, IsFisheye(has_model ? fields : root));
   EVPOSE_RETURN_IF_ERROR(TakeMatrices(fields, is_fisheye, result.camera));
   return result;
 }
