@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/geometry/undistortion_table.h"
 
+#include <Eigen/Geometry>
 #include <exception>
 #include <opencv2/calib3d.hpp>
 #include <optional>
@@ -78,6 +79,24 @@ absl::Status UndistortionTable::AddDistortedRow(const CameraModel& camera, int v
     }
   }
   return absl::OkStatus();
+}
+
+absl::StatusOr<UndistortionTable> UndistortionTable::CreateTurned(const CameraModel& camera,
+                                                                  const Eigen::Matrix3d& view_from_camera) {
+  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, Create(camera));
+  if (table.bearings_.empty()) {
+    for (const float y : table.rows_) {
+      for (const float x : table.columns_) table.bearings_.push_back({x, y});
+    }
+  }
+  for (Eigen::Vector2f& bearing : table.bearings_) {
+    const Eigen::Vector3d direction = view_from_camera * bearing.cast<double>().homogeneous();
+    const double across = direction.head<2>().norm();
+    const bool is_seen = direction.z() > 0.0 && across <= kMaxFisheyeTangent * direction.z();
+    bearing = is_seen ? Eigen::Vector2f((direction.head<2>() / direction.z()).cast<float>())
+                      : Eigen::Vector2f(kFarBeyond, kFarBeyond);
+  }
+  return table;
 }
 
 absl::StatusOr<UndistortionTable> UndistortionTable::Create(const CameraModel& camera) {

@@ -5,7 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <string>
+
+#include "core/geometry/rigid_transform.h"
 
 namespace evpose {
 namespace {
@@ -56,6 +59,47 @@ TEST(UndistortionTableTest, UndistortionInvertsDistort) {
     }
     EXPECT_LT(largest_error_px, 1e-4);
     EXPECT_GT(largest_shift_px, 0.2);
+  }
+}
+
+TEST(UndistortionTableTest, AFisheyeLensOfMoreThan170Degrees) {
+  CameraModel camera = {320, 240, 100.0, 101.0, 159.5, 119.5, {0.01}, LensModel::kFisheye};
+  const auto table = UndistortionTable::Create(camera);
+  ASSERT_TRUE(table.ok()) << table.status();
+  int beyond = 0;
+  for (int v = 0; v < camera.height_px; ++v) {
+    for (int u = 0; u < camera.width_px; ++u) {
+      const Eigen::Vector2d bearing = table->Bearing(u, v).cast<double>();
+      if (bearing.norm() > kMaxFisheyeTangent) {
+        ++beyond;
+        EXPECT_GT(bearing.norm(), 1e5);
+        EXPECT_GT(std::hypot((u - 159.5) / 100.0, (v - 119.5) / 101.0), 85.0 / 180.0 * M_PI);
+        continue;
+      }
+      const Eigen::Vector2d back = camera.Distort(camera.Project({bearing.x(), bearing.y(), 1.0}));
+      ASSERT_LT((back - Eigen::Vector2d(u, v)).norm(), 1e-3) << u << " " << v;
+    }
+  }
+  EXPECT_GT(beyond, 1000);
+  EXPECT_LT(beyond, 320 * 240 / 4);
+}
+
+TEST(UndistortionTableTest, ATurnedView) {
+  for (const bool is_fisheye : {false, true}) {
+    CameraModel camera = SmallCamera();
+    if (is_fisheye) camera.lens_model = LensModel::kFisheye;
+    const Eigen::Matrix3d view_from_camera = ExpSo3({0.1, -0.5, 0.05});
+    const auto table = UndistortionTable::Create(camera);
+    const auto turned = UndistortionTable::CreateTurned(camera, view_from_camera);
+    ASSERT_TRUE(turned.ok()) << turned.status();
+    for (int v = 0; v < camera.height_px; v += 7) {
+      for (int u = 0; u < camera.width_px; u += 5) {
+        const Eigen::Vector3d direction = view_from_camera * table->Bearing(u, v).cast<double>().homogeneous();
+        EXPECT_LT((turned->Bearing(u, v).cast<double>() - direction.head<2>() / direction.z()).norm(), 1e-5);
+      }
+    }
+    const auto behind = UndistortionTable::CreateTurned(camera, ExpSo3({0.0, 1.6, 0.0}));
+    EXPECT_GT(behind->Bearing(camera.width_px - 1, 120).norm() + behind->Bearing(0, 120).norm(), 1e5F);
   }
 }
 

@@ -124,7 +124,7 @@ TEST(SessionCodecTest, EveryLensComesBackToTheBit) {
     EXPECT_EQ(decoded->camera, config.camera);
     // A server that does not know the lens finds a number of coefficients that its own does not have.
     ASSERT_TRUE(stored.ParseFromString(EncodeConfig(config)));
-    stored.clear_lens_model();
+    stored.mutable_camera()->clear_lens_model();
     EXPECT_EQ(DecodeConfig(stored.SerializeAsString()).ok(), lens_model == LensModel::kBrown);
   }
 }
