@@ -91,7 +91,8 @@ struct TextSample {
 std::vector<std::string> ColumnNames(std::string_view line) {
   const absl::string_view text(line.data(), line.size());
   const bool has_signs = line.find_first_of(",;\t") != std::string_view::npos;
-  std::vector<std::string> names = absl::StrSplit(text, absl::ByAnyChar(has_signs ? ",;\t" : " "), absl::SkipWhitespace());
+  std::vector<std::string> names =
+      absl::StrSplit(text, absl::ByAnyChar(has_signs ? ",;\t" : " "), absl::SkipWhitespace());
   for (std::string& name : names) {
     absl::StripAsciiWhitespace(&name);
     if (name.size() >= 2 && name.front() == '"' && name.back() == '"') name = name.substr(1, name.size() - 2);

@@ -56,8 +56,8 @@ TEST(Evt3DecoderTest, LegalWordsThatHoldNoEventsAreNotUnknown) {
 }
 
 TEST(Evt3DecoderTest, PaddingIsCountedApartFromUnknownWords) {
-  const Decoded decoded = DecodeEvt3({Evt3(9, 0x999), Evt3(8, 0), Evt3(6, 1), Evt3(0, 2), Evt3(9, 0x999), Evt3(2, 3),
-                                      Evt3(9, 0x998), Evt3(9, 0x999)});
+  const Decoded decoded = DecodeEvt3(
+      {Evt3(9, 0x999), Evt3(8, 0), Evt3(6, 1), Evt3(0, 2), Evt3(9, 0x999), Evt3(2, 3), Evt3(9, 0x998), Evt3(9, 0x999)});
   EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 1, .unknown_words = 1, .padding_words = 3}));
 }
 

@@ -96,9 +96,7 @@ TEST(EventReaderTest, ReportsAFailedRead) {
 // EVT3 whose bytes are lost before some reads.
 class LossyRecording : public RecordingReader {
  public:
-  explicit LossyRecording(std::vector<std::string> parts) : parts_(std::move(parts)) {
-    header_.geometry = {640, 480};
-  }
+  explicit LossyRecording(std::vector<std::string> parts) : parts_(std::move(parts)) { header_.geometry = {640, 480}; }
 
   const RecordingHeader& header() const override { return header_; }
   absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
