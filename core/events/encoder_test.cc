@@ -51,7 +51,7 @@ class RoundTripTest : public testing::TestWithParam<RoundTripCase> {};
 
 TEST_P(RoundTripTest, EventsAreUnchanged) {
   const auto [encoding, geometry] = GetParam();
-  const bool is_flat = encoding == Encoding::kFlat64;
+  const bool is_flat = encoding == Encoding::kFlat64 || encoding == Encoding::kDat;
   Random random(static_cast<uint64_t>(geometry.width_px));
   // Short pauses, and pauses that pass several wraps of the 24-bit clock; starts before and after wraps.
   for (const int64_t max_gap_us : {int64_t{2000}, int64_t{100000000}, int64_t{2000000000}}) {
@@ -93,7 +93,7 @@ TEST_P(RoundTripTest, TimeWordsAdvanceTheTime) {
   }
   const Decoded decoded = DecodeAll(encoding, geometry, bytes);
   EXPECT_THAT(decoded.out.events, ::testing::ElementsAreArray(events));
-  if (encoding == Encoding::kFlat64) {
+  if (encoding == Encoding::kFlat64 || encoding == Encoding::kDat) {
     EXPECT_THAT(decoded.out.time_marks, IsEmpty());
     return;
   }
@@ -103,7 +103,8 @@ TEST_P(RoundTripTest, TimeWordsAdvanceTheTime) {
 
 std::vector<RoundTripCase> RoundTripCases() {
   std::vector<RoundTripCase> cases;
-  for (const Encoding encoding : {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64}) {
+  for (const Encoding encoding :
+       {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kDat, Encoding::kFlat64}) {
     for (const SensorGeometry geometry : {SensorGeometry{1, 1},
                                           {31, 7},
                                           {33, 1},
@@ -185,6 +186,7 @@ TEST_P(EncoderErrorTest, NamesTheFirstWrongEventAndWritesNothing) {
 }
 
 TEST_P(EncoderErrorTest, TimesMustNotDecreaseAcrossCalls) {
+  if (GetParam() == Encoding::kDat || GetParam() == Encoding::kFlat64) return;  // see FullAddressEncoderTest
   const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
   std::vector<uint8_t> bytes;
   const Event event{1000, 0, 0, 0};
@@ -197,21 +199,38 @@ TEST_P(EncoderErrorTest, TimesMustNotDecreaseAcrossCalls) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Encodings, EncoderErrorTest,
-                         testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64));
+                         testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kDat,
+                                         Encoding::kFlat64));
 
-TEST(Flat64EncoderTest, GapsBeyondHalfTheClockAreErrors) {
-  const auto encoder = MakeEventEncoder(Encoding::kFlat64, kVga).value();
+class FullAddressEncoderTest : public testing::TestWithParam<Encoding> {};
+
+TEST_P(FullAddressEncoderTest, TimesMayStepBack) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
+  std::vector<uint8_t> bytes;
+  const std::vector<Event> events = {{5000, 1, 2, 1}, {4000, 3, 4, 0}, {4000000000, 5, 6, 1}, {3999999999, 7, 8, 0}};
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).first(2), bytes).ok());
+  const Event middle{2000000000, 9, 9, 1};
+  ASSERT_TRUE(encoder->Encode({&middle, 1}, bytes).ok());
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).last(2), bytes).ok());
+  const Decoded decoded = DecodeAll(GetParam(), kVga, bytes);
+  EXPECT_THAT(decoded.out.events, ::testing::ElementsAre(events[0], events[1], middle, events[2], events[3]));
+  EXPECT_EQ(decoded.counts.time_backsteps, 2);
+}
+
+TEST_P(FullAddressEncoderTest, GapsBeyondHalfTheClockAreErrors) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
   std::vector<uint8_t> bytes;
   Event event{(int64_t{1} << 32) - 1, 0, 0, 0};
   ASSERT_TRUE(encoder->Encode({&event, 1}, bytes).ok());
-  // FLAT64 has no time words, so that EncodeTime() does not shorten the gap.
+  // There are no time words, so that EncodeTime() does not shorten the gap.
   ASSERT_TRUE(encoder->EncodeTime(event.t_us + 2000000000, bytes).ok());
   event.t_us += 2200000000;
   EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("at most 2147483647 us can be encoded"));
 }
 
-TEST(EncoderTest, DatIsReadOnlyAndGeometriesAreChecked) {
-  EXPECT_EQ(MakeEventEncoder(Encoding::kDat, kVga).status().code(), absl::StatusCode::kUnimplemented);
+INSTANTIATE_TEST_SUITE_P(Encodings, FullAddressEncoderTest, testing::Values(Encoding::kDat, Encoding::kFlat64));
+
+TEST(EncoderTest, GeometriesAreChecked) {
   EXPECT_EQ(MakeEventEncoder(Encoding::kEvt3, {4096, 720}).status().code(), absl::StatusCode::kInvalidArgument);
 }
 

@@ -8,13 +8,14 @@
 namespace evpose {
 
 absl::StatusOr<std::unique_ptr<RecordingWriter>> RecordingWriter::Create(const std::string& path, Encoding encoding,
-                                                                         SensorGeometry geometry) {
+                                                                         SensorGeometry geometry,
+                                                                         int64_t time_offset_us) {
   auto encoder = MakeEventEncoder(encoding, geometry);
   if (!encoder.ok()) {
     return absl::Status(encoder.status().code(), absl::StrCat(path, ": ", encoder.status().message()));
   }
   EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Create(path));
-  EVPOSE_RETURN_IF_ERROR(file.Append(MakeRawHeader(encoding, geometry)));
+  EVPOSE_RETURN_IF_ERROR(file.Append(MakeRawHeader(encoding, geometry, time_offset_us)));
   return std::unique_ptr<RecordingWriter>(new RecordingWriter(path, std::move(file), *std::move(encoder)));
 }
 

@@ -20,7 +20,7 @@ inline constexpr int64_t kTimeWordPeriod_us = 16;
 struct TimeLimits {
   int64_t max_first_us = int64_t{30} * 24 * 3600 * 1000000;
   int64_t max_gap_us = max_first_us;
-  bool has_time_words = true;
+  bool has_time_words = true;  // false: each word has a whole time, and times may step back by max_gap_us
 };
 // Pixels of a vector, neighbours in a row.
 inline constexpr int kVectorPixels = 32;
@@ -50,7 +50,7 @@ class WordEncoder : public EventEncoder {
  private:
   absl::Status Check(absl::Span<const Event> events) const;
   // `event` is the index of the event with this time, for errors.
-  static absl::Status CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us);
+  absl::Status CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const;
   absl::Status CheckGap(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const;
 
   const TimeLimits limits_;
@@ -67,6 +67,7 @@ uint32_t VectorMask(absl::Span<const Event> run);
 std::unique_ptr<EventEncoder> MakeEvt3Encoder(SensorGeometry geometry);
 std::unique_ptr<EventEncoder> MakeEvt21Encoder(SensorGeometry geometry);
 std::unique_ptr<EventEncoder> MakeEvt2Encoder(SensorGeometry geometry);
+std::unique_ptr<EventEncoder> MakeDatEncoder(SensorGeometry geometry);
 std::unique_ptr<EventEncoder> MakeFlat64Encoder(SensorGeometry geometry);
 
 }  // namespace evpose
