@@ -6,7 +6,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/containers/aedat_source.h"
 #include "client/containers/container_format.h"
+#include "client/containers/hdf5_source.h"
 #include "client/containers/text_source.h"
 #include "core/base/status_macros.h"
 
@@ -14,7 +16,7 @@ namespace evpose::client {
 namespace {
 
 // In the order in which they are tried. A format with a signature comes before one that is recognised by its grammar.
-constexpr const ContainerFormat* kFormats[] = {&kTextFormat};
+constexpr const ContainerFormat* kFormats[] = {&kHdf5Format, &kAedatFormat, &kTextFormat};
 
 constexpr size_t kRawPrefixBytes = 16;  // every RAW or DAT file is longer
 
