@@ -16,8 +16,8 @@ build_packages=(
   libopencv-calib3d-dev libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev libopencv-videoio-dev
   libminizip-dev libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
-  libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
-  libzstd-dev
+  libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev libzstd-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
+  zlib1g-dev
 )
 # OpenCASCADE: 180 MB with its dependencies.
 step_packages=(libocct-data-exchange-dev libocct-foundation-dev libocct-modeling-algorithms-dev libocct-modeling-data-dev)

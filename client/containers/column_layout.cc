@@ -77,6 +77,8 @@ std::string ColumnLayout::Describe() const {
 
 int ColumnLayout::num_columns() const { return std::max({t, x, y, p}) + 1; }
 
+bool IsEventColumn(std::string_view name) { return ReadName(name).column != Column::kOther; }
+
 std::optional<int> TimeColumn(absl::Span<const std::string> names) {
   for (size_t i = 0; i < names.size(); ++i) {
     if (ReadName(names[i]).column == Column::kTime) return static_cast<int>(i);

@@ -32,6 +32,8 @@ using TableRow = std::array<double, 4>;
 // The layout that the names of the columns state, such as x, y, p (pol, polarity), t (ts, time, timestamp), with a unit
 // of the time as in t_us, t[s]; without a unit it is that of UnitOfTimes(). nullopt if a column is missing or unclear.
 std::optional<ColumnLayout> LayoutOfNames(absl::Span<const std::string> names, absl::Span<const double> times);
+// Whether a name is that of one of the four columns.
+bool IsEventColumn(std::string_view name);
 // The column of the time in such names; nullopt if there is none.
 std::optional<int> TimeColumn(absl::Span<const std::string> names);
 

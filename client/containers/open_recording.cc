@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/containers/open_recording.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "client/containers/aedat_source.h"
+#include "client/containers/array_source.h"
+#include "client/containers/bag.h"
 #include "client/containers/container_format.h"
 #include "client/containers/hdf5_source.h"
 #include "client/containers/text_source.h"
@@ -16,7 +21,8 @@ namespace evpose::client {
 namespace {
 
 // In the order in which they are tried. A format with a signature comes before one that is recognised by its grammar.
-constexpr const ContainerFormat* kFormats[] = {&kHdf5Format, &kAedatFormat, &kTextFormat};
+constexpr const ContainerFormat* kFormats[] = {&kMcapFormat, &kSqliteBagFormat, &kHdf5Format, &kAedatFormat,
+                                               &kNpyFormat, &kNpzFormat, &kTextFormat};
 
 constexpr size_t kRawPrefixBytes = 16;  // every RAW or DAT file is longer
 
@@ -56,6 +62,11 @@ std::pair<std::string, std::string> SplitTopic(const std::string& path) {
   return {path, ""};
 }
 
+absl::Status NoTopics(const std::string& name, const std::string& format, const std::string& topic) {
+  return absl::InvalidArgumentError(
+      absl::StrCat(name, ": is a file of ", format, ", which has no topics: leave out #", topic));
+}
+
 absl::Status CheckUse(const ContainerFormat& format, const ContainerFile& file, bool follow) {
   const std::string name(format.name);
   if (follow) {
@@ -68,10 +79,25 @@ absl::Status CheckUse(const ContainerFormat& format, const ContainerFile& file, 
         absl::StrCat(file.name, ": ", name, " cannot be read from a stream: give the name of the file"));
   }
   if (!file.topic.empty() && !format.has_topics) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(file.name, ": is a file of ", name, ", which has no topics: leave out #", file.topic));
+    return NoTopics(file.name, name, file.topic);
   }
   return absl::OkStatus();
+}
+
+// rosbag2 writes a folder with metadata.yaml and a file, or several if the bag was split.
+absl::StatusOr<std::string> FileOfFolder(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_directory(path, error)) return path;
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(path, error)) {
+    const std::string extension = entry.path().extension().string();
+    if (extension == ".db3" || extension == ".mcap") files.push_back(entry.path().string());
+  }
+  if (files.size() == 1) return files.front();
+  if (files.empty()) return path;  // the error for a directory
+  std::sort(files.begin(), files.end());
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, ": is a bag of several files; give one of them: ", absl::StrJoin(files, ", ")));
 }
 
 // The error for a file that no reader recognises.
@@ -90,11 +116,15 @@ absl::Status NotRecognised(const std::string& name, std::string_view prefix) {
 
 absl::StatusOr<std::unique_ptr<RecordingReader>> OpenRecording(const std::string& path,
                                                                const OpenRecordingOptions& options) {
-  const auto [file_path, topic] = SplitTopic(path);
+  auto [file_path, topic] = SplitTopic(path);
+  EVPOSE_ASSIGN_OR_RETURN(file_path, FileOfFolder(file_path));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ByteSource> bytes,
                           ByteSource::Open(file_path, {.follow = options.follow, .stop = options.stop}));
   EVPOSE_ASSIGN_OR_RETURN(std::string_view prefix, bytes->Peek(kRawPrefixBytes));
-  if (prefix.empty() || IsRaw(prefix)) return RecordingReader::FromBytes(std::move(bytes));
+  if (prefix.empty() || IsRaw(prefix)) {
+    if (topic.empty()) return RecordingReader::FromBytes(std::move(bytes));
+    return NoTopics(bytes->name(), "RAW or DAT", topic);
+  }
   if (!options.follow) {
     EVPOSE_ASSIGN_OR_RETURN(prefix, bytes->Peek(bytes->can_be_reopened() ? kSniffedBytes : kStreamBytes));
   }

@@ -8,6 +8,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "client/containers/decimal.h"
 #include "client/containers/event_source.h"
 #include "core/base/status_macros.h"
@@ -86,6 +87,19 @@ struct TextSample {
   TextLayout layout;  // its columns are not set
 };
 
+// A name may have blanks, "t [us]", unless they separate the names.
+std::vector<std::string> ColumnNames(std::string_view line) {
+  const absl::string_view text(line.data(), line.size());
+  const bool has_signs = line.find_first_of(",;\t") != std::string_view::npos;
+  std::vector<std::string> names =
+      absl::StrSplit(text, absl::ByAnyChar(has_signs ? ",;\t" : " "), absl::SkipWhitespace());
+  for (std::string& name : names) {
+    absl::StripAsciiWhitespace(&name);
+    if (name.size() >= 2 && name.front() == '"' && name.back() == '"') name = name.substr(1, name.size() - 2);
+  }
+  return names;
+}
+
 // False if a line before the first event is neither names nor a size.
 bool AddSampledLine(std::string_view line, TextSample& sample) {
   if (IsComment(line)) {
@@ -110,11 +124,7 @@ bool AddSampledLine(std::string_view line, TextSample& sample) {
     return sample.layout.geometry.has_value();
   }
   if (!sample.names.empty() || num_numbers > 0) return false;
-  for (size_t i = 0; i < count; ++i) {
-    std::string_view name = fields[i];
-    if (name.size() >= 2 && name.front() == '"' && name.back() == '"') name = name.substr(1, name.size() - 2);
-    sample.names.emplace_back(name);
-  }
+  sample.names = ColumnNames(line);
   return true;
 }
 

@@ -53,7 +53,7 @@ absl::StatusOr<ReadEvents> ReadAllOf(RecordingReader& recording) {
 
 TEST_F(Hdf5ProgramTest, WritingAndReadingIsExactTriggersIncluded) {
   const std::vector<Event> events = TestEvents(100'000);
-  const std::vector<Trigger> triggers = {{100, 0, 1}, {300'001, 3, 0}, {900'000'000, 200, 1}};
+  const std::vector<Trigger> triggers = {{100, 0, 1}, {300'001, 3, 0}, {9'000'000, 200, 1}};
   const auto output = Hdf5Output::Create(path(), {1280, 720}, 77).value();
   ASSERT_TRUE(output->Write(absl::MakeConstSpan(triggers)).ok());
   ASSERT_TRUE(output->Write(absl::MakeConstSpan(events)).ok());

@@ -55,6 +55,13 @@ absl::StatusOr<std::string_view> ByteSource::Peek(size_t num_bytes) {
   return peeked_;
 }
 
+absl::Status ByteSource::Seek(int64_t offset) {
+  if (lseek(descriptor_, offset, SEEK_SET) != offset) return Error(errno, absl::StrCat("has no byte ", offset));
+  peeked_.clear();
+  offset_ = offset;
+  return absl::OkStatus();
+}
+
 void ByteSource::Drop(size_t num_bytes) { peeked_.erase(0, num_bytes); }
 
 absl::StatusOr<size_t> ByteSource::Read(absl::Span<uint8_t> buffer) {

@@ -42,6 +42,8 @@ class ByteSource {
 
   // The next bytes, which Read() will return again: at least `num_bytes`, or all up to the end. Errors as for Read().
   absl::StatusOr<std::string_view> Peek(size_t num_bytes);
+  // Continues at byte `offset` of a regular file. UNAVAILABLE with the path if that is not possible.
+  absl::Status Seek(int64_t offset);
   // Removes the first bytes of those that Peek() has returned.
   void Drop(size_t num_bytes);
 

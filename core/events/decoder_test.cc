@@ -55,6 +55,12 @@ TEST(Evt3DecoderTest, LegalWordsThatHoldNoEventsAreNotUnknown) {
   EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 2}));
 }
 
+TEST(Evt3DecoderTest, PaddingIsCountedApartFromUnknownWords) {
+  const Decoded decoded = DecodeEvt3(
+      {Evt3(9, 0x999), Evt3(8, 0), Evt3(6, 1), Evt3(0, 2), Evt3(9, 0x999), Evt3(2, 3), Evt3(9, 0x998), Evt3(9, 0x999)});
+  EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 1, .unknown_words = 1, .padding_words = 3}));
+}
+
 TEST(Evt3DecoderTest, ReservedWordsAreCountedAndSkipped) {
   const Decoded decoded =
       DecodeEvt3({Evt3(8, 1), Evt3(0, 1), Evt3(9, 1), Evt3(0xb, 1), Evt3(0xc, 1), Evt3(0xd, 1), Evt3(2, 5)});

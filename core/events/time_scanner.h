@@ -42,7 +42,7 @@ class TimeScanner {
   // Sets the current time; true if the chunk has reached its duration.
   bool AdvanceTo(int64_t now_us, int64_t max_duration_us);
 
-  const Encoding encoding_;
+  Encoding encoding_;
   Evt3Clock evt3_clock_;
   Evt2Clock evt2_clock_;
   Clock32 clock32_;

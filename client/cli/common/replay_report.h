@@ -12,6 +12,7 @@
 
 #include "client/cli/common/command.h"
 #include "core/events/recording_header.h"
+#include "core/events/recording_reader.h"
 #include "evpose/types.h"
 
 namespace evpose::client {
@@ -24,7 +25,8 @@ struct ReplayReport {
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;
-  size_t truncated_bytes = 0;  // incomplete word at the end of the recording
+  size_t truncated_bytes = 0;         // incomplete word at the end of the recording
+  std::vector<SkippedParts> skipped;  // RecordingReader::skipped()
   bool is_interrupted = false;
   int outages = 0;  // of the connection
   absl::Duration away_for;

@@ -3,6 +3,8 @@
 // The inputs of replay and stream, and their validation before a server is contacted.
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -35,6 +37,7 @@ struct RunArguments {
   double max_outage_s = 120.0;
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
+  bool has_metavision_zero = false;  // the pose files count from Metavision's zero, not from the sensor's
   bool is_json = false;
 
   void AddTo(CLI::App& app, bool server_is_required);
@@ -58,6 +61,9 @@ struct RunInputs {
   std::vector<TimedReset> resets;  // in the order of their times
   CameraModel camera;
   SensorProfile sensor;
+  // The sensor time at which Metavision's clock is 0 (FirstTimeWord); set before a pose can arrive, by the thread that
+  // reads.
+  std::shared_ptr<std::atomic<int64_t>> metavision_zero_us = std::make_shared<std::atomic<int64_t>>(0);
   std::unique_ptr<RecordingReader> reader;
 
   std::vector<std::string> object_ids() const;

@@ -57,6 +57,7 @@ class SessionRun {
  private:
   absl::StatusOr<EventChunk> NextChunk();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
+  void WritePose(const Pose& pose);
   TrackCallbacks MakeCallbacks();
   // Completes the pose files of a run that failed, and returns its status with advice.
   absl::Status GiveUp(Client& client, const absl::Status& status);
