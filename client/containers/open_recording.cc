@@ -22,7 +22,7 @@ namespace {
 
 // In the order in which they are tried. A format with a signature comes before one that is recognised by its grammar.
 constexpr const ContainerFormat* kFormats[] = {&kMcapFormat, &kSqliteBagFormat, &kHdf5Format, &kAedatFormat,
-                                               &kNpyFormat, &kNpzFormat, &kTextFormat};
+                                               &kNpyFormat,  &kNpzFormat,       &kTextFormat};
 
 constexpr size_t kRawPrefixBytes = 16;  // every RAW or DAT file is longer
 
