@@ -20,6 +20,7 @@ namespace evpose::client {
 struct ReadRecording {
   RecordingHeader header;
   std::vector<Event> events;
+  std::vector<Trigger> triggers;
   DecodeCounts counts;
   std::vector<SkippedParts> skipped;
   std::vector<size_t> losses;  // the number of events before each loss
@@ -46,6 +47,8 @@ inline absl::StatusOr<ReadRecording> ReadAll(const std::string& path, const Open
     if ((*reader)->follows_loss()) result.losses.push_back(result.events.size());
     const auto& piece = events->decoded().events;
     result.events.insert(result.events.end(), piece.begin(), piece.end());
+    const auto& triggers = events->decoded().triggers;
+    result.triggers.insert(result.triggers.end(), triggers.begin(), triggers.end());
   }
   result.counts = events->counts();
   result.skipped = (*reader)->skipped();

@@ -26,8 +26,9 @@ class EventFileWriter {
  public:
   virtual ~EventFileWriter() = default;
 
-  // Errors have the path: those of the disk; INVALID_ARGUMENT for an event that the format cannot hold.
-  virtual absl::Status Write(absl::Span<const Event> events) = 0;
+  // Events and the triggers among them; a format without triggers leaves them out. Errors have the path: those of the
+  // disk; INVALID_ARGUMENT for an event or trigger that the format cannot hold.
+  virtual absl::Status Write(absl::Span<const Event> events, absl::Span<const Trigger> triggers) = 0;
   virtual absl::Status Close() = 0;
 };
 
@@ -36,14 +37,15 @@ class EventFileChecker {
  public:
   virtual ~EventFileChecker() = default;
 
-  // INVALID_ARGUMENT for an event that the format cannot hold, with its number.
-  virtual absl::Status Check(absl::Span<const Event> events) = 0;
+  // INVALID_ARGUMENT for an event or trigger that the format cannot hold, with its number.
+  virtual absl::Status Check(absl::Span<const Event> events, absl::Span<const Trigger> triggers) = 0;
 };
 
 struct EventFileFormat {
   std::string_view name;    // for the command line: "raw"
   std::string_view suffix;  // of files: ".raw"
   std::string_view title;   // for users: "RAW EVT3"
+  bool has_triggers;
   // Errors: INVALID_ARGUMENT for a sensor that the format cannot address.
   absl::StatusOr<std::unique_ptr<EventFileChecker>> (*check)(const EventFileHeader& header);
   absl::StatusOr<std::unique_ptr<EventFileWriter>> (*create)(const std::string& path, const EventFileHeader& header);

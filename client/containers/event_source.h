@@ -16,13 +16,18 @@
 
 namespace evpose::client {
 
-// An event as a file stores it. Its numbers may lie outside what an Event can hold: MakeSourceReader() checks them.
+// An event as a file stores it, or an edge of a trigger input among them. Its numbers may lie outside what an Event can
+// hold: MakeSourceReader() checks them.
 struct SourceEvent {
   int64_t t_us = 0;  // on the file's clock
   int64_t x = 0;     // column, 0 at the left
   int64_t y = 0;     // row, 0 at the top
   bool is_on = false;
+  int trigger_input = -1;  // at least 0 for a trigger, of which `is_on` is a rising edge; x and y have no meaning then
 };
+
+// Appends events and triggers, each trigger before the first of the remaining events at its time or later.
+void AppendMerged(absl::Span<const Event> events, absl::Span<const Trigger> triggers, std::vector<SourceEvent>& out);
 
 struct SourceFacts {
   std::string format;                      // the name of the format: "CSV"
@@ -53,7 +58,8 @@ using SourceOpener = std::function<absl::StatusOr<std::unique_ptr<EventSource>>(
 // Otherwise (times since 1970) they are relative to the first event, whose time is the header's time_offset_us.
 // Order: that of the file; steps back in time remain, because all consumers of events accept them. An event that
 // FLAT64 cannot hold is left out and counted: a time before 0 or 35 minutes (half the clock's range) away from that of
-// the event before it, a row or column above 16383 or below 0.
+// the event before it, a row or column above 16383 or below 0. Triggers are words of FLAT64; those before the first
+// event of a recording whose times are shifted are left out and counted, too.
 // Sensor: the size that the file states; else `geometry`, that of the caller's camera; else, if `can_reopen`, that of
 // the smallest known sensor that contains all events, for which all events are read once; else 2048 x 2048. In the
 // latter two cases the header's geometry_is_stated and geometry_is_known are false.

@@ -9,9 +9,11 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "client/containers/aedat_source.h"
 #include "client/containers/array_source.h"
 #include "client/containers/bag.h"
 #include "client/containers/container_format.h"
+#include "client/containers/hdf5_source.h"
 #include "client/containers/text_source.h"
 #include "core/base/status_macros.h"
 
@@ -19,7 +21,8 @@ namespace evpose::client {
 namespace {
 
 // In the order in which they are tried. A format with a signature comes before one that is recognised by its grammar.
-constexpr const ContainerFormat* kFormats[] = {&kMcapFormat, &kSqliteBagFormat, &kNpyFormat, &kNpzFormat, &kTextFormat};
+constexpr const ContainerFormat* kFormats[] = {&kMcapFormat, &kSqliteBagFormat, &kHdf5Format, &kAedatFormat,
+                                               &kNpyFormat,  &kNpzFormat,       &kTextFormat};
 
 constexpr size_t kRawPrefixBytes = 16;  // every RAW or DAT file is longer
 

@@ -51,7 +51,8 @@ INSTANTIATE_TEST_SUITE_P(
                     ForeignFile{"records.npy", "NumPy (x y p t)", Encoding::kFlat64, 0, false},
                     ForeignFile{"rows.npy", "NumPy (t x y p, t in s)", Encoding::kFlat64, 0, false},
                     ForeignFile{"records.npz", "NumPy (x y p t)", Encoding::kFlat64, 0, false},
-                    ForeignFile{"lists.npz", "NumPy (x y t p, t in s)", Encoding::kFlat64, 0, false}),
+                    ForeignFile{"lists.npz", "NumPy (x y t p, t in s)", Encoding::kFlat64, 0, false},
+                    ForeignFile{"events.aedat4", "AEDAT 4.0 (DAVIS346_00000001)", Encoding::kFlat64, 1700000000005000}),
     [](const auto& test) {
       std::string name = test.param.name;
       std::replace(name.begin(), name.end(), '.', '_');

@@ -70,6 +70,7 @@ class SourceReader final : public RecordingReader {
     std::vector<SkippedParts> parts = source_->skipped();
     if (num_outside_ > 0) parts.push_back({"events with a row or column below 0 or above 16383", num_outside_});
     if (num_early_ > 0) parts.push_back({"events before time 0", num_early_});
+    if (num_early_triggers_ > 0) parts.push_back({"triggers before the first event", num_early_triggers_});
     if (num_jumps_ > 0) parts.push_back({"events more than 35 minutes from the event before", num_jumps_});
     return parts;
   }
@@ -80,32 +81,57 @@ class SourceReader final : public RecordingReader {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_more, source_->Next(from_file_));
     if (!has_more) return false;
     events_.clear();
-    for (const SourceEvent& event : from_file_) Take(event);
     bytes_.clear();
     begin_ = 0;
-    EVPOSE_RETURN_IF_ERROR(encoder_->Encode(events_, bytes_));
+    for (const SourceEvent& event : from_file_) EVPOSE_RETURN_IF_ERROR(Take(event));
+    EVPOSE_RETURN_IF_ERROR(Flush());
     return true;
   }
 
-  void Take(const SourceEvent& event) {
-    if (!HasAddress(event)) {
-      ++num_outside_;
-      return;
-    }
-    if (last_us_ < 0 && (event.t_us < 0 || event.t_us >= kClockRange_us)) zero_us_ = event.t_us;
+  absl::Status Flush() {
+    EVPOSE_RETURN_IF_ERROR(encoder_->Encode(events_, bytes_));
+    events_.clear();
+    return absl::OkStatus();
+  }
+
+  // Encodes a trigger, or adds an event to those to be encoded.
+  absl::Status Take(const SourceEvent& event) {
+    const bool is_trigger = event.trigger_input >= 0;
     int64_t t_us = 0;
+    if (!TakeTime(event, is_trigger, t_us)) return absl::OkStatus();
+    if (!is_trigger) {
+      events_.push_back({t_us, static_cast<uint16_t>(event.x), static_cast<uint16_t>(event.y),
+                         static_cast<uint8_t>(event.is_on ? 1 : 0)});
+      return absl::OkStatus();
+    }
+    EVPOSE_RETURN_IF_ERROR(Flush());
+    return encoder_->EncodeTrigger(
+        {t_us, static_cast<uint8_t>(event.trigger_input), static_cast<uint8_t>(event.is_on ? 1 : 0)}, bytes_);
+  }
+
+  // The time on the clock of the output; false, after counting, if the event is left out.
+  bool TakeTime(const SourceEvent& event, bool is_trigger, int64_t& t_us) {
+    if (!is_trigger && !HasAddress(event)) {
+      ++num_outside_;
+      return false;
+    }
+    const bool fits_clock = event.t_us >= 0 && event.t_us < kClockRange_us;
+    if (last_us_ < 0 && !fits_clock && is_trigger) {
+      ++num_early_triggers_;
+      return false;
+    }
+    if (last_us_ < 0 && !fits_clock) zero_us_ = event.t_us;
     const bool overflows = __builtin_sub_overflow(event.t_us, zero_us_, &t_us);
     if (!overflows && t_us < 0) {
       ++num_early_;
-      return;
+      return false;
     }
     if (overflows || (last_us_ >= 0 && std::abs(t_us - last_us_) > kMaxStep_us)) {
       ++num_jumps_;
-      return;
+      return false;
     }
     last_us_ = t_us;
-    events_.push_back({t_us, static_cast<uint16_t>(event.x), static_cast<uint16_t>(event.y),
-                       static_cast<uint8_t>(event.is_on ? 1 : 0)});
+    return true;
   }
 
   const std::unique_ptr<EventSource> source_;
@@ -119,6 +145,7 @@ class SourceReader final : public RecordingReader {
   int64_t last_us_ = -1;        // -1 before the first event
   uint64_t num_outside_ = 0;
   uint64_t num_early_ = 0;
+  uint64_t num_early_triggers_ = 0;
   uint64_t num_jumps_ = 0;
 };
 
@@ -130,7 +157,7 @@ absl::StatusOr<SensorGeometry> FindSensor(EventSource& source) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_more, source.Next(events));
     if (!has_more) break;
     for (const SourceEvent& event : events) {
-      if (!HasAddress(event)) continue;
+      if (event.trigger_input >= 0 || !HasAddress(event)) continue;
       extent.width_px = std::max(extent.width_px, static_cast<int>(event.x) + 1);
       extent.height_px = std::max(extent.height_px, static_cast<int>(event.y) + 1);
     }
@@ -142,6 +169,17 @@ absl::StatusOr<SensorGeometry> FindSensor(EventSource& source) {
 }
 
 }  // namespace
+
+void AppendMerged(absl::Span<const Event> events, absl::Span<const Trigger> triggers, std::vector<SourceEvent>& out) {
+  const auto append = [&out](const Event& event) {
+    out.push_back({.t_us = event.t_us, .x = event.x, .y = event.y, .is_on = event.polarity == 1});
+  };
+  for (const Trigger& trigger : triggers) {
+    for (; !events.empty() && events.front().t_us < trigger.t_us; events.remove_prefix(1)) append(events.front());
+    out.push_back({.t_us = trigger.t_us, .is_on = trigger.polarity == 1, .trigger_input = trigger.id});
+  }
+  for (const Event& event : events) append(event);
+}
 
 absl::StatusOr<std::unique_ptr<RecordingReader>> MakeSourceReader(const std::string& name, const SourceOpener& open,
                                                                   std::optional<SensorGeometry> geometry,

@@ -20,7 +20,7 @@ enum class Encoding {
   kEvt21,   // Prophesee EVT 2.1: 64-bit words
   kEvt2,    // Prophesee EVT 2.0: 32-bit words
   kDat,     // Prophesee DAT, 2D events of 8 bytes (after the file's two binary header bytes)
-  kFlat64,  // other sources: 64-bit words, from the highest bit t_us:32 | x:14 | y:14 | 0:3 | p:1
+  kFlat64,  // other sources: 64-bit words, from the highest bit t_us:32 | x:14 | y:14 | 0:2 | trigger:1 | p:1
 };
 
 inline constexpr size_t kNumEncodings = static_cast<size_t>(Encoding::kFlat64) + 1;

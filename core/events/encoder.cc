@@ -45,6 +45,23 @@ absl::Status WordEncoder::EncodeTime(int64_t t_us, std::vector<uint8_t>& out) {
   return absl::OkStatus();
 }
 
+absl::Status WordEncoder::EncodeTrigger(const Trigger& trigger, std::vector<uint8_t>& out) {
+  if (limits_.num_trigger_inputs == 0) {
+    return absl::UnimplementedError("the encoding has no triggers; EVT3, EVT2.1, EVT2 and FLAT64 have them");
+  }
+  if (trigger.id >= limits_.num_trigger_inputs || trigger.polarity > 1) {
+    return absl::InvalidArgumentError(absl::StrCat("a trigger of input ", trigger.id, " and polarity ",
+                                                   trigger.polarity, " does not fit the encoding, which has ",
+                                                   limits_.num_trigger_inputs, " inputs"));
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckOrder(std::nullopt, trigger.t_us, last_us_));
+  EVPOSE_RETURN_IF_ERROR(CheckGap(std::nullopt, trigger.t_us, last_written_us_));
+  EncodeCheckedTrigger(trigger, out);
+  last_us_ = trigger.t_us;
+  last_written_us_ = trigger.t_us;
+  return absl::OkStatus();
+}
+
 absl::Status WordEncoder::CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const {
   const bool is_ordered = t_us >= previous_us || !limits_.has_time_words;
   if (is_ordered && t_us >= 0) return absl::OkStatus();

@@ -26,6 +26,10 @@ class EventEncoder {
   // Appends the time words that a camera sends while there are no events, up to `t_us`. FLAT64 and DAT have none: the
   // call does nothing.
   virtual absl::Status EncodeTime(int64_t t_us, std::vector<uint8_t>& out) = 0;
+
+  // Appends an edge of a trigger input; its time obeys the rules for times of events. Errors: as for Encode(), also for
+  // an input that the encoding has no number for; UNIMPLEMENTED for DAT, which has no triggers.
+  virtual absl::Status EncodeTrigger(const Trigger& trigger, std::vector<uint8_t>& out) = 0;
 };
 
 // Errors: those of ValidateGeometry().

@@ -203,6 +203,47 @@ INSTANTIATE_TEST_SUITE_P(Encodings, EncoderErrorTest,
                          testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kDat,
                                          Encoding::kFlat64));
 
+class TriggerEncoderTest : public testing::TestWithParam<Encoding> {};
+
+TEST_P(TriggerEncoderTest, TriggersAmongEventsKeepTheirTimesAndOrder) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
+  std::vector<uint8_t> bytes;
+  const std::vector<Event> events = {{20'000'005, 1, 2, 1}, {20'000'005, 3, 2, 1}, {20'005'000, 1, 2, 0}};
+  const std::vector<Trigger> triggers = {
+      {20'000'001, 0, 1}, {20'000'005, 15, 0}, {20'004'100, 3, 1}, {500'000'000, 0, 0}};
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[0], bytes).ok());
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).first(2), bytes).ok());
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[1], bytes).ok());
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[2], bytes).ok());
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).last(1), bytes).ok());
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[3], bytes).ok());
+  const Decoded decoded = DecodeAll(GetParam(), kVga, bytes);
+  EXPECT_THAT(decoded.out.events, ::testing::ElementsAreArray(events));
+  EXPECT_THAT(decoded.out.triggers, ::testing::ElementsAreArray(triggers));
+  EXPECT_EQ(decoded.counts.invalid_words(), 0);
+}
+
+TEST_P(TriggerEncoderTest, ErrorsWriteNothing) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
+  std::vector<uint8_t> bytes;
+  EXPECT_THAT(encoder->EncodeTrigger({5, 0, 2}, bytes).message(), HasSubstr("polarity 2 does not fit"));
+  EXPECT_THAT(encoder->EncodeTrigger({-1, 0, 0}, bytes).message(), HasSubstr("must not be negative"));
+  EXPECT_THAT(encoder->EncodeTrigger({int64_t{1} << 50, 0, 0}, bytes).message(), HasSubstr("can be encoded"));
+  EXPECT_THAT(bytes, IsEmpty());
+}
+
+INSTANTIATE_TEST_SUITE_P(Encodings, TriggerEncoderTest,
+                         testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64));
+
+TEST(EncoderTest, InputsAndEncodingsWithoutTriggersAreErrors) {
+  std::vector<uint8_t> bytes;
+  EXPECT_THAT(MakeEventEncoder(Encoding::kEvt3, kVga).value()->EncodeTrigger({5, 16, 0}, bytes).message(),
+              HasSubstr("a trigger of input 16 and polarity 0 does not fit the encoding, which has 16 inputs"));
+  EXPECT_EQ(MakeEventEncoder(Encoding::kDat, kVga).value()->EncodeTrigger({5, 0, 0}, bytes).code(),
+            absl::StatusCode::kUnimplemented);
+  EXPECT_THAT(bytes, IsEmpty());
+}
+
 class FullAddressEncoderTest : public testing::TestWithParam<Encoding> {};
 
 TEST_P(FullAddressEncoderTest, TimesMayStepBack) {

@@ -29,6 +29,11 @@ absl::Status RecordingWriter::WriteTime(int64_t t_us) {
   return Flush(encoder_->EncodeTime(t_us, bytes_));
 }
 
+absl::Status RecordingWriter::WriteTrigger(const Trigger& trigger) {
+  EVPOSE_RETURN_IF_ERROR(CheckOpen());
+  return Flush(encoder_->EncodeTrigger(trigger, bytes_));
+}
+
 absl::Status RecordingWriter::Close() {
   EVPOSE_RETURN_IF_ERROR(CheckOpen());
   is_closed_ = true;

@@ -41,7 +41,8 @@ struct ConvertedEvents {
   std::string format;  // of the recording
   DecodeCounts counts;
   std::vector<SkippedParts> skipped;
-  uint64_t num_events = 0;  // written
+  uint64_t num_events = 0;    // written
+  uint64_t num_triggers = 0;  // between --start and --start + --duration
   int64_t t_first_us = 0;
   int64_t t_last_us = 0;
   std::string sha256;
@@ -75,10 +76,12 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArgument
   return reader;
 }
 
-// Passes the events between --start and --start + --duration to `take`.
+using TakeEvents = std::function<absl::Status(absl::Span<const Event>, absl::Span<const Trigger>)>;
+
+// Passes the events between --start and --start + --duration to `take`, and the triggers among them. Without --start
+// triggers before the first event are among them.
 absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, const CliContext& context,
-                                           RecordingReader& reader,
-                                           const std::function<absl::Status(absl::Span<const Event>)>& take) {
+                                           RecordingReader& reader, const TakeEvents& take) {
   ConvertedEvents result;
   result.header = {reader.header().geometry, reader.header().time_offset_us};
   result.format = reader.header().container;
@@ -88,6 +91,7 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
   std::optional<int64_t> begin_us;
   int64_t end_us = std::numeric_limits<int64_t>::max();
   std::vector<Event> selected;
+  std::vector<Trigger> triggers;
   EventDigest digest;
   while (true) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
@@ -101,8 +105,15 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
       }
       if (event.t_us >= *begin_us && event.t_us < end_us) selected.push_back(event);
     }
+    triggers.clear();
+    for (const Trigger& trigger : events.decoded().triggers) {
+      const bool has_begun = arguments.start_s == 0 || (begin_us && trigger.t_us >= *begin_us);
+      if (has_begun && trigger.t_us < end_us) triggers.push_back(trigger);
+    }
+    result.num_triggers += triggers.size();
+    if (selected.empty() && triggers.empty()) continue;
+    EVPOSE_RETURN_IF_ERROR(take(selected, triggers));
     if (selected.empty()) continue;
-    EVPOSE_RETURN_IF_ERROR(take(selected));
     digest.Add(selected);
     if (result.num_events == 0) result.t_first_us = selected.front().t_us;
     result.t_last_us = selected.back().t_us;
@@ -130,8 +141,8 @@ absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& 
   absl::StatusOr<std::unique_ptr<EventFileChecker>> checker =
       format.check({reader->header().geometry, reader->header().time_offset_us});
   if (!checker.ok()) return CannotHold(arguments, format, checker.status());
-  const auto check = [&](absl::Span<const Event> events) -> absl::Status {
-    const absl::Status status = (*checker)->Check(events);
+  const auto check = [&](absl::Span<const Event> events, absl::Span<const Trigger> triggers) -> absl::Status {
+    const absl::Status status = (*checker)->Check(events, triggers);
     return status.ok() ? status : CannotHold(arguments, format, status);
   };
   return ReadEvents(arguments, context, *reader, check).status();
@@ -149,7 +160,8 @@ Json ConvertJson(const ConvertArguments& arguments, const EventFileFormat& forma
           {"t_last_us", converted.t_last_us},
           {"time_offset_us", converted.header.time_offset_us},
           {"sha256", converted.sha256},
-          {"triggers_left_out", converted.counts.triggers},
+          {"triggers", format.has_triggers ? converted.num_triggers : 0},
+          {"triggers_left_out", format.has_triggers ? 0 : converted.num_triggers},
           {"dropped_events", converted.counts.dropped_events()},
           {"invalid_words", converted.counts.invalid_words()},
           {"skipped", SkippedJson(converted.skipped)}};
@@ -165,10 +177,10 @@ void PrintConverted(const ConvertArguments& arguments, const EventFileFormat& fo
 }
 
 // What of the recording is not in the file.
-void WarnOfLosses(const ConvertedEvents& converted, CliContext& context) {
+void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converted, CliContext& context) {
   std::vector<SkippedParts> lost = converted.skipped;
   const DecodeCounts& counts = converted.counts;
-  if (counts.triggers > 0) lost.push_back({"triggers", counts.triggers});
+  if (!format.has_triggers && converted.num_triggers > 0) lost.push_back({"triggers", converted.num_triggers});
   if (counts.dropped_events() > 0)
     lost.push_back({"events without time or outside the sensor", counts.dropped_events()});
   if (counts.invalid_words() > 0) lost.push_back({"invalid words", counts.invalid_words()});
@@ -182,10 +194,12 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,
                           format->create(arguments.out, {reader->header().geometry, reader->header().time_offset_us}));
-  const auto write = [&writer](absl::Span<const Event> events) { return writer->Write(events); };
+  const auto write = [&writer](absl::Span<const Event> events, absl::Span<const Trigger> triggers) {
+    return writer->Write(events, triggers);
+  };
   EVPOSE_ASSIGN_OR_RETURN(const ConvertedEvents converted, ReadEvents(arguments, context, *reader, write));
   EVPOSE_RETURN_IF_ERROR(writer->Close());
-  WarnOfLosses(converted, context);
+  WarnOfLosses(*format, converted, context);
   return PrintResult(context, arguments.is_json, ConvertJson(arguments, *format, converted),
                      [&](std::ostream& out) { PrintConverted(arguments, *format, converted, out); });
 }
@@ -195,7 +209,8 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
 CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ConvertArguments>();
   AddFile(app, "recording", arguments->recording, kRecordingFormats)->required();
-  AddFile(app, "out", arguments->out, "File to write; its suffix chooses the format: .raw, .dat, .csv")->required();
+  AddFile(app, "out", arguments->out, "File to write; its suffix chooses the format: .raw, .dat, .csv, .hdf5")
+      ->required();
   std::vector<std::string> names;
   for (const EventFileFormat& format : EventFileFormats()) names.emplace_back(format.name);
   app.add_option("--to", arguments->to, "Format of the file; default: by its suffix")->check(CLI::IsMember(names));
@@ -213,7 +228,9 @@ CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "The events keep their times, order, addresses and polarities: evpose info prints the same SHA-256 for both "
       "files.\n"
-      "An event that the format cannot hold is an error, and nothing is written. Triggers are left out and counted.\n"
+      "An event that the format cannot hold is an error, and nothing is written. DAT and CSV have no triggers, which "
+      "are\n"
+      "then left out and counted.\n"
       "Recordings with times since 1970 have their times relative to the first event; the header of the new file has\n"
       "the offset (time_offset_us).\n\n"
       "Example:\n"

@@ -13,7 +13,7 @@ namespace evpose::client {
 
 // The formats that all commands read, for --help.
 inline constexpr char kRecordingFormats[] =
-    "RAW, DAT, text, CSV, rosbag2 (FILE#TOPIC), NumPy; - for standard input (RAW, DAT, text)";
+    "RAW, DAT, text, CSV, rosbag2 (FILE#TOPIC), HDF5, AEDAT, NumPy; - for standard input (RAW, DAT, text, AEDAT)";
 
 // Opens a recording that `camera` has seen, whose size is used if the recording states none. Errors: those of
 // OpenRecording() and CheckCameraMatches().

@@ -10,16 +10,24 @@ namespace {
 
 // A decoder finds the right wrap only for steps within half the range of 32 bits, and there are no time words in
 // between.
-constexpr TimeLimits kFullAddressLimits = {
-    .max_first_us = (int64_t{1} << 32) - 1, .max_gap_us = (int64_t{1} << 31) - 1, .has_time_words = false};
+constexpr TimeLimits FullAddressLimits(int num_trigger_inputs) {
+  return {.max_first_us = (int64_t{1} << 32) - 1,
+          .max_gap_us = (int64_t{1} << 31) - 1,
+          .has_time_words = false,
+          .num_trigger_inputs = num_trigger_inputs};
+}
 
 struct DatFields {
+  static constexpr int kNumTriggerInputs = 0;
+  static constexpr uint64_t kTrigger = 0;
   static uint64_t Pack(uint64_t t_us, uint64_t x, uint64_t y, uint64_t polarity) {
     return polarity << 60 | y << 46 | x << 32 | t_us;
   }
 };
 
 struct Flat64Fields {
+  static constexpr int kNumTriggerInputs = 256;
+  static constexpr uint64_t kTrigger = 2;
   static uint64_t Pack(uint64_t t_us, uint64_t x, uint64_t y, uint64_t polarity) {
     return t_us << 32 | x << 18 | y << 4 | polarity;
   }
@@ -28,7 +36,8 @@ struct Flat64Fields {
 template <typename Fields>
 class FullAddressEncoder final : public WordEncoder {
  public:
-  explicit FullAddressEncoder(SensorGeometry geometry) : WordEncoder(geometry, kFullAddressLimits) {}
+  explicit FullAddressEncoder(SensorGeometry geometry)
+      : WordEncoder(geometry, FullAddressLimits(Fields::kNumTriggerInputs)) {}
 
  private:
   void EncodeChecked(absl::Span<const Event> events, std::vector<uint8_t>& out) override {
@@ -39,6 +48,11 @@ class FullAddressEncoder final : public WordEncoder {
   }
 
   void EncodeCheckedTime(int64_t /*t_us*/, std::vector<uint8_t>& /*out*/) override {}
+
+  void EncodeCheckedTrigger(const Trigger& trigger, std::vector<uint8_t>& out) override {
+    const auto t_us = static_cast<uint64_t>(trigger.t_us & 0xffffffff);
+    AppendWord(Fields::Pack(t_us, trigger.id, 0, trigger.polarity) | Fields::kTrigger, out);
+  }
 };
 
 }  // namespace

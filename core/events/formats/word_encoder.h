@@ -21,6 +21,7 @@ struct TimeLimits {
   int64_t max_first_us = int64_t{30} * 24 * 3600 * 1000000;
   int64_t max_gap_us = max_first_us;
   bool has_time_words = true;  // false: each word has a whole time, and times may step back by max_gap_us
+  int num_trigger_inputs = 0;  // with numbers from 0; 0: the encoding has no triggers
 };
 // Pixels of a vector, neighbours in a row.
 inline constexpr int kVectorPixels = 32;
@@ -37,6 +38,7 @@ class WordEncoder : public EventEncoder {
  public:
   absl::Status Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) final;
   absl::Status EncodeTime(int64_t t_us, std::vector<uint8_t>& out) final;
+  absl::Status EncodeTrigger(const Trigger& trigger, std::vector<uint8_t>& out) final;
 
  protected:
   WordEncoder(SensorGeometry geometry, const TimeLimits& limits) : geometry_(geometry), limits_(limits) {}
@@ -44,6 +46,7 @@ class WordEncoder : public EventEncoder {
   virtual void EncodeChecked(absl::Span<const Event> events, std::vector<uint8_t>& out) = 0;
   // Called only for encodings with time words.
   virtual void EncodeCheckedTime(int64_t t_us, std::vector<uint8_t>& out) = 0;
+  virtual void EncodeCheckedTrigger(const Trigger& trigger, std::vector<uint8_t>& out) = 0;
 
   const SensorGeometry geometry_;
 
