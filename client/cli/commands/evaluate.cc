@@ -102,7 +102,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   std::vector<Row> rows;
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
-    EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadPoseFile(path));
+    EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadCameraPoses(path));
     absl::StatusOr<Evaluation> evaluation = Evaluate(truth, estimate.trajectory, options, model ? &*model : nullptr,
                                                      camera ? &*camera : nullptr, estimate.ambiguous_us);
     if (!evaluation.ok()) {

@@ -17,6 +17,7 @@ namespace evpose::client {
 namespace {
 
 constexpr char kObjectPlaceholder[] = "{object}";
+constexpr char kTransformKey[] = "transform";
 
 // Visits the upper triangle row by row.
 template <typename Visit>
@@ -38,7 +39,7 @@ std::array<double, 7> Numbers(const Transform& transform) {
   return {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()};
 }
 
-std::string CsvHeader() {
+std::string CsvHeader(const PoseFrame& frame) {
   std::string line =
       "pose_seq,object_id,t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw,state,num_events,explained_ratio,residual_rms_px";
   for (const char* name : {"vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"}) {
@@ -54,10 +55,11 @@ std::string CsvHeader() {
       absl::StrAppend(&line, ",alt", i, "_", name);
     }
   }
+  if (!frame.is_default()) absl::StrAppend(&line, ",", kTransformKey);
   return line + "\n";
 }
 
-std::string CsvLine(const Pose& pose) {
+std::string CsvLine(const Pose& pose, const PoseFrame& frame) {
   std::string line = absl::StrFormat("%d,%s,%d", pose.seq, pose.object_id, pose.t_us);
   for (const double value : Numbers(pose.camera_from_object)) absl::StrAppendFormat(&line, ",%.17g", value);
   absl::StrAppendFormat(&line, ",%s,%d,%.9g,%.9g", StateName(pose), pose.num_events, pose.explained_ratio,
@@ -74,6 +76,7 @@ std::string CsvLine(const Pose& pose) {
     for (const double value : Numbers(alternative.camera_from_object)) absl::StrAppendFormat(&line, ",%.17g", value);
     absl::StrAppendFormat(&line, ",%.9g", alternative.log_likelihood_ratio);
   }
+  if (!frame.is_default()) absl::StrAppend(&line, ",", frame.transform());
   return line + "\n";
 }
 
@@ -83,11 +86,12 @@ void SetTransform(const Transform& transform, nlohmann::ordered_json& json) {
   json["quaternion_xyzw"] = {n[3], n[4], n[5], n[6]};
 }
 
-std::string JsonLine(const Pose& pose) {
+std::string JsonLine(const Pose& pose, const PoseFrame& frame) {
   nlohmann::ordered_json json;
   json["pose_seq"] = pose.seq;
   json["object_id"] = pose.object_id;
   json["t_us"] = pose.t_us;
+  json[kTransformKey] = frame.transform();
   SetTransform(pose.camera_from_object, json);
   json["state"] = StateName(pose);
   json["num_events"] = pose.num_events;
@@ -117,18 +121,23 @@ absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": the name of a file of poses ends in .tum, .csv or .jsonl"));
 }
 
-std::string PoseHeader(PoseFormat format) { return format == PoseFormat::kCsv ? CsvHeader() : ""; }
+std::string PoseHeader(PoseFormat format, const PoseFrame& frame) {
+  if (format == PoseFormat::kCsv) return CsvHeader(frame);
+  if (format == PoseFormat::kJsonLines || frame.is_default()) return "";
+  return absl::StrCat("# ", frame.transform(), ", timestamp tx ty tz qx qy qz qw: sensor clock, s; m\n");
+}
 
-std::string PoseLine(PoseFormat format, const Pose& pose) {
+std::string PoseLine(PoseFormat format, const Pose& camera_pose, const PoseFrame& frame) {
+  const Pose pose = frame.Apply(camera_pose);
   switch (format) {
     case PoseFormat::kTum:
       // A reader of TUM takes every line for a pose that is confirmed.
       if (pose.state == TrackState::kAmbiguous) return "";
       return TumLine({pose.t_us, ToCore(pose.camera_from_object)}) + "\n";
     case PoseFormat::kCsv:
-      return CsvLine(pose);
+      return CsvLine(pose, frame);
     case PoseFormat::kJsonLines:
-      return JsonLine(pose);
+      return JsonLine(pose, frame);
   }
   return "";
 }
@@ -158,15 +167,16 @@ std::map<std::string, std::string> PoseFiles::Paths(const std::string& path,
 }
 
 absl::StatusOr<PoseFiles> PoseFiles::Open(const std::string& path, const std::vector<std::string>& object_ids,
-                                          const std::map<std::string, uint64_t>* kept_bytes) {
+                                          const PoseFrame& frame, const std::map<std::string, uint64_t>* kept_bytes) {
   EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
   PoseFiles files;
+  files.frame_ = frame;
   EVPOSE_ASSIGN_OR_RETURN(files.format_, PoseFormatFromPath(path));
   for (const auto& [id, name] : Paths(path, object_ids)) {
     const uint64_t kept = kept_bytes != nullptr && kept_bytes->contains(id) ? kept_bytes->at(id) : 0;
     EVPOSE_ASSIGN_OR_RETURN(OutputFile file,
                             kept_bytes == nullptr ? OutputFile::Create(name) : OutputFile::Continue(name, kept));
-    if (kept == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(files.format_)));
+    if (kept == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(files.format_, frame)));
     files.files_.emplace(id, std::move(file));
   }
   return files;
@@ -176,7 +186,7 @@ void PoseFiles::Write(const Pose& pose) {
   auto file = files_.find(pose.object_id);
   if (file == files_.end()) file = files_.find("");
   if (file == files_.end()) return;
-  file->second.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() returns the error
+  file->second.Append(PoseLine(format_, pose, frame_)).IgnoreError();  // Commit() returns the error
 }
 
 absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "client/cli/common/pose_frame.h"
 #include "core/base/output_file.h"
 #include "evpose/types.h"
 
@@ -18,11 +19,13 @@ enum class PoseFormat { kTum, kCsv, kJsonLines };
 
 // Parses .tum, .csv or .jsonl. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
-// The header line, line feed included; empty for a format without a header.
-std::string PoseHeader(PoseFormat format);
+// The header line, line feed included; empty for a format without a header. A file whose transform is not
+// camera_from_object says so: TUM in a comment before the poses, CSV in the column `transform`, the last one, and JSON
+// lines, as always, in the field `transform`.
+std::string PoseHeader(PoseFormat format, const PoseFrame& frame = {});
 // One line, line feed included; empty for an AMBIGUOUS pose in TUM, which has no states. It depends on the bytes of the
 // session only, so that it does not contain the latency.
-std::string PoseLine(PoseFormat format, const Pose& pose);
+std::string PoseLine(PoseFormat format, const Pose& pose, const PoseFrame& frame = {});
 
 // Writes the poses of the objects of a session as they arrive: to one file or, if the path contains "{object}", to one
 // file for each object. A file appears under its name when it is complete.
@@ -34,6 +37,7 @@ class PoseFiles {
   // With `kept_bytes`, continues the output of an earlier process: the number of bytes of each file, by object, that
   // Sync() returned. Additional errors: those of OutputFile.
   static absl::StatusOr<PoseFiles> Open(const std::string& path, const std::vector<std::string>& object_ids,
+                                        const PoseFrame& frame = {},
                                         const std::map<std::string, uint64_t>* kept_bytes = nullptr);
   // The first error is kept and returned by Commit().
   void Write(const Pose& pose);
@@ -46,6 +50,7 @@ class PoseFiles {
 
  private:
   PoseFormat format_ = PoseFormat::kTum;
+  PoseFrame frame_;
   std::map<std::string, OutputFile> files_;  // by object; "" for a single file
 };
 

@@ -65,6 +65,20 @@ Pose AmbiguousPose() {
   return pose;
 }
 
+TEST(PoseFormat, StatesATransformOtherThanTheDefault) {
+  const PoseFrame frame = PoseFrame::ObjectFromCamera();
+  EXPECT_EQ(PoseHeader(PoseFormat::kTum, frame),
+            "# object_from_camera, timestamp tx ty tz qx qy qz qw: sensor clock, s; m\n");
+  EXPECT_EQ(PoseLine(PoseFormat::kTum, MakePose(), frame), "16.000250 -0.10000000000000001 0.25 -1.5 0 0 0 1\n");
+  EXPECT_EQ(PoseHeader(PoseFormat::kCsv, frame),
+            std::string(absl::StripSuffix(PoseHeader(PoseFormat::kCsv), "\n")) + ",transform\n");
+  EXPECT_THAT(PoseLine(PoseFormat::kCsv, MakePose(), frame), ::testing::EndsWith(",object_from_camera\n"));
+  EXPECT_EQ(PoseHeader(PoseFormat::kJsonLines, frame), "");
+  EXPECT_EQ(nlohmann::json::parse(PoseLine(PoseFormat::kJsonLines, MakePose(), frame))["transform"],
+            "object_from_camera");
+  EXPECT_EQ(nlohmann::json::parse(PoseLine(PoseFormat::kJsonLines, MakePose()))["transform"], "camera_from_object");
+}
+
 TEST(PoseFormat, TumHasNoAmbiguousPoses) { EXPECT_EQ(PoseLine(PoseFormat::kTum, AmbiguousPose()), ""); }
 
 TEST(PoseFormat, CsvHasColumnsForFourAlternatives) {

@@ -124,6 +124,7 @@ void ReplayReport::Print(std::ostream& stream) const {
       stream << ", of which " << ambiguous_poses_ << " are AMBIGUOUS: a .tum file does not have them, .csv and .jsonl "
              << "files have them with their alternatives";
     }
+    if (transform != kCameraFromObject) stream << ", " << transform;
     stream << "\n";
   }
   stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",
@@ -136,6 +137,7 @@ Json ReplayReport::ToJson() const {
   Json json = {{"recording", recording},
                {"out", out.empty() ? Json(nullptr) : Json(out)},
                {"files", files},
+               {"transform", transform},
                {"session", session.empty() ? Json(nullptr) : Json(session)},
                {"events", health.decoded_events},
                {"poses", summary.poses},

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "client/cli/common/command.h"
+#include "client/cli/common/pose_frame.h"
 #include "core/events/recording_header.h"
 #include "evpose/types.h"
 
@@ -18,9 +19,10 @@ namespace evpose::client {
 
 struct ReplayReport {
   std::string recording;
-  std::string out;                 // empty: poses were not written
-  std::vector<std::string> files;  // pose files; `out` may be the pattern of their names
-  std::string session;             // empty: the session was deleted
+  std::string out;                            // empty: poses were not written
+  std::string transform = kCameraFromObject;  // that of the poses in them
+  std::vector<std::string> files;             // pose files; `out` may be the pattern of their names
+  std::string session;                        // empty: the session was deleted
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;

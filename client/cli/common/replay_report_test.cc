@@ -68,6 +68,9 @@ TEST(ReplayReportTest, CountsAmbiguousPoses) {
   report.Add(pose);
   EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 2 poses, of which 1 are AMBIGUOUS"));
   EXPECT_EQ(report.ToJson()["ambiguous_poses"], 1);
+  EXPECT_EQ(report.ToJson()["transform"], "camera_from_object");
+  report.transform = "base_from_object";
+  EXPECT_THAT(Printed(report), HasSubstr("alternatives, base_from_object\n"));
 }
 
 }  // namespace

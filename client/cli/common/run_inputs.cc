@@ -172,6 +172,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const Rec
   if (!arguments.sensor.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
   }
+  EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
   EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
                           RecordingReader::Open(arguments.recording, reader_options));
@@ -247,6 +248,7 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
       "-o,--out", out,
       "Poses: .tum, .csv or .jsonl; the file appears when the run has ended. {object} in the name is replaced by the "
       "ID of each object");
+  frame.AddTo(app);
   app.add_option(
          "--estimator", estimator,
          "mixture; for comparison, corrected versions of the published static estimators, and a filter. Those of the "

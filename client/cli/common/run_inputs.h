@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/cli/common/pose_frame.h"
 #include "client/cli/common/replay_report.h"
 #include "core/estimation/sensor_profile.h"
 #include "core/events/recording_reader.h"
@@ -32,6 +33,7 @@ struct RunArguments {
   std::string estimator = "mixture";
   size_t chunk_bytes = 0;
   ModelReadingArguments reading;
+  PoseFrameArguments frame;
   double max_outage_s = 120.0;
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
@@ -58,6 +60,7 @@ struct RunInputs {
   std::vector<TimedReset> resets;  // in the order of their times
   CameraModel camera;
   SensorProfile sensor;
+  PoseFrame frame;
   std::unique_ptr<RecordingReader> reader;
 
   std::vector<std::string> object_ids() const;

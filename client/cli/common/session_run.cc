@@ -55,6 +55,7 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   identity["--reset-pose"] = absl::StrJoin(arguments.reset_poses, ";");
   for (const InputObject& object : inputs.objects) identity["model of " + object.id] = Digest(object.model.bytes);
   identity["--camera"] = absolute(arguments.camera);
+  identity["--world-from-camera and --pose"] = Digest(inputs.frame.Description());
   identity["--sensor"] = absolute(arguments.sensor);
   return identity;
 }
@@ -114,8 +115,8 @@ absl::Status SessionRun::Open() {
   }
   kept_pose_seq_ = record_.position.last_pose_seq;
   if (arguments_.out.empty()) return absl::OkStatus();
-  EVPOSE_ASSIGN_OR_RETURN(
-      poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(), resume_ ? &record_.output_bytes : nullptr));
+  EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(), inputs_.frame,
+                                                  resume_ ? &record_.output_bytes : nullptr));
   return absl::OkStatus();
 }
 
@@ -204,6 +205,7 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   report_.recording = arguments_.recording;
   report_.session = arguments_.keeps_session ? record_.position.session : "";
   report_.out = arguments_.out;
+  report_.transform = inputs_.frame.transform();
   report_.files.clear();
   if (!arguments_.out.empty()) {
     for (const auto& [id, path] : PoseFiles::Paths(arguments_.out, inputs_.object_ids())) report_.files.push_back(path);
