@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/cli/commands/calibrate_hand_eye.h"
 #include "client/cli/commands/calibration_picture.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
@@ -39,6 +40,7 @@ struct CalibrateArguments {
   std::string out;
   std::string picture;
   ModelReadingArguments reading;
+  HandEyeArguments hand_eye;
   bool is_json = false;
 };
 
@@ -49,6 +51,11 @@ const std::string& Of(const std::vector<std::string>& values, size_t i) {
 
 absl::Status CheckCounts(const CalibrateArguments& arguments) {
   const size_t wanted = arguments.recordings.size();
+  for (const auto& [option, is_missing] : {std::pair{"--truth", arguments.truths.empty()},
+                                           {"--model", arguments.models.empty()},
+                                           {"--camera", arguments.cameras.empty()}}) {
+    if (is_missing) return UsageError(absl::StrCat(option, " is required, except with --hand-eye"));
+  }
   if (arguments.truths.size() != wanted) {
     return UsageError(absl::StrFormat("--truth is given %d times for %d recordings: one for each, in their order",
                                       arguments.truths.size(), wanted));
@@ -153,6 +160,10 @@ void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
 }
 
 absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
+  if (!arguments.hand_eye.reference.empty()) {
+    if (arguments.recordings.size() != 1) return UsageError("--hand-eye: give one file of evpose's poses");
+    return RunHandEye(arguments.hand_eye, arguments.recordings.front(), arguments.out, arguments.is_json, context);
+  }
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
   SensorCalibrationOptions options;
   if (!arguments.start.empty()) {
@@ -191,12 +202,10 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
 CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<CalibrateArguments>();
   app.add_option("recordings", arguments->recordings, "Prophesee RAW or DAT files of one sensor and lens")->required();
-  app.add_option("--truth", arguments->truths, "Known poses, TUM, on the sensor's clock; one for each recording")
-      ->required();
-  app.add_option("--model", arguments->models, absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"))
-      ->required();
-  app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
-      ->required();
+  app.add_option("--truth", arguments->truths, "Known poses, TUM, on the sensor's clock; one for each recording");
+  app.add_option("--model", arguments->models,
+                 absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"));
+  app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each");
   arguments->reading.AddTo(app);
   app.add_option(
       "--start", arguments->start,
@@ -207,12 +216,16 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
       ->required();
   AddPicture(app, "--picture", arguments->picture,
              "Draw the residuals by speed and by event density, before and after the fit: .png");
+  arguments->hand_eye.AddTo(app);
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "The object should move back and forth, slowly and fast, and have edges of several contrasts. An offset between\n"
       "the clocks of the truth and of the sensor is indistinguishable from latency. Evaluate the profile on "
       "recordings\n"
       "to which it was not fitted.\n\n"
+      "--hand-eye POSES... instead finds the camera on a robot or beside it, from the poses of evpose and those of "
+      "the\n"
+      "robot: turn about two axes at least, with changes of speed for the time offset.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --duration 2 --motion bursts -o cube\n"
       "  evpose calibrate cube/recording.raw --truth cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "
