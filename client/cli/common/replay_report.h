@@ -26,7 +26,8 @@ struct ReplayReport {
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;
-  size_t truncated_bytes = 0;  // incomplete word at the end of the recording
+  size_t truncated_bytes = 0;                       // incomplete word at the end of the recording
+  std::optional<absl::Duration> host_minus_sensor;  // of --clock-log
   bool is_interrupted = false;
   int outages = 0;  // of the connection
   absl::Duration away_for;
@@ -56,6 +57,7 @@ struct ReplayReport {
   double MegaEventsPerSecond() const;
 
   uint64_t ambiguous_poses_ = 0;  // received by this process
+  uint64_t triggers_ = 0;         // received by this process, including those that a notice only counts
   uint64_t decode_faults_ = 0;
   std::string first_decode_fault_;
   std::vector<TrackingRestarted> restarts_;  // one for each server that could not read the state of the tracker

@@ -249,6 +249,9 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
       "Poses: .tum, .csv or .jsonl; the file appears when the run has ended. {object} in the name is replaced by the "
       "ID of each object");
   frame.AddTo(app);
+  AddFile(app, "--clock-log", clock_log,
+          "Write the host's time (UTC) at which chunks of events, poses and triggers arrived, with their sensor times, "
+          "as CSV: relates the sensor's clock to others");
   app.add_option(
          "--estimator", estimator,
          "mixture; for comparison, corrected versions of the published static estimators, and a filter. Those of the "

@@ -28,6 +28,7 @@ struct RunArguments {
   std::string sensor;
   ServerArguments server;
   std::string out;
+  std::string clock_log;  // empty: none
   std::vector<std::string> init_poses;
   std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"
   std::string estimator = "mixture";
