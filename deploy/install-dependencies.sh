@@ -3,7 +3,8 @@
 # Installs the dependencies of evpose from Debian 12's packages.
 #   deploy/install-dependencies.sh            for building and running
 #   deploy/install-dependencies.sh --step     also for evpose-convert-step, which reads STEP and IGES files
-#   deploy/install-dependencies.sh --package  also for making Debian packages, that of evpose-convert-step included
+#   deploy/install-dependencies.sh --hdf5     also for evpose-hdf5, which reads and writes recordings in HDF5
+#   deploy/install-dependencies.sh --package  also for making Debian packages, those of both programs included
 #   deploy/install-dependencies.sh --test     all of these, and for tests and linters
 # Needs root or sudo. Does nothing if everything is installed.
 set -euo pipefail
@@ -11,16 +12,18 @@ set -euo pipefail
 build_packages=(
   g++ cmake ninja-build ccache pkg-config git ca-certificates
   libabsl-dev libassimp-dev libboost-dev libceres-dev libcli11-dev libeigen3-dev libgrpc++-dev libhiredis-dev
-  libmeshoptimizer-dev
+  liblz4-dev libmeshoptimizer-dev
   libopencv-calib3d-dev libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev libopencv-videoio-dev
   libminizip-dev libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
-  libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
+  libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev libzstd-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
+  zlib1g-dev
 )
 # OpenCASCADE: 180 MB with its dependencies.
 step_packages=(libocct-data-exchange-dev libocct-foundation-dev libocct-modeling-algorithms-dev libocct-modeling-data-dev)
-package_packages=("${step_packages[@]}" dpkg-dev file python3)
-test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd)
+hdf5_packages=(libhdf5-dev)
+package_packages=("${step_packages[@]}" "${hdf5_packages[@]}" dpkg-dev file python3)
+test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld openssl python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool
@@ -32,9 +35,10 @@ is_for_tests=false
 case "${1:-}" in
   "") ;;
   --step) wanted+=("${step_packages[@]}") ;;
+  --hdf5) wanted+=("${hdf5_packages[@]}") ;;
   --package) wanted+=("${package_packages[@]}") ;;
   --test) wanted+=("${test_packages[@]}") is_for_tests=true ;;
-  *) echo "usage: $0 [--step | --package | --test]" >&2; exit 2 ;;
+  *) echo "usage: $0 [--step | --hdf5 | --package | --test]" >&2; exit 2 ;;
 esac
 
 # libpcl-dev depends on VTK, Java and Qt, libflann-dev on MPI and HDF5: 3 GB for 12 MB of headers. Only the headers are

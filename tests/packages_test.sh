@@ -32,6 +32,13 @@ if [[ -d $build/client/python/evpose ]]; then
   dpkg-deb --ctrl-tarfile "$package" | tar -t | grep -qx ./postinst || fail "python3-evpose does not compile its modules"
   PYTHONPATH=$work/root/usr/lib/python3/dist-packages /usr/bin/python3 -c 'import evpose; evpose.TrackState' || fail "python3-evpose cannot be imported"
 fi
+# Only where HDF5 is installed.
+if [[ -x $build/client/convert_hdf5/evpose-hdf5 ]]; then
+  package=$(echo "$work"/packages/evpose-hdf5_*.deb)
+  dpkg-deb --extract "$package" "$work/root"
+  [[ $(dpkg-deb --field "$package" Depends) == *libhdf5* ]] || fail "evpose-hdf5 does not name its libraries"
+  "$work/root/usr/bin/evpose-hdf5" --help | grep -q '^Usage: ' || fail "evpose-hdf5 does not run"
+fi
 version=$(dpkg-deb --field "$work"/packages/evpose-server_*.deb Version)
 for program in evpose evpose-server; do
   said=$("$work/root/usr/bin/$program" --version)

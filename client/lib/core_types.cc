@@ -69,7 +69,7 @@ std::optional<PoseEstimator> FromCore(Estimator estimator) {
 
 absl::StatusOr<EventChunk> FromCore(absl::StatusOr<EventChunkBytes> chunk) {
   if (!chunk.ok()) return chunk.status();
-  return EventChunk{std::move(chunk->bytes), chunk->t_last_us};
+  return EventChunk{std::move(chunk->bytes), chunk->t_last_us, {}, chunk->follows_loss};
 }
 
 }  // namespace evpose::client

@@ -1,20 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/model_intake/step_conversion.h"
 
-#include <spawn.h>
-#include <sys/mman.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
-#include <cerrno>
+#include <memory>
 #include <optional>
-#include <system_error>
+#include <vector>
 
-#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/string_view.h"
-#include "absl/strings/strip.h"
-#include "client/model_intake/program_path.h"
+#include "absl/types/span.h"
+#include "client/programs/child_process.h"
+#include "client/programs/program_path.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
@@ -23,64 +17,21 @@ namespace {
 
 constexpr char kConverter[] = "evpose-convert-step";
 
-// A file without a name, in memory, that a child process writes.
-class MemoryFile {
- public:
-  MemoryFile() : descriptor_(memfd_create(kConverter, MFD_CLOEXEC)) {}
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
-  ~MemoryFile() {
-    if (descriptor_ >= 0) close(descriptor_);
-  }
-
-  int descriptor() const { return descriptor_; }
-  std::string Contents() const {
-    std::string contents(static_cast<size_t>(std::max<off_t>(0, lseek(descriptor_, 0, SEEK_END))), '\0');
-    size_t size = 0;
-    while (size < contents.size()) {
-      const ssize_t count =
-          pread(descriptor_, contents.data() + size, contents.size() - size, static_cast<off_t>(size));
-      if (count <= 0) break;
-      size += static_cast<size_t>(count);
-    }
-    contents.resize(size);
-    return contents;
-  }
-
- private:
-  const int descriptor_;
-};
-
-// The last line that is not empty, without the name of the program at its beginning.
-std::string LastLine(absl::string_view text) {
-  text = absl::StripTrailingAsciiWhitespace(text);
-  const size_t end_of_others = text.rfind('\n');
-  if (end_of_others != absl::string_view::npos) text.remove_prefix(end_of_others + 1);
-  absl::ConsumePrefix(&text, absl::StrCat(kConverter, ": "));
-  return std::string(text);
-}
+constexpr size_t kReadBytes = size_t{64} * 1024;
 
 }  // namespace
 
 absl::StatusOr<std::string> RunConverter(const std::string& program, const std::string& path) {
-  const MemoryFile output, errors;
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, output.descriptor(), STDOUT_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, errors.descriptor(), STDERR_FILENO);
-  std::string words[] = {program, path};
-  char* const arguments[] = {words[0].data(), words[1].data(), nullptr};
-  pid_t pid = 0;
-  const int error = posix_spawn(&pid, program.c_str(), &actions, nullptr, arguments, environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (error != 0) {
-    return absl::InternalError(absl::StrCat(program, " cannot be started: ", std::generic_category().message(error)));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<ChildProcess> process, ChildProcess::Start(program, {path}));
+  std::string output;
+  std::vector<uint8_t> buffer(kReadBytes);
+  while (true) {
+    EVPOSE_ASSIGN_OR_RETURN(const size_t count, process->Read(absl::MakeSpan(buffer)));
+    if (count == 0) break;
+    output.append(buffer.begin(), buffer.begin() + static_cast<int64_t>(count));
   }
-  int status = 0;
-  while (waitpid(pid, &status, 0) < 0 && errno == EINTR) continue;
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return output.Contents();
-  if (WIFEXITED(status)) return absl::InvalidArgumentError(LastLine(errors.Contents()));
-  return absl::InternalError(absl::StrCat(program, " was ended by signal ", WTERMSIG(status)));
+  EVPOSE_RETURN_IF_ERROR(process->Wait());
+  return output;
 }
 
 absl::StatusOr<std::string> ConvertStep(const std::string& path) {

@@ -17,7 +17,7 @@ class RunConverterTest : public testing::Test {
  protected:
   // Runs a program in place of evpose-convert-step.
   absl::StatusOr<std::string> Run(const std::string& commands) {
-    const std::string path = directory_.File("converter");
+    const std::string path = directory_.File("evpose-convert-step");
     std::ofstream(path) << "#!/bin/sh\n" << commands << "\n";
     chmod(path.c_str(), 0700);
     return RunConverter(path, "part of a machine.step");

@@ -34,9 +34,14 @@ Chunker::Chunker(RecordingReader& reader, const ChunkerOptions& options)
 absl::StatusOr<EventChunkBytes> Chunker::Next() {
   EVPOSE_RETURN_IF_ERROR(options_.Validate());
   EventChunkBytes chunk;
+  chunk.follows_loss = std::exchange(loss_is_due_, false);
   while (!TakeWords(chunk) && !at_end_) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_more, Refill());
     at_end_ = !has_more;
+    if (!loss_is_due_) continue;
+    if (!chunk.bytes.empty()) break;
+    chunk.follows_loss = true;
+    loss_is_due_ = false;
   }
   scanner_.BeginChunk();
   chunk.t_last_us = scanner_.now_us();
@@ -57,6 +62,11 @@ absl::StatusOr<bool> Chunker::Refill() {
   std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
   end_ -= std::exchange(begin_, 0);
   EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader_.Read(absl::MakeSpan(buffer_).subspan(end_)));
+  if (size > 0 && reader_.follows_loss()) {
+    begin_ = end_;
+    scanner_.ResetAfterLoss();
+    loss_is_due_ = true;
+  }
   end_ += size;
   return size > 0;
 }

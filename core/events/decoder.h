@@ -20,7 +20,7 @@ enum class Encoding {
   kEvt21,   // Prophesee EVT 2.1: 64-bit words
   kEvt2,    // Prophesee EVT 2.0: 32-bit words
   kDat,     // Prophesee DAT, 2D events of 8 bytes (after the file's two binary header bytes)
-  kFlat64,  // other sources: 64-bit words, from the highest bit t_us:32 | x:14 | y:14 | 0:3 | p:1
+  kFlat64,  // other sources: 64-bit words, from the highest bit t_us:32 | x:14 | y:14 | 0:2 | trigger:1 | p:1
 };
 
 inline constexpr size_t kNumEncodings = static_cast<size_t>(Encoding::kFlat64) + 1;
@@ -41,14 +41,15 @@ struct DecodeCounts {
   uint64_t broken_vectors = 0;          // vector words without a base, and incomplete triples
   uint64_t time_backsteps = 0;          // times that stepped back, wraps of the clock excepted
   uint64_t clock_wraps = 0;
+  uint64_t padding_words = 0;  // EVT3 0x9999, with which cameras fill buffers
 
   uint64_t dropped_events() const { return dropped_before_time + dropped_outside_sensor; }
   uint64_t invalid_words() const { return unknown_words + broken_vectors; }
 
   friend bool operator==(const DecodeCounts&, const DecodeCounts&) = default;
   static void VisitState(auto& archive, auto& self) {
-    auto& [cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps] = self;
-    archive(cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps);
+    auto& [cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps, padding] = self;
+    archive(cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps, padding);
   }
 };
 

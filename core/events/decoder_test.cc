@@ -55,6 +55,12 @@ TEST(Evt3DecoderTest, LegalWordsThatHoldNoEventsAreNotUnknown) {
   EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 2}));
 }
 
+TEST(Evt3DecoderTest, PaddingIsCountedApartFromUnknownWords) {
+  const Decoded decoded = DecodeEvt3(
+      {Evt3(9, 0x999), Evt3(8, 0), Evt3(6, 1), Evt3(0, 2), Evt3(9, 0x999), Evt3(2, 3), Evt3(9, 0x998), Evt3(9, 0x999)});
+  EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 1, .unknown_words = 1, .padding_words = 3}));
+}
+
 TEST(Evt3DecoderTest, ReservedWordsAreCountedAndSkipped) {
   const Decoded decoded =
       DecodeEvt3({Evt3(8, 1), Evt3(0, 1), Evt3(9, 1), Evt3(0xb, 1), Evt3(0xc, 1), Evt3(0xd, 1), Evt3(2, 5)});
@@ -228,10 +234,19 @@ uint64_t Flat64(uint32_t t, uint32_t x, uint32_t y, uint32_t low) {
 
 TEST(Flat64DecoderTest, EventsReservedBitsAndEdges) {
   const Decoded decoded = DecodeAll(Encoding::kFlat64, {10000, 9000},
-                                    BytesOf<uint64_t>({Flat64(7, 9999, 8999, 1), Flat64(8, 0, 0, 0), Flat64(9, 0, 0, 2),
+                                    BytesOf<uint64_t>({Flat64(7, 9999, 8999, 1), Flat64(8, 0, 0, 0), Flat64(9, 0, 0, 4),
                                                        Flat64(10, 10000, 0, 0), Flat64(11, 0, 9000, 0)}));
   EXPECT_THAT(decoded.out.events, ElementsAre(Event{7, 9999, 8999, 1}, Event{8, 0, 0, 0}));
   EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 2, .dropped_outside_sensor = 2, .unknown_words = 1}));
+}
+
+TEST(Flat64DecoderTest, Triggers) {
+  const Decoded decoded =
+      DecodeAll(Encoding::kFlat64, kVga,
+                BytesOf<uint64_t>({Flat64(7, 3, 0, 3), Flat64(8, 1, 2, 1), Flat64(9, 255, 0, 2), Flat64(10, 256, 0, 2),
+                                   Flat64(11, 0, 1, 2), Flat64(12, 0, 0, 6)}));
+  EXPECT_THAT(decoded.out.triggers, ElementsAre(Trigger{7, 3, 1}, Trigger{9, 255, 0}));
+  EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 1, .triggers = 2, .unknown_words = 3}));
 }
 
 TEST(Flat64DecoderTest, ClockUnwrapsAndLateWordsStayLate) {

@@ -22,10 +22,8 @@ absl::StatusOr<std::unique_ptr<EventEncoder>> MakeEventEncoder(Encoding encoding
   EVPOSE_RETURN_IF_ERROR(ValidateGeometry(encoding, geometry));
   // Indexed by Encoding.
   static constexpr std::array<std::unique_ptr<EventEncoder> (*)(SensorGeometry), kNumEncodings> kMakers = {
-      MakeEvt3Encoder, MakeEvt21Encoder, MakeEvt2Encoder, nullptr, MakeFlat64Encoder};
-  const auto make = kMakers[static_cast<size_t>(encoding)];
-  if (make == nullptr) return absl::UnimplementedError("DAT can only be read; write EVT3, EVT2.1, EVT2 or FLAT64");
-  return make(geometry);
+      MakeEvt3Encoder, MakeEvt21Encoder, MakeEvt2Encoder, MakeDatEncoder, MakeFlat64Encoder};
+  return kMakers[static_cast<size_t>(encoding)](geometry);
 }
 
 absl::Status WordEncoder::Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) {
@@ -38,18 +36,35 @@ absl::Status WordEncoder::Encode(absl::Span<const Event> events, std::vector<uin
 }
 
 absl::Status WordEncoder::EncodeTime(int64_t t_us, std::vector<uint8_t>& out) {
+  if (!limits_.has_time_words) return absl::OkStatus();
   EVPOSE_RETURN_IF_ERROR(CheckOrder(std::nullopt, t_us, last_us_));
-  if (limits_.has_time_words) {
-    EVPOSE_RETURN_IF_ERROR(CheckGap(std::nullopt, t_us, last_written_us_));
-    EncodeCheckedTime(t_us, out);
-    last_written_us_ = t_us;
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckGap(std::nullopt, t_us, last_written_us_));
+  EncodeCheckedTime(t_us, out);
+  last_written_us_ = t_us;
   last_us_ = t_us;
   return absl::OkStatus();
 }
 
-absl::Status WordEncoder::CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us) {
-  if (t_us >= previous_us && t_us >= 0) return absl::OkStatus();
+absl::Status WordEncoder::EncodeTrigger(const Trigger& trigger, std::vector<uint8_t>& out) {
+  if (limits_.num_trigger_inputs == 0) {
+    return absl::UnimplementedError("the encoding has no triggers; EVT3, EVT2.1, EVT2 and FLAT64 have them");
+  }
+  if (trigger.id >= limits_.num_trigger_inputs || trigger.polarity > 1) {
+    return absl::InvalidArgumentError(absl::StrCat("a trigger of input ", trigger.id, " and polarity ",
+                                                   trigger.polarity, " does not fit the encoding, which has ",
+                                                   limits_.num_trigger_inputs, " inputs"));
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckOrder(std::nullopt, trigger.t_us, last_us_));
+  EVPOSE_RETURN_IF_ERROR(CheckGap(std::nullopt, trigger.t_us, last_written_us_));
+  EncodeCheckedTrigger(trigger, out);
+  last_us_ = trigger.t_us;
+  last_written_us_ = trigger.t_us;
+  return absl::OkStatus();
+}
+
+absl::Status WordEncoder::CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const {
+  const bool is_ordered = t_us >= previous_us || !limits_.has_time_words;
+  if (is_ordered && t_us >= 0) return absl::OkStatus();
   if (t_us < 0) {
     return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us; it must not be negative"));
   }
@@ -61,7 +76,7 @@ absl::Status WordEncoder::CheckGap(std::optional<size_t> event, int64_t t_us, in
   const bool is_first = previous_us < 0;
   const int64_t gap_us = is_first ? t_us : t_us - previous_us;
   const int64_t max_us = is_first ? limits_.max_first_us : limits_.max_gap_us;
-  if (gap_us <= max_us) return absl::OkStatus();
+  if (gap_us >= -max_us && gap_us <= max_us) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat(TimeOf(event), " is ", t_us, " us, ", gap_us, " us after ",
                                                  is_first ? "the zero of the clock" : "the last written time",
                                                  "; at most ", max_us, " us can be encoded"));

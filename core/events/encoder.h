@@ -18,17 +18,21 @@ class EventEncoder {
  public:
   virtual ~EventEncoder() = default;
 
-  // Appends the words of `events` to `out`. Times must not be negative and must not decrease, also across calls; the
-  // clock wraps like the sensor's. Errors: INVALID_ARGUMENT with the index of the first event with an invalid time,
-  // address or polarity; nothing is appended then.
+  // Appends the words of `events` to `out`. Times must not be negative. They must not decrease, also across calls,
+  // except in FLAT64 and DAT, whose words have whole times. The clock wraps like the sensor's. Errors: INVALID_ARGUMENT
+  // with the index of the first event with an invalid time, address or polarity; nothing is appended then.
   virtual absl::Status Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) = 0;
 
-  // Appends the time words that a camera sends while there are no events, up to `t_us`. FLAT64 has none: only the order
-  // of times is checked.
+  // Appends the time words that a camera sends while there are no events, up to `t_us`. FLAT64 and DAT have none: the
+  // call does nothing.
   virtual absl::Status EncodeTime(int64_t t_us, std::vector<uint8_t>& out) = 0;
+
+  // Appends an edge of a trigger input; its time obeys the rules for times of events. Errors: as for Encode(), also for
+  // an input that the encoding has no number for; UNIMPLEMENTED for DAT, which has no triggers.
+  virtual absl::Status EncodeTrigger(const Trigger& trigger, std::vector<uint8_t>& out) = 0;
 };
 
-// Creates an encoder for EVT3, EVT2.1, EVT2 or FLAT64. Errors: UNIMPLEMENTED for DAT; those of ValidateGeometry().
+// Errors: those of ValidateGeometry().
 absl::StatusOr<std::unique_ptr<EventEncoder>> MakeEventEncoder(Encoding encoding, SensorGeometry geometry);
 
 }  // namespace evpose

@@ -51,7 +51,7 @@ class RoundTripTest : public testing::TestWithParam<RoundTripCase> {};
 
 TEST_P(RoundTripTest, EventsAreUnchanged) {
   const auto [encoding, geometry] = GetParam();
-  const bool is_flat = encoding == Encoding::kFlat64;
+  const bool is_flat = encoding == Encoding::kFlat64 || encoding == Encoding::kDat;
   Random random(static_cast<uint64_t>(geometry.width_px));
   // Short pauses, and pauses that pass several wraps of the 24-bit clock; starts before and after wraps.
   for (const int64_t max_gap_us : {int64_t{2000}, int64_t{100000000}, int64_t{2000000000}}) {
@@ -93,7 +93,7 @@ TEST_P(RoundTripTest, TimeWordsAdvanceTheTime) {
   }
   const Decoded decoded = DecodeAll(encoding, geometry, bytes);
   EXPECT_THAT(decoded.out.events, ::testing::ElementsAreArray(events));
-  if (encoding == Encoding::kFlat64) {
+  if (encoding == Encoding::kFlat64 || encoding == Encoding::kDat) {
     EXPECT_THAT(decoded.out.time_marks, IsEmpty());
     return;
   }
@@ -103,7 +103,8 @@ TEST_P(RoundTripTest, TimeWordsAdvanceTheTime) {
 
 std::vector<RoundTripCase> RoundTripCases() {
   std::vector<RoundTripCase> cases;
-  for (const Encoding encoding : {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64}) {
+  for (const Encoding encoding :
+       {Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kDat, Encoding::kFlat64}) {
     for (const SensorGeometry geometry : {SensorGeometry{1, 1},
                                           {31, 7},
                                           {33, 1},
@@ -168,7 +169,6 @@ TEST_P(EncoderErrorTest, NamesTheFirstWrongEventAndWritesNothing) {
   };
   const std::vector<Case> cases = {
       {{{-1, 0, 0, 0}}, "the time of event 0 is -1 us; it must not be negative"},
-      {{{5, 0, 0, 0}, {4, 0, 0, 0}}, "the time of event 1 is 4 us after 5 us"},
       {{{5, 639, 479, 1}, {5, 640, 0, 0}}, "event 1 at x 640, y 0 lies outside the sensor of 640x480 pixels"},
       {{{5, 0, 480, 0}}, "event 0 at x 0, y 480 lies outside"},
       {{{5, 0, 0, 2}}, "event 0 has polarity 2; it must be 0 or 1"},
@@ -185,10 +185,13 @@ TEST_P(EncoderErrorTest, NamesTheFirstWrongEventAndWritesNothing) {
 }
 
 TEST_P(EncoderErrorTest, TimesMustNotDecreaseAcrossCalls) {
+  if (GetParam() == Encoding::kDat || GetParam() == Encoding::kFlat64) return;  // see FullAddressEncoderTest
   const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
   std::vector<uint8_t> bytes;
   const Event event{1000, 0, 0, 0};
   ASSERT_TRUE(encoder->Encode({&event, 1}, bytes).ok());
+  const std::vector<Event> step_back = {{1005, 0, 0, 0}, {1004, 0, 0, 0}};
+  EXPECT_THAT(encoder->Encode(step_back, bytes).message(), HasSubstr("the time of event 1 is 1004 us after 1005 us"));
   EXPECT_THAT(encoder->EncodeTime(999, bytes).message(), HasSubstr("the time is 999 us after 1000 us"));
   ASSERT_TRUE(encoder->EncodeTime(2000, bytes).ok());
   const size_t size = bytes.size();
@@ -197,21 +200,79 @@ TEST_P(EncoderErrorTest, TimesMustNotDecreaseAcrossCalls) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Encodings, EncoderErrorTest,
+                         testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kDat,
+                                         Encoding::kFlat64));
+
+class TriggerEncoderTest : public testing::TestWithParam<Encoding> {};
+
+TEST_P(TriggerEncoderTest, TriggersAmongEventsKeepTheirTimesAndOrder) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
+  std::vector<uint8_t> bytes;
+  const std::vector<Event> events = {{20'000'005, 1, 2, 1}, {20'000'005, 3, 2, 1}, {20'005'000, 1, 2, 0}};
+  const std::vector<Trigger> triggers = {
+      {20'000'001, 0, 1}, {20'000'005, 15, 0}, {20'004'100, 3, 1}, {500'000'000, 0, 0}};
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[0], bytes).ok());
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).first(2), bytes).ok());
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[1], bytes).ok());
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[2], bytes).ok());
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).last(1), bytes).ok());
+  ASSERT_TRUE(encoder->EncodeTrigger(triggers[3], bytes).ok());
+  const Decoded decoded = DecodeAll(GetParam(), kVga, bytes);
+  EXPECT_THAT(decoded.out.events, ::testing::ElementsAreArray(events));
+  EXPECT_THAT(decoded.out.triggers, ::testing::ElementsAreArray(triggers));
+  EXPECT_EQ(decoded.counts.invalid_words(), 0);
+}
+
+TEST_P(TriggerEncoderTest, ErrorsWriteNothing) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
+  std::vector<uint8_t> bytes;
+  EXPECT_THAT(encoder->EncodeTrigger({5, 0, 2}, bytes).message(), HasSubstr("polarity 2 does not fit"));
+  EXPECT_THAT(encoder->EncodeTrigger({-1, 0, 0}, bytes).message(), HasSubstr("must not be negative"));
+  EXPECT_THAT(encoder->EncodeTrigger({int64_t{1} << 50, 0, 0}, bytes).message(), HasSubstr("can be encoded"));
+  EXPECT_THAT(bytes, IsEmpty());
+}
+
+INSTANTIATE_TEST_SUITE_P(Encodings, TriggerEncoderTest,
                          testing::Values(Encoding::kEvt3, Encoding::kEvt21, Encoding::kEvt2, Encoding::kFlat64));
 
-TEST(Flat64EncoderTest, GapsBeyondHalfTheClockAreErrors) {
-  const auto encoder = MakeEventEncoder(Encoding::kFlat64, kVga).value();
+TEST(EncoderTest, InputsAndEncodingsWithoutTriggersAreErrors) {
+  std::vector<uint8_t> bytes;
+  EXPECT_THAT(MakeEventEncoder(Encoding::kEvt3, kVga).value()->EncodeTrigger({5, 16, 0}, bytes).message(),
+              HasSubstr("a trigger of input 16 and polarity 0 does not fit the encoding, which has 16 inputs"));
+  EXPECT_EQ(MakeEventEncoder(Encoding::kDat, kVga).value()->EncodeTrigger({5, 0, 0}, bytes).code(),
+            absl::StatusCode::kUnimplemented);
+  EXPECT_THAT(bytes, IsEmpty());
+}
+
+class FullAddressEncoderTest : public testing::TestWithParam<Encoding> {};
+
+TEST_P(FullAddressEncoderTest, TimesMayStepBack) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
+  std::vector<uint8_t> bytes;
+  const std::vector<Event> events = {{5000, 1, 2, 1}, {4000, 3, 4, 0}, {4000000000, 5, 6, 1}, {3999999999, 7, 8, 0}};
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).first(2), bytes).ok());
+  const Event middle{2000000000, 9, 9, 1};
+  ASSERT_TRUE(encoder->Encode({&middle, 1}, bytes).ok());
+  ASSERT_TRUE(encoder->Encode(absl::MakeConstSpan(events).last(2), bytes).ok());
+  const Decoded decoded = DecodeAll(GetParam(), kVga, bytes);
+  EXPECT_THAT(decoded.out.events, ::testing::ElementsAre(events[0], events[1], middle, events[2], events[3]));
+  EXPECT_EQ(decoded.counts.time_backsteps, 2);
+}
+
+TEST_P(FullAddressEncoderTest, GapsBeyondHalfTheClockAreErrors) {
+  const auto encoder = MakeEventEncoder(GetParam(), kVga).value();
   std::vector<uint8_t> bytes;
   Event event{(int64_t{1} << 32) - 1, 0, 0, 0};
   ASSERT_TRUE(encoder->Encode({&event, 1}, bytes).ok());
-  // FLAT64 has no time words, so that EncodeTime() does not shorten the gap.
+  // There are no time words, so that EncodeTime() does not shorten the gap.
   ASSERT_TRUE(encoder->EncodeTime(event.t_us + 2000000000, bytes).ok());
   event.t_us += 2200000000;
   EXPECT_THAT(encoder->Encode({&event, 1}, bytes).message(), HasSubstr("at most 2147483647 us can be encoded"));
 }
 
-TEST(EncoderTest, DatIsReadOnlyAndGeometriesAreChecked) {
-  EXPECT_EQ(MakeEventEncoder(Encoding::kDat, kVga).status().code(), absl::StatusCode::kUnimplemented);
+INSTANTIATE_TEST_SUITE_P(Encodings, FullAddressEncoderTest, testing::Values(Encoding::kDat, Encoding::kFlat64));
+
+TEST(EncoderTest, GeometriesAreChecked) {
   EXPECT_EQ(MakeEventEncoder(Encoding::kEvt3, {4096, 720}).status().code(), absl::StatusCode::kInvalidArgument);
 }
 

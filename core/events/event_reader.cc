@@ -20,6 +20,8 @@ absl::StatusOr<bool> EventReader::Next() {
   EVPOSE_ASSIGN_OR_RETURN(const size_t size, recording_->Read(absl::MakeSpan(piece_)));
   if (size == 0) return false;
   data_bytes_ += size;
+  first_time_.Add(absl::MakeConstSpan(piece_).first(size));
+  if (recording_->follows_loss()) decoder_->ResetAfterLoss();
   decoder_->Decode(absl::MakeConstSpan(piece_).first(size), decoded_);
   return true;
 }

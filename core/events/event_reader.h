@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "core/events/decoder.h"
 #include "core/events/event.h"
+#include "core/events/first_time_word.h"
 #include "core/events/recording_reader.h"
 
 namespace evpose {
@@ -31,16 +32,22 @@ class EventReader {
   absl::StatusOr<bool> Next();
   const DecodedEvents& decoded() const { return decoded_; }
 
+  // The time of FirstTimeWord; 0 if there was none so far.
+  int64_t metavision_zero_us() const { return first_time_.t_us().value_or(0); }
   uint64_t data_bytes() const { return data_bytes_; }  // bytes read after the header
   const DecodeCounts& counts() const { return decoder_->counts(); }
   int pending_bytes() const { return decoder_->pending_bytes(); }  // bytes of an unfinished word
 
  private:
   EventReader(RecordingReader& recording, std::unique_ptr<EventDecoder> decoder, size_t max_piece_bytes)
-      : recording_(&recording), decoder_(std::move(decoder)), piece_(max_piece_bytes) {}
+      : recording_(&recording),
+        decoder_(std::move(decoder)),
+        first_time_(recording.header().encoding),
+        piece_(max_piece_bytes) {}
 
   RecordingReader* recording_;
   std::unique_ptr<EventDecoder> decoder_;
+  FirstTimeWord first_time_;
   std::vector<uint8_t> piece_;
   DecodedEvents decoded_;
   uint64_t data_bytes_ = 0;

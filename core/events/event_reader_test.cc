@@ -5,7 +5,12 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
+
+#include "core/events/encoder.h"
 
 namespace evpose {
 namespace {
@@ -86,6 +91,59 @@ TEST(EventReaderTest, ReportsAFailedRead) {
   ASSERT_TRUE(reader.ok()) << reader.status();
   EXPECT_TRUE(reader->Next().value());
   EXPECT_EQ(reader->Next().status().message(), "broken disk");
+}
+
+// EVT3 whose bytes are lost before some reads.
+class LossyRecording : public RecordingReader {
+ public:
+  explicit LossyRecording(std::vector<std::string> parts) : parts_(std::move(parts)) { header_.geometry = {640, 480}; }
+
+  const RecordingHeader& header() const override { return header_; }
+  absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
+    if (part_ == parts_.size()) return 0;
+    follows_loss_ = part_ > 0;
+    return parts_[part_++].copy(reinterpret_cast<char*>(buffer.data()), buffer.size());
+  }
+  int64_t data_size_bytes() const override { return -1; }
+  bool follows_loss() const override { return follows_loss_; }
+
+ private:
+  RecordingHeader header_;
+  const std::vector<std::string> parts_;
+  size_t part_ = 0;
+  bool follows_loss_ = false;
+};
+
+TEST(EventReaderTest, WaitsForATimeAfterALossAndKnowsTheFirstTimeWord) {
+  // TIME_HIGH 5, TIME_LOW 1, row 2, an event; then an event without a time, and a whole one.
+  const std::string whole("\x05\x80\x01\x60\x02\x00\x03\x20", 8);
+  LossyRecording recording({whole + "\x02", std::string("\x09\x20", 2) + whole});
+  auto reader = EventReader::Make(recording).value();
+  EXPECT_EQ(reader.metavision_zero_us(), 0);
+  ASSERT_TRUE(reader.Next().value());
+  EXPECT_EQ(reader.metavision_zero_us(), 5 * 4096);
+  EXPECT_EQ(reader.pending_bytes(), 1);
+  ASSERT_TRUE(reader.Next().value());
+  ASSERT_EQ(reader.decoded().events.size(), 1u);
+  EXPECT_EQ(reader.decoded().events[0], (Event{5 * 4096 + 1, 3, 2, 0}));
+  EXPECT_EQ(reader.counts().dropped_before_time, 1u);
+  EXPECT_FALSE(reader.Next().value());
+}
+
+TEST(FirstTimeWordTest, IsThatOfEachEncodingForAnyCuts) {
+  const std::vector<Event> events = {{70000, 1, 2, 1}, {90000, 3, 4, 0}};
+  for (const auto& [encoding, expected_us] : {std::pair{Encoding::kEvt3, 69632},
+                                              {Encoding::kEvt2, 69952},
+                                              {Encoding::kEvt21, 69952},
+                                              {Encoding::kDat, 0},
+                                              {Encoding::kFlat64, 0}}) {
+    std::vector<uint8_t> bytes = {};
+    ASSERT_TRUE(MakeEventEncoder(encoding, {640, 480}).value()->Encode(events, bytes).ok());
+    FirstTimeWord first(encoding);
+    for (const uint8_t byte : bytes) first.Add({&byte, 1});
+    EXPECT_EQ(first.t_us(), expected_us) << EncodingName(encoding);
+  }
+  EXPECT_EQ(FirstTimeWord(Encoding::kEvt3).t_us(), std::nullopt);
 }
 
 }  // namespace

@@ -23,6 +23,7 @@ namespace {
 // Cameras write less than 1 KiB; the limit bounds the search for the end in a file that is not a recording.
 constexpr size_t kMaxHeaderBytes = size_t{64} * 1024;
 constexpr size_t kDatBinaryBytes = 2;
+constexpr std::string_view kDatCdType("\x0c\x08", kDatBinaryBytes);  // CD events of 8 bytes
 
 struct Line {
   int number;              // from 1
@@ -138,6 +139,7 @@ class HeaderReader {
   }
 
   Encoding encoding() const { return encoding_->value; }
+  int64_t time_offset_us() const { return time_offset_us_; }
   bool geometry_is_stated() const { return width_.has_value(); }
   bool geometry_is_known() const { return width_.has_value() || NamedSensor().has_value(); }
 
@@ -173,6 +175,9 @@ class HeaderReader {
     if (key == "geometry") return ReadGeometry(value, line.number);
     if (key == "width") return SetSize("width", value, line.number, width_);
     if (key == "height") return SetSize("height", value, line.number, height_);
+    if (key == "time_offset_us" && !absl::SimpleAtoi(value, &time_offset_us_)) {
+      return LineError(line.number, absl::StrCat("the time offset '", value, "' is not a number of microseconds"));
+    }
     if (key == "version") version_ = {std::string(value), line.number};
     if (key == "endianness") word_order_ = {std::string(value), line.number};
     if (key == "plugin_name") plugin_ = SensorOfName(value);
@@ -269,6 +274,7 @@ class HeaderReader {
   std::optional<SensorGeometry> sensor_name_;
   std::optional<SensorGeometry> generation_;
   std::optional<SensorGeometry> system_id_;
+  int64_t time_offset_us_ = 0;
 };
 
 // Checks the two bytes after the text of a DAT header: type and size of the events.
@@ -303,6 +309,7 @@ absl::StatusOr<std::optional<RecordingHeader>> ParseRecordingHeader(std::string_
   EVPOSE_ASSIGN_OR_RETURN(header.geometry, reader.Geometry());
   header.geometry_is_stated = reader.geometry_is_stated();
   header.geometry_is_known = reader.geometry_is_known();
+  header.time_offset_us = reader.time_offset_us();
   header.size_bytes = lines.size_bytes;
   header.text = std::string(bytes.substr(0, lines.size_bytes));
   if (header.encoding == Encoding::kDat) {
@@ -316,9 +323,14 @@ absl::StatusOr<std::optional<RecordingHeader>> ParseRecordingHeader(std::string_
   return header;
 }
 
-std::string MakeRawHeader(Encoding encoding, SensorGeometry geometry) {
+std::string MakeRawHeader(Encoding encoding, SensorGeometry geometry, int64_t time_offset_us) {
   const int width = geometry.width_px;
   const int height = geometry.height_px;
+  const std::string offset = time_offset_us == 0 ? "" : absl::StrCat("% time_offset_us ", time_offset_us, "\n");
+  if (encoding == Encoding::kDat) {
+    return absl::StrCat("% Data file containing CD events.\n% Version 2\n", offset, "% Height ", height, "\n% Width ",
+                        width, "\n", std::string(kDatCdType));
+  }
   std::string name(EncodingName(encoding));
   std::string evt;
   std::string order;
@@ -331,7 +343,7 @@ std::string MakeRawHeader(Encoding encoding, SensorGeometry geometry) {
   }
   // The lines that readers need, in the order of a camera, but none that name a camera: there was none.
   return absl::StrCat(order, evt, "% format ", name, ";height=", height, ";width=", width, "\n% geometry ", width, "x",
-                      height, "\n% end\n");
+                      height, "\n", offset, "% end\n");
 }
 
 }  // namespace evpose

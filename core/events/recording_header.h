@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -21,6 +22,11 @@ struct RecordingHeader {
   bool geometry_is_known = false;   // false: the default of the encoding
   size_t size_bytes = 0;            // offset of the first data byte
   std::string text;                 // as in the file, without the binary part
+  // The format of a file that is neither RAW nor DAT ("CSV"); empty for these.
+  std::string container;
+  // Time on the recording's original clock at time 0 of the events, microseconds: where times since 1970 were shifted
+  // to the first event, the time of that event.
+  int64_t time_offset_us = 0;
 };
 
 // Parses the header at the start of `prefix`; nullopt if the header may continue beyond `prefix` and `is_whole_file` is
@@ -28,7 +34,8 @@ struct RecordingHeader {
 // if no line states a format.
 absl::StatusOr<std::optional<RecordingHeader>> ParseRecordingHeader(std::string_view prefix, bool is_whole_file);
 
-// The header of a recording that this project writes: the lines of an EVK4 that readers need.
-std::string MakeRawHeader(Encoding encoding, SensorGeometry geometry);
+// The header of a recording that this project writes: the lines of an EVK4 that readers need, and a line
+// "% time_offset_us N" unless the offset is 0. For DAT also its two binary bytes.
+std::string MakeRawHeader(Encoding encoding, SensorGeometry geometry, int64_t time_offset_us = 0);
 
 }  // namespace evpose

@@ -4,24 +4,22 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/events/byte_source.h"
 #include "core/events/recording_header.h"
 #include "core/events/time_scanner.h"
 
 namespace evpose {
 
-struct RecordingReaderOptions {
-  // Whether to wait at the end of the file for more bytes until `stop` returns true. A pipe ends when its writer closes
-  // it.
-  bool follow = false;
-  // Called before every wait, about 100 times a second while no bytes arrive; true ends the reading without an error.
-  std::function<bool()> stop;
+// Parts of a recording that its reader left out, of one kind.
+struct SkippedParts {
+  std::string what;  // in the plural: "lines that cannot be read"
+  uint64_t count = 0;
 };
 
 class RecordingReader {
@@ -35,6 +33,8 @@ class RecordingReader {
   // The same for an open descriptor (a pipe, a socket), which the reader closes; `name` replaces the path in errors.
   static absl::StatusOr<std::unique_ptr<RecordingReader>> OpenDescriptor(int descriptor, const std::string& name,
                                                                          const RecordingReaderOptions& options = {});
+  // The same for bytes of which nothing has been read yet.
+  static absl::StatusOr<std::unique_ptr<RecordingReader>> FromBytes(std::unique_ptr<ByteSource> source);
   virtual ~RecordingReader() = default;
 
   virtual const RecordingHeader& header() const = 0;
@@ -46,12 +46,19 @@ class RecordingReader {
 
   // Size of the data after the header; -1 if unknown (standard input, a growing file).
   virtual int64_t data_size_bytes() const = 0;
+
+  // Whether bytes were lost just before those of the last Read(), so that a decoder has to wait for a full time stamp.
+  virtual bool follows_loss() const { return false; }
+
+  // What was left out so far: the damaged parts, and those that are not events. RAW and DAT leave out nothing.
+  virtual std::vector<SkippedParts> skipped() const { return {}; }
 };
 
 // A piece of a recording that consists of whole words.
 struct EventChunkBytes {
   std::vector<uint8_t> bytes;
-  int64_t t_last_us = -1;  // unwrapped sensor time at its end; -1 before the first time word
+  int64_t t_last_us = -1;     // unwrapped sensor time at its end; -1 before the first time word
+  bool follows_loss = false;  // bytes were lost before it
 };
 
 struct ChunkerOptions {
@@ -65,7 +72,7 @@ struct ChunkerOptions {
 // Cuts a recording into chunks of whole words that end by sensor time or size, whichever comes first. Interprets the
 // time words only and leaves the bytes unchanged. The cuts depend on the recording and the options, not on the sizes of
 // the reads. The time word that ends a chunk is its last word, so that the receiver of a live stream learns of the time
-// without delay.
+// without delay. Where bytes were lost a chunk ends, and the unfinished word before the loss is discarded.
 class Chunker {
  public:
   Chunker(RecordingReader& reader, const ChunkerOptions& options);
@@ -91,6 +98,7 @@ class Chunker {
   size_t begin_ = 0;  // of the bytes that belong to no chunk yet
   size_t end_ = 0;
   bool at_end_ = false;
+  bool loss_is_due_ = false;  // the next chunk follows a loss
 };
 
 }  // namespace evpose

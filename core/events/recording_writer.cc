@@ -8,13 +8,14 @@
 namespace evpose {
 
 absl::StatusOr<std::unique_ptr<RecordingWriter>> RecordingWriter::Create(const std::string& path, Encoding encoding,
-                                                                         SensorGeometry geometry) {
+                                                                         SensorGeometry geometry,
+                                                                         int64_t time_offset_us) {
   auto encoder = MakeEventEncoder(encoding, geometry);
   if (!encoder.ok()) {
     return absl::Status(encoder.status().code(), absl::StrCat(path, ": ", encoder.status().message()));
   }
   EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Create(path));
-  EVPOSE_RETURN_IF_ERROR(file.Append(MakeRawHeader(encoding, geometry)));
+  EVPOSE_RETURN_IF_ERROR(file.Append(MakeRawHeader(encoding, geometry, time_offset_us)));
   return std::unique_ptr<RecordingWriter>(new RecordingWriter(path, std::move(file), *std::move(encoder)));
 }
 
@@ -26,6 +27,11 @@ absl::Status RecordingWriter::Write(absl::Span<const Event> events) {
 absl::Status RecordingWriter::WriteTime(int64_t t_us) {
   EVPOSE_RETURN_IF_ERROR(CheckOpen());
   return Flush(encoder_->EncodeTime(t_us, bytes_));
+}
+
+absl::Status RecordingWriter::WriteTrigger(const Trigger& trigger) {
+  EVPOSE_RETURN_IF_ERROR(CheckOpen());
+  return Flush(encoder_->EncodeTrigger(trigger, bytes_));
 }
 
 absl::Status RecordingWriter::Close() {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Writes RAW recordings.
+// Writes RAW and DAT recordings.
 #pragma once
 
 #include <cstdint>
@@ -22,12 +22,14 @@ namespace evpose {
 class RecordingWriter {
  public:
   // Errors have the path: NOT_FOUND for a missing directory, PERMISSION_DENIED, INVALID_ARGUMENT for a directory or a
-  // geometry that the encoding cannot address, UNIMPLEMENTED for DAT.
+  // geometry that the encoding cannot address. `time_offset_us`: see RecordingHeader.
   static absl::StatusOr<std::unique_ptr<RecordingWriter>> Create(const std::string& path, Encoding encoding,
-                                                                 SensorGeometry geometry);
-  // EventEncoder::Encode() and EncodeTime(), with the path in errors. A call with an error writes nothing.
+                                                                 SensorGeometry geometry, int64_t time_offset_us = 0);
+  // EventEncoder::Encode(), EncodeTime() and EncodeTrigger(), with the path in errors. A call with an error writes
+  // nothing.
   absl::Status Write(absl::Span<const Event> events);
   absl::Status WriteTime(int64_t t_us);
+  absl::Status WriteTrigger(const Trigger& trigger);
   // Completes the file; the last call. Errors: delayed write errors, a full disk in particular; then there is no file
   // under `path`.
   absl::Status Close();

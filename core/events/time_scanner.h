@@ -27,6 +27,9 @@ class TimeScanner {
   // Ends the chunk; the next one begins at the current time.
   void BeginChunk() { chunk_start_us_ = now_us_; }
 
+  // Bytes were lost before the next word.
+  void ResetAfterLoss() { vector_words_to_skip_ = 0; }
+
   // The current time, equal to that of a decoder of the same words; -1 before the first time word.
   int64_t now_us() const { return now_us_; }
 
@@ -39,7 +42,7 @@ class TimeScanner {
   // Sets the current time; true if the chunk has reached its duration.
   bool AdvanceTo(int64_t now_us, int64_t max_duration_us);
 
-  const Encoding encoding_;
+  Encoding encoding_;
   Evt3Clock evt3_clock_;
   Evt2Clock evt2_clock_;
   Clock32 clock32_;

@@ -15,6 +15,7 @@
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/progress.h"
+#include "client/cli/common/recording_input.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -81,9 +82,7 @@ absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, 
   EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
   if (truth.size() < 2)
     return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
-  EVPOSE_ASSIGN_OR_RETURN(input.reader, RecordingReader::Open(arguments.recordings[i]));
-  EVPOSE_RETURN_IF_ERROR(
-      CheckCameraMatches(camera, Of(arguments.cameras, i), input.reader->header(), arguments.recordings[i]));
+  EVPOSE_ASSIGN_OR_RETURN(input.reader, OpenSeenBy(camera, Of(arguments.cameras, i), arguments.recordings[i]));
   EVPOSE_ASSIGN_OR_RETURN(input.collector, EdgePassageCollector::Create(std::make_shared<ObjectModel>(std::move(model)),
                                                                         camera, std::move(truth)));
   return input;
@@ -201,7 +200,9 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
 
 CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<CalibrateArguments>();
-  app.add_option("recordings", arguments->recordings, "Prophesee RAW or DAT files of one sensor and lens")->required();
+  app.add_option("recordings", arguments->recordings,
+                 absl::StrCat("Recordings of one sensor and lens: ", kRecordingFormats))
+      ->required();
   app.add_option("--truth", arguments->truths, "Known poses, TUM, on the sensor's clock; one for each recording");
   app.add_option("--model", arguments->models,
                  absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"));

@@ -8,13 +8,14 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/common/event_digest.h"
+#include "client/cli/common/recording_input.h"
+#include "client/containers/open_recording.h"
 #include "core/base/counted.h"
-#include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
-#include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {
@@ -27,6 +28,8 @@ struct InfoArguments {
 struct RecordingInfo {
   RecordingHeader header;
   DecodeCounts counts;
+  std::vector<SkippedParts> skipped;
+  int64_t metavision_zero_us = 0;  // FirstTimeWord
   uint64_t on_events = 0;
   int64_t t_first_us = 0;  // of the first and the last event in the stream; meaningless without events
   int64_t t_last_us = 0;
@@ -36,30 +39,28 @@ struct RecordingInfo {
 };
 
 absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::function<bool()>& is_interrupted) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader,
-                          RecordingReader::Open(path, {.stop = is_interrupted}));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenRecording(path, {.stop = is_interrupted}));
   RecordingInfo info;
   info.header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader, {.outside_sensor = OutsideSensor::kKeep}));
-  Sha256 digest;
+  EventDigest digest;
   uint64_t num_events = 0;
   while (true) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
     if (!has_piece) break;
     const auto& piece = events.decoded().events;
-    StateWriter packed;  // t u64, x u16, y u16, p u8, little-endian
     for (const Event& event : piece) {
       if (num_events++ == 0) info.t_first_us = event.t_us;
       info.on_events += event.polarity;
-      packed(event.t_us, event.x, event.y, event.polarity);
     }
     if (!piece.empty()) info.t_last_us = piece.back().t_us;
-    const std::string bytes = packed.Take();
-    digest.Update({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+    digest.Add(piece);
   }
   info.data_bytes = events.data_bytes();
   info.truncated_bytes = events.pending_bytes();
   info.counts = events.counts();
+  info.skipped = reader->skipped();
+  info.metavision_zero_us = events.metavision_zero_us();
   info.sha256 = digest.FinishHex();
   return info;
 }
@@ -67,19 +68,26 @@ absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::funct
 Json InfoJson(const RecordingInfo& info) {
   const DecodeCounts& counts = info.counts;
   const bool has_events = counts.cd_events > 0;
-  return {{"format", std::string(EncodingName(info.header.encoding))},
+  const std::string encoding(EncodingName(info.header.encoding));
+  return {{"format", info.header.container.empty() ? encoding : info.header.container},
+          {"encoding", encoding},
           {"width", info.header.geometry.width_px},
           {"height", info.header.geometry.height_px},
           {"cd_events", counts.cd_events},
           {"triggers", counts.triggers},
           {"t_first_us", has_events ? Json(info.t_first_us) : Json(nullptr)},
           {"t_last_us", has_events ? Json(info.t_last_us) : Json(nullptr)},
+          {"metavision_zero_us", info.metavision_zero_us},
+          {"t_first_metavision_us", has_events ? Json(info.t_first_us - info.metavision_zero_us) : Json(nullptr)},
+          {"time_offset_us", info.header.time_offset_us},
           {"invalid_words", counts.invalid_words()},
           {"dropped_events", counts.dropped_events()},
           {"sha256", info.sha256},
           {"on_events", info.on_events},
           {"off_events", counts.cd_events - info.on_events},
           {"unknown_words", counts.unknown_words},
+          {"padding_words", counts.padding_words},
+          {"skipped", SkippedJson(info.skipped)},
           {"broken_vectors", counts.broken_vectors},
           {"dropped_before_time", counts.dropped_before_time},
           {"dropped_outside_sensor", counts.dropped_outside_sensor},
@@ -91,12 +99,34 @@ Json InfoJson(const RecordingInfo& info) {
           {"geometry_is_stated", info.header.geometry_is_stated}};
 }
 
+std::string DescribeFormat(const RecordingHeader& header) {
+  const std::string encoding(EncodingName(header.encoding));
+  return header.container.empty() ? encoding : absl::StrCat(header.container, ", read as ", encoding, ",");
+}
+
+std::string DescribeSizeSource(const RecordingHeader& header) {
+  if (header.geometry_is_stated) return "";
+  if (header.container.empty()) return " (not stated by the header)";
+  return " (not stated: the smallest known sensor that contains all events)";
+}
+
+// Where the clocks of other programs have their zero.
+void PrintTimeZeros(const RecordingInfo& info, std::ostream& out) {
+  if (info.metavision_zero_us != 0) {
+    out << absl::StrFormat(
+        "zero       of the sensor's clock; Metavision counts from %.6f s, the first event there is at %.6f s\n",
+        info.metavision_zero_us * 1e-6, (info.t_first_us - info.metavision_zero_us) * 1e-6);
+  }
+  if (info.header.time_offset_us != 0) {
+    out << absl::StrFormat("offset     time 0 is %d us on the recording's own clock\n", info.header.time_offset_us);
+  }
+}
+
 void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream& out) {
   const DecodeCounts& counts = info.counts;
   const double duration_s = static_cast<double>(info.t_last_us - info.t_first_us) * 1e-6;
-  out << path << ": " << EncodingName(info.header.encoding) << " " << info.header.geometry.width_px << "x"
-      << info.header.geometry.height_px << (info.header.geometry_is_stated ? "" : " (not stated by the header)")
-      << "\n";
+  out << path << ": " << DescribeFormat(info.header) << " " << info.header.geometry.width_px << "x"
+      << info.header.geometry.height_px << DescribeSizeSource(info.header) << "\n";
   out << absl::StrFormat("events     %d (%d ON, %d OFF), %s\n", counts.cd_events, info.on_events,
                          counts.cd_events - info.on_events, Counted(counts.triggers, "trigger"));
   if (counts.cd_events > 0) {
@@ -106,6 +136,7 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
       out << absl::StrFormat(", %.3f Mev/s", static_cast<double>(counts.cd_events) * 1e-6 / duration_s);
     out << "\n";
   }
+  PrintTimeZeros(info, out);
   out << absl::StrFormat("clock      %s, %s\n", Counted(counts.clock_wraps, "wrap"),
                          Counted(counts.time_backsteps, "step back", "steps back"));
   out << absl::StrFormat("invalid    %s (%d unknown, %s)\n", Counted(counts.invalid_words(), "word"),
@@ -117,6 +148,8 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
     out << absl::StrFormat("outside    %s outside the sensor; replay leaves such events out\n",
                            Counted(counts.kept_outside_sensor, "event"));
   }
+  if (counts.padding_words > 0) out << "padding    " << Counted(counts.padding_words, "word") << "\n";
+  if (!info.skipped.empty()) out << "left out   " << DescribeSkipped(info.skipped) << "\n";
   if (info.truncated_bytes > 0)
     out << "truncated  " << Counted(info.truncated_bytes, "byte") << " at the end: no whole word\n";
   out << "sha256     " << info.sha256 << "\n";
@@ -126,7 +159,7 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
 
 CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InfoArguments>();
-  AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  AddFile(app, "recording", arguments->recording, kRecordingFormats)->required();
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
       "The SHA-256 covers the events as packed records of t u64 (microseconds, the sensor's clock), x u16, y u16,\n"

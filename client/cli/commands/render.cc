@@ -17,6 +17,7 @@
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/frame_painter.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/cli/common/recording_input.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -63,9 +64,8 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
   EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadTumTrajectory(arguments.poses));
-  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, RecordingReader::Open(arguments.recording, {.stop = context.is_interrupted}));
-  EVPOSE_RETURN_IF_ERROR(
-      CheckCameraMatches(inputs.camera, arguments.camera, inputs.reader->header(), arguments.recording));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
+                                                    {.stop = context.is_interrupted}));
   return inputs;
 }
 
@@ -236,7 +236,7 @@ absl::Status RunRender(const RenderArguments& arguments, CliContext& context) {
 
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RenderArguments>();
-  AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  AddFile(app, "recording", arguments->recording, kRecordingFormats)->required();
   AddFile(app, "--poses", arguments->poses, "Trajectory, TUM")->required();
   AddFile(app, "--model", arguments->model, absl::StrCat("Object: ", kModelFormats))->required();
   AddFile(app, "--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();

@@ -22,6 +22,7 @@ namespace {
 struct ReplayArguments {
   RunArguments track;
   std::string rate = "max";
+  std::string time_zero = "sensor";
   bool is_following = false;
 };
 
@@ -94,6 +95,10 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   app.add_option("--rate", arguments->rate, "max, or a multiple of real time")
       ->type_name("max|1|X")
       ->capture_default_str();
+  AddOption(app, "--time-zero", arguments->time_zero,
+            "Time 0 of the pose files: sensor, that of the camera's clock, as evpose info prints it; metavision, the "
+            "first time word of a RAW file, from which Metavision counts",
+            CLI::IsMember({"sensor", "metavision"}));
   app.add_flag("--follow", arguments->is_following, "Keep reading as the file grows, until interrupted");
   app.footer(
       "Without --server, the command runs a server in its own process. Times are on the sensor's clock. No pose is\n"
@@ -115,7 +120,10 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
       "    --reset-pose \"16250000 $(awk '$1 >= 16.25 { print $2, $3, $4, $5, $6, $7, $8; exit }' cube/truth.tum)\"");
-  return [arguments, &context] { return RunReplay(*arguments, context); };
+  return [arguments, &context] {
+    arguments->track.has_metavision_zero = arguments->time_zero == "metavision";
+    return RunReplay(*arguments, context);
+  };
 }
 
 }  // namespace evpose::client

@@ -8,7 +8,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
-#include "client/cli/common/pose_frame.h"
+#include "client/cli/common/pose_format.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose::client {

@@ -4,6 +4,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/common/recording_input.h"
 
 namespace evpose::client {
 namespace {
@@ -97,6 +98,7 @@ void ReplayReport::Print(std::ostream& stream) const {
     stream << absl::StrFormat("skipped: %d events, %.3f s, that the server could not track in time\n",
                               health.skipped_events, static_cast<double>(health.skipped_us) * 1e-6);
   }
+  if (!skipped.empty()) stream << "left out of the recording: " << DescribeSkipped(skipped) << "\n";
   if (truncated_bytes > 0) {
     stream << "truncated: the last " << truncated_bytes << " bytes are no whole word; all before them were used\n";
   }
@@ -165,6 +167,7 @@ Json ReplayReport::ToJson() const {
   json["sent_bytes"] = summary.sent_bytes;
   json["sent_chunks"] = summary.sent_chunks;
   json["truncated_bytes"] = truncated_bytes;
+  json["skipped"] = SkippedJson(skipped);
   json["dropped_events"] = health.dropped_events;
   json["invalid_words"] = health.invalid_words;
   json["time_backsteps"] = health.time_backsteps;

@@ -11,8 +11,9 @@
 #include <vector>
 
 #include "client/cli/common/command.h"
-#include "client/cli/common/pose_frame.h"
+#include "client/cli/common/pose_format.h"
 #include "core/events/recording_header.h"
+#include "core/events/recording_reader.h"
 #include "evpose/types.h"
 
 namespace evpose::client {
@@ -28,6 +29,7 @@ struct ReplayReport {
   absl::Duration wall_time;
   size_t truncated_bytes = 0;                       // incomplete word at the end of the recording
   std::optional<absl::Duration> host_minus_sensor;  // of --clock-log
+  std::vector<SkippedParts> skipped;                // RecordingReader::skipped()
   bool is_interrupted = false;
   int outages = 0;  // of the connection
   absl::Duration away_for;

@@ -10,9 +10,11 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
+#include "client/cli/common/recording_input.h"
 #include "client/lib/core_types.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
+#include "core/events/first_time_word.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose::client {
@@ -130,19 +132,30 @@ absl::Status ParseResets(const RunArguments& arguments, RunInputs& inputs) {
 // Ends as soon as a stop is requested, even while data are available: the bytes read until then are the recording.
 class StoppableReader final : public RecordingReader {
  public:
-  StoppableReader(std::unique_ptr<RecordingReader> reader, std::function<bool()> stop)
-      : reader_(std::move(reader)), stop_(std::move(stop)) {}
+  StoppableReader(std::unique_ptr<RecordingReader> reader, std::function<bool()> stop,
+                  std::shared_ptr<std::atomic<int64_t>> metavision_zero_us)
+      : reader_(std::move(reader)),
+        stop_(std::move(stop)),
+        first_time_(reader_->header().encoding),
+        metavision_zero_us_(std::move(metavision_zero_us)) {}
 
   const RecordingHeader& header() const override { return reader_->header(); }
   int64_t data_size_bytes() const override { return reader_->data_size_bytes(); }
   absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
     if (stop_()) return 0;
-    return reader_->Read(buffer);
+    EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader_->Read(buffer));
+    first_time_.Add(buffer.first(size));
+    *metavision_zero_us_ = first_time_.t_us().value_or(0);
+    return size;
   }
+  bool follows_loss() const override { return reader_->follows_loss(); }
+  std::vector<SkippedParts> skipped() const override { return reader_->skipped(); }
 
  private:
   const std::unique_ptr<RecordingReader> reader_;
   const std::function<bool()> stop_;
+  FirstTimeWord first_time_;
+  const std::shared_ptr<std::atomic<int64_t>> metavision_zero_us_;
 };
 
 absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
@@ -175,9 +188,8 @@ absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const Rec
   EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
   EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
-                          RecordingReader::Open(arguments.recording, reader_options));
-  EVPOSE_RETURN_IF_ERROR(CheckCameraMatches(inputs.camera, arguments.camera, reader->header(), arguments.recording));
-  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop);
+                          OpenSeenBy(inputs.camera, arguments.camera, arguments.recording, reader_options));
+  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop, inputs.metavision_zero_us);
   return inputs;
 }
 
@@ -226,7 +238,7 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
 }
 
 void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
-  AddFile(app, "recording", recording, "Prophesee RAW or DAT file; - for standard input")->required();
+  AddFile(app, "recording", recording, kRecordingFormats)->required();
   AddFile(app, "--model", model, absl::StrCat("Object: ", kModelFormats));
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")

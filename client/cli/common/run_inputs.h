@@ -3,6 +3,8 @@
 // The inputs of replay and stream, and their validation before a server is contacted.
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,7 +14,7 @@
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
 #include "client/cli/common/model_arguments.h"
-#include "client/cli/common/pose_frame.h"
+#include "client/cli/common/pose_format.h"
 #include "client/cli/common/replay_report.h"
 #include "core/estimation/sensor_profile.h"
 #include "core/events/recording_reader.h"
@@ -38,6 +40,7 @@ struct RunArguments {
   double max_outage_s = 120.0;
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
+  bool has_metavision_zero = false;  // the pose files count from Metavision's zero, not from the sensor's
   bool is_json = false;
 
   void AddTo(CLI::App& app, bool server_is_required);
@@ -62,6 +65,9 @@ struct RunInputs {
   CameraModel camera;
   SensorProfile sensor;
   PoseFrame frame;
+  // The sensor time at which Metavision's clock is 0 (FirstTimeWord); set before a pose can arrive, by the thread that
+  // reads.
+  std::shared_ptr<std::atomic<int64_t>> metavision_zero_us = std::make_shared<std::atomic<int64_t>>(0);
   std::unique_ptr<RecordingReader> reader;
 
   std::vector<std::string> object_ids() const;

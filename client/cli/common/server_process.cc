@@ -15,7 +15,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
-#include "client/model_intake/program_path.h"
+#include "client/programs/program_path.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {

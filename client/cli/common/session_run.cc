@@ -47,6 +47,7 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   identity["header of the recording"] =
       absl::StrCat(std::string(EncodingName(inputs.reader->header().encoding)), " ",
                    inputs.reader->header().geometry.width_px, "x", inputs.reader->header().geometry.height_px);
+  identity["--time-zero"] = arguments.has_metavision_zero ? "metavision" : "sensor";
   identity["--out"] = absolute(arguments.out);
   identity["--clock-log"] = absolute(arguments.clock_log);
   identity["--estimator"] = arguments.estimator;
@@ -201,10 +202,16 @@ void SessionRun::PrintLine(const std::string& text) {
   }
 }
 
+void SessionRun::WritePose(const Pose& pose) {
+  Pose written = pose;
+  if (arguments_.has_metavision_zero) written.t_us -= *inputs_.metavision_zero_us;
+  poses_->Write(written);
+}
+
 TrackCallbacks SessionRun::MakeCallbacks() {
   TrackCallbacks callbacks;
   callbacks.on_pose = [this](const Pose& pose) {
-    if (poses_) poses_->Write(pose);
+    if (poses_) WritePose(pose);
     if (clock_log_ != nullptr) clock_log_->AddPose(pose.t_us);
     report_.Add(pose);
     ++num_poses_;
@@ -293,6 +300,7 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   report_.summary = summary;
   report_.wall_time = wall_time;
   report_.truncated_bytes = chunker_.truncated_bytes();
+  report_.skipped = inputs_.reader->skipped();
   report_.is_interrupted = context_.IsInterrupted();
   report_.outages = connection_.outages();
   report_.away_for = connection_.away_for();

@@ -62,6 +62,7 @@ class SessionRun {
   absl::Status SyncOutputs();
   absl::Status CommitOutputs();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
+  void WritePose(const Pose& pose);
   TrackCallbacks MakeCallbacks();
   // Completes the pose files of a run that failed, and returns its status with advice.
   absl::Status GiveUp(Client& client, const absl::Status& status);

@@ -72,6 +72,7 @@ absl::Status EventFeed::Add(const EventChunk& chunk) {
   const bool is_skipped = point_.seq < options_.skip.seq;
   if (!is_skipped && !pacer_.Wait(chunk.t_last_us, stop_.get_token())) return absl::CancelledError("stopped");
   const auto* const bytes = reinterpret_cast<const char*>(chunk.bytes.data());
+  is_after_gap_ = is_after_gap_ || chunk.follows_loss;
   for (size_t begin = 0; begin < chunk.bytes.size(); begin += max_piece_bytes_) {
     const size_t size = std::min<size_t>(max_piece_bytes_, chunk.bytes.size() - begin);
     OutgoingChunk piece = MakeOutgoingChunk(point_, std::string(bytes + begin, size), is_after_gap_);

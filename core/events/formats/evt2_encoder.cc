@@ -14,7 +14,7 @@ constexpr int64_t kEvt2HighRange = int64_t{1} << 28;
 template <typename Word>
 class Evt2Encoder final : public WordEncoder {
  public:
-  explicit Evt2Encoder(SensorGeometry geometry) : WordEncoder(geometry, TimeLimits{}) {}
+  explicit Evt2Encoder(SensorGeometry geometry) : WordEncoder(geometry, {.num_trigger_inputs = 32}) {}
 
  private:
   static constexpr bool kVectors = sizeof(Word) == 8;
@@ -35,6 +35,12 @@ class Evt2Encoder final : public WordEncoder {
   void EncodeCheckedTime(int64_t t_us, std::vector<uint8_t>& out) override {
     if (t_us >> 6 != t_us_ >> 6) WriteTime(t_us, out);
     t_us_ = t_us;
+  }
+
+  void EncodeCheckedTrigger(const Trigger& trigger, std::vector<uint8_t>& out) override {
+    EncodeCheckedTime(trigger.t_us, out);
+    const auto low = static_cast<uint32_t>(trigger.t_us & 0x3f);
+    Append(evt2::kExtTrigger, low << 22 | static_cast<uint32_t>(trigger.id) << 8 | trigger.polarity, 0, out);
   }
 
   void WriteTime(int64_t t_us, std::vector<uint8_t>& out) {

@@ -75,6 +75,10 @@ class Evt3Decoder final : public WordDecoder {
     state_.has_base = false;
   }
 
+  void CountUnknown(uint32_t word) {
+    ++(word == (evt3::kPadding << 12 | evt3::kPaddingContent) ? counts_.padding_words : counts_.unknown_words);
+  }
+
   void WaitForTime(uint32_t word) {
     const uint32_t content = word & 0xfff;
     const bool was_started = state_.clock.started();
@@ -105,7 +109,7 @@ class Evt3Decoder final : public WordDecoder {
       case evt3::kContinued12:
         return;
       default:
-        ++counts_.unknown_words;
+        CountUnknown(word);
     }
   }
 
@@ -233,7 +237,7 @@ class Evt3Decoder final : public WordDecoder {
         state_.row = kNoRow;
         [[fallthrough]];
       default:
-        ++counts_.unknown_words;
+        CountUnknown(type << 12 | content);
         return cursor;
     }
   }

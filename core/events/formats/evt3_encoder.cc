@@ -14,7 +14,7 @@ constexpr int64_t kMaxHighStep = 1024;
 
 class Evt3Encoder final : public WordEncoder {
  public:
-  explicit Evt3Encoder(SensorGeometry geometry) : WordEncoder(geometry, TimeLimits{}) {}
+  explicit Evt3Encoder(SensorGeometry geometry) : WordEncoder(geometry, {.num_trigger_inputs = 16}) {}
 
  private:
   void EncodeChecked(absl::Span<const Event> events, std::vector<uint8_t>& out) override {
@@ -37,6 +37,11 @@ class Evt3Encoder final : public WordEncoder {
 
   void EncodeCheckedTime(int64_t t_us, std::vector<uint8_t>& out) override {
     if (t_us != t_us_) WriteTime(t_us, out);
+  }
+
+  void EncodeCheckedTrigger(const Trigger& trigger, std::vector<uint8_t>& out) override {
+    EncodeCheckedTime(trigger.t_us, out);
+    Append(evt3::kExtTrigger, static_cast<uint32_t>(trigger.id) << 8 | trigger.polarity, out);
   }
 
   // Writes a TIME_HIGH in each period of 16 us that has a time, as a camera does, and further ones over a gap, so that

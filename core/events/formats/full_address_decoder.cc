@@ -9,13 +9,15 @@
 namespace evpose {
 namespace {
 
-// The fields of a word; `known` is false if reserved bits are set.
+enum class WordKind : uint8_t { kEvent, kTrigger, kUnknown };
+
+// The fields of a word. The column of a trigger is the number of its input.
 struct FullAddress {
   uint32_t t_us;
   uint32_t x;
   uint32_t y;
   uint8_t polarity;
-  bool known;
+  WordKind kind;
 };
 
 // DAT version 2, 2D events: 32 bits of time, then x:14, y:14 and polarity in 32 bits.
@@ -23,15 +25,20 @@ struct DatLayout {
   static FullAddress Parse(uint64_t word) {
     // The three bits above the polarity have no meaning in 2D events.
     return {static_cast<uint32_t>(word), static_cast<uint32_t>(word >> 32) & 0x3fff,
-            static_cast<uint32_t>(word >> 46) & 0x3fff, static_cast<uint8_t>((word >> 60) & 1), true};
+            static_cast<uint32_t>(word >> 46) & 0x3fff, static_cast<uint8_t>((word >> 60) & 1), WordKind::kEvent};
   }
 };
 
-// FLAT64: from the highest bit t_us:32, x:14, y:14, 0:3, p:1.
+// FLAT64: from the highest bit t_us:32, x:14, y:14, 0:2, trigger:1, p:1.
 struct Flat64Layout {
+  // A trigger has a row of 0 and a number of 8 bits in the column.
+  static WordKind Kind(uint64_t word) {
+    if ((word & 0xe) == 0) return WordKind::kEvent;
+    return (word & 0xfc03fffc) == 0 ? WordKind::kTrigger : WordKind::kUnknown;
+  }
   static FullAddress Parse(uint64_t word) {
     return {static_cast<uint32_t>(word >> 32), static_cast<uint32_t>(word >> 18) & 0x3fff,
-            static_cast<uint32_t>(word >> 4) & 0x3fff, static_cast<uint8_t>(word & 1), (word & 0xe) == 0};
+            static_cast<uint32_t>(word >> 4) & 0x3fff, static_cast<uint8_t>(word & 1), Kind(word)};
   }
 };
 
@@ -56,11 +63,16 @@ class FullAddressDecoder final : public WordDecoder {
     const bool keep_outside = keep_outside_;
     for (size_t index = 0; index < count; ++index) {
       const FullAddress word = Layout::Parse(LoadWord<uint64_t>(words + 8 * index));
-      if (!word.known) [[unlikely]] {
+      if (word.kind == WordKind::kUnknown) [[unlikely]] {
         ++counts_.unknown_words;
         continue;
       }
       clock.Set(word.t_us);
+      if (word.kind == WordKind::kTrigger) [[unlikely]] {
+        sink_.AddTrigger({clock.now_us(), static_cast<uint8_t>(word.x), word.polarity});
+        ++counts_.triggers;
+        continue;
+      }
       const bool inside = (word.x < width_) & (word.y < height_);
       *cursor = {clock.now_us(), static_cast<uint16_t>(word.x), static_cast<uint16_t>(word.y), word.polarity};
       cursor += inside | keep_outside;

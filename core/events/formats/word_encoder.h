@@ -20,7 +20,8 @@ inline constexpr int64_t kTimeWordPeriod_us = 16;
 struct TimeLimits {
   int64_t max_first_us = int64_t{30} * 24 * 3600 * 1000000;
   int64_t max_gap_us = max_first_us;
-  bool has_time_words = true;
+  bool has_time_words = true;  // false: each word has a whole time, and times may step back by max_gap_us
+  int num_trigger_inputs = 0;  // with numbers from 0; 0: the encoding has no triggers
 };
 // Pixels of a vector, neighbours in a row.
 inline constexpr int kVectorPixels = 32;
@@ -37,6 +38,7 @@ class WordEncoder : public EventEncoder {
  public:
   absl::Status Encode(absl::Span<const Event> events, std::vector<uint8_t>& out) final;
   absl::Status EncodeTime(int64_t t_us, std::vector<uint8_t>& out) final;
+  absl::Status EncodeTrigger(const Trigger& trigger, std::vector<uint8_t>& out) final;
 
  protected:
   WordEncoder(SensorGeometry geometry, const TimeLimits& limits) : geometry_(geometry), limits_(limits) {}
@@ -44,13 +46,14 @@ class WordEncoder : public EventEncoder {
   virtual void EncodeChecked(absl::Span<const Event> events, std::vector<uint8_t>& out) = 0;
   // Called only for encodings with time words.
   virtual void EncodeCheckedTime(int64_t t_us, std::vector<uint8_t>& out) = 0;
+  virtual void EncodeCheckedTrigger(const Trigger& trigger, std::vector<uint8_t>& out) = 0;
 
   const SensorGeometry geometry_;
 
  private:
   absl::Status Check(absl::Span<const Event> events) const;
   // `event` is the index of the event with this time, for errors.
-  static absl::Status CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us);
+  absl::Status CheckOrder(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const;
   absl::Status CheckGap(std::optional<size_t> event, int64_t t_us, int64_t previous_us) const;
 
   const TimeLimits limits_;
@@ -67,6 +70,7 @@ uint32_t VectorMask(absl::Span<const Event> run);
 std::unique_ptr<EventEncoder> MakeEvt3Encoder(SensorGeometry geometry);
 std::unique_ptr<EventEncoder> MakeEvt21Encoder(SensorGeometry geometry);
 std::unique_ptr<EventEncoder> MakeEvt2Encoder(SensorGeometry geometry);
+std::unique_ptr<EventEncoder> MakeDatEncoder(SensorGeometry geometry);
 std::unique_ptr<EventEncoder> MakeFlat64Encoder(SensorGeometry geometry);
 
 }  // namespace evpose

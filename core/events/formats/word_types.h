@@ -31,10 +31,12 @@ enum WordType : uint32_t {
   kTimeLow = 0x6,
   kContinued4 = 0x7,
   kTimeHigh = 0x8,
+  kPadding = 0x9,  // with the content kPaddingContent
   kExtTrigger = 0xA,
   kOthers = 0xE,
   kContinued12 = 0xF,
 };
+inline constexpr uint32_t kPaddingContent = 0x999;
 }  // namespace evt3
 
 }  // namespace evpose

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "core/base/byte_order.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/model_readers.h"
@@ -23,10 +24,6 @@ constexpr size_t kStlFacetBytes = 50;
 constexpr size_t kStlNormalBytes = 12;
 constexpr size_t kStlVertexBytes = 12;
 
-uint32_t LittleEndian32(const uint8_t* bytes) {
-  return bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<uint32_t>(bytes[3]) << 24;
-}
-
 // Adds the triangle of the three points appended last.
 void AppendFacet(RawMesh& mesh) {
   const uint32_t end = static_cast<uint32_t>(mesh.points.size());
@@ -40,7 +37,7 @@ absl::StatusOr<RawMesh> ReadBinaryStl(absl::Span<const uint8_t> bytes, ElementCo
     const uint8_t* vertex = bytes.data() + kStlHeaderBytes + facet * kStlFacetBytes + kStlNormalBytes;
     for (int corner = 0; corner < 3; ++corner, vertex += kStlVertexBytes) {
       Eigen::Vector3d& point = mesh.points.emplace_back();
-      for (Eigen::Index i = 0; i < 3; ++i) point[i] = std::bit_cast<float>(LittleEndian32(vertex + 4 * i));
+      for (Eigen::Index i = 0; i < 3; ++i) point[i] = std::bit_cast<float>(LoadLittleEndian<uint32_t>(vertex + 4 * i));
       if (point.allFinite()) continue;
       return absl::InvalidArgumentError(absl::StrFormat("facet %d: a coordinate is not a finite number", facet + 1));
     }
@@ -105,11 +102,12 @@ absl::StatusOr<RawMesh> ReadAsciiStl(absl::string_view text, ElementCounter coun
 absl::StatusOr<RawMesh> ReadStl(absl::Span<const uint8_t> bytes, const MeshLimits& limits) {
   const bool has_binary_size =
       bytes.size() >= kStlHeaderBytes &&
-      bytes.size() == kStlHeaderBytes + kStlFacetBytes * static_cast<size_t>(LittleEndian32(bytes.data() + 80));
+      bytes.size() ==
+          kStlHeaderBytes + kStlFacetBytes * static_cast<size_t>(LoadLittleEndian<uint32_t>(bytes.data() + 80));
   if (has_binary_size) return ReadBinaryStl(bytes, ElementCounter(limits));
   // Text has no zero byte; some binary files begin with 'solid', too.
   if (bytes.size() >= kStlHeaderBytes && AsText(bytes).find('\0') != absl::string_view::npos) {
-    const uint64_t facets = LittleEndian32(bytes.data() + 80);
+    const uint64_t facets = LoadLittleEndian<uint32_t>(bytes.data() + 80);
     return absl::InvalidArgumentError(absl::StrFormat(
         "binary STL: the header states %s, which take %d bytes, but the file has %d: it is incomplete or no STL file",
         Counted(facets, "facet"), kStlHeaderBytes + kStlFacetBytes * facets, bytes.size()));

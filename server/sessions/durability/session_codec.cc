@@ -164,7 +164,7 @@ void FromStored(const std::string& name, RecordCheck& check, Estimator& estimato
 
 void ToStored(const DecodeCounts& counts, pb::DecodeCounts& stored) {
   const auto& [cd_events, triggers, dropped_before_time, dropped_outside_sensor, kept_outside_sensor, unknown_words,
-               broken_vectors, time_backsteps, clock_wraps] = counts;
+               broken_vectors, time_backsteps, clock_wraps, padding_words] = counts;
   stored.set_cd_events(cd_events);
   stored.set_triggers(triggers);
   stored.set_dropped_before_time(dropped_before_time);
@@ -174,6 +174,7 @@ void ToStored(const DecodeCounts& counts, pb::DecodeCounts& stored) {
   stored.set_broken_vectors(broken_vectors);
   stored.set_time_backsteps(time_backsteps);
   stored.set_clock_wraps(clock_wraps);
+  stored.set_padding_words(padding_words);
 }
 
 DecodeCounts FromStored(const pb::DecodeCounts& stored) {
@@ -185,7 +186,8 @@ DecodeCounts FromStored(const pb::DecodeCounts& stored) {
           .unknown_words = stored.unknown_words(),
           .broken_vectors = stored.broken_vectors(),
           .time_backsteps = stored.time_backsteps(),
-          .clock_wraps = stored.clock_wraps()};
+          .clock_wraps = stored.clock_wraps(),
+          .padding_words = stored.padding_words()};
 }
 
 void ToStored(const SearchCounts& searches, pb::SearchCounts& stored) {

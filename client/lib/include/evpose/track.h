@@ -23,6 +23,7 @@ struct EventChunk {
   // Latest sensor time up to the end of the chunk, for the rate, and because no pose can be later; -1: unknown.
   int64_t t_last_us = -1;
   std::vector<PoseReset> resets;  // take effect before the events of the chunk
+  bool follows_loss = false;      // bytes were lost before it: the server waits for a full time stamp
 };
 
 // Returns the next chunk; one without bytes and resets at the end of the events. Called in a thread of its own, and may

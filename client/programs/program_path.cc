@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/model_intake/program_path.h"
+#include "client/programs/program_path.h"
 
 #include <unistd.h>
 

@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose convert: writes the events of a recording in another format.
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/common/event_digest.h"
+#include "client/cli/common/recording_input.h"
+#include "client/containers/event_file_writer.h"
+#include "client/containers/open_recording.h"
+#include "core/base/counted.h"
+#include "core/base/status_macros.h"
+#include "core/events/event_reader.h"
+
+namespace evpose::client {
+namespace {
+
+struct ConvertArguments {
+  std::string recording;
+  std::string out;
+  std::string to;
+  std::string size;
+  double start_s = 0.0;
+  double duration_s = std::numeric_limits<double>::infinity();
+  bool drops_outside = false;
+  bool is_json = false;
+};
+
+struct ConvertedEvents {
+  EventFileHeader header;
+  std::string format;  // of the recording
+  DecodeCounts counts;
+  std::vector<SkippedParts> skipped;
+  uint64_t num_events = 0;    // written
+  uint64_t num_triggers = 0;  // between --start and --start + --duration
+  int64_t t_first_us = 0;
+  int64_t t_last_us = 0;
+  std::string sha256;
+};
+
+// "640x480"
+absl::StatusOr<std::optional<SensorGeometry>> ParseSize(const std::string& text) {
+  if (text.empty()) return std::nullopt;
+  SensorGeometry size;
+  const std::vector<std::string> parts = absl::StrSplit(text, 'x');
+  const bool is_size =
+      parts.size() == 2 && absl::SimpleAtoi(parts[0], &size.width_px) && absl::SimpleAtoi(parts[1], &size.height_px);
+  if (is_size && size.width_px > 0 && size.height_px > 0) return size;
+  return UsageError(absl::StrCat("--size: \"", text, "\" is not WIDTHxHEIGHT in pixels, such as 640x480"));
+}
+
+absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArguments& arguments,
+                                                           const CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::optional<SensorGeometry> size, ParseSize(arguments.size));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
+                          OpenRecording(arguments.recording, {.stop = context.is_interrupted, .geometry = size}));
+  const RecordingHeader& header = reader->header();
+  if (size && header.geometry != *size) {
+    return absl::InvalidArgumentError(absl::StrCat(arguments.recording, ": is of ", header.geometry.width_px, "x",
+                                                   header.geometry.height_px, " pixels, but --size is ",
+                                                   arguments.size));
+  }
+  if (!header.geometry_is_known && arguments.recording == "-") {
+    return absl::InvalidArgumentError("standard input: states no size of the sensor: give it with --size");
+  }
+  return reader;
+}
+
+using TakeEvents = std::function<absl::Status(absl::Span<const Event>, absl::Span<const Trigger>)>;
+
+// Passes the events between --start and --start + --duration to `take`, and the triggers among them. Without --start
+// triggers before the first event are among them.
+absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, const CliContext& context,
+                                           RecordingReader& reader, const TakeEvents& take) {
+  ConvertedEvents result;
+  result.header = {reader.header().geometry, reader.header().time_offset_us};
+  result.format = reader.header().container;
+  if (result.format.empty()) result.format = EncodingName(reader.header().encoding);
+  const OutsideSensor outside = arguments.drops_outside ? OutsideSensor::kDrop : OutsideSensor::kKeep;
+  EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(reader, {.outside_sensor = outside}));
+  std::optional<int64_t> begin_us;
+  int64_t end_us = std::numeric_limits<int64_t>::max();
+  std::vector<Event> selected;
+  std::vector<Trigger> triggers;
+  EventDigest digest;
+  while (true) {
+    EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
+    if (context.IsInterrupted()) return absl::CancelledError("interrupted: nothing was written");
+    if (!has_piece) break;
+    selected.clear();
+    for (const Event& event : events.decoded().events) {
+      if (!begin_us) {
+        begin_us = event.t_us + std::llround(arguments.start_s * 1e6);
+        if (std::isfinite(arguments.duration_s)) end_us = *begin_us + std::llround(arguments.duration_s * 1e6);
+      }
+      if (event.t_us >= *begin_us && event.t_us < end_us) selected.push_back(event);
+    }
+    triggers.clear();
+    for (const Trigger& trigger : events.decoded().triggers) {
+      const bool has_begun = arguments.start_s == 0 || (begin_us && trigger.t_us >= *begin_us);
+      if (has_begun && trigger.t_us < end_us) triggers.push_back(trigger);
+    }
+    result.num_triggers += triggers.size();
+    if (selected.empty() && triggers.empty()) continue;
+    EVPOSE_RETURN_IF_ERROR(take(selected, triggers));
+    if (selected.empty()) continue;
+    digest.Add(selected);
+    if (result.num_events == 0) result.t_first_us = selected.front().t_us;
+    result.t_last_us = selected.back().t_us;
+    result.num_events += selected.size();
+  }
+  result.counts = events.counts();
+  result.skipped = reader.skipped();
+  result.sha256 = digest.FinishHex();
+  if (result.num_events > 0) return result;
+  return absl::OutOfRangeError(
+      begin_us ? absl::StrFormat("%s: has no event between --start and --start + --duration", arguments.recording)
+               : absl::StrCat(arguments.recording, ": has no event"));
+}
+
+absl::Status CannotHold(const ConvertArguments& arguments, const EventFileFormat& format, const absl::Status& status) {
+  return absl::InvalidArgumentError(absl::StrCat(
+      arguments.recording, ": ", std::string(format.title), " cannot hold it, nothing was written: ", status.message(),
+      "; CSV holds any event; --drop-outside leaves out events outside the sensor"));
+}
+
+// Reads the whole recording and checks that the format can hold it. Standard input, which cannot be read twice, is
+// checked while the file is written, which then does not appear.
+absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& format, const CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
+  absl::StatusOr<std::unique_ptr<EventFileChecker>> checker =
+      format.check({reader->header().geometry, reader->header().time_offset_us});
+  if (!checker.ok()) return CannotHold(arguments, format, checker.status());
+  const auto check = [&](absl::Span<const Event> events, absl::Span<const Trigger> triggers) -> absl::Status {
+    const absl::Status status = (*checker)->Check(events, triggers);
+    return status.ok() ? status : CannotHold(arguments, format, status);
+  };
+  return ReadEvents(arguments, context, *reader, check).status();
+}
+
+Json ConvertJson(const ConvertArguments& arguments, const EventFileFormat& format, const ConvertedEvents& converted) {
+  return {{"recording", arguments.recording},
+          {"format", converted.format},
+          {"out", arguments.out},
+          {"out_format", std::string(format.title)},
+          {"width", converted.header.geometry.width_px},
+          {"height", converted.header.geometry.height_px},
+          {"cd_events", converted.num_events},
+          {"t_first_us", converted.t_first_us},
+          {"t_last_us", converted.t_last_us},
+          {"time_offset_us", converted.header.time_offset_us},
+          {"sha256", converted.sha256},
+          {"triggers", format.has_triggers ? converted.num_triggers : 0},
+          {"triggers_left_out", format.has_triggers ? 0 : converted.num_triggers},
+          {"dropped_events", converted.counts.dropped_events()},
+          {"invalid_words", converted.counts.invalid_words()},
+          {"skipped", SkippedJson(converted.skipped)}};
+}
+
+void PrintConverted(const ConvertArguments& arguments, const EventFileFormat& format, const ConvertedEvents& converted,
+                    std::ostream& out) {
+  out << absl::StrFormat("%s: %s %dx%d, %s of %s, %.6f to %.6f s\n", arguments.out, std::string(format.title),
+                         converted.header.geometry.width_px, converted.header.geometry.height_px,
+                         Counted(converted.num_events, "event"), converted.format, converted.t_first_us * 1e-6,
+                         converted.t_last_us * 1e-6);
+  out << "sha256     " << converted.sha256 << "\n";
+}
+
+// What of the recording is not in the file.
+void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converted, CliContext& context) {
+  std::vector<SkippedParts> lost = converted.skipped;
+  const DecodeCounts& counts = converted.counts;
+  if (!format.has_triggers && converted.num_triggers > 0) lost.push_back({"triggers", converted.num_triggers});
+  if (counts.dropped_events() > 0)
+    lost.push_back({"events without time or outside the sensor", counts.dropped_events()});
+  if (counts.invalid_words() > 0) lost.push_back({"invalid words", counts.invalid_words()});
+  if (!lost.empty()) context.err << "evpose convert: left out: " << DescribeSkipped(lost) << "\n";
+}
+
+absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) {
+  const absl::StatusOr<EventFileFormat> format = ChooseEventFileFormat(arguments.to, arguments.out);
+  EVPOSE_RETURN_IF_ERROR(AsUsageError(format.status()));
+  if (arguments.recording != "-") EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,
+                          format->create(arguments.out, {reader->header().geometry, reader->header().time_offset_us}));
+  const auto write = [&writer](absl::Span<const Event> events, absl::Span<const Trigger> triggers) {
+    return writer->Write(events, triggers);
+  };
+  EVPOSE_ASSIGN_OR_RETURN(const ConvertedEvents converted, ReadEvents(arguments, context, *reader, write));
+  EVPOSE_RETURN_IF_ERROR(writer->Close());
+  WarnOfLosses(*format, converted, context);
+  return PrintResult(context, arguments.is_json, ConvertJson(arguments, *format, converted),
+                     [&](std::ostream& out) { PrintConverted(arguments, *format, converted, out); });
+}
+
+}  // namespace
+
+CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<ConvertArguments>();
+  AddFile(app, "recording", arguments->recording, kRecordingFormats)->required();
+  AddFile(app, "out", arguments->out, "File to write; its suffix chooses the format: .raw, .dat, .csv, .hdf5")
+      ->required();
+  std::vector<std::string> names;
+  for (const EventFileFormat& format : EventFileFormats()) names.emplace_back(format.name);
+  app.add_option("--to", arguments->to, "Format of the file; default: by its suffix")->check(CLI::IsMember(names));
+  AddOption(app, "--start", arguments->start_s, "Seconds after the first event at which the file begins",
+            CLI::Range(0.0, 1e9));
+  app.add_option("--duration", arguments->duration_s, "Seconds of the recording from --start on; default: all")
+      ->check(AboveZero());
+  app.add_option("--size", arguments->size,
+                 "Size of the sensor in pixels, for a recording that does not state it; default: the smallest known "
+                 "sensor that contains all events")
+      ->type_name("WxH");
+  app.add_flag("--drop-outside", arguments->drops_outside,
+               "Leave out events outside the sensor, which RAW and DAT cannot hold");
+  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  app.footer(
+      "The events keep their times, order, addresses and polarities: evpose info prints the same SHA-256 for both "
+      "files.\n"
+      "An event that the format cannot hold is an error, and nothing is written. DAT and CSV have no triggers, which "
+      "are\n"
+      "then left out and counted.\n"
+      "Recordings with times since 1970 have their times relative to the first event; the header of the new file has\n"
+      "the offset (time_offset_us).\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose convert cube/recording.raw cube/recording.csv --start 0.1 --duration 0.2");
+  return [arguments, &context] { return RunConvert(*arguments, context); };
+}
+
+}  // namespace evpose::client

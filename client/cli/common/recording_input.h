@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The recordings of the command line.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "client/cli/common/command.h"
+#include "core/events/recording_reader.h"
+
+namespace evpose::client {
+
+// The formats that all commands read, for --help.
+inline constexpr char kRecordingFormats[] =
+    "RAW, DAT, text, CSV, rosbag2 (FILE#TOPIC), HDF5, AEDAT, NumPy; - for standard input (RAW, DAT, text, AEDAT)";
+
+// Opens a recording that `camera` has seen, whose size is used if the recording states none. Errors: those of
+// OpenRecording() and CheckCameraMatches().
+absl::StatusOr<std::unique_ptr<RecordingReader>> OpenSeenBy(const CameraModel& camera, const std::string& camera_path,
+                                                            const std::string& recording_path,
+                                                            const RecordingReaderOptions& options = {});
+
+// "3 lines that are no event, 1 damaged chunks"
+std::string DescribeSkipped(const std::vector<SkippedParts>& skipped);
+Json SkippedJson(const std::vector<SkippedParts>& skipped);
+
+}  // namespace evpose::client

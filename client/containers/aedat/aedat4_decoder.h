@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// AEDAT 4.0: a header, then packets of FlatBuffers (client/containers/aedat/README.md, section 4).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "client/containers/aedat/aedat_decoder.h"
+#include "client/containers/aedat/packet_decompressor.h"
+
+namespace evpose::client {
+
+struct Aedat4Header {
+  PacketCompression compression = PacketCompression::kNone;
+  int event_stream = 0;               // the first stream of events
+  std::optional<int> trigger_stream;  // the first stream of triggers of the same camera
+  int num_event_streams = 1;
+  SensorGeometry geometry;  // of the stream of events; zero if not stated
+  std::string source;       // the name of the camera; empty if not stated
+  size_t size_bytes = 0;    // offset in the file of the first packet
+  int64_t data_bytes = -1;  // of all packets; -1 until the end of the file
+};
+
+// Parses the header, which follows the first line of `prefix`. nullopt if it may continue beyond `prefix` and
+// `is_whole_file` is false. Errors: INVALID_ARGUMENT if the header is damaged, too long or has no stream of events.
+absl::StatusOr<std::optional<Aedat4Header>> ParseAedat4Header(absl::Span<const uint8_t> prefix, bool is_whole_file);
+
+// Times of the output are those of the file, since 1970.
+std::unique_ptr<AedatDecoder> MakeAedat4Decoder(const Aedat4Header& header);
+
+}  // namespace evpose::client

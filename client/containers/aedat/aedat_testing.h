@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// For tests of AEDAT decoders: decoding in pieces, and the digest of shared data's list of expected results.
+#pragma once
+
+#include <algorithm>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/containers/aedat/aedat_decoder.h"
+#include "core/events/event.h"
+#include "core/numerics/hash.h"
+
+namespace evpose::client {
+
+struct DecodedAedat {
+  std::vector<Event> events;
+  std::vector<Trigger> triggers;
+  AedatCounts counts;
+
+  friend bool operator==(const DecodedAedat&, const DecodedAedat&) = default;
+};
+
+inline DecodedAedat DecodeInPieces(const std::function<std::unique_ptr<AedatDecoder>()>& make,
+                                   absl::Span<const uint8_t> bytes, size_t piece_bytes) {
+  const std::unique_ptr<AedatDecoder> decoder = make();
+  DecodedEvents out;
+  while (!bytes.empty()) {
+    const size_t size = std::min(piece_bytes, bytes.size());
+    decoder->Decode(bytes.first(size), out);
+    bytes.remove_prefix(size);
+  }
+  decoder->Finish();
+  return {{out.events.begin(), out.events.end()}, out.triggers, decoder->counts()};
+}
+
+inline std::string Sha256OfEvents(absl::Span<const Event> events) {
+  Sha256 digest;
+  for (const Event& event : events) {
+    uint8_t record[13];
+    std::memcpy(record, &event.t_us, 8);
+    std::memcpy(record + 8, &event.x, 2);
+    std::memcpy(record + 10, &event.y, 2);
+    record[12] = event.polarity;
+    digest.Update(record);
+  }
+  return digest.FinishHex();
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Reads little-endian fields from the front of bytes that may end early.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <string_view>
+
+namespace evpose::client {
+
+class ByteView {
+ public:
+  explicit ByteView(std::string_view bytes) : bytes_(bytes) {}
+
+  // False after a field that lies beyond the end; every field is then 0 or empty.
+  bool ok() const { return ok_; }
+  std::string_view rest() const { return bytes_; }
+
+  template <typename Number>
+  Number Take() {
+    static_assert(std::endian::native == std::endian::little);
+    Number value{};
+    const std::string_view field = TakeBytes(sizeof(Number));
+    if (ok_) std::memcpy(&value, field.data(), sizeof(Number));
+    return value;
+  }
+  std::string_view TakeBytes(uint64_t size) {
+    ok_ = ok_ && size <= bytes_.size();
+    if (!ok_) return {};
+    const std::string_view field = bytes_.substr(0, size);
+    bytes_.remove_prefix(size);
+    return field;
+  }
+  // A string of MCAP: its length in 32 bits, then its bytes.
+  std::string_view TakeString() { return TakeBytes(Take<uint32_t>()); }
+
+ private:
+  std::string_view bytes_;
+  bool ok_ = true;
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Which columns of a table hold the time, position and polarity of its events.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/types/span.h"
+
+namespace evpose::client {
+
+struct ColumnLayout {
+  int t = 0;
+  int x = 1;
+  int y = 2;
+  int p = 3;
+  int time_exponent = 6;  // the time's unit is 10^(time_exponent - 6) s: 6 for seconds, 0 for microseconds
+
+  // The names of the columns in their order: "t x y p".
+  std::string Describe() const;
+  int num_columns() const;  // that a row needs
+
+  friend bool operator==(const ColumnLayout&, const ColumnLayout&) = default;
+};
+
+using TableRow = std::array<double, 4>;
+
+// The layout that the names of the columns state, such as x, y, p (pol, polarity), t (ts, time, timestamp), with a unit
+// of the time as in t_us, t[s]; without a unit it is that of UnitOfTimes(). nullopt if a column is missing or unclear.
+std::optional<ColumnLayout> LayoutOfNames(absl::Span<const std::string> names, absl::Span<const double> times);
+// Whether a name is that of one of the four columns.
+bool IsEventColumn(std::string_view name);
+// The column of the time in such names; nullopt if there is none.
+std::optional<int> TimeColumn(absl::Span<const std::string> names);
+
+// The layout of rows without names: of "t x y p", "x y p t" and "x y t p" the one in which x and y are integers from 0
+// on and p is 0 or 1, or -1 or 1, in the most rows; of several the one in which the time steps back least often; of
+// those the first. nullopt if there is none in more than half of the rows, as damaged rows may be among them.
+std::optional<ColumnLayout> LayoutOfRows(absl::Span<const TableRow> rows);
+
+// Seconds (6) if a time has a fraction, else microseconds (0).
+int UnitOfTimes(absl::Span<const double> times);
+
+}  // namespace evpose::client

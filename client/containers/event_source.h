@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The events of a file that stores each event by itself: text, arrays, messages with events.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "core/events/event.h"
+#include "core/events/recording_reader.h"
+
+namespace evpose::client {
+
+// An event as a file stores it, or an edge of a trigger input among them. Its numbers may lie outside what an Event can
+// hold: MakeSourceReader() checks them.
+struct SourceEvent {
+  int64_t t_us = 0;  // on the file's clock
+  int64_t x = 0;     // column, 0 at the left
+  int64_t y = 0;     // row, 0 at the top
+  bool is_on = false;
+  int trigger_input = -1;  // at least 0 for a trigger, of which `is_on` is a rising edge; x and y have no meaning then
+};
+
+// Appends events and triggers, each trigger before the first of the remaining events at its time or later.
+void AppendMerged(absl::Span<const Event> events, absl::Span<const Trigger> triggers, std::vector<SourceEvent>& out);
+
+struct SourceFacts {
+  std::string format;                      // the name of the format: "CSV"
+  std::optional<SensorGeometry> geometry;  // as the file states it
+  int64_t time_offset_us = 0;              // as the file states it: see RecordingHeader
+};
+
+class EventSource {
+ public:
+  virtual ~EventSource() = default;
+
+  virtual const SourceFacts& facts() const = 0;
+
+  // Replaces `events` by the next ones in the order of the file, of which there may be none, at most some 100,000.
+  // Returns false at the end. A damaged part is skipped and counted. Errors: those of RecordingReader::Read().
+  virtual absl::StatusOr<bool> Next(std::vector<SourceEvent>& events) = 0;
+
+  // What Next() has left out so far.
+  virtual std::vector<SkippedParts> skipped() const = 0;
+};
+
+// Makes a source from its beginning; called once more if the size of the sensor has to be found.
+using SourceOpener = std::function<absl::StatusOr<std::unique_ptr<EventSource>>()>;
+
+// A recording with the events of a source as FLAT64.
+//
+// Times: if the first event's time fits the clock of FLAT64 (32 bits of microseconds), the times are those of the file.
+// Otherwise (times since 1970) they are relative to the first event, whose time is the header's time_offset_us.
+// Order: that of the file; steps back in time remain, because all consumers of events accept them. An event that
+// FLAT64 cannot hold is left out and counted: a time before 0 or 35 minutes (half the clock's range) away from that of
+// the event before it, a row or column above 16383 or below 0. Triggers are words of FLAT64; those before the first
+// event of a recording whose times are shifted are left out and counted, too.
+// Sensor: the size that the file states; else `geometry`, that of the caller's camera; else, if `can_reopen`, that of
+// the smallest known sensor that contains all events, for which all events are read once; else 2048 x 2048. In the
+// latter two cases the header's geometry_is_stated and geometry_is_known are false.
+// Errors: those of `open` and of EventSource::Next(); INVALID_ARGUMENT with `name` if there is no event.
+absl::StatusOr<std::unique_ptr<RecordingReader>> MakeSourceReader(const std::string& name, const SourceOpener& open,
+                                                                  std::optional<SensorGeometry> geometry,
+                                                                  bool can_reopen);
+
+}  // namespace evpose::client

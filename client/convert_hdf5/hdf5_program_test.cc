@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose-hdf5 behind evpose's reader and writer of recordings.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include "client/containers/containers_testing.h"
+#include "client/containers/hdf5_source.h"
+#include "client/containers/open_recording.h"
+#include "client/convert_hdf5/hdf5_testing.h"
+#include "core/base/temporary_directory.h"
+#include "tests/data/test_data.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::ElementsAreArray;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class Hdf5ProgramTest : public testing::Test {
+ protected:
+  // The program is found in the PATH, as an installed one.
+  static void SetUpTestSuite() {
+    const std::string folder = std::filesystem::path(EVPOSE_HDF5_PROGRAM).parent_path().string();
+    setenv("PATH", (folder + ":" + std::getenv("PATH")).c_str(), 1);
+  }
+  std::string path() const { return directory_.File("a.hdf5"); }
+
+  const TemporaryDirectory directory_;
+};
+
+TEST_F(Hdf5ProgramTest, WritingAndReadingIsExactTriggersIncluded) {
+  const std::vector<Event> events = TestEvents(100'000);
+  const std::vector<Trigger> triggers = {{100, 0, 1}, {300'001, 3, 0}, {9'000'000, 200, 1}};
+  const auto output = Hdf5Output::Create(path(), {1280, 720}, 77).value();
+  ASSERT_TRUE(output->Write(absl::MakeConstSpan(triggers)).ok());
+  ASSERT_TRUE(output->Write(absl::MakeConstSpan(events)).ok());
+  ASSERT_EQ(output->Close(), absl::OkStatus());
+  const ReadRecording read = ReadAll(path()).value();
+  EXPECT_EQ(read.header.container, "Metavision HDF5 (ECF)");
+  EXPECT_EQ(read.header.geometry, (SensorGeometry{1280, 720}));
+  EXPECT_TRUE(read.header.geometry_is_stated);
+  EXPECT_EQ(read.header.time_offset_us, 77);
+  EXPECT_THAT(read.events, ElementsAreArray(events));
+  EXPECT_THAT(read.triggers, ElementsAreArray(triggers));
+  EXPECT_THAT(read.skipped, IsEmpty());
+}
+
+// Written by h5py with Prophesee's filter.
+TEST_F(Hdf5ProgramTest, AFileOfPropheseesFilterHasItsEvents) {
+  const ReadRecording read = ReadAll(FindTestData("containers/metavision_ecf.hdf5")).value();
+  EXPECT_EQ(read.header.container, "Metavision HDF5 (ECF)");
+  EXPECT_EQ(read.header.geometry, (SensorGeometry{346, 260}));
+  EXPECT_THAT(read.events, ElementsAreArray(FileEvents()));
+  EXPECT_THAT(read.triggers, ElementsAre(Trigger{5100, 0, 1}, Trigger{5200, 0, 0}, Trigger{9000, 3, 1}));
+  EXPECT_THAT(read.skipped, IsEmpty());
+}
+
+// The size of the sensor is not in such files; that of the caller's camera is taken.
+TEST_F(Hdf5ProgramTest, AFileOfTheShapeOfDsecHasItsEvents) {
+  const std::string file = FindTestData("containers/dsec.hdf5");
+  const ReadRecording read = ReadAll(file, {.geometry = SensorGeometry{640, 480}}).value();
+  EXPECT_EQ(read.header.container, "HDF5 (DSEC)");
+  EXPECT_EQ(read.header.geometry, (SensorGeometry{640, 480}));
+  EXPECT_EQ(read.header.time_offset_us, 49'599'300'523);
+  EXPECT_THAT(read.events, ElementsAreArray(FileEvents()));
+  EXPECT_EQ(ReadAll(file)->header.geometry, (SensorGeometry{346, 260}));
+}
+
+TEST_F(Hdf5ProgramTest, ErrorsOfTheProgramHaveThePath) {
+  ASSERT_TRUE(WriteHdf5(path(), {.header = {"", {640, 480}, 0}}).ok());
+  EXPECT_THAT(OpenRecording(path()).status().message(), HasSubstr("a.hdf5: has no event"));
+  std::filesystem::resize_file(path(), 600);
+  EXPECT_THAT(OpenRecording(path()).status().message(), HasSubstr("a.hdf5: is no HDF5 file, or is damaged"));
+  const auto output = Hdf5Output::Create(directory_.File("b.hdf5"), {640, 480}, 0).value();
+  ASSERT_TRUE(output->Write(absl::MakeConstSpan(std::vector<Event>{{1, 4000, 0, 0}})).ok());
+  EXPECT_THAT(output->Close().message(), HasSubstr("b.hdf5: event 0 of a chunk (x 4000"));
+  EXPECT_FALSE(std::filesystem::exists(directory_.File("b.hdf5")));
+}
+
+TEST_F(Hdf5ProgramTest, AnOutputThatIsNotClosedLeavesNoFile) {
+  {
+    const auto output = Hdf5Output::Create(path(), {640, 480}, 0).value();
+    ASSERT_TRUE(output->Write(absl::MakeConstSpan(TestEvents(100'000))).ok());
+  }
+  EXPECT_FALSE(std::filesystem::exists(path()));
+}
+
+// Whatever a damaged file does to the HDF5 library, this process gets an error or events.
+TEST_F(Hdf5ProgramTest, ChangedFilesGiveAnErrorOrACount) {
+  ASSERT_TRUE(WriteHdf5(path(), {.header = {"", {1280, 720}, 0}, .events = TestEvents(20'000)}).ok());
+  std::ifstream file(path(), std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(file), {}};
+  int num_errors = 0;
+  for (size_t i = 0; i < 60; ++i) {
+    std::string changed = whole;
+    // Most of the structure is at the beginning.
+    for (size_t at = i % 2 == 0 ? i * 37 : whole.size() * i / 60; at < std::min(whole.size(), (i + 1) * 41); at += 97) {
+      changed[at] = static_cast<char>(changed[at] ^ 0x5a);
+    }
+    changed[whole.size() * i / 60] ^= 0x55;
+    std::ofstream(path(), std::ios::binary) << changed;
+    const auto read = ReadAll(path());
+    if (read.ok()) {
+      EXPECT_LE(read->events.size(), 20'000u);
+    } else {
+      ++num_errors;
+      EXPECT_THAT(read.status().message(), HasSubstr(path()));
+    }
+  }
+  EXPECT_GT(num_errors, 0);
+}
+
+TEST_F(Hdf5ProgramTest, WithoutTheProgramTheErrorNamesThePackage) {
+  const std::string former = std::getenv("PATH");
+  setenv("PATH", "/nowhere", 1);
+  ASSERT_TRUE(WriteHdf5(path(), {.header = {"", {640, 480}, 0}, .events = TestEvents(10)}).ok());
+  const auto recording = OpenRecording(path());
+  setenv("PATH", former.c_str(), 1);
+  if (recording.ok()) GTEST_SKIP() << "the program is beside this one";
+  EXPECT_THAT(recording.status().message(), HasSubstr("install the Debian package evpose-hdf5"));
+}
+
+}  // namespace
+}  // namespace evpose::client

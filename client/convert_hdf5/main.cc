@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose-hdf5: reads and writes recordings in HDF5 for evpose, which exchanges records with it through a pipe.
+#include <unistd.h>
+
+#include <cerrno>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "client/containers/hdf5/event_pipe.h"
+#include "client/convert_hdf5/hdf5_reader.h"
+#include "client/convert_hdf5/hdf5_writer.h"
+#include "core/base/status_macros.h"
+
+namespace {
+
+using evpose::client::AppendPipeEnd;
+using evpose::client::AppendPipeEvents;
+using evpose::client::AppendPipeHeader;
+using evpose::client::AppendPipeLosses;
+using evpose::client::AppendPipeTriggers;
+using evpose::client::Hdf5Reader;
+using evpose::client::Hdf5Writer;
+using evpose::client::PipeRecord;
+using evpose::client::PipeRecordKind;
+
+constexpr int kFailed = 1;
+constexpr int kUsage = 2;
+constexpr size_t kReadBytes = size_t{64} * 1024;
+
+constexpr char kHelp[] =
+    "Usage: evpose-hdf5 read FILE | write FILE\n"
+    "Reads a recording in HDF5 and writes its events, as records of evpose, to standard output; or writes those of\n"
+    "standard input to an HDF5 file of Metavision (ECF). evpose runs it for files in HDF5.\n";
+
+absl::Status WriteAll(absl::Span<const uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t count = write(STDOUT_FILENO, bytes.data(), bytes.size());
+    if (count < 0 && errno != EINTR) return absl::ErrnoToStatus(errno, "standard output cannot be written");
+    if (count > 0) bytes.remove_prefix(static_cast<size_t>(count));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ReadFile(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Hdf5Reader> reader, Hdf5Reader::Open(path));
+  std::vector<uint8_t> bytes;
+  AppendPipeHeader(reader->header(), bytes);
+  std::vector<evpose::Event> events;
+  std::vector<evpose::Trigger> triggers;
+  evpose::client::PipeLosses losses;
+  while (reader->Next(events, triggers)) {
+    // The reader of the pipe sorts them into the events that follow.
+    if (!triggers.empty()) AppendPipeTriggers(triggers, bytes);
+    if (!events.empty()) AppendPipeEvents(events, bytes);
+    if (reader->losses() != losses) {
+      losses = reader->losses();
+      AppendPipeLosses(losses, bytes);
+    }
+    EVPOSE_RETURN_IF_ERROR(WriteAll(bytes));
+    bytes.clear();
+  }
+  AppendPipeLosses(reader->losses(), bytes);
+  AppendPipeEnd(bytes);
+  return WriteAll(bytes);
+}
+
+absl::Status WriteRecord(const std::string& path, const PipeRecord& record, std::unique_ptr<Hdf5Writer>& writer) {
+  if ((record.kind == PipeRecordKind::kHeader) == (writer != nullptr)) {
+    return absl::DataLossError("the records of standard input are out of order");
+  }
+  switch (record.kind) {
+    case PipeRecordKind::kHeader: {
+      EVPOSE_ASSIGN_OR_RETURN(writer, Hdf5Writer::Create(path, record.header));
+      return absl::OkStatus();
+    }
+    case PipeRecordKind::kEvents:
+      return writer->Write(record.events);
+    case PipeRecordKind::kTriggers:
+      return writer->Write(record.triggers);
+    case PipeRecordKind::kLosses:
+      return absl::OkStatus();
+    case PipeRecordKind::kEnd:
+      return writer->Close();
+  }
+  return absl::OkStatus();
+}
+
+absl::Status WriteFile(const std::string& path) {
+  std::unique_ptr<Hdf5Writer> writer;
+  std::vector<uint8_t> bytes;
+  PipeRecord record;
+  while (true) {
+    const size_t size = bytes.size();
+    bytes.resize(size + kReadBytes);
+    const ssize_t count = read(STDIN_FILENO, bytes.data() + size, kReadBytes);
+    if (count < 0) return absl::ErrnoToStatus(errno, "standard input cannot be read");
+    if (count == 0) return absl::DataLossError("standard input ended before the recording");
+    bytes.resize(size + static_cast<size_t>(count));
+    absl::Span<const uint8_t> rest = bytes;
+    while (true) {
+      EVPOSE_ASSIGN_OR_RETURN(const bool is_complete, TakePipeRecord(rest, record));
+      if (!is_complete) break;
+      EVPOSE_RETURN_IF_ERROR(WriteRecord(path, record, writer));
+      if (record.kind == PipeRecordKind::kEnd) return absl::OkStatus();
+    }
+    bytes.erase(bytes.begin(), bytes.end() - static_cast<int64_t>(rest.size()));
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const absl::string_view command = argc > 1 ? argv[1] : "";
+  if (argc == 2 && command == "--help") {
+    std::cout << kHelp;
+    return 0;
+  }
+  if (argc != 3 || (command != "read" && command != "write")) {
+    std::cerr << kHelp;
+    return kUsage;
+  }
+  const absl::Status status = command == "read" ? ReadFile(argv[2]) : WriteFile(argv[2]);
+  if (status.ok()) return 0;
+  std::cerr << "evpose-hdf5: " << status.message() << std::endl;
+  return kFailed;
+}

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Tests evpose convert, and the other commands on recordings in the formats of other programs.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "tests/data/test_data.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+class ConvertTest : public CliTest {
+ protected:
+  nlohmann::json Info(const std::string& path) const {
+    const CliResult result = Run({"info", path, "--json"});
+    EXPECT_EQ(result.status, 0) << result.err;
+    return result.status == 0 ? result.Json() : nlohmann::json();
+  }
+};
+
+TEST_F(ConvertTest, TheDigestIsTheSameThereAndBack) {
+  SimulateCube(0.05);
+  const nlohmann::json original = Info(Path("cube/recording.raw"));
+  std::string from = Path("cube/recording.raw");
+  for (const char* name : {"a.csv", "b.dat", "c.raw", "d.dat", "e.csv"}) {
+    const CliResult result = Run({"convert", from, Path(name), "--json"});
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.Json()["sha256"], original["sha256"]);
+    from = Path(name);
+    const nlohmann::json info = Info(from);
+    EXPECT_EQ(info["sha256"], original["sha256"]) << name;
+    EXPECT_EQ(info["width"], 640);
+    EXPECT_EQ(info["height"], 480);
+    EXPECT_EQ(info["cd_events"], original["cd_events"]);
+  }
+}
+
+TEST_F(ConvertTest, APartBeginsAfterTheFirstEvent) {
+  WriteText("a.csv", "%geometry:640,480\n1,1,0,5000000\n1,1,0,5100000\n1,1,0,5199999\n1,1,0,5200000\n");
+  ASSERT_EQ(Run({"convert", Path("a.csv"), Path("b"), "--to", "csv", "--start", "0.1", "--duration", "0.1"}).status, 0);
+  EXPECT_EQ(ReadText("b"), "%geometry:640,480\n1,1,0,5100000\n1,1,0,5199999\n");
+  const CliResult none = Run({"convert", Path("a.csv"), Path("c.csv"), "--start", "9"});
+  EXPECT_EQ(none.status, 1);
+  EXPECT_THAT(none.err, HasSubstr("has no event between --start and --start + --duration"));
+  EXPECT_THAT(FilesBeginning("c"), IsEmpty());
+}
+
+TEST_F(ConvertTest, WhatTheFormatCannotHoldIsAnErrorAndWritesNothing) {
+  WriteText("back.csv", "%geometry:640,480\n1,1,0,5000000\n1,1,0,4999999\n");
+  WriteText("outside.csv", "%geometry:640,480\n1,1,0,5000000\n640,1,0,5000001\n");
+  for (const char* name : {"back.csv", "outside.csv"}) {
+    const CliResult result = Run({"convert", Path(name), Path("out.raw")});
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, HasSubstr("RAW EVT3 cannot hold it, nothing was written"));
+    EXPECT_THAT(FilesBeginning("out"), IsEmpty());
+  }
+  const CliResult dropped = Run({"convert", Path("outside.csv"), Path("out.raw"), "--drop-outside"});
+  EXPECT_EQ(dropped.status, 0) << dropped.err;
+  EXPECT_THAT(dropped.err, HasSubstr("left out: 1 events without time or outside the sensor"));
+  EXPECT_EQ(Info(Path("out.raw"))["cd_events"], 1);
+  EXPECT_EQ(Run({"convert", Path("back.csv"), Path("back.dat")}).status, 0);
+}
+
+TEST_F(ConvertTest, WrongUseIsReported) {
+  WriteText("a.csv", "%geometry:640,480\n1,1,0,5000000\n");
+  const auto error = [this](const std::vector<std::string>& more, int status) {
+    std::vector<std::string> arguments = {"convert", Path("a.csv")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, status) << result.err;
+    return result.err;
+  };
+  EXPECT_THAT(error({Path("a.png")}, 2), HasSubstr("its name ends with none of .raw, .dat, .csv"));
+  EXPECT_THAT(error({Path("b.raw"), "--size", "640"}, 2), HasSubstr("is not WIDTHxHEIGHT"));
+  EXPECT_THAT(error({Path("b.raw"), "--size", "320x240"}, 1), HasSubstr("is of 640x480 pixels, but --size is 320x240"));
+  const CliResult pipe = RunShell("printf '1,1,0,5000000\\n1,1,0,5000001\\n' | evpose convert - b.raw");
+  EXPECT_EQ(pipe.status, 1);
+  EXPECT_THAT(pipe.err, HasSubstr("states no size of the sensor: give it with --size"));
+  EXPECT_EQ(RunShell("tail -n 1 a.csv | evpose convert - c.raw --size 640x480").status, 0);
+}
+
+TEST_F(ConvertTest, InfoDescribesAFileOfAnotherProgram) {
+  const std::string bag = FindTestData("containers/packets.mcap");
+  EXPECT_EQ(Info(bag)["format"], "rosbag2 MCAP");
+  EXPECT_EQ(Info(bag)["encoding"], "EVT3");
+  WriteText("a.txt", "0.5 10 20 1\n0.6 300 21 0\nno event\n0.7 11 21 0\n");
+  EXPECT_EQ(Info(Path("a.txt"))["width"], 304);
+  EXPECT_EQ(Info(Path("a.txt"))["geometry_is_stated"], false);
+  EXPECT_EQ(Info(Path("a.txt"))["skipped"][0]["count"], 1);
+  const CliResult text = Run({"info", Path("a.txt")});
+  EXPECT_THAT(text.out, HasSubstr("304x240 (not stated: the smallest known sensor that contains all events)"));
+  EXPECT_THAT(text.out, HasSubstr("left out   1 lines that are no event"));
+  const std::string arrays = FindTestData("containers/event_arrays.db3");
+  EXPECT_EQ(Info(arrays)["time_offset_us"], 1700000000005000);
+  EXPECT_EQ(Info(arrays)["t_first_us"], 0);
+  ASSERT_EQ(Run({"convert", arrays, Path("b.raw")}).status, 0);
+  EXPECT_EQ(Info(Path("b.raw"))["time_offset_us"], 1700000000005000);
+  EXPECT_EQ(Info(Path("b.raw"))["sha256"], Info(arrays)["sha256"]);
+}
+
+// The times of the poses in a TUM file, seconds.
+std::vector<double> TimesOf(const std::string& tum) {
+  std::vector<double> times;
+  std::istringstream lines(tum);
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.empty() && line[0] != '#') times.push_back(std::stod(line));
+  }
+  return times;
+}
+
+TEST_F(ConvertTest, ReplayReadsContainersAndCountsFromEitherZero) {
+  SimulateCube(0.1);
+  const nlohmann::json info = Info(Path("cube/recording.raw"));
+  ASSERT_GT(info["metavision_zero_us"], 0);
+  EXPECT_EQ(info["t_first_metavision_us"].get<int64_t>(),
+            info["t_first_us"].get<int64_t>() - info["metavision_zero_us"].get<int64_t>());
+  ASSERT_EQ(Run(ReplayArguments("sensor.tum")).status, 0);
+  ASSERT_EQ(Run(ReplayArguments("metavision.tum", {"--time-zero", "metavision"})).status, 0);
+  const std::vector<double> sensor = TimesOf(ReadText("sensor.tum"));
+  const std::vector<double> metavision = TimesOf(ReadText("metavision.tum"));
+  ASSERT_THAT(sensor, Not(IsEmpty()));
+  ASSERT_EQ(sensor.size(), metavision.size());
+  for (size_t i = 0; i < sensor.size(); ++i) {
+    EXPECT_EQ(std::llround((sensor[i] - metavision[i]) * 1e6), info["metavision_zero_us"].get<int64_t>());
+  }
+
+  ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("a.csv")}).status, 0);
+  std::string text = ReadText("a.csv");
+  WriteText("b.csv", text.substr(text.find('\n') + 1) + "damaged\n");  // without the line of the size
+  std::vector<std::string> arguments = ReplayArguments("text.tum");
+  std::replace(arguments.begin(), arguments.end(), Path("cube/recording.raw"), Path("b.csv"));
+  const CliResult replay = Run(arguments);
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  EXPECT_EQ(replay.Json()["events"], info["cd_events"]);
+  EXPECT_EQ(replay.Json()["skipped"][0]["count"], 1);
+  EXPECT_NEAR(static_cast<double>(TimesOf(ReadText("text.tum")).size()), static_cast<double>(sensor.size()), 2.0);
+}
+
+}  // namespace
+}  // namespace evpose
