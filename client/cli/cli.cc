@@ -28,6 +28,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("info", "Print the contents of a recording", AddInfoCommand);
   add("simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
   add("evaluate", "Compare estimated trajectories with the truth", AddEvaluateCommand);
+  add("target", "Make a printable target for evpose calibrate, and its model", AddTargetCommand);
   add("calibrate", "Fit the profile of a sensor to recordings with known poses", AddCalibrateCommand);
   add("render", "Draw the events of a recording and the projected model", AddRenderCommand);
   add("watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);

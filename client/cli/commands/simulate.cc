@@ -24,7 +24,8 @@ namespace {
 
 struct SimulateArguments {
   std::string object = "cube";
-  std::string model;  // file; replaces the object
+  std::string model;        // file; replaces the object
+  double distance_m = 0.0;  // 0: that of the preset
   ModelReadingArguments reading;
   std::string camera = "evk4";
   std::string scenario;
@@ -62,8 +63,16 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
 absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments) {
   if (arguments.model.empty()) return SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale);
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.model));
-  return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), arguments.camera,
-                               arguments.speed_scale);
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options,
+                          ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), arguments.camera,
+                                                arguments.speed_scale));
+  if (arguments.distance_m > 0.0) {
+    // The speed in the image stays.
+    options.scene.motion.speed_m_per_s *= arguments.distance_m / options.scene.motion.depth_m;
+    options.scene.motion.depth_m = arguments.distance_m;
+  }
+  options.scene.shows_front = arguments.scene.shows_front;
+  return options;
 }
 
 absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
@@ -146,6 +155,13 @@ void AddModelOptions(CLI::App& app, SimulateArguments& arguments, CLI::Option* o
                                             ") to simulate instead of --object, seen at a size of about 300 pixels "
                                             "from a random side, which --path-seed determines"))
                            ->excludes(object);
+  app.add_flag("--front", arguments.scene.shows_front,
+               "The model's z axis points to the camera and its y axis upwards on average, instead of a random side")
+      ->needs(model);
+  app.add_option("--distance", arguments.distance_m,
+                 "Mean distance of the model from the camera, metres; default: 3.4 times its diameter")
+      ->check(CLI::Range(0.01, 1e4))
+      ->needs(model);
   arguments.reading.AddTo(app, model);
 }
 
