@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The constant transforms and the clock offset between the poses of evpose and those of a robot or of another
-// reference: hand-eye calibration, and alignment with a reference (core/calibration/README.md, section 3).
+// reference: hand-eye calibration, and alignment with a reference (core/calibration/README.md, section 7).
 #pragma once
 
 #include <array>

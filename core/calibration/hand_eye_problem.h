@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The equations of hand-eye calibration (core/calibration/README.md, section 3). Internal to hand_eye.cc.
+// The equations of hand-eye calibration (core/calibration/README.md, section 7). Internal to hand_eye.cc.
 #pragma once
 
 #include <Eigen/Core>

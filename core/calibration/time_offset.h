@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Candidates for the offset between the clocks of two trajectories of the same motion
-// (core/calibration/README.md, section 3).
+// (core/calibration/README.md, section 7).
 #pragma once
 
 #include <vector>

@@ -102,7 +102,8 @@ TEST_F(RobotTest, WrongUsageIsNamed) {
     return result.err;
   };
   const std::string poses = Path("poses.tum"), robot = Path("robot.tum"), out = Path("mount.yaml");
-  EXPECT_THAT(error({"calibrate", poses, "-o", out}, 2), HasSubstr("--truth is required, except with --hand-eye"));
+  EXPECT_THAT(error({"calibrate", poses, "-o", out}, 2), HasSubstr("--model is required, except with --hand-eye"));
+  EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot}, 2), HasSubstr("-o is required"));
   EXPECT_THAT(error({"calibrate", poses, poses, "--hand-eye", robot, "-o", out}, 2), HasSubstr("one file"));
   EXPECT_THAT(error({"calibrate", poses, "--mount", "beside", "-o", out}, 2), HasSubstr("--hand-eye"));
   EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot, "--time-offset", "soon", "-o", out}, 2),
