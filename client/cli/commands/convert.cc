@@ -14,12 +14,12 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "client/cli/commands/commands.h"
-#include "client/cli/common/event_digest.h"
 #include "client/cli/common/recording_input.h"
 #include "client/containers/event_file_writer.h"
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
+#include "core/events/event_digest.h"
 #include "core/events/event_reader.h"
 
 namespace evpose::client {

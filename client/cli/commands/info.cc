@@ -8,12 +8,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
-#include "client/cli/common/event_digest.h"
 #include "client/cli/common/recording_input.h"
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
+#include "core/events/event_digest.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 

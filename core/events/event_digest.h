@@ -9,7 +9,7 @@
 #include "core/events/event.h"
 #include "core/numerics/hash.h"
 
-namespace evpose::client {
+namespace evpose {
 
 // SHA-256 over the events as packed records of t u64 (microseconds), x u16, y u16, p u8, little-endian.
 class EventDigest {
@@ -21,4 +21,4 @@ class EventDigest {
   Sha256 digest_;
 };
 
-}  // namespace evpose::client
+}  // namespace evpose

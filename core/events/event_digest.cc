@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/event_digest.h"
+#include "core/events/event_digest.h"
 
 #include "core/base/state_io.h"
 
-namespace evpose::client {
+namespace evpose {
 
 void EventDigest::Add(absl::Span<const Event> events) {
   StateWriter packed;
@@ -12,4 +12,4 @@ void EventDigest::Add(absl::Span<const Event> events) {
   digest_.Update({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
 }
 
-}  // namespace evpose::client
+}  // namespace evpose
