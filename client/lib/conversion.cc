@@ -172,6 +172,14 @@ Eigen::Matrix<double, 6, 6> SymmetricFromUpper(const google::protobuf::RepeatedF
   return matrix;
 }
 
+Triggers ReadTriggers(const v1::TrackResponse::Triggers& message) {
+  Triggers result{.chunk_seq = message.seq(), .num_skipped = message.num_skipped()};
+  for (const v1::TrackResponse::Trigger& trigger : message.triggers()) {
+    result.triggers.push_back({trigger.t_us(), trigger.input(), trigger.rising()});
+  }
+  return result;
+}
+
 }  // namespace
 
 v1::ErrorReason ReasonOf(const absl::Status& status) {
@@ -383,6 +391,8 @@ std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message) {
       return TrackingRestarted{message.tracking_restarted().after_seq(), message.tracking_restarted().detail()};
     case v1::TrackResponse::Notice::kLagChange:
       return LagChange{message.lag_change().falls_behind(), FromProto(message.lag_change().lag())};
+    case v1::TrackResponse::Notice::kTriggers:
+      return ReadTriggers(message.triggers());
     case v1::TrackResponse::Notice::KIND_NOT_SET:
       break;
   }

@@ -211,6 +211,25 @@ TEST(ConversionTest, DroppedEventsAreConverted) {
   EXPECT_EQ(FromProto(health).skipped_us, 8);
 }
 
+TEST(ConversionTest, Triggers) {
+  v1::TrackResponse::Notice message;
+  v1::TrackResponse::Triggers& triggers = *message.mutable_triggers();
+  triggers.set_seq(9);
+  triggers.set_num_skipped(2);
+  triggers.add_triggers()->set_t_us(16'000'001);
+  triggers.mutable_triggers(0)->set_input(6);
+  triggers.mutable_triggers(0)->set_rising(true);
+  const std::optional<Notice> notice = FromProto(message);
+  ASSERT_TRUE(notice.has_value());
+  const auto& ours = std::get<client::Triggers>(*notice);
+  EXPECT_EQ(ours.chunk_seq, 9u);
+  EXPECT_EQ(ours.num_skipped, 2u);
+  ASSERT_EQ(ours.triggers.size(), 1u);
+  EXPECT_EQ(ours.triggers[0].t_us, 16'000'001);
+  EXPECT_EQ(ours.triggers[0].input, 6u);
+  EXPECT_TRUE(ours.triggers[0].is_rising);
+}
+
 TEST(ConversionTest, AStateOfALaterServerIsUnknown) {
   v1::SessionHealth message;
   message.add_objects()->set_state(static_cast<v1::TrackState>(99));

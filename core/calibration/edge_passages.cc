@@ -10,7 +10,7 @@
 #include "core/association/association.h"
 #include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
-#include "core/numerics/robust.h"
+#include "core/calibration/event_displacement.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {
@@ -18,45 +18,13 @@ namespace {
 
 constexpr int64_t kSlotUs = 1000;      // interval over which the motion is assumed to be uniform
 constexpr int64_t kMaxGapUs = 20'000;  // longest gap of the truth that is interpolated; a window lasts as long at most
+constexpr double kGatesAlone = 3.0;    // distance of the nearest other line, in gates
 constexpr double kGridMarginPx = 2.0;  // by which lines may move within an interval
-
-struct Spread {
-  double mean = 0.0;
-  double sigma = 0.0;
-  double weight = 0.0;
-};
-
-// Returns mean, standard deviation and number of events of the line's component of a mixture with uniform clutter
-// (core/estimation/README.md, section 1), estimated as in the tracker.
-Spread FitMixture(const std::vector<double>& values, double gate_px, const ExpTable& table) {
-  constexpr int kIterations = 25;      // enough for the convergence of expectation and maximisation
-  constexpr double kMinSigmaPx = 0.2;  // below the rounding of pixels (0.29 px)
-  constexpr double kMinOutlierRatio = 0.01, kMaxOutlierRatio = 0.9;  // keep both components present
-  // Start: a usual standard deviation and share of clutter.
-  Spread fit{0.0, 0.8, 0.0};
-  double outlier_ratio = 0.2;
-  for (int i = 0; i < kIterations; ++i) {
-    const MixtureDensity density{fit.sigma, outlier_ratio, gate_px};
-    double weight = 0.0, sum = 0.0, squares = 0.0;
-    for (const double value : values) {
-      const double line = density.Line(value - fit.mean, table);
-      const double w = line / (line + density.Outlier());
-      weight += w;
-      sum += w * value;
-      squares += w * value * value;
-    }
-    if (weight <= 0.0) return {};
-    fit.mean = sum / weight;
-    fit.sigma = std::max(kMinSigmaPx, std::sqrt(std::max(0.0, squares / weight - fit.mean * fit.mean)));
-    fit.weight = weight;
-    outlier_ratio = std::clamp(1.0 - weight / static_cast<double>(values.size()), kMinOutlierRatio, kMaxOutlierRatio);
-  }
-  return fit;
-}
 
 // State of the current passage of a model line.
 struct OpenPassage {
   double direction = 0.0;
+  double gate_px = 0.0;  // 0 before the passage has begun
   double swept_px = 0.0;
   double swept_px2 = 0.0;
   double speed_px2 = 0.0;  // sum of speed times swept area
@@ -102,7 +70,12 @@ class Collector : public EdgePassageCollector {
   void CloseSlot();
   void AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<const TrackedLine> tracked);
   void AddSweeps(absl::Span<const TrackedLine> tracked);
+  double GateOf(size_t line) const;
+  bool IsAlone(const Eigen::Vector2d& foot_px, const ImageLine& other, double clear_px) const;
   void ClosePassage(int model_line);
+
+  // Distance within which other lines matter.
+  double ReachPx() const { return kGatesAlone * options_.gate_px; }
 
   const EdgePassageOptions options_ = {};
   const std::shared_ptr<const ObjectModel> model_;
@@ -146,7 +119,7 @@ void Collector::CloseSlot() {
     num_events_with_truth_ += slot_.size();
     const absl::Span<const TrackedLine> tracked = visible_edges_.At(truth->camera_from_object);
     ProjectLines(camera_, *truth, tracked, lines_);
-    grid_.Build(lines_, kAlonePx + kGridMarginPx);
+    grid_.Build(lines_, ReachPx() + kGridMarginPx);
     AddSweeps(tracked);
     for (const WindowEvent& event : slot_) AddEvent(event, truth->t_us, tracked);
     for (size_t k = 0; k < open_.size(); ++k) {
@@ -172,6 +145,7 @@ void Collector::AddSweeps(absl::Span<const TrackedLine> tracked) {
     OpenPassage& open = open_[tracked[k].curve];
     if (open.direction != direction_[k]) ClosePassage(tracked[k].curve);
     open.direction = direction_[k];
+    if (open.gate_px == 0.0) open.gate_px = GateOf(k);
     const double speed = 0.5 * std::abs(first + last);
     const double swept_px2 = line.length_px * speed * kSlotUs * 1e-6;
     open.swept_px += speed * kSlotUs * 1e-6;
@@ -185,7 +159,7 @@ void Collector::AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<
   if (!observed) return;
   Observation& seen = *observed;
   if (!grid_.GiveLines(seen)) return;
-  const NearLines near = FindNearLines(seen, lines_.data(), kAlonePx, kAlonePx);
+  const NearLines near = FindNearLines(seen, lines_.data(), ReachPx(), ReachPx());
   if (near.count == 0 || direction_[near.line[0]] == 0.0) return;
   const ImageLine& line = lines_[near.line[0]];
   OpenPassage& open = open_[tracked[near.line[0]].curve];
@@ -193,15 +167,43 @@ void Collector::AddEvent(const WindowEvent& event, int64_t t_mid_us, absl::Span<
   const double distance = near.distance_px[0];
   if (std::abs(distance) < options_.own_px && along >= 0.0 && along <= line.length_px)
     open.counts.Add(seen, along < 0.5 * line.length_px ? 0 : 1, 1.0);
-  const bool is_alone = near.count == 1 && along > options_.end_px && along < line.length_px - options_.end_px;
-  if (is_alone && std::abs(distance) < options_.gate_px)
-    open.residuals_px.push_back(distance * direction_[near.line[0]]);
+  const double end_px = options_.end_gates * open.gate_px;
+  if (std::abs(distance) >= open.gate_px || along <= end_px || along >= line.length_px - end_px) return;
+  // Decided at the foot point on the line, so that the choice does not depend on the distance, which is measured.
+  const bool is_alone = near.count == 1 ||
+                        IsAlone(line.PointAt(along / line.length_px), lines_[near.line[1]], kGatesAlone * open.gate_px);
+  if (is_alone) open.residuals_px.push_back(distance * direction_[near.line[0]]);
+}
+
+// Whether a point is farther than clear_px from a line.
+bool Collector::IsAlone(const Eigen::Vector2d& foot_px, const ImageLine& other, double clear_px) const {
+  if (!other.in_view()) return true;
+  const double along = std::clamp(other.AlongPx(foot_px.x(), foot_px.y()), 0.0, other.length_px);
+  return (foot_px - other.PointAt(along / other.length_px)).squaredNorm() > clear_px * clear_px;
+}
+
+// The largest gate at which half of the line is alone; the smallest one if there is none.
+double Collector::GateOf(size_t line) const {
+  constexpr int kParts = 8;
+  for (double gate_px = options_.gate_px; kGatesAlone * gate_px > kAlonePx; gate_px -= 0.5) {
+    int alone = 0;
+    for (int part = 0; part < kParts; ++part) {
+      const Eigen::Vector2d point = lines_[line].PointAt((part + 0.5) / kParts);
+      bool is_alone = true;
+      for (size_t k = 0; k < lines_.size() && is_alone; ++k) {
+        is_alone = k == line || IsAlone(point, lines_[k], kGatesAlone * gate_px);
+      }
+      alone += is_alone;
+    }
+    if (2 * alone >= kParts) return gate_px;
+  }
+  return kAlonePx / kGatesAlone;
 }
 
 void Collector::ClosePassage(int model_line) {
   OpenPassage& open = open_[model_line];
   if (open.swept_px2 >= options_.swept_px2 && open.residuals_px.size() >= static_cast<size_t>(options_.min_events)) {
-    const Spread spread = FitMixture(open.residuals_px, options_.gate_px, table_);
+    const EventDisplacement fit = FitDisplacement(open.residuals_px, open.gate_px, 0.0, table_);
     const double events = open.counts.polarity[0] + open.counts.polarity[1];
     EdgePassage passage;
     passage.model_line = model_line;
@@ -211,10 +213,10 @@ void Collector::ClosePassage(int model_line) {
     passage.rates.turns_per_px2 = passage.rates.recent_turns_per_px2 =
         (open.counts.turns[0] + open.counts.turns[1]) / open.swept_px2;
     passage.rates.kappa = open.direction * (open.counts.polarity[1] - open.counts.polarity[0]) / events;
-    passage.residual_px = spread.mean;
-    passage.spread_px = spread.sigma;
-    passage.num_events = spread.weight;
-    if (spread.weight >= options_.min_events / 2.0) passages_.push_back(passage);
+    passage.residual_px = fit.mean_px;
+    passage.spread_px = fit.spread_px;
+    passage.num_events = fit.num_events;
+    if (fit.num_events >= options_.min_events / 2.0) passages_.push_back(passage);
   }
   open = OpenPassage();
 }

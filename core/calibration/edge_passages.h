@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Measures the displacement of events from moving edges at known poses (core/calibration/README.md, section 1). A
+// Measures the displacement of events from moving edges at known poses (core/calibration/README.md, section 5). A
 // sensor profile is fitted to it (sensor_calibration.h).
 #pragma once
 
@@ -31,23 +31,23 @@ struct EdgePassage {
   bool IsBrighter() const { return rates.kappa * direction > 0.0; }
 };
 
-// Minimum distance between a line and every other line, pixels, for its events to be used: three times the gate, so
-// that the events of the other line are outside.
-inline constexpr double kAlonePx = 12.0;
+// Minimum distance between a line and every other line, pixels, for its events to be used: three times the smallest
+// gate, so that the events of the other line are outside.
+inline constexpr double kAlonePx = 6.0;
 
 // Validated by the calibration of the sensor profiles on simulated recordings with known constants.
 struct EdgePassageOptions {
   // Half width of the band about a line with events of its mixture, pixels: their displacement and several standard
-  // deviations.
+  // deviations. It is smaller, down to a third of kAlonePx, for a line with others within three times this distance.
   double gate_px = 4.0;
   // Maximum distance, pixels, of the events that count for the rates of a line.
   double own_px = 3.0;
-  // Minimum distance of an event from the ends of its line, pixels: nearer ones may belong to another edge.
-  double end_px = 8.0;
+  // Minimum distance of an event from the ends of its line, gates: nearer ones may belong to another edge.
+  double end_gates = 2.0;
   // Minimum normal speed, px/s: a slower line has too few events to be distinguished from noise.
   double min_speed_px_per_s = 20.0;
   // Minimum length of a line in the image, pixels: enough for events away from both ends.
-  double min_length_px = 30.0;
+  double min_length_px = 20.0;
   // A passage ends when the line has swept this distance (px) and this area (px^2), which averages over all positions
   // of an edge between two pixels and gives enough events for its rates; it ends earlier when the motion reverses.
   double swept_px = 1.5;

@@ -61,9 +61,9 @@ using Constants = std::array<double, kNumConstants>;
 using Covariance = Eigen::Matrix<double, kNumConstants, kNumConstants>;
 using Row = Eigen::Matrix<double, kNumConstants, 1>;
 
-// Minimises equation (3) of the README.
+// Minimises equation (9) of the README over the first constants; the others keep their initial values.
 absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages,
-                                   const SensorCalibrationOptions& calibration_options, bool with_times) {
+                                   const SensorCalibrationOptions& calibration_options, int num_free) {
   const SensorProfile& initial = calibration_options.initial;
   Constants constants = {initial.blur_px, initial.contrast_threshold, initial.latency_us / kTimeUnitUs,
                          initial.refractory_us / kTimeUnitUs};
@@ -77,7 +77,9 @@ absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages,
     problem.SetParameterLowerBound(constants.data(), i, kLow[i]);
     problem.SetParameterUpperBound(constants.data(), i, kHigh[i]);
   }
-  if (!with_times) problem.SetManifold(constants.data(), new ceres::SubsetManifold(kNumConstants, {2, 3}));
+  std::vector<int> fixed;
+  for (int i = num_free; i < kNumConstants; ++i) fixed.push_back(i);
+  if (!fixed.empty()) problem.SetManifold(constants.data(), new ceres::SubsetManifold(kNumConstants, fixed));
   ceres::Solver::Options options;
   options.logging_type = ceres::SILENT;
   options.max_num_iterations = kMaxIterations;
@@ -97,15 +99,14 @@ absl::StatusOr<Constants> Minimise(const std::vector<WeightedPassage>& passages,
 // Covariance of the constants from the curvature and from the scatter of the gradients of the groups, which are
 // independent (sandwich estimator; Liang and Zeger 1986).
 Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const Constants& constants,
-                             double robust_sigmas, bool with_times, int num_groups) {
+                             double robust_sigmas, int num_free, int num_groups) {
   Covariance curvature = Covariance::Zero();
   std::vector<Row> gradients(num_groups, Row::Zero());
   for (const WeightedPassage& weighted : passages) {
     const double residual = Residual(weighted, constants.data());
     const double weight = std::min(1.0, robust_sigmas / std::max(std::abs(residual), 1e-9));
     Row row = Row::Zero();
-    for (int i = 0; i < kNumConstants; ++i) {
-      if (i >= kNumAtAnySpeed && !with_times) continue;
+    for (int i = 0; i < num_free; ++i) {
       constexpr double kStep = 1e-3;  // of constants of the order of one
       Constants up = constants, down = constants;
       up[i] += kStep;
@@ -115,7 +116,7 @@ Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const
     curvature += weight * row * row.transpose();
     gradients[weighted.group] += weight * residual * row;
   }
-  if (!with_times) curvature.bottomRightCorner<2, 2>().setIdentity();
+  for (int i = num_free; i < kNumConstants; ++i) curvature(i, i) = 1.0;
   Covariance scatter = Covariance::Zero();
   for (const Row& gradient : gradients) scatter += gradient * gradient.transpose();
   const Covariance inverse = curvature.inverse();
@@ -256,16 +257,25 @@ absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRe
   result.slowest_px_per_s = QuantileOf(passages, 0.1, speed);
   result.fastest_px_per_s = QuantileOf(passages, 0.9, speed);
 
-  result.are_times_fitted = result.fastest_px_per_s >= options.min_speed_ratio * result.slowest_px_per_s;
-  if (!result.are_times_fitted) {
+  const bool has_speeds = result.fastest_px_per_s >= options.min_speed_ratio * result.slowest_px_per_s;
+  result.are_times_fitted = has_speeds && options.has_independent_poses;
+  if (!options.has_independent_poses) {
+    result.warnings.push_back(
+        absl::StrFormat("latency_us stays at %g and refractory_us at %g: poses that were tracked in the same events "
+                        "follow their delay; "
+                        "only poses of another source determine it (--truth)",
+                        options.initial.latency_us, options.initial.refractory_us));
+  } else if (!has_speeds) {
     result.warnings.push_back(
         absl::StrFormat("latency_us stays at %g: most speeds are nearly equal, %.0f to %.0f px/s, so that the latency "
                         "cannot be distinguished from the lag; record slow and fast motion",
                         options.initial.latency_us, result.slowest_px_per_s, result.fastest_px_per_s));
   }
-  EVPOSE_ASSIGN_OR_RETURN(const Constants constants, Minimise(passages, options, result.are_times_fitted));
+  // With tracked poses, the latency in the fit is what the tracker's own profile leaves of the common delay.
+  const int num_free = !has_speeds ? kNumAtAnySpeed : result.are_times_fitted ? kNumConstants : kNumAtAnySpeed + 1;
+  EVPOSE_ASSIGN_OR_RETURN(const Constants constants, Minimise(passages, options, num_free));
   const Covariance covariance =
-      GroupedCovariance(passages, constants, options.robust_sigmas, result.are_times_fitted, result.num_groups);
+      GroupedCovariance(passages, constants, options.robust_sigmas, num_free, result.num_groups);
   result.profile = WithConstants(options.initial, constants.data());
   if (!result.are_times_fitted) {
     result.profile.latency_us = options.initial.latency_us;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Fits the profile of a sensor to the passages of edges at known poses (core/calibration/README.md, section 2).
+// Fits the profile of a sensor to the passages of edges at known poses (core/calibration/README.md, section 6).
 #pragma once
 
 #include <string>
@@ -16,6 +16,9 @@ namespace evpose {
 struct SensorCalibrationOptions {
   // Start of the fit, and the value of each constant that the recordings do not determine.
   SensorProfile initial;
+  // Whether the poses come from another source than the events. Poses of the tracker follow the events: a delay that is
+  // common to all edges cannot be seen in them, and the two times keep their initial values.
+  bool has_independent_poses = true;
   // Smallest |kappa| of a passage of a single edge. The passage of a stripe carries no information about the constants.
   double min_kappa = 0.9;
   // Smallest number of pairs of a line and a direction, and of their passages, for a fit of five constants; both

@@ -130,6 +130,22 @@ Vector6d Difference(const RigidTransform& to, const RigidTransform& from) {
   return xi;
 }
 
+Matrix6d JacobianOfProduct(const Eigen::Matrix3d& left_rotation) {
+  Matrix6d jacobian = Matrix6d::Zero();
+  jacobian.topLeftCorner<3, 3>() = left_rotation;
+  jacobian.bottomRightCorner<3, 3>() = left_rotation;
+  return jacobian;
+}
+
+Matrix6d JacobianOfInverse(const RigidTransform& transform) {
+  const Eigen::Matrix3d back = transform.rotation.transpose();
+  Matrix6d jacobian = Matrix6d::Zero();
+  jacobian.topLeftCorner<3, 3>() = -back;
+  jacobian.topRightCorner<3, 3>() = -back * Hat(transform.translation_m);
+  jacobian.bottomRightCorner<3, 3>() = -back;
+  return jacobian;
+}
+
 double RotationAngle(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b) { return LogSo3(a.transpose() * b).norm(); }
 
 }  // namespace evpose

@@ -144,6 +144,33 @@ TEST(RigidTransformTest, DifferenceInvertsPerturb) {
   }
 }
 
+// The derivative of the perturbation of `derive(X)` with respect to that of X, by central differences.
+template <typename Derive>
+Matrix6d NumericalJacobian(const RigidTransform& transform, const Derive& derive) {
+  constexpr double kStep = 1e-6;
+  Matrix6d jacobian;
+  for (int i = 0; i < 6; ++i) {
+    const Vector6d xi = kStep * Vector6d::Unit(i);
+    jacobian.col(i) = Difference(derive(Perturb(transform, xi)), derive(Perturb(transform, -xi))) / (2.0 * kStep);
+  }
+  return jacobian;
+}
+
+TEST(RigidTransformTest, JacobiansOfDerivedTransforms) {
+  RandomTransforms random;
+  for (int i = 0; i < 20; ++i) {
+    const RigidTransform transform = ExpSe3(random.Tangent(random.Uniform(0.0, 3.0)));
+    const RigidTransform left = ExpSe3(random.Tangent(random.Uniform(0.0, 3.0)));
+    const auto product = [&left](const RigidTransform& x) { return left * x; };
+    const auto inverse = [](const RigidTransform& x) { return x.Inverse(); };
+    EXPECT_LT((JacobianOfProduct(left.rotation) - NumericalJacobian(transform, product)).norm(), 1e-8);
+    EXPECT_LT((JacobianOfInverse(transform) - NumericalJacobian(transform, inverse)).norm(), 1e-8);
+    // The inverse of the inverse is the transform.
+    EXPECT_LT((JacobianOfInverse(transform.Inverse()) * JacobianOfInverse(transform) - Matrix6d::Identity()).norm(),
+              1e-13);
+  }
+}
+
 TEST(RigidTransformTest, PerturbKeepsTheRotationOrthonormalOverAMillionSteps) {
   RigidTransform transform;
   Vector6d xi;

@@ -93,10 +93,12 @@ void AddModel(const ObjectModel& model, const MeshFinish& finish, Description& o
 }
 
 void AddScene(const SceneOptions& options, Description& out) {
-  const auto& [object, size_m, motion, background, light, occluder, lens_blur_px, model, finish] = options;
+  const auto& [object, size_m, motion, background, light, occluder, lens_blur_px, model, finish, shows_front] = options;
   out.Add("scene.object", static_cast<int64_t>(object));
   out.Add("scene.object_size_m", size_m);
   if (model != nullptr) AddModel(*model, finish, out);
+  // A scene without it keeps the description that it had before the option.
+  if (shows_front) out.Add("scene.shows_front", shows_front);
   AddMotion(motion, out);
   AddBackground(background, out);
   AddLight(light, out);

@@ -104,6 +104,9 @@ struct SceneOptions {
   // regions describe it: smooth within a region.
   std::shared_ptr<const ObjectModel> model;
   MeshFinish finish;
+  // The mean attitude of `model`: true: its z axis points to the camera and its y axis upwards, as for a printed sheet;
+  // false: random.
+  bool shows_front = false;
 
   absl::Status Validate() const;
 };

@@ -32,7 +32,11 @@ uint64_t PathSeed(const SimulationOptions& options) { return options.path_seed.v
 
 SceneObject MakeObject(const SimulationOptions& options) {
   const SceneOptions& scene = options.scene;
-  if (scene.model != nullptr) return MakeModelObject(*scene.model, PathSeed(options) ^ kAttitudeStream);
+  if (scene.model != nullptr) {
+    SceneObject object = MakeModelObject(*scene.model, PathSeed(options) ^ kAttitudeStream);
+    if (scene.shows_front) object.view_from_object = Eigen::Vector3d(1.0, -1.0, -1.0).asDiagonal();
+    return object;
+  }
   return MakeSceneObject(scene.object, scene.object_size_m);
 }
 

@@ -4,9 +4,11 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <tuple>
 
 #include "absl/types/span.h"
+#include "core/mesh/triangle_bvh.h"
 
 namespace evpose {
 namespace {
@@ -204,12 +206,29 @@ void AddStrip(const Vector3d& begin, const Vector3d& end, const Vector3d& normal
   }
 }
 
+// Whether both sides of the middle of a strip lie on the surface: a line on the border of an open surface has an edge
+// without paint, as the white part of a sheet has where the ink begins.
+bool IsInside(const ModelLine& line, double width_m, const TriangleBvh& faces) {
+  const Vector3d& normal = line.face_normals.front();
+  const Vector3d across = 0.5 * width_m * normal.cross(line.p2 - line.p1).normalized();
+  const Vector3d middle = 0.5 * (line.p1 + line.p2);
+  constexpr double kMinCosine = 0.5;  // any face on this side of the surface
+  const double radius_m = 0.25 * width_m;
+  return faces.HasNear(middle + across, radius_m, normal, kMinCosine) &&
+         faces.HasNear(middle - across, radius_m, normal, kMinCosine);
+}
+
 }  // namespace
 
 SmoothMesh PaintedStrips(const ObjectModel& model, double width_m, double max_part_m) {
   SmoothMesh mesh;
+  const auto is_painted = [](const ModelLine& line) {
+    return line.kind == EdgeKind::kPainted && !line.face_normals.empty();
+  };
+  std::optional<TriangleBvh> faces;
+  if (std::any_of(model.lines.begin(), model.lines.end(), is_painted)) faces.emplace(model.vertices, model.triangles);
   for (const ModelLine& line : model.lines) {
-    if (line.kind != EdgeKind::kPainted || line.face_normals.empty()) continue;
+    if (!is_painted(line) || !IsInside(line, width_m, *faces)) continue;
     AddStrip(line.p1, line.p2, line.face_normals.front(), width_m, max_part_m, mesh);
   }
   for (const EdgeCurve& curve : model.curves) {

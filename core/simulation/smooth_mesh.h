@@ -28,7 +28,8 @@ SmoothMesh MakeSmoothMesh(const ObjectModel& model);
 void Subdivide(double tolerance_m, double max_edge_m, SmoothMesh& mesh);
 
 // The painted lines and curves of a model as flat strips of the width `width_m` on their faces, in parts of at most
-// `max_part_m`. Lines away from all faces have none. Ends at 2 million triangles.
+// `max_part_m`. Lines away from all faces have none, nor have lines along the border of an open surface, which has an
+// edge there without paint. Ends at 2 million triangles.
 SmoothMesh PaintedStrips(const ObjectModel& model, double width_m, double max_part_m);
 
 // Whether each edge belongs to two triangles that run along it in opposite directions.

@@ -112,5 +112,20 @@ TEST(SmoothMeshTest, CurvedRegionsHaveTheNormalsOfTheSurface) {
   EXPECT_EQ(MakeSmoothMesh(model).normals[0][1], Vector3d::UnitZ());
 }
 
+TEST(SmoothMeshTest, ALineOnTheBorderOfASheetHasNoStrip) {
+  ObjectModel sheet;
+  sheet.vertices = {{-0.1, -0.1, 0}, {0.1, -0.1, 0}, {0.1, 0.1, 0}, {-0.1, 0.1, 0}};
+  sheet.triangles = {{0, 1, 2}, {0, 2, 3}};
+  sheet.diameter_m = 0.28;
+  const auto strips_at = [&](double y) {
+    sheet.lines = {{{-0.05, y, 0}, {0.05, y, 0}, {Vector3d::UnitZ()}, EdgeKind::kPainted}};
+    return PaintedStrips(sheet, 0.002, 1.0).triangles.size();
+  };
+  EXPECT_EQ(strips_at(0.0), 2u);
+  EXPECT_EQ(strips_at(0.098), 2u);
+  EXPECT_EQ(strips_at(0.1), 0u);
+  EXPECT_EQ(strips_at(-0.1), 0u);
+}
+
 }  // namespace
 }  // namespace evpose

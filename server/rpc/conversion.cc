@@ -355,6 +355,17 @@ v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConf
     added.set_falls_behind(change->is_behind);
     *added.mutable_lag() = ToProto(absl::Microseconds(change->lag_us));
   }
+  if (const auto* triggers = std::get_if<ChunkTriggers>(&notice.what)) {
+    v1::TrackResponse::Triggers& added = *out.mutable_triggers();
+    added.set_seq(triggers->seq);
+    added.set_num_skipped(triggers->num_skipped);
+    for (const Trigger& trigger : triggers->triggers) {
+      v1::TrackResponse::Trigger& edge = *added.add_triggers();
+      edge.set_t_us(trigger.t_us);
+      edge.set_input(trigger.id);
+      edge.set_rising(trigger.polarity != 0);
+    }
+  }
   if (const auto* change = std::get_if<StateChange>(&notice.what)) {
     v1::TrackResponse::StateChange& added = *out.mutable_state_change();
     added.set_object_id(config.objects[change->object_index].object_id);

@@ -91,15 +91,16 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionPipeline::CreateSearchin
   return pipeline;
 }
 
-void SessionPipeline::Decode(absl::Span<const uint8_t> bytes) {
+void SessionPipeline::Decode(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
   decoded_.events.clear();
   decoded_.triggers.clear();
   decoded_.time_marks.clear();
   timer_.Decode([&] { decoder_->Decode(bytes, decoded_); });
+  output.triggers.insert(output.triggers.end(), decoded_.triggers.begin(), decoded_.triggers.end());
 }
 
 EventGap SessionPipeline::Skip(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
-  Decode(bytes);
+  Decode(bytes, output);
   if (decoded_.events.empty() && decoded_.time_marks.empty()) return EventGap();
   for (const Event& event : decoded_.events) AdvanceTime(event.t_us);
   for (const TimeMark& mark : decoded_.time_marks) AdvanceTime(mark.t_us);
@@ -109,7 +110,7 @@ EventGap SessionPipeline::Skip(absl::Span<const uint8_t> bytes, PipelineOutput& 
 }
 
 void SessionPipeline::Process(absl::Span<const uint8_t> bytes, PipelineOutput& output) {
-  Decode(bytes);
+  Decode(bytes, output);
   const absl::Span<const Event> events = decoded_.events;
   size_t begin = 0;
   for (const TimeMark& mark : decoded_.time_marks) {

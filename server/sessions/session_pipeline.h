@@ -34,10 +34,12 @@ struct ObjectStateChange {
 struct PipelineOutput {
   std::vector<PoseEstimate> poses;
   std::vector<ObjectStateChange> state_changes;
+  std::vector<Trigger> triggers;  // in the order of the bytes
 
   void clear() {
     poses.clear();
     state_changes.clear();
+    triggers.clear();
   }
 };
 
@@ -85,7 +87,7 @@ class SessionPipeline {
 
  private:
   SessionPipeline() = default;
-  void Decode(absl::Span<const uint8_t> bytes);
+  void Decode(absl::Span<const uint8_t> bytes, PipelineOutput& output);
   void FeedEvents(absl::Span<const Event> events, PipelineOutput& output);
   void FeedTime(int64_t t_us, PipelineOutput& output);
   void AdvanceTime(int64_t t_us);

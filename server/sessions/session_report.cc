@@ -5,6 +5,8 @@
 #include <chrono>
 #include <utility>
 
+#include "server/sessions/session_limits.h"
+
 namespace evpose::server {
 namespace {
 
@@ -54,9 +56,21 @@ void SessionReport::AddNotices(const WorkResult& result) {
     notices_.push_back(
         {result.poses_before + change.num_poses_before, StateChange{change.object_index, change.t_us, change.state}});
   }
-  if (result.finished.has_value() && result.finished->fault.has_value()) {
-    notices_.push_back({result.last_pose_seq(), *result.finished->fault});
+  if (!result.finished.has_value()) return;
+  if (result.finished->fault.has_value()) notices_.push_back({result.last_pose_seq(), *result.finished->fault});
+  if (result.finished->triggers.has_value()) AddTriggers(result.last_pose_seq(), *result.finished->triggers);
+}
+
+// With half of the limit of notices taken, triggers are only counted: a reader that is slow to take them must not make
+// the session wait, or drop events, sooner than it would without them.
+void SessionReport::AddTriggers(uint64_t pose_seq, const ChunkTriggers& triggers) {
+  if (notices_.size() >= kMaxUntakenNotices / 2) {
+    untaken_triggers_ += triggers.triggers.size() + triggers.num_skipped;
+    return;
   }
+  ChunkTriggers added = triggers;
+  added.num_skipped += std::exchange(untaken_triggers_, 0);
+  notices_.push_back({pose_seq, std::move(added)});
 }
 
 void SessionReport::Add(const WorkResult& result, bool is_attached, ServerMetrics& metrics) {

@@ -45,12 +45,14 @@ class SessionReport {
  private:
   void Count(const WorkResult& result, ServerMetrics& metrics) const;
   void AddNotices(const WorkResult& result);
+  void AddTriggers(uint64_t pose_seq, const ChunkTriggers& triggers);
 
   SessionHealth health_;
   LatencyHistogram latencies_;
   uint64_t processed_seq_ = 0;
   uint64_t acked_pose_seq_ = 0;
   std::vector<SessionNotice> notices_;
+  uint64_t untaken_triggers_ = 0;               // not passed on since the last notice of triggers
   std::optional<TrackingRestarted> restarted_;  // until a stream has taken the notice
 };
 

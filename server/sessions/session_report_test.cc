@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "server/sessions/session_limits.h"
 #include "server/telemetry/metrics_testing.h"
 
 namespace evpose::server {
@@ -126,17 +127,32 @@ TEST_F(SessionReportTest, PlacesNoticesAmongThePoses) {
   result.gap = EventsDropped{.num_events = 4};
   result.state_changes = {{.object_index = 0, .t_us = 8, .state = TrackState::kLost, .num_poses_before = 2}};
   result.finished->fault = DecodeFault{.seq = 5, .count = 1};
+  result.finished->triggers = ChunkTriggers{.seq = 5, .triggers = {{900, 1, 1}}};
   report_.Add(result, true, metrics_);
-  EXPECT_EQ(report_.num_notices(), 3u);
+  EXPECT_EQ(report_.num_notices(), 4u);
   const std::vector<SessionNotice> notices = report_.TakeNotices();
-  ASSERT_EQ(notices.size(), 3u);
+  ASSERT_EQ(notices.size(), 4u);
   EXPECT_EQ(notices[0].after_pose_seq, 10u);
   EXPECT_TRUE(std::holds_alternative<EventsDropped>(notices[0].what));
   EXPECT_EQ(notices[1].after_pose_seq, 12u);
   EXPECT_TRUE(std::holds_alternative<StateChange>(notices[1].what));
   EXPECT_EQ(notices[2].after_pose_seq, 13u);
   EXPECT_TRUE(std::holds_alternative<DecodeFault>(notices[2].what));
+  EXPECT_EQ(notices[3].after_pose_seq, 13u);
+  EXPECT_EQ(std::get<ChunkTriggers>(notices[3].what).triggers[0].t_us, 900);
   EXPECT_EQ(report_.num_notices(), 0u) << "taken once";
+}
+
+TEST_F(SessionReportTest, TriggersTakeAtMostHalfOfTheNotices) {
+  WorkResult result = SomeResult();
+  result.finished->triggers = ChunkTriggers{.seq = 1, .triggers = {{900, 1, 1}, {901, 1, 0}}, .num_skipped = 1};
+  for (size_t i = 0; i < kMaxUntakenNotices; ++i) report_.Add(result, true, metrics_);
+  EXPECT_EQ(report_.num_notices(), kMaxUntakenNotices / 2);
+  report_.TakeNotices();
+  report_.Add(result, true, metrics_);
+  const std::vector<SessionNotice> notices = report_.TakeNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_EQ(std::get<ChunkTriggers>(notices[0].what).num_skipped, 3 * kMaxUntakenNotices / 2 + 1);
 }
 
 TEST_F(SessionReportTest, KeepsNoNoticesWithoutAStream) {

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/events/decoder.h"
+#include "server/sessions/session_limits.h"
 
 namespace evpose::server {
 namespace {
@@ -48,6 +49,7 @@ SessionWorker::SessionWorker(const SessionConfig& config, Options options, std::
 void SessionWorker::Start(WorkItem item) {
   item_ = std::move(item);
   item_offset_ = 0;
+  triggers_ = {.seq = item_->seq()};
 }
 
 WorkResult SessionWorker::Work(const Backlog& backlog) {
@@ -55,6 +57,7 @@ WorkResult SessionWorker::Work(const Backlog& backlog) {
   const SteadyTime begin = WorkTime();
   output_.clear();
   const bool item_is_finished = WorkOnItem();
+  CollectTriggers();
   const auto duration = WorkTime() - begin;
   AdaptSlice(duration);
   processing_time_ += duration;
@@ -129,6 +132,15 @@ std::optional<DecodeFault> SessionWorker::FindDecodeFault() const {
                                   " events outside the sensor")};
 }
 
+// By item and not by slice, whose size depends on the clock.
+void SessionWorker::CollectTriggers() {
+  const size_t room = kMaxTriggersOfChunk - triggers_.triggers.size();
+  const size_t kept = std::min(room, output_.triggers.size());
+  triggers_.triggers.insert(triggers_.triggers.end(), output_.triggers.begin(),
+                            output_.triggers.begin() + static_cast<std::ptrdiff_t>(kept));
+  triggers_.num_skipped += output_.triggers.size() - kept;
+}
+
 std::vector<ObjectHealth> SessionWorker::Objects() const {
   std::vector<ObjectHealth> objects;
   if (pipeline_ == nullptr) return objects;
@@ -158,6 +170,7 @@ WorkResult SessionWorker::MakeResult(bool item_is_finished) {
                                        .bytes = item_->bytes(),
                                        .is_end = item_->is_end(),
                                        .fault = FindDecodeFault()};
+    if (!triggers_.triggers.empty()) result.finished->triggers = std::move(triggers_);
   }
   return result;
 }

@@ -45,6 +45,7 @@ struct WorkResult {
     uint64_t bytes = 0;
     bool is_end = false;
     std::optional<DecodeFault> fault;
+    std::optional<ChunkTriggers> triggers;
   };
   std::optional<Item> finished;
 
@@ -88,6 +89,7 @@ class SessionWorker {
   void DropOrTrack(absl::Span<const uint8_t> slice);
   std::vector<StoredPose> NumberPoses();
   std::optional<DecodeFault> FindDecodeFault() const;
+  void CollectTriggers();
   WorkResult MakeResult(bool item_is_finished);
   void OnPhaseTransition(const PhaseTransition& transition) const;
   void ReportStateChanges() const;  // to log and metrics
@@ -100,6 +102,7 @@ class SessionWorker {
   size_t item_offset_ = 0;
   size_t slice_bytes_;  // of the next slice, at most
   DecodeCounts counts_before_item_;
+  ChunkTriggers triggers_;  // of the item so far
   uint64_t next_pose_seq_ = 1;
   OverloadGate overload_;
   bool must_drop_ = false;            // the events of the slice

@@ -117,6 +117,42 @@ TEST_F(SessionWorkerTest, ReportsDecodeFaultsOfAnItem) {
   EXPECT_FALSE(worker.Work({}).finished->fault.has_value()) << "earlier faults do not count again";
 }
 
+// EVT2 words: a time, then triggers in the lower 6 bits of time.
+std::string TriggerWords(int count) {
+  std::string words;
+  const auto append = [&words](uint32_t word) {
+    for (int byte = 0; byte < 4; ++byte) words.push_back(static_cast<char>(word >> (8 * byte)));
+  };
+  append(0x8u << 28 | 100);  // 6400 us
+  for (int i = 0; i < count; ++i) append(0xAu << 28 | 5u << 22 | 3u << 8 | static_cast<uint32_t>(i % 2));
+  return words;
+}
+
+TEST_F(SessionWorkerTest, PassesOnTheTriggersOfAnItemUpToALimit) {
+  config_.encoding = Encoding::kEvt2;
+  SessionWorker worker = MakeWorker();
+  worker.Start(Chunk(4, TriggerWords(2)));
+  const WorkResult result = worker.Work({});
+  ASSERT_TRUE(result.finished->triggers.has_value());
+  EXPECT_EQ(result.finished->triggers->seq, 4u);
+  EXPECT_EQ(result.finished->triggers->triggers, (std::vector<Trigger>{{6405, 3, 0}, {6405, 3, 1}}));
+  EXPECT_EQ(result.finished->triggers->num_skipped, 0u);
+  EXPECT_TRUE(result.poses.empty());
+
+  worker.Start(Chunk(5, TriggerWords(1000)));
+  std::optional<ChunkTriggers> triggers;
+  while (!triggers) {
+    const WorkResult slice = worker.Work({});
+    if (slice.finished) triggers = slice.finished->triggers;
+    ASSERT_TRUE(!slice.finished || triggers) << "the triggers come with the last slice";
+  }
+  EXPECT_EQ(triggers->triggers.size(), kMaxTriggersOfChunk);
+  EXPECT_EQ(triggers->num_skipped, 1000 - kMaxTriggersOfChunk);
+
+  worker.Start(Chunk(6, TriggerWords(0)));
+  EXPECT_FALSE(worker.Work({}).finished->triggers.has_value());
+}
+
 TEST_F(SessionWorkerTest, DropsEventsWhileTheBacklogIsTooLarge) {
   config_.overload_policy = OverloadPolicy::kLatest;
   config_.max_lag = absl::Milliseconds(10);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Fuzz target for the text files of users (camera, sensor profile, trajectory) and for a pose as an argument. Accepted
-// values are valid, and writing and reading them again gives the same values.
+// Fuzz target for the text files of users (camera, sensor profile, trajectory, constant transform) and for a pose as an
+// argument. Accepted values are valid, and writing and reading them again gives the same values.
 #include "core/camera_files/camera_file.h"
 #include "core/estimation/sensor_profile.h"
 #include "core/geometry/trajectory.h"
+#include "core/geometry/transform_file.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 
@@ -43,13 +44,22 @@ void TryTrajectory(const std::string& text) {
   EVPOSE_FUZZ_REQUIRE(again.ok() && again->size() == trajectory->size());
 }
 
+void TryTransform(const std::string& text) {
+  const auto named = ParseTransform(text, "mount.yaml");
+  if (!named.ok()) return;
+  EVPOSE_FUZZ_REQUIRE(named->target_from_source.rotation.isUnitary(1e-9));
+  EVPOSE_FUZZ_REQUIRE(named->target_from_source.translation_m.allFinite());
+  const auto again = ParseTransform(TransformToYaml(named->target_from_source, "a", "b", ""), "written.yaml");
+  EVPOSE_FUZZ_REQUIRE(again.ok());
+}
+
 }  // namespace
 }  // namespace evpose
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace evpose;
   FuzzInput input(data, size);
-  switch (input.Choice(4)) {
+  switch (input.Choice(5)) {
     case 0:
       TryCamera(input.RestAsText());
       break;
@@ -59,8 +69,11 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     case 2:
       TryTrajectory(input.RestAsText());
       break;
-    default:
+    case 3:
       (void)ParsePose(input.RestAsText());
+      break;
+    default:
+      TryTransform(input.RestAsText());
   }
   return 0;
 }

@@ -76,6 +76,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
                               "bench synthetic",
                               "bench tracking",
                               "calibrate",
+                              "target",
                               "server",
                               "server info",
                               "server log-level",

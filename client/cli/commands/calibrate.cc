@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose calibrate: estimates the profile of a sensor from recordings with known poses.
+// evpose calibrate: estimates a camera from recordings of a known object, and the profile of a sensor from recordings
+// with known or tracked poses.
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <utility>
@@ -10,7 +12,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/cli/commands/calibrate_hand_eye.h"
 #include "client/cli/commands/calibration_picture.h"
+#include "client/cli/commands/camera_report.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/progress.h"
@@ -18,7 +22,9 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/calibration/camera_calibration.h"
 #include "core/calibration/sensor_calibration.h"
+#include "core/calibration/tracked_recording.h"
 #include "core/camera_files/camera_file.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
@@ -40,8 +46,17 @@ struct CalibrateArguments {
   std::string name;
   std::string out;
   std::string picture;
+  std::string camera_out;
+  std::string coverage;
+  double fov_deg = 0.0;
+  double focal_mm = 0.0;
+  double pixel_um = 4.86;
+  evpose::LensModel lens = evpose::LensModel::kBrown;
   ModelReadingArguments reading;
+  HandEyeArguments hand_eye;
   bool is_json = false;
+
+  bool IsCameraWanted() const { return truths.empty() && cameras.empty(); }
 };
 
 // Returns the i-th file, or the only one, which then is that of all recordings.
@@ -51,15 +66,42 @@ const std::string& Of(const std::vector<std::string>& values, size_t i) {
 
 absl::Status CheckCounts(const CalibrateArguments& arguments) {
   const size_t wanted = arguments.recordings.size();
-  if (arguments.truths.size() != wanted) {
+  if (!arguments.truths.empty() && arguments.truths.size() != wanted) {
     return UsageError(absl::StrFormat("--truth is given %d times for %d recordings: one for each, in their order",
                                       arguments.truths.size(), wanted));
   }
   for (const auto& [option, count] :
        {std::pair{"--model", arguments.models.size()}, {"--camera", arguments.cameras.size()}}) {
-    if (count == 1 || count == wanted) continue;
+    const bool is_missing_camera = count == 0 && arguments.IsCameraWanted();
+    if (count == 1 || count == wanted || is_missing_camera) continue;
     return UsageError(absl::StrFormat("%s is given %d times for %d recordings: once, or one for each in their order",
                                       option, count, wanted));
+  }
+  return absl::OkStatus();
+}
+
+// Checks which options belong together: with --camera, the profile alone is estimated.
+absl::Status CheckMode(const CalibrateArguments& arguments) {
+  if (arguments.models.empty()) return UsageError("--model is required, except with --hand-eye");
+  EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
+  if (!arguments.IsCameraWanted()) {
+    if (arguments.out.empty()) return UsageError("-o is required: the file for the profile of the sensor");
+    for (const auto& [option, is_given] : {std::pair{"--camera-out", !arguments.camera_out.empty()},
+                                           {"--coverage", !arguments.coverage.empty()},
+                                           {"--fov", arguments.fov_deg > 0.0},
+                                           {"--focal-mm", arguments.focal_mm > 0.0}}) {
+      if (is_given) return UsageError(absl::StrCat(option, " is for a calibration of the camera: without --camera"));
+    }
+    return absl::OkStatus();
+  }
+  if (arguments.camera_out.empty()) {
+    return UsageError("without --camera the camera is estimated: give --camera-out, the file for it, or --camera");
+  }
+  if (arguments.models.size() != 1) {
+    return UsageError("a calibration of the camera needs one --model, that of all recordings");
+  }
+  if (arguments.out.empty() && !arguments.picture.empty()) {
+    return UsageError("--picture shows the profile, which needs -o");
   }
   return absl::OkStatus();
 }
@@ -67,18 +109,46 @@ absl::Status CheckCounts(const CalibrateArguments& arguments) {
 struct CalibrationInput {
   std::unique_ptr<RecordingReader> reader;
   std::unique_ptr<EdgePassageCollector> collector;
+  std::string truth_name;
 };
 
-absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, size_t i) {
-  CalibrationInput input;
-  EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(Of(arguments.cameras, i)));
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(Of(arguments.models, i)));
-  EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
-  if (truth.size() < 2)
+// The truth of a file, or the poses of the tracker.
+absl::StatusOr<Trajectory> PosesOf(const CalibrateArguments& arguments, size_t i, const CameraModel& camera,
+                                   const std::shared_ptr<const ObjectModel>& model, const SensorProfile& sensor,
+                                   ProgressLine& progress) {
+  if (!arguments.truths.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
+    if (truth.size() >= 2) return truth;
     return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
-  EVPOSE_ASSIGN_OR_RETURN(input.reader, OpenSeenBy(camera, Of(arguments.cameras, i), arguments.recordings[i]));
-  EVPOSE_ASSIGN_OR_RETURN(input.collector, EdgePassageCollector::Create(std::make_shared<ObjectModel>(std::move(model)),
-                                                                        camera, std::move(truth)));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(
+      Trajectory tracked,
+      TrackRecording(arguments.recordings[i], model, camera, {.sensor = sensor}, [&](double seconds) {
+        progress.Show(static_cast<double>(i) / static_cast<double>(arguments.recordings.size()),
+                      absl::StrFormat("%s: %.1f s tracked", arguments.recordings[i], seconds));
+      }));
+  if (tracked.size() >= 2) return tracked;
+  return absl::FailedPreconditionError(absl::StrCat(
+      arguments.recordings[i], ": the object was not tracked; try evpose replay with this camera and model"));
+}
+
+absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, size_t i,
+                                           const std::optional<CameraModel>& estimated, const SensorProfile& sensor,
+                                           ProgressLine& progress) {
+  CalibrationInput input;
+  CameraModel camera;
+  if (estimated) {
+    camera = *estimated;
+  } else {
+    EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(Of(arguments.cameras, i)));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel loaded, arguments.reading.Load(Of(arguments.models, i)));
+  const auto model = std::make_shared<const ObjectModel>(std::move(loaded));
+  EVPOSE_ASSIGN_OR_RETURN(input.reader, OpenSeenBy(camera, estimated ? arguments.camera_out : Of(arguments.cameras, i),
+                                                   arguments.recordings[i]));
+  EVPOSE_ASSIGN_OR_RETURN(Trajectory poses, PosesOf(arguments, i, camera, model, sensor, progress));
+  input.truth_name = arguments.truths.empty() ? "the tracked poses" : arguments.truths[i];
+  EVPOSE_ASSIGN_OR_RETURN(input.collector, EdgePassageCollector::Create(model, camera, std::move(poses)));
   return input;
 }
 
@@ -103,7 +173,7 @@ absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArgument
   if (input.collector->num_events_with_truth() == 0) {
     return absl::FailedPreconditionError(absl::StrFormat(
         "%s has no events at the times of %s: its events are of %.6f to %.6f s; are both on the sensor's clock?",
-        arguments.recordings[i], arguments.truths[i], first_us.value_or(0) * 1e-6, last_us * 1e-6));
+        arguments.recordings[i], input.truth_name, first_us.value_or(0) * 1e-6, last_us * 1e-6));
   }
   return passages;
 }
@@ -152,38 +222,152 @@ void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
       fit.uncorrected_rms_px, fit.initial_rms_px, fit.fitted_rms_px);
 }
 
-absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
-  EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
-  SensorCalibrationOptions options;
-  if (!arguments.start.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(options.initial, LoadSensorProfile(arguments.start));
-  }
-  std::vector<CalibrationInput> inputs;
-  for (size_t i = 0; i < arguments.recordings.size(); ++i) {
-    EVPOSE_ASSIGN_OR_RETURN(CalibrationInput input, OpenInput(arguments, i));
-    inputs.push_back(std::move(input));
-  }
-  EVPOSE_ASSIGN_OR_RETURN(OutputFile profile_file, OutputFile::Create(arguments.out));
-  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> picture, OpenOutput(arguments.picture));
-  ProgressLine progress(context);
+struct ProfileResult {
+  SensorCalibration calibration;
   std::vector<CalibrationRecording> recordings;
-  for (size_t i = 0; i < inputs.size(); ++i) {
-    EVPOSE_ASSIGN_OR_RETURN(std::vector<EdgePassage> passages, CollectPassages(arguments, i, inputs[i], progress));
-    recordings.push_back({arguments.recordings[i], std::move(passages)});
-    inputs[i] = {};
+};
+
+// Fits the profile with the cameras of the files, or with the estimated one.
+absl::StatusOr<ProfileResult> FitProfile(const CalibrateArguments& arguments,
+                                         const std::optional<CameraModel>& estimated, const SensorProfile& start,
+                                         ProgressLine& progress) {
+  SensorCalibrationOptions options;
+  options.initial = start;
+  options.has_independent_poses = !arguments.truths.empty();
+  ProfileResult result;
+  for (size_t i = 0; i < arguments.recordings.size(); ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(CalibrationInput input, OpenInput(arguments, i, estimated, start, progress));
+    EVPOSE_ASSIGN_OR_RETURN(std::vector<EdgePassage> passages, CollectPassages(arguments, i, input, progress));
+    result.recordings.push_back({arguments.recordings[i], std::move(passages)});
   }
-  progress.Clear();
-  EVPOSE_ASSIGN_OR_RETURN(SensorCalibration calibration, CalibrateSensor(recordings, options));
-  if (!arguments.name.empty()) calibration.profile.name = arguments.name;
+  EVPOSE_ASSIGN_OR_RETURN(result.calibration, CalibrateSensor(result.recordings, options));
+  if (!arguments.name.empty()) result.calibration.profile.name = arguments.name;
+  return result;
+}
+
+// The size of the sensor that the headers of all recordings state, and that must be the same.
+absl::StatusOr<SensorGeometry> CommonGeometry(const std::vector<std::string>& recordings) {
+  std::optional<SensorGeometry> common;
+  for (const std::string& recording : recordings) {
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, RecordingReader::Open(recording));
+    const SensorGeometry geometry = reader->header().geometry;
+    if (!reader->header().geometry_is_known) {
+      return absl::FailedPreconditionError(
+          absl::StrCat(recording, ": its header does not state the size of the sensor, which a calibration needs"));
+    }
+    if (common && geometry != *common) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "%s is of a sensor of %d x %d pixels, %s of one of %d x %d: calibrate one camera at a time", recordings[0],
+          common->width_px, common->height_px, recording, geometry.width_px, geometry.height_px));
+    }
+    common = geometry;
+  }
+  return *common;
+}
+
+absl::StatusOr<CameraCalibration> EstimateCamera(const CalibrateArguments& arguments, const SensorProfile& start,
+                                                 ProgressLine& progress) {
+  EVPOSE_ASSIGN_OR_RETURN(const SensorGeometry geometry, CommonGeometry(arguments.recordings));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.models.front()));
+  CameraCalibrationOptions options;
+  options.sensor = start;
+  options.lens_model = arguments.lens;
+  if (arguments.fov_deg > 0.0) {
+    const double half_rad = 0.5 * arguments.fov_deg * std::numbers::pi / 180.0;
+    const bool is_fisheye = arguments.lens == evpose::LensModel::kFisheye;
+    options.focal_px = 0.5 * geometry.width_px / (is_fisheye ? half_rad : std::tan(half_rad));
+  } else if (arguments.focal_mm > 0.0) {
+    options.focal_px = 1e3 * arguments.focal_mm / arguments.pixel_um;
+  }
+  return CalibrateCamera(arguments.recordings, std::make_shared<const ObjectModel>(std::move(model)), geometry, options,
+                         [&progress](double ratio, const std::string& step) { progress.Show(ratio, step); });
+}
+
+absl::Status WriteProfile(const ProfileResult& profile, std::optional<OutputFile>& file,
+                          std::optional<OutputFile>& picture) {
   if (picture) {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCalibration(calibration, recordings));
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCalibration(profile.calibration, profile.recordings));
     EVPOSE_RETURN_IF_ERROR(FinishOutput(picture, {reinterpret_cast<const char*>(png.data()), png.size()}));
   }
-  EVPOSE_RETURN_IF_ERROR(profile_file.Append(SensorProfileToYaml(calibration.profile)));
-  EVPOSE_RETURN_IF_ERROR(profile_file.Commit());
-  for (const std::string& warning : calibration.warnings) context.err << "evpose calibrate: " << warning << "\n";
-  return PrintResult(context, arguments.is_json, CalibrationJson(calibration),
-                     [&calibration](std::ostream& out) { PrintCalibration(calibration, out); });
+  return FinishOutput(file, SensorProfileToYaml(profile.calibration.profile));
+}
+
+absl::Status WriteCamera(const CameraCalibration& camera, std::optional<OutputFile>& file,
+                         std::optional<OutputFile>& coverage) {
+  if (coverage) {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCoverage(camera));
+    EVPOSE_RETURN_IF_ERROR(FinishOutput(coverage, {reinterpret_cast<const char*>(png.data()), png.size()}));
+  }
+  return FinishOutput(file, CameraModelToYaml(camera.camera));
+}
+
+void PrintWarnings(const std::vector<std::string>& warnings, CliContext& context) {
+  for (const std::string& warning : warnings) context.err << "evpose calibrate: " << warning << "\n";
+}
+
+absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
+  if (!arguments.hand_eye.reference.empty()) {
+    if (arguments.recordings.size() != 1) return UsageError("--hand-eye: give one file of evpose's poses");
+    if (arguments.out.empty()) return UsageError("-o is required: the file for the pose of the camera");
+    return RunHandEye(arguments.hand_eye, arguments.recordings.front(), arguments.out, arguments.is_json, context);
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckMode(arguments));
+  SensorProfile start;
+  if (!arguments.start.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(start, LoadSensorProfile(arguments.start));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> profile_file, OpenOutput(arguments.out));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> picture, OpenOutput(arguments.picture));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> camera_file, OpenOutput(arguments.camera_out));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> coverage, OpenOutput(arguments.coverage));
+  ProgressLine progress(context);
+  std::optional<CameraCalibration> camera;
+  if (arguments.IsCameraWanted()) {
+    EVPOSE_ASSIGN_OR_RETURN(camera, EstimateCamera(arguments, start, progress));
+    EVPOSE_RETURN_IF_ERROR(WriteCamera(*camera, camera_file, coverage));
+    progress.Clear();
+    PrintWarnings(camera->warnings, context);
+  }
+  std::optional<ProfileResult> profile;
+  if (profile_file) {
+    const std::optional<CameraModel> estimated = camera ? std::optional<CameraModel>(camera->camera) : std::nullopt;
+    EVPOSE_ASSIGN_OR_RETURN(profile, FitProfile(arguments, estimated, start, progress));
+    EVPOSE_RETURN_IF_ERROR(WriteProfile(*profile, profile_file, picture));
+    progress.Clear();
+    PrintWarnings(profile->calibration.warnings, context);
+  }
+  Json json = profile ? CalibrationJson(profile->calibration) : Json::object();
+  if (camera) json["camera"] = CameraCalibrationJson(*camera);
+  return PrintResult(context, arguments.is_json, json, [&](std::ostream& out) {
+    if (camera) PrintCameraCalibration(*camera, out);
+    if (profile) PrintCalibration(profile->calibration, out);
+  });
+}
+
+void AddCameraOptions(CLI::App& app, CalibrateArguments& arguments) {
+  app.add_option("--camera-out", arguments.camera_out,
+                 "Estimated camera: ROS camera_info YAML; the file appears only when it is complete");
+  AddPicture(app, "--coverage", arguments.coverage,
+             "Draw where in the image the object was seen, and the uncertainty of the projection: .png");
+  std::vector<std::pair<std::string, evpose::LensModel>> lenses;
+  for (const evpose::LensModel lens :
+       {evpose::LensModel::kBrown, evpose::LensModel::kRational, evpose::LensModel::kFisheye}) {
+    lenses.emplace_back(LensModelName(lens), lens);
+  }
+  app.add_option("--lens", arguments.lens,
+                 "Model of the lens: brown (5 coefficients), rational (8, wide lenses), fisheye; default: brown")
+      ->transform(CLI::Transformer(lenses))
+      ->default_str("brown");
+  CLI::Option* fov = app.add_option("--fov", arguments.fov_deg,
+                                    "First guess of the horizontal field of view, degrees; 20 % off is near enough. "
+                                    "Default: several are tried")
+                         ->check(CLI::Range(1.0, 160.0));
+  CLI::Option* focal = app.add_option("--focal-mm", arguments.focal_mm, "First guess of the focal length, millimetres")
+                           ->check(CLI::Range(0.1, 1000.0))
+                           ->excludes(fov);
+  AddOption(app, "--pixel-um", arguments.pixel_um, "Width of a pixel, micrometres; default: that of an EVK4",
+            CLI::Range(0.5, 100.0))
+      ->needs(focal);
 }
 
 }  // namespace
@@ -193,28 +377,35 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("recordings", arguments->recordings,
                  absl::StrCat("Recordings of one sensor and lens: ", kRecordingFormats))
       ->required();
-  app.add_option("--truth", arguments->truths, "Known poses, TUM, on the sensor's clock; one for each recording")
-      ->required();
-  app.add_option("--model", arguments->models, absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"))
-      ->required();
-  app.add_option("--camera", arguments->cameras, absl::StrCat(kCameraFiles, "; one for all or one for each"))
-      ->required();
+  app.add_option("--model", arguments->models,
+                 absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"));
+  app.add_option("--camera", arguments->cameras,
+                 absl::StrCat(kCameraFiles, "; one for all or one for each. Without it, the camera is estimated"));
+  app.add_option("--truth", arguments->truths,
+                 "Known poses, TUM, on the sensor's clock; one for each recording. Without them, the object is tracked")
+      ->needs("--camera");
   arguments->reading.AddTo(app);
   app.add_option(
       "--start", arguments->start,
       "Initial profile; its value is kept for each constant that the recordings do not determine. Default: an EVK4");
   app.add_option("--name", arguments->name, "Name of the sensor in the profile");
   app.add_option("-o,--out", arguments->out,
-                 "Profile for evpose replay --sensor, YAML; the file appears only when it is complete")
-      ->required();
+                 "Profile for evpose replay --sensor, YAML; the file appears only when it is complete");
   AddPicture(app, "--picture", arguments->picture,
              "Draw the residuals by speed and by event density, before and after the fit: .png");
+  AddCameraOptions(app, *arguments);
+  arguments->hand_eye.AddTo(app);
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
-      "The object should move back and forth, slowly and fast, and have edges of several contrasts. An offset between\n"
-      "the clocks of the truth and of the sensor is indistinguishable from latency. Evaluate the profile on "
-      "recordings\n"
-      "to which it was not fitted.\n\n"
+      "Without --camera: the camera from recordings of a moving object with straight edges, best the sheet of evpose\n"
+      "target. Tilt it to all sides, bring it into all parts of the image, near and far. The result is as good as the\n"
+      "standard errors and the difference of the halves say; small residuals alone prove nothing.\n"
+      "With --camera: the profile alone. The object should move back and forth, slowly and fast, and have edges of\n"
+      "several contrasts. An offset between the clocks of the truth and of the sensor is indistinguishable from\n"
+      "latency. Evaluate a profile on recordings to which it was not fitted.\n\n"
+      "--hand-eye POSES... instead finds the camera on a robot or beside it, from the poses of evpose and those of "
+      "the\n"
+      "robot: turn about two axes at least, with changes of speed for the time offset.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --duration 2 --motion bursts -o cube\n"
       "  evpose calibrate cube/recording.raw --truth cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "

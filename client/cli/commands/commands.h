@@ -18,6 +18,7 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context);  // a pa
 CommandRunner AddReplayCommand(CLI::App& app, CliContext& context);
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddStreamCommand(CLI::App& app, CliContext& context);
+CommandRunner AddTargetCommand(CLI::App& app, CliContext& context);
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context);
 // Each of these adds several commands.
 void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);

@@ -13,6 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/commands/evaluate_alignment.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/table_cell.h"
@@ -32,6 +33,7 @@ struct EvaluateArguments {
   std::vector<std::string> estimates;  // FILE or NAME=FILE
   std::string model;
   std::string camera;
+  AlignmentArguments alignment;
   ModelReadingArguments reading;
   double max_gap_ms = 20.0;
   bool is_symmetric = false;
@@ -43,7 +45,8 @@ struct Row {
   Evaluation evaluation;
   std::optional<Consistency> consistency;  // of estimates with covariances
   int nees_degrees_of_freedom = 6;
-  size_t num_ambiguous = 0;                  // AMBIGUOUS poses of a CSV
+  size_t num_ambiguous = 0;  // AMBIGUOUS poses of a CSV
+  std::optional<HandEye> alignment;
   std::optional<double> surface_distance_m;  // with a model that has faces, and at least one pose
 };
 
@@ -99,23 +102,35 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
     options.continuous_symmetry = model->continuous_symmetry;
   }
   std::optional<SurfaceDistance> surface;
+  const auto error = [&arguments](const std::string& path, const absl::Status& status) {
+    return absl::Status(status.code(), absl::StrCat(path, " against ", arguments.truth, ": ", status.message()));
+  };
   if (model && !model->triangles.empty()) surface.emplace(*model);
   std::vector<Row> rows;
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
-    EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadPoseFile(path));
-    absl::StatusOr<Evaluation> evaluation = Evaluate(truth, estimate.trajectory, options, model ? &*model : nullptr,
+    EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadCameraPoses(path));
+    // An estimate without poses cannot be aligned, and gets its row.
+    absl::StatusOr<std::optional<HandEye>> alignment = std::nullopt;
+    if (!estimate.trajectory.empty()) alignment = arguments.alignment.Solve(truth, estimate.trajectory);
+    if (IsUsageError(alignment.status())) return alignment.status();
+    if (!alignment.ok()) return error(path, alignment.status());
+    const Trajectory aligned = *alignment ? (*alignment)->Aligned(truth) : truth;
+    absl::StatusOr<Evaluation> evaluation = Evaluate(aligned, estimate.trajectory, options, model ? &*model : nullptr,
                                                      camera ? &*camera : nullptr, estimate.ambiguous_us);
-    if (!evaluation.ok()) {
-      return absl::Status(evaluation.status().code(),
-                          absl::StrCat(path, " against ", arguments.truth, ": ", evaluation.status().message()));
-    }
+    if (!evaluation.ok()) return error(path, evaluation.status());
     EVPOSE_ASSIGN_OR_RETURN(const std::optional<Consistency> consistency,
-                            EvaluateConsistency(truth, estimate, options));
-    Row& row = rows.emplace_back(Row{
-        name, *evaluation, consistency, NumObservable(options.continuous_symmetry), estimate.ambiguous_us.size(), {}});
+                            EvaluateConsistency(aligned, estimate, options));
+    Row& row = rows.emplace_back(Row{name,
+                                     *evaluation,
+                                     consistency,
+                                     NumObservable(options.continuous_symmetry),
+                                     estimate.ambiguous_us.size(),
+                                     *alignment,
+                                     {}});
     if (!surface) continue;
-    EVPOSE_ASSIGN_OR_RETURN(row.surface_distance_m, MeanSurfaceDistance(truth, estimate.trajectory, *surface, options));
+    EVPOSE_ASSIGN_OR_RETURN(row.surface_distance_m,
+                            MeanSurfaceDistance(aligned, estimate.trajectory, *surface, options));
   }
   return rows;
 }
@@ -209,9 +224,16 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
   Json json = {{"truth", arguments.truth}, {"estimates", Json::array()}};
-  for (const Row& row : rows) json["estimates"].push_back(RowJson(row));
-  EVPOSE_RETURN_IF_ERROR(
-      PrintResult(context, arguments.is_json, json, [&rows](std::ostream& out) { PrintRows(rows, out); }));
+  for (const Row& row : rows) {
+    json["estimates"].push_back(RowJson(row));
+    json["estimates"].back()["alignment"] = AlignmentJson(arguments.alignment, row.alignment);
+  }
+  EVPOSE_RETURN_IF_ERROR(PrintResult(context, arguments.is_json, json, [&](std::ostream& out) {
+    PrintRows(rows, out);
+    for (const Row& row : rows) {
+      if (row.alignment) PrintAlignment(arguments.alignment, row.name, *row.alignment, out);
+    }
+  }));
   return CheckPlausible(rows, context);
 }
 
@@ -226,6 +248,7 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       ->take_all();
   AddFile(app, "--model", arguments->model, "Object model, for the reprojection error");
   AddFile(app, "--camera", arguments->camera, "Camera file, for the reprojection error");
+  arguments->alignment.AddTo(app);
   arguments->reading.AddTo(app);
   AddOption(app, "--max-gap-ms", arguments->max_gap_ms,
             "A pose counts towards the coverage for at most this time, in milliseconds", CLI::Range(0.001, 1e6));
@@ -237,7 +260,11 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       "counts\n"
       "how often such a period ended. ambig is the share with AMBIGUOUS poses of a CSV (TUM has none): they count as\n"
       "neither tracked nor lost, and errors are computed without them. Positions are compared in the camera frame, "
-      "without alignment.\n"
+      "without alignment. --align rigid is for a truth in another frame, such as that of a motion capture system or "
+      "of a\n"
+      "robot, of the object or of the camera: it removes every constant error (of the camera's pose, of the model's "
+      "frame),\n"
+      "and --time-offset auto every constant latency; what varies remains. A wrong scale also remains.\n"
       "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
       "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n"
       "surface is the mean distance of the object's surface from that at the true pose (ADD-S): 0 for all poses that "

@@ -28,7 +28,8 @@ namespace {
 
 struct SimulateArguments {
   std::string object = "cube";
-  std::string model;  // file; replaces the object
+  std::string model;        // file; replaces the object
+  double distance_m = 0.0;  // 0: that of the preset
   ModelReadingArguments reading;
   std::string camera = "evk4";
   std::string scenario;
@@ -100,6 +101,12 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
     options.sensor.hot_pixel_ratio = std::min(1.0, *arguments.num_hot_pixels / num_pixels);
   }
   options.sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
+  options.scene.shows_front = arguments.scene.shows_front;
+  if (arguments.distance_m > 0.0) {
+    // The speed in the image stays.
+    options.scene.motion.speed_m_per_s *= arguments.distance_m / options.scene.motion.depth_m;
+    options.scene.motion.depth_m = arguments.distance_m;
+  }
   options.scene.lens_blur_px = arguments.scene.lens_blur_px;
   const double diffuse_ratio = options.scene.light.diffuse_ratio;
   options.scene.light = arguments.scene.light;
@@ -166,6 +173,13 @@ void AddModelOptions(CLI::App& app, SimulateArguments& arguments, CLI::Option* o
                                             ") to simulate instead of --object, seen at a size of about 300 pixels "
                                             "from a random side, which --path-seed determines"))
                            ->excludes(object);
+  app.add_flag("--front", arguments.scene.shows_front,
+               "The model's z axis points to the camera and its y axis upwards on average, instead of a random side")
+      ->needs(model);
+  app.add_option("--distance", arguments.distance_m,
+                 "Mean distance of the model from the camera, metres; default: 3.4 times its diameter")
+      ->check(CLI::Range(0.01, 1e4))
+      ->needs(model);
   arguments.reading.AddTo(app, model);
 }
 

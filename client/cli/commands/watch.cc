@@ -26,6 +26,7 @@ struct WatchArguments {
   bool is_health = false;
   double period_s = 1.0;
   bool is_json = false;
+  PoseFrameArguments frame;
 };
 
 // Prints the states of the objects on standard error when they change, and the reason for a missing pose. Thread-safe.
@@ -118,19 +119,21 @@ absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context
 }
 
 absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const PoseFormat format = arguments.is_json ? PoseFormat::kJsonLines : PoseFormat::kTum;
   StateLines states(context.err);
   std::stop_source stop;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
     if (num_skipped > 0) states.Skipped(num_skipped);
-    for (const Pose& pose : poses) context.out << PoseLine(format, pose);
+    for (const Pose& pose : poses) context.out << PoseLine(format, pose, frame);
     context.out.flush();
     if (!context.out) stop.request_stop();  // the output is closed
   };
   const absl::StatusOr<Session> session = client->GetSession(arguments.session);
   if (!session.ok()) return SessionError(arguments.session, session.status());
   states.Show(session->health);
+  context.out << PoseHeader(format, frame);
   const StopOnInterrupt interrupt(context, stop, [&, shown_at = SystemClock().Now()]() mutable {
     if (SystemClock().Now() - shown_at < kHealthPeriod) return;
     // The end of the session also ends the stream of poses.
@@ -160,6 +163,7 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01",
             CLI::Range(0.01, 86400.0))
       ->needs(health);
+  arguments->frame.AddTo(app);
   arguments->server.AddTo(app, true);
   app.add_flag("--json", arguments->is_json, "One JSON object on each line");
   app.footer(

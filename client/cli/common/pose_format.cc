@@ -12,11 +12,13 @@
 #include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
+#include "core/geometry/transform_file.h"
 
 namespace evpose::client {
 namespace {
 
 constexpr char kObjectPlaceholder[] = "{object}";
+constexpr char kTransformKey[] = "transform";
 
 // Visits the upper triangle row by row.
 template <typename Visit>
@@ -38,7 +40,7 @@ std::array<double, 7> Numbers(const Transform& transform) {
   return {t.x(), t.y(), t.z(), q.x(), q.y(), q.z(), q.w()};
 }
 
-std::string CsvHeader() {
+std::string CsvHeader(const PoseFrame& frame) {
   std::string line =
       "pose_seq,object_id,t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw,state,num_events,explained_ratio,residual_rms_px";
   for (const char* name : {"vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"}) {
@@ -54,10 +56,11 @@ std::string CsvHeader() {
       absl::StrAppend(&line, ",alt", i, "_", name);
     }
   }
+  if (!frame.is_default()) absl::StrAppend(&line, ",", kTransformKey);
   return line + "\n";
 }
 
-std::string CsvLine(const Pose& pose) {
+std::string CsvLine(const Pose& pose, const PoseFrame& frame) {
   std::string line = absl::StrFormat("%d,%s,%d", pose.seq, pose.object_id, pose.t_us);
   for (const double value : Numbers(pose.camera_from_object)) absl::StrAppendFormat(&line, ",%.17g", value);
   absl::StrAppendFormat(&line, ",%s,%d,%.9g,%.9g", StateName(pose), pose.num_events, pose.explained_ratio,
@@ -74,6 +77,7 @@ std::string CsvLine(const Pose& pose) {
     for (const double value : Numbers(alternative.camera_from_object)) absl::StrAppendFormat(&line, ",%.17g", value);
     absl::StrAppendFormat(&line, ",%.9g", alternative.log_likelihood_ratio);
   }
+  if (!frame.is_default()) absl::StrAppend(&line, ",", frame.transform());
   return line + "\n";
 }
 
@@ -83,11 +87,12 @@ void SetTransform(const Transform& transform, nlohmann::ordered_json& json) {
   json["quaternion_xyzw"] = {n[3], n[4], n[5], n[6]};
 }
 
-std::string JsonLine(const Pose& pose) {
+std::string JsonLine(const Pose& pose, const PoseFrame& frame) {
   nlohmann::ordered_json json;
   json["pose_seq"] = pose.seq;
   json["object_id"] = pose.object_id;
   json["t_us"] = pose.t_us;
+  json[kTransformKey] = frame.transform();
   SetTransform(pose.camera_from_object, json);
   json["state"] = StateName(pose);
   json["num_events"] = pose.num_events;
@@ -117,18 +122,23 @@ absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path) {
   return absl::InvalidArgumentError(absl::StrCat(path, ": the name of a file of poses ends in .tum, .csv or .jsonl"));
 }
 
-std::string PoseHeader(PoseFormat format) { return format == PoseFormat::kCsv ? CsvHeader() : ""; }
+std::string PoseHeader(PoseFormat format, const PoseFrame& frame) {
+  if (format == PoseFormat::kCsv) return CsvHeader(frame);
+  if (format == PoseFormat::kJsonLines || frame.is_default()) return "";
+  return absl::StrCat("# ", frame.transform(), ", timestamp tx ty tz qx qy qz qw: sensor clock, s; m\n");
+}
 
-std::string PoseLine(PoseFormat format, const Pose& pose) {
+std::string PoseLine(PoseFormat format, const Pose& camera_pose, const PoseFrame& frame) {
+  const Pose pose = frame.Apply(camera_pose);
   switch (format) {
     case PoseFormat::kTum:
       // A reader of TUM takes every line for a pose that is confirmed.
       if (pose.state == TrackState::kAmbiguous) return "";
       return TumLine({pose.t_us, ToCore(pose.camera_from_object)}) + "\n";
     case PoseFormat::kCsv:
-      return CsvLine(pose);
+      return CsvLine(pose, frame);
     case PoseFormat::kJsonLines:
-      return JsonLine(pose);
+      return JsonLine(pose, frame);
   }
   return "";
 }
@@ -158,15 +168,16 @@ std::map<std::string, std::string> PoseFiles::Paths(const std::string& path,
 }
 
 absl::StatusOr<PoseFiles> PoseFiles::Open(const std::string& path, const std::vector<std::string>& object_ids,
-                                          const std::map<std::string, uint64_t>* kept_bytes) {
+                                          const PoseFrame& frame, const std::map<std::string, uint64_t>* kept_bytes) {
   EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
   PoseFiles files;
+  files.frame_ = frame;
   EVPOSE_ASSIGN_OR_RETURN(files.format_, PoseFormatFromPath(path));
   for (const auto& [id, name] : Paths(path, object_ids)) {
     const uint64_t kept = kept_bytes != nullptr && kept_bytes->contains(id) ? kept_bytes->at(id) : 0;
     EVPOSE_ASSIGN_OR_RETURN(OutputFile file,
                             kept_bytes == nullptr ? OutputFile::Create(name) : OutputFile::Continue(name, kept));
-    if (kept == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(files.format_)));
+    if (kept == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(files.format_, frame)));
     files.files_.emplace(id, std::move(file));
   }
   return files;
@@ -176,7 +187,7 @@ void PoseFiles::Write(const Pose& pose) {
   auto file = files_.find(pose.object_id);
   if (file == files_.end()) file = files_.find("");
   if (file == files_.end()) return;
-  file->second.Append(PoseLine(format_, pose)).IgnoreError();  // Commit() returns the error
+  file->second.Append(PoseLine(format_, pose, frame_)).IgnoreError();  // Commit() returns the error
 }
 
 absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
@@ -190,6 +201,66 @@ absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
 absl::Status PoseFiles::Commit() {
   for (auto& [id, file] : files_) EVPOSE_RETURN_IF_ERROR(file.Commit());
   return absl::OkStatus();
+}
+
+PoseFrame PoseFrame::ObjectFromCamera() {
+  PoseFrame frame;
+  frame.kind_ = Kind::kObject;
+  frame.transform_ = kObjectFromCamera;
+  return frame;
+}
+
+PoseFrame PoseFrame::WorldFromObject(const RigidTransform& world_from_camera, const std::string& name) {
+  PoseFrame frame;
+  frame.kind_ = Kind::kWorld;
+  frame.world_from_camera_ = world_from_camera;
+  frame.transform_ = absl::StrCat(name, "_from_object");
+  return frame;
+}
+
+std::string PoseFrame::Description() const {
+  if (kind_ != Kind::kWorld) return transform_;
+  return TransformToYaml(world_from_camera_, transform_, "camera", "");
+}
+
+RigidTransform PoseFrame::Transformed(const RigidTransform& camera_from_object) const {
+  if (kind_ == Kind::kObject) return camera_from_object.Inverse();
+  return world_from_camera_ * camera_from_object;
+}
+
+Pose PoseFrame::Apply(const Pose& pose) const {
+  if (is_default()) return pose;
+  const RigidTransform camera_from_object = ToCore(pose.camera_from_object);
+  const Matrix6d jacobian =
+      kind_ == Kind::kObject ? JacobianOfInverse(camera_from_object) : JacobianOfProduct(world_from_camera_.rotation);
+  Pose result = pose;
+  result.camera_from_object = FromCore(Transformed(camera_from_object));
+  result.covariance = jacobian * pose.covariance * jacobian.transpose();
+  result.covariance = (0.5 * (result.covariance + result.covariance.transpose())).eval();  // symmetric to the bit
+  result.twist = jacobian * pose.twist;
+  for (PoseAlternative& alternative : result.alternatives) {
+    alternative.camera_from_object = FromCore(Transformed(ToCore(alternative.camera_from_object)));
+  }
+  return result;
+}
+
+void PoseFrameArguments::AddTo(CLI::App& app) {
+  CLI::Option* const world =
+      AddFile(app, "--world-from-camera", world_from_camera,
+              "Constant pose of the camera in a world or robot frame: \"tx ty tz qx qy qz qw\", a 4x4 matrix, or YAML "
+              "with translation and rotation, metres. Poses, covariances and twists are written in that frame");
+  AddOption(app, "--pose", pose,
+            "The transform that is written. object-from-camera is the pose of a moving camera in the frame of an "
+            "object at rest",
+            CLI::IsMember({"camera-from-object", "object-from-camera"}))
+      ->excludes(world);
+}
+
+absl::StatusOr<PoseFrame> PoseFrameArguments::Read() const {
+  if (pose == "object-from-camera") return PoseFrame::ObjectFromCamera();
+  if (world_from_camera.empty()) return PoseFrame();
+  EVPOSE_ASSIGN_OR_RETURN(const NamedTransform world, ReadTransformFile(world_from_camera));
+  return PoseFrame::WorldFromObject(world.target_from_source, world.target.empty() ? "world" : world.target);
 }
 
 }  // namespace evpose::client

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Writes poses as text, and to files in the format of their extension.
+// Writes poses as text, and to files in the format of their extension, in the frame of the camera or in another one.
 #pragma once
 
 #include <cstdint>
@@ -9,20 +9,64 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "client/cli/common/command.h"
 #include "core/base/output_file.h"
+#include "core/geometry/rigid_transform.h"
 #include "evpose/types.h"
 
 namespace evpose::client {
+
+inline constexpr char kCameraFromObject[] = "camera_from_object";
+inline constexpr char kObjectFromCamera[] = "object_from_camera";
+
+// The frame in which poses are written.
+class PoseFrame {
+ public:
+  PoseFrame() = default;  // camera_from_object, as in the API
+  static PoseFrame ObjectFromCamera();
+  // `frame` names the frame `world`, of which the name of the transform is made.
+  static PoseFrame WorldFromObject(const RigidTransform& world_from_camera, const std::string& frame);
+
+  // Name of the transform that is written, for example "world_from_object".
+  const std::string& transform() const { return transform_; }
+  bool is_default() const { return kind_ == Kind::kCamera; }
+  // Everything that determines the output, for comparisons.
+  std::string Description() const;
+
+  // Returns the pose with all transforms, the covariance and the twist expressed as `transform()`
+  // (core/geometry/README.md, section 5). Its field camera_from_object then holds that transform.
+  Pose Apply(const Pose& pose) const;
+
+ private:
+  enum class Kind { kCamera, kObject, kWorld };
+  RigidTransform Transformed(const RigidTransform& camera_from_object) const;
+
+  Kind kind_ = Kind::kCamera;
+  RigidTransform world_from_camera_;
+  std::string transform_ = kCameraFromObject;
+};
+
+// --world-from-camera and --pose of the commands that write poses.
+struct PoseFrameArguments {
+  std::string world_from_camera;  // a file; empty: none
+  std::string pose = "camera-from-object";
+
+  void AddTo(CLI::App& app);
+  // Errors: those of ReadTransformFile().
+  absl::StatusOr<PoseFrame> Read() const;
+};
 
 enum class PoseFormat { kTum, kCsv, kJsonLines };
 
 // Parses .tum, .csv or .jsonl. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
-// The header line, line feed included; empty for a format without a header.
-std::string PoseHeader(PoseFormat format);
+// The header line, line feed included; empty for a format without a header. A file whose transform is not
+// camera_from_object says so: TUM in a comment before the poses, CSV in the column `transform`, the last one, and JSON
+// lines, as always, in the field `transform`.
+std::string PoseHeader(PoseFormat format, const PoseFrame& frame = {});
 // One line, line feed included; empty for an AMBIGUOUS pose in TUM, which has no states. It depends on the bytes of the
 // session only, so that it does not contain the latency.
-std::string PoseLine(PoseFormat format, const Pose& pose);
+std::string PoseLine(PoseFormat format, const Pose& pose, const PoseFrame& frame = {});
 
 // Writes the poses of the objects of a session as they arrive: to one file or, if the path contains "{object}", to one
 // file for each object. A file appears under its name when it is complete.
@@ -34,6 +78,7 @@ class PoseFiles {
   // With `kept_bytes`, continues the output of an earlier process: the number of bytes of each file, by object, that
   // Sync() returned. Additional errors: those of OutputFile.
   static absl::StatusOr<PoseFiles> Open(const std::string& path, const std::vector<std::string>& object_ids,
+                                        const PoseFrame& frame = {},
                                         const std::map<std::string, uint64_t>* kept_bytes = nullptr);
   // The first error is kept and returned by Commit().
   void Write(const Pose& pose);
@@ -46,6 +91,7 @@ class PoseFiles {
 
  private:
   PoseFormat format_ = PoseFormat::kTum;
+  PoseFrame frame_;
   std::map<std::string, OutputFile> files_;  // by object; "" for a single file
 };
 

@@ -31,6 +31,7 @@ struct Columns {
   std::vector<size_t> covariance;  // 21, upper triangle row by row; or empty
   std::optional<size_t> object_id;
   std::optional<size_t> state;
+  std::optional<size_t> transform;
 };
 
 std::optional<size_t> Find(const Fields& header, absl::string_view name) {
@@ -54,6 +55,7 @@ absl::StatusOr<Columns> FindColumns(const Fields& header, const std::string& pat
   }
   columns.object_id = Find(header, "object_id");
   columns.state = Find(header, "state");
+  columns.transform = Find(header, "transform");
   for (size_t row = 0; row < kAxes.size(); ++row) {
     for (size_t column = row; column < kAxes.size(); ++column) {
       const std::optional<size_t> found = Find(header, absl::StrCat("cov_", kAxes[row], "_", kAxes[column]));
@@ -74,6 +76,7 @@ absl::Status ParseLine(const Columns& columns, const Fields& fields, ReadPoses& 
                ? absl::OkStatus()
                : absl::InvalidArgumentError(absl::StrCat("\"", fields[index], "\" is no number"));
   };
+  if (columns.transform) poses.transform = std::string(fields[*columns.transform]);
   StampedPose pose;
   if (!absl::SimpleAtoi(fields[columns.t_us], &pose.t_us)) {
     return absl::InvalidArgumentError(absl::StrCat("\"", fields[columns.t_us], "\" is no time in microseconds"));
@@ -103,6 +106,16 @@ absl::Status ParseLine(const Columns& columns, const Fields& fields, ReadPoses& 
   }
   poses.covariances.push_back(covariance);
   return absl::OkStatus();
+}
+
+// The transform that the first line of a TUM file states; camera_from_object for a file without such a line.
+std::string TransformOfTum(absl::string_view text) {
+  const absl::string_view line = text.substr(0, text.find('\n'));
+  const size_t comma = line.find(',');
+  if (!absl::StartsWith(line, "# ") || comma == absl::string_view::npos) return kCameraFromObject;
+  const absl::string_view name = line.substr(2, comma - 2);
+  const bool is_transform = absl::StrContains(name, "_from_") && !absl::StrContains(name, ' ');
+  return std::string(is_transform ? name : absl::string_view(kCameraFromObject));
 }
 
 }  // namespace
@@ -136,14 +149,32 @@ absl::StatusOr<ReadPoses> ParsePoseCsv(absl::string_view text, const std::string
 }
 
 absl::StatusOr<ReadPoses> ReadPoseFile(const std::string& path) {
-  if (!absl::EndsWith(path, ".csv")) {
-    ReadPoses poses;
-    EVPOSE_ASSIGN_OR_RETURN(poses.trajectory, ReadTumTrajectory(path));
-    return poses;
-  }
   constexpr size_t kMaxBytes = size_t{4} << 30;  // more than an hour of poses at 1 kHz with covariances
   EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxBytes));
-  return ParsePoseCsv(text, path);
+  if (absl::EndsWith(path, ".csv")) return ParsePoseCsv(text, path);
+  ReadPoses poses;
+  EVPOSE_ASSIGN_OR_RETURN(poses.trajectory, ParseTumTrajectory(text, path));
+  poses.transform = TransformOfTum(text);
+  return poses;
+}
+
+absl::StatusOr<ReadPoses> ReadCameraPoses(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(ReadPoses poses, ReadPoseFile(path));
+  if (poses.transform == kCameraFromObject) return poses;
+  if (poses.transform != kObjectFromCamera) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": its poses are ", poses.transform, "; give those of a run ",
+                                                   "without --world-from-camera"));
+  }
+  for (size_t i = 0; i < poses.trajectory.size(); ++i) {
+    RigidTransform& pose = poses.trajectory[i].camera_from_object;
+    if (!poses.covariances.empty()) {
+      const Matrix6d jacobian = JacobianOfInverse(pose);
+      poses.covariances[i] = (jacobian * poses.covariances[i] * jacobian.transpose()).eval();
+    }
+    pose = pose.Inverse();
+  }
+  poses.transform = kCameraFromObject;
+  return poses;
 }
 
 }  // namespace evpose::client

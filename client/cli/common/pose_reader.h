@@ -8,21 +8,27 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "client/cli/common/pose_format.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose::client {
 
 struct ReadPoses {
+  // As the file states it (PoseHeader()), otherwise camera_from_object; the poses are those of this transform.
+  std::string transform = kCameraFromObject;
   Trajectory trajectory;              // without the AMBIGUOUS poses
   std::vector<int64_t> ambiguous_us;  // times of the poses whose state is AMBIGUOUS
   std::vector<Matrix6d> covariances;  // one for each pose, or none: TUM has no covariances
 };
 
-// A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw and, if present, state and (all of) cov_tx_tx to
-// cov_rz_rz, in any order and among other columns. All other files are TUM. Times must increase. Errors name the path
-// and the line: those of ReadTumTrajectory(), and INVALID_ARGUMENT for a missing column or for poses of several
-// objects.
+// A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw and, if present, state, transform and (all of)
+// cov_tx_tx to cov_rz_rz, in any order and among other columns. All other files are TUM. Times must increase. Errors
+// name the path and the line: those of ReadTumTrajectory(), and INVALID_ARGUMENT for a missing column or for poses of
+// several objects.
 absl::StatusOr<ReadPoses> ReadPoseFile(const std::string& path);
 absl::StatusOr<ReadPoses> ParsePoseCsv(absl::string_view text, const std::string& name_for_errors);
+// ReadPoseFile() for users of camera_from_object: object_from_camera is inverted, with its covariances. Additional
+// error: INVALID_ARGUMENT for another transform.
+absl::StatusOr<ReadPoses> ReadCameraPoses(const std::string& path);
 
 }  // namespace evpose::client

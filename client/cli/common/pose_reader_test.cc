@@ -47,6 +47,39 @@ TEST(PoseReaderTest, ReadsWrittenFiles) {
   EXPECT_EQ(poses->covariances[1], expected.covariance);
 }
 
+// The poses of one run in each frame, in both formats.
+TEST(PoseReaderTest, ReadsTheFrameOfTheFile) {
+  const RigidTransform world_from_camera{ExpSo3({-0.4, 0.2, 1.0}), {3.0, 2.0, 1.0}};
+  const PoseFrame robot = PoseFrame::WorldFromObject(world_from_camera, "base");
+  const Pose pose = SomePose(16'000'001);
+  for (const auto& [ending, format] : {std::pair{".tum", PoseFormat::kTum}, {".csv", PoseFormat::kCsv}}) {
+    const std::string path = (std::filesystem::path(::testing::TempDir()) / "evpose_frames").string() + ending;
+    const auto write = [&, format = format](const PoseFrame& frame) {
+      ASSERT_TRUE(WriteFile(path, PoseHeader(format, frame) + PoseLine(format, pose, frame)).ok());
+    };
+    write(PoseFrame::ObjectFromCamera());
+    EXPECT_EQ(ReadPoseFile(path)->transform, "object_from_camera");
+    const auto back = ReadCameraPoses(path);
+    ASSERT_TRUE(back.ok()) << back.status();
+    const RigidTransform expected = {pose.camera_from_object.rotation, pose.camera_from_object.translation_m};
+    EXPECT_LT(Difference(back->trajectory.at(0).camera_from_object, expected).norm(), 1e-7);
+    if (format == PoseFormat::kCsv) {
+      EXPECT_LT((back->covariances.at(0) - pose.covariance).norm(), 1e-12 * pose.covariance.norm());
+    }
+
+    write(robot);
+    const auto in_base = ReadPoseFile(path);
+    ASSERT_TRUE(in_base.ok()) << in_base.status();
+    EXPECT_EQ(in_base->transform, "base_from_object");
+    EXPECT_LT(Difference(in_base->trajectory.at(0).camera_from_object, world_from_camera * expected).norm(), 1e-7);
+    EXPECT_THAT(ReadCameraPoses(path).status().message(), HasSubstr(path + ": its poses are base_from_object"));
+
+    write(PoseFrame());
+    EXPECT_EQ(ReadPoseFile(path)->transform, "camera_from_object");
+  }
+  EXPECT_EQ(ParsePoseCsv("t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw\n", "")->transform, "camera_from_object");
+}
+
 TEST(PoseReaderTest, ColumnsInAnyOrderAndWithoutCovariance) {
   const auto poses = ParsePoseCsv("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\r\n1,0,0,0,3,2,1,7\r\n", "some.csv");
   ASSERT_TRUE(poses.ok()) << poses.status();

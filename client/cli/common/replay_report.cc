@@ -16,6 +16,9 @@ std::string Milliseconds(const std::optional<absl::Duration>& duration) {
 }  // namespace
 
 void ReplayReport::Add(const Notice& notice) {
+  if (const auto* triggers = std::get_if<Triggers>(&notice)) {
+    triggers_ += triggers->triggers.size() + triggers->num_skipped;
+  }
   if (const auto* fault = std::get_if<DecodeFault>(&notice)) {
     if (decode_faults_ == 0) first_decode_fault_ = absl::StrCat("chunk ", fault->chunk_seq, ": ", fault->detail);
     decode_faults_ += fault->count;
@@ -126,7 +129,14 @@ void ReplayReport::Print(std::ostream& stream) const {
       stream << ", of which " << ambiguous_poses_ << " are AMBIGUOUS: a .tum file does not have them, .csv and .jsonl "
              << "files have them with their alternatives";
     }
+    if (transform != kCameraFromObject) stream << ", " << transform;
     stream << "\n";
+  }
+  if (triggers_ > 0) stream << "triggers: " << triggers_ << " edges on the camera's trigger inputs\n";
+  if (host_minus_sensor) {
+    stream << absl::StrFormat(
+        "clock of the host (Unix time) - clock of the sensor: at most %.6f s, that of the chunk that came soonest\n",
+        absl::ToDoubleSeconds(*host_minus_sensor));
   }
   stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",
                             health.decoded_events, summary.poses, Losses(), MegaEventsPerSecond(),
@@ -138,6 +148,7 @@ Json ReplayReport::ToJson() const {
   Json json = {{"recording", recording},
                {"out", out.empty() ? Json(nullptr) : Json(out)},
                {"files", files},
+               {"transform", transform},
                {"session", session.empty() ? Json(nullptr) : Json(session)},
                {"events", health.decoded_events},
                {"poses", summary.poses},
@@ -165,6 +176,8 @@ Json ReplayReport::ToJson() const {
   json["outages"] = outages;
   json["away_s"] = absl::ToDoubleSeconds(away_for);
   json["lost_poses"] = summary.lost_poses;
+  json["triggers"] = triggers_;
+  json["host_minus_sensor_s"] = host_minus_sensor ? Json(absl::ToDoubleSeconds(*host_minus_sensor)) : Json(nullptr);
   json["interrupted"] = is_interrupted;
   return json;
 }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "client/cli/common/command.h"
+#include "client/cli/common/pose_format.h"
 #include "core/events/recording_header.h"
 #include "core/events/recording_reader.h"
 #include "evpose/types.h"
@@ -19,14 +20,16 @@ namespace evpose::client {
 
 struct ReplayReport {
   std::string recording;
-  std::string out;                 // empty: poses were not written
-  std::vector<std::string> files;  // pose files; `out` may be the pattern of their names
-  std::string session;             // empty: the session was deleted
+  std::string out;                            // empty: poses were not written
+  std::string transform = kCameraFromObject;  // that of the poses in them
+  std::vector<std::string> files;             // pose files; `out` may be the pattern of their names
+  std::string session;                        // empty: the session was deleted
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;
-  size_t truncated_bytes = 0;         // incomplete word at the end of the recording
-  std::vector<SkippedParts> skipped;  // RecordingReader::skipped()
+  size_t truncated_bytes = 0;                       // incomplete word at the end of the recording
+  std::optional<absl::Duration> host_minus_sensor;  // of --clock-log
+  std::vector<SkippedParts> skipped;                // RecordingReader::skipped()
   bool is_interrupted = false;
   int outages = 0;  // of the connection
   absl::Duration away_for;
@@ -56,6 +59,7 @@ struct ReplayReport {
   double MegaEventsPerSecond() const;
 
   uint64_t ambiguous_poses_ = 0;  // received by this process
+  uint64_t triggers_ = 0;         // received by this process, including those that a notice only counts
   uint64_t decode_faults_ = 0;
   std::string first_decode_fault_;
   std::vector<TrackingRestarted> restarts_;  // one for each server that could not read the state of the tracker

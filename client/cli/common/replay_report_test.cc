@@ -56,6 +56,18 @@ TEST(ReplayReportTest, GivesTheReasonForEachObjectWithoutAConfirmedPose) {
   EXPECT_THAT(Printed(report), Not(HasSubstr("the reason")));
 }
 
+TEST(ReplayReportTest, CountsTriggersAndPrintsTheClocks) {
+  ReplayReport report;
+  EXPECT_THAT(Printed(report), Not(HasSubstr("triggers")));
+  EXPECT_EQ(report.ToJson()["host_minus_sensor_s"], nullptr);
+  report.Add(Triggers{.triggers = {{1, 0, true}, {2, 0, false}}, .num_skipped = 3});
+  report.host_minus_sensor = absl::Milliseconds(1500);
+  EXPECT_THAT(Printed(report), HasSubstr("triggers: 5 edges"));
+  EXPECT_THAT(Printed(report), HasSubstr("at most 1.500000 s"));
+  EXPECT_EQ(report.ToJson()["triggers"], 5);
+  EXPECT_EQ(report.ToJson()["host_minus_sensor_s"], 1.5);
+}
+
 TEST(ReplayReportTest, CountsAmbiguousPoses) {
   ReplayReport report;
   report.files = {"poses.tum"};
@@ -68,6 +80,9 @@ TEST(ReplayReportTest, CountsAmbiguousPoses) {
   report.Add(pose);
   EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 2 poses, of which 1 are AMBIGUOUS"));
   EXPECT_EQ(report.ToJson()["ambiguous_poses"], 1);
+  EXPECT_EQ(report.ToJson()["transform"], "camera_from_object");
+  report.transform = "base_from_object";
+  EXPECT_THAT(Printed(report), HasSubstr("alternatives, base_from_object\n"));
 }
 
 }  // namespace

@@ -186,6 +186,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const Rec
   if (!arguments.sensor.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
   }
+  EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
   EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
                           OpenSeenBy(inputs.camera, arguments.camera, arguments.recording, reader_options));
@@ -260,6 +261,10 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
       "-o,--out", out,
       "Poses: .tum, .csv or .jsonl; the file appears when the run has ended. {object} in the name is replaced by the "
       "ID of each object");
+  frame.AddTo(app);
+  AddFile(app, "--clock-log", clock_log,
+          "Write the host's time (UTC) at which chunks of events, poses and triggers arrived, with their sensor times, "
+          "as CSV: relates the sensor's clock to others");
   app.add_option(
          "--estimator", estimator,
          "mixture; for comparison, corrected versions of the published static estimators, and a filter. Those of the "

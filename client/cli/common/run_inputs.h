@@ -14,6 +14,7 @@
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/cli/common/pose_format.h"
 #include "client/cli/common/replay_report.h"
 #include "core/estimation/sensor_profile.h"
 #include "core/events/recording_reader.h"
@@ -29,11 +30,13 @@ struct RunArguments {
   std::string sensor;
   ServerArguments server;
   std::string out;
+  std::string clock_log;  // empty: none
   std::vector<std::string> init_poses;
   std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"
   std::string estimator = "mixture";
   size_t chunk_bytes = 0;
   ModelReadingArguments reading;
+  PoseFrameArguments frame;
   double max_outage_s = 120.0;
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
@@ -61,6 +64,7 @@ struct RunInputs {
   std::vector<TimedReset> resets;  // in the order of their times
   CameraModel camera;
   SensorProfile sensor;
+  PoseFrame frame;
   // The sensor time at which Metavision's clock is 0 (FirstTimeWord); set before a pose can arrive, by the thread that
   // reads.
   std::shared_ptr<std::atomic<int64_t>> metavision_zero_us = std::make_shared<std::atomic<int64_t>>(0);

@@ -24,6 +24,9 @@ namespace {
 constexpr uint64_t kMaxPosesBetween = 1024;
 constexpr absl::Duration kMaxTimeBetween = absl::Seconds(1);
 
+// The sizes of pose files are kept under the IDs of their objects; no object has this one.
+constexpr char kClockLogKey[] = "--clock-log";
+
 // Reason of an error after which the server asks its clients to attach again.
 constexpr char kStoreFull[] = "STORE_FULL";
 
@@ -46,6 +49,7 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
                    inputs.reader->header().geometry.width_px, "x", inputs.reader->header().geometry.height_px);
   identity["--time-zero"] = arguments.has_metavision_zero ? "metavision" : "sensor";
   identity["--out"] = absolute(arguments.out);
+  identity["--clock-log"] = absolute(arguments.clock_log);
   identity["--estimator"] = arguments.estimator;
   identity["--scale"] = absl::StrCat(arguments.reading.metres_per_unit);
   identity["--crease-angle"] = absl::StrCat(arguments.reading.crease_angle_deg);
@@ -56,6 +60,7 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   identity["--reset-pose"] = absl::StrJoin(arguments.reset_poses, ";");
   for (const InputObject& object : inputs.objects) identity["model of " + object.id] = Digest(object.model.bytes);
   identity["--camera"] = absolute(arguments.camera);
+  identity["--world-from-camera and --pose"] = Digest(inputs.frame.Description());
   identity["--sensor"] = absolute(arguments.sensor);
   return identity;
 }
@@ -114,14 +119,38 @@ absl::Status SessionRun::Open() {
     resume_.emplace(std::move(file));
   }
   kept_pose_seq_ = record_.position.last_pose_seq;
+  EVPOSE_RETURN_IF_ERROR(OpenClockLog());
   if (arguments_.out.empty()) return absl::OkStatus();
-  EVPOSE_ASSIGN_OR_RETURN(
-      poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(), resume_ ? &record_.output_bytes : nullptr));
+  EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(), inputs_.frame,
+                                                  resume_ ? &record_.output_bytes : nullptr));
   return absl::OkStatus();
+}
+
+absl::Status SessionRun::OpenClockLog() {
+  if (arguments_.clock_log.empty()) return absl::OkStatus();
+  std::optional<uint64_t> kept_bytes;
+  if (resume_) kept_bytes = record_.output_bytes[kClockLogKey];
+  EVPOSE_ASSIGN_OR_RETURN(clock_log_, ClockLog::Open(arguments_.clock_log, kept_bytes));
+  return absl::OkStatus();
+}
+
+absl::Status SessionRun::SyncOutputs() {
+  if (poses_) {
+    EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes, poses_->Sync());
+  }
+  if (clock_log_ == nullptr) return absl::OkStatus();
+  EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes[kClockLogKey], clock_log_->Sync());
+  return absl::OkStatus();
+}
+
+absl::Status SessionRun::CommitOutputs() {
+  if (clock_log_ != nullptr) EVPOSE_RETURN_IF_ERROR(clock_log_->Commit());
+  return poses_ ? poses_->Commit() : absl::OkStatus();
 }
 
 absl::StatusOr<EventChunk> SessionRun::NextChunk() {
   absl::StatusOr<EventChunk> chunk = FromCore(chunker_.Next());
+  if (clock_log_ != nullptr && chunk.ok() && !chunk->bytes.empty()) clock_log_->AddChunk(chunk->t_last_us);
   if (chunk.ok()) AddDueResets(inputs_.resets, *chunk);
   if (chunk.ok() || !ends_on_error_) return chunk;
   source_status_ = chunk.status();
@@ -154,10 +183,8 @@ absl::Status SessionRun::KeepPosition(const TrackPosition& position, bool has_ne
   const bool is_due = has_new_token || is_first || now - kept_at_ >= kMaxTimeBetween ||
                       position.last_pose_seq - kept_pose_seq_ >= kMaxPosesBetween;
   if (!is_due) return absl::OkStatus();
-  // The poses are synced first, so that the record is never ahead of them.
-  if (poses_) {
-    EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes, poses_->Sync());
-  }
+  // The outputs are synced first, so that the record is never ahead of them.
+  EVPOSE_RETURN_IF_ERROR(SyncOutputs());
   record_.position = position;
   record_.position.max_piece_bytes = feed_->max_piece_bytes();
   EVPOSE_RETURN_IF_ERROR(resume_->Write(record_));
@@ -185,12 +212,15 @@ TrackCallbacks SessionRun::MakeCallbacks() {
   TrackCallbacks callbacks;
   callbacks.on_pose = [this](const Pose& pose) {
     if (poses_) WritePose(pose);
+    if (clock_log_ != nullptr) clock_log_->AddPose(pose.t_us);
     report_.Add(pose);
     ++num_poses_;
     last_pose_us_ = std::max(last_pose_us_, pose.t_us);
   };
   callbacks.on_notice = [this](const Notice& notice) {
     report_.Add(notice);
+    const auto* triggers = std::get_if<Triggers>(&notice);
+    if (triggers != nullptr && clock_log_ != nullptr) clock_log_->AddTriggers(*triggers);
     if (const auto* change = std::get_if<LagChange>(&notice)) PrintLine(DescribeLag(*change));
   };
   callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
@@ -211,6 +241,7 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   report_.recording = arguments_.recording;
   report_.session = arguments_.keeps_session ? record_.position.session : "";
   report_.out = arguments_.out;
+  report_.transform = inputs_.frame.transform();
   report_.files.clear();
   if (!arguments_.out.empty()) {
     for (const auto& [id, path] : PoseFiles::Paths(arguments_.out, inputs_.object_ids())) report_.files.push_back(path);
@@ -232,7 +263,7 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
 
 std::string SessionRun::KeepPoses() {
   if (!poses_ || num_poses_ == 0) return "";
-  const absl::Status status = poses_->Commit();
+  const absl::Status status = CommitOutputs();
   if (!status.ok()) return absl::StrCat("; the poses are lost: ", status.message());
   return absl::StrFormat("; %s: %s up to %.6f s", absl::StrJoin(report_.files, ", "), Counted(num_poses_, "pose"),
                          static_cast<double>(last_pose_us_) * 1e-6);
@@ -273,7 +304,8 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   report_.is_interrupted = context_.IsInterrupted();
   report_.outages = connection_.outages();
   report_.away_for = connection_.away_for();
-  if (poses_) EVPOSE_RETURN_IF_ERROR(poses_->Commit());
+  if (clock_log_ != nullptr) report_.host_minus_sensor = clock_log_->SmallestDifference();
+  EVPOSE_RETURN_IF_ERROR(CommitOutputs());
   if (resume_) resume_->Remove();
   feed_->outbox().Clear();
   if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();

@@ -12,6 +12,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/cli/common/clock_log.h"
 #include "client/cli/common/connection_messages.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/replay_report.h"
@@ -56,6 +57,10 @@ class SessionRun {
 
  private:
   absl::StatusOr<EventChunk> NextChunk();
+  absl::Status OpenClockLog();
+  // Writes all outputs to the disk, and keeps their sizes in the record.
+  absl::Status SyncOutputs();
+  absl::Status CommitOutputs();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
   void WritePose(const Pose& pose);
   TrackCallbacks MakeCallbacks();
@@ -72,7 +77,8 @@ class SessionRun {
   std::optional<ResumeFile> resume_;
   ResumeRecord record_;
   std::optional<PoseFiles> poses_;
-  uint64_t num_poses_ = 0;  // received by this process
+  std::unique_ptr<ClockLog> clock_log_;  // null: none
+  uint64_t num_poses_ = 0;               // received by this process
   int64_t last_pose_us_ = 0;
   std::unique_ptr<EventFeed> feed_;
   bool ends_on_error_ = false;

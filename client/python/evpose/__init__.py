@@ -24,7 +24,7 @@ from evpose.stream.retry import RetryOptions
 from evpose.stream.track import Track, TrackOptions
 from evpose.types import (ConnectionChange, DecodeFault, Discontinuity, Estimator, EventsDropped, GoAway, Health, LagChange, Model, Notice,
                           ObjectHealth, Overload, PoseReset, PosesLost, SensorProfile, ServerInfo, SessionInfo, StateChange, Surface,
-                          TrackedObject, TrackingRestarted, TrackState, TrackSummary, read_sensor_profile)
+                          TrackedObject, TrackingRestarted, TrackState, TrackSummary, Trigger, Triggers, read_sensor_profile)
 
 __all__ = [
     "EVENT_DTYPE", "POSE_DTYPE", "AbortedError", "AlreadyExistsError", "Alternative", "Camera", "CancelledError", "Client",
@@ -33,6 +33,6 @@ __all__ = [
     "LagChange", "Model", "NotFoundError", "Notice", "ObjectHealth", "Overload", "PermissionDeniedError", "Pose", "PoseReset", "PoseWatch",
     "PosesLost", "Recording", "ResourceExhaustedError", "RetryOptions", "SensorProfile", "ServerInfo", "Session", "SessionInfo",
     "StateChange", "Surface", "Tls", "Track", "TrackOptions", "TrackPosition", "TrackState", "TrackSummary", "TrackedObject",
-    "TrackingRestarted", "Transform", "UnauthenticatedError", "UnavailableError", "UnimplementedError", "connect", "events_to_bytes",
+    "TrackingRestarted", "Transform", "Trigger", "Triggers", "UnauthenticatedError", "UnavailableError", "UnimplementedError", "connect", "events_to_bytes",
     "make_events", "read_camera", "read_sensor_profile", "write_tum",
 ]

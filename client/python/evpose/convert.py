@@ -7,7 +7,7 @@ from typing import Any, Optional
 
 from evpose.events import Encoding
 from evpose.types import (DecodeFault, EventsDropped, GoAway, Health, LagChange, Model, Notice, ObjectHealth, ServerInfo, SessionInfo,
-                          StateChange, TrackingRestarted, TrackState)
+                          StateChange, TrackingRestarted, TrackState, Trigger, Triggers)
 from evpose.v1 import admin_service_pb2, geometry_pb2, session_pb2, track_pb2
 
 
@@ -38,6 +38,8 @@ def notice_from_message(message: Any) -> Optional[Notice]:
         return TrackingRestarted(item.after_seq, item.detail)
     if kind == "lag_change":
         return LagChange(item.falls_behind, seconds(item.lag))
+    if kind == "triggers":
+        return Triggers(item.seq, tuple(Trigger(each.t_us, each.input, each.rising) for each in item.triggers), item.num_skipped)
     return None
 
 

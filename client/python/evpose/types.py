@@ -182,6 +182,24 @@ class LagChange:
 
 
 @dataclasses.dataclass(frozen=True)
+class Trigger:
+    """An edge on an external trigger input of the camera, at a time of the sensor's clock."""
+
+    t_us: int
+    input: int
+    rising: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Triggers:
+    """The triggers of one chunk: at most 64, and the number of those beyond. They have no influence on poses."""
+
+    seq: int
+    triggers: tuple[Trigger, ...]
+    num_skipped: int
+
+
+@dataclasses.dataclass(frozen=True)
 class PosesLost:
     """The server no longer stored these poses when the stream was resumed."""
 
@@ -189,7 +207,7 @@ class PosesLost:
     last_seq: int
 
 
-Notice = Union[EventsDropped, GoAway, DecodeFault, StateChange, TrackingRestarted, LagChange, PosesLost]
+Notice = Union[EventsDropped, GoAway, DecodeFault, StateChange, TrackingRestarted, LagChange, Triggers, PosesLost]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -237,6 +237,18 @@ class ResumptionTest(StreamTest):
         self.assertEqual(notices, [evpose.PosesLost(1, 3)])
         self.assertEqual((track.summary.poses, track.summary.lost_poses), (1, 3))
 
+    def test_triggers_are_passed_on_with_their_times(self):
+        def script(stream):
+            stream.read("attach")
+            yield attached()
+            yield notice(triggers={"seq": 3, "triggers": [{"t_us": 16_000_001, "input": 6, "rising": True}], "num_skipped": 2})
+            stream.read("end")
+            yield summary(0)
+
+        notices = []
+        self.assertEqual(list(self.serve(script).track([], on_notice=notices.append)), [])
+        self.assertEqual(notices, [evpose.Triggers(3, (evpose.Trigger(16_000_001, 6, True),), 2)])
+
     def test_a_server_that_shuts_down_is_left(self):
         def leaves(stream):
             stream.read("attach")

@@ -7,8 +7,10 @@
 #include <optional>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include "absl/status/status.h"
+#include "core/events/event.h"
 #include "core/tracking/tracker.h"
 #include "server/sessions/types/overload.h"
 
@@ -41,9 +43,15 @@ struct LagChange {
   bool is_behind = false;
   int64_t lag_us = 0;  // waiting time of the oldest unprocessed chunk
 };
+// The edges on the trigger inputs in one chunk: as many as a notice holds, and the number of those beyond.
+struct ChunkTriggers {
+  uint64_t seq = 0;
+  std::vector<Trigger> triggers;
+  uint64_t num_skipped = 0;
+};
 struct SessionNotice {
   uint64_t after_pose_seq = 0;  // its place among the poses
-  std::variant<DecodeFault, StateChange, EventsDropped, TrackingRestarted, LagChange> what;
+  std::variant<DecodeFault, StateChange, EventsDropped, TrackingRestarted, LagChange, ChunkTriggers> what;
 };
 
 struct SessionAck {

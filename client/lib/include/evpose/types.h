@@ -285,11 +285,25 @@ struct LagChange {
   bool falls_behind = false;
   absl::Duration lag;  // waiting time of the oldest unprocessed events
 };
+// An edge on an external trigger input of the camera.
+struct Trigger {
+  int64_t t_us = 0;  // sensor time
+  uint32_t input = 0;
+  bool is_rising = false;
+};
+// The triggers of a chunk, in order. They have no influence on poses. As every notice, one may be missing after an
+// outage.
+struct Triggers {
+  uint64_t chunk_seq = 0;
+  std::vector<Trigger> triggers;  // at most 64
+  uint64_t num_skipped = 0;       // triggers of the chunk beyond them
+};
 // Reported by this library: the server no longer stored these poses when the stream was re-established.
 struct PosesLost {
   uint64_t first_seq = 0;
   uint64_t last_seq = 0;
 };
-using Notice = std::variant<GoAway, DecodeFault, StateChange, EventsDropped, TrackingRestarted, LagChange, PosesLost>;
+using Notice =
+    std::variant<GoAway, DecodeFault, StateChange, EventsDropped, TrackingRestarted, LagChange, Triggers, PosesLost>;
 
 }  // namespace evpose::client

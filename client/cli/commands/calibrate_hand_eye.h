@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose calibrate --hand-eye: the pose of the camera on a robot, or beside it.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "client/cli/common/command.h"
+
+namespace evpose::client {
+
+struct HandEyeArguments {
+  std::string reference;  // --hand-eye; empty: another kind of calibration
+  std::string mount = "auto";
+  std::string time_offset = "auto";
+
+  void AddTo(CLI::App& app);
+};
+
+// Parses "auto" (nullopt) or a number of seconds. Error: wrong usage.
+absl::StatusOr<std::optional<double>> ParseTimeOffset(const std::string& text);
+
+// `poses` is a file of evpose's poses; the transform of the camera is written to `out`.
+absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& poses, const std::string& out,
+                        bool is_json, CliContext& context);
+
+}  // namespace evpose::client

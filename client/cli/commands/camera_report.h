@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The report of evpose calibrate about a camera.
+#pragma once
+
+#include <cstdint>
+#include <ostream>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client/cli/common/command.h"
+#include "core/calibration/camera_calibration.h"
+
+namespace evpose::client {
+
+Json CameraCalibrationJson(const CameraCalibration& calibration);
+void PrintCameraCalibration(const CameraCalibration& calibration, std::ostream& out);
+
+// Returns a PNG file of the image of the camera: each cell has the number of samples, as its shade, and the RMS of
+// their residuals, as text; the places have their uncertainties. Errors: INTERNAL if the image cannot be encoded.
+absl::StatusOr<std::vector<uint8_t>> DrawCoverage(const CameraCalibration& calibration);
+
+}  // namespace evpose::client

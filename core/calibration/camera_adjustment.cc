@@ -1,0 +1,280 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/calibration/camera_adjustment.h"
+
+#include <ceres/ceres.h>
+#include <ceres/rotation.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <set>
+#include <utility>
+
+namespace evpose {
+namespace {
+
+constexpr int kNumPose = 6;
+constexpr double kSpeedUnit = 1e-3;  // of kEdgeShiftRate
+
+// The distorted point of (x, y), the map of core/geometry/lens_models.h; `d` are the coefficients.
+template <typename T>
+Eigen::Matrix<T, 2, 1> DistortPoint(LensModel lens_model, const T* d, const T& x, const T& y) {
+  using std::atan;
+  using std::sqrt;
+  const T r2 = x * x + y * y;
+  if (lens_model == LensModel::kFisheye) {
+    if (r2 < 1e-16) return {x, y};
+    const T r = sqrt(r2), angle = atan(r), a2 = angle * angle;
+    const T scale = angle * (1.0 + a2 * (d[0] + a2 * (d[1] + a2 * (d[2] + a2 * d[3])))) / r;
+    return {scale * x, scale * y};
+  }
+  T radial = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
+  if (lens_model == LensModel::kRational) radial /= 1.0 + r2 * (d[5] + r2 * (d[6] + r2 * d[7]));
+  return {x * radial + 2.0 * d[2] * x * y + d[3] * (r2 + 2.0 * x * x),
+          y * radial + d[2] * (r2 + 2.0 * y * y) + 2.0 * d[3] * x * y};
+}
+
+// The pixel of the bearing (x, y, 1).
+template <typename T>
+Eigen::Matrix<T, 2, 1> ProjectWith(LensModel lens_model, const T* parameters, const T& x, const T& y) {
+  const Eigen::Matrix<T, 2, 1> point = DistortPoint(lens_model, parameters + kDistortion, x, y);
+  return {parameters[kFocal] * point.x() + parameters[kCentreX],
+          parameters[kFocal] * parameters[kAspect] * point.y() + parameters[kCentreY]};
+}
+
+// Equation (2) of the README; `change` is a tangent [translation, rotation] at the pose.
+struct SampleCost {
+  LensModel lens_model;
+  const LineSample* sample;
+  Eigen::Vector3d rotated;  // R X
+  Eigen::Vector3d translation;
+
+  template <typename T>
+  bool operator()(const T* parameters, const T* change, T* residual) const {
+    const T rotated_object[3] = {T(rotated.x()), T(rotated.y()), T(rotated.z())};
+    T point[3];
+    ceres::AngleAxisRotatePoint(change + 3, rotated_object, point);
+    for (int i = 0; i < 3; ++i) point[i] += translation[i] + change[i];
+    if (point[2] < 1e-6) return false;
+    const Eigen::Matrix<T, 2, 1> pixel =
+        ProjectWith(lens_model, parameters, T(point[0] / point[2]), T(point[1] / point[2]));
+    const T shift = parameters[kEdgeShift] + kSpeedUnit * sample->speed_px_per_s * parameters[kEdgeShiftRate];
+    *residual = (sample->normal.x() * (pixel.x() - sample->pixel.x()) +
+                 sample->normal.y() * (pixel.y() - sample->pixel.y()) + sample->dark_side * shift) /
+                sample->sigma_px;
+    return true;
+  }
+};
+
+SampleCost CostOf(LensModel lens_model, const LineSample& sample, const RigidTransform& pose) {
+  return {lens_model, &sample, pose.rotation * sample.point, pose.translation_m};
+}
+
+struct SampleRow {
+  double residual = 0.0;
+  double weight = 1.0;  // Huber's
+  Eigen::Matrix<double, kNumCalibrationParameters, 1> parameters;
+  Vector6d pose;
+};
+
+SampleRow RowOf(const LineSample& sample, const RigidTransform& pose, const CalibrationParameters& parameters,
+                double robust_sigmas) {
+  using Jet = ceres::Jet<double, kNumCalibrationParameters + kNumPose>;
+  Jet at[kNumCalibrationParameters], change[kNumPose], residual;
+  for (int i = 0; i < kNumCalibrationParameters; ++i) at[i] = Jet(parameters[i], i);
+  for (int i = 0; i < kNumPose; ++i) change[i] = Jet(0.0, kNumCalibrationParameters + i);
+  SampleRow row;
+  if (!CostOf(parameters.lens_model, sample, pose)(at, change, &residual)) {
+    row.weight = 0.0;
+    row.parameters.setZero();
+    row.pose.setZero();
+    return row;
+  }
+  row.residual = residual.a;
+  row.weight = std::min(1.0, robust_sigmas / std::max(std::abs(residual.a), 1e-12));
+  row.parameters = residual.v.head<kNumCalibrationParameters>();
+  row.pose = residual.v.tail<kNumPose>();
+  return row;
+}
+
+}  // namespace
+
+std::string_view CalibrationParameterName(LensModel lens_model, int parameter) {
+  constexpr std::string_view kNames[] = {
+      "fx_px", "fy_fx", "cx_px",         "cy_px",          "k1", "k2", "p1", "p2", "k3", "k4",
+      "k5",    "k6",    "edge_shift_px", "edge_shift_rate"};
+  static_assert(std::size(kNames) == kNumCalibrationParameters);
+  constexpr std::string_view kFisheyeNames[] = {"k1", "k2", "k3", "k4"};
+  const int coefficient = parameter - kDistortion;
+  const bool is_fisheye = lens_model == LensModel::kFisheye && coefficient >= 0 && coefficient < 4;
+  return is_fisheye ? kFisheyeNames[coefficient] : kNames[parameter];
+}
+
+FreeParameters AllParameters(LensModel lens_model) {
+  FreeParameters all;
+  all.fill(true);
+  for (int i = NumCoefficients(lens_model); i < kMaxDistortion; ++i) all[kDistortion + i] = false;
+  return all;
+}
+
+CalibrationParameters ParametersOf(const CameraModel& camera) {
+  CalibrationParameters parameters{camera.lens_model};
+  parameters[kFocal] = camera.fx_px;
+  parameters[kAspect] = camera.fy_px / camera.fx_px;
+  parameters[kCentreX] = camera.cx_px;
+  parameters[kCentreY] = camera.cy_px;
+  for (int i = 0; i < kMaxDistortion; ++i) parameters[kDistortion + i] = camera.distortion[i];
+  return parameters;
+}
+
+void SetParameters(const CalibrationParameters& parameters, CameraModel& camera) {
+  camera.lens_model = parameters.lens_model;
+  camera.fx_px = parameters[kFocal];
+  camera.fy_px = parameters[kFocal] * parameters[kAspect];
+  camera.cx_px = parameters[kCentreX];
+  camera.cy_px = parameters[kCentreY];
+  for (int i = 0; i < kMaxDistortion; ++i) camera.distortion[i] = parameters[kDistortion + i];
+}
+
+Eigen::Vector2d ProjectBearing(const CalibrationParameters& parameters, const Eigen::Vector2d& bearing) {
+  return ProjectWith(parameters.lens_model, parameters.values.data(), bearing.x(), bearing.y());
+}
+
+Eigen::Matrix<double, 2, kNumCalibrationParameters> ProjectionJacobian(const CalibrationParameters& parameters,
+                                                                       const Eigen::Vector2d& bearing) {
+  using Jet = ceres::Jet<double, kNumCalibrationParameters>;
+  Jet at[kNumCalibrationParameters];
+  for (int i = 0; i < kNumCalibrationParameters; ++i) at[i] = Jet(parameters[i], i);
+  const Eigen::Matrix<Jet, 2, 1> pixel = ProjectWith(parameters.lens_model, at, Jet(bearing.x()), Jet(bearing.y()));
+  Eigen::Matrix<double, 2, kNumCalibrationParameters> jacobian;
+  jacobian << pixel.x().v.transpose(), pixel.y().v.transpose();
+  return jacobian;
+}
+
+void RemoveWeakIntervals(std::vector<LineSample>& samples) {
+  constexpr size_t kMinSamples = 12, kMinLines = 3;
+  std::map<int, std::pair<size_t, std::set<int>>> intervals;
+  for (const LineSample& sample : samples) {
+    auto& [count, lines] = intervals[sample.interval];
+    ++count;
+    lines.insert(sample.line);
+  }
+  std::erase_if(samples, [&](const LineSample& sample) {
+    const auto& [count, lines] = intervals[sample.interval];
+    return count < kMinSamples || lines.size() < kMinLines;
+  });
+}
+
+absl::Status AdjustCamera(absl::Span<const LineSample> samples, const FreeParameters& free,
+                          const AdjustmentOptions& adjustment_options, CalibrationParameters& parameters,
+                          absl::Span<CalibrationInterval> intervals) {
+  std::vector<std::array<double, kNumPose>> changes(intervals.size(), std::array<double, kNumPose>{});
+  ceres::Problem problem;
+  auto* order = new ceres::ParameterBlockOrdering;
+  for (const LineSample& sample : samples) {
+    using Cost = ceres::AutoDiffCostFunction<SampleCost, 1, kNumCalibrationParameters, kNumPose>;
+    double* change = changes[sample.interval].data();
+    problem.AddResidualBlock(
+        new Cost(new SampleCost(CostOf(parameters.lens_model, sample, intervals[sample.interval].camera_from_object))),
+        new ceres::HuberLoss(adjustment_options.robust_sigmas), parameters.values.data(), change);
+    order->AddElementToGroup(change, 0);
+  }
+  order->AddElementToGroup(parameters.values.data(), 1);
+  std::vector<int> fixed;
+  for (int i = 0; i < kNumCalibrationParameters; ++i) {
+    if (!free[i]) fixed.push_back(i);
+  }
+  if (!fixed.empty()) {
+    problem.SetManifold(parameters.values.data(), new ceres::SubsetManifold(kNumCalibrationParameters, fixed));
+  }
+  ceres::Solver::Options options;
+  options.logging_type = ceres::SILENT;
+  options.linear_solver_type = ceres::DENSE_SCHUR;
+  options.linear_solver_ordering.reset(order);
+  options.max_num_iterations = adjustment_options.max_iterations;
+  options.function_tolerance = 1e-7;  // far below a tenth of a standard error
+  options.num_threads = 1;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  if (!summary.IsSolutionUsable()) return absl::InternalError("the bundle adjustment failed: " + summary.message);
+  for (size_t i = 0; i < intervals.size(); ++i) {
+    RigidTransform& pose = intervals[i].camera_from_object;
+    const std::array<double, kNumPose>& change = changes[i];
+    pose = Perturb(pose, Vector6d(change.data()));
+  }
+  return absl::OkStatus();
+}
+
+AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeParameters& free,
+                               const AdjustmentOptions& options, const CalibrationParameters& parameters,
+                               absl::Span<const CalibrationInterval> intervals) {
+  using Vector = Eigen::Matrix<double, kNumCalibrationParameters, 1>;
+  AdjustmentErrors errors;
+  CalibrationCovariance curvature = CalibrationCovariance::Zero();
+  std::map<std::pair<int, int64_t>, Vector> gradients;
+  double weights = 0.0, squares = 0.0;
+  // Samples are in the order of their intervals.
+  for (size_t begin = 0; begin < samples.size();) {
+    size_t end = begin;
+    const CalibrationInterval& interval = intervals[samples[begin].interval];
+    std::vector<SampleRow> rows;
+    Matrix6d of_pose = Matrix6d::Zero();
+    Eigen::Matrix<double, kNumPose, kNumCalibrationParameters> mixed;
+    mixed.setZero();
+    for (; end < samples.size() && samples[end].interval == samples[begin].interval; ++end) {
+      SampleRow row = RowOf(samples[end], interval.camera_from_object, parameters, options.robust_sigmas);
+      for (int i = 0; i < kNumCalibrationParameters; ++i) {
+        if (!free[i]) row.parameters[i] = 0.0;
+      }
+      of_pose += row.weight * row.pose * row.pose.transpose();
+      mixed += row.weight * row.pose * row.parameters.transpose();
+      weights += row.weight;
+      squares += row.weight * std::pow(row.residual * samples[end].sigma_px, 2);
+      rows.push_back(row);
+    }
+    const Eigen::Matrix<double, kNumPose, kNumCalibrationParameters> eliminated = of_pose.ldlt().solve(mixed);
+    auto [gradient, is_new] =
+        gradients.try_emplace({interval.recording, interval.t_us / options.block_us}, Vector::Zero());
+    for (const SampleRow& row : rows) {
+      const Vector reduced = row.parameters - eliminated.transpose() * row.pose;
+      curvature += row.weight * reduced * reduced.transpose();
+      gradient->second += row.weight * row.residual * reduced;
+    }
+    begin = end;
+  }
+  errors.rms_px = std::sqrt(squares / std::max(weights, 1e-12));
+  errors.num_blocks = static_cast<int>(gradients.size());
+  CalibrationCovariance scatter = CalibrationCovariance::Zero();
+  for (const auto& [block, gradient] : gradients) scatter += gradient * gradient.transpose();
+  int num_free = 0;
+  for (int i = 0; i < kNumCalibrationParameters; ++i) {
+    num_free += free[i];
+    if (!free[i]) curvature(i, i) = 1.0;
+  }
+  const double blocks = errors.num_blocks;
+  if (blocks <= num_free) {
+    errors.covariance.setConstant(std::numeric_limits<double>::infinity());
+    return errors;
+  }
+  const CalibrationCovariance inverse = curvature.ldlt().solve(CalibrationCovariance::Identity());
+  errors.covariance = blocks / (blocks - num_free) * inverse * scatter * inverse;
+  return errors;
+}
+
+std::vector<double> ResidualsPx(absl::Span<const LineSample> samples, const CalibrationParameters& parameters,
+                                absl::Span<const CalibrationInterval> intervals) {
+  std::vector<double> residuals;
+  const Vector6d no_change = Vector6d::Zero();
+  for (const LineSample& sample : samples) {
+    double residual = 0.0;
+    CostOf(parameters.lens_model, sample, intervals[sample.interval].camera_from_object)(parameters.values.data(),
+                                                                                         no_change.data(), &residual);
+    residuals.push_back(residual * sample.sigma_px);
+  }
+  return residuals;
+}
+
+}  // namespace evpose

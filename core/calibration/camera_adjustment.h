@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Bundle adjustment of a camera and the poses of a known object to samples of its lines (core/calibration/README.md,
+// section 3).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "core/calibration/line_samples.h"
+#include "core/geometry/camera.h"
+
+namespace evpose {
+
+// Parameters of the adjustment: those of the camera, with the distortion coefficients in the order of the lens model,
+// then those of the displacement of the events to the darker side of an edge: at rest, and its change with the speed.
+enum CalibrationParameter {
+  kFocal,   // fx, px
+  kAspect,  // fy / fx
+  kCentreX,
+  kCentreY,
+  kDistortion,                                // the first coefficient
+  kEdgeShift = kDistortion + kMaxDistortion,  // px
+  kEdgeShiftRate,                             // px at 1000 px/s
+  kNumCalibrationParameters
+};
+
+struct CalibrationParameters {
+  LensModel lens_model = LensModel::kBrown;
+  std::array<double, kNumCalibrationParameters> values = {};
+
+  double& operator[](int parameter) { return values[parameter]; }
+  double operator[](int parameter) const { return values[parameter]; }
+};
+using CalibrationCovariance = Eigen::Matrix<double, kNumCalibrationParameters, kNumCalibrationParameters>;
+using FreeParameters = std::array<bool, kNumCalibrationParameters>;
+
+// "fx_px", ..., "edge_shift_rate"; the coefficients as OpenCV calls them: k1 k2 p1 p2 k3 ..., of a fisheye lens k1 to
+// k4.
+std::string_view CalibrationParameterName(LensModel lens_model, int parameter);
+// All parameters that the lens model has.
+FreeParameters AllParameters(LensModel lens_model);
+
+CalibrationParameters ParametersOf(const CameraModel& camera);
+// Replaces the lens of `camera`; the size of the image stays.
+void SetParameters(const CalibrationParameters& parameters, CameraModel& camera);
+
+// Derivative of the pixel of a bearing (x, y, 1) with respect to the parameters.
+Eigen::Matrix<double, 2, kNumCalibrationParameters> ProjectionJacobian(const CalibrationParameters& parameters,
+                                                                       const Eigen::Vector2d& bearing);
+// The pixel of a bearing.
+Eigen::Vector2d ProjectBearing(const CalibrationParameters& parameters, const Eigen::Vector2d& bearing);
+
+struct AdjustmentOptions {
+  // Standard errors of a residual above which its weight is reduced (Huber).
+  double robust_sigmas = 2.0;
+  int max_iterations = 30;
+  // Microseconds of a recording whose samples may have common errors, because they are of the same edges on the same
+  // pixels: the time in which the object moves by its own size.
+  int64_t block_us = 500'000;
+};
+
+// Minimises equation (3) of the README over the free parameters and the poses of the intervals that have samples.
+// Error: INTERNAL if the solver fails.
+absl::Status AdjustCamera(absl::Span<const LineSample> samples, const FreeParameters& free,
+                          const AdjustmentOptions& options, CalibrationParameters& parameters,
+                          absl::Span<CalibrationInterval> intervals);
+
+struct AdjustmentErrors {
+  // Covariance by equation (6) of the README; zero for parameters that are not free.
+  CalibrationCovariance covariance = CalibrationCovariance::Zero();
+  double rms_px = 0.0;  // of the residuals of the samples, those of reduced weight included in proportion
+  int num_blocks = 0;
+};
+// Errors of the result of AdjustCamera() with the same arguments.
+AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeParameters& free,
+                               const AdjustmentOptions& options, const CalibrationParameters& parameters,
+                               absl::Span<const CalibrationInterval> intervals);
+
+// The distance of each sample from its line, across it, pixels.
+std::vector<double> ResidualsPx(absl::Span<const LineSample> samples, const CalibrationParameters& parameters,
+                                absl::Span<const CalibrationInterval> intervals);
+
+// Removes the samples of intervals that do not determine a pose: fewer than 12 samples, or fewer than three lines.
+void RemoveWeakIntervals(std::vector<LineSample>& samples);
+
+}  // namespace evpose

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/calibration/camera_adjustment.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "core/calibration/calibration_target.h"
+#include "core/models/object_model.h"
+#include "core/numerics/random.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kEdgeShiftPx = 0.2, kEdgeShiftRatePx = 0.1;
+
+CameraModel TrueCamera() { return {1280, 720, 1030.0, 1028.0, 643.5, 356.5, {-0.08, 0.05, 0.0003, -0.0002, 0.01}}; }
+
+struct MadeSamples {
+  std::vector<CalibrationInterval> intervals;  // with true poses
+  std::vector<LineSample> samples;
+};
+
+// Samples of the target at random poses, tilted by up to `tilt_rad` about both axes. Those of one line in a block have
+// a common error besides their own.
+MadeSamples Make(double tilt_rad, uint64_t seed) {
+  const auto target = ParseCalibrationTarget("A4");
+  const std::string obj = TargetToObj(*target);
+  const auto model =
+      ParseObjectModel({reinterpret_cast<const uint8_t*>(obj.data()), obj.size()}, ModelFormat::kObj, {});
+  const CameraModel camera = TrueCamera();
+  Random random(seed);
+  MadeSamples made;
+  constexpr int kBlocks = 60, kPerBlock = 4;
+  for (int block = 0; block < kBlocks; ++block) {
+    std::vector<double> common_px;
+    for (size_t i = 0; i < model->lines.size(); ++i) common_px.push_back(0.05 * random.Normal());
+    for (int i = 0; i < kPerBlock; ++i) {
+      CalibrationInterval interval;
+      interval.t_us = 500'000 * block + 100'000 * i;
+      const Vector3d turn(random.Uniform(-tilt_rad, tilt_rad), random.Uniform(-tilt_rad, tilt_rad),
+                          random.Uniform(-1.0, 1.0));
+      interval.camera_from_object.rotation = ExpSo3(turn) * Vector3d(1.0, -1.0, -1.0).asDiagonal().toDenseMatrix();
+      const double depth_m = random.Uniform(0.6, 1.2);
+      interval.camera_from_object.translation_m =
+          depth_m * Vector3d(random.Uniform(-0.4, 0.4), random.Uniform(-0.2, 0.2), 1.0);
+      const int index = static_cast<int>(made.intervals.size());
+      for (size_t k = 0; k < model->lines.size(); ++k) {
+        const ModelLine& line = model->lines[k];
+        for (const double at : {0.2, 0.5, 0.8}) {
+          const auto project = [&](double fraction) -> Vector2d {
+            return camera.Distort(
+                camera.Project(interval.camera_from_object * Vector3d(line.p1 + fraction * (line.p2 - line.p1))));
+          };
+          LineSample sample;
+          sample.interval = index;
+          sample.line = static_cast<int>(k);
+          sample.point = line.p1 + at * (line.p2 - line.p1);
+          const Vector2d along = (project(at + 0.01) - project(at - 0.01)).normalized();
+          sample.normal = {-along.y(), along.x()};
+          sample.sigma_px = 0.1;
+          sample.dark_side = k % 2 == 0 ? 1.0 : -1.0;
+          sample.speed_px_per_s = random.Uniform(50.0, 800.0);
+          const double shift_px = kEdgeShiftPx + 1e-3 * sample.speed_px_per_s * kEdgeShiftRatePx;
+          sample.pixel =
+              project(at) + (sample.dark_side * shift_px + 0.1 * random.Normal() + common_px[k]) * sample.normal;
+          made.samples.push_back(sample);
+        }
+      }
+      made.intervals.push_back(interval);
+    }
+  }
+  return made;
+}
+
+// The start of a calibration: a focal length that is 20 % off, and the poses that show the object at its size.
+void Disturb(MadeSamples& made, CalibrationParameters& parameters) {
+  parameters = {};
+  parameters[kFocal] = 0.8 * TrueCamera().fx_px;
+  parameters[kAspect] = 1.0;
+  parameters[kCentreX] = 639.5;
+  parameters[kCentreY] = 359.5;
+  for (CalibrationInterval& interval : made.intervals) interval.camera_from_object.translation_m.z() *= 0.8;
+}
+
+CalibrationParameters TrueParameters() {
+  CalibrationParameters parameters = ParametersOf(TrueCamera());
+  parameters[kEdgeShift] = kEdgeShiftPx;
+  parameters[kEdgeShiftRate] = kEdgeShiftRatePx;
+  return parameters;
+}
+
+TEST(CameraAdjustment, FindsTheCameraWithinItsStandardErrors) {
+  constexpr int kSeeds = 8;
+  FreeParameters free = AllParameters(LensModel::kBrown);
+  double squares = 0.0;
+  for (uint64_t seed = 0; seed < kSeeds; ++seed) {
+    MadeSamples made = Make(0.6, seed);
+    CalibrationParameters parameters;
+    Disturb(made, parameters);
+    ASSERT_TRUE(AdjustCamera(made.samples, free, {}, parameters, absl::MakeSpan(made.intervals)).ok());
+    const AdjustmentErrors errors = ComputeErrors(made.samples, free, {}, parameters, made.intervals);
+    EXPECT_EQ(errors.num_blocks, 60);
+    EXPECT_NEAR(errors.rms_px, 0.11, 0.02);
+    const CalibrationParameters truth = TrueParameters();
+    for (int i = 0; i < kNumCalibrationParameters; ++i) {
+      if (!free[i]) continue;
+      const double sigma = std::sqrt(errors.covariance(i, i));
+      EXPECT_LT(std::abs(parameters[i] - truth[i]), 4.5 * sigma)
+          << CalibrationParameterName(LensModel::kBrown, i) << ", seed " << seed;
+      squares += std::pow((parameters[i] - truth[i]) / sigma, 2) / (kSeeds * 11.0);
+    }
+    EXPECT_LT(std::sqrt(errors.covariance(kFocal, kFocal)), 1.0);
+  }
+  // One on average if the standard errors are neither too small nor too large.
+  EXPECT_GT(squares, 0.5);
+  EXPECT_LT(squares, 2.0);
+}
+
+TEST(CameraAdjustment, StandardErrorOfTheFocalLengthGrowsWithoutTilt) {
+  FreeParameters free = {};
+  free[kFocal] = true;
+  double sigma[2];
+  for (const bool is_tilted : {false, true}) {
+    MadeSamples made = Make(is_tilted ? 0.6 : 0.01, 1);
+    CalibrationParameters parameters = TrueParameters();
+    sigma[is_tilted] = std::sqrt(ComputeErrors(made.samples, free, {}, parameters, made.intervals).covariance(0, 0));
+  }
+  EXPECT_GT(sigma[0], 10.0 * sigma[1]);
+}
+
+TEST(CameraAdjustment, ParametersThatAreNotFreeStay) {
+  FreeParameters free = AllParameters(LensModel::kBrown);
+  free[kDistortion + 4] = free[kAspect] = false;
+  MadeSamples made = Make(0.6, 3);
+  CalibrationParameters parameters;
+  Disturb(made, parameters);
+  ASSERT_TRUE(AdjustCamera(made.samples, free, {}, parameters, absl::MakeSpan(made.intervals)).ok());
+  EXPECT_EQ(parameters[kDistortion + 4], 0.0);
+  EXPECT_EQ(parameters[kAspect], 1.0);
+  const AdjustmentErrors errors = ComputeErrors(made.samples, free, {}, parameters, made.intervals);
+  EXPECT_EQ(errors.covariance(kDistortion + 4, kDistortion + 4), 0.0);
+}
+
+TEST(CameraAdjustment, TooFewBlocksHaveNoStandardError) {
+  FreeParameters free = AllParameters(LensModel::kBrown);
+  MadeSamples made = Make(0.6, 4);
+  std::erase_if(made.samples, [&](const LineSample& sample) { return sample.interval >= 4; });
+  const AdjustmentErrors errors = ComputeErrors(made.samples, free, {}, TrueParameters(), made.intervals);
+  EXPECT_EQ(errors.num_blocks, 1);
+  EXPECT_TRUE(std::isinf(errors.covariance(kFocal, kFocal)));
+}
+
+TEST(CameraAdjustment, WeakIntervalsAreRemoved) {
+  MadeSamples made = Make(0.6, 5);
+  const size_t all = made.samples.size();
+  RemoveWeakIntervals(made.samples);
+  EXPECT_EQ(made.samples.size(), all);
+  // The samples of two lines do not determine a pose.
+  std::erase_if(made.samples, [](const LineSample& sample) { return sample.interval == 7 && sample.line > 1; });
+  for (int i = 0; i < 6; ++i) made.samples.insert(made.samples.begin() + 7 * 66, made.samples[7 * 66]);
+  RemoveWeakIntervals(made.samples);
+  EXPECT_EQ(made.samples.size(), all - 66);
+}
+
+TEST(CameraAdjustment, ProjectionIsThatOfTheCamera) {
+  CameraModel rational = TrueCamera(), fisheye = TrueCamera();
+  rational.lens_model = LensModel::kRational;
+  rational.distortion = {0.4, 0.05, 0.0003, -0.0002, 0.01, 0.5, 0.1, 0.02};
+  fisheye.lens_model = LensModel::kFisheye;
+  fisheye.distortion = {0.05, -0.01, 0.003, -0.001};
+  for (const CameraModel& camera : {TrueCamera(), rational, fisheye}) {
+    const CalibrationParameters parameters = ParametersOf(camera);
+    const FreeParameters all = AllParameters(camera.lens_model);
+    for (const Vector2d& bearing : {Vector2d(0.0, 0.0), Vector2d(0.5, -0.3), Vector2d(-0.6, 0.33)}) {
+      const Vector2d expected = camera.Distort(camera.Project({bearing.x(), bearing.y(), 1.0}));
+      EXPECT_LT((ProjectBearing(parameters, bearing) - expected).norm(), 1e-9);
+      const auto jacobian = ProjectionJacobian(parameters, bearing);
+      for (int i = 0; i < kEdgeShift; ++i) {
+        CalibrationParameters moved = parameters;
+        moved[i] += 1e-6;
+        const Vector2d quotient = 1e6 * (ProjectBearing(moved, bearing) - ProjectBearing(parameters, bearing));
+        EXPECT_LT((quotient - jacobian.col(i)).norm(), 1e-3 * (1.0 + quotient.norm()));
+        if (!all[i]) {
+          EXPECT_EQ(quotient.norm(), 0.0);
+        }
+      }
+    }
+    CameraModel copy{1280, 720};
+    SetParameters(parameters, copy);
+    EXPECT_EQ(copy.lens_model, camera.lens_model);
+    EXPECT_LT((copy.Project({0.1, 0.2, 1.0}) - camera.Project({0.1, 0.2, 1.0})).norm(), 1e-9);
+  }
+  EXPECT_EQ(CalibrationParameterName(LensModel::kBrown, kDistortion + 2), "p1");
+  EXPECT_EQ(CalibrationParameterName(LensModel::kFisheye, kDistortion + 2), "k3");
+}
+
+}  // namespace
+}  // namespace evpose

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/calibration/line_samples.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/calibration/event_displacement.h"
+
+namespace evpose {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr int kCellPx = 8;
+constexpr size_t kMaxPieces = 2000;  // bounds the work of a model with many lines
+constexpr double kStepS = 1e-5;      // of the difference quotient of velocities: far below a pixel
+
+double DistanceToSegment(const Vector2d& point, const Vector2d& begin, const Vector2d& end) {
+  const Vector2d side = end - begin;
+  const double at = std::clamp((point - begin).dot(side) / std::max(side.squaredNorm(), 1e-12), 0.0, 1.0);
+  return (point - begin - at * side).norm();
+}
+
+}  // namespace
+
+LineSampler::LineSampler(const CameraModel& camera, const ModelEdges& edges, const LineSampleOptions& options)
+    : camera_(camera),
+      options_(options),
+      visible_(camera, edges),
+      columns_(camera.width_px / kCellPx + 1),
+      rows_(camera.height_px / kCellPx + 1),
+      cells_(static_cast<size_t>(columns_) * rows_) {}
+
+bool LineSampler::ProjectPoint(const RigidTransform& pose, const Vector3d& point, Vector2d& pixel) const {
+  const Vector3d point_camera = pose * point;
+  if (!(point_camera.z() > 1e-6)) return false;
+  const Vector2d undistorted = camera_.Project(point_camera);
+  if (!camera_.IsInImage(undistorted)) return false;
+  pixel = camera_.Distort(undistorted);
+  return true;
+}
+
+void LineSampler::AddPieces(const TrackedLine& line, const CalibrationInterval& interval) {
+  const RigidTransform& pose = interval.camera_from_object;
+  Vector2d first, last;
+  if (!ProjectPoint(pose, line.p1, first) || !ProjectPoint(pose, line.p2, last)) {
+    // Partly out of view: as many pieces as a line across the image; those outside are left out.
+    first = {0.0, 0.0};
+    last = {static_cast<double>(camera_.width_px), 0.0};
+  }
+  const int count = static_cast<int>(std::ceil((last - first).norm() / options_.piece_px));
+  RigidTransform later = pose;
+  later.translation_m += kStepS * interval.twist.head<3>();
+  later.rotation = ExpSo3(kStepS * interval.twist.tail<3>()) * pose.rotation;
+  for (int i = 0; i < count && pieces_.size() < kMaxPieces; ++i) {
+    const auto at = [&](double fraction) -> Vector3d { return line.p1 + fraction / count * (line.p2 - line.p1); };
+    Piece piece;
+    Vector2d moved;
+    piece.line = line.curve;
+    piece.point = at(i + 0.5);
+    if (!ProjectPoint(pose, at(i), piece.begin) || !ProjectPoint(pose, at(i + 1.0), piece.end) ||
+        !ProjectPoint(pose, piece.point, piece.middle) || !ProjectPoint(later, piece.point, moved)) {
+      continue;
+    }
+    const double length_px = (piece.end - piece.begin).norm();
+    if (length_px < 1.0) continue;
+    piece.along = (piece.end - piece.begin) / length_px;
+    piece.normal = {-piece.along.y(), piece.along.x()};
+    piece.half_px = 0.5 * length_px;
+    piece.bow_px = piece.normal.dot(0.5 * (piece.begin + piece.end) - piece.middle);
+    const Vector2d velocity = (moved - piece.middle) / kStepS;
+    piece.normal_speed_px_s = velocity.dot(piece.normal);
+    piece.along_speed_px_s = velocity.dot(piece.along);
+    pieces_.push_back(std::move(piece));
+  }
+}
+
+void LineSampler::SetGates() {
+  for (Piece& piece : pieces_) {
+    double clear_px = 3.0 * options_.gate_px;
+    for (const Piece& other : pieces_) {
+      if (other.line == piece.line) continue;
+      // A farther piece cannot be within the clearance.
+      if ((other.middle - piece.middle).norm() > clear_px + piece.half_px + other.half_px) continue;
+      for (const Vector2d& point : {piece.begin, piece.middle, piece.end}) {
+        clear_px = std::min(clear_px, DistanceToSegment(point, other.begin, other.end));
+      }
+      clear_px = std::min(clear_px, DistanceToSegment(other.middle, piece.begin, piece.end));
+    }
+    piece.gate_px = clear_px / 3.0;
+    const bool is_used =
+        piece.gate_px >= options_.min_gate_px && std::abs(piece.normal_speed_px_s) >= options_.min_speed_px_per_s;
+    if (!is_used) piece.gate_px = 0.0;
+  }
+}
+
+void LineSampler::EnterCells(int index) {
+  const Piece& piece = pieces_[index];
+  const double reach_px = options_.gate_px + 2.0;  // and the motion within the interval
+  const Vector2d low = piece.begin.cwiseMin(piece.end), high = piece.begin.cwiseMax(piece.end);
+  const auto cell = [](double px, int count) { return std::clamp(static_cast<int>(px) / kCellPx, 0, count - 1); };
+  for (int row = cell(low.y() - reach_px, rows_); row <= cell(high.y() + reach_px, rows_); ++row) {
+    for (int column = cell(low.x() - reach_px, columns_); column <= cell(high.x() + reach_px, columns_); ++column) {
+      std::vector<int>& entries = cells_[static_cast<size_t>(row) * columns_ + column];
+      if (entries.empty()) used_cells_.push_back(row * columns_ + column);
+      entries.push_back(index);
+    }
+  }
+}
+
+void LineSampler::MakePieces(const CalibrationInterval& interval) {
+  for (const int cell : used_cells_) cells_[cell].clear();
+  used_cells_.clear();
+  pieces_.clear();
+  for (const TrackedLine& line : visible_.At(interval.camera_from_object)) {
+    if (!line.is_element) AddPieces(line, interval);
+  }
+  SetGates();
+  for (size_t i = 0; i < pieces_.size(); ++i) {
+    if (pieces_[i].gate_px > 0.0) EnterCells(static_cast<int>(i));
+  }
+}
+
+void LineSampler::AddEvent(const Event& event, double tau_s) {
+  const Vector2d pixel(event.x, event.y);
+  const size_t cell = static_cast<size_t>(event.y / kCellPx) * columns_ + event.x / kCellPx;
+  if (event.x >= camera_.width_px || event.y >= camera_.height_px) return;
+  for (const int index : cells_[cell]) {
+    Piece& piece = pieces_[index];
+    const Vector2d offset = pixel - piece.middle;
+    const double along = offset.dot(piece.along) - tau_s * piece.along_speed_px_s;
+    if (std::abs(along) > piece.half_px) continue;
+    const double position = along / piece.half_px;
+    const double distance =
+        offset.dot(piece.normal) - tau_s * piece.normal_speed_px_s - piece.bow_px * position * position;
+    if (std::abs(distance) > piece.gate_px) continue;
+    piece.distances_px.push_back(distance);
+    piece.polarity[event.polarity != 0] += 1.0;
+    return;
+  }
+}
+
+void LineSampler::Finish(Piece& piece, int index, std::vector<LineSample>& samples) const {
+  if (static_cast<double>(piece.distances_px.size()) < options_.min_events) return;
+  std::vector<double>& distances = piece.distances_px;
+  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  const double median = *middle;
+  const EventDisplacement fit = FitDisplacement(distances, piece.gate_px, median, table_);
+  if (fit.num_events < options_.min_events || std::abs(fit.mean_px) > piece.gate_px) return;
+  LineSample sample;
+  sample.interval = index;
+  sample.line = piece.line;
+  sample.point = piece.point;
+  sample.pixel = piece.middle + fit.mean_px * piece.normal;
+  sample.normal = piece.normal;
+  sample.num_events = fit.num_events;
+  sample.sigma_px = std::sqrt(fit.spread_px * fit.spread_px * options_.events_per_information / fit.num_events +
+                              options_.model_error_px * options_.model_error_px);
+  const double kappa = (piece.polarity[1] - piece.polarity[0]) / (piece.polarity[1] + piece.polarity[0]);
+  // The motion of a bright surface over a dark one makes pixels brighter.
+  const double side = kappa * piece.normal_speed_px_s;
+  if (std::abs(kappa) >= options_.min_kappa) sample.dark_side = side > 0.0 ? 1.0 : -1.0;
+  sample.speed_px_per_s = std::abs(piece.normal_speed_px_s);
+  samples.push_back(sample);
+}
+
+void LineSampler::Sample(const CalibrationInterval& interval, int index, std::vector<LineSample>& samples) {
+  MakePieces(interval);
+  for (const Event& event : interval.events) {
+    AddEvent(event, 1e-6 * static_cast<double>(event.t_us - interval.t_us));
+  }
+  for (Piece& piece : pieces_) Finish(piece, index, samples);
+}
+
+}  // namespace evpose

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Tracks the object of a recording, for calibrations without known poses.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "core/calibration/line_samples.h"
+#include "core/estimation/sensor_profile.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/trajectory.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+struct TrackedRecordingOptions {
+  SensorProfile sensor;
+  // Ends after so many microseconds of the recording.
+  int64_t max_duration_us = std::numeric_limits<int64_t>::max();
+  // Largest number of intervals of CollectIntervals(): 300 give each parameter of a lens some thousand independent
+  // measurements. When there are more, every other one is dropped, and later ones are as far apart.
+  int max_intervals = 300;
+  // Mean motion of the image in an interval, pixels: the events of an edge then cover all positions between two pixels.
+  double motion_px = 2.0;
+};
+
+// Called with the seconds of the recording that have been processed.
+using RecordingProgress = absl::FunctionRef<void(double seconds)>;
+
+// Returns the poses of the recording while the object is TRACKING. Empty if it was never found. Errors: those of
+// RecordingReader and of Tracker::Create().
+absl::StatusOr<Trajectory> TrackRecording(const std::string& path, std::shared_ptr<const ObjectModel> model,
+                                          const CameraModel& camera, const TrackedRecordingOptions& options,
+                                          RecordingProgress on_progress);
+
+// Returns intervals of the recording, in order of time, while the object is TRACKING and moves. Their `recording` is
+// this number. Errors: the same.
+absl::StatusOr<std::vector<CalibrationInterval>> CollectIntervals(const std::string& path, int recording,
+                                                                  std::shared_ptr<const ObjectModel> model,
+                                                                  const CameraModel& camera,
+                                                                  const TrackedRecordingOptions& options,
+                                                                  RecordingProgress on_progress);
+
+}  // namespace evpose

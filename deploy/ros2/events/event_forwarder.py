@@ -1,0 +1,117 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""A ROS 2 node that sends the EventPackets of a camera to evpose-server; README.md beside it has its parameters.
+
+    python3 event_forwarder.py --ros-args -r events:=/event_camera/events -p camera:=camera.yaml -p model:=object.obj
+"""
+
+import pathlib
+import sys
+import threading
+
+import rclpy
+from event_camera_msgs.msg import EventPacket
+from rclpy.node import Node
+from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
+
+import evpose
+from event_packets import PacketQueue, PacketReader
+
+_PARAMETERS = {"server": "127.0.0.1:50051", "token_file": "", "tls_ca": "", "tls_certificate": "", "tls_key": "", "camera": "", "model": "",
+               "object_id": "object", "metres_per_unit": 1.0, "overload": "latest", "memory_bytes": 64 << 20, "keep_session": False}
+# Packets of some milliseconds each wait in ROS while Python is busy; more would be old.
+_QUEUED_PACKETS = 1000
+
+
+class EventForwarder(Node):
+    def __init__(self):
+        super().__init__("evpose_events")
+        self._settings = {name: self.declare_parameter(name, value).value for name, value in _PARAMETERS.items()}
+        settings = self._settings
+        for name in ("camera", "model"):
+            if not settings[name]:
+                raise evpose.InvalidArgumentError(f"the parameter {name} is required: a file")
+        if settings["overload"] not in ("latest", "block"):
+            raise evpose.InvalidArgumentError(f"overload: {settings['overload']!r} is neither latest nor block")
+        camera = evpose.read_camera(settings["camera"])
+        self._client = self._connect()
+        model = self._client.upload_model(settings["model"], metres_per_unit=settings["metres_per_unit"])
+        overload = evpose.Overload.LATEST if settings["overload"] == "latest" else evpose.Overload.BLOCK
+        self._session = self._client.create_session([evpose.TrackedObject(model, settings["object_id"])], camera, evpose.Encoding.EVT3,
+                                                    overload=overload)
+        self._queue = PacketQueue(PacketReader(camera.width_px, camera.height_px), settings["memory_bytes"])
+        # Deep and best effort: a reliable subscriber of a best-effort publisher receives nothing.
+        qos = QoSProfile(depth=_QUEUED_PACKETS, history=QoSHistoryPolicy.KEEP_LAST, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+        self._failure = None
+        self.create_subscription(EventPacket, "events", self._on_packet, qos)
+
+    def _connect(self):
+        settings = self._settings
+        tls = None
+        if settings["tls_ca"] or settings["tls_certificate"]:
+            tls = evpose.Tls(*(settings[name] or None for name in ("tls_ca", "tls_certificate", "tls_key")))
+        path = settings["token_file"]
+        token = (lambda: pathlib.Path(path).read_text().strip()) if path else None
+        return evpose.connect(settings["server"], tls=tls, token=token)
+
+    def _on_packet(self, packet):
+        try:
+            self._queue.put(packet)
+        except evpose.InvalidArgumentError as error:
+            self._failure = error
+            self._queue.end()
+
+    def forward(self):
+        """Sends events until stop(). Raises evpose.EvposeError."""
+        self.get_logger().info(f"feeds {self._session.name}")
+        options = evpose.TrackOptions(is_live=True, memory_bytes=self._settings["memory_bytes"], on_notice=self._warn)
+        try:
+            with self._session.track(self._queue, options) as track:
+                num_poses = sum(1 for _ in track)
+            reader = self._queue.reader
+            self.get_logger().info(f"{reader.num_packets} packets, {num_poses} poses; {reader.num_lost} packets lost, "
+                                   f"{self._queue.num_dropped} dropped, {reader.num_refused} damaged")
+        finally:
+            if not self._settings["keep_session"]:
+                self._session.delete()
+            self._client.close()
+        if self._failure is not None:
+            raise self._failure
+
+    def stop(self):
+        self._queue.end()
+
+    def _warn(self, notice):
+        if isinstance(notice, (evpose.EventsDropped, evpose.DecodeFault)):
+            self.get_logger().warning(f"{notice}", throttle_duration_sec=5.0)
+
+
+def main():
+    rclpy.init()
+    try:
+        node = EventForwarder()
+    except (evpose.EvposeError, OSError) as error:
+        sys.exit(f"evpose_events: {error}")
+    failures = []
+
+    def forward():
+        try:
+            node.forward()
+        except evpose.EvposeError as error:
+            failures.append(error)
+        rclpy.try_shutdown()
+
+    thread = threading.Thread(target=forward)
+    thread.start()
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        pass
+    node.stop()
+    thread.join()
+    if failures:
+        sys.exit(f"evpose_events: {failures[0]}")
+
+
+if __name__ == "__main__":
+    main()

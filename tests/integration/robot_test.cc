@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Poses in the frame and on the clock of a robot, from end to end.
+#include <gmock/gmock.h>
+
+#include <cmath>
+
+#include "core/geometry/trajectory.h"
+#include "core/geometry/transform_file.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+class RobotTest : public CliTest {
+ protected:
+  static constexpr double kOffset_s = 1234.5;
+
+  RigidTransform BaseFromTool(double t_s) const {
+    const auto wave = [t_s](double hz, double phase) { return std::sin(2.0 * M_PI * hz * t_s + phase); };
+    return {ExpSo3({0.4 * wave(0.31, 0.0) + 0.2 * wave(0.77, 1.0), 0.4 * wave(0.23, 2.0), 0.4 * wave(0.41, 4.0)}),
+            {0.4 + 0.1 * wave(0.37, 1.0), 0.1 * wave(0.29, 2.0), 0.3 + 0.1 * wave(0.53, 3.0)}};
+  }
+  // poses.tum of evpose and robot.tum, on its own clock.
+  void WriteCell() const {
+    Trajectory poses, robot;
+    for (int i = 0; i < 3000; ++i) {
+      const int64_t t_us = 5000 * i;
+      const RigidTransform tool = BaseFromTool(1e-6 * static_cast<double>(t_us));
+      robot.push_back({t_us + std::llround(kOffset_s * 1e6), tool});
+      if (i >= 200 && i < 2800)
+        poses.push_back({t_us + 1700, camera_from_base_ * BaseFromTool(t_us * 1e-6 + 1.7e-3) * tool_from_object_});
+    }
+    ASSERT_TRUE(WriteTumTrajectory(Path("poses.tum"), poses).ok());
+    ASSERT_TRUE(WriteTumTrajectory(Path("robot.tum"), robot).ok());
+  }
+
+  const RigidTransform camera_from_base_{ExpSo3({2.0, 0.3, -0.4}), {0.1, -0.3, 1.2}};
+  const RigidTransform tool_from_object_{ExpSo3({-0.3, 1.0, 0.2}), {0.05, 0.02, 0.1}};
+};
+
+TEST_F(RobotTest, HandEyeCalibrationIsAWorldFromCamera) {
+  WriteCell();
+  const CliResult result =
+      Run({"calibrate", Path("poses.tum"), "--hand-eye", Path("robot.tum"), "-o", Path("mount.yaml"), "--json"});
+  ASSERT_EQ(result.status, 0) << result.err;
+  const nlohmann::json json = result.Json();
+  EXPECT_EQ(json["mount"], "beside");
+  EXPECT_NEAR(json["time_offset_s"].get<double>(), kOffset_s, 1e-4);
+  EXPECT_TRUE(json.contains("tool_from_object"));
+  EXPECT_TRUE(json["warnings"].empty()) << json["warnings"];
+  const auto mount = ReadTransformFile(Path("mount.yaml"));
+  ASSERT_TRUE(mount.ok()) << mount.status();
+  EXPECT_EQ(mount->target, "base");
+  EXPECT_LT(Difference(mount->target_from_source, camera_from_base_.Inverse()).norm(), 5e-4);
+  EXPECT_THAT(ReadText("mount.yaml"), AllOf(StartsWith("# base_from_camera by evpose calibrate --hand-eye"),
+                                            HasSubstr("# standard errors: "), HasSubstr("clock of the robot")));
+
+  const CliResult text = Run({"calibrate", Path("poses.tum"), "--hand-eye", Path("robot.tum"), "-o", Path("mount.yaml"),
+                              "--mount", "beside", "--time-offset", "1234.5"});
+  ASSERT_EQ(text.status, 0) << text.err;
+  EXPECT_THAT(text.out, AllOf(HasSubstr("base_from_camera\n"), HasSubstr("1234.500000 s\n"), HasSubstr("spread by ")));
+}
+
+TEST_F(RobotTest, EvaluateAlignsAReferenceOfTheRobot) {
+  WriteCell();
+  const std::vector<std::string> evaluate = {"evaluate", "--truth", Path("robot.tum"), "--estimate", Path("poses.tum"),
+                                             "--align",  "rigid",   "--time-offset",   "auto"};
+  std::vector<std::string> with_json = evaluate;
+  with_json.push_back("--json");
+  const CliResult result = Run(with_json);
+  ASSERT_EQ(result.status, 0) << result.err;
+  const nlohmann::json row = result.Json()["estimates"][0];
+  EXPECT_LT(row["position_rmse_m"].get<double>(), 2e-4);
+  EXPECT_LT(row["rotation_mean_deg"].get<double>(), 0.02);
+  EXPECT_EQ(row["alignment"]["truth_of"], "object");
+  EXPECT_NEAR(row["alignment"]["time_offset_s"].get<double>(), kOffset_s, 1e-4);
+  const CliResult table = Run(evaluate);
+  EXPECT_THAT(table.out, AllOf(HasSubstr("clock of the truth - clock of the sensor 1234."), HasSubstr(" +- "),
+                               HasSubstr("constant errors of the pose are not in the errors above")));
+  // Without alignment nothing is alike.
+  const CliResult without = Run({"evaluate", "--truth", Path("robot.tum"), "--estimate", Path("poses.tum")});
+  EXPECT_EQ(without.status, 1);
+  EXPECT_THAT(without.err, HasSubstr("lies outside the truth's time span"));
+  // The offset alone, which is wrong for poses in other frames, but known.
+  const CliResult shifted = Run(
+      {"evaluate", "--truth", Path("poses.tum"), "--estimate", Path("poses.tum"), "--time-offset", "0.001", "--json"});
+  ASSERT_EQ(shifted.status, 0) << shifted.err;
+  EXPECT_GT(shifted.Json()["estimates"][0]["position_rmse_m"].get<double>(), 1e-5);
+  EXPECT_EQ(shifted.Json()["estimates"][0]["alignment"]["time_offset_s"], 0.001);
+}
+
+TEST_F(RobotTest, WrongUsageIsNamed) {
+  WriteCell();
+  const auto error = [&](const std::vector<std::string>& arguments, int status) {
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, status) << result.err;
+    return result.err;
+  };
+  const std::string poses = Path("poses.tum"), robot = Path("robot.tum"), out = Path("mount.yaml");
+  EXPECT_THAT(error({"calibrate", poses, "-o", out}, 2), HasSubstr("--model is required, except with --hand-eye"));
+  EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot}, 2), HasSubstr("-o is required"));
+  EXPECT_THAT(error({"calibrate", poses, poses, "--hand-eye", robot, "-o", out}, 2), HasSubstr("one file"));
+  EXPECT_THAT(error({"calibrate", poses, "--mount", "beside", "-o", out}, 2), HasSubstr("--hand-eye"));
+  EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot, "--time-offset", "soon", "-o", out}, 2),
+              HasSubstr("\"soon\" is neither auto nor a number"));
+  EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot, "--time-offset", "0", "-o", out}, 1),
+              AllOf(HasSubstr(poses + " and " + robot), HasSubstr("fewer than 12 poses")));
+  EXPECT_FALSE(std::filesystem::exists(out));
+  EXPECT_THAT(error({"evaluate", "--truth", robot, "--estimate", poses, "--time-offset", "x"}, 2), HasSubstr("\"x\""));
+  WriteText("other.tum", "# world_from_object, timestamp tx ty tz qx qy qz qw\n1 0 0 1 0 0 0 1\n");
+  EXPECT_THAT(error({"evaluate", "--truth", robot, "--estimate", Path("other.tum")}, 1),
+              HasSubstr("its poses are world_from_object"));
+}
+
+TEST_F(RobotTest, ReplayWritesTheFrameAndTheClock) {
+  SimulateCube(0.05);
+  ASSERT_EQ(Run(ReplayArguments("plain.tum")).status, 0);
+  WriteText("mount.txt", "0 -1 0 0.5\n1 0 0 -1\n0 0 1 2\n0 0 0 1\n");
+  const CliResult result =
+      Run(ReplayArguments("world.tum", {"--world-from-camera", Path("mount.txt"), "--clock-log", Path("clock.csv")}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.Json()["transform"], "world_from_object");
+  EXPECT_GT(result.Json()["host_minus_sensor_s"].get<double>(), 1e9);
+  EXPECT_THAT(ReadText("world.tum"), StartsWith("# world_from_object, timestamp"));
+  const Trajectory plain = *ReadTumTrajectory(Path("plain.tum")), world = *ReadTumTrajectory(Path("world.tum"));
+  const RigidTransform mount = ReadTransformFile(Path("mount.txt"))->target_from_source;
+  ASSERT_EQ(world.size(), plain.size());
+  ASSERT_FALSE(plain.empty());
+  for (size_t i = 0; i < plain.size(); ++i) {
+    EXPECT_EQ(world[i].t_us, plain[i].t_us);
+    EXPECT_LT(Difference(world[i].camera_from_object, mount * plain[i].camera_from_object).norm(), 1e-12);
+  }
+  const std::string log = ReadText("clock.csv");
+  EXPECT_THAT(log, StartsWith("kind,t_us,host_unix_us,input,rising\n"));
+  EXPECT_THAT(log, AllOf(HasSubstr("\nchunk,16"), HasSubstr("\npose,16")));
+
+  const CliResult wrong = Run(ReplayArguments("world.tum", {"--world-from-camera", Path("cube/truth.tum")}));
+  EXPECT_EQ(wrong.status, 1);
+  EXPECT_THAT(wrong.err, HasSubstr(Path("cube/truth.tum") + ": has "));
+  EXPECT_EQ(
+      Run(ReplayArguments("world.tum", {"--world-from-camera", Path("mount.txt"), "--pose", "object-from-camera"}))
+          .status,
+      2);
+}
+
+}  // namespace
+}  // namespace evpose
