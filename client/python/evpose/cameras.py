@@ -62,19 +62,11 @@ class Camera:
             raise InvalidArgumentError("camera: distortion: every number must be finite")
 
     def to_proto(self) -> Any:
-        """Raises InvalidArgumentError for a lens model that the API of this build does not have."""
         # The API has all five coefficients of the Brown model or none.
-        distortion = self.distortion if len(self.distortion) != 4 or self.lens_model == "fisheye" else (*self.distortion, 0.0)
-        message = geometry_pb2.CameraModel(
+        distortion = (*self.distortion, 0.0) if self.lens_model == "brown" and len(self.distortion) == 4 else self.distortion
+        return geometry_pb2.CameraModel(
             width_px=self.width_px, height_px=self.height_px, fx_px=self.fx_px, fy_px=self.fy_px, cx_px=self.cx_px,
-            cy_px=self.cy_px, distortion=distortion)
-        if self.lens_model != "brown":
-            field = message.DESCRIPTOR.fields_by_name.get("lens_model")
-            value = field and field.enum_type.values_by_name.get(f"LENS_MODEL_{self.lens_model.upper()}")
-            if not value:
-                raise InvalidArgumentError(f"camera: this API has no lens model {self.lens_model}, only plumb_bob")
-            message.lens_model = value.number
-        return message
+            cy_px=self.cy_px, distortion=distortion, lens_model=f"LENS_MODEL_{self.lens_model.upper()}")
 
 
 def read_camera(path: PathLike) -> Camera:

@@ -65,6 +65,13 @@ class CameraTest(InputTest):
         self.assertEqual(self.read(json.dumps(values)), self.read(CAMERA_INFO))
         fisheye = self.read(json.dumps({**values, "lens_model": "fisheye", "distortion": [0.1, 0.2, 0.3, 0.4]}))
         self.assertEqual((fisheye.lens_model, fisheye.distortion), ("fisheye", (0.1, 0.2, 0.3, 0.4)))
+        for change in ((), ("plumb_bob", "equidistant", "[-0.1, 1e-5, 0.001, -0.002, 0]", "[0.01, 0, 0, 0]", "cols: 5", "cols: 4")):
+            text = CAMERA_INFO
+            for old, new in zip(change[::2], change[1::2]):
+                text = text.replace(old, new)
+            path = self.write("camera.yaml", text)
+            said = self.write("camera.json", run_evpose("camera", path, "--json"))
+            self.assertEqual(evpose.read_camera(said), evpose.read_camera(path))
 
     def test_lens_models_of_ros(self):
         def read(model, numbers):
@@ -84,12 +91,10 @@ class CameraTest(InputTest):
             self.assertIn(words, self.refused(evpose.InvalidArgumentError, read, model, numbers))
 
     def test_lens_models_of_the_api(self):
-        fisheye = evpose.Camera(640, 480, 600.0, 600.0, 320.0, 240.0, (0.1, 0.2, 0.3, 0.4), "fisheye")
-        if "lens_model" not in geometry_pb2.CameraModel.DESCRIPTOR.fields_by_name:
-            self.assertIn("no lens model fisheye", self.refused(evpose.InvalidArgumentError, fisheye.to_proto))
-            return
-        message = fisheye.to_proto()
-        self.assertEqual((message.lens_model, list(message.distortion)), (geometry_pb2.LENS_MODEL_FISHEYE, [0.1, 0.2, 0.3, 0.4]))
+        for name, numbers in (("brown", 5), ("rational", 8), ("fisheye", 4)):
+            message = evpose.Camera(640, 480, 600.0, 600.0, 320.0, 240.0, (0.1,) * numbers, name).to_proto()
+            self.assertEqual((message.lens_model, len(message.distortion)),
+                             (geometry_pb2.LensModel.Value(f"LENS_MODEL_{name.upper()}"), numbers))
 
     def test_four_coefficients_of_the_brown_model_are_sent_as_five(self):
         camera = self.read(CAMERA_INFO.replace("-0.002, 0]", "-0.002]"))
