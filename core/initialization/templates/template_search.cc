@@ -53,7 +53,7 @@ void TemplateSearch::AppendCandidates(const EdgeDistanceMap& map, size_t box,
   const TemplateAligner aligner(map, camera_, model_->radius_m(), model_->centre());
   for (const TemplatePlacement& placement : scanner_.Scan(map, static_cast<size_t>(options_.max_placements))) {
     YieldPoint();
-    const std::vector<EdgeSample>& samples = model_->views()[placement.view].samples;
+    const absl::Span<const EdgeSample> samples = model_->views()[placement.view].samples;
     Candidate candidate;
     candidate.box = box;
     candidate.camera_from_object =
@@ -111,7 +111,8 @@ void TemplateSearch::AppendSpins(const Maps& maps, double duration_s, std::vecto
       Candidate spin = candidate;
       const Eigen::Matrix3d rotation = ExpSo3(2.0 * std::numbers::pi / kTemplateTurns * turn * axis);
       spin.camera_from_object = candidate.camera_from_object * AboutCentre(*model_->near_axis(), rotation);
-      const std::vector<EdgeSample>& samples = model_->views()[model_->NearestView(spin.camera_from_object)].samples;
+      const absl::Span<const EdgeSample> samples =
+          model_->views()[static_cast<size_t>(model_->NearestView(spin.camera_from_object))].samples;
       spin.camera_from_object = aligner.Align(spin.camera_from_object, samples, 4.0, 3.0, 2, 1);
       spin.score = aligner.Score(spin.camera_from_object, samples, spin.motion.twist, duration_s).total();
       spins.push_back(std::move(spin));
