@@ -10,12 +10,14 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/initialization/pose_search.h"
 #include "core/models/continuous_symmetry.h"
 
 namespace evpose {
 namespace {
 
 constexpr double kSamplePx = 4.0;  // along edges, for the comparison of two images
+constexpr std::ptrdiff_t kLinesOfPose = 3;
 
 struct SampledEdge {
   Eigen::Vector2d position_px;
@@ -166,7 +168,10 @@ std::vector<std::pair<Eigen::Vector3d, RigidTransform>> HalfTurns(const ObjectMo
 class FindabilityPredictor {
  public:
   FindabilityPredictor(const ObjectModel& model, const CameraModel& camera, const FindabilityOptions& options)
-      : options_(options), viewer_(model, camera, options.views), turns_(HalfTurns(model)) {
+      : options_(options),
+        has_curves_(HasCurvedEdges(model)),
+        viewer_(model, camera, options.views),
+        turns_(HalfTurns(model)) {
     const double max_px = std::min<double>(
         {options.max_object_px, static_cast<double>(camera.width_px), static_cast<double>(camera.height_px)});
     for (double px = options.min_object_px; px <= max_px; px *= options.size_step) sizes_px_.push_back(px);
@@ -201,10 +206,18 @@ class FindabilityPredictor {
   bool IsFindable(const Eigen::Vector3d& direction, double object_px) {
     const ModelView view = viewer_.From(direction, object_px);
     if (view.length_px < options_.min_edge_px) return false;
+    if (!has_curves_ && NumLongLines() < kLinesOfPose) return false;
     // `weakest_px` is that of ModelViewOptions::events events.
     const double events = options_.motion_px * view.length_px;
     const double deviation_px = view.weakest_px * std::sqrt(options_.views.events / events);
     return deviation_px <= options_.max_deviation_rad * 0.5 * object_px;
+  }
+
+  std::ptrdiff_t NumLongLines() const {
+    const absl::Span<const ImageLine> lines = viewer_.image_lines();
+    return std::count_if(lines.begin(), lines.end(), [this](const ImageLine& line) {
+      return line.in_view() && line.length_px >= options_.min_line_px;
+    });
   }
 
   // Bisects the sizes: length and certainty grow with the size.
@@ -223,6 +236,7 @@ class FindabilityPredictor {
   }
 
   const FindabilityOptions options_;
+  const bool has_curves_;
   ModelViewer viewer_;
   std::vector<double> sizes_px_;
   const std::vector<std::pair<Eigen::Vector3d, RigidTransform>> turns_;
@@ -233,6 +247,7 @@ class FindabilityPredictor {
 absl::Status FindabilityOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(views.Validate());
   EVPOSE_RETURN_IF_ERROR(CheckPositive("min_edge_px", min_edge_px));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_line_px", min_line_px));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("motion_px", motion_px));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("max_deviation_rad", max_deviation_rad));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("min_object_px", min_object_px));
