@@ -75,7 +75,6 @@ ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibi
       surface_(surface != nullptr ? std::move(surface) : std::make_shared<const SurfaceTables>(model)),
       visibility_(model, WithFewSamples(visibility, has_many_lines()), surface_->faces),
       elements_(model, surface_, elements),
-      element_options_(elements),
       lines_(LongestLines(model, kMaxPool)),
       num_curves_(static_cast<int>(
           std::min<uint64_t>(kMaxCurves, std::max<uint64_t>(elements_.num_curves(), model.lines.size())))),
@@ -304,7 +303,7 @@ void VisibleEdges::ExtractAt(const RigidTransform& camera_from_object, int level
     line.prior_contrast = element.prior_contrast;
   }
   FindNeighbours(camera_from_object);
-  JoinArcs(camera_, camera_from_object, edges_.element_options(), elements_, joined_);
+  JoinArcs(camera_, camera_from_object, edges_.elements().options(), elements_, joined_);
 }
 
 void VisibleEdges::FindNeighbours(const RigidTransform& camera_from_object) {

@@ -31,7 +31,6 @@ class ModelEdges {
   const std::shared_ptr<const SurfaceTables>& surface() const { return surface_; }
   const VisibilityTester& visibility() const { return visibility_; }
   const EdgeElementExtractor& elements() const { return elements_; }
-  const EdgeElementOptions& element_options() const { return element_options_; }
 
   // More straight lines than this are not tested at every pose: the best kMaxLines visible ones are chosen for a view.
   // It is more than the simple models have for which all lines are tested.
@@ -82,7 +81,6 @@ class ModelEdges {
   const std::shared_ptr<const SurfaceTables> surface_;
   const VisibilityTester visibility_;
   const EdgeElementExtractor elements_;
-  const EdgeElementOptions element_options_;
   std::vector<int> lines_;
   int num_curves_ = 0;
   std::vector<FlatFaces> flat_faces_;  // of ObjectModel::curves

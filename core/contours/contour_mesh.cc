@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 #include "core/base/yield_point.h"
 #include "core/mesh/region_shapes.h"
@@ -20,6 +21,24 @@ constexpr int kMaxParts = 8;
 bool HasContour(const SurfaceRegion& region) {
   if (region.is_flat()) return false;
   return region.shape == RegionShape::kFree || region.is_convex;
+}
+
+// Sorts by `key`, a number below `num_keys`, then by `is_before`. Linear in the number of values if few have the same
+// key.
+template <typename Value, typename Key, typename Before>
+void SortByKey(size_t num_keys, const Key& key, const Before& is_before, std::vector<Value>& values) {
+  std::vector<size_t> begins(num_keys + 1, 0);
+  for (const Value& value : values) ++begins[key(value) + 1];
+  std::partial_sum(begins.begin(), begins.end(), begins.begin());
+  std::vector<size_t> ends(begins.begin(), begins.end() - 1);
+  std::vector<Value> sorted(values.size());
+  for (const Value& value : values) sorted[ends[key(value)]++] = value;
+  for (size_t k = 0; k < num_keys; ++k) {
+    YieldPoint(k);
+    std::sort(sorted.begin() + static_cast<std::ptrdiff_t>(begins[k]),
+              sorted.begin() + static_cast<std::ptrdiff_t>(ends[k]), is_before);
+  }
+  values = std::move(sorted);
 }
 
 }  // namespace
@@ -62,14 +81,16 @@ void ContourMesh::AddTriangles(const std::vector<uint32_t>& curved_number) {
     triangles_.push_back({{}, {kNone, kNone, kNone}, surface.region_of[i]});
     for (uint32_t k = 0; k < 3; ++k) uses.push_back(static_cast<uint32_t>(3 * i) + k);
   }
+  const auto vertex_of = [&](uint32_t use) { return model_.triangles[use / 3][use % 3]; };
   const auto key = [&](uint32_t use) {
     const Eigen::Vector3f& n = surface.normals[use / 3][use % 3];
-    return std::tuple(model_.triangles[use / 3][use % 3], surface.region_of[use / 3], n.x(), n.y(), n.z());
+    return std::tuple(vertex_of(use), surface.region_of[use / 3], n.x(), n.y(), n.z());
   };
-  std::sort(uses.begin(), uses.end(), [&](uint32_t a, uint32_t b) {
+  const auto is_before = [&](uint32_t a, uint32_t b) {
     const auto key_a = key(a), key_b = key(b);
     return key_a != key_b ? key_a < key_b : a < b;
-  });
+  };
+  SortByKey(model_.vertices.size(), vertex_of, is_before, uses);
   for (size_t i = 0; i < uses.size(); ++i) {
     const uint32_t triangle = uses[i] / 3, corner = uses[i] % 3;
     if (i == 0 || key(uses[i]) != key(uses[i - 1])) {
@@ -98,9 +119,11 @@ void ContourMesh::LinkTriangles() {
       sides.push_back({std::min(a, b), std::max(a, b), 3 * i + k, a > b});
     }
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-    return std::tie(a.low, a.high, a.half_edge) < std::tie(b.low, b.high, b.half_edge);
-  });
+  const auto is_before = [](const Side& a, const Side& b) {
+    return std::tie(a.high, a.half_edge) < std::tie(b.high, b.half_edge);
+  };
+  SortByKey(
+      points_.size(), [](const Side& side) { return side.low; }, is_before, sides);
   for (size_t begin = 0, end; begin < sides.size(); begin = end) {
     for (end = begin + 1; end < sides.size(); ++end) {
       if (sides[end].low != sides[begin].low || sides[end].high != sides[begin].high) break;

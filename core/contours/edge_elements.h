@@ -78,6 +78,7 @@ class EdgeElementExtractor {
   EdgeElementExtractor(const EdgeElementExtractor&) = delete;
   EdgeElementExtractor& operator=(const EdgeElementExtractor&) = delete;
 
+  const EdgeElementOptions& options() const { return options_; }
   // Whether the model has edges beside its straight lines: curves, or curved regions or facets that have contours.
   bool has_curves() const;
   // Upper bound of EdgeElement::curve.

@@ -52,6 +52,13 @@ PlaneDetectorOptions PlaneDetectorOptions::ForSensor(SensorGeometry geometry) {
   return options;
 }
 
+std::vector<PlaneDetectorOptions> PlaneDetectorOptions::ForSearch(SensorGeometry geometry) {
+  std::vector<PlaneDetectorOptions> options = {ForSensor(geometry)};
+  const PlaneDetectorOptions full;
+  if (options[0].lines.min_length_px != full.lines.min_length_px) options.push_back(full);
+  return options;
+}
+
 absl::Status PlaneDetectorOptions::Validate() const {
   absl::Status status = stretch.Validate();
   status.Update(segmentation.Validate());

@@ -10,20 +10,22 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/initialization/pose_search.h"
 #include "core/models/continuous_symmetry.h"
 
 namespace evpose {
 namespace {
 
 constexpr double kSamplePx = 4.0;  // along edges, for the comparison of two images
+constexpr std::ptrdiff_t kLinesOfPose = 3;
 
-struct EdgeSample {
+struct SampledEdge {
   Eigen::Vector2d position_px;
   Eigen::Vector2d direction;  // unit, either sign
 };
 
-std::vector<EdgeSample> SampleEdges(absl::Span<const ImageLine> lines) {
-  std::vector<EdgeSample> samples;
+std::vector<SampledEdge> SampleEdges(absl::Span<const ImageLine> lines) {
+  std::vector<SampledEdge> samples;
   for (const ImageLine& line : lines) {
     if (!line.in_view()) continue;
     const int count = std::max(1, static_cast<int>(std::lround(line.length_px / kSamplePx)));
@@ -35,22 +37,22 @@ std::vector<EdgeSample> SampleEdges(absl::Span<const ImageLine> lines) {
 // Finds the nearest sample of an image within a radius.
 class SampleIndex {
  public:
-  SampleIndex(const std::vector<EdgeSample>& samples, double radius_px, double same_rad)
+  SampleIndex(const std::vector<SampledEdge>& samples, double radius_px, double same_rad)
       : samples_(samples), radius_px_(radius_px), min_cosine_(1.0 - 0.5 * same_rad * same_rad) {
     for (size_t i = 0; i < samples.size(); ++i) cells_[CellOf(samples[i].position_px)].push_back(i);
   }
 
   // Null if there is none with about the same direction within `radius_px`.
-  const EdgeSample* Nearest(const EdgeSample& sample) const {
+  const SampledEdge* Nearest(const SampledEdge& sample) const {
     const auto [column, row] = CellOf(sample.position_px);
-    const EdgeSample* nearest = nullptr;
+    const SampledEdge* nearest = nullptr;
     double distance_px = radius_px_;
     for (int y = row - 1; y <= row + 1; ++y) {
       for (int x = column - 1; x <= column + 1; ++x) {
         const auto cell = cells_.find({x, y});
         if (cell == cells_.end()) continue;
         for (const size_t i : cell->second) {
-          const EdgeSample& other = samples_[i];
+          const SampledEdge& other = samples_[i];
           if (std::abs(other.direction.dot(sample.direction)) < min_cosine_) continue;
           const double other_px = (other.position_px - sample.position_px).norm();
           if (other_px > distance_px) continue;
@@ -68,23 +70,23 @@ class SampleIndex {
             static_cast<int>(std::floor(position_px.y() / radius_px_))};
   }
 
-  const std::vector<EdgeSample>& samples_;
+  const std::vector<SampledEdge>& samples_;
   const double radius_px_;
   const double min_cosine_;
   std::map<std::pair<int, int>, std::vector<size_t>> cells_;
 };
 
 // Moves `samples` by the shift that brings them nearest to `target` (iterated mean of the distances to the nearest).
-void ShiftOnto(const std::vector<EdgeSample>& target, double reach_px, double same_rad,
-               std::vector<EdgeSample>& samples) {
+void ShiftOnto(const std::vector<SampledEdge>& target, double reach_px, double same_rad,
+               std::vector<SampledEdge>& samples) {
   constexpr int kIterations = 4;
   const SampleIndex index(target, reach_px, same_rad);
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     // The distance along an edge says nothing: only the part across it counts.
     Eigen::Matrix2d information = Eigen::Matrix2d::Zero();
     Eigen::Vector2d right_side = Eigen::Vector2d::Zero();
-    for (const EdgeSample& sample : samples) {
-      const EdgeSample* nearest = index.Nearest(sample);
+    for (const SampledEdge& sample : samples) {
+      const SampledEdge* nearest = index.Nearest(sample);
       if (nearest == nullptr) continue;
       const Eigen::Vector2d normal(-nearest->direction.y(), nearest->direction.x());
       information += normal * normal.transpose();
@@ -92,17 +94,18 @@ void ShiftOnto(const std::vector<EdgeSample>& target, double reach_px, double sa
     }
     information.diagonal().array() += 1.0;  // no shift along a direction without information
     const Eigen::Vector2d shift = information.inverse() * right_side;
-    for (EdgeSample& sample : samples) sample.position_px += shift;
+    for (SampledEdge& sample : samples) sample.position_px += shift;
   }
 }
 
 // Number of `samples` without a counterpart in `target`.
-size_t CountDiffering(const std::vector<EdgeSample>& samples, const std::vector<EdgeSample>& target,
+size_t CountDiffering(const std::vector<SampledEdge>& samples, const std::vector<SampledEdge>& target,
                       const FindabilityOptions& options) {
   // Half of the distance between two samples may separate counterparts along the edge.
   const SampleIndex index(target, options.same_px + 0.5 * kSamplePx, options.same_rad);
-  return static_cast<size_t>(std::count_if(
-      samples.begin(), samples.end(), [&index](const EdgeSample& sample) { return index.Nearest(sample) == nullptr; }));
+  return static_cast<size_t>(std::count_if(samples.begin(), samples.end(), [&index](const SampledEdge& sample) {
+    return index.Nearest(sample) == nullptr;
+  }));
 }
 
 // The principal axes of the edges and vertices about their mean, and the mean; columns are unit vectors.
@@ -165,7 +168,10 @@ std::vector<std::pair<Eigen::Vector3d, RigidTransform>> HalfTurns(const ObjectMo
 class FindabilityPredictor {
  public:
   FindabilityPredictor(const ObjectModel& model, const CameraModel& camera, const FindabilityOptions& options)
-      : options_(options), viewer_(model, camera, options.views), turns_(HalfTurns(model)) {
+      : options_(options),
+        has_curves_(HasCurvedEdges(model)),
+        viewer_(model, camera, options.views),
+        turns_(HalfTurns(model)) {
     const double max_px = std::min<double>(
         {options.max_object_px, static_cast<double>(camera.width_px), static_cast<double>(camera.height_px)});
     for (double px = options.min_object_px; px <= max_px; px *= options.size_step) sizes_px_.push_back(px);
@@ -176,7 +182,7 @@ class FindabilityPredictor {
     result.direction = direction;
     const ModelView view = viewer_.From(direction, options_.views.object_px);
     result.edge_px = view.length_px;
-    const std::vector<EdgeSample> samples = SampleEdges(viewer_.image_lines());
+    const std::vector<SampledEdge> samples = SampleEdges(viewer_.image_lines());
     for (const auto& [axis, turn] : turns_) {
       viewer_.At(view.camera_from_object * turn);
       result.twins.push_back(Compare(axis, samples, SampleEdges(viewer_.image_lines())));
@@ -186,8 +192,8 @@ class FindabilityPredictor {
   }
 
  private:
-  HalfTurnTwin Compare(const Eigen::Vector3d& axis, const std::vector<EdgeSample>& samples,
-                       std::vector<EdgeSample> twin) const {
+  HalfTurnTwin Compare(const Eigen::Vector3d& axis, const std::vector<SampledEdge>& samples,
+                       std::vector<SampledEdge> twin) const {
     // The twin would be shifted by the search: its centre of rotation is not that of its outline.
     constexpr double kReach = 0.08;  // of the object's size
     ShiftOnto(samples, kReach * options_.views.object_px, options_.same_rad, twin);
@@ -200,10 +206,18 @@ class FindabilityPredictor {
   bool IsFindable(const Eigen::Vector3d& direction, double object_px) {
     const ModelView view = viewer_.From(direction, object_px);
     if (view.length_px < options_.min_edge_px) return false;
+    if (!has_curves_ && NumLongLines() < kLinesOfPose) return false;
     // `weakest_px` is that of ModelViewOptions::events events.
     const double events = options_.motion_px * view.length_px;
     const double deviation_px = view.weakest_px * std::sqrt(options_.views.events / events);
     return deviation_px <= options_.max_deviation_rad * 0.5 * object_px;
+  }
+
+  std::ptrdiff_t NumLongLines() const {
+    const absl::Span<const ImageLine> lines = viewer_.image_lines();
+    return std::count_if(lines.begin(), lines.end(), [this](const ImageLine& line) {
+      return line.in_view() && line.length_px >= options_.min_line_px;
+    });
   }
 
   // Bisects the sizes: length and certainty grow with the size.
@@ -222,6 +236,7 @@ class FindabilityPredictor {
   }
 
   const FindabilityOptions options_;
+  const bool has_curves_;
   ModelViewer viewer_;
   std::vector<double> sizes_px_;
   const std::vector<std::pair<Eigen::Vector3d, RigidTransform>> turns_;
@@ -232,6 +247,7 @@ class FindabilityPredictor {
 absl::Status FindabilityOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(views.Validate());
   EVPOSE_RETURN_IF_ERROR(CheckPositive("min_edge_px", min_edge_px));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_line_px", min_line_px));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("motion_px", motion_px));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("max_deviation_rad", max_deviation_rad));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("min_object_px", min_object_px));

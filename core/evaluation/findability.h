@@ -15,9 +15,12 @@ namespace evpose {
 
 struct FindabilityOptions {
   ModelViewOptions views;  // `object_px` is the size at which edges are counted and twins are compared
-  // Visible length, pixels, of edges that a view needs: three edges, which determine the six unknowns of a pose, of the
-  // least length that the line detector accepts (LineSetOptions::min_length_px).
+  // Visible length, pixels, of edges that a view needs: three edges, which determine the six unknowns of a pose, of
+  // `min_line_px`.
   double min_edge_px = 60.0;
+  // Least length, pixels, that the line detector accepts (LineSetOptions::min_length_px). A model without curved edges
+  // is found by its lines alone: three of them must be as long.
+  double min_line_px = 20.0;
   // Displacement of the object, pixels, after which it is to be found. Each pixel of edge has about one event for each
   // pixel of motion.
   double motion_px = 2.0;
@@ -25,8 +28,10 @@ struct FindabilityOptions {
   // lines (EvaluationOptions::good_rotation_rad).
   double max_deviation_rad = 0.1745;
   // Diameters in the image, pixels, among which the smallest one is sought: from `min_object_px` in steps of a factor,
-  // at most `max_object_px` and the shorter side of the image. The step is as exact as the prediction is.
-  double min_object_px = 16.0;
+  // at most `max_object_px` and the shorter side of the image. The step is as exact as the prediction is. In a smaller
+  // image an edge that is wrong by a pixel, as the edges in few events are, is beyond the three cells of a distance map
+  // (core/initialization/templates/README.md, section 4), and three lines of 20 px do not fit.
+  double min_object_px = 40.0;
   double max_object_px = 1024.0;
   double size_step = 1.25;
   // Two edges are the same in the image if they are nearer than this, pixels, and turned by less than this, radians: a

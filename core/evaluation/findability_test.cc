@@ -43,7 +43,7 @@ TEST(Findability, ACubeIsFoundFromAllSidesAndHasNoTwin) {
   for (const ViewFindability& view : views) {
     EXPECT_TRUE(view.twins.empty()) << "half turns are symmetries of a cube";
     EXPECT_GT(view.edge_px, 600.0);
-    EXPECT_GE(view.smallest_px, 16.0);
+    EXPECT_GE(view.smallest_px, 40.0);
     EXPECT_LT(view.smallest_px, 120.0);
   }
 }
@@ -84,10 +84,32 @@ TEST(Findability, AViewWithoutEnoughEdgesHasNoSmallestSize) {
   }
 }
 
+// The edges of a cube as dashes: as much edge, but no line of the detector's least length until the cube is large.
+TEST(Findability, ShortLinesAreNotFound) {
+  constexpr int kDashes = 8;
+  std::string dashed;
+  int num_vertices = 0;
+  const ObjectModel cube = FindModel(Cube());
+  for (const ModelLine& line : cube.lines) {
+    for (int i = 0; i < kDashes; ++i) {
+      for (const double end : {i + 0.15, i + 0.85}) {
+        const Eigen::Vector3d point = line.p1 + end / kDashes * (line.p2 - line.p1);
+        absl::StrAppend(&dashed, "v ", point.x(), " ", point.y(), " ", point.z(), "\n");
+      }
+      absl::StrAppend(&dashed, "l ", num_vertices + 1, " ", num_vertices + 2, "\n");
+      num_vertices += 2;
+    }
+  }
+  const std::vector<ViewFindability> views = PredictFindability(FindModel(dashed), kFindCamera).value();
+  for (const ViewFindability& view : views) EXPECT_GT(view.smallest_px, 8 * 20.0);
+}
+
 TEST(Findability, InvalidOptionsAreNamed) {
   const ObjectModel cube = FindModel(Cube());
   EXPECT_THAT(PredictFindability(cube, kFindCamera, {.min_edge_px = 0.0}).status().message(),
               testing::HasSubstr("min_edge_px"));
+  EXPECT_THAT(PredictFindability(cube, kFindCamera, {.min_line_px = 0.0}).status().message(),
+              testing::HasSubstr("min_line_px"));
   EXPECT_THAT(PredictFindability(cube, kFindCamera, {.size_step = 1.0}).status().message(),
               testing::HasSubstr("size_step"));
   EXPECT_FALSE(PredictFindability(cube, {}).ok());

@@ -62,7 +62,7 @@ SearchModel::SearchModel(const ObjectModel& model, std::shared_ptr<const Triangl
   FindPairs();
   const VisibilityOptions visibility = {.samples_per_line = kSamplesPerLine, .min_length_px = kMinPartPx};
   visibility_ = std::make_unique<VisibilityTester>(shape_, visibility, std::move(faces));
-  MakeViews();
+  MakeViews(model.views);
 }
 
 void SearchModel::ChooseLines(const ObjectModel& model) {
@@ -168,19 +168,35 @@ const std::vector<ViewLine>& SearchModel::View(const Vector3d& to_camera) const 
     return std::clamp(static_cast<int>(share * cells_per_side_), 0, cells_per_side_ - 1);
   };
   const int face = 2 * axis + (to_camera[axis] > 0.0 ? 0 : 1);
-  return views_[(face * cells_per_side_ + place(1)) * cells_per_side_ + place(2)];
+  return (*views_)[(face * cells_per_side_ + place(1)) * cells_per_side_ + place(2)];
 }
 
-void SearchModel::MakeViews() {
+void SearchModel::MakeViews(const std::shared_ptr<const SearchViews>& stored) {
   const int num_lines = static_cast<int>(lines_.size());
   cells_per_side_ = kMaxCellsPerSide;
   while (cells_per_side_ > 2 && 6 * 5 * cells_per_side_ * cells_per_side_ * num_lines > kMaxViewLines)
     --cells_per_side_;
   const int num_cells = 6 * cells_per_side_ * cells_per_side_;
-  for (int cell = 0; cell < num_cells; ++cell) {
-    views_.push_back(MakeView(cell));
-    mean_view_size_ += static_cast<double>(views_.back().size()) / num_cells;
+  if (stored != nullptr && AreOfThisModel(stored->lines)) {
+    views_ = {stored, &stored->lines};
+  } else {
+    auto made = std::make_shared<SearchViews::LineViews>();
+    for (int cell = 0; cell < num_cells; ++cell) made->push_back(MakeView(cell));
+    views_ = std::move(made);
   }
+  for (const auto& view : *views_) mean_view_size_ += static_cast<double>(view.size()) / num_cells;
+}
+
+bool SearchModel::AreOfThisModel(const SearchViews::LineViews& views) const {
+  const auto is_of_model = [this](const ViewLine& seen) {
+    return seen.line >= 0 && static_cast<size_t>(seen.line) < lines_.size() && seen.begin >= 0.0 &&
+           seen.begin < seen.end && seen.end <= 1.0 && seen.certain_ratio >= 0.0 && seen.certain_ratio <= 1.0 + 1e-9;
+  };
+  const auto has_lines = [&](const std::vector<ViewLine>& view) {
+    return view.size() <= lines_.size() && std::all_of(view.begin(), view.end(), is_of_model);
+  };
+  return views.size() == static_cast<size_t>(6 * cells_per_side_ * cells_per_side_) &&
+         std::all_of(views.begin(), views.end(), has_lines);
 }
 
 std::vector<ViewLine> SearchModel::MakeView(int cell) const {

@@ -31,14 +31,6 @@ struct DirectionPair {
   bool one_solution = false;  // a symmetry preserves v_a and reverses v_b: each of the two solutions repeats the other
 };
 
-// A line in a view: the part that may be visible, and the length that is visible from every direction of the view's
-// cell.
-struct ViewLine {
-  int line = 0;  // index into SearchModel::lines
-  double begin = 0.0, end = 1.0;
-  double certain_ratio = 0.0;
-};
-
 // Immutable after construction.
 class SearchModel {
  public:
@@ -64,6 +56,8 @@ class SearchModel {
 
   // The lines that are visible from a direction (object frame, from the centre to the camera; any length).
   const std::vector<ViewLine>& View(const Eigen::Vector3d& to_camera) const;
+  // All of them, by cell.
+  const SearchViews::LineViews& views() const { return *views_; }
   double mean_view_size() const { return mean_view_size_; }  // mean number of lines in a view
   // Tests the visibility of lines; VisibleSegment::line is an index into lines().
   const VisibilityTester& visibility() const { return *visibility_; }
@@ -72,7 +66,9 @@ class SearchModel {
   void ChooseLines(const ObjectModel& model);
   void FindLabellings(const ObjectModel& model);
   void FindPairs();
-  void MakeViews();
+  // Computes the views, or takes those that are stored with the model.
+  void MakeViews(const std::shared_ptr<const SearchViews>& stored);
+  bool AreOfThisModel(const SearchViews::LineViews& views) const;
   std::vector<ViewLine> MakeView(int cell) const;
   Eigen::Vector3d CellPoint(int cell, double u, double v) const;
 
@@ -89,7 +85,7 @@ class SearchModel {
   std::unique_ptr<VisibilityTester> visibility_;
   int cells_per_side_ = 1;  // the views are the cells of the six faces of a cube
   double mean_view_size_ = 0.0;
-  std::vector<std::vector<ViewLine>> views_;  // by cell
+  std::shared_ptr<const SearchViews::LineViews> views_;  // by cell
 };
 
 // Keeps the model. `faces` as in SearchModel. Errors: those of CheckLinesDeterminePose.

@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -19,6 +20,7 @@
 #include "core/mesh/types/edge_curve.h"
 #include "core/mesh/types/raw_mesh.h"
 #include "core/mesh/types/smooth_surface.h"
+#include "core/models/search_views.h"
 
 namespace evpose {
 
@@ -61,6 +63,8 @@ struct ObjectModel {
   // If it is set, `symmetries` is empty.
   std::optional<ContinuousSymmetry> continuous_symmetry;
   std::vector<std::string> notices;  // elements merged, dropped or turned while loading, for the user
+  // Of this model, if they were computed before (MakeSearchViews()); null: the searches compute what they need.
+  std::shared_ptr<const SearchViews> views;
 };
 
 struct ModelOptions {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/yield_point.h"
+#include "core/numerics/connected_cells.h"
 
 namespace evpose {
 namespace {
@@ -56,34 +57,16 @@ class CellMap {
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
     const double least = *middle + 1.0 + kSignificanceSigma * std::sqrt(*middle + 1.0);
-    int num_regions = 0;
-    for (size_t cell = 0; cell < counts_.size(); ++cell) {
-      YieldPoint(cell);
-      if (regions_[cell] < 0 && counts_[cell] >= least) Fill(cell, num_regions++, least);
+    std::vector<bool> is_above(counts_.size());
+    for (size_t cell = 0; cell < counts_.size(); ++cell) is_above[cell] = counts_[cell] >= least;
+    const std::vector<std::vector<size_t>> regions = ConnectedCells(columns_, rows_, is_above);
+    for (size_t region = 0; region < regions.size(); ++region) {
+      for (const size_t cell : regions[region]) regions_[cell] = static_cast<int>(region);
     }
-    return num_regions;
+    return static_cast<int>(regions.size());
   }
 
  private:
-  void Fill(size_t first, int region, double least) {
-    std::vector<size_t> open = {first};
-    regions_[first] = region;
-    while (!open.empty()) {
-      YieldPoint();
-      const int column = static_cast<int>(open.back() % static_cast<size_t>(columns_));
-      const int row = static_cast<int>(open.back() / static_cast<size_t>(columns_));
-      open.pop_back();
-      for (int y = std::max(0, row - 1); y <= std::min(rows_ - 1, row + 1); ++y) {
-        for (int x = std::max(0, column - 1); x <= std::min(columns_ - 1, column + 1); ++x) {
-          const size_t cell = static_cast<size_t>(y) * static_cast<size_t>(columns_) + static_cast<size_t>(x);
-          if (regions_[cell] >= 0 || counts_[cell] < least) continue;
-          regions_[cell] = region;
-          open.push_back(cell);
-        }
-      }
-    }
-  }
-
   const int width_px_;
   const int height_px_;
   const int columns_;

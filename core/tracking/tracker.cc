@@ -97,20 +97,15 @@ absl::Status CheckModel(const ObjectModel* model) {
   return absl::OkStatus();
 }
 
-// The lines of an object that is small in the image of a small sensor need short lengths in pixels; sparse events about
-// long lines need those of a large sensor.
 absl::StatusOr<std::vector<std::shared_ptr<LineDetector>>> MakeDetectors(const InitializationOptions& options,
                                                                          SensorGeometry sensor) {
-  std::vector<std::shared_ptr<LineDetector>> detectors(1);
+  std::vector<std::shared_ptr<LineDetector>> detectors;
   if (options.detector_factory) {
-    EVPOSE_ASSIGN_OR_RETURN(detectors[0], options.detector_factory(sensor));
+    EVPOSE_ASSIGN_OR_RETURN(detectors.emplace_back(), options.detector_factory(sensor));
     return detectors;
   }
-  const PlaneDetectorOptions of_sensor = PlaneDetectorOptions::ForSensor(sensor);
-  EVPOSE_ASSIGN_OR_RETURN(detectors[0], MakePlaneLineDetector(of_sensor, sensor));
-  const PlaneDetectorOptions full;
-  if (of_sensor.lines.min_length_px != full.lines.min_length_px) {
-    EVPOSE_ASSIGN_OR_RETURN(detectors.emplace_back(), MakePlaneLineDetector(full, sensor));
+  for (const PlaneDetectorOptions& of_detector : PlaneDetectorOptions::ForSearch(sensor)) {
+    EVPOSE_ASSIGN_OR_RETURN(detectors.emplace_back(), MakePlaneLineDetector(of_detector, sensor));
   }
   return detectors;
 }

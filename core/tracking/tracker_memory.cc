@@ -6,6 +6,7 @@
 #include "core/association/association.h"
 #include "core/association/visible_edges.h"
 #include "core/detection/line_detector.h"
+#include "core/detection/plane_detector.h"
 #include "core/initialization/pose_search.h"
 #include "core/tracking/tracker_options.h"
 #include "core/tracking/views/lens_views.h"
@@ -17,11 +18,15 @@ namespace {
 // Detection, once for all objects: two hash tables of 1 MB, the points and neighbours of at most 5000 points of each
 // polarity, and the events of the stretch.
 constexpr uint64_t kDetectionBytes = 14u << 20;
+// What each further line detector keeps between its calls beside its copy of the events: two hash tables of 1 MB.
+constexpr uint64_t kFurtherDetectorBytes = 2'200'000;
 // Pose search of an object: 24,000 rotations and 120,000 votes at most (PoseSearchOptions), the vectors that hold them
 // with twice their capacity.
 constexpr uint64_t kSearchBytes = 6u << 20;
 // Views of a model with curved edges: 642 with 120 points of 68 bytes, and their boxes at 48 turns.
 constexpr uint64_t kTemplateModelBytes = 7u << 20;
+// Views of the search for lines: 20,000 lines of 32 bytes.
+constexpr uint64_t kSearchModelBytes = 640'000;
 // Template search of an object: sums of 20,000 pixels, distance maps of three boxes, a hash table of 2 MB, and a grid
 // with two bytes for each pixel.
 constexpr uint64_t kTemplateSearchBytes = 14u << 20;
@@ -109,6 +114,10 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
   // The events of a search, before and after the removal of flicker, and the detector's index of them: 8 bytes for each
   // tile of an image that undistortion enlarges to 1.5 times its width and height.
   memory.max_bytes += kDetectionBytes + 2 * search_events * sizeof(PixelEvent) + num_pixels * 9 / 4 / 64 * 8;
+  if (!options.initialization.detector_factory) {
+    const size_t num_detectors = PlaneDetectorOptions::ForSearch({camera.width_px, camera.height_px}).size();
+    memory.max_bytes += (num_detectors - 1) * (kFurtherDetectorBytes + search_events * sizeof(PixelEvent));
+  }
   // Objects search in turn.
   if (std::any_of(models.begin(), models.end(), [](const auto& model) { return HasCurvedEdges(*model); })) {
     memory.max_bytes += kTemplateSearchPixelBytes * num_pixels;
@@ -129,6 +138,7 @@ uint64_t EstimateModelMemory(const ObjectModel& model) {
   if (!model.facet_edges.empty()) bytes += kFacetTriangleBytes * model.triangles.size();
   for (const EdgeCurve& curve : model.curves) bytes += kCurvePointBytes * curve.points.size();
   if (HasCurvedEdges(model)) bytes += kTemplateModelBytes;
+  if (!model.lines.empty()) bytes += kSearchModelBytes;
   return bytes + kFacetEdgeBytes * model.facet_edges.size() + kModelLineBytes * model.lines.size() +
          kModelTriangleBytes * (model.triangles.size() + model.vertices.size()) +
          sizeof(RigidTransform) * model.symmetries.size();

@@ -5,6 +5,7 @@
 
 #include <set>
 
+#include "core/detection/line_detector.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracker_options.h"
 
@@ -65,6 +66,13 @@ TEST(TrackerMemory, CountsElements) {
   const double straight = MegabytesOf(camera, {std::make_shared<const ObjectModel>(model)});
   model.surface.regions.resize(3);
   EXPECT_GT(MegabytesOf(camera, {std::make_shared<const ObjectModel>(model)}), straight + 5.0);
+}
+
+// A sensor with fewer than 640 columns has a second one, with a copy of the 200,000 events of a search.
+TEST(TrackerMemory, CountsTheSecondLineDetectorOfASmallSensor) {
+  const double two = MegabytesOf(MakeCamera(638, 480, 500.0), {MakeCube(0.2)});
+  const double one = MegabytesOf(MakeCamera(640, 480, 500.0), {MakeCube(0.2)});
+  EXPECT_GT(two, one + 2.0 + 200e3 * sizeof(PixelEvent) / kMb - 0.1);
 }
 
 TEST(TrackerMemory, OfALargeSensorIsFarBelowATableOfItsPixels) {

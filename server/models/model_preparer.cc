@@ -14,6 +14,7 @@
 #include <system_error>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/strip.h"
@@ -23,6 +24,7 @@
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
+#include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {
@@ -157,13 +159,17 @@ class ChildPreparer : public ModelPreparer {
       step = rest.substr(0, end);
       rest.remove_prefix(std::min(end + 1, rest.size()));
     }
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 0) {
-      if (absl::ConsumePrefix(&rest, kPreparationModel)) {
-        output.erase(0, output.size() - rest.size());  // not copied: it may have more than 100 MB
-        return output;
-      }
-      if (absl::ConsumePrefix(&rest, kPreparationError)) return absl::InvalidArgumentError(rest);
+    const bool has_succeeded = WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    if (const size_t size = ModelSize(rest); size > 0) {
+      output.erase(0, output.size() - rest.size());  // not copied: it may have more than 100 MB
+      if (has_succeeded) return output;
+      Log(LogLevel::kWarning, "model_views_not_prepared",
+          {{"signal", absl::StrCat(WIFSIGNALED(status) ? WTERMSIG(status) : 0)},
+           {"exit_status", absl::StrCat(WIFEXITED(status) ? WEXITSTATUS(status) : 0)}});
+      output.resize(size);
+      return output;
     }
+    if (has_succeeded && absl::ConsumePrefix(&rest, kPreparationError)) return absl::InvalidArgumentError(rest);
     // By the kernel, because the machine or the control group has no memory left: the model may be prepared later.
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL) return OutOfMemory();
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
@@ -175,6 +181,19 @@ class ChildPreparer : public ModelPreparer {
     return absl::InternalError(absl::StrCat("the preparation of the model ended unexpectedly while ", step, " (",
                                             WIFSIGNALED(status) ? "signal " : "exit status ",
                                             WIFSIGNALED(status) ? WTERMSIG(status) : WEXITSTATUS(status), ")"));
+  }
+
+  // Consumes the line that announces a model if all of the model follows; returns its bytes, or 0.
+  static size_t ModelSize(absl::string_view& rest) {
+    absl::string_view after = rest;
+    const size_t end = after.find('\n');
+    size_t size = 0;
+    if (!absl::ConsumePrefix(&after, kPreparationModel) || end == absl::string_view::npos) return 0;
+    if (!absl::SimpleAtoi(rest.substr(0, end).substr(rest.size() - after.size()), &size)) return 0;
+    after = rest.substr(end + 1);
+    if (after.size() < size) return 0;
+    rest = after;
+    return size;
   }
 
   static absl::Status TooExpensive(absl::string_view step, absl::string_view budget) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Derives a model from its file: parses it, and finds its lines and symmetries. That takes seconds for the most
+// Derives a model from its file: parses it, and finds its lines, symmetries and views. That takes seconds for the most
 // expensive files, so a server does it in a process of its own, which can be bounded and killed.
 #pragma once
 
@@ -26,18 +26,20 @@ class ModelPreparer {
 };
 
 // Prepares models in the calling thread, without a bound, and is cancelled only before it begins: for a server inside
-// its user's own process.
+// its user's own process. Computes no views: the only session with the model does.
 std::unique_ptr<ModelPreparer> MakeModelPreparer();
 
 // The bounds of the preparation of one model.
 struct PreparationBudget {
-  // Processor time, seconds. Meshes of 2 million triangles take 6 s.
+  // Processor time, seconds. Meshes of 2 million triangles take 6 s. The views, which take up to a second, have the
+  // same time once more.
   uint32_t cpu_seconds = 10;
   // Address space, bytes. Files of 64 MiB take up to 640 MB.
   uint64_t memory_bytes = 1ull << 30;
 };
 
 // Prepares each model in a process of `program`, evpose-prepare-model, which is killed when the call is cancelled.
+// A model whose views exceed the budget is returned without them, which a line in the log reports.
 // Further errors: INVALID_ARGUMENT (MODEL_TOO_EXPENSIVE) naming the step in which the budget was exceeded;
 // RESOURCE_EXHAUSTED (OUT_OF_MEMORY) when the kernel has killed the process, because the machine has no memory left;
 // INTERNAL when the process cannot be started or crashes.
@@ -45,10 +47,11 @@ std::unique_ptr<ModelPreparer> MakeChildModelPreparer(const std::string& program
 
 // The protocol between the server and evpose-prepare-model. Arguments: format (a number of ModelFormat), metres per
 // unit, crease angle in degrees, whether the surface is smooth (1 or 0), bytes of the largest file, processor seconds,
-// bytes of memory. Standard input: the file. Standard output: a line "step NAME" before each step, then a line "model"
-// and the serialized model, or a line "error" and the message of INVALID_ARGUMENT.
+// bytes of memory. Standard input: the file. Standard output: a line "step NAME" before each step, then a line "error"
+// and the message of INVALID_ARGUMENT, or a line "model SIZE", the serialized model of so many bytes, and the
+// serialized views up to the end.
 inline constexpr char kPreparationStep[] = "step ";
-inline constexpr char kPreparationModel[] = "model\n";
+inline constexpr char kPreparationModel[] = "model ";
 inline constexpr char kPreparationError[] = "error\n";
 inline constexpr int kPreparationOutOfMemory = 3;  // exit status
 

@@ -7,10 +7,12 @@
 #include <thread>
 
 #include "core/base/temporary_directory.h"
+#include "core/initialization/search_views.h"
 #include "core/models/cube_files_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/models/mesh_message.h"
+#include "server/models/prepared_model.h"
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
@@ -19,6 +21,12 @@ namespace {
 using testing::HasSubstr;
 
 std::vector<uint8_t> BytesOf(const std::string& text) { return {text.begin(), text.end()}; }
+
+// The serialized model with the views that a session would compute.
+std::string WithViews(const std::string& prepared) {
+  const auto model = std::make_shared<const ObjectModel>(DecodePreparedModel(prepared).value());
+  return prepared + EncodePreparedViews(MakeSearchViews(model));
+}
 
 class ChildPreparerTest : public testing::Test {
  protected:
@@ -43,7 +51,7 @@ TEST_F(ChildPreparerTest, MakesTheSameModelAsTheServerItself) {
   ASSERT_TRUE(in_process.ok());
   const auto by_child = Prepare(EVPOSE_PREPARE_MODEL, Cube());
   ASSERT_TRUE(by_child.ok()) << by_child.status();
-  EXPECT_TRUE(*by_child == *in_process);
+  EXPECT_TRUE(*by_child == WithViews(*in_process));
 }
 
 TEST_F(ChildPreparerTest, PassesAllOptionsAndFormatsOn) {
@@ -57,7 +65,27 @@ TEST_F(ChildPreparerTest, PassesAllOptionsAndFormatsOn) {
   const auto by_child =
       MakeChildModelPreparer(EVPOSE_PREPARE_MODEL, {})->Prepare(file, ModelFormat::kMesh, options, cancellation_);
   ASSERT_TRUE(by_child.ok()) << by_child.status();
-  EXPECT_TRUE(*by_child == *in_process);
+  EXPECT_TRUE(*by_child == WithViews(*in_process));
+}
+
+// Only the views are missing when their budget is exceeded.
+TEST_F(ChildPreparerTest, KeepsAModelWithoutItsViews) {
+  const std::string model = "echo step finding symmetries; echo model 5; printf hello; ";
+  for (const std::string end :
+       {"kill -XCPU $$", "kill -KILL $$", "printf views; kill -XCPU $$", "printf view; exit 3"}) {
+    const auto without_views = Prepare(Script(model + end), Cube());
+    ASSERT_TRUE(without_views.ok()) << end << ": " << without_views.status();
+    EXPECT_EQ(*without_views, "hello");
+  }
+  EXPECT_EQ(Prepare(Script(model + "printf views"), Cube()).value(), "helloviews");
+}
+
+TEST_F(ChildPreparerTest, AnIncompleteModelIsNone) {
+  for (const std::string model : {"echo model 6; printf hello", "echo model; printf hello", "printf 'model 5'"}) {
+    EXPECT_EQ(GetErrorDetails(Prepare(Script(model + "; kill -XCPU $$"), Cube()).status()).reason,
+              "MODEL_TOO_EXPENSIVE");
+    EXPECT_TRUE(absl::IsInternal(Prepare(Script(model), Cube()).status())) << model;
+  }
 }
 
 TEST_F(ChildPreparerTest, ReportsTheErrorOfAMalformedFile) {

@@ -10,11 +10,14 @@
 #include <csignal>
 #include <fstream>
 #include <iostream>
+#include <memory>
 #include <new>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/numbers.h"
+#include "core/initialization/search_views.h"
 #include "core/models/object_model.h"
 #include "server/models/mesh_message.h"
 #include "server/models/model_preparer.h"
@@ -54,10 +57,19 @@ void Limit(const Arguments& arguments) {
   std::ofstream("/proc/self/oom_score_adj") << "1000";
   setpriority(PRIO_PROCESS, 0, kNiceness);
   SetLimit(RLIMIT_CORE, 0, 0);
-  SetLimit(RLIMIT_CPU, arguments.cpu_seconds, arguments.cpu_seconds + 1);
+  SetLimit(RLIMIT_CPU, arguments.cpu_seconds, 2 * arguments.cpu_seconds + 1);
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they reserve terabytes
   SetLimit(RLIMIT_AS, arguments.memory_bytes, arguments.memory_bytes);
 #endif
+}
+
+// Gives the process the budget of processor time once more, from now on.
+void RenewProcessorTime(const Arguments& arguments) {
+  rusage used = {};
+  getrusage(RUSAGE_SELF, &used);
+  const auto used_s = static_cast<uint64_t>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) + 1;
+  const uint64_t hard_s = 2 * arguments.cpu_seconds + 1;
+  SetLimit(RLIMIT_CPU, std::min(used_s + arguments.cpu_seconds, hard_s), hard_s);
 }
 
 std::vector<uint8_t> ReadInput() {
@@ -73,15 +85,20 @@ std::vector<uint8_t> ReadInput() {
 }
 
 int Prepare(const Arguments& arguments) {
-  const std::vector<uint8_t> file = ReadInput();
-  const absl::StatusOr<ObjectModel> model =
-      ParseModelFile(file, EnumValue<ModelFormat>(arguments.format), arguments.options,
+  absl::StatusOr<ObjectModel> model =
+      ParseModelFile(ReadInput(), EnumValue<ModelFormat>(arguments.format), arguments.options,
                      [](absl::string_view step) { std::cout << kPreparationStep << step << std::endl; });
-  if (model.ok()) {
-    std::cout << kPreparationModel << EncodePreparedModel(*model);
-  } else {
+  if (!model.ok()) {
     std::cout << kPreparationError << model.status().message();
+    return std::cout.flush() ? 0 : 1;
   }
+  {
+    const std::string encoded = EncodePreparedModel(*model);
+    std::cout << kPreparationModel << encoded.size() << '\n' << encoded << std::flush;
+  }
+  RenewProcessorTime(arguments);
+  const SearchViews views = MakeSearchViews(std::make_shared<const ObjectModel>(*std::move(model)));
+  std::cout << EncodePreparedViews(views);
   return std::cout.flush() ? 0 : 1;
 }
 

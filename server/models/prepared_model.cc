@@ -3,8 +3,10 @@
 
 #include <utility>
 
+#include "core/base/status_macros.h"
 #include "evpose/storage/v1/model.pb.h"
 #include "server/models/stored_symmetry.h"
+#include "server/models/stored_views.h"
 
 namespace evpose::server {
 namespace {
@@ -148,6 +150,13 @@ std::string EncodePreparedModel(const ObjectModel& model) {
   }
   if (model.continuous_symmetry) *stored.mutable_continuous_symmetry() = ToStored(*model.continuous_symmetry);
   for (const std::string& notice : model.notices) stored.add_notices(notice);
+  if (model.views != nullptr) *stored.mutable_views() = ToStored(*model.views);
+  return stored.SerializeAsString();
+}
+
+std::string EncodePreparedViews(const SearchViews& views) {
+  PreparedModel stored;  // of two encodings in succession, the fields are merged
+  *stored.mutable_views() = ToStored(views);
   return stored.SerializeAsString();
 }
 
@@ -181,6 +190,9 @@ absl::StatusOr<ObjectModel> DecodePreparedModel(absl::string_view encoded) {
   }
   model.continuous_symmetry = SymmetryOf(stored);
   for (const std::string& notice : stored.notices()) model.notices.push_back(notice);
+  if (stored.has_views()) {
+    EVPOSE_ASSIGN_OR_RETURN(model.views, ViewsOf(stored.views()));
+  }
   return model;
 }
 

@@ -12,10 +12,14 @@
 
 namespace evpose::server {
 
-// To be raised with every change of core/models or core/mesh that alters the result of ParseObjectModel().
-inline constexpr uint32_t kPreparationVersion = 5;
+// To be raised with every change of core/models, core/mesh, core/contours or core/initialization that alters the result
+// of ParseObjectModel() or MakeSearchViews().
+inline constexpr uint32_t kPreparationVersion = 6;
 
+// With the views, if the model has them.
 std::string EncodePreparedModel(const ObjectModel& model);
+// Returns bytes that give a model these views when they are appended to the encoding of the model without views.
+std::string EncodePreparedViews(const SearchViews& views);
 // Returns the encoded model, equal to the bit. Errors: DATA_LOSS.
 absl::StatusOr<ObjectModel> DecodePreparedModel(absl::string_view encoded);
 

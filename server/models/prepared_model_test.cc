@@ -2,6 +2,7 @@
 #include "server/models/prepared_model.h"
 
 #include "core/models/cube_files_testing.h"
+#include "evpose/storage/v1/model.pb.h"
 #include "gtest/gtest.h"
 
 namespace evpose::server {
@@ -113,6 +114,45 @@ TEST(PreparedModelTest, RefusesPartsOfASurface) {
   model = CurvedModel();
   model.curves[1].kind = EdgeKind::kContour;
   EXPECT_TRUE(is_refused(model)) << "a contour, which belongs to a view";
+}
+
+SearchViews SomeViews() {
+  SearchViews views;
+  views.templates = {{{{0.1, 1.0 / 3.0, -0.2}, {1e-9, 0.0, -0.7}, 0.8f}, {{1, 2, 3}, {4, 5, 6}, 1.0f / 3.0f}}, {}};
+  views.lines = {{}, {{3, 0.0, 1.0, 0.25}, {7, 1.0 / 3.0, 2.0 / 3.0, 0.0}}, {{0, 0.5, 1.0, 1.0}}};
+  return views;
+}
+
+TEST(PreparedModelTest, ViewsComeBackToTheBit) {
+  ObjectModel model = CurvedModel();
+  EXPECT_EQ(DecodePreparedModel(EncodePreparedModel(model))->views, nullptr);
+  const std::string appended = EncodePreparedModel(model) + EncodePreparedViews(SomeViews());
+  model.views = std::make_shared<const SearchViews>(SomeViews());
+  EXPECT_EQ(appended, EncodePreparedModel(model));
+  const ObjectModel decoded = DecodePreparedModel(appended).value();
+  ASSERT_NE(decoded.views, nullptr);
+  EXPECT_EQ(decoded.views->templates, model.views->templates);
+  EXPECT_EQ(decoded.views->lines, model.views->lines);
+  EXPECT_EQ(decoded.vertices, model.vertices);
+  EXPECT_EQ(decoded.curves.size(), model.curves.size());
+}
+
+TEST(PreparedModelTest, RefusesPartsOfViews) {
+  const auto is_refused = [](void (*change)(storage::v1::SearchViews&)) {
+    storage::v1::PreparedModel stored;
+    EXPECT_TRUE(stored.ParseFromString(EncodePreparedModel(PreparedCube()) + EncodePreparedViews(SomeViews())));
+    change(*stored.mutable_views());
+    return absl::IsDataLoss(DecodePreparedModel(stored.SerializeAsString()).status());
+  };
+  EXPECT_FALSE(is_refused([](auto&) {}));
+  EXPECT_TRUE(is_refused([](auto& views) { views.mutable_template_samples()->RemoveLast(); }));
+  EXPECT_TRUE(is_refused([](auto& views) { views.mutable_template_contrasts()->RemoveLast(); }));
+  EXPECT_TRUE(is_refused([](auto& views) { views.set_template_sizes(0, 0xffffffffu); }));
+  EXPECT_TRUE(is_refused([](auto& views) { views.mutable_line_view_sizes()->RemoveLast(); }));
+  EXPECT_TRUE(is_refused([](auto& views) { views.add_view_lines(1); }));
+  EXPECT_TRUE(is_refused([](auto& views) { views.add_view_parts(1.0); }));
+  EXPECT_TRUE(is_refused([](auto& views) { views.mutable_template_sizes()->Resize(100'000, 0); }));
+  EXPECT_TRUE(is_refused([](auto& views) { views.mutable_line_view_sizes()->Resize(100'000, 0); }));
 }
 
 TEST(PreparedModelTest, AContinuousSymmetryComesBackToTheBit) {

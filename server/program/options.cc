@@ -135,7 +135,7 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--upload-timeout", arguments.upload_timeout_s,
                  "seconds within which the file of an upload must arrive");
   app.add_option("--model-cpu-seconds", options.model_budget.cpu_seconds,
-                 "seconds of processor time for the preparation of one model");
+                 "seconds of processor time for the preparation of one model, and once more for its views");
   app.add_option("--model-memory", options.model_budget.memory_bytes,
                  "bytes of memory for the preparation of one model");
   app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");

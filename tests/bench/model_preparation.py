@@ -205,14 +205,17 @@ def parts_of(model):
 
 
 def prepare(program, path, budget):
-    """Returns status, processor seconds, megabytes, seconds of the steps, and the serialized model."""
+    """Returns status, processor seconds, megabytes, seconds of the steps, and the serialized model and views."""
     command = [program, FORMATS[path.suffix], "1", "30", "1", str(MAX_FILE_BYTES), str(budget[0]), str(budget[1] << 20)]
     with open(path, "rb") as file, subprocess.Popen(command, stdin=file, stdout=subprocess.PIPE) as process:
-        steps, result = [], b""
+        steps, model, views = [], b"", b""
         for line in process.stdout:
             steps.append((time.monotonic(), line[:-1].decode(errors="replace")))
             if not line.startswith(b"step "):
-                result = process.stdout.read()
+                if line.startswith(b"model "):
+                    model = process.stdout.read(int(line[6:]))
+                    steps.append((time.monotonic(), "step finding the views"))
+                    views = process.stdout.read()
                 break
         steps.append((time.monotonic(), ""))
         _, status, usage = os.wait4(process.pid, 0)
@@ -225,11 +228,9 @@ def prepare(program, path, budget):
         outcome = "time"
     elif process.returncode < 0:
         outcome = f"signal {-process.returncode}"
-    elif steps[-2][1] == "error":
-        outcome = "refused"
-    elif steps[-2][1] != "model":
-        outcome = f"status {process.returncode}"
-    return outcome, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, durations, result
+    elif not model:
+        outcome = "refused" if any(step == "error" for _, step in steps) else f"status {process.returncode}"
+    return outcome, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, durations, model, views
 
 
 def goal_s(name, count):
@@ -252,7 +253,7 @@ def main():
         parser.error(f"no case {', '.join(unknown)}; there are {', '.join(HONEST | HOSTILE)}")
     program = arguments.bin / "server" / "evpose-prepare-model"
     failed = []
-    print(f"{'case':14}{'triangles':>10}  {'status':8}{'seconds':>8}{'MB':>6}{'kept':>9}{'lines':>9}{'curves':>8}  steps of 0.1 s or more")
+    print(f"{'case':14}{'triangles':>10}  {'status':8}{'seconds':>8}{'MB':>6}{'kept':>9}{'lines':>9}{'curves':>8}{'model/KB':>10}{'views/KB':>9}  steps of 0.1 s or more")
     with tempfile.TemporaryDirectory() as temporary:
         directory = arguments.keep or pathlib.Path(temporary)
         directory.mkdir(parents=True, exist_ok=True)
@@ -261,14 +262,15 @@ def main():
                 path = directory / f"{name}-{count}{'.obj' if 'lines' in name else '.stl'}"
                 if not path.exists():
                     (HONEST | HOSTILE)[name](count, path)
-                outcome, seconds, megabytes, steps, model = prepare(program, path, (arguments.seconds, arguments.megabytes))
+                outcome, seconds, megabytes, steps, model, views = prepare(program, path, (arguments.seconds, arguments.megabytes))
                 triangles, lines, curves, notices = parts_of(model) if outcome == "ok" else (0, 0, 0, [])
                 longest = ", ".join(f"{step} {duration:.1f}" for duration, step in steps if duration >= 0.1)
-                print(f"{name:14}{count:10}  {outcome:8}{seconds:8.2f}{megabytes:6.0f}{triangles:9}{lines:9}{curves:8}  {longest}", flush=True)
+                print(f"{name:14}{count:10}  {outcome:8}{seconds:8.2f}{megabytes:6.0f}{triangles:9}{lines:9}{curves:8}"
+                      f"{len(model) // 1000:10}{len(views) // 1000:9}  {longest}", flush=True)
                 if arguments.notices:
                     print("".join(f"    {notice}\n" for notice in notices), end="")
                 if arguments.keep:
-                    path.with_suffix(".prepared").write_bytes(model)
+                    path.with_suffix(".prepared").write_bytes(model + views)
                 else:
                     path.unlink()
                 if outcome not in ("ok", "refused") or seconds > goal_s(name, count):

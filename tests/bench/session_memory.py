@@ -42,6 +42,7 @@ distortion_coefficients: {{rows: 1, cols: 5, data: [{k1}, 0, 0, 0, 0]}}
 """
 # Name, width, height, radial distortion, number of objects, goal of the peak in MB (0: none).
 CASES = [
+    ("346 x 260, 1 object", 346, 260, 0.0, 1, 0),
     ("640 x 480, 1 object", 640, 480, 0.0, 1, 0),
     ("4096 x 4096, 1 object", 4096, 4096, 0.0, 1, 60),
     ("4096 x 4096, 16 objects", 4096, 4096, 0.0, 16, 200),

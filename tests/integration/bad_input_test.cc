@@ -199,6 +199,20 @@ TEST_F(BadInputTest, ObjectThatDoesNotDetermineAPose) {
   }
 }
 
+TEST_F(BadInputTest, TheSimulationReportsAnImplausibleSize) {
+  WriteText("part.obj", "v 0 0 0\nv 120 0 0\nv 0 90 0\nv 0 0 70\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+  std::vector<std::string> arguments = {"simulate",   "--model", Path("part.obj"), "--camera",  "vga",
+                                        "--duration", "0.01",    "--out",          Path("part")};
+  const std::string hint = "largest side 120 units: taken as metres; if these are millimetres pass --scale 0.001";
+  EXPECT_THAT(Run(arguments).out, HasSubstr("model: " + hint + "\n"));
+  arguments.back() = Path("part_json");
+  arguments.push_back("--json");
+  EXPECT_THAT(Run(arguments).Json()["model_notices"].get<std::vector<std::string>>(), ::testing::ElementsAre(hint));
+  arguments.insert(arguments.end(), {"--scale", "0.001"});
+  arguments[8] = Path("part_in_mm");
+  EXPECT_THAT(Run(arguments).Json()["model_notices"].get<std::vector<std::string>>(), ::testing::IsEmpty());
+}
+
 TEST_F(BadInputTest, UnusableLinesAreReportedAsSkipped) {
   SimulateCube(0.03);
   // Lines of length zero, repeated, reversed, and a part of an edge.

@@ -306,10 +306,10 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   AddPicture(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
   app->add_flag("--json", arguments->is_json, "JSON on standard output");
   app->footer(
-      "findable is a prediction from the visible edges: three edges of 20 px, and a pose that is determined to 10 deg "
-      "by\n"
-      "one event for each pixel of edge and of motion. confusable are half turns about the principal axes after which\n"
-      "most edges coincide; --json has both for each view.\n\n"
+      "findable is a prediction from the visible edges: at least 40 px of the image, three edges of 20 px, and a pose\n"
+      "that is determined to 10 deg by one event for each pixel of edge and of motion. confusable are half turns "
+      "about\n"
+      "the principal axes after which most edges coincide; --json has both for each view.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose models inspect cube/model.obj --picture cube.png");

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -144,12 +145,16 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
       SimulateToDirectory(options, arguments.out, on_progress, context.is_interrupted);
   progress.Clear();
   if (!report.ok()) return report.status();
+  const std::vector<std::string> notices =
+      options.scene.model != nullptr ? options.scene.model->notices : std::vector<std::string>();
   const Json json = {{"directory", arguments.out},
+                     {"model_notices", notices},
                      {"events", report->events},
                      {"noise_events", report->noise_events},
                      {"rendered_frames", report->rendered_frames},
                      {"max_speed_px_per_s", report->max_speed_px_per_s}};
   return PrintResult(context, arguments.is_json, json, [&](std::ostream& out) {
+    for (const std::string& notice : notices) out << "model: " << notice << "\n";
     PrintReport(arguments, *report, static_cast<double>(options.duration_us) * 1e-6, out);
   });
 }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <utility>
 
+#include "core/numerics/connected_cells.h"
 #include "core/numerics/statistics.h"
 
 namespace evpose {
@@ -38,37 +39,18 @@ class BlobGrid {
 
   // The groups of connected cells, as indices of points.
   std::vector<std::vector<size_t>> Groups() const {
+    std::vector<bool> is_occupied;
+    is_occupied.reserve(members_.size());
+    for (const std::vector<size_t>& members : members_) is_occupied.push_back(!members.empty());
     std::vector<std::vector<size_t>> groups;
-    std::vector<bool> is_visited(members_.size(), false);
-    std::vector<int> open;
-    for (int start = 0; start < columns_ * rows_; ++start) {
-      if (members_[start].empty() || is_visited[start]) continue;
+    for (const std::vector<size_t>& cells : ConnectedCells(columns_, rows_, is_occupied)) {
       std::vector<size_t>& group = groups.emplace_back();
-      open = {start};
-      is_visited[start] = true;
-      while (!open.empty()) {
-        const int cell = open.back();
-        open.pop_back();
-        group.insert(group.end(), members_[cell].begin(), members_[cell].end());
-        VisitNeighbours(cell, [&](int next) {
-          if (members_[next].empty() || is_visited[next]) return;
-          is_visited[next] = true;
-          open.push_back(next);
-        });
-      }
+      for (const size_t cell : cells) group.insert(group.end(), members_[cell].begin(), members_[cell].end());
     }
     return groups;
   }
 
  private:
-  template <typename Visit>
-  void VisitNeighbours(int cell, const Visit& visit) const {
-    const int x = cell % columns_, y = cell / columns_;
-    for (int v = std::max(0, y - 1); v <= std::min(rows_ - 1, y + 1); ++v) {
-      for (int u = std::max(0, x - 1); u <= std::min(columns_ - 1, x + 1); ++u) visit(v * columns_ + u);
-    }
-  }
-
   int columns_ = 0;
   int rows_ = 0;
   std::vector<std::vector<size_t>> members_;

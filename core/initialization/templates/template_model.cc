@@ -20,6 +20,10 @@ using Eigen::Vector3d;
 // Triangles, and points of curves, up to which 642 views take less than about a second.
 constexpr size_t kManyTriangles = 150'000;
 
+// Limits of what is stored with a model: beyond those of a model, and finite.
+constexpr double kLargestDiameterM = 1e6;
+constexpr float kLargestContrast = 2.0f;
+
 // The object is as wide in the camera of the templates as in the distance maps of a search.
 constexpr double kTemplateFocalPx = 360.0;
 CameraModel TemplateCamera() { return {240, 240, kTemplateFocalPx, kTemplateFocalPx, 120.0, 120.0, {}}; }
@@ -88,12 +92,47 @@ TemplateModel::TemplateModel(std::shared_ptr<const ObjectModel> model, std::shar
   const int subdivisions = model_->triangles.size() > kManyTriangles ? 2 : 3;
   const ViewSphere sphere = MakeViewSphere(*model_, subdivisions);
   if (sphere.is_turn_free) num_turns_ = 1;
+  if (model_->views != nullptr && AreOfThisModel(model_->views->templates, sphere)) {
+    samples_ = {model_->views, &model_->views->templates};
+  } else {
+    samples_ = std::make_shared<const SearchViews::Templates>(SampleViews(sphere));
+  }
   for (size_t i = 0; i < sphere.directions.size(); ++i) {
     YieldPoint();
-    const bool is_coarse = static_cast<int>(i) < sphere.num_coarse;
-    if (AddView(sphere.directions[i], is_coarse) && is_coarse) ++num_coarse_;
+    if (!(*samples_)[i].empty()) {
+      AddView(sphere.directions[i], (*samples_)[i], static_cast<int>(i) < sphere.num_coarse);
+    }
   }
   FindNearAxis();
+}
+
+RigidTransform TemplateModel::PoseOfView(const Vector3d& direction) const {
+  const Matrix3d rotation = RotationOfView(direction);
+  return {rotation, Vector3d(0.0, 0.0, kDistanceOfRadius * radius_m_) - rotation * centre()};
+}
+
+SearchViews::Templates TemplateModel::SampleViews(const ViewSphere& sphere) const {
+  SearchViews::Templates samples(sphere.directions.size());
+  const CameraModel camera = TemplateCamera();
+  for (size_t i = 0; i < samples.size(); ++i) {
+    YieldPoint();
+    SampleVisibleEdges(edges_, camera, PoseOfView(sphere.directions[i]), kPoints, samples[i]);
+  }
+  return samples;
+}
+
+bool TemplateModel::AreOfThisModel(const SearchViews::Templates& samples, const ViewSphere& sphere) const {
+  // The points are then in front of the cameras, which are three diameters away from the centre.
+  const double reach_m = model_->diameter_m;
+  if (!(reach_m > 0.0 && reach_m < kLargestDiameterM)) return false;
+  const auto is_of_model = [&](const EdgeSample& sample) {
+    return (sample.point - centre()).norm() <= reach_m && sample.along.norm() <= reach_m &&
+           sample.prior_contrast > 0.0f && sample.prior_contrast <= kLargestContrast;
+  };
+  const auto has_points = [&](const std::vector<EdgeSample>& view) {
+    return view.size() <= static_cast<size_t>(kPoints) + 1 && std::all_of(view.begin(), view.end(), is_of_model);
+  };
+  return samples.size() == sphere.directions.size() && std::all_of(samples.begin(), samples.end(), has_points);
 }
 
 void TemplateModel::FindNearAxis() {
@@ -113,15 +152,14 @@ void TemplateModel::FindNearAxis() {
   num_spins_ = std::max(1, kTemplateTurns / std::max(1, static_cast<int>(count)));
 }
 
-bool TemplateModel::AddView(const Vector3d& direction, bool is_coarse) {
+void TemplateModel::AddView(const Vector3d& direction, absl::Span<const EdgeSample> samples, bool is_coarse) {
   ViewTemplate view;
-  view.rotation = RotationOfView(direction);
-  const double distance_m = kDistanceOfRadius * radius_m_;
-  const RigidTransform pose{view.rotation, Vector3d(0.0, 0.0, distance_m) - view.rotation * centre()};
-  const CameraModel camera = TemplateCamera();
-  SampleVisibleEdges(edges_, camera, pose, kPoints, view.samples);
-  if (view.samples.empty()) return false;
-  for (const EdgeSample& sample : view.samples) {
+  const RigidTransform pose = PoseOfView(direction);
+  view.rotation = pose.rotation;
+  view.samples = samples;
+  view.points.reserve(samples.size());
+  view.extents.reserve(static_cast<size_t>(num_turns_));
+  for (const EdgeSample& sample : samples) {
     const Vector3d point = pose * sample.point, along = view.rotation * sample.along;
     const Eigen::Vector2d at = kDistanceOfRadius * point.head<2>() / point.z();
     // Derivative of the image position along the edge.
@@ -133,8 +171,8 @@ bool TemplateModel::AddView(const Vector3d& direction, bool is_coarse) {
   for (int turn = 0; turn < num_turns_; ++turn) view.extents.push_back(ExtentOf(view.points, TemplateTurn::At(turn)));
   view.parent = static_cast<int>(views_.size());
   if (!is_coarse) FindParent(view);
+  if (is_coarse) ++num_coarse_;
   views_.push_back(std::move(view));
-  return true;
 }
 
 void TemplateModel::FindParent(ViewTemplate& view) const {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 #include "core/association/visible_edges.h"
 #include "core/initialization/templates/edge_samples.h"
 #include "core/initialization/templates/view_sphere.h"
@@ -50,8 +51,8 @@ struct TemplateExtent {
 struct ViewTemplate {
   Eigen::Matrix3d rotation;  // camera_from_object; the camera looks at the centre of the object
   std::vector<TemplatePoint> points;
-  std::vector<EdgeSample> samples;      // the same points on the object
-  std::vector<TemplateExtent> extents;  // by turn, below TemplateModel::num_turns()
+  absl::Span<const EdgeSample> samples;  // the same points on the object
+  std::vector<TemplateExtent> extents;   // by turn, below TemplateModel::num_turns()
   // The coarse view that this one is near to, an index into views(), and the turn in steps of 2 pi / kTemplateTurns
   // about the line of sight after which both look alike.
   int parent = 0;
@@ -62,7 +63,7 @@ struct ViewTemplate {
 class TemplateModel {
  public:
   // Keeps the model. Looks at it from up to 642 sides; from 162 if it has so many triangles that it would take longer
-  // than about a second.
+  // than about a second. What it sees may be stored with the model.
   // `surface` are the tables of the model's surface; null: computed here.
   explicit TemplateModel(std::shared_ptr<const ObjectModel> model,
                          std::shared_ptr<const SurfaceTables> surface = nullptr);
@@ -76,6 +77,9 @@ class TemplateModel {
   // Views without visible edges are left out. The coarse ones are first.
   const std::vector<ViewTemplate>& views() const { return views_; }
   int num_coarse() const { return num_coarse_; }
+  // The samples of the view from each direction of MakeViewSphere(), also of those without visible edges: what is
+  // stored with a model (ObjectModel::views).
+  const SearchViews::Templates& samples() const { return *samples_; }
   // kTemplateTurns, or 1 if all turns look alike.
   int num_turns() const { return num_turns_; }
 
@@ -92,14 +96,19 @@ class TemplateModel {
   static constexpr double kDistanceOfRadius = 6.0;
 
  private:
-  // False if no edge is visible from there.
-  bool AddView(const Eigen::Vector3d& direction, bool is_coarse);
+  SearchViews::Templates SampleViews(const ViewSphere& sphere) const;
+  // Whether samples that are stored with the model can be those of its views.
+  bool AreOfThisModel(const SearchViews::Templates& samples, const ViewSphere& sphere) const;
+  // The pose at which the object is looked at from a direction.
+  RigidTransform PoseOfView(const Eigen::Vector3d& direction) const;
+  void AddView(const Eigen::Vector3d& direction, absl::Span<const EdgeSample> samples, bool is_coarse);
   void FindParent(ViewTemplate& view) const;
   void FindNearAxis();
 
   const std::shared_ptr<const ObjectModel> model_;
   const ModelEdges edges_;
   double radius_m_ = 0.0;
+  std::shared_ptr<const SearchViews::Templates> samples_;
   std::vector<ViewTemplate> views_;
   int num_coarse_ = 0;
   int num_turns_ = kTemplateTurns;

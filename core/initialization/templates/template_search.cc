@@ -52,7 +52,7 @@ void TemplateSearch::AppendCandidates(const EdgeDistanceMap& map, size_t box,
   const TemplateAligner aligner(map, camera_, model_->radius_m(), model_->centre());
   for (const TemplatePlacement& placement : scanner_.Scan(map, static_cast<size_t>(options_.max_placements))) {
     YieldPoint();
-    const std::vector<EdgeSample>& samples = model_->views()[placement.view].samples;
+    const absl::Span<const EdgeSample> samples = model_->views()[placement.view].samples;
     Candidate candidate;
     candidate.box = box;
     candidate.camera_from_object =
