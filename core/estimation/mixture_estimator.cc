@@ -16,6 +16,11 @@
 namespace evpose {
 namespace {
 
+// Windows after which the sensitivity to systematic errors is updated. It changes with the view, within some 0.1 s.
+constexpr int kWindowsPerSystematic = 8;
+// Pixels per second: below it the direction of the motion of a line, and with it the sign of its lag, is uncertain.
+constexpr double kSlowPxPerS = 20.0;
+
 // Solves column by column: for the whole identity matrix Eigen would use the blocked algorithm for large matrices,
 // which is slower here.
 Matrix12d SymmetricInverse(const Matrix12d& matrix) {
@@ -29,6 +34,7 @@ class MixtureEstimator : public WindowEstimator {
  public:
   MixtureEstimator(const EstimatorOptions& options, const CameraModel& camera)
       : options_(options.mixture),
+        systematic_options_(options.systematic),
         sensor_(options.sensor),
         camera_(camera),
         sigma_px_(options.sensor.pixel_noise_px),
@@ -90,6 +96,7 @@ class MixtureEstimator : public WindowEstimator {
     fit.Clear();
     fit.deficit_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
     state.covariance = SymmetricInverse(hessian);
+    fit.systematic_covariance = SystematicCovariance(prior_information, input, density.sigma_px, state);
 
     final_gate_px_ = density.gate_px;
     fit.state = state;
@@ -112,6 +119,8 @@ class MixtureEstimator : public WindowEstimator {
     if (gated > 0.0) {
       outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
     }
+    systematic_ = next_systematic_;
+    until_systematic_ = until_systematic_ > 0 ? until_systematic_ - 1 : kWindowsPerSystematic - 1;
     LearnDisplacement(input.lines);
     LearnDispersion(input);
     counts_.clear();
@@ -123,11 +132,13 @@ class MixtureEstimator : public WindowEstimator {
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, moved_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities,
-           deficit_counts, edge_bias, clutter, dispersion] = self;
+    auto& [options, systematic_options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2,
+           displacement_factor, noise_per_px, final_gate_px, moved_px, pass, lines, sums, counts, line_counts,
+           flicker_biases_px, densities, deficit_counts, edge_bias, clutter, dispersion, systematic, next_systematic,
+           until_systematic, moved_lines] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
-            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion);
+            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion, systematic,
+            AtMost(until_systematic, kWindowsPerSystematic));
   }
 
  private:
@@ -271,37 +282,85 @@ class MixtureEstimator : public WindowEstimator {
     };
     ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
       YieldPoint(first);
-      if (input.lines[first].is_element) {
-        AddArc(input.lines, first, end, displacement_px, scale_of, hessian, gradient);
-        return;
-      }
-      if (!HasEvents(first)) return;
-      LineEquations equations(sums_[first].sums, lines_[first], scale_of(first));
-      const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[first]));
-      if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[first]), line_px});
-      equations.AddTo(hessian, gradient);
+      AddEquations(input.lines, lines_, first, end, displacement_px, scale_of, hessian, gradient);
     });
     CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
                     deficit_counts_);
     return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
                            1.0 / EventsPerInformation(), hessian, gradient);
   }
+  // Adds the equations of the lines [first, end) of an arc. `lines` are lines_, or a copy with other residuals.
+  template <typename ScaleOf>
+  void AddEquations(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, size_t first, size_t end,
+                    double displacement_px, const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
+    if (tracked[first].is_element) {
+      AddArc(tracked, lines, first, end, displacement_px, scale_of, hessian, gradient);
+      return;
+    }
+    if (!HasEvents(first)) return;
+    LineEquations equations(sums_[first].sums, lines[first], scale_of(first));
+    const double line_px = std::hypot(displacement_px, NarrowFacePx(tracked[first]));
+    if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines[first]), line_px});
+    equations.AddTo(hessian, gradient);
+  }
+  // The covariance of the systematic error of the estimate. It changes slowly with the view and is therefore updated
+  // once in kWindowsPerSystematic windows: an update takes as long as two steps of Minimise().
+  Matrix6d SystematicCovariance(const Matrix12d& prior_information, const WindowInput& input, double sigma_px,
+                                const MotionState& state) {
+    next_systematic_ = systematic_;
+    if (until_systematic_ == 0) {
+      next_systematic_.Update(prior_information, input.duration_s, state.covariance,
+                              GradientsBySystematic(input, sigma_px), kWindowsPerSystematic);
+    }
+    return next_systematic_.Covariance(systematic_options_, sensor_.uncertainty, state.twist);
+  }
+  // The normal equations are linear in the distances of the events, so that the change of the gradient is the gradient
+  // of lines whose events are displaced and have no other residual.
+  SystematicGradients GradientsBySystematic(const WindowInput& input, double sigma_px) {
+    const double event_scale = 1.0 / (sigma_px * sigma_px * EventsPerInformation());
+    const double displacement_px = DisplacementPx(input.duration_s);
+    const auto scale_of = [&](size_t k) { return sums_[k].ObservedRatio(sigma_px) * event_scale; };
+    Matrix12d unused = Matrix12d::Zero();
+    const auto gradient_of = [&](auto displacement_of) {
+      moved_lines_.clear();
+      for (const ImageLine& line : lines_) {
+        moved_lines_.push_back(line);
+        moved_lines_.back().a_expected = displacement_of(line);
+        moved_lines_.back().a_dot.setZero();
+      }
+      Vector12d gradient = Vector12d::Zero();
+      ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
+        YieldPoint(first);
+        AddEquations(input.lines, moved_lines_, first, end, displacement_px, scale_of, unused, gradient);
+      });
+      return gradient;
+    };
+    const auto bias_of = [&](const ImageLine& line) -> Eigen::Vector3d {
+      return line.a_expected - (line.a - 1e-6 * sensor_.latency_us * line.a_dot);
+    };
+    const auto lag_of = [&](const ImageLine& line) -> Eigen::Vector3d {
+      if (!line.in_view()) return Eigen::Vector3d::Zero();
+      const double speed = line.a_dot.dot(BearingOf(camera_, line.PointAt(0.5)));
+      return {0.0, 0.0, -speed / std::hypot(speed, kSlowPxPerS)};
+    };
+    return {gradient_of(bias_of), gradient_of(lag_of)};
+  }
   bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
   // Adds the equations of the elements [first, end) of an arc. Their common displacement is marginalised once
   // (core/estimation/README.md, section 7).
   template <typename ScaleOf>
-  void AddArc(absl::Span<const TrackedLine> tracked, size_t first, size_t end, double displacement_px,
-              const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
+  void AddArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, size_t first, size_t end,
+              double displacement_px, const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
     double arc_px = 0.0, narrow_px = 0.0;
-    for (size_t k = first; k < end; ++k) arc_px += lines_[k].length_px;
+    for (size_t k = first; k < end; ++k) arc_px += lines[k].length_px;
     ArcEquations equations;
     double begin_px = 0.0;
     for (size_t k = first; k < end; ++k) {
-      const double length_px = lines_[k].length_px;
+      const double length_px = lines[k].length_px;
       const double position = (2.0 * begin_px + length_px) / arc_px - 1.0;
       begin_px += length_px;
       if (!HasEvents(k)) continue;
-      equations.Add(camera_, sums_[k].sums, lines_[k], scale_of(k), position, length_px / arc_px);
+      equations.Add(camera_, sums_[k].sums, lines[k], scale_of(k), position, length_px / arc_px);
       narrow_px = std::max(narrow_px, NarrowFacePx(tracked[k]));
     }
     equations.AddTo(std::hypot(displacement_px, narrow_px), hessian, gradient);
@@ -330,6 +389,7 @@ class MixtureEstimator : public WindowEstimator {
   }
 
   const MixtureOptions options_;
+  const SystematicOptions systematic_options_;
   const SensorProfile sensor_;
   const CameraModel camera_;
   const ExpTable table_;
@@ -352,6 +412,10 @@ class MixtureEstimator : public WindowEstimator {
   EdgeBias edge_bias_;
   LineClutter clutter_;
   EventDispersion dispersion_;
+  SystematicError systematic_;
+  SystematicError next_systematic_;  // after the last fit
+  int until_systematic_ = 0;         // windows until systematic_ is updated again
+  std::vector<ImageLine> moved_lines_;
 };
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include "core/estimation/estimator.h"
 #include "core/estimation/mixture_pass.h"
 #include "core/estimation/sensor_profile.h"
+#include "core/estimation/systematic_error.h"
 
 namespace evpose {
 
@@ -69,6 +70,7 @@ struct EstimatorOptions {
   SensorProfile sensor;
   MixtureOptions mixture;
   EdgeOptions edge;
+  SystematicOptions systematic;
 };
 
 // Makes the mixture estimator. `options` and `camera` must be valid.

@@ -18,7 +18,7 @@ namespace {
 constexpr int64_t kSliceUs = 1000;
 
 // Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
-constexpr uint32_t kTrackerStateVersion = 5;
+constexpr uint32_t kTrackerStateVersion = 6;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);
@@ -51,7 +51,8 @@ std::string ConfigurationDigest(const SessionConfig& config,
   const CameraModel& camera = config.camera;
   writer(camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion);
   const SensorProfile& sensor = config.sensor;
-  writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us);
+  writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us,
+         sensor.uncertainty);
   for (const ObjectConfig& object : config.objects) {
     writer(object.initial_camera_from_object, object.reference_rotation);
   }
