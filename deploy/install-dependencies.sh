@@ -19,8 +19,8 @@ build_packages=(
 )
 # OpenCASCADE: 180 MB with its dependencies.
 step_packages=(libocct-data-exchange-dev libocct-foundation-dev libocct-modeling-algorithms-dev libocct-modeling-data-dev)
-package_packages=("${step_packages[@]}" dpkg-dev file)
-test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3 python3-grpcio python3-matplotlib python3-numpy python3-protobuf python3-yaml redis-server shellcheck systemd)
+package_packages=("${step_packages[@]}" dpkg-dev file python3)
+test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy libbenchmark-dev libclang-rt-14-dev libgmock-dev libgtest-dev lld openssl python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool

@@ -25,6 +25,13 @@ if [[ -x $build/client/convert_step/evpose-convert-step ]]; then
   [[ $(dpkg-deb --field "$package" Depends) == *libocct* ]] || fail "evpose-convert-step does not name its libraries"
   "$work/root/usr/bin/evpose-convert-step" --help | grep -q '^Usage: ' || fail "evpose-convert-step does not run"
 fi
+if [[ -d $build/client/python/evpose ]]; then
+  package=$(echo "$work"/packages/python3-evpose_*_all.deb)
+  dpkg-deb --extract "$package" "$work/root"
+  [[ $(dpkg-deb --field "$package" Depends) == *python3-grpcio* ]] || fail "python3-evpose does not name its libraries"
+  dpkg-deb --ctrl-tarfile "$package" | tar -t | grep -qx ./postinst || fail "python3-evpose does not compile its modules"
+  PYTHONPATH=$work/root/usr/lib/python3/dist-packages /usr/bin/python3 -c 'import evpose; evpose.TrackState' || fail "python3-evpose cannot be imported"
+fi
 version=$(dpkg-deb --field "$work"/packages/evpose-server_*.deb Version)
 for program in evpose evpose-server; do
   said=$("$work/root/usr/bin/$program" --version)

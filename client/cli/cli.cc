@@ -29,6 +29,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
   add("evaluate", "Compare estimated trajectories with the truth", AddEvaluateCommand);
   add("calibrate", "Fit the profile of a sensor to recordings with known poses", AddCalibrateCommand);
+  add("camera", "Print, check, convert and draw the calibration of a camera", AddCameraCommand);
   add("render", "Draw the events of a recording and the projected model", AddRenderCommand);
   add("watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);
   AddBenchCommands(*app.add_subcommand("bench", "Compare evpose with published methods, and measure its speed"),

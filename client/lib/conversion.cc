@@ -90,6 +90,7 @@ Camera FromProto(const v1::CameraModel& message) {
   camera.fy_px = message.fy_px();
   camera.cx_px = message.cx_px();
   camera.cy_px = message.cy_px();
+  camera.lens_model = FromProto(message.lens_model(), LensModel::kBrown);
   const size_t count = std::min<size_t>(message.distortion_size(), camera.distortion.size());
   for (size_t i = 0; i < count; ++i) camera.distortion[i] = message.distortion(static_cast<int>(i));
   return camera;
@@ -103,7 +104,10 @@ v1::CameraModel ToProto(const Camera& camera) {
   message.set_fy_px(camera.fy_px);
   message.set_cx_px(camera.cx_px);
   message.set_cy_px(camera.cy_px);
-  for (const double coefficient : camera.distortion) message.add_distortion(coefficient);
+  const int num_coefficients = NumCoefficients(ToCore(camera).lens_model);
+  for (int i = 0; i < num_coefficients; ++i) message.add_distortion(camera.distortion[i]);
+  // Absent for Brown: a server without other lenses accepts the message.
+  if (camera.lens_model != LensModel::kBrown) message.set_lens_model(static_cast<v1::LensModel>(camera.lens_model));
   return message;
 }
 

@@ -29,6 +29,9 @@ TEST(ConversionTest, EnumeratorsHaveTheNumbersOfTheApi) {
                                                            {EventEncoding::kEvt2, v1::EVENT_ENCODING_EVT2},
                                                            {EventEncoding::kDat, v1::EVENT_ENCODING_DAT},
                                                            {EventEncoding::kFlat64, v1::EVENT_ENCODING_FLAT64}});
+  ExpectNumbersOfTheApi<v1::LensModel, LensModel>({{LensModel::kBrown, v1::LENS_MODEL_BROWN},
+                                                   {LensModel::kRational, v1::LENS_MODEL_RATIONAL},
+                                                   {LensModel::kFisheye, v1::LENS_MODEL_FISHEYE}});
   ExpectNumbersOfTheApi<v1::ModelFormat, ModelFormat>({{ModelFormat::kObj, v1::MODEL_FORMAT_OBJ},
                                                        {ModelFormat::kPly, v1::MODEL_FORMAT_PLY},
                                                        {ModelFormat::kStl, v1::MODEL_FORMAT_STL},

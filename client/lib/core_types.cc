@@ -23,6 +23,24 @@ constexpr std::array<std::pair<PoseEstimator, Estimator>, 6> kOfferedEstimators 
     {PoseEstimator::kStaticMm, Estimator::kStaticMm},
     {PoseEstimator::kErrorStateFilter, Estimator::kErrorStateFilter},
 }};
+constexpr std::array<std::pair<LensModel, evpose::LensModel>, 3> kLensModels = {{
+    {LensModel::kBrown, evpose::LensModel::kBrown},
+    {LensModel::kRational, evpose::LensModel::kRational},
+    {LensModel::kFisheye, evpose::LensModel::kFisheye},
+}};
+
+LensModel FromCore(evpose::LensModel lens_model) {
+  for (const auto& [offered, core] : kLensModels) {
+    if (core == lens_model) return offered;
+  }
+  return LensModel::kBrown;
+}
+evpose::LensModel ToCore(LensModel lens_model) {
+  for (const auto& [offered, core] : kLensModels) {
+    if (offered == lens_model) return core;
+  }
+  return evpose::LensModel::kBrown;
+}
 
 }  // namespace
 
@@ -30,12 +48,12 @@ Transform FromCore(const RigidTransform& transform) { return {transform.rotation
 RigidTransform ToCore(const Transform& transform) { return {transform.rotation, transform.translation_m}; }
 
 Camera FromCore(const CameraModel& camera) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
-  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion};
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
+  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, FromCore(lens_model)};
 }
 CameraModel ToCore(const Camera& camera) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
-  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion};
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
+  return {width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, ToCore(lens_model)};
 }
 
 SensorParameters FromCore(const SensorProfile& profile) {

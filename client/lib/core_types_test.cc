@@ -25,10 +25,11 @@ TEST(CoreTypesTest, EachSensorParameterIsConverted) {
 }
 
 TEST(CoreTypesTest, CameraIsConvertedBothWays) {
-  const Camera camera{640, 480, 500.0, 501.0, 320.0, 240.0, {0.1, 0.2, 0.3, 0.4, 0.5}};
+  const Camera camera{640, 480, 500.0, 501.0, 320.0, 240.0, {0.1, 0.2, 0.3, 0.4, 0.5, 0.6}, LensModel::kRational};
   const CameraModel core = ToCore(camera);
   EXPECT_EQ(core.height_px, 480);
   EXPECT_EQ(core.fy_px, 501.0);
+  EXPECT_EQ(core.lens_model, evpose::LensModel::kRational);
   EXPECT_EQ(core.distortion[4], 0.5);
   EXPECT_EQ(FromCore(core), camera);
 }

@@ -5,6 +5,7 @@
 
 #include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 
 namespace evpose::client {
 

@@ -18,6 +18,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/motion_prior.h"
 #include "core/geometry/projected_line.h"
+#include "core/geometry/undistortion_table.h"
 #include "core/mesh/types/edge_curve.h"
 #include "core/models/visibility.h"
 #include "core/windows/pixel_history.h"

@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
+#include "core/geometry/undistortion_table.h"
 
 namespace evpose {
 

@@ -13,6 +13,7 @@
 #include "core/association/background.h"
 #include "core/base/yield_point.h"
 #include "core/geometry/camera.h"
+#include "core/geometry/undistortion_table.h"
 #include "core/numerics/sampling.h"
 #include "core/windows/event_window.h"
 

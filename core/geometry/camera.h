@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Pinhole camera with plumb-bob distortion. Pixel (0, 0) is the centre of the top-left pixel.
+// Cameras: a pinhole with the distortion of a lens. Pixel (0, 0) is the centre of the top-left pixel.
 #pragma once
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <array>
-#include <string>
-#include <vector>
 
 #include "absl/status/status.h"
-#include "absl/status/statusor.h"
-#include "core/numerics/prefetch.h"
+#include "absl/types/span.h"
+#include "core/geometry/lens_models.h"
 
 namespace evpose {
 
@@ -22,15 +19,16 @@ struct CameraModel {
   double fy_px = 0.0;
   double cx_px = 0.0;
   double cy_px = 0.0;
-  std::array<double, 5> distortion = {};  // k1 k2 p1 p2 k3
+  Distortion distortion = {};
+  LensModel lens_model = LensModel::kBrown;
 
   bool operator==(const CameraModel&) const = default;
 
   // INVALID_ARGUMENT with the name of the first invalid field, as it is called in the camera file.
   absl::Status Validate() const;
   // Whether a lens may have these numbers: a field of view along the longer side of the image from 0.1 to 170 degrees,
-  // and a principal point at most that side's length outside the image, as of a crop. With others, such as 1e300,
-  // nothing can be tracked. Requires a valid camera. Errors: as Validate().
+  // for a fisheye lens to 360 degrees, and a principal point at most that side's length outside the image, as of a
+  // crop. With others, such as 1e300, nothing can be tracked. Requires a valid camera. Errors: as Validate().
   absl::Status CheckView() const;
 
   // The larger of the two focal lengths (px): the largest image displacement per radian near the optical axis.
@@ -42,7 +40,12 @@ struct CameraModel {
   }
   // The pixel on the sensor of an undistorted pixel: applies the distortion.
   Eigen::Vector2d Distort(const Eigen::Vector2d& undistorted_px) const;
-  bool HasDistortion() const { return distortion != std::array<double, 5>{}; }
+  // Whether undistorted pixels differ from those on the sensor: a fisheye lens bends lines without coefficients, too.
+  bool HasDistortion() const { return lens_model == LensModel::kFisheye || distortion != Distortion{}; }
+  // The coefficients of the lens model.
+  absl::Span<const double> Coefficients() const {
+    return absl::MakeConstSpan(distortion).first(NumCoefficients(lens_model));
+  }
   // Whether an undistorted pixel is visible: the distortion is invertible there and maps it onto the sensor.
   bool IsInImage(const Eigen::Vector2d& undistorted_px) const;
 };
@@ -51,33 +54,5 @@ struct CameraModel {
 inline Eigen::Vector3d BearingOf(const CameraModel& camera, const Eigen::Vector2d& pixel) {
   return {(pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px, 1.0};
 }
-
-// Reads ROS camera_info YAML: image_width, image_height, camera_matrix, distortion_model (plumb_bob or none) and
-// distortion_coefficients. Errors have the file and the field: those of ReadFile(), INVALID_ARGUMENT.
-absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path);
-absl::StatusOr<CameraModel> ParseCameraModel(const std::string& yaml, const std::string& name_for_errors);
-std::string CameraModelToYaml(const CameraModel& camera);
-
-// The bearings of all pixels: (x, y) of K^-1 (u, v, 1) with the distortion removed. Memory: 4 bytes for each column and
-// row of a camera without distortion, 8 bytes for each pixel of a camera with distortion.
-class UndistortionTable {
- public:
-  // Errors: INVALID_ARGUMENT for an invalid camera, or if the distortion cannot be inverted at some pixel.
-  static absl::StatusOr<UndistortionTable> Create(const CameraModel& camera);
-
-  // The first two components of the bearing (x, y, 1) of a pixel inside the sensor.
-  Eigen::Vector2f Bearing(int x, int y) const {
-    if (bearings_.empty()) return {columns_[x], rows_[y]};
-    return bearings_[static_cast<size_t>(y) * columns_.size() + x];
-  }
-  // Prefetches the entry of Bearing(x, y). The pixel may lie outside the sensor.
-  void Prefetch(int x, int y) const { PrefetchEntry(bearings_, static_cast<size_t>(y) * columns_.size() + x); }
-
- private:
-  // The bearings without distortion: x by column, y by row.
-  std::vector<float> columns_;
-  std::vector<float> rows_;
-  std::vector<Eigen::Vector2f> bearings_;  // with distortion, row by row; empty for a camera without distortion
-};
 
 }  // namespace evpose

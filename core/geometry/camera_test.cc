@@ -5,47 +5,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cmath>
-#include <cstdio>
-#include <filesystem>
-#include <fstream>
-#include <limits>
-
-#include "absl/strings/str_cat.h"
-#include "absl/strings/str_replace.h"
+#include <string>
 
 namespace evpose {
 namespace {
 
 using ::testing::HasSubstr;
-
-// A file of the ROS calibrator.
-constexpr char kYaml[] = R"(image_width: 1280
-image_height: 720
-camera_name: evk4
-camera_matrix:
-  rows: 3
-  cols: 3
-  data: [1021.5, 0.0, 640.25, 0.0, 1019.75, 355.5, 0.0, 0.0, 1.0]
-distortion_model: plumb_bob
-distortion_coefficients:
-  rows: 1
-  cols: 5
-  data: [-0.1, 0.08, 0.001, -0.0005, -0.02]
-rectification_matrix:
-  rows: 3
-  cols: 3
-  data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-projection_matrix:
-  rows: 3
-  cols: 4
-  data: [1000.0, 0.0, 640.0, 0.0, 0.0, 1000.0, 355.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-)";
-
-std::string Replaced(const std::string& from, const std::string& to) {
-  EXPECT_THAT(kYaml, HasSubstr(from));
-  return absl::StrReplaceAll(kYaml, {{from, to}});
-}
 
 CameraModel PlainCamera() {
   CameraModel camera;
@@ -56,148 +21,6 @@ CameraModel PlainCamera() {
   camera.cx_px = 161.3;
   camera.cy_px = 118.7;
   return camera;
-}
-
-TEST(CameraTest, ReadsCameraInfo) {
-  const auto camera = ParseCameraModel(kYaml, "camera.yaml");
-  ASSERT_TRUE(camera.ok()) << camera.status();
-  EXPECT_EQ(camera->width_px, 1280);
-  EXPECT_EQ(camera->height_px, 720);
-  EXPECT_EQ(camera->fx_px, 1021.5);
-  EXPECT_EQ(camera->fy_px, 1019.75);
-  EXPECT_EQ(camera->cx_px, 640.25);
-  EXPECT_EQ(camera->cy_px, 355.5);
-  EXPECT_EQ(camera->distortion, (std::array<double, 5>{-0.1, 0.08, 0.001, -0.0005, -0.02}));
-}
-
-TEST(CameraTest, FourCoefficients) {
-  const auto camera = ParseCameraModel(
-      Replaced("cols: 5\n  data: [-0.1, 0.08, 0.001, -0.0005, -0.02]", "cols: 4\n  data: [-0.1, 0.08, 0, 0]"), "c");
-  ASSERT_TRUE(camera.ok()) << camera.status();
-  EXPECT_EQ(camera->distortion, (std::array<double, 5>{-0.1, 0.08, 0, 0, 0}));
-}
-
-TEST(CameraTest, NoDistortion) {
-  const std::string start = std::string(kYaml).substr(0, std::string(kYaml).find("distortion_model"));
-  for (const char* end :
-       {"", "distortion_model: none\n", "distortion_model: \"\"\n", "distortion_model:\n",
-        "distortion_model: none\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",
-        "distortion_coefficients: {rows: 0, cols: 0, data: []}\n"}) {
-    const auto camera = ParseCameraModel(absl::StrCat(start, end), "c");
-    ASSERT_TRUE(camera.ok()) << end << camera.status();
-    EXPECT_EQ(camera->distortion, (std::array<double, 5>{})) << end;
-  }
-}
-
-TEST(CameraTest, YamlRoundTripGivesTheSameBits) {
-  CameraModel camera = PlainCamera();
-  camera.fx_px = 1000.0 / 3.0;
-  camera.cy_px = 0.1 + 0.2;
-  camera.distortion = {-1.0 / 3.0, 1e-17, 1.0 / 7.0, -0.0, 5e-324};
-  const auto back = ParseCameraModel(CameraModelToYaml(camera), "c");
-  ASSERT_TRUE(back.ok()) << back.status();
-  EXPECT_EQ(back->width_px, camera.width_px);
-  EXPECT_EQ(back->height_px, camera.height_px);
-  EXPECT_EQ(back->fx_px, camera.fx_px);
-  EXPECT_EQ(back->fy_px, camera.fy_px);
-  EXPECT_EQ(back->cx_px, camera.cx_px);
-  EXPECT_EQ(back->cy_px, camera.cy_px);
-  EXPECT_EQ(back->distortion, camera.distortion);
-}
-
-struct BadFile {
-  const char* from;
-  const char* to;
-  const char* says;
-};
-
-class BadCameraFileTest : public ::testing::TestWithParam<BadFile> {};
-
-TEST_P(BadCameraFileTest, NamesTheFileAndTheField) {
-  const auto camera = ParseCameraModel(Replaced(GetParam().from, GetParam().to), "my.yaml");
-  ASSERT_EQ(camera.status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_THAT(std::string(camera.status().message()), HasSubstr("my.yaml: "));
-  EXPECT_THAT(std::string(camera.status().message()), HasSubstr(GetParam().says));
-}
-
-INSTANTIATE_TEST_SUITE_P(
-    All, BadCameraFileTest,
-    ::testing::Values(
-        BadFile{"image_width: 1280\n", "", "image_width: is missing"},
-        BadFile{"image_width: 1280\n", "image_width:\n", "image_width: is missing"},
-        BadFile{"image_width: 1280", "image_width: wide", "image_width: is not a whole number"},
-        BadFile{"image_width: 1280", "image_width: 1280.5", "image_width: is not a whole number"},
-        BadFile{"image_width: 1280", "image_width: [1280]", "image_width: is not a whole number"},
-        BadFile{"image_width: 1280", "image_width: 0", "image_width is 0"},
-        BadFile{"image_height: 720", "image_height: -720", "image_height is -720"},
-        BadFile{"image_height: 720", "image_height: 1000000", "image_height is 1000000"},
-        BadFile{"image_height: 720", "image_height: 99999999999", "image_height: is not a whole number"},
-        BadFile{"camera_matrix", "projection", "camera_matrix: is missing"},
-        BadFile{"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [1021.5,", "camera_matrix: [1021.5,",
-                "camera_matrix: is not a map"},
-        BadFile{"rows: 3\n  cols: 3\n  data: [1021.5,", "rows: 2\n  cols: 3\n  data: [1021.5,",
-                "camera_matrix: has 2 rows and 3 cols, but 9 numbers"},
-        BadFile{"rows: 3\n  cols: 3\n  data: [1021.5,", "cols: 3\n  data: [1021.5,", "camera_matrix.rows: is missing"},
-        BadFile{"data: [1021.5, 0.0, 640.25, 0.0, 1019.75, 355.5, 0.0, 0.0, 1.0]", "data: 5", "camera_matrix.data"},
-        BadFile{"355.5, 0.0, 0.0, 1.0]", "355.5, 0.0, 0.0]", "camera_matrix: has 3 rows"},
-        BadFile{"rows: 3\n  cols: 3\n  data: [1021.5, 0.0, 640.25, 0.0, 1019.75, 355.5, 0.0, 0.0, 1.0]",
-                "rows: 1\n  cols: 1\n  data: [1]", "camera_matrix: has 1 numbers"},
-        BadFile{"1021.5", "focal", "camera_matrix.data[0]: is not a number"},
-        BadFile{"1021.5", "[1021.5]", "camera_matrix.data[0]: is not a number"}, BadFile{"1021.5", "0.0", "fx is 0"},
-        BadFile{"1021.5", "-1021.5", "fx is -1021.5"}, BadFile{"1019.75", ".nan", "fy is nan"},
-        BadFile{"1019.75", ".inf", "fy is inf"}, BadFile{"640.25", ".nan", "cx is not a finite"},
-        BadFile{"355.5", "-.inf", "cy is not a finite"}, BadFile{"[1021.5, 0.0", "[1021.5, 0.5", "without skew"},
-        BadFile{"distortion_model: plumb_bob", "distortion_model: equidistant", "'equidistant' is not supported"},
-        BadFile{"distortion_model: plumb_bob", "distortion_model: fisheye", "'fisheye' is not supported"},
-        BadFile{"distortion_model: plumb_bob", "distortion_model: [a]", "distortion_model: is not a word"},
-        BadFile{"distortion_model: plumb_bob", "distortion_model: none", "set it to plumb_bob"},
-        BadFile{"distortion_model: plumb_bob\n", "", "set it to plumb_bob"},
-        BadFile{"distortion_coefficients", "coefficients", "distortion_coefficients: is missing"},
-        BadFile{"cols: 5\n  data: [-0.1, 0.08, 0.001, -0.0005, -0.02]", "cols: 3\n  data: [1, 2, 3]",
-                "distortion_coefficients: has 3 numbers"},
-        BadFile{"0.08", ".nan", "distortion_coefficients: every number must be finite"},
-        BadFile{"0.08", "x", "distortion_coefficients.data[1]: is not a number"},
-        BadFile{"camera_name: evk4", "camera_name: [evk4", "line "}));
-
-TEST(CameraTest, FilesThatAreNotCameraFiles) {
-  for (const std::string& text : {std::string(), std::string("just words"), std::string("- 1\n- 2\n"),
-                                  std::string("\0\x01\xff\xfe", 4), std::string("&a [*a, *a]"), std::string(50000, '['),
-                                  std::string(50000, '{'), std::string("%EVT 3.0\n"), std::string(100000, 'a')}) {
-    const auto camera = ParseCameraModel(text, "my.yaml");
-    EXPECT_EQ(camera.status().code(), absl::StatusCode::kInvalidArgument);
-    EXPECT_THAT(std::string(camera.status().message()), HasSubstr("my.yaml: "));
-  }
-}
-
-TEST(CameraTest, EveryTruncationIsAnErrorOrAWholeCamera) {
-  const std::string yaml = CameraModelToYaml(PlainCamera());
-  for (size_t length = 0; length < yaml.size(); ++length) {
-    const auto camera = ParseCameraModel(yaml.substr(0, length), "my.yaml");
-    if (camera.ok()) {
-      EXPECT_TRUE(camera->Validate().ok());
-      EXPECT_EQ(camera->fx_px, 300.0);
-    } else {
-      EXPECT_THAT(std::string(camera.status().message()), HasSubstr("my.yaml: "));
-    }
-  }
-}
-
-TEST(CameraTest, LoadsFromDisk) {
-  const std::string path = testing::TempDir() + "/evpose_camera_test.yaml";
-  std::ofstream(path) << kYaml;
-  const auto camera = LoadCameraModel(path);
-  ASSERT_TRUE(camera.ok()) << camera.status();
-  EXPECT_EQ(camera->fx_px, 1021.5);
-  std::ofstream(path) << std::string(200'000, ' ');
-  EXPECT_THAT(std::string(LoadCameraModel(path).status().message()), HasSubstr("larger than"));
-  std::filesystem::remove(path);
-
-  const auto missing = LoadCameraModel(path);
-  EXPECT_EQ(missing.status().code(), absl::StatusCode::kNotFound);
-  EXPECT_THAT(std::string(missing.status().message()), HasSubstr(path));
-  const auto directory = LoadCameraModel(testing::TempDir());
-  EXPECT_EQ(directory.status().code(), absl::StatusCode::kInvalidArgument);
-  EXPECT_THAT(std::string(directory.status().message()), HasSubstr("is a directory"));
 }
 
 TEST(CameraTest, AViewThatNoLensHasIsNamed) {
@@ -219,49 +42,12 @@ TEST(CameraTest, AViewThatNoLensHasIsNamed) {
   EXPECT_EQ(message([&](auto& c) { c.cx_px = -0.9 * side_px; }), "") << "a crop of a larger sensor";
 }
 
-TEST(CameraTest, UndistortionWithoutDistortionIsExact) {
-  const CameraModel camera = PlainCamera();
-  const auto table = UndistortionTable::Create(camera);
-  ASSERT_TRUE(table.ok()) << table.status();
-  for (int v = 0; v < camera.height_px; ++v) {
-    for (int u = 0; u < camera.width_px; ++u) {
-      const Eigen::Vector2f& bearing = table->Bearing(u, v);
-      ASSERT_EQ(bearing.x(), static_cast<float>((u - camera.cx_px) / camera.fx_px));
-      ASSERT_EQ(bearing.y(), static_cast<float>((v - camera.cy_px) / camera.fy_px));
-    }
-  }
-  const Eigen::Vector2d pixel(12.3, 45.6);
-  EXPECT_EQ(camera.Distort(pixel), pixel);
-}
-
-TEST(CameraTest, UndistortionInvertsDistort) {
-  CameraModel camera = PlainCamera();
-  for (const auto& distortion :
-       {std::array<double, 5>{-0.35, 0.15, 0.001, -0.0007, -0.03},
-        std::array<double, 5>{0.25, -0.1, -0.002, 0.001, 0.0}, std::array<double, 5>{0.0, 0.0, 0.003, 0.0, 0.0}}) {
-    camera.distortion = distortion;
-    const auto table = UndistortionTable::Create(camera);
-    ASSERT_TRUE(table.ok()) << table.status();
-    double largest_error_px = 0.0, largest_shift_px = 0.0;
-    for (int v = 0; v < camera.height_px; ++v) {
-      for (int u = 0; u < camera.width_px; ++u) {
-        const Eigen::Vector2f& bearing = table->Bearing(u, v);
-        const Eigen::Vector2d undistorted = camera.Project({bearing.x(), bearing.y(), 1.0});
-        largest_error_px = std::max(largest_error_px, (camera.Distort(undistorted) - Eigen::Vector2d(u, v)).norm());
-        largest_shift_px = std::max(largest_shift_px, (undistorted - Eigen::Vector2d(u, v)).norm());
-      }
-    }
-    EXPECT_LT(largest_error_px, 1e-4);
-    EXPECT_GT(largest_shift_px, 0.2);
-  }
-}
-
 TEST(CameraTest, DistortIsThePlumbBobModel) {
   CameraModel camera = PlainCamera();
   camera.fx_px = camera.fy_px = 100.0;
   camera.cx_px = camera.cy_px = 0.0;
   // x = 0.5, y = 0: r2 = 0.25.
-  const auto distort = [&](const std::array<double, 5>& distortion) -> Eigen::Vector2d {
+  const auto distort = [&](const Distortion& distortion) -> Eigen::Vector2d {
     camera.distortion = distortion;
     return camera.Distort({50.0, 0.0});
   };
@@ -270,24 +56,6 @@ TEST(CameraTest, DistortIsThePlumbBobModel) {
   EXPECT_NEAR(distort({0, 0, 0, 0, 0.1}).x(), 50.0 * (1 + 0.1 * 0.015625), 1e-12);
   EXPECT_NEAR(distort({0, 0, 0.1, 0, 0}).y(), 100.0 * 0.1 * 0.25, 1e-12);
   EXPECT_NEAR(distort({0, 0, 0, 0.1, 0}).x(), 50.0 + 100.0 * 0.1 * 0.75, 1e-12);
-}
-
-TEST(CameraTest, DistortionThatCannotBeInverted) {
-  CameraModel camera = PlainCamera();
-  // The image of r (1 - r^2) ends at r = 0.577, well inside the corners.
-  for (const auto& distortion : {std::array<double, 5>{-1.0, 0, 0, 0, 0}, std::array<double, 5>{-3.0, 1.0, 0, 0, 0},
-                                 std::array<double, 5>{0, 0, 5.0, 0, 0}, std::array<double, 5>{1e300, 0, 0, 0, 0}}) {
-    camera.distortion = distortion;
-    const auto table = UndistortionTable::Create(camera);
-    ASSERT_EQ(table.status().code(), absl::StatusCode::kInvalidArgument);
-    EXPECT_THAT(std::string(table.status().message()), HasSubstr("cannot be inverted at pixel"));
-  }
-}
-
-TEST(CameraTest, UndistortionOfAnInvalidCamera) {
-  CameraModel camera = PlainCamera();
-  camera.width_px = 0;
-  EXPECT_EQ(UndistortionTable::Create(camera).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 }  // namespace

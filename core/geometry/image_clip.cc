@@ -30,7 +30,10 @@ void Clip(double value1, double value2, LineInterval& interval) {
 LineInterval ClipToImage(const CameraModel& camera, const Eigen::Vector3d& p1, const Eigen::Vector3d& p2) {
   LineInterval interval;
   Clip(p1.z() - kClipDepthM, p2.z() - kClipDepthM, interval);
-  const double margin_px = camera.HasDistortion() ? kDistortionMargin * std::max(camera.width_px, camera.height_px) : 0;
+  // The undistorted image of a fisheye lens extends to the largest angle that is used.
+  const double margin_px = camera.lens_model == LensModel::kFisheye ? kMaxFisheyeTangent * camera.MaxFocalPx()
+                           : camera.HasDistortion() ? kDistortionMargin * std::max(camera.width_px, camera.height_px)
+                                                    : 0;
   const double left = -0.5 - margin_px, right = camera.width_px - 0.5 + margin_px;
   const double top = -0.5 - margin_px, bottom = camera.height_px - 0.5 + margin_px;
   const auto u = [&](const Eigen::Vector3d& p, double bound) {

@@ -26,7 +26,7 @@ class Description {
 };
 
 void AddMotion(const MotionOptions& options, Description& out) {
-  const auto& [depth_m, depth_swing, extent, rotation_swing, speed, angular_speed, profile] = options;
+  const auto& [depth_m, depth_swing, extent, rotation_swing, speed, angular_speed, profile, view_angle] = options;
   out.Add("scene.motion.depth_m", depth_m);
   out.Add("scene.motion.depth_swing_ratio", depth_swing);
   out.Add("scene.motion.extent_ratio", extent);
@@ -34,6 +34,7 @@ void AddMotion(const MotionOptions& options, Description& out) {
   out.Add("scene.motion.speed_m_per_s", speed);
   out.Add("scene.motion.angular_speed_rad_per_s", angular_speed);
   out.Add("scene.motion.profile", static_cast<int64_t>(profile));
+  if (view_angle != 0.0) out.Add("scene.motion.view_angle_rad", view_angle);
 }
 
 void AddBackground(const BackgroundOptions& options, Description& out) {
@@ -124,14 +125,15 @@ void AddSensor(const SensorOptions& options, Description& out) {
 }
 
 void AddCamera(const CameraModel& camera, Description& out) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
   out.Add("camera.width_px", width_px);
   out.Add("camera.height_px", height_px);
   out.Add("camera.fx_px", fx_px);
   out.Add("camera.fy_px", fy_px);
   out.Add("camera.cx_px", cx_px);
   out.Add("camera.cy_px", cy_px);
-  for (const double k : distortion) out.Add("camera.distortion", k);
+  for (const double k : camera.Coefficients()) out.Add("camera.distortion", k);
+  if (lens_model != LensModel::kBrown) out.Add("camera.lens_model", static_cast<int64_t>(lens_model));
 }
 
 }  // namespace

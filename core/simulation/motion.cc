@@ -54,7 +54,8 @@ absl::Status MotionOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.extent_ratio", extent_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.rotation_swing_rad", rotation_swing_rad, 0.0, 1.5));
   EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.speed_m_per_s", speed_m_per_s, 0.0, 100.0));
-  return CheckRange("MotionOptions.angular_speed_rad_per_s", angular_speed_rad_per_s, 0.0, 100.0);
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.angular_speed_rad_per_s", angular_speed_rad_per_s, 0.0, 100.0));
+  return CheckRange("MotionOptions.view_angle_rad", view_angle_rad, -1.5, 1.5);
 }
 
 double MotionPath::Wave::Value(double s) const {
@@ -89,6 +90,7 @@ absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, cons
   path.swing_m_ = {options.extent_ratio * room_m.x(), options.extent_ratio * room_m.y(),
                    options.depth_m * options.depth_swing_ratio};
   path.rotation_swing_rad_ = options.rotation_swing_rad;
+  if (options.view_angle_rad != 0.0) path.camera_from_path_ = ExpSo3({0.0, options.view_angle_rad, 0.0});
   path.border_left_ = -camera.cx_px / camera.fx_px;
   path.border_right_ = (camera.width_px - 1 - camera.cx_px) / camera.fx_px;
   Random random(seed);
@@ -154,8 +156,10 @@ double MotionPath::ProfileTime(double t_s) const {
 
 RigidTransform MotionPath::CameraFromObject(double t_s) const {
   const double profile_time = ProfileTime(t_s);
-  return {ExpSo3(RotationVectorAt(rotation_rate_ * profile_time)) * view_from_object_,
-          TranslationAt(translation_rate_ * profile_time)};
+  const RigidTransform pose = {ExpSo3(RotationVectorAt(rotation_rate_ * profile_time)) * view_from_object_,
+                               TranslationAt(translation_rate_ * profile_time)};
+  if (camera_from_path_.isIdentity(0.0)) return pose;
+  return {camera_from_path_ * pose.rotation, camera_from_path_ * pose.translation_m};
 }
 
 }  // namespace evpose

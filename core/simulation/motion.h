@@ -32,6 +32,9 @@ struct MotionOptions {
   double speed_m_per_s = 0.35;           // mean along the path: about 350 px/s at 1 m with f = 1000 px
   double angular_speed_rad_per_s = 0.8;  // mean; of the order of that of a hand
   MotionProfile profile = MotionProfile::kSmooth;
+  // Angle between the optical axis and the centre of the path, to the right: the path is turned about the camera. Only
+  // a fisheye lens shows an object at a large angle.
+  double view_angle_rad = 0.0;
 
   // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
@@ -72,6 +75,7 @@ class MotionPath {
   std::array<Wave, 6> waves_ = {};
   double translation_rate_ = 0.0;  // path parameter per second
   double rotation_rate_ = 0.0;
+  Eigen::Matrix3d camera_from_path_ = Eigen::Matrix3d::Identity();
   double border_left_ = 0.0;  // x / z at the left border of the image
   double border_right_ = 0.0;
 };

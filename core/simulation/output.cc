@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/events/recording_writer.h"
 #include "core/simulation/simulator.h"
 

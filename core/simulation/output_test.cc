@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/base/output_file.h"
+#include "core/camera_files/camera_file.h"
 #include "core/events/recording_reader.h"
 #include "core/simulation/simulate_testing.h"
 #include "core/simulation/simulator.h"

@@ -72,6 +72,15 @@ CameraModel SimulationOptions::SimulatedVgaCamera() {
 
 std::vector<std::string> SimulatedCameraNames() { return {"evk4", "vga"}; }
 
+void UseCamera(const CameraModel& camera, SimulationOptions& options) {
+  const CameraModel evk4 = SimulationOptions::SimulatedEvk4Camera();
+  const double length = (camera.MaxFocalPx() / camera.width_px) / (evk4.MaxFocalPx() / evk4.width_px);
+  options.camera = camera;
+  if (length <= 1.0) return;
+  options.scene.motion.depth_m *= length;
+  options.scene.motion.speed_m_per_s *= length;
+}
+
 absl::StatusOr<SimulationOptions> SimulationPreset(std::string_view object_name, std::string_view camera_name,
                                                    double speed_scale) {
   SimulationOptions options;

@@ -241,7 +241,10 @@ double SceneRenderer::LargestMotionPx(const RigidTransform& pose_a, double t_a_s
     const Vector3d a = pose_a * point;
     const Vector3d b = pose_b * point;
     if (a.z() < kNearM || b.z() < kNearM) continue;
-    largest = std::max(largest, (camera_.Project(a) - camera_.Project(b)).norm());
+    // The image of a fisheye lens moves by far less than the undistorted one beside the axis.
+    const bool is_fisheye = camera_.lens_model == LensModel::kFisheye;
+    const Vector2d a_px = camera_.Project(a), b_px = camera_.Project(b);
+    largest = std::max(largest, (is_fisheye ? camera_.Distort(a_px) - camera_.Distort(b_px) : a_px - b_px).norm());
   }
   if (options_.occluder.is_present) {
     largest = std::max(largest, std::abs(OccluderX(pose_b, t_b_s) - OccluderX(pose_a, t_a_s)));

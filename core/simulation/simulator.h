@@ -56,6 +56,9 @@ absl::StatusOr<SimulationOptions> ModelSimulationPreset(std::shared_ptr<const Ob
                                                         std::string_view camera_name = "evk4",
                                                         double speed_scale = 1.0);
 std::vector<std::string> SimulatedCameraNames();
+// Replaces the camera of a standard scene. Behind a longer lens than that of the EVK4, relative to the image's width,
+// the object is farther away by the same factor, so that it has the same share of the image, and moves as fast in it.
+void UseCamera(const CameraModel& camera, SimulationOptions& options);
 
 struct SimulationReport : SensorCounts {
   int64_t rendered_frames = 0;      // number of rendered pictures

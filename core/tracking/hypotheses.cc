@@ -13,18 +13,22 @@
 namespace evpose {
 namespace {
 
-// Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
-// it as far again, so that the integral across the line, and with it the mean over uniform clutter, is zero.
-double ScoreOf(const PoseTrack::Nearness& event, double half_px) {
-  const double distance_px = event.distance_px;
-  if (distance_px < half_px) return (1.0 - distance_px / half_px) * event.share;
-  return distance_px < 2.0 * half_px ? -0.5 * event.share : 0.0;
-}
-
 // Pixels. The widest triangle, for poses that are not refined yet, and the narrowest one: the distances of events are
 // rounded to pixels.
 constexpr double kWidestPx = 0.5 * PoseTrack::kScoredPx;
 constexpr double kNarrowestPx = 1.5;
+
+// Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
+// it, so that the integral across the line, and with it the mean over uniform clutter, is zero. The triangle has the
+// spread of most lines. The events of a contour may lie farther from it, where the surface is approximated or the edge
+// is soft: up to kWidestPx they count neither way.
+double ScoreOf(const PoseTrack::Nearness& event, double half_px) {
+  const double distance_px = event.distance_px;
+  if (distance_px < half_px) return (1.0 - distance_px / half_px) * event.share;
+  if (!event.is_contour) return distance_px < 2.0 * half_px ? -0.5 * event.share : 0.0;
+  if (distance_px < kWidestPx) return 0.0;
+  return distance_px < 2.0 * kWidestPx ? -0.5 * half_px / kWidestPx * event.share : 0.0;
+}
 
 // The half-width of the triangle with the standard deviation of the events about the lines of both poses.
 double HalfWidthPx(double spread_px, double other_spread_px) {

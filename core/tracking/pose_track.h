@@ -72,6 +72,7 @@ class PoseTrack {
   struct Nearness {
     float distance_px = kScoredPx;  // from the nearest line in view; kScoredPx where none is nearer
     float share = 1.0f;             // probability that the event is not that of another object
+    bool is_contour = false;        // the nearest line is part of a contour
   };
   static constexpr float kScoredPx = 6.0f;
   Nearness NearestLine(Observation observation, const Competitors* others = nullptr) const;

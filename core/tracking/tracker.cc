@@ -16,6 +16,7 @@
 #include "core/initialization/templates/template_model.h"
 #include "core/tracking/object_tracker.h"
 #include "core/tracking/tracker_options.h"
+#include "core/tracking/views/view_tracker.h"
 
 namespace evpose {
 namespace {
@@ -207,6 +208,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     const absl::Status status = objects[i].Validate();
     if (!status.ok()) return absl::Status(status.code(), absl::StrCat("objects[", i, "]: ", status.message()));
   }
+  if (camera.lens_model == LensModel::kFisheye) return MakeViewTracker(std::move(objects), camera, options);
   if (tables == nullptr) {
     EVPOSE_ASSIGN_OR_RETURN(tables, MakeCameraTables(camera));
   }

@@ -8,6 +8,7 @@
 #include "core/detection/line_detector.h"
 #include "core/initialization/pose_search.h"
 #include "core/tracking/tracker_options.h"
+#include "core/tracking/views/lens_views.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {
@@ -87,6 +88,18 @@ uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_othe
 TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
                                     const std::vector<std::shared_ptr<const ObjectModel>>& models,
                                     const TrackerOptions& options) {
+  if (camera.lens_model == LensModel::kFisheye) {
+    const std::vector<LensView> views = MakeLensViews(camera);
+    const uint64_t table_bytes = static_cast<uint64_t>(camera.width_px) * camera.height_px * sizeof(Eigen::Vector2f);
+    TrackerMemory memory;
+    for (const auto& model : models) {
+      const TrackerMemory of_object = EstimateTrackerMemory(views.front().camera, {model}, options);
+      memory.max_bytes += views.size() * of_object.max_bytes;
+      memory.max_state_bytes += views.size() * of_object.max_state_bytes;
+    }
+    memory.max_bytes += views.size() * table_bytes;
+    return memory;
+  }
   constexpr uint64_t kStateEventBytes = 8;  // of a window, with its time as a difference
   const auto num_pixels = static_cast<uint64_t>(camera.width_px) * static_cast<uint64_t>(camera.height_px);
   const auto search_events = static_cast<uint64_t>(options.initialization.max_events);

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/contours/contour_shapes_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/hypotheses.h"
 #include "core/tracking/tracker.h"
@@ -138,6 +139,38 @@ TEST_F(TwinsTest, AnUnlikelyRivalIsUndecidedOnlyIfTheEventsPreferIt) {
     ASSERT_EQ(hypotheses.size(), 2u);
     EXPECT_EQ(hypotheses.IsUndecided(), prior == Hypotheses::RivalPrior::kEqual);
   }
+}
+
+TEST_F(TwinsTest, AContourBesideItsPlaceIsNoEvidenceForThePoseWithoutIt) {
+  // A frame that looks the same after half a turn about its middle, and a torus at one of its ends, whose tube is 2 mm
+  // (2 px) thicker in the model. The lines of the frame, which both poses share, fit within half a pixel.
+  constexpr double kMiddleM = 0.06;
+  const auto framed_torus = [](double tube_m) {
+    auto model = std::make_shared<ObjectModel>(TorusModel(0.03, tube_m, 96, 48));
+    const Vector3d corners[] = {{-0.1, kMiddleM - 0.13, 0.0},
+                                {0.1, kMiddleM - 0.13, 0.0},
+                                {0.1, kMiddleM + 0.13, 0.0},
+                                {-0.1, kMiddleM + 0.13, 0.0}};
+    for (int i = 0; i < 4; ++i) {
+      model->lines.push_back({corners[i], corners[(i + 1) % 4], {{0.0, 0.0, -1.0}}, EdgeKind::kPainted});
+    }
+    return std::shared_ptr<const ObjectModel>(model);
+  };
+  const auto model = framed_torus(0.014);
+  TrackerOptions undecided = options_;
+  undecided.initialization.decision_sigma = 1e6;
+  const auto edges = std::make_shared<const ModelEdges>(*model, options_.visibility, options_.elements);
+  const TrackContext context{model, kCamera, context_->tables, undecided, edges};
+  const RigidTransform turn = MakePose({0.0, 2.0 * kMiddleM, 0.0}, {0.0, 0.0, std::numbers::pi});
+  Hypotheses hypotheses(context);
+  hypotheses.Add(StateOf(kStart));
+  hypotheses.Add(StateOf(kStart * turn));
+  EventWindower windower(options_.windows, {kCamera.width_px, kCamera.height_px});
+  windower.Add(CardEvents(*framed_torus(0.012), 40'000),
+               [&](const EventWindow& window) { hypotheses.OnWindow(window); });
+  ASSERT_EQ(hypotheses.size(), 2u);
+  EXPECT_FALSE(IsTurned(hypotheses.first().motion().camera_from_object, 0.04));
+  EXPECT_LT(hypotheses.Alternatives()[0].log_likelihood_ratio, 0.0);
 }
 
 // States and poses of a tracker.

@@ -27,6 +27,7 @@ static_assert(EnumNumber(kLastInitializationStatus) == v1::InitializationStatus_
 static_assert(static_cast<int>(LossCause::kUnconfirmed) == v1::LossCause_MAX);
 static_assert(EnumNumber(SessionState::kEnded) == v1::SessionState_MAX);
 static_assert(EnumNumber(ModelFormat::kMesh) == v1::ModelFormat_MAX);
+static_assert(EnumNumber(LensModel::kFisheye) == v1::LensModel_MAX);
 
 absl::Status NotSupported(absl::string_view field, int number) {
   return InvalidField(field, absl::StrCat("is ", number, ", which this server does not support"));
@@ -106,10 +107,15 @@ absl::StatusOr<CameraModel> FieldFromProto(const v1::CameraModel& camera) {
   out.fy_px = camera.fy_px();
   out.cx_px = camera.cx_px();
   out.cy_px = camera.cy_px();
+  if (camera.lens_model() != v1::LENS_MODEL_UNSPECIFIED) {
+    EVPOSE_ASSIGN_OR_RETURN(out.lens_model, EnumFromProto<LensModel>("config.camera.lens_model", camera.lens_model()));
+  }
   const auto& distortion = camera.distortion();
-  if (!distortion.empty() && distortion.size() != static_cast<int>(out.distortion.size())) {
+  const int num_coefficients = NumCoefficients(out.lens_model);
+  if (!distortion.empty() && distortion.size() != num_coefficients) {
     return InvalidField("config.camera.distortion",
-                        absl::StrCat("has ", distortion.size(), " coefficients; give k1 k2 p1 p2 k3, or none"));
+                        absl::StrCat("has ", distortion.size(), " coefficients; a ", LensModelName(out.lens_model),
+                                     " lens has ", num_coefficients, "; give all, or none"));
   }
   std::copy(distortion.begin(), distortion.end(), out.distortion.begin());
   return out;
@@ -123,7 +129,8 @@ v1::CameraModel ToProto(const CameraModel& camera) {
   out.set_fy_px(camera.fy_px);
   out.set_cx_px(camera.cx_px);
   out.set_cy_px(camera.cy_px);
-  for (const double coefficient : camera.distortion) out.add_distortion(coefficient);
+  for (const double coefficient : camera.Coefficients()) out.add_distortion(coefficient);
+  out.set_lens_model(static_cast<v1::LensModel>(EnumNumber(camera.lens_model)));
   return out;
 }
 

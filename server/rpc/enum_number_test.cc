@@ -4,11 +4,13 @@
 #include <gtest/gtest.h>
 
 #include "core/events/decoder.h"
+#include "core/geometry/lens_models.h"
 #include "core/models/object_model.h"
 #include "core/tracking/pose_estimate.h"
 #include "evpose/storage/v1/session.pb.h"
 #include "evpose/storage/v1/store.pb.h"
 #include "evpose/v1/admin_service.pb.h"
+#include "evpose/v1/geometry.pb.h"
 #include "evpose/v1/model_service.pb.h"
 #include "evpose/v1/session.pb.h"
 #include "evpose/v1/track.pb.h"
@@ -35,6 +37,9 @@ TEST(EnumNumberTest, TheApiAndTheStoreHaveTheSameNumbers) {
       {EnumNumber(Encoding::kEvt2), v1::EVENT_ENCODING_EVT2, pb::ENCODING_EVT2},
       {EnumNumber(Encoding::kDat), v1::EVENT_ENCODING_DAT, pb::ENCODING_DAT},
       {EnumNumber(Encoding::kFlat64), v1::EVENT_ENCODING_FLAT64, pb::ENCODING_FLAT64},
+      {EnumNumber(LensModel::kBrown), v1::LENS_MODEL_BROWN, pb::LENS_MODEL_BROWN},
+      {EnumNumber(LensModel::kRational), v1::LENS_MODEL_RATIONAL, pb::LENS_MODEL_RATIONAL},
+      {EnumNumber(LensModel::kFisheye), v1::LENS_MODEL_FISHEYE, pb::LENS_MODEL_FISHEYE},
       {EnumNumber(OverloadPolicy::kBlock), v1::OVERLOAD_POLICY_BLOCK, pb::OVERLOAD_POLICY_BLOCK},
       {EnumNumber(OverloadPolicy::kLatest), v1::OVERLOAD_POLICY_LATEST, pb::OVERLOAD_POLICY_LATEST},
       {EnumNumber(TrackState::kInitializing), v1::TRACK_STATE_INITIALIZING, pb::TRACK_STATE_INITIALIZING},

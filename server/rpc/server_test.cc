@@ -98,6 +98,13 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
          config.mutable_camera()->set_width_px(5000);  // EVT3 addresses 2048 columns
        }},
       {"config.camera.distortion", [](auto& config) { config.mutable_camera()->add_distortion(0.1); }},
+      {"config.camera.distortion",
+       [](auto& config) {
+         config.mutable_camera()->set_lens_model(v1::LENS_MODEL_FISHEYE);
+         for (int i = 0; i < 5; ++i) config.mutable_camera()->add_distortion(0.0);
+       }},
+      {"config.camera.lens_model",
+       [](auto& config) { config.mutable_camera()->set_lens_model(static_cast<v1::LensModel>(99)); }},
       {"config.objects", [](auto& config) { config.clear_objects(); }},
       {"config.objects",
        [](auto& config) {

@@ -49,7 +49,10 @@ std::string ConfigurationDigest(const SessionConfig& config,
   StateWriter writer;
   writer(static_cast<uint32_t>(config.encoding), static_cast<uint32_t>(config.estimator));
   const CameraModel& camera = config.camera;
-  writer(camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.distortion);
+  writer(camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px);
+  for (const double coefficient : camera.Coefficients()) writer(coefficient);
+  // The digest of a Brown camera is that of versions that had no other lens: their checkpoints remain valid.
+  if (camera.lens_model != LensModel::kBrown) writer(static_cast<uint32_t>(camera.lens_model));
   const SensorProfile& sensor = config.sensor;
   writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us,
          sensor.uncertainty);

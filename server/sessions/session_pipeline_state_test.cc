@@ -198,6 +198,7 @@ TEST(SessionPipelineStateTest, AStateOfAnotherConfigurationIsRefused) {
       [](Recording& other) { other.config.encoding = Encoding::kEvt2; },
       [](Recording& other) { other.config.estimator = Estimator::kStaticM; },
       [](Recording& other) { other.config.camera.fx_px += 1.0; },
+      [](Recording& other) { other.config.camera.lens_model = LensModel::kRational; },
       [](Recording& other) { other.config.sensor.blur_px += 0.1; },
       [](Recording& other) { other.config.objects[0].initial_camera_from_object = other.first_pose; },
       [](Recording& other) {

@@ -2,8 +2,8 @@
 
 // Fuzz target for the text files of users (camera, sensor profile, trajectory) and for a pose as an argument. Accepted
 // values are valid, and writing and reading them again gives the same values.
+#include "core/camera_files/camera_file.h"
 #include "core/estimation/sensor_profile.h"
-#include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
@@ -11,12 +11,19 @@
 namespace evpose {
 namespace {
 
+// Each format that has the lens gives the same camera back.
 void TryCamera(const std::string& text) {
-  const auto camera = ParseCameraModel(text, "camera.yaml");
+  const auto camera = ParseCameraModel(text, "camera");
   if (!camera.ok()) return;
   EVPOSE_FUZZ_REQUIRE(camera->Validate().ok());
-  const auto again = ParseCameraModel(CameraModelToYaml(*camera), "written.yaml");
-  EVPOSE_FUZZ_REQUIRE(again.ok() && again->fx_px == camera->fx_px && again->distortion == camera->distortion);
+  for (const CameraFormat format :
+       {CameraFormat::kRos, CameraFormat::kKalibr, CameraFormat::kMetavision, CameraFormat::kOpenCv}) {
+    const auto written = FormatCamera(*camera, format);
+    EVPOSE_FUZZ_REQUIRE(written.ok() || format == CameraFormat::kKalibr || format == CameraFormat::kMetavision);
+    if (!written.ok()) continue;
+    const auto again = ParseCameraModel(*written, "written");
+    EVPOSE_FUZZ_REQUIRE(again.ok() && *again == *camera);
+  }
 }
 
 void TrySensorProfile(const std::string& text) {

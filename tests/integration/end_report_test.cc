@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "core/camera_files/camera_file.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/events/recording_writer.h"
 #include "core/geometry/camera.h"

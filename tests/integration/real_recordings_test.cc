@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "core/camera_files/camera_file.h"
 #include "core/events/decoder.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"

@@ -18,6 +18,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/sensor_calibration.h"
+#include "core/camera_files/camera_file.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"
@@ -195,7 +196,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
       ->required();
   app.add_option("--model", arguments->models, absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"))
       ->required();
-  app.add_option("--camera", arguments->cameras, "Camera: ROS camera_info YAML; one for all or one for each")
+  app.add_option("--camera", arguments->cameras, absl::StrCat(kCameraFiles, "; one for all or one for each"))
       ->required();
   arguments->reading.AddTo(app);
   app.add_option(

@@ -17,6 +17,7 @@
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/table_cell.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/evaluation/consistency.h"
 #include "core/evaluation/surface_distance.h"
 #include "core/geometry/trajectory.h"

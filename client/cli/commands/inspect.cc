@@ -17,6 +17,7 @@
 #include "core/association/visible_edges.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/evaluation/model_views.h"
 #include "core/models/object_model.h"
 #include "core/simulation/simulator.h"
@@ -301,7 +302,7 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   auto arguments = std::make_shared<InspectArguments>();
   AddFile(*app, "file", arguments->file, "Model file of any format")->required();
   arguments->reading.AddTo(*app);
-  AddFile(*app, "--camera", arguments->camera, "Camera: ROS camera_info YAML; default: that of evpose simulate");
+  AddFile(*app, "--camera", arguments->camera, absl::StrCat(kCameraFiles, "; default: that of evpose simulate"));
   AddPicture(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
   app->add_flag("--json", arguments->is_json, "JSON on standard output");
   app->footer(

@@ -20,6 +20,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"
@@ -239,7 +240,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   AddFile(app, "recording", arguments->recording, "Prophesee RAW or DAT file; - for standard input")->required();
   AddFile(app, "--poses", arguments->poses, "Trajectory, TUM")->required();
   AddFile(app, "--model", arguments->model, absl::StrCat("Object: ", kModelFormats))->required();
-  AddFile(app, "--camera", arguments->camera, "Camera: ROS camera_info YAML")->required();
+  AddFile(app, "--camera", arguments->camera, kCameraFiles)->required();
   AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->required();
   arguments->reading.AddTo(app);
   app.add_option("--at", arguments->at_s,

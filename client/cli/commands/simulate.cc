@@ -10,13 +10,17 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/progress.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/experiments/tracking/tracking_scenarios.h"
+#include "core/geometry/undistortion_table.h"
 #include "core/models/object_model.h"
+#include "core/numerics/math.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {
@@ -31,6 +35,7 @@ struct SimulateArguments {
   std::string out;
   std::string motion = "smooth";
   std::optional<double> duration_s;
+  double view_angle_deg = 0.0;
   double speed_scale = 1.0;
   double start_s = 16.0;
   SensorOptions sensor;
@@ -59,16 +64,31 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
 }
 
 // The standard scene of the object or of the model.
-absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments) {
-  if (arguments.model.empty()) return SimulationPreset(arguments.object, arguments.camera, arguments.speed_scale);
+absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments, const std::string& camera) {
+  if (arguments.model.empty()) return SimulationPreset(arguments.object, camera, arguments.speed_scale);
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.model));
-  return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), arguments.camera,
-                               arguments.speed_scale);
+  return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), camera, arguments.speed_scale);
+}
+
+// The same with the camera of the option: one of the simulated ones, or that of a file.
+absl::StatusOr<SimulationOptions> MakePresetWithCamera(const SimulateArguments& arguments) {
+  const std::vector<std::string> names = SimulatedCameraNames();
+  if (std::find(names.begin(), names.end(), arguments.camera) != names.end()) {
+    return MakePreset(arguments, arguments.camera);
+  }
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePreset(arguments, names.front()));
+  EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(arguments.camera));
+  absl::Status status = camera.CheckView();
+  if (status.ok()) status = UndistortionTable::Create(camera).status();
+  if (!status.ok()) return absl::InvalidArgumentError(absl::StrCat(arguments.camera, ": ", status.message()));
+  UseCamera(camera, options);
+  return options;
 }
 
 absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
   if (!arguments.scenario.empty()) return MakeScenario(arguments);
-  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePreset(arguments));
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePresetWithCamera(arguments));
+  options.scene.motion.view_angle_rad = arguments.view_angle_deg / kDegreesPerRadian;
   options.duration_us = std::llround(arguments.duration_s.value_or(kDurationS) * 1e6);
   options.t_begin_us = std::llround(arguments.start_s * 1e6);
   options.seed = arguments.seed;
@@ -161,7 +181,13 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   CLI::Option* object =
       AddOption(app, "--object", arguments.object, "The simulated object", CLI::IsMember(SimulatedObjectNames()));
   AddModelOptions(app, arguments, object);
-  AddOption(app, "--camera", arguments.camera, "The sensor and its lens", CLI::IsMember(SimulatedCameraNames()));
+  app.add_option("--camera", arguments.camera,
+                 absl::StrCat("The sensor and its lens: ", absl::StrJoin(SimulatedCameraNames(), " or "),
+                              ", or the file of a camera (evpose camera --help)"))
+      ->capture_default_str();
+  AddOption(app, "--view-angle", arguments.view_angle_deg,
+            "Degrees between the optical axis and the middle of the path, to the right; for wide lenses",
+            CLI::Range(-80.0, 80.0));
   app.add_option("--duration", arguments.duration_s, "Seconds")->check(CLI::Range(0.001, 1800.0))->default_str("5");
   AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", CLI::Range(0.0, 100.0));
   AddOption(
@@ -202,10 +228,16 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SimulateArguments>();
   AddOptions(app, *arguments);
-  for (const char* name :
-       {"--object", "--model", "--camera", "--speed", "--motion", "--noise", "--background-activity", "--hot-pixels",
-        "--flood", "--flicker", "--light-change", "--occluder", "--occluder-on-object", "--moving-edge",
-        "--textured-background", "--threshold", "--bandwidth", "--refractory", "--lens-blur"}) {
+  for (const char* name : {"--object",      "--model",
+                           "--camera",      "--view-angle",
+                           "--speed",       "--motion",
+                           "--noise",       "--background-activity",
+                           "--hot-pixels",  "--flood",
+                           "--flicker",     "--light-change",
+                           "--occluder",    "--occluder-on-object",
+                           "--moving-edge", "--textured-background",
+                           "--threshold",   "--bandwidth",
+                           "--refractory",  "--lens-blur"}) {
     app.get_option("--scenario")->excludes(app.get_option(name));
   }
   app.footer(

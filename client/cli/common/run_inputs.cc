@@ -13,6 +13,7 @@
 #include "client/lib/core_types.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose::client {
@@ -230,7 +231,7 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
       ->type_name("ID=MODEL")
       ->allow_extra_args(false);
-  AddFile(app, "--camera", camera, "Camera: ROS camera_info YAML")->required();
+  AddFile(app, "--camera", camera, kCameraFiles)->required();
   AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
   reading.AddTo(app);
   app.add_option("--init-pose", init_poses,

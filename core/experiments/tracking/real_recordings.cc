@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 

@@ -26,6 +26,7 @@ static_assert(EnumNumber(OverloadPolicy::kLatest) == pb::OverloadPolicy_MAX);
 static_assert(EnumNumber(TrackState::kAmbiguous) == pb::TrackState_MAX);
 static_assert(EnumNumber(kLastInitializationStatus) == pb::InitializationStatus_MAX);
 static_assert(static_cast<int>(LossCause::kUnconfirmed) == pb::LossCause_MAX);
+static_assert(EnumNumber(LensModel::kFisheye) == pb::LensModel_MAX);
 
 // Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
 class RecordCheck {
@@ -83,14 +84,15 @@ void GetNumbers(const Numbers& numbers, RecordCheck& check, auto& matrix) {
 }
 
 void ToStored(const CameraModel& camera, pb::Camera& stored) {
-  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion] = camera;
+  const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
   stored.set_width_px(width_px);
   stored.set_height_px(height_px);
   stored.set_fx_px(fx_px);
   stored.set_fy_px(fy_px);
   stored.set_cx_px(cx_px);
   stored.set_cy_px(cy_px);
-  SetNumbers(distortion, *stored.mutable_distortion());
+  if (lens_model != LensModel::kBrown) stored.set_lens_model(EnumNumber<pb::LensModel>(lens_model));
+  SetNumbers(camera.Coefficients(), *stored.mutable_distortion());
 }
 
 void FromStored(const pb::Camera& stored, RecordCheck& check, CameraModel& camera) {
@@ -100,7 +102,9 @@ void FromStored(const pb::Camera& stored, RecordCheck& check, CameraModel& camer
   camera.fy_px = stored.fy_px();
   camera.cx_px = stored.cx_px();
   camera.cy_px = stored.cy_px();
-  GetNumbers(stored.distortion(), check, camera.distortion);
+  EnumFromStored(stored.lens_model(), check, camera.lens_model);
+  auto coefficients = absl::MakeSpan(camera.distortion).first(NumCoefficients(camera.lens_model));
+  GetNumbers(stored.distortion(), check, coefficients);
 }
 
 void ToStored(const SensorProfile& sensor, pb::Sensor& stored) {

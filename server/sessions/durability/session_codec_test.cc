@@ -109,6 +109,26 @@ TEST(SessionCodecTest, ALifecycleHoldsNoToken) {
               testing::Not(testing::HasSubstr("0123456789abcdef")));
 }
 
+TEST(SessionCodecTest, EveryLensComesBackToTheBit) {
+  SessionConfig config = AFullConfig();
+  storage::v1::SessionConfig stored;
+  ASSERT_TRUE(stored.ParseFromString(EncodeConfig(config)));
+  EXPECT_EQ(stored.camera().lens_model(), storage::v1::LENS_MODEL_UNSPECIFIED) << "as earlier servers wrote it";
+  EXPECT_EQ(stored.camera().distortion_size(), 5);
+  for (const LensModel lens_model : {LensModel::kBrown, LensModel::kRational, LensModel::kFisheye}) {
+    config.camera.lens_model = lens_model;
+    config.camera.distortion = {};
+    for (int i = 0; i < NumCoefficients(lens_model); ++i) config.camera.distortion[i] = 1.0 / (3.0 + i);
+    const auto decoded = DecodeConfig(EncodeConfig(config));
+    ASSERT_TRUE(decoded.ok()) << decoded.status();
+    EXPECT_EQ(decoded->camera, config.camera);
+    // A server that does not know the lens finds a number of coefficients that its own does not have.
+    ASSERT_TRUE(stored.ParseFromString(EncodeConfig(config)));
+    stored.mutable_camera()->clear_lens_model();
+    EXPECT_EQ(DecodeConfig(stored.SerializeAsString()).ok(), lens_model == LensModel::kBrown);
+  }
+}
+
 TEST(SessionCodecTest, CheckpointRoundTrip) {
   const SessionCheckpoint checkpoint = DecodeCheckpoint(EncodeCheckpoint(ACheckpoint()), 2).value();
   EXPECT_EQ(EncodeCheckpoint(checkpoint), EncodeCheckpoint(ACheckpoint()));

@@ -44,7 +44,9 @@ class Recording {
   std::unique_ptr<Impl> impl_;
 };
 
-// Reads a ROS camera_info YAML file. Errors name the file and the field: NOT_FOUND, INVALID_ARGUMENT.
+// Reads a camera calibration; the format is recognised by the content: ROS camera_info or printed message, Kalibr
+// camchain (FILE#cam1 selects a camera), Metavision intrinsics, OpenCV FileStorage, COLMAP cameras.txt, DV. Errors name
+// the file and the field: NOT_FOUND, INVALID_ARGUMENT.
 absl::StatusOr<Camera> LoadCamera(const std::string& path);
 
 }  // namespace evpose::client

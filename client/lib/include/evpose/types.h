@@ -27,7 +27,14 @@ struct Transform {
   Eigen::Quaterniond Quaternion() const;  // unit length, w >= 0
 };
 
-// Pinhole camera with plumb-bob distortion. Pixel (0, 0) is the centre of the top-left pixel. Read from a file by
+// The distortion of a lens, in OpenCV's terms.
+enum class LensModel {
+  kBrown = 1,     // k1 k2 p1 p2 k3: ROS's plumb_bob, Kalibr's radtan
+  kRational = 2,  // k1 k2 p1 p2 k3 k4 k5 k6: ROS's rational_polynomial
+  kFisheye = 3,   // k1 k2 k3 k4: equidistant
+};
+
+// Pinhole camera with the distortion of a lens. Pixel (0, 0) is the centre of the top-left pixel. Read from a file by
 // LoadCamera() (evpose/recording.h).
 struct Camera {
   int width_px = 0;
@@ -36,7 +43,8 @@ struct Camera {
   double fy_px = 0.0;
   double cx_px = 0.0;
   double cy_px = 0.0;
-  std::array<double, 5> distortion = {};  // k1 k2 p1 p2 k3
+  std::array<double, 8> distortion = {};  // of the lens model, in its order; then 0
+  LensModel lens_model = LensModel::kBrown;
 
   bool operator==(const Camera&) const = default;
 };

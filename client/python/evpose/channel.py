@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Channels to servers: addresses, TLS, tokens and the methods of the API."""
+
+from __future__ import annotations
+
+import dataclasses
+import ipaddress
+import socket
+import ssl
+import threading
+from typing import Any, Callable, Optional, Union
+
+import grpc
+
+from evpose.errors import FailedPreconditionError, InvalidArgumentError, NotFoundError, from_call
+
+Token = Union[str, Callable[[], str]]
+
+_OPTIONS = [
+    # A server that is starting is found within a fraction of a second.
+    ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.min_reconnect_backoff_ms", 5000),  # timeout of one attempt, for slow links
+    ("grpc.max_reconnect_backoff_ms", 1000),
+    # A dead link is detected within 30 s; the server permits a ping every 10 s.
+    ("grpc.keepalive_time_ms", 20_000),
+    ("grpc.keepalive_timeout_ms", 10_000),
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class Tls:
+    """Files of an encrypted connection, PEM.
+
+    ca            certificate authorities that are trusted; None: those of the system
+    certificate   of this client with its chain, for servers that require one; with `key`, its private key
+    """
+
+    ca: Optional[str] = None
+    certificate: Optional[str] = None
+    key: Optional[str] = None
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Returns host and port of HOST:PORT. Raises InvalidArgumentError."""
+    host, _, port = text.rpartition(":")
+    if not host or not (port.isascii() and port.isdigit()) or not 1 <= int(port) <= 65535:
+        raise InvalidArgumentError(f'"{text}" is not a server address; HOST:PORT is needed')
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1]
+    return host, int(port)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _is_token(text: str) -> bool:
+    return all("!" <= c <= "~" for c in text)
+
+
+class TokenSource:
+    """The token of the moment. A token that cannot be renewed or is not valid leaves the previous one in use."""
+
+    def __init__(self, token: Optional[Token]) -> None:
+        self._renew = token if callable(token) else None
+        self._lock = threading.Lock()
+        self._token = (token if isinstance(token, str) else self._renew() if self._renew else "") or ""
+        if not _is_token(self._token):
+            raise InvalidArgumentError("token: has spaces, line feeds or other characters that are invalid in a token")
+
+    @property
+    def is_renewed(self) -> bool:
+        return self._renew is not None
+
+    def get(self) -> str:
+        if self._renew is not None:
+            try:
+                renewed = self._renew()
+            except Exception:  # such as a file that is being replaced
+                renewed = ""
+            if renewed and _is_token(renewed):
+                with self._lock:
+                    self._token = renewed
+        with self._lock:
+            return self._token
+
+    def metadata(self) -> Optional[list[tuple[str, str]]]:
+        token = self.get()
+        return [("authorization", f"Bearer {token}")] if token else None
+
+
+def _read_pem(path: str) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+    except FileNotFoundError:
+        raise NotFoundError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise InvalidArgumentError(f"{path}: cannot be read: {error.strerror}") from None
+    if b"-----BEGIN " not in data:
+        raise FailedPreconditionError(f"{path}: is not a PEM file")
+    return data
+
+
+def _credentials(tls: Tls) -> grpc.ChannelCredentials:
+    if (tls.certificate is None) != (tls.key is None):
+        raise InvalidArgumentError("tls: a certificate needs its key, and a key its certificate")
+    return grpc.ssl_channel_credentials(
+        root_certificates=_read_pem(tls.ca) if tls.ca else None,
+        private_key=_read_pem(tls.key) if tls.key else None,
+        certificate_chain=_read_pem(tls.certificate) if tls.certificate else None)
+
+
+def _serialize(message: Any) -> bytes:
+    return bytes(message.SerializeToString())
+
+
+class Endpoint:
+    """One server."""
+
+    def __init__(self, name: str, channel: grpc.Channel, token: TokenSource) -> None:
+        self.name = name
+        self.channel = channel
+        self.token = token
+
+    @staticmethod
+    def open(address: str, tls: Optional[Tls], token: TokenSource) -> Endpoint:
+        host, _ = parse_address(address)
+        if token.get() and tls is None and not _is_loopback(host):
+            raise FailedPreconditionError(f"{address}: the token would travel through the network in clear: connect with tls=Tls(...)")
+        channel = (grpc.insecure_channel(address, _OPTIONS) if tls is None
+                   else grpc.secure_channel(address, _credentials(tls), _OPTIONS))
+        return Endpoint(address, channel, token)
+
+    def call(self, method: str, request: Any, response: Any, timeout_s: float) -> Any:
+        """Makes a call with one request and one response. Raises EvposeError."""
+        return self._start(self.channel.unary_unary, method, request, response, timeout=timeout_s)
+
+    def upload(self, method: str, requests: Any, response: Any, timeout_s: float) -> Any:
+        """Makes a call with a stream of requests and one response. Raises EvposeError."""
+        return self._start(self.channel.stream_unary, method, requests, response, timeout=timeout_s)
+
+    def watch(self, method: str, request: Any, response: Any) -> Any:
+        """Starts a call with one request and a stream of responses."""
+        return self._start(self.channel.unary_stream, method, request, response)
+
+    def stream(self, method: str, requests: Any, response: Any) -> Any:
+        """Starts a call with streams of both."""
+        return self._start(self.channel.stream_stream, method, requests, response)
+
+    def _start(self, kind: Any, method: str, request: Any, response: Any, **settings: Any) -> Any:
+        try:
+            return kind(method, _serialize, response.FromString)(request, metadata=self.token.metadata(), **settings)
+        except grpc.RpcError as error:
+            raise (from_call(error, self.name) or error) from None
+        except ValueError:  # of gRPC, for a closed channel
+            raise FailedPreconditionError(f"{self.name}: the client was closed") from None
+
+
+def explain_tls(address: str, tls: Optional[Tls], timeout_s: float) -> str:
+    """Returns why a TLS handshake with the server fails; "" if it does not, or if nothing listens there."""
+    host, port = parse_address(address)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.set_alpn_protocols(["h2"])
+    if tls is None:
+        context.check_hostname = False
+        context.verify_mode = ssl.CERT_NONE
+    else:
+        context.load_verify_locations(tls.ca) if tls.ca else context.load_default_certs()
+        if tls.certificate and tls.key:
+            context.load_cert_chain(tls.certificate, tls.key)
+    try:
+        with socket.create_connection((host, port), timeout_s) as connection:
+            return _explain_handshake(connection, context, host, tls)
+    except OSError:
+        return ""
+
+
+def _explain_handshake(connection: socket.socket, context: ssl.SSLContext, host: str, tls: Optional[Tls]) -> str:
+    try:
+        with context.wrap_socket(connection, server_hostname=host) as secure:
+            if tls is None:
+                return "it requires TLS: connect with tls=Tls(ca=...)"
+            return _explain_client_certificate(secure, tls)
+    except ssl.SSLCertVerificationError as error:
+        return f"its certificate cannot be verified: {error.verify_message}: check the host and Tls.ca"
+    except ssl.SSLError as error:
+        if tls is None:
+            return ""
+        if error.reason in ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING"):
+            return "it does not use TLS: omit tls if an unencrypted connection is intended"
+        return f"the TLS handshake fails: {error.reason}"
+
+
+def _explain_client_certificate(secure: ssl.SSLSocket, tls: Tls) -> str:
+    # A server refuses the client's certificate after the handshake. Otherwise it sends the first bytes in HTTP/2.
+    try:
+        if secure.recv(1):
+            return ""
+    except TimeoutError:
+        return ""
+    except OSError:
+        pass
+    if tls.certificate is None:
+        return "it requires a certificate from its clients: give Tls.certificate and Tls.key"
+    return f"it rejects the certificate {tls.certificate}: it must be valid and signed by an authority that the server trusts"

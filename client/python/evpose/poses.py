@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses one by one, or as a structured array."""
+
+from __future__ import annotations
+
+import dataclasses
+import pathlib
+from typing import Any, Iterable, Sequence, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from evpose.geometry import Matrix, Transform, quaternion_from_message, transform_from_message
+from evpose.types import TrackState
+
+# One row for each pose. Transforms are camera_from_object; `object` is the index in Session.object_ids.
+POSE_DTYPE = np.dtype([
+    ("seq", np.uint64),
+    ("object", np.uint8),
+    ("t_us", np.int64),
+    ("translation_m", np.float64, (3,)),
+    ("quaternion_xyzw", np.float64, (4,)),
+    ("covariance", np.float64, (6, 6)),
+    ("twist", np.float64, (6,)),
+    ("state", np.uint8),
+    ("num_events", np.uint32),
+    ("explained_ratio", np.float32),
+    ("residual_rms_px", np.float32),
+    ("latency_s", np.float64),
+    ("num_alternatives", np.uint8),
+])
+
+# The states with a pose. A pose of a state that is unknown is not confirmed.
+CONFIRMED = frozenset((TrackState.TRACKING, TrackState.DEGRADED, TrackState.AMBIGUOUS))
+
+_UPPER = np.triu_indices(6)
+# The position in the upper triangle, row by row, of each element of the symmetric matrix.
+_FROM_UPPER = np.zeros((6, 6), dtype=np.intp)
+_FROM_UPPER[_UPPER] = np.arange(21)
+_FROM_UPPER = np.maximum(_FROM_UPPER, _FROM_UPPER.T)
+
+
+@dataclasses.dataclass(frozen=True)
+class Alternative:
+    """A pose that competes with the reported one; log_likelihood_ratio 0 means equally likely."""
+
+    camera_from_object: Transform
+    log_likelihood_ratio: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Pose:
+    """The pose of one object at one time.
+
+    seq               1, 2, 3, ... in the session
+    t_us              sensor time of the pose, microseconds
+    translation_m     of camera_from_object, metres, shape (3,)
+    quaternion_xyzw   of camera_from_object, w >= 0, shape (4,)
+    covariance        of [tx ty tz rx ry rz], a perturbation on the left in the camera frame, m and rad, shape (6, 6)
+    twist             [vx vy vz wx wy wz] in the camera frame, m/s and rad/s, shape (6,)
+    state             TRACKING, DEGRADED or AMBIGUOUS
+    num_events        events in the gate
+    explained_ratio   fraction of them that the model's lines explain
+    residual_rms_px   root mean square of the residuals
+    latency_s         from the receipt of the last events to the pose, on the server's clock; the only field that is not a
+                      function of the session's bytes
+    alternatives      with AMBIGUOUS: the other likely poses, at most 4, the most likely first
+    """
+
+    seq: int
+    object_id: str
+    t_us: int
+    translation_m: Matrix
+    quaternion_xyzw: Matrix
+    covariance: Matrix
+    twist: Matrix
+    state: TrackState
+    num_events: int
+    explained_ratio: float
+    residual_rms_px: float
+    latency_s: float
+    alternatives: tuple[Alternative, ...]
+
+    @property
+    def camera_from_object(self) -> Transform:
+        return Transform(self.translation_m, self.quaternion_xyzw)
+
+
+def _twist(message: Any) -> list[float]:
+    linear, angular = message.twist.linear_m_per_s, message.twist.angular_rad_per_s
+    return [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
+
+
+def _latency_s(message: Any) -> float:
+    return float(message.latency.seconds + 1e-9 * message.latency.nanos)
+
+
+def defect(message: Any) -> str:
+    """Returns why a message of the server is no pose; "" if it is one."""
+    if len(message.covariance.upper_triangle) != 21:
+        return "covariance does not have 21 numbers"
+    if not message.HasField("twist"):
+        return "twist is missing"
+    if message.state in (TrackState.INITIALIZING, TrackState.LOST):
+        return f"the state {TrackState(message.state).name} has no pose"
+    try:
+        quaternion_from_message(message.camera_from_object.rotation)
+        for alternative in message.alternatives:
+            quaternion_from_message(alternative.camera_from_object.rotation)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def pose_from_message(message: Any) -> Pose:
+    """Converts a message without defect()."""
+    transform = transform_from_message(message.camera_from_object)
+    return Pose(
+        seq=message.pose_seq, object_id=message.object_id, t_us=message.t_us, translation_m=transform.translation_m,
+        quaternion_xyzw=transform.quaternion_xyzw, covariance=np.array(message.covariance.upper_triangle)[_FROM_UPPER],
+        twist=np.array(_twist(message)), state=TrackState(message.state), num_events=message.num_events,
+        explained_ratio=message.explained_ratio, residual_rms_px=message.residual_rms_px, latency_s=_latency_s(message),
+        alternatives=tuple(
+            Alternative(transform_from_message(each.camera_from_object), each.log_likelihood_ratio) for each in message.alternatives))
+
+
+def poses_from_messages(messages: Iterable[Any], object_ids: Sequence[str]) -> npt.NDArray[Any]:
+    """Converts messages without defect() to an array of POSE_DTYPE, shape (n,)."""
+    index = {object_id: i for i, object_id in enumerate(object_ids)}
+    rows = []
+    for m in messages:
+        t = m.camera_from_object.translation_m
+        rows.append((m.pose_seq, index[m.object_id], m.t_us, (t.x, t.y, t.z), quaternion_from_message(m.camera_from_object.rotation),
+                     m.covariance.upper_triangle[:], _twist(m), TrackState(m.state), m.num_events, m.explained_ratio,
+                     m.residual_rms_px, _latency_s(m), len(m.alternatives)))
+    poses = np.zeros(len(rows), dtype=POSE_DTYPE)
+    if rows:
+        for name, column in zip(POSE_DTYPE.names or (), zip(*rows)):
+            values = np.array(column)
+            poses[name] = values[:, _FROM_UPPER] if name == "covariance" else values
+    return poses
+
+
+def write_tum(path: Union[str, pathlib.Path], poses: npt.NDArray[Any]) -> None:
+    """Writes the rows of an array of POSE_DTYPE as TUM: timestamp (seconds of the sensor's clock) tx ty tz qx qy qz qw. As in the
+    files of `evpose replay`, poses that are AMBIGUOUS are left out."""
+    with open(path, "w", encoding="ascii") as file:
+        for pose in poses[poses["state"] != TrackState.AMBIGUOUS]:
+            numbers = (*pose["translation_m"].tolist(), *pose["quaternion_xyzw"].tolist())
+            seconds, micros = divmod(int(pose["t_us"]), 1_000_000)
+            file.write(f"{seconds}.{micros:06d} " + " ".join(f"{number:.17g}" for number in numbers) + "\n")

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A session: its events, poses and health."""
+
+from __future__ import annotations
+
+from typing import Any, Generator, Iterator, Optional
+
+import grpc
+from google.protobuf import empty_pb2
+
+from evpose.convert import health_from_message, session_from_message
+from evpose.errors import FailedPreconditionError, InternalError, InvalidArgumentError, from_call
+from evpose.events import Encoding
+from evpose.poses import CONFIRMED, Pose, defect, pose_from_message
+from evpose.recordings import Recording
+from evpose.stream.attempt import TrackPosition
+from evpose.stream.feed import EventFeed, EventSource
+from evpose.stream.track import Servers, Track, TrackOptions
+from evpose.types import Health, SessionInfo
+from evpose.v1 import session_pb2, session_service_pb2
+
+SERVICE = "/evpose.v1.SessionService/"
+
+
+class Session:
+    """A session of a server, made by Client.create_session() or, to watch it, by Client.session(). `name` is "sessions/{id}"."""
+
+    def __init__(self, servers: Servers, info: SessionInfo, resume_token: str, call_timeout_s: float) -> None:
+        self._servers = servers
+        self._info = info
+        self._resume_token = resume_token
+        self._call_timeout_s = call_timeout_s
+        self._was_tracked = False
+
+    @property
+    def name(self) -> str:
+        return self._info.name
+
+    @property
+    def object_ids(self) -> tuple[str, ...]:
+        """The IDs of the objects; `object` of POSE_DTYPE is an index in it."""
+        return self._info.object_ids
+
+    @property
+    def encoding(self) -> Optional[Encoding]:
+        return self._info.encoding
+
+    def track(self, events: EventSource, options: TrackOptions = TrackOptions()) -> Track:
+        """Sends events and returns an iterator of the poses. `events` is a Recording, or yields chunks of any size: encoded
+        events (bytes), arrays of events (for Encoding.FLAT64), a PoseReset at its place among them, or Discontinuity where
+        events were lost. Raises InvalidArgumentError if a recording does not fit the session, and FailedPreconditionError if
+        this object is not the session's writer or track() was called before (see Client.resume)."""
+        if not self._resume_token:
+            raise FailedPreconditionError(f"{self.name}: only the client that has created a session can feed it")
+        if self._was_tracked:
+            raise FailedPreconditionError(f"{self.name}: was fed already; Client.resume(track.position, events) continues a stream")
+        self._was_tracked = True
+        return self.continue_from(TrackPosition(self.name, self._resume_token), events, options)
+
+    def continue_from(self, position: TrackPosition, events: EventSource, options: TrackOptions) -> Track:
+        """Implements Client.resume()."""
+        if self.encoding is None:
+            raise FailedPreconditionError(f"{self.name}: its events are in an encoding of a later version")
+        self._check(events)
+        size_px = (self._info.width_px, self._info.height_px)
+        feed = EventFeed(events, self.encoding, size_px, options.memory_bytes, options.is_live, position.durable)
+        if position.max_piece_bytes > 0:
+            feed.start(position.max_piece_bytes)
+        return Track(self._servers, self.object_ids, position, feed, options)
+
+    def _check(self, events: Any) -> None:
+        if isinstance(events, (bytes, bytearray, str)) or hasattr(events, "dtype"):
+            raise InvalidArgumentError("events: give a Recording or an iterable of chunks; [events] has one chunk")
+        if not isinstance(events, Recording):
+            return
+        if events.encoding != self.encoding:
+            encoding = self.encoding.name if self.encoding is not None else ""
+            raise InvalidArgumentError(f"{events.path}: is {events.encoding.name}, but the session was created for {encoding}")
+        size_px = (events.width_px, events.height_px)
+        if None not in size_px and size_px != (self._info.width_px, self._info.height_px):
+            raise InvalidArgumentError(
+                f"{events.path}: is of {size_px[0]}x{size_px[1]} pixels, but the camera of {self._info.width_px}x"
+                f"{self._info.height_px}: the camera file of that sensor is needed")
+
+    def info(self) -> SessionInfo:
+        """Returns the present state. Raises EvposeError."""
+        request = session_service_pb2.GetSessionRequest(name=self.name)
+        endpoint = self._servers.endpoints[self._servers.current]
+        return session_from_message(endpoint.call(SERVICE + "GetSession", request, session_pb2.Session, self._call_timeout_s))
+
+    def health(self) -> Health:
+        """Returns the counters and gauges. Raises EvposeError."""
+        return self.info().health
+
+    def watch_poses(self, after_seq: int = 0, max_rate_hz: Optional[float] = None) -> PoseWatch:
+        """Returns an iterator of the stored poses after `after_seq`, then live ones, until the session has ended. `max_rate_hz`
+        limits the poses per second of sensor time and object. Follows the session to another server."""
+        request = session_service_pb2.WatchPosesRequest(session=self.name, after_pose_seq=after_seq)
+        if max_rate_hz is not None:
+            request.max_rate_hz = max_rate_hz
+        return PoseWatch(self._servers, request)
+
+    def watch_health(self, period_s: float = 1.0) -> Iterator[Health]:
+        """Yields the health at once, after each period (at least 0.01 s), and when the session has ended. Raises EvposeError."""
+        request = session_service_pb2.WatchHealthRequest(session=self.name)
+        request.period.FromNanoseconds(round(1e9 * period_s))
+        for response in _watch(self._servers, "WatchHealth", request, session_service_pb2.WatchHealthResponse):
+            yield health_from_message(response.health)
+
+    def delete(self) -> None:
+        """Deletes the session; one that does not exist is no error. Raises EvposeError."""
+        request = session_service_pb2.DeleteSessionRequest(name=self.name, allow_missing=True)
+        self._servers.endpoints[self._servers.current].call(
+            SERVICE + "DeleteSession", request, empty_pb2.Empty, self._call_timeout_s)
+
+
+def _watch(servers: Servers, method: str, request: Any, response: Any) -> Generator[Any, None, None]:
+    """Yields the responses until the session has ended, also after it has moved to another server, to which the present
+    `request` is sent."""
+    while True:
+        endpoint = servers.endpoints[servers.current]
+        call = endpoint.watch(SERVICE + method, request, response)
+        try:
+            yield from _responses(call)
+        finally:
+            call.cancel()
+        error = from_call(call, endpoint.name)
+        if error is None:
+            return
+        if error.reason != "FENCED":
+            raise error
+
+
+def _responses(call: Any) -> Iterator[Any]:
+    try:
+        yield from call
+    except grpc.RpcError:
+        return
+
+
+class PoseWatch:
+    """The poses of a session that another client, or another thread, feeds."""
+
+    def __init__(self, servers: Servers, request: Any) -> None:
+        self.num_skipped = 0  # poses that were not sent, because this reader was too slow or they are no longer stored
+        self._request = request
+        self._responses = _watch(servers, "WatchPoses", request, session_service_pb2.WatchPosesResponse)
+        self._poses = self._run()
+
+    def _run(self) -> Generator[Pose, None, None]:
+        for response in self._responses:
+            self.num_skipped += response.num_skipped
+            for message in response.poses:
+                why = defect(message)
+                if why:
+                    raise InternalError(f"{self._request.session}: pose {message.pose_seq}: {why}")
+                self._request.after_pose_seq = message.pose_seq
+                if message.state in CONFIRMED:
+                    yield pose_from_message(message)
+
+    def __iter__(self) -> PoseWatch:
+        return self
+
+    def __next__(self) -> Pose:
+        return next(self._poses)
+
+    def close(self) -> None:
+        """Ends the call."""
+        self._poses.close()
+        self._responses.close()

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a source of events in a thread, numbers its chunks, and keeps them until the server has made them durable."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, Iterable, Optional, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from evpose.errors import FailedPreconditionError, InvalidArgumentError
+from evpose.events import Encoding, FlatEncoder
+from evpose.stream.outbox import Chunk, FeedPoint, Outbox, make_chunk
+from evpose.types import Discontinuity, PoseReset
+from evpose.v1 import track_pb2
+
+# What a source of events yields: encoded events, arrays of events (FLAT64), and marks between them.
+EventItem = Union[bytes, bytearray, memoryview, "npt.NDArray[Any]", PoseReset, Discontinuity]
+EventSource = Iterable[EventItem]
+
+# A multiple of the word sizes of all encodings.
+_WORD_BYTES = 8
+_READ_AHEAD_BYTES = 1 << 20
+
+
+class EventFeed:
+    """Feeds of the same source with the same size of pieces assign the same numbers to the same bytes."""
+
+    def __init__(self, source: EventSource, encoding: Encoding, size_px: tuple[int, int], memory_bytes: int, is_live: bool,
+                 skip: FeedPoint) -> None:
+        """`skip`: position up to which the source's chunks are durable: they are read from the start and not kept.
+        `is_live`: the source is read during an outage, too."""
+        self.outbox = Outbox(memory_bytes, skip)
+        self.max_piece_bytes = 0  # before start()
+        self._source = source
+        self._encoding = encoding
+        self._encoder = FlatEncoder(*size_px)
+        self._read_ahead_bytes = memory_bytes if is_live else _READ_AHEAD_BYTES
+        self._skip = skip
+        self._point = FeedPoint()
+        self._is_after_gap = False
+        self._lock = threading.Lock()
+        self._pending_resets: list[PoseReset] = []
+        self._has_ended = False
+
+    def start(self, max_piece_bytes: int) -> None:
+        """Starts to read. Chunks of the source are divided into pieces of at most `max_piece_bytes`, in whole words. Calls
+        after the first have no effect."""
+        if self.max_piece_bytes == 0:
+            self.max_piece_bytes = max(max_piece_bytes // _WORD_BYTES * _WORD_BYTES, _WORD_BYTES)
+            # A source that waits for data cannot be interrupted; its thread must not keep the process.
+            threading.Thread(target=self._run, name="evpose-feed", daemon=True).start()
+
+    def reset_pose(self, reset: PoseReset) -> None:
+        """Inserts a reset after the chunks that were read so far, as soon as the source returns. Thread-safe. Raises
+        FailedPreconditionError if the events have ended."""
+        with self._lock:
+            if self._has_ended:
+                raise FailedPreconditionError("the events of the session have ended")
+            self._pending_resets.append(reset)
+
+    def _run(self) -> None:
+        failure: Optional[Exception] = None
+        try:
+            is_complete = self._read_all()
+        except Exception as error:  # of the source, or of its data: the reader of the outbox raises it
+            failure, is_complete = error, True
+        if is_complete:
+            self.outbox.finish(failure)
+
+    def _read_all(self) -> bool:
+        """Returns False if the outbox was closed."""
+        items = iter(self._source)
+        while self.outbox.wait_for_demand(self._read_ahead_bytes):
+            item = next(items, None)
+            is_skipping = self._point.seq < self._skip.seq
+            if item is None and is_skipping:
+                raise FailedPreconditionError(
+                    f"the events end after {self._point.bytes} bytes, but the session was fed with at least {self._skip.bytes}: "
+                    "these are not the events it was fed with")
+            # While chunks are skipped, a reset of the caller has no place in their numbering.
+            if not is_skipping and not self._add_pending_resets(item is None):
+                return False
+            if item is None:
+                return True
+            if not self._add(item):
+                return False
+        return False
+
+    def _add_pending_resets(self, is_end: bool) -> bool:
+        with self._lock:
+            resets, self._pending_resets = self._pending_resets, []
+            self._has_ended = is_end
+        return all(self._add_reset(reset) for reset in resets)
+
+    def _add(self, item: EventItem) -> bool:
+        if isinstance(item, PoseReset):
+            return self._add_reset(item)
+        if isinstance(item, Discontinuity) or item is Discontinuity:
+            self._is_after_gap = True
+            return True
+        payload = self._encode(item)
+        for begin in range(0, len(payload), self.max_piece_bytes):
+            chunk = make_chunk(self._point, payload[begin:begin + self.max_piece_bytes], self._is_after_gap)
+            self._is_after_gap = False
+            if not self._add_chunk(chunk):
+                return False
+        return True
+
+    def _encode(self, item: Any) -> bytes:
+        if isinstance(item, np.ndarray):
+            if self._encoding != Encoding.FLAT64:
+                raise InvalidArgumentError(
+                    f"events: arrays are sent as FLAT64, but the session was created for {self._encoding.name}")
+            return self._encoder.encode(item)
+        if not isinstance(item, (bytes, bytearray, memoryview)):
+            raise InvalidArgumentError(f"events: a source yields bytes, arrays, PoseReset or Discontinuity, not {type(item).__name__}")
+        payload = bytes(item)
+        if len(payload) % self._encoding.word_bytes:
+            raise InvalidArgumentError(f"events: {len(payload)} bytes are not whole words of {self._encoding.name} "
+                                       f"({self._encoding.word_bytes} bytes)")
+        return payload
+
+    def _add_reset(self, reset: PoseReset) -> bool:
+        message = track_pb2.TrackRequest.ResetPose(
+            object_id=reset.object_id, camera_from_object=reset.camera_from_object.to_proto())
+        return self._add_chunk(make_chunk(self._point, message.SerializeToString(), reset=message))
+
+    def _add_chunk(self, chunk: Chunk) -> bool:
+        self._point = chunk.end
+        if chunk.end.seq == self._skip.seq and chunk.end != self._skip:
+            raise FailedPreconditionError(
+                f"the first {chunk.end.bytes} bytes differ from those that the session was fed with: these are not its events")
+        return chunk.end.seq <= self._skip.seq or self.outbox.append(chunk)

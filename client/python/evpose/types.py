@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters and results. Each type corresponds to a message or enumeration of proto/evpose/v1, which documents its fields in
+full. Times t_us are on the sensor's clock, in microseconds; durations *_s are seconds."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import pathlib
+from typing import Any, Optional, Union
+
+import yaml
+
+from evpose.cameras import Camera
+from evpose.errors import InvalidArgumentError, NotFoundError
+from evpose.events import Encoding
+from evpose.geometry import Matrix, Transform, rotation_to_proto
+from evpose.v1 import session_pb2
+
+
+class TrackState(enum.IntEnum):
+    """The state of an object's track. UNKNOWN is a state of a later server: there is no confirmed pose."""
+
+    UNKNOWN = 0
+    INITIALIZING = 1
+    TRACKING = 2
+    DEGRADED = 3
+    LOST = 4
+    AMBIGUOUS = 5
+
+    @classmethod
+    def _missing_(cls, value: object) -> TrackState:
+        return cls.UNKNOWN
+
+
+class Overload(enum.IntEnum):
+    """What happens when events arrive faster than they are tracked: the client waits, or old events are dropped."""
+
+    BLOCK = 1
+    LATEST = 2
+
+
+class Estimator(enum.IntEnum):
+    """The method that estimates a pose from a window of events. All but MIXTURE are for comparison."""
+
+    MIXTURE = 1
+    STATIC_MM = 2
+    STATIC_LS = 3
+    STATIC_M = 4
+    STATIC_S = 5
+    ERROR_STATE_FILTER = 6
+
+
+class Surface(enum.IntEnum):
+    """What the facets of a model's mesh stand for: a smooth surface, or themselves."""
+
+    SMOOTH = 1
+    AS_IS = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """A model on the server. `name` is "models/{id}"."""
+
+    name: str
+    file_name: str
+    size_bytes: int
+    num_faces: int
+    num_lines: int
+    num_curves: int
+    num_symmetries: int
+    continuous_symmetry: str  # "axis", "sphere", or "" for none
+    diameter_m: float
+    notices: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackedObject:
+    """An object of a session. Without an initial pose, the pose is found from the events."""
+
+    model: Union[Model, str]
+    object_id: str = "object"
+    initial_camera_from_object: Optional[Transform] = None
+    reference_quaternion_xyzw: Optional[Matrix] = None  # selects among the poses of a symmetric object; None: the identity
+
+    def to_proto(self) -> Any:
+        message = session_pb2.TrackedObject(
+            object_id=self.object_id, model=self.model.name if isinstance(self.model, Model) else self.model)
+        if self.initial_camera_from_object is not None:
+            message.initial_camera_from_object.CopyFrom(self.initial_camera_from_object.to_proto())
+        if self.reference_quaternion_xyzw is not None:
+            message.reference_rotation.CopyFrom(rotation_to_proto(self.reference_quaternion_xyzw))
+        return message
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorProfile:
+    """Constants of a sensor and its lens; the defaults are those of an EVK4. `evpose calibrate` measures them."""
+
+    pixel_noise_px: float = 0.8
+    blur_px: float = 0.47
+    contrast_threshold: float = 0.35  # change of the natural logarithm of the light
+    refractory_us: float = 140.0
+    latency_us: float = 40.0
+
+
+def read_sensor_profile(path: Union[str, pathlib.Path]) -> SensorProfile:
+    """Reads the YAML file that `evpose calibrate` writes. Raises NotFoundError, and InvalidArgumentError with file and key."""
+    try:
+        data = yaml.safe_load(pathlib.Path(path).read_text())
+        values = {field.name: data[field.name] for field in dataclasses.fields(SensorProfile)}
+        return SensorProfile(**{name: float(value) for name, value in values.items()})
+    except FileNotFoundError:
+        raise NotFoundError(f"{path}: there is no such file") from None
+    except KeyError as error:
+        raise InvalidArgumentError(f"{path}: the key {error} is missing") from None
+    except (OSError, TypeError, ValueError, yaml.YAMLError) as error:
+        raise InvalidArgumentError(f"{path}: not a sensor profile: {error}") from None
+
+
+@dataclasses.dataclass(frozen=True)
+class PoseReset:
+    """A pose from which the tracking of an object restarts."""
+
+    camera_from_object: Transform
+    object_id: str = "object"
+
+
+class Discontinuity:
+    """In a stream of events: events were lost here. The decoder waits for a full time stamp."""
+
+
+@dataclasses.dataclass(frozen=True)
+class EventsDropped:
+    """An interval that was not tracked (Overload.LATEST)."""
+
+    num_events: int
+    from_t_us: int
+    to_t_us: int
+    reason: str  # "LAG", "MEMORY", "READER"
+
+
+@dataclasses.dataclass(frozen=True)
+class GoAway:
+    """The server shuts down in this time."""
+
+    deadline_s: float
+
+
+@dataclasses.dataclass(frozen=True)
+class DecodeFault:
+    """The decoder skipped words."""
+
+    chunk_seq: int
+    count: int
+    detail: str
+
+
+@dataclasses.dataclass(frozen=True)
+class StateChange:
+    """The state of an object's track has changed."""
+
+    object_id: str
+    t_us: int
+    state: TrackState
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackingRestarted:
+    """The state of the tracker could not be restored; every object is searched for again."""
+
+    after_seq: int
+    detail: str
+
+
+@dataclasses.dataclass(frozen=True)
+class LagChange:
+    """The session has begun or ceased to be processed more slowly than its camera sends."""
+
+    falls_behind: bool
+    lag_s: float
+
+
+@dataclasses.dataclass(frozen=True)
+class PosesLost:
+    """The server no longer stored these poses when the stream was resumed."""
+
+    first_seq: int
+    last_seq: int
+
+
+Notice = Union[EventsDropped, GoAway, DecodeFault, StateChange, TrackingRestarted, LagChange, PosesLost]
+
+
+@dataclasses.dataclass(frozen=True)
+class ConnectionChange:
+    """The stream has broken (is_away), or it is re-established."""
+
+    is_away: bool
+    server: str  # the next one to be tried, or the one that accepted the stream
+    cause: Optional[Exception]
+    away_for_s: float
+    next_try_in_s: float
+    kept_bytes: int  # events that wait for the server, or that it may request again
+
+
+@dataclasses.dataclass(frozen=True)
+class ObjectHealth:
+    object_id: str
+    state: TrackState
+    losses: int
+    explained_ratio: float
+    initialization: str  # such as "NOT_NEEDED" or "TOO_FEW_LINES"
+    initialization_attempts: int
+    detail: str  # why there is no confirmed pose; "" when there is one
+    latest_loss_t_us: Optional[int]
+    latest_loss_cause: str  # "" before the first loss
+
+
+@dataclasses.dataclass(frozen=True)
+class Health:
+    """Counters and gauges of a session."""
+
+    t_us: int
+    received_bytes: int
+    processed_bytes: int
+    decoded_events: int
+    dropped_events: int
+    invalid_words: int
+    time_backsteps: int
+    poses: int
+    reattaches: int
+    event_rate_hz: float
+    pose_rate_hz: float
+    real_time_ratio: float
+    queue_age_s: float
+    latency_p50_s: Optional[float]  # None before the first pose
+    latency_p99_s: Optional[float]
+    skipped_events: int
+    skipped_us: int
+    falls_behind: bool
+    objects: tuple[ObjectHealth, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class SessionInfo:
+    """A session on the server, as GetSession and ListSessions return it. `name` is "sessions/{id}"."""
+
+    name: str
+    state: str  # "DETACHED", "ATTACHED", "ENDED"
+    encoding: Optional[Encoding]  # None: one of a later server
+    width_px: int
+    height_px: int
+    objects: tuple[tuple[str, str], ...]  # object_id and name of the model
+    health: Health
+
+    @property
+    def object_ids(self) -> tuple[str, ...]:
+        return tuple(object_id for object_id, _ in self.objects)
+
+
+@dataclasses.dataclass(frozen=True)
+class ServerInfo:
+    version: str
+    commit: str
+    store: str  # "memory", "sqlite" or "redis"
+    active_sessions: int
+    max_sessions: int
+    max_chunk_bytes: int
+    max_model_bytes: int
+    pose_log_capacity: int
+    draining: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackSummary:
+    """The end of a stream."""
+
+    health: Health
+    sent_bytes: int
+    sent_chunks: int
+    poses: int
+    lost_poses: int
+
+
+@dataclasses.dataclass(frozen=True)
+class SessionConfig:
+    """What a session is created from."""
+
+    encoding: Encoding
+    camera: Camera
+    objects: tuple[TrackedObject, ...]
+    overload: Overload = Overload.BLOCK
+    max_lag_s: Optional[float] = None
+    estimator: Estimator = Estimator.MIXTURE
+    sensor: SensorProfile = SensorProfile()
+
+    def to_proto(self) -> Any:
+        message: Any = session_pb2.SessionConfig()
+        message.encoding = int(self.encoding)
+        message.camera.CopyFrom(self.camera.to_proto())
+        message.objects.extend(each.to_proto() for each in self.objects)
+        message.overload_policy = int(self.overload)
+        message.tracker.estimator = int(self.estimator)
+        message.tracker.sensor.CopyFrom(session_pb2.SensorProfile(**dataclasses.asdict(self.sensor)))
+        if self.max_lag_s is not None:
+            message.max_lag.FromNanoseconds(round(1e9 * self.max_lag_s))
+        return message
