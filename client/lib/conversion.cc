@@ -118,6 +118,7 @@ SensorParameters FromProto(const v1::SensorProfile& message) {
   if (message.has_contrast_threshold()) sensor.contrast_threshold = message.contrast_threshold();
   if (message.has_refractory_us()) sensor.refractory_us = message.refractory_us();
   if (message.has_latency_us()) sensor.latency_us = message.latency_us();
+  if (message.has_uncertainty()) sensor.uncertainty = message.uncertainty();
   return sensor;
 }
 
@@ -128,6 +129,7 @@ v1::SensorProfile ToProto(const SensorParameters& sensor) {
   message.set_contrast_threshold(sensor.contrast_threshold);
   message.set_refractory_us(sensor.refractory_us);
   message.set_latency_us(sensor.latency_us);
+  message.set_uncertainty(sensor.uncertainty);
   return message;
 }
 

@@ -57,12 +57,12 @@ CameraModel ToCore(const Camera& camera) {
 }
 
 SensorParameters FromCore(const SensorProfile& profile) {
-  return {profile.pixel_noise_px, profile.blur_px, profile.contrast_threshold, profile.refractory_us,
-          profile.latency_us};
+  return {profile.pixel_noise_px, profile.blur_px,    profile.contrast_threshold,
+          profile.refractory_us,  profile.latency_us, profile.uncertainty};
 }
 SensorProfile ToCore(const SensorParameters& sensor) {
-  const auto& [pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us] = sensor;
-  return {"", pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us};
+  const auto& [pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us, uncertainty] = sensor;
+  return {"", pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us, uncertainty};
 }
 
 EventEncoding FromCore(Encoding encoding) {

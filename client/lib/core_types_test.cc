@@ -13,13 +13,14 @@ TEST(CoreTypesTest, DefaultSensorIsTheDefaultOfCore) {
 }
 
 TEST(CoreTypesTest, EachSensorParameterIsConverted) {
-  const SensorParameters sensor{0.6, 0.7, 0.2, 90.0, 120.0};
+  const SensorParameters sensor{0.6, 0.7, 0.2, 90.0, 120.0, 0.4};
   const SensorProfile profile = ToCore(sensor);
   EXPECT_EQ(profile.pixel_noise_px, 0.6);
   EXPECT_EQ(profile.blur_px, 0.7);
   EXPECT_EQ(profile.contrast_threshold, 0.2);
   EXPECT_EQ(profile.refractory_us, 90.0);
   EXPECT_EQ(profile.latency_us, 120.0);
+  EXPECT_EQ(profile.uncertainty, 0.4);
   EXPECT_EQ(FromCore(profile), sensor);
 }
 

@@ -36,6 +36,10 @@ struct WeightedPassage {
   int group = 0;
 };
 
+// SensorProfile::uncertainty of a calibrated profile. The standard errors of the constants are smaller, but the model
+// of the pixel holds to some hundredths of a pixel only (README, equation (3)): 0.3 of SystematicOptions::lag_px.
+constexpr double kCalibratedUncertainty = 0.3;
+
 SensorProfile WithConstants(SensorProfile profile, const double* constants) {
   profile.blur_px = constants[0];
   profile.contrast_threshold = constants[1];
@@ -281,6 +285,7 @@ absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRe
     result.profile.latency_us = options.initial.latency_us;
     result.profile.refractory_us = options.initial.refractory_us;
   }
+  result.profile.uncertainty = kCalibratedUncertainty;
   result.blur_error_px = std::sqrt(covariance(0, 0));
   result.contrast_threshold_error = std::sqrt(covariance(1, 1));
   if (result.are_times_fitted) {

@@ -77,6 +77,9 @@ struct WindowFit {
   // Share of the expected events that is missing, in [0, 1], for the estimated twist and including the counts of
   // earlier windows (core/estimation/README.md, section 4).
   double deficit_ratio = 0.0;
+  // Covariance of the errors of the pose that the covariance of `state` does not contain, because they have the same
+  // cause in many windows (systematic_error.h); zero for an estimator that does not compute it.
+  Matrix6d systematic_covariance = Matrix6d::Zero();
   // Expected number of observations that each line of the input produced; empty if the estimator does not compute it.
   std::vector<double> line_events;
   std::vector<DeficitCounts>

@@ -157,6 +157,7 @@ SensorProfile UnbiasedSensor() {
   sensor.blur_px = 0.0;
   sensor.latency_us = 0.0;
   sensor.refractory_us = 0.0;
+  sensor.uncertainty = 0.0;
   return sensor;
 }
 

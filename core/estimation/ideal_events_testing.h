@@ -38,7 +38,7 @@ struct IdealEventOptions {
   std::function<bool(const Eigen::Vector2d& pixel, double t_s)> is_hidden;
 };
 
-// Returns the profile of a sensor without edge bias, as that of the ideal events.
+// Returns the profile of a sensor without edge bias, as that of the ideal events, which is known exactly.
 SensorProfile UnbiasedSensor();
 
 // Returns IdealEventOptions::is_hidden for a model that moves between the camera and the object. The model must outlive

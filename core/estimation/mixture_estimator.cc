@@ -8,6 +8,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
+#include "core/estimation/event_deficit.h"
 #include "core/estimation/event_dispersion.h"
 #include "core/estimation/flicker_bias.h"
 #include "core/numerics/reusable_vector.h"
@@ -15,14 +16,10 @@
 namespace evpose {
 namespace {
 
-// Pixels per second. Below it the Hessian of the event deficit, which is inversely proportional to the speed, would
-// grow without bound, and the counts do not distinguish motion from rest.
-constexpr double kMinSpeedPxPerS = 5.0;
-
-// Row vector; its product with the twist is the normal velocity of the middle of one half of a line, px/s.
-Vector6d HalfSpeedRow(const CameraModel& camera, const ImageLine& line, int half) {
-  return line.jacobian.transpose() * BearingOf(camera, line.PointAt(0.25 + 0.5 * half));
-}
+// Windows after which the sensitivity to systematic errors is updated. It changes with the view, within some 0.1 s.
+constexpr int kWindowsPerSystematic = 8;
+// Pixels per second: below it the direction of the motion of a line, and with it the sign of its lag, is uncertain.
+constexpr double kSlowPxPerS = 20.0;
 
 // Solves column by column: for the whole identity matrix Eigen would use the blocked algorithm for large matrices,
 // which is slower here.
@@ -37,6 +34,7 @@ class MixtureEstimator : public WindowEstimator {
  public:
   MixtureEstimator(const EstimatorOptions& options, const CameraModel& camera)
       : options_(options.mixture),
+        systematic_options_(options.systematic),
         sensor_(options.sensor),
         camera_(camera),
         sigma_px_(options.sensor.pixel_noise_px),
@@ -98,6 +96,7 @@ class MixtureEstimator : public WindowEstimator {
     fit.Clear();
     fit.deficit_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
     state.covariance = SymmetricInverse(hessian);
+    fit.systematic_covariance = SystematicCovariance(prior_information, input, density.sigma_px, state);
 
     final_gate_px_ = density.gate_px;
     fit.state = state;
@@ -120,6 +119,8 @@ class MixtureEstimator : public WindowEstimator {
     if (gated > 0.0) {
       outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
     }
+    systematic_ = next_systematic_;
+    until_systematic_ = until_systematic_ > 0 ? until_systematic_ - 1 : kWindowsPerSystematic - 1;
     LearnDisplacement(input.lines);
     LearnDispersion(input);
     counts_.clear();
@@ -131,11 +132,13 @@ class MixtureEstimator : public WindowEstimator {
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2, displacement_factor, noise_per_px,
-           final_gate_px, moved_px, pass, lines, sums, counts, line_counts, flicker_biases_px, densities,
-           deficit_counts, edge_bias, clutter, dispersion] = self;
+    auto& [options, systematic_options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2,
+           displacement_factor, noise_per_px, final_gate_px, moved_px, pass, lines, sums, counts, line_counts,
+           flicker_biases_px, densities, deficit_counts, edge_bias, clutter, dispersion, systematic, next_systematic,
+           until_systematic, moved_lines] = self;
     archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
-            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion);
+            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion, systematic,
+            AtMost(until_systematic, kWindowsPerSystematic));
   }
 
  private:
@@ -279,37 +282,85 @@ class MixtureEstimator : public WindowEstimator {
     };
     ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
       YieldPoint(first);
-      if (input.lines[first].is_element) {
-        AddArc(input.lines, first, end, displacement_px, scale_of, hessian, gradient);
-        return;
-      }
-      if (!HasEvents(first)) return;
-      LineEquations equations(sums_[first].sums, lines_[first], scale_of(first));
-      const double line_px = std::hypot(displacement_px, NarrowFacePx(input.lines[first]));
-      if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines_[first]), line_px});
-      equations.AddTo(hessian, gradient);
+      AddEquations(input.lines, lines_, first, end, displacement_px, scale_of, hessian, gradient);
     });
     CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
                     deficit_counts_);
     return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
                            1.0 / EventsPerInformation(), hessian, gradient);
   }
+  // Adds the equations of the lines [first, end) of an arc. `lines` are lines_, or a copy with other residuals.
+  template <typename ScaleOf>
+  void AddEquations(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, size_t first, size_t end,
+                    double displacement_px, const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
+    if (tracked[first].is_element) {
+      AddArc(tracked, lines, first, end, displacement_px, scale_of, hessian, gradient);
+      return;
+    }
+    if (!HasEvents(first)) return;
+    LineEquations equations(sums_[first].sums, lines[first], scale_of(first));
+    const double line_px = std::hypot(displacement_px, NarrowFacePx(tracked[first]));
+    if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines[first]), line_px});
+    equations.AddTo(hessian, gradient);
+  }
+  // The covariance of the systematic error of the estimate. It changes slowly with the view and is therefore updated
+  // once in kWindowsPerSystematic windows: an update takes as long as two steps of Minimise().
+  Matrix6d SystematicCovariance(const Matrix12d& prior_information, const WindowInput& input, double sigma_px,
+                                const MotionState& state) {
+    next_systematic_ = systematic_;
+    if (until_systematic_ == 0) {
+      next_systematic_.Update(prior_information, input.duration_s, state.covariance,
+                              GradientsBySystematic(input, sigma_px), kWindowsPerSystematic);
+    }
+    return next_systematic_.Covariance(systematic_options_, sensor_.uncertainty, state.twist);
+  }
+  // The normal equations are linear in the distances of the events, so that the change of the gradient is the gradient
+  // of lines whose events are displaced and have no other residual.
+  SystematicGradients GradientsBySystematic(const WindowInput& input, double sigma_px) {
+    const double event_scale = 1.0 / (sigma_px * sigma_px * EventsPerInformation());
+    const double displacement_px = DisplacementPx(input.duration_s);
+    const auto scale_of = [&](size_t k) { return sums_[k].ObservedRatio(sigma_px) * event_scale; };
+    Matrix12d unused = Matrix12d::Zero();
+    const auto gradient_of = [&](auto displacement_of) {
+      moved_lines_.clear();
+      for (const ImageLine& line : lines_) {
+        moved_lines_.push_back(line);
+        moved_lines_.back().a_expected = displacement_of(line);
+        moved_lines_.back().a_dot.setZero();
+      }
+      Vector12d gradient = Vector12d::Zero();
+      ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
+        YieldPoint(first);
+        AddEquations(input.lines, moved_lines_, first, end, displacement_px, scale_of, unused, gradient);
+      });
+      return gradient;
+    };
+    const auto bias_of = [&](const ImageLine& line) -> Eigen::Vector3d {
+      return line.a_expected - (line.a - 1e-6 * sensor_.latency_us * line.a_dot);
+    };
+    const auto lag_of = [&](const ImageLine& line) -> Eigen::Vector3d {
+      if (!line.in_view()) return Eigen::Vector3d::Zero();
+      const double speed = line.a_dot.dot(BearingOf(camera_, line.PointAt(0.5)));
+      return {0.0, 0.0, -speed / std::hypot(speed, kSlowPxPerS)};
+    };
+    return {gradient_of(bias_of), gradient_of(lag_of)};
+  }
   bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
   // Adds the equations of the elements [first, end) of an arc. Their common displacement is marginalised once
   // (core/estimation/README.md, section 7).
   template <typename ScaleOf>
-  void AddArc(absl::Span<const TrackedLine> tracked, size_t first, size_t end, double displacement_px,
-              const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
+  void AddArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, size_t first, size_t end,
+              double displacement_px, const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
     double arc_px = 0.0, narrow_px = 0.0;
-    for (size_t k = first; k < end; ++k) arc_px += lines_[k].length_px;
+    for (size_t k = first; k < end; ++k) arc_px += lines[k].length_px;
     ArcEquations equations;
     double begin_px = 0.0;
     for (size_t k = first; k < end; ++k) {
-      const double length_px = lines_[k].length_px;
+      const double length_px = lines[k].length_px;
       const double position = (2.0 * begin_px + length_px) / arc_px - 1.0;
       begin_px += length_px;
       if (!HasEvents(k)) continue;
-      equations.Add(camera_, sums_[k].sums, lines_[k], scale_of(k), position, length_px / arc_px);
+      equations.Add(camera_, sums_[k].sums, lines[k], scale_of(k), position, length_px / arc_px);
       narrow_px = std::max(narrow_px, NarrowFacePx(tracked[k]));
     }
     equations.AddTo(std::hypot(displacement_px, narrow_px), hessian, gradient);
@@ -338,6 +389,7 @@ class MixtureEstimator : public WindowEstimator {
   }
 
   const MixtureOptions options_;
+  const SystematicOptions systematic_options_;
   const SensorProfile sensor_;
   const CameraModel camera_;
   const ExpTable table_;
@@ -360,6 +412,10 @@ class MixtureEstimator : public WindowEstimator {
   EdgeBias edge_bias_;
   LineClutter clutter_;
   EventDispersion dispersion_;
+  SystematicError systematic_;
+  SystematicError next_systematic_;  // after the last fit
+  int until_systematic_ = 0;         // windows until systematic_ is updated again
+  std::vector<ImageLine> moved_lines_;
 };
 
 }  // namespace
@@ -380,87 +436,6 @@ absl::Status MixtureOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("initial_outlier_ratio", initial_outlier_ratio, 1e-6, 0.99));
   EVPOSE_RETURN_IF_ERROR(CheckRange("narrow_face_sigma", narrow_face_sigma, 0.0, 10.0));
   return CheckRange("min_events_per_px2", min_events_per_px2, 0.0, 100.0);
-}
-
-void DeficitCounts::Add(const DeficitCounts& window) {
-  for (int half = 0; half < 2; ++half) {
-    const double all = expected[half] + window.expected[half];
-    const double keep = all > kMemoryEvents ? kMemoryEvents / all : 1.0;
-    expected[half] = std::min(all, kMemoryEvents);
-    observed[half] = std::clamp(keep * (observed[half] + window.observed[half]), -expected[half], expected[half]);
-  }
-}
-
-void PoolCounts(absl::Span<DeficitCounts> counts) {
-  double expected = 0.0, observed = 0.0;
-  for (const DeficitCounts& element : counts) {
-    expected += element.expected[0] + element.expected[1];
-    observed += element.observed[0] + element.observed[1];
-  }
-  if (!(expected > 0.0)) return;
-  for (DeficitCounts& element : counts) {
-    for (int half = 0; half < 2; ++half) element.observed[half] = observed * element.expected[half] / expected;
-  }
-}
-
-void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
-                     absl::Span<const MixtureLine> sums, const Vector6d& twist, double noise_per_px,
-                     double min_events_per_px2, std::vector<DeficitCounts>& deficit_counts) {
-  AssignDefaults(lines.size(), deficit_counts);
-  for (size_t k = 0; k < lines.size(); ++k) {
-    YieldPoint(k);
-    if (!lines[k].in_view() || input.ExpectationOf(k) != Expectation::kEvents) continue;
-    const double half_px = 0.5 * lines[k].length_px;
-    const double events_per_px2 = min_events_per_px2 * lines[k].prior_contrast;
-    for (int half = 0; half < 2; ++half) {
-      const double speed = std::max(std::abs(HalfSpeedRow(camera, lines[k], half).dot(twist)), kMinSpeedPxPerS);
-      deficit_counts[k].expected[half] = events_per_px2 * half_px * speed * input.duration_s;
-      const double events = sums[k].half_weight[half][0] * input.shares.events_per_observation[0] +
-                            sums[k].half_weight[half][1] * input.shares.events_per_observation[1];
-      deficit_counts[k].observed[half] = events - noise_per_px * half_px;
-    }
-  }
-  ForEachCurve(input.lines, [&](size_t first, size_t end) {
-    if (input.lines[first].is_element) PoolCounts(absl::MakeSpan(deficit_counts).subspan(first, end - first));
-  });
-}
-
-double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> lines,
-                       absl::Span<const DeficitCounts> deficit_counts, absl::Span<const DeficitCounts> past,
-                       const Vector6d& twist, double scale, Matrix12d& hessian, Vector12d& gradient) {
-  // Missing events of one half line.
-  const auto missing_of = [&](size_t k, int half) {
-    const DeficitCounts before = past.empty() ? DeficitCounts() : past[k];
-    const double observed = std::max(0.0, deficit_counts[k].observed[half] + before.observed[half]);
-    const double expected = deficit_counts[k].expected[half];
-    return expected * std::max(0.0, 1.0 - observed / (expected + before.expected[half]));
-  };
-  double all_expected = 0.0;
-  double all_missing = 0.0;
-  for (size_t k = 0; k < lines.size(); ++k) {
-    if (!lines[k].in_view()) continue;
-    for (int half = 0; half < 2; ++half) {
-      all_expected += deficit_counts[k].expected[half];
-      all_missing += missing_of(k, half);
-    }
-  }
-  if (!(all_missing > 0.0)) return 0.0;
-  const double deficit_ratio = all_missing / all_expected;
-  const double factor = scale * (2.0 * deficit_ratio - 1.0);
-  if (factor <= 0.0) return deficit_ratio;
-  for (size_t k = 0; k < lines.size(); ++k) {
-    YieldPoint(k);
-    if (!lines[k].in_view()) continue;
-    for (int half = 0; half < 2; ++half) {
-      const Vector6d row = HalfSpeedRow(camera, lines[k], half);
-      const double velocity = row.dot(twist);
-      const double speed = std::max(std::abs(velocity), kMinSpeedPxPerS);
-      const double curvature = factor * missing_of(k, half) / (speed * speed);
-      hessian.bottomRightCorner<6, 6>() += curvature * row * row.transpose();
-      gradient.tail<6>() += curvature * velocity * row;
-    }
-  }
-  return deficit_ratio;
 }
 
 std::unique_ptr<WindowEstimator> MakeMixtureEstimator(const EstimatorOptions& options, const CameraModel& camera) {

@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "core/estimation/event_deficit.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 

@@ -28,12 +28,13 @@ struct NumberField {
   double low;
   double high;
 };
-constexpr std::array<NumberField, 5> kNumbers = {{
+constexpr std::array<NumberField, 6> kNumbers = {{
     {"pixel_noise_px", &SensorProfile::pixel_noise_px, 0.05, 10.0},
     {"blur_px", &SensorProfile::blur_px, 0.0, 5.0},
     {"contrast_threshold", &SensorProfile::contrast_threshold, 0.01, 2.0},
     {"refractory_us", &SensorProfile::refractory_us, 0.0, 10'000.0},
     {"latency_us", &SensorProfile::latency_us, -10'000.0, 10'000.0},
+    {"uncertainty", &SensorProfile::uncertainty, 0.0, 10.0},
 }};
 
 // The name as it is written to a file, in quotes and escaped. It reads back unchanged if it is UTF-8.

@@ -19,6 +19,7 @@ blur_px: 0.7
 contrast_threshold: 0.2
 refractory_us: 90
 latency_us: 120
+uncertainty: 0.3
 )";
 
 std::string ErrorOf(const std::string& yaml) {
@@ -37,6 +38,7 @@ TEST(SensorProfile, EveryFieldIsRead) {
   EXPECT_EQ(profile->contrast_threshold, 0.2);
   EXPECT_EQ(profile->refractory_us, 90.0);
   EXPECT_EQ(profile->latency_us, 120.0);
+  EXPECT_EQ(profile->uncertainty, 0.3);
 }
 
 TEST(SensorProfile, AnAbsentFieldHasTheDefault) {
@@ -48,7 +50,8 @@ TEST(SensorProfile, AnAbsentFieldHasTheDefault) {
 }
 
 TEST(SensorProfile, YamlRoundTripGivesTheSameBits) {
-  const SensorProfile odd = {"a \"b\": \xc3\xbc\x01\n", 1.0 / 3.0, 0.1 + 0.2, 2.0 / 7.0, 1e3 / 7.0, -1e3 / 3.0};
+  const SensorProfile odd = {
+      "a \"b\": \xc3\xbc\x01\n", 1.0 / 3.0, 0.1 + 0.2, 2.0 / 7.0, 1e3 / 7.0, -1e3 / 3.0, 2.0 / 3.0};
   const auto back = ParseSensorProfile(SensorProfileToYaml(odd), "p");
   ASSERT_TRUE(back.ok()) << back.status();
   EXPECT_EQ(*back, odd);

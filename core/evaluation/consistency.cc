@@ -28,6 +28,18 @@ double QuadraticForm(const Vector& error, const Matrix& covariance) {
   return cholesky.matrixL().solve(Vector(scale.cwiseProduct(error))).squaredNorm();
 }
 
+// 95 % quantile of the chi-square distribution for the numbers that NumObservable() returns.
+double ChiSquare95(int num_degrees_of_freedom) {
+  switch (num_degrees_of_freedom) {
+    case 3:
+      return 7.815;
+    case 5:
+      return 11.070;
+    default:
+      return 12.592;
+  }
+}
+
 }  // namespace
 
 double NormalisedErrorSquared(const RigidTransform& truth, const RigidTransform& estimate, const Matrix6d& covariance) {
@@ -48,7 +60,7 @@ int NumObservable(const std::optional<ContinuousSymmetry>& symmetry) {
   return symmetry->kind == ContinuousSymmetry::Kind::kAxis ? 5 : 3;
 }
 
-Consistency SummariseConsistency(std::vector<double> normalised_errors_squared) {
+Consistency SummariseConsistency(std::vector<double> normalised_errors_squared, int num_degrees_of_freedom) {
   std::vector<double>& values = normalised_errors_squared;
   Consistency result;
   const size_t num_all = values.size();
@@ -56,13 +68,15 @@ Consistency SummariseConsistency(std::vector<double> normalised_errors_squared) 
   result.num_poses = values.size();
   result.num_without = num_all - values.size();
   if (values.empty()) {
-    result.median = result.p5 = result.p95 = std::numeric_limits<double>::quiet_NaN();
+    result.median = result.p5 = result.p95 = result.inside_95_ratio = std::numeric_limits<double>::quiet_NaN();
     return result;
   }
   std::sort(values.begin(), values.end());
   result.median = InterpolatedQuantile(values, 0.5);
   result.p5 = InterpolatedQuantile(values, 0.05);
   result.p95 = InterpolatedQuantile(values, 0.95);
+  const auto outside = std::upper_bound(values.begin(), values.end(), ChiSquare95(num_degrees_of_freedom));
+  result.inside_95_ratio = static_cast<double>(outside - values.begin()) / static_cast<double>(values.size());
   return result;
 }
 

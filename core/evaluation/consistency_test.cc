@@ -46,6 +46,7 @@ TEST(ConsistencyTest, AConsistentCovarianceHasTheQuantilesOfChiSquare) {
   EXPECT_NEAR(consistency.median, kNeesMedian, 0.08);
   EXPECT_NEAR(consistency.p5, 1.635, 0.05);
   EXPECT_NEAR(consistency.p95, 12.592, 0.2);
+  EXPECT_NEAR(consistency.inside_95_ratio, 0.95, 0.004);
 }
 
 TEST(ConsistencyTest, DetectsACovarianceThatIsTooSmall) {
@@ -85,7 +86,9 @@ TEST(ConsistencyTest, OfASymmetricObjectTheFreeDirectionsDoNotCount) {
         const Matrix6d covariance = Covariance() + free_variance * free * free.transpose();
         values.push_back(NormalisedErrorSquared(kTruth, estimate, covariance, symmetry));
       }
-      EXPECT_NEAR(SummariseConsistency(values).median, median, 0.1) << free_variance;
+      const Consistency consistency = SummariseConsistency(values, NumObservable(symmetry));
+      EXPECT_NEAR(consistency.median, median, 0.1) << free_variance;
+      EXPECT_NEAR(consistency.inside_95_ratio, 0.95, 0.005) << free_variance;
     }
   }
 }
@@ -101,6 +104,7 @@ TEST(ConsistencyTest, CountsPosesWithoutCovariance) {
   EXPECT_EQ(consistency.num_poses, 3u);
   EXPECT_EQ(consistency.num_without, 1u);
   EXPECT_EQ(consistency.median, 2.0);
+  EXPECT_EQ(consistency.inside_95_ratio, 1.0);
   EXPECT_TRUE(std::isnan(SummariseConsistency({}).median));
 }
 

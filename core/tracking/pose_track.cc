@@ -433,14 +433,17 @@ LossCause PoseTrack::CauseOf(TrackInput input) const {
 // While the events do not support the pose, the covariance of the fit is that of a wrong association: it is small and
 // no measure of the error (core/tracking/README.md, section 1). The published covariance is then that of the state
 // predicted over the time since the last support.
-Matrix6d PoseTrack::PublishedCovariance(const MotionState& state) const {
+Matrix6d PoseTrack::PublishedCovariance(const WindowFit& fit) const {
+  const MotionState& state = fit.state;
   const bool is_unsupported = phase_ == TrackPhase::kUnsupported;
-  if (!is_unsupported && phase_ != TrackPhase::kDoubtful) return state.covariance.topLeftCorner<6, 6>();
+  if (!is_unsupported && phase_ != TrackPhase::kDoubtful) {
+    return state.covariance.topLeftCorner<6, 6>() + fit.systematic_covariance;
+  }
   const int64_t since_us = std::max<int64_t>(0, state.t_us - supported_at_us_);
   const MotionPriorOptions& motion = context_.options.motion;
   const MotionState grown =
       Predict(state, state.t_us + since_us, motion, is_unsupported ? motion.retry_noise_factor : 1.0);
-  return grown.covariance.topLeftCorner<6, 6>();
+  return grown.covariance.topLeftCorner<6, 6>() + fit.systematic_covariance;
 }
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
@@ -470,7 +473,7 @@ PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& in
   estimate.t_us = fit.state.t_us;
   estimate.camera_from_object = fit.state.camera_from_object;
   estimate.covariance =
-      WithFreeAngle(context_.model->continuous_symmetry, fit.state.camera_from_object, PublishedCovariance(fit.state));
+      WithFreeAngle(context_.model->continuous_symmetry, fit.state.camera_from_object, PublishedCovariance(fit));
   estimate.twist = fit.state.twist;
   estimate.state = ReportedState(phase_);
   estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.shares.mean_events_per_observation));

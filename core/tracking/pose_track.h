@@ -121,7 +121,7 @@ class PoseTrack {
   void Enter(TrackInput input, int64_t t_us);
   // The cause of the loss by `input`.
   LossCause CauseOf(TrackInput input) const;
-  Matrix6d PublishedCovariance(const MotionState& state) const;
+  Matrix6d PublishedCovariance(const WindowFit& fit) const;
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
   // Sets the counts and expectations of earlier windows for the lines of the window.

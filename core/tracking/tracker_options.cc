@@ -49,6 +49,7 @@ absl::Status TrackerOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(InGroup("motion", motion.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("mixture", mixture.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("edge", edge.Validate()));
+  EVPOSE_RETURN_IF_ERROR(InGroup("systematic", systematic.Validate()));
   EVPOSE_RETURN_IF_ERROR(InGroup("flash", flash.Validate()));
   return InGroup("health", health.Validate());
 }

@@ -171,6 +171,29 @@ TEST(Tracker, PublishedCovarianceIsConsistentForIndependentEvents) {
   EXPECT_LT(nees, 18.0);
 }
 
+TEST(Tracker, TheCovarianceContainsAnUnknownLatency) {
+  constexpr int64_t kLatency_us = 60;
+  const Motion motion = Tumble(3.0);
+  IdealEventOptions ideal;
+  ideal.duration_us = 100'000;
+  std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, ideal);
+  for (Event& event : events) event.t_us += kLatency_us;
+  const auto median_nees = [&](double uncertainty) {
+    TrackerOptions options = WithoutInitialization();
+    options.sensor.uncertainty = uncertainty;
+    options.systematic = {.edge_bias_ratio = 0.0, .lag_px = 0.0, .latency_us = kLatency_us};
+    std::vector<double> nees;
+    for (const PoseEstimate& estimate : Track(events, kStart, options).estimates) {
+      const Vector6d error = Difference(motion(estimate.t_us * 1e-6), estimate.camera_from_object);
+      nees.push_back(error.dot(estimate.covariance.ldlt().solve(error)));
+    }
+    std::nth_element(nees.begin(), nees.begin() + nees.size() / 2, nees.end());
+    return nees[nees.size() / 2];
+  };
+  EXPECT_GT(median_nees(0.0), 25.0);
+  EXPECT_LT(median_nees(1.0), 12.0);
+}
+
 TEST(Tracker, EstimatesDoNotDependOnTheCutOfCalls) {
   const Motion motion = Tumble(3.0);
   IdealEventOptions options;

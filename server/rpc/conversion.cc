@@ -68,6 +68,7 @@ SensorProfile FieldFromProto(const v1::SensorProfile& sensor) {
   if (sensor.has_contrast_threshold()) out.contrast_threshold = sensor.contrast_threshold();
   if (sensor.has_refractory_us()) out.refractory_us = sensor.refractory_us();
   if (sensor.has_latency_us()) out.latency_us = sensor.latency_us();
+  if (sensor.has_uncertainty()) out.uncertainty = sensor.uncertainty();
   return out;
 }
 
@@ -78,6 +79,7 @@ v1::SensorProfile ToProto(const SensorProfile& sensor) {
   out.set_contrast_threshold(sensor.contrast_threshold);
   out.set_refractory_us(sensor.refractory_us);
   out.set_latency_us(sensor.latency_us);
+  out.set_uncertainty(sensor.uncertainty);
   return out;
 }
 

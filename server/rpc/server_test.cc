@@ -48,6 +48,7 @@ TEST_F(ServerTest, ASensorProfileIsReturnedWithDefaultsFilledIn) {
   EXPECT_EQ(sensor.blur_px(), 0.75);
   EXPECT_EQ(sensor.contrast_threshold(), SensorProfile().contrast_threshold);
   EXPECT_EQ(sensor.latency_us(), SensorProfile().latency_us);
+  EXPECT_EQ(sensor.uncertainty(), SensorProfile().uncertainty);
   EXPECT_EQ(sensor.pixel_noise_px(), SensorProfile().pixel_noise_px);
 }
 

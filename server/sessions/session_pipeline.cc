@@ -18,7 +18,7 @@ namespace {
 constexpr int64_t kSliceUs = 1000;
 
 // Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
-constexpr uint32_t kTrackerStateVersion = 5;
+constexpr uint32_t kTrackerStateVersion = 6;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);
@@ -54,7 +54,8 @@ std::string ConfigurationDigest(const SessionConfig& config,
   // The digest of a Brown camera is that of versions that had no other lens: their checkpoints remain valid.
   if (camera.lens_model != LensModel::kBrown) writer(static_cast<uint32_t>(camera.lens_model));
   const SensorProfile& sensor = config.sensor;
-  writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us);
+  writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us,
+         sensor.uncertainty);
   for (const ObjectConfig& object : config.objects) {
     writer(object.initial_camera_from_object, object.reference_rotation);
   }

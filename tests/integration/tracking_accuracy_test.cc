@@ -5,6 +5,9 @@
 // of accuracy.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
 #include <memory>
 #include <ostream>
 #include <string>
@@ -137,6 +140,60 @@ TEST(TrackingAccuracy, ALampThatGrowsDarkerDoesNotMakeTheObjectNearer) {
   ASSERT_TRUE(evaluation.ok()) << evaluation.status();
   EXPECT_GT(evaluation->coverage_ratio, 0.9);
   EXPECT_LT(evaluation->position_rmse_of_depth, 1e-3);
+}
+
+std::vector<PoseEstimate> EstimatesOf(const Recording& recording, const TrackerOptions& options) {
+  auto tracker =
+      Tracker::Create(recording.model, recording.camera, options, recording.truth.front().camera_from_object).value();
+  std::vector<PoseEstimate> estimates;
+  tracker->AddEvents(recording.events, estimates);
+  return estimates;
+}
+
+TEST(TrackingAccuracy, TheConsideredErrorIsThatOfAnotherBlur) {
+  // The edge bias is proportional to the blur. A tenth more of it must change the poses by a tenth of the error that
+  // the covariance considers for a bias of 100 %.
+  const Recording recording = Record(VgaScene("cube", 2.0, 74, 200'000));
+  TrackerOptions options;
+  options.systematic = {.edge_bias_ratio = 1.0, .lag_px = 0.0, .latency_us = 0.0};
+  const std::vector<PoseEstimate> considered = EstimatesOf(recording, options);
+  options.sensor.uncertainty = 0.0;
+  const std::vector<PoseEstimate> exact = EstimatesOf(recording, options);
+  options.sensor.blur_px *= 1.1;
+  const std::vector<PoseEstimate> blurred = EstimatesOf(recording, options);
+  ASSERT_EQ(considered.size(), exact.size());
+  ASSERT_EQ(blurred.size(), exact.size());
+  double changed_m = 0.0, predicted_m = 0.0;
+  for (size_t k = exact.size() / 2; k < exact.size(); ++k) {
+    ASSERT_EQ(considered[k].camera_from_object.translation_m, exact[k].camera_from_object.translation_m);
+    changed_m +=
+        std::abs(blurred[k].camera_from_object.translation_m.z() - exact[k].camera_from_object.translation_m.z());
+    predicted_m += 0.1 * std::sqrt(considered[k].covariance(2, 2) - exact[k].covariance(2, 2));
+  }
+  EXPECT_NEAR(predicted_m / changed_m, 1.0, 0.35);
+}
+
+TEST(TrackingAccuracy, TheCovarianceIsConsistentOnAnotherSensor) {
+  SimulationOptions scene = VgaScene("cube", 2.0, 75, 300'000);
+  scene.sensor.threshold_on = 0.2;
+  scene.sensor.threshold_off = 0.36;
+  scene.sensor.bandwidth_hz = 1000.0;
+  scene.scene.lens_blur_px = 0.8;
+  const Recording recording = Record(scene);
+  const auto median_nees = [&](double uncertainty) {
+    TrackerOptions options;
+    options.sensor.uncertainty = uncertainty;
+    std::vector<double> nees;
+    for (const PoseEstimate& estimate : EstimatesOf(recording, options)) {
+      const Vector6d error =
+          Difference(Interpolate(recording.truth, estimate.t_us).value(), estimate.camera_from_object);
+      nees.push_back(error.dot(estimate.covariance.ldlt().solve(error)));
+    }
+    std::nth_element(nees.begin(), nees.begin() + static_cast<std::ptrdiff_t>(nees.size() / 2), nees.end());
+    return nees[nees.size() / 2];
+  };
+  EXPECT_LT(median_nees(1.0), 8.0);
+  EXPECT_GT(median_nees(0.0), 16.0);
 }
 
 // A spacecraft that is symmetric under half turns about its axes, except for its mast and the texture of its panels.

@@ -73,7 +73,7 @@ absl::StatusOr<std::optional<Consistency>> EvaluateConsistency(const Trajectory&
             ? NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance, *options.continuous_symmetry)
             : NormalisedErrorSquared(error.true_pose, error.estimated_pose, covariance));
   }
-  return SummariseConsistency(std::move(values));
+  return SummariseConsistency(std::move(values), NumObservable(options.continuous_symmetry));
 }
 
 // The mean over the poses; nullopt without any.
@@ -160,6 +160,7 @@ Json RowJson(const Row& row) {
   json["nees_median"] = row.consistency->median;
   json["nees_p5"] = row.consistency->p5;
   json["nees_p95"] = row.consistency->p95;
+  json["nees_inside_95_ratio"] = row.consistency->inside_95_ratio;
   json["poses_without_covariance"] = row.consistency->num_without;
   return json;
 }

@@ -108,13 +108,14 @@ void FromStored(const pb::Camera& stored, RecordCheck& check, CameraModel& camer
 }
 
 void ToStored(const SensorProfile& sensor, pb::Sensor& stored) {
-  const auto& [name, pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us] = sensor;
+  const auto& [name, pixel_noise_px, blur_px, contrast_threshold, refractory_us, latency_us, uncertainty] = sensor;
   stored.set_name(name);
   stored.set_pixel_noise_px(pixel_noise_px);
   stored.set_blur_px(blur_px);
   stored.set_contrast_threshold(contrast_threshold);
   stored.set_refractory_us(refractory_us);
   stored.set_latency_us(latency_us);
+  stored.set_uncertainty(uncertainty);
 }
 
 void FromStored(const pb::Sensor& stored, SensorProfile& sensor) {
@@ -124,6 +125,7 @@ void FromStored(const pb::Sensor& stored, SensorProfile& sensor) {
   if (stored.has_contrast_threshold()) sensor.contrast_threshold = stored.contrast_threshold();
   if (stored.has_refractory_us()) sensor.refractory_us = stored.refractory_us();
   if (stored.has_latency_us()) sensor.latency_us = stored.latency_us();
+  if (stored.has_uncertainty()) sensor.uncertainty = stored.uncertainty();
 }
 
 void ToStored(const ObjectConfig& object, pb::TrackedObject& stored) {
