@@ -104,15 +104,15 @@ std::string DescribeFormat(const RecordingHeader& header) {
   return header.container.empty() ? encoding : absl::StrCat(header.container, ", read as ", encoding, ",");
 }
 
-std::string DescribeSizeSource(const RecordingHeader& header) {
+std::string DescribeSizeSource(const std::string& path, const RecordingHeader& header) {
   if (header.geometry_is_stated) return "";
-  if (header.container.empty()) return " (not stated by the header)";
+  if (header.container.empty() || path == "-") return " (not stated by the header)";
   return " (not stated: the smallest known sensor that contains all events)";
 }
 
 // Where the clocks of other programs have their zero.
 void PrintTimeZeros(const RecordingInfo& info, std::ostream& out) {
-  if (info.metavision_zero_us != 0) {
+  if (info.counts.cd_events > 0) {
     out << absl::StrFormat(
         "zero       of the sensor's clock; Metavision counts from %.6f s, the first event there is at %.6f s\n",
         info.metavision_zero_us * 1e-6, (info.t_first_us - info.metavision_zero_us) * 1e-6);
@@ -126,7 +126,7 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
   const DecodeCounts& counts = info.counts;
   const double duration_s = static_cast<double>(info.t_last_us - info.t_first_us) * 1e-6;
   out << path << ": " << DescribeFormat(info.header) << " " << info.header.geometry.width_px << "x"
-      << info.header.geometry.height_px << DescribeSizeSource(info.header) << "\n";
+      << info.header.geometry.height_px << DescribeSizeSource(path, info.header) << "\n";
   out << absl::StrFormat("events     %d (%d ON, %d OFF), %s\n", counts.cd_events, info.on_events,
                          counts.cd_events - info.on_events, Counted(counts.triggers, "trigger"));
   if (counts.cd_events > 0) {
