@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "core/geometry/projected_line.h"
+#include "core/geometry/undistortion_table.h"
 #include "core/models/visibility.h"
 #include "core/numerics/statistics.h"
 #include "core/simulation/simulator.h"
