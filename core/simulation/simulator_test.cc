@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/geometry/projected_line.h"
+#include "core/geometry/undistortion_table.h"
 #include "core/numerics/statistics.h"
 #include "core/simulation/simulate_testing.h"
 
