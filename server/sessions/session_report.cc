@@ -50,14 +50,21 @@ void SessionReport::Count(const WorkResult& result, ServerMetrics& metrics) cons
   }
 }
 
+template <typename What>
+void SessionReport::AddNotice(uint64_t after_pose_seq, What what) {
+  SessionNotice& notice = notices_.emplace_back();
+  notice.after_pose_seq = after_pose_seq;
+  notice.what.emplace<What>(std::move(what));
+}
+
 void SessionReport::AddNotices(const WorkResult& result) {
-  if (result.gap.has_value()) notices_.push_back({result.poses_before, *result.gap});
+  if (result.gap.has_value()) AddNotice(result.poses_before, *result.gap);
   for (const ObjectStateChange& change : result.state_changes) {
-    notices_.push_back(
-        {result.poses_before + change.num_poses_before, StateChange{change.object_index, change.t_us, change.state}});
+    AddNotice(result.poses_before + change.num_poses_before,
+              StateChange{change.object_index, change.t_us, change.state});
   }
   if (!result.finished.has_value()) return;
-  if (result.finished->fault.has_value()) notices_.push_back({result.last_pose_seq(), *result.finished->fault});
+  if (result.finished->fault.has_value()) AddNotice(result.last_pose_seq(), *result.finished->fault);
   if (result.finished->triggers.has_value()) AddTriggers(result.last_pose_seq(), *result.finished->triggers);
 }
 
@@ -70,7 +77,7 @@ void SessionReport::AddTriggers(uint64_t pose_seq, const ChunkTriggers& triggers
   }
   ChunkTriggers added = triggers;
   added.num_skipped += std::exchange(untaken_triggers_, 0);
-  notices_.push_back({pose_seq, std::move(added)});
+  AddNotice(pose_seq, std::move(added));
 }
 
 void SessionReport::Add(const WorkResult& result, bool is_attached, ServerMetrics& metrics) {
@@ -93,7 +100,7 @@ void SessionReport::Add(const WorkResult& result, bool is_attached, ServerMetric
 
 void SessionReport::StartNotices(uint64_t sent_pose_seq) {
   notices_.clear();
-  if (restarted_.has_value()) notices_.push_back({sent_pose_seq, *restarted_});
+  if (restarted_.has_value()) AddNotice(sent_pose_seq, *restarted_);
 }
 
 std::vector<SessionNotice> SessionReport::TakeNotices() {

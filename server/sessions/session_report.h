@@ -44,6 +44,9 @@ class SessionReport {
 
  private:
   void Count(const WorkResult& result, ServerMetrics& metrics) const;
+  // Constructs the notice at its place: GCC 12 reports a moved temporary variant as uninitialized.
+  template <typename What>
+  void AddNotice(uint64_t after_pose_seq, What what);
   void AddNotices(const WorkResult& result);
   void AddTriggers(uint64_t pose_seq, const ChunkTriggers& triggers);
 
