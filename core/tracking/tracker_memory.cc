@@ -95,13 +95,16 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
                                     const TrackerOptions& options) {
   if (camera.lens_model == LensModel::kFisheye) {
     const std::vector<LensView> views = MakeLensViews(camera);
-    const uint64_t table_bytes = static_cast<uint64_t>(camera.width_px) * camera.height_px * sizeof(Eigen::Vector2f);
+    // An object is sought in several views at a time, or followed in one and tested in the next one.
+    const auto num_trackers = static_cast<uint64_t>(std::max<std::ptrdiff_t>(
+        2, std::count_if(views.begin(), views.end(), [](const auto& v) { return v.is_sought; })));
     TrackerMemory memory;
     for (const auto& model : models) {
       const TrackerMemory of_object = EstimateTrackerMemory(views.front().camera, {model}, options);
-      memory.max_bytes += views.size() * of_object.max_bytes;
-      memory.max_state_bytes += views.size() * of_object.max_state_bytes;
+      memory.max_bytes += num_trackers * of_object.max_bytes;
+      memory.max_state_bytes += num_trackers * of_object.max_state_bytes;
     }
+    const uint64_t table_bytes = static_cast<uint64_t>(camera.width_px) * camera.height_px * sizeof(Eigen::Vector2f);
     memory.max_bytes += views.size() * table_bytes;
     return memory;
   }

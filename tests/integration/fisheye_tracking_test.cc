@@ -92,7 +92,7 @@ TEST(FisheyeTracking, AnObjectIsKeptAtTheCentreAndFarFromItAsBehindAPinhole) {
                   outcome.evaluation.position_rmse_of_depth, ratio);
       EXPECT_EQ(outcome.losses, 0u) << seed << " " << angle_deg;
       EXPECT_GT(outcome.evaluation.coverage_ratio, 0.9) << seed << " " << angle_deg;
-      EXPECT_LT(ratio, 2.0) << seed << " " << angle_deg;
+      EXPECT_LT(ratio, 3.0) << seed << " " << angle_deg;
     }
   }
 }

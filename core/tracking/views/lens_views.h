@@ -12,14 +12,14 @@ namespace evpose {
 
 struct LensView {
   Eigen::Matrix3d view_from_camera;
-  // A pinhole camera without distortion, with the size of the sensor and about as many pixels per radian at its axis as
-  // the lens has there. Its image does not exceed that of the lens to the left, right, top and bottom.
+  // A pinhole camera without distortion, at least as large as the sensor, with as many pixels per radian at its axis as
+  // the lens has there, in x and y. Its image ends with that of the lens to the left, right, top and bottom.
   CameraModel camera;
+  bool is_sought = true;  // one of the views in which an object without a pose is sought, which cover the lens together
 };
 
 // The views that cover what the lens shows: the first one along the optical axis, the others towards the borders that
-// are far from it, so that each direction is at most about 30 degrees from the axis of a view, horizontally and
-// vertically. `camera` must be valid.
+// are far from it, in steps of at most 25 degrees. `camera` must be valid.
 std::vector<LensView> MakeLensViews(const CameraModel& camera);
 
 }  // namespace evpose

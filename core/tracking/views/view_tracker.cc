@@ -2,6 +2,7 @@
 #include "core/tracking/views/view_tracker.h"
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 #include <optional>
 #include <utility>
@@ -22,8 +23,8 @@ namespace {
 // Time between two decisions about the views. An object at 1000 px/s moves by 5 px meanwhile.
 constexpr int64_t kDecisionUs = 5000;
 // Difference of the cosines of the angles to the axes of two views from which on the nearer one takes an object over,
-// so that an object between two views does not change to and fro: 3 degrees at 35 degrees.
-constexpr double kTakeOverCosine = 0.03;
+// so that an object between two views does not change to and fro: 2 degrees beyond the middle.
+constexpr double kTakeOverCosine = 0.015;
 // Time for the events to support the pose in the new view, before it is tried again with a later pose.
 constexpr int64_t kConfirmUs = 200'000;
 constexpr int64_t kNever = std::numeric_limits<int64_t>::min();
@@ -243,7 +244,7 @@ class ViewedObject {
       }
     }
     for (size_t v = 0; v < views_.size(); ++v) {
-      if (trackers_[v] == nullptr) (void)Create(v, std::nullopt);
+      if (trackers_[v] == nullptr && views_[v].lens.is_sought) (void)Create(v, std::nullopt);
     }
   }
 
@@ -272,7 +273,8 @@ class ViewedObject {
 
 class ViewTracker : public Tracker {
  public:
-  ViewTracker(std::vector<View> views, const TrackerOptions& options) : views_(std::move(views)), options_(options) {}
+  ViewTracker(std::vector<View> views, const CameraModel& camera, const TrackerOptions& options)
+      : views_(std::move(views)), camera_(camera), options_(options) {}
 
   absl::Status Add(ObjectToTrack object) {
     const auto index = static_cast<uint32_t>(objects_.size());
@@ -282,6 +284,7 @@ class ViewTracker : public Tracker {
 
   void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) override {
     const size_t first = estimates.size();
+    events = InsideSensor(events);
     while (!events.empty()) {
       if (!next_decision_us_) next_decision_us_ = After(events.front().t_us);
       const auto is_later = [this](const Event& event) { return event.t_us >= *next_decision_us_; };
@@ -301,7 +304,7 @@ class ViewTracker : public Tracker {
   }
   EventGap Skip(absl::Span<const Event> events, int64_t t_us) override {
     EventGap gap;
-    for (const auto& object : objects_) gap = object->Skip(events, t_us);
+    for (const auto& object : objects_) gap = object->Skip(InsideSensor(events), t_us);
     if (next_decision_us_) next_decision_us_ = std::max(*next_decision_us_, After(t_us));
     return gap;
   }
@@ -332,6 +335,17 @@ class ViewTracker : public Tracker {
   }
 
  private:
+  // The views may be larger than the sensor, whose pixels alone have bearings.
+  absl::Span<const Event> InsideSensor(absl::Span<const Event> events) {
+    const auto is_inside = [this](const Event& event) {
+      return event.x < camera_.width_px && event.y < camera_.height_px;
+    };
+    if (std::all_of(events.begin(), events.end(), is_inside)) return events;
+    inside_.clear();
+    std::copy_if(events.begin(), events.end(), std::back_inserter(inside_), is_inside);
+    return inside_;
+  }
+
   // The first time of a decision after t_us: multiples of the interval, so that they do not depend on how the events
   // are divided into calls.
   static int64_t After(int64_t t_us) { return (t_us / kDecisionUs + 1) * kDecisionUs; }
@@ -352,7 +366,9 @@ class ViewTracker : public Tracker {
   }
 
   const std::vector<View> views_;
+  const CameraModel camera_;
   const TrackerOptions options_;
+  std::vector<Event> inside_;  // events of the sensor, if some are outside
   std::vector<std::unique_ptr<ViewedObject>> objects_;
   std::optional<int64_t> next_decision_us_;  // nullopt before the first event
 };
@@ -366,7 +382,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeViewTracker(std::vector<ObjectToTra
     EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::CreateTurned(camera, lens.view_from_camera));
     views.push_back({lens, std::make_shared<const CameraTables>(CameraTables{std::move(table)})});
   }
-  auto tracker = std::make_unique<ViewTracker>(std::move(views), options);
+  auto tracker = std::make_unique<ViewTracker>(std::move(views), camera, options);
   for (ObjectToTrack& object : objects) {
     // All views share what depends on the model alone.
     if (object.edges == nullptr) object.edges = MakeModelEdges(object.model, options.visibility, options.elements);
