@@ -29,7 +29,8 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
   add("evaluate", "Compare estimated trajectories with the truth", AddEvaluateCommand);
   add("target", "Make a printable target for evpose calibrate, and its model", AddTargetCommand);
-  add("calibrate", "Estimate a camera from recordings of a moving target, and the profile of a sensor", AddCalibrateCommand);
+  add("calibrate", "Estimate a camera from recordings of a moving target, and the profile of a sensor",
+      AddCalibrateCommand);
   add("camera", "Print, check, convert and draw the calibration of a camera", AddCameraCommand);
   add("render", "Draw the events of a recording and the projected model", AddRenderCommand);
   add("watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);

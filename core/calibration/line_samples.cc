@@ -162,7 +162,10 @@ void LineSampler::Finish(Piece& piece, int index, std::vector<LineSample>& sampl
   // The motion of a bright surface over a dark one makes pixels brighter.
   const double side = kappa * piece.normal_speed_px_s;
   if (std::abs(kappa) >= options_.min_kappa) sample.dark_side = side > 0.0 ? 1.0 : -1.0;
+  sample.motion = piece.normal_speed_px_s > 0.0 ? 1.0 : -1.0;
   sample.speed_px_per_s = std::abs(piece.normal_speed_px_s);
+  // The length of the piece, until SetDensities().
+  sample.events_per_px2 = 2.0 * piece.half_px;
   samples.push_back(sample);
 }
 
@@ -171,7 +174,22 @@ void LineSampler::Sample(const CalibrationInterval& interval, int index, std::ve
   for (const Event& event : interval.events) {
     AddEvent(event, 1e-6 * static_cast<double>(event.t_us - interval.t_us));
   }
+  const size_t first = samples.size();
   for (Piece& piece : pieces_) Finish(piece, index, samples);
+  SetDensities(1e-6 * static_cast<double>(interval.duration_us), absl::MakeSpan(samples).subspan(first));
+}
+
+void LineSampler::SetDensities(double duration_s, absl::Span<LineSample> samples) const {
+  // The pieces of a line are consecutive.
+  for (size_t begin = 0; begin < samples.size();) {
+    double events = 0.0, swept_px2 = 0.0;
+    size_t end = begin;
+    for (; end < samples.size() && samples[end].line == samples[begin].line; ++end) {
+      events += samples[end].num_events;
+      swept_px2 += samples[end].events_per_px2 * samples[end].speed_px_per_s * duration_s;
+    }
+    for (; begin < end; ++begin) samples[begin].events_per_px2 = swept_px2 > 0.0 ? events / swept_px2 : 0.0;
+  }
 }
 
 }  // namespace evpose

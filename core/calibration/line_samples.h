@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/association/visible_edges.h"
 #include "core/events/event.h"
 #include "core/geometry/camera.h"
@@ -19,7 +20,8 @@ namespace evpose {
 // An interval in which the object moves by a few pixels.
 struct CalibrationInterval {
   int recording = 0;
-  int64_t t_us = 0;  // its middle, to which the pose belongs
+  int64_t t_us = 0;         // its middle, to which the pose belongs
+  int64_t duration_us = 0;  // of the events
   RigidTransform camera_from_object;
   Vector6d twist = Vector6d::Zero();  // as PoseEstimate::twist
   std::vector<Event> events;
@@ -35,7 +37,9 @@ struct LineSample {
   double sigma_px = 1.0;                             // expected standard error
   // Side of the darker surface along the normal: 1 or -1; 0 for a line without a majority of one polarity.
   double dark_side = 0.0;
+  double motion = 0.0;          // sign of the motion along the normal: 1 or -1
   double speed_px_per_s = 0.0;  // across the line, magnitude
+  double events_per_px2 = 0.0;  // of the whole line in the interval, per swept area
   double num_events = 0.0;
 };
 
@@ -89,6 +93,8 @@ class LineSampler {
   void EnterCells(int index);
   void AddEvent(const Event& event, double tau_s);
   void Finish(Piece& piece, int index, std::vector<LineSample>& samples) const;
+  // Sets the density of the events of the samples of one interval.
+  void SetDensities(double duration_s, absl::Span<LineSample> samples) const;
 
   const CameraModel camera_;
   const LineSampleOptions options_;

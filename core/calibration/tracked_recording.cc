@@ -105,6 +105,7 @@ class IntervalCollector {
     pending.end_us = estimate.t_us + half_us;
     pending.interval.recording = recording_;
     pending.interval.t_us = estimate.t_us;
+    pending.interval.duration_us = 2 * half_us;
     pending.interval.camera_from_object = estimate.camera_from_object;
     pending.interval.twist = estimate.twist;
     pending_.push_back(std::move(pending));
