@@ -51,6 +51,8 @@ struct LineSampleOptions {
   double min_gate_px = 2.0;
   // Length of the pieces, pixels: the lens bends them by less than 0.05 px, and they have enough events.
   double piece_px = 20.0;
+  // Shortest pieces, of lines that are shorter than six of the others, pixels: they still have enough events.
+  double min_piece_px = 6.0;
   // Smallest number of events of a piece, for their mean.
   double min_events = 12.0;
   // Smallest normal speed, px/s: a slower line has too few events to be distinguished from noise.
