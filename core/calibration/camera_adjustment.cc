@@ -61,10 +61,14 @@ struct SampleCost {
     if (point[2] < 1e-6) return false;
     const Eigen::Matrix<T, 2, 1> pixel =
         ProjectWith(lens_model, parameters, T(point[0] / point[2]), T(point[1] / point[2]));
-    const T shift = parameters[kEdgeShift] + kSpeedUnit * sample->speed_px_per_s * parameters[kEdgeShiftRate];
-    *residual = (sample->normal.x() * (pixel.x() - sample->pixel.x()) +
-                 sample->normal.y() * (pixel.y() - sample->pixel.y()) + sample->dark_side * shift) /
-                sample->sigma_px;
+    const double density = sample->events_per_px2 - kReferenceDensity;
+    const T shift = parameters[kEdgeShift] + kSpeedUnit * sample->speed_px_per_s * parameters[kEdgeShiftRate] +
+                    density * parameters[kEdgeShiftDensity];
+    const T lag = parameters[kEdgeLag] + density * parameters[kEdgeLagDensity];
+    *residual =
+        (sample->normal.x() * (pixel.x() - sample->pixel.x()) + sample->normal.y() * (pixel.y() - sample->pixel.y()) +
+         sample->dark_side * shift - sample->motion * lag) /
+        sample->sigma_px;
     return true;
   }
 };
@@ -103,9 +107,23 @@ SampleRow RowOf(const LineSample& sample, const RigidTransform& pose, const Cali
 }  // namespace
 
 std::string_view CalibrationParameterName(LensModel lens_model, int parameter) {
-  constexpr std::string_view kNames[] = {
-      "fx_px", "fy_fx", "cx_px",         "cy_px",          "k1", "k2", "p1", "p2", "k3", "k4",
-      "k5",    "k6",    "edge_shift_px", "edge_shift_rate"};
+  constexpr std::string_view kNames[] = {"fx_px",
+                                         "fy_fx",
+                                         "cx_px",
+                                         "cy_px",
+                                         "k1",
+                                         "k2",
+                                         "p1",
+                                         "p2",
+                                         "k3",
+                                         "k4",
+                                         "k5",
+                                         "k6",
+                                         "edge_shift_px",
+                                         "edge_shift_rate",
+                                         "edge_shift_density",
+                                         "edge_lag_px",
+                                         "edge_lag_density"};
   static_assert(std::size(kNames) == kNumCalibrationParameters);
   constexpr std::string_view kFisheyeNames[] = {"k1", "k2", "k3", "k4"};
   const int coefficient = parameter - kDistortion;
@@ -275,6 +293,26 @@ std::vector<double> ResidualsPx(absl::Span<const LineSample> samples, const Cali
     residuals.push_back(residual * sample.sigma_px);
   }
   return residuals;
+}
+
+void ScaleErrors(const CalibrationParameters& parameters, absl::Span<const CalibrationInterval> intervals,
+                 absl::Span<LineSample> samples) {
+  constexpr size_t kBins = 12, kMinInBin = 50;
+  const std::vector<double> residuals_px = ResidualsPx(samples, parameters, intervals);
+  std::vector<size_t> order(samples.size());
+  for (size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return samples[a].speed_px_per_s < samples[b].speed_px_per_s; });
+  const size_t bins = std::clamp<size_t>(order.size() / kMinInBin, 1, kBins);
+  for (size_t bin = 0; bin < bins; ++bin) {
+    const size_t begin = bin * order.size() / bins, end = (bin + 1) * order.size() / bins;
+    std::vector<double> relative;
+    for (size_t i = begin; i < end; ++i) relative.push_back(residuals_px[order[i]] / samples[order[i]].sigma_px);
+    // Residuals of zero, as of made samples without noise, have no scale.
+    constexpr double kMinScale = 1e-3;
+    const double scale = std::max(kMinScale, MadScale(relative));
+    for (size_t i = begin; i < end; ++i) samples[order[i]].sigma_px *= scale;
+  }
 }
 
 }  // namespace evpose

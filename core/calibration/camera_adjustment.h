@@ -27,8 +27,14 @@ enum CalibrationParameter {
   kDistortion,                                // the first coefficient
   kEdgeShift = kDistortion + kMaxDistortion,  // px
   kEdgeShiftRate,                             // px at 1000 px/s
+  kEdgeShiftDensity,                          // px for one event per px^2 more than kReferenceDensity
+  kEdgeLag,                                   // px
+  kEdgeLagDensity,                            // px for one event per px^2 more
   kNumCalibrationParameters
 };
+
+// Events per px^2 that an edge of ordinary contrast produces: kEdgeShift and kEdgeLag are those at this density.
+inline constexpr double kReferenceDensity = 3.0;
 
 struct CalibrationParameters {
   LensModel lens_model = LensModel::kBrown;
@@ -40,7 +46,7 @@ struct CalibrationParameters {
 using CalibrationCovariance = Eigen::Matrix<double, kNumCalibrationParameters, kNumCalibrationParameters>;
 using FreeParameters = std::array<bool, kNumCalibrationParameters>;
 
-// "fx_px", ..., "edge_shift_rate"; the coefficients as OpenCV calls them: k1 k2 p1 p2 k3 ..., of a fisheye lens k1 to
+// "fx_px", ..., "edge_lag_density"; the coefficients as OpenCV calls them: k1 k2 p1 p2 k3 ..., of a fisheye lens k1 to
 // k4.
 std::string_view CalibrationParameterName(LensModel lens_model, int parameter);
 // All parameters that the lens model has.
@@ -85,6 +91,11 @@ AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeP
 // The distance of each sample from its line, across it, pixels.
 std::vector<double> ResidualsPx(absl::Span<const LineSample> samples, const CalibrationParameters& parameters,
                                 absl::Span<const CalibrationInterval> intervals);
+
+// Multiplies the expected standard errors of samples of similar speed by the robust standard deviation of their
+// residuals: slow edges have more noise among their events, and the sensor is not known.
+void ScaleErrors(const CalibrationParameters& parameters, absl::Span<const CalibrationInterval> intervals,
+                 absl::Span<LineSample> samples);
 
 // Removes the samples of intervals that do not determine a pose: fewer than 12 samples, or fewer than three lines.
 void RemoveWeakIntervals(std::vector<LineSample>& samples);

@@ -105,6 +105,9 @@ absl::Status Calibrator::Adjust(const FreeParameters& free, int times, Intervals
     for (size_t k = 0; k < intervals.size(); ++k) sampler.Sample(intervals[k], static_cast<int>(k), samples_);
     RemoveWeakIntervals(samples_);
     if (samples_.empty()) return absl::OkStatus();
+    // With the expected errors, then with those that the residuals show.
+    EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, options_.adjustment, parameters_, absl::MakeSpan(intervals)));
+    ScaleErrors(parameters_, intervals, absl::MakeSpan(samples_));
     EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, options_.adjustment, parameters_, absl::MakeSpan(intervals)));
   }
   SetParameters(parameters_, camera_);
@@ -239,7 +242,8 @@ absl::Status Calibrator::CompareHalves(const Intervals& intervals, CameraCalibra
     halves[half] = parameters_;
     Intervals poses;
     for (const CalibrationInterval& interval : intervals) {
-      poses.push_back({interval.recording, interval.t_us, interval.camera_from_object, interval.twist, {}});
+      poses.push_back(
+          {interval.recording, interval.t_us, interval.duration_us, interval.camera_from_object, interval.twist, {}});
     }
     if (samples.empty()) continue;
     EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples, free_, options_.adjustment, halves[half], absl::MakeSpan(poses)));

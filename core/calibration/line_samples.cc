@@ -12,6 +12,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+constexpr double kMinPieces = 6.0;  // of a line
 constexpr int kCellPx = 8;
 constexpr size_t kMaxPieces = 2000;  // bounds the work of a model with many lines
 constexpr double kStepS = 1e-5;      // of the difference quotient of velocities: far below a pixel
@@ -49,7 +50,10 @@ void LineSampler::AddPieces(const TrackedLine& line, const CalibrationInterval& 
     first = {0.0, 0.0};
     last = {static_cast<double>(camera_.width_px), 0.0};
   }
-  const int count = static_cast<int>(std::ceil((last - first).norm() / options_.piece_px));
+  // Short lines have shorter pieces: those near the ends are too near to other lines to be used.
+  const double length_px = (last - first).norm();
+  const int count = static_cast<int>(
+      std::ceil(length_px / std::clamp(length_px / kMinPieces, options_.min_piece_px, options_.piece_px)));
   RigidTransform later = pose;
   later.translation_m += kStepS * interval.twist.head<3>();
   later.rotation = ExpSo3(kStepS * interval.twist.tail<3>()) * pose.rotation;
@@ -63,11 +67,11 @@ void LineSampler::AddPieces(const TrackedLine& line, const CalibrationInterval& 
         !ProjectPoint(pose, piece.point, piece.middle) || !ProjectPoint(later, piece.point, moved)) {
       continue;
     }
-    const double length_px = (piece.end - piece.begin).norm();
-    if (length_px < 1.0) continue;
-    piece.along = (piece.end - piece.begin) / length_px;
+    const double chord_px = (piece.end - piece.begin).norm();
+    if (chord_px < 1.0) continue;
+    piece.along = (piece.end - piece.begin) / chord_px;
     piece.normal = {-piece.along.y(), piece.along.x()};
-    piece.half_px = 0.5 * length_px;
+    piece.half_px = 0.5 * chord_px;
     piece.bow_px = piece.normal.dot(0.5 * (piece.begin + piece.end) - piece.middle);
     const Vector2d velocity = (moved - piece.middle) / kStepS;
     piece.normal_speed_px_s = velocity.dot(piece.normal);
@@ -162,7 +166,10 @@ void LineSampler::Finish(Piece& piece, int index, std::vector<LineSample>& sampl
   // The motion of a bright surface over a dark one makes pixels brighter.
   const double side = kappa * piece.normal_speed_px_s;
   if (std::abs(kappa) >= options_.min_kappa) sample.dark_side = side > 0.0 ? 1.0 : -1.0;
+  sample.motion = piece.normal_speed_px_s > 0.0 ? 1.0 : -1.0;
   sample.speed_px_per_s = std::abs(piece.normal_speed_px_s);
+  // The length of the piece, until SetDensities().
+  sample.events_per_px2 = 2.0 * piece.half_px;
   samples.push_back(sample);
 }
 
@@ -171,7 +178,22 @@ void LineSampler::Sample(const CalibrationInterval& interval, int index, std::ve
   for (const Event& event : interval.events) {
     AddEvent(event, 1e-6 * static_cast<double>(event.t_us - interval.t_us));
   }
+  const size_t first = samples.size();
   for (Piece& piece : pieces_) Finish(piece, index, samples);
+  SetDensities(1e-6 * static_cast<double>(interval.duration_us), absl::MakeSpan(samples).subspan(first));
+}
+
+void LineSampler::SetDensities(double duration_s, absl::Span<LineSample> samples) const {
+  // The pieces of a line are consecutive.
+  for (size_t begin = 0; begin < samples.size();) {
+    double events = 0.0, swept_px2 = 0.0;
+    size_t end = begin;
+    for (; end < samples.size() && samples[end].line == samples[begin].line; ++end) {
+      events += samples[end].num_events;
+      swept_px2 += samples[end].events_per_px2 * samples[end].speed_px_per_s * duration_s;
+    }
+    for (; begin < end; ++begin) samples[begin].events_per_px2 = swept_px2 > 0.0 ? events / swept_px2 : 0.0;
+  }
 }
 
 }  // namespace evpose

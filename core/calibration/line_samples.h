@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "core/association/visible_edges.h"
 #include "core/events/event.h"
 #include "core/geometry/camera.h"
@@ -19,7 +20,8 @@ namespace evpose {
 // An interval in which the object moves by a few pixels.
 struct CalibrationInterval {
   int recording = 0;
-  int64_t t_us = 0;  // its middle, to which the pose belongs
+  int64_t t_us = 0;         // its middle, to which the pose belongs
+  int64_t duration_us = 0;  // of the events
   RigidTransform camera_from_object;
   Vector6d twist = Vector6d::Zero();  // as PoseEstimate::twist
   std::vector<Event> events;
@@ -35,7 +37,9 @@ struct LineSample {
   double sigma_px = 1.0;                             // expected standard error
   // Side of the darker surface along the normal: 1 or -1; 0 for a line without a majority of one polarity.
   double dark_side = 0.0;
+  double motion = 0.0;          // sign of the motion along the normal: 1 or -1
   double speed_px_per_s = 0.0;  // across the line, magnitude
+  double events_per_px2 = 0.0;  // of the whole line in the interval, per swept area
   double num_events = 0.0;
 };
 
@@ -47,6 +51,8 @@ struct LineSampleOptions {
   double min_gate_px = 2.0;
   // Length of the pieces, pixels: the lens bends them by less than 0.05 px, and they have enough events.
   double piece_px = 20.0;
+  // Shortest pieces, of lines that are shorter than six of the others, pixels: they still have enough events.
+  double min_piece_px = 6.0;
   // Smallest number of events of a piece, for their mean.
   double min_events = 12.0;
   // Smallest normal speed, px/s: a slower line has too few events to be distinguished from noise.
@@ -89,6 +95,8 @@ class LineSampler {
   void EnterCells(int index);
   void AddEvent(const Event& event, double tau_s);
   void Finish(Piece& piece, int index, std::vector<LineSample>& samples) const;
+  // Sets the density of the events of the samples of one interval.
+  void SetDensities(double duration_s, absl::Span<LineSample> samples) const;
 
   const CameraModel camera_;
   const LineSampleOptions options_;

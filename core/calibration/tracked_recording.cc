@@ -96,15 +96,18 @@ class IntervalCollector {
 
   void Consider(const PoseEstimate& estimate) {
     if (estimate.state != TrackState::kTracking || estimate.t_us < next_us_) return;
-    constexpr double kMinUs = 500.0, kMaxUs = 20'000.0;
+    // Slow motion is seen for a window's length; below a quarter of the motion, the events cover too few positions
+    // between two pixels.
+    constexpr double kMinUs = 500.0, kMaxUs = 20'000.0, kMinMotion = 0.25;
     const double length_us = 1e6 * options_.motion_px / std::max(SpeedPxPerS(estimate), 1e-9);
-    if (length_us > kMaxUs) return;
-    const auto half_us = static_cast<int64_t>(0.5 * std::max(kMinUs, length_us));
+    if (kMinMotion * length_us > kMaxUs) return;
+    const auto half_us = static_cast<int64_t>(0.5 * std::clamp(length_us, kMinUs, kMaxUs));
     Pending pending;
     pending.begin_us = estimate.t_us - half_us;
     pending.end_us = estimate.t_us + half_us;
     pending.interval.recording = recording_;
     pending.interval.t_us = estimate.t_us;
+    pending.interval.duration_us = 2 * half_us;
     pending.interval.camera_from_object = estimate.camera_from_object;
     pending.interval.twist = estimate.twist;
     pending_.push_back(std::move(pending));
