@@ -8,8 +8,6 @@
 namespace evpose::client {
 namespace {
 
-constexpr uint64_t kMaxRows = 16384;  // of a read
-
 // The number of a dataset without dimensions; 0 if there is none.
 int64_t ReadNumber(const Hdf5Handle& file, const char* path) {
   if (!Hdf5Column::Exists(file, path)) return 0;

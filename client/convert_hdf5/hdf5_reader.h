@@ -15,6 +15,9 @@
 
 namespace evpose::client {
 
+// Rows of a read from a table that is not divided into chunks: as many as Metavision's chunks have.
+inline constexpr uint64_t kMaxRows = 16384;
+
 class Hdf5Reader {
  public:
   // Errors: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a file that HDF5 cannot open or that holds no events in

@@ -13,8 +13,6 @@
 namespace evpose::client {
 namespace {
 
-constexpr uint64_t kMaxRows = 16384;  // of a read; as many as Metavision's chunks have
-
 SensorGeometry ParseGeometry(const std::string& text) {
   const std::vector<std::string> sides = absl::StrSplit(text, 'x');
   SensorGeometry geometry;
