@@ -106,25 +106,6 @@ class TurnCounts {
   std::vector<uint8_t> latest_;  // 1 + the turn that was counted last
 };
 
-// By EdgeDistanceMap::Place: whether events there may belong to edges that most turns have in common. Such an edge
-// moves by half of the 3 px of the interval to either side, and its events are within twice the distance of near ones.
-std::vector<uint8_t> PlacesNearCommonEdges(const EdgeDistanceMap& map, const TurnCounts& counts, int num_turns) {
-  constexpr double kReachPx = 2.0 * kNearPx + 1.5;
-  const int reach = std::min(EdgeDistanceMap::kReach, static_cast<int>(std::ceil(kReachPx / map.cell_px())));
-  std::vector<uint8_t> is_near(static_cast<size_t>(map.width()) * map.height());
-  for (int y = 0; y < map.height(); ++y) {
-    for (int x = 0; x < map.width(); ++x) {
-      if (2 * counts.MaxAt(map.Place(x, y)) <= num_turns) continue;
-      for (int v = std::max(0, y - reach); v <= std::min(map.height() - 1, y + reach); ++v) {
-        for (int u = std::max(0, x - reach); u <= std::min(map.width() - 1, x + reach); ++u) {
-          is_near[map.Place(u, v)] = 1;
-        }
-      }
-    }
-  }
-  return is_near;
-}
-
 int NumExtracted(const TemplateModel& model) {
   return std::max(1, kExtractedTurns * model.num_spins() / kTemplateTurns);
 }
@@ -217,7 +198,8 @@ TurnScanner::TurnedEdges TurnScanner::ExtractEdges(const EdgeDistanceMap& map,
       ForEachCell(map, image, [&](size_t place) { counts.Add(place, image.bin, turn); });
     }
   }
-  edges.is_common = PlacesNearCommonEdges(map, counts, num_turns);
+  edges.is_common.resize(num_places);
+  for (size_t place = 0; place < num_places; ++place) edges.is_common[place] = 2 * counts.MaxAt(place) > num_turns;
   for (int turn = 0; turn < num_turns; ++turn) {
     const RigidTransform pose = Turned(camera_from_object, turn);
     std::erase_if(edges.of_turn[turn], [&](const EdgeSample& sample) {

@@ -40,8 +40,8 @@ class TurnScanner {
                                 const Vector6d& twist, size_t max_turns) const;
 
  private:
-  // The edges at each of the turns for which they are extracted, and the places where events may belong to edges that
-  // most turns have in common.
+  // The edges at each of the turns for which they are extracted, and which of the map's places most turns have in
+  // common.
   struct TurnedEdges {
     std::vector<std::vector<EdgeSample>> of_turn;  // those that most turns do not have in common
     std::vector<uint8_t> is_common;                // by EdgeDistanceMap::Place
