@@ -20,7 +20,7 @@ constexpr size_t kMaxScanned = 40'000;  // events; twice as many as the interval
 // edges farthest from the axis move by three quarters of the gate of near events from one to the next.
 constexpr int kExtractedTurns = 24;
 constexpr int kMaxFineTurns = 15;
-constexpr double kExtractedRad = 2.0 * std::numbers::pi / kExtractedTurns;
+constexpr double kStepRad = 2.0 * std::numbers::pi / kExtractedTurns;
 constexpr int kTurnSamples = 120;
 // Least difference of two turns that are returned, of that between two extractions: 6 degrees, within which the
 // alignment finds one from the other.
@@ -162,7 +162,7 @@ TurnScanner::TurnScanner(const TemplateModel& model, const CameraModel& camera, 
 
 RigidTransform TurnScanner::Turned(const RigidTransform& camera_from_object, double turn) const {
   const ContinuousSymmetry& axis = *model_.near_axis();
-  return camera_from_object * AboutCentre(axis, ExpSo3(kExtractedRad * turn * axis.axis));
+  return camera_from_object * AboutCentre(axis, ExpSo3(kStepRad * turn * axis.axis));
 }
 
 int TurnScanner::NumFineTurns(const TurnedEdges& edges, const RigidTransform& camera_from_object) const {
@@ -175,7 +175,7 @@ int TurnScanner::NumFineTurns(const TurnedEdges& edges, const RigidTransform& ca
     }
   }
   const double depth_m = (camera_from_object * model_.centre()).norm();
-  const double moved_px = kExtractedRad * radius_m * camera_.MaxFocalPx() / std::max(depth_m, model_.radius_m());
+  const double moved_px = kStepRad * radius_m * camera_.MaxFocalPx() / std::max(depth_m, model_.radius_m());
   const double half = std::clamp(0.5 * (moved_px / kStepPx - 1.0), 0.0, 0.5 * (kMaxFineTurns - 1));
   return 2 * static_cast<int>(std::ceil(half)) + 1;
 }
