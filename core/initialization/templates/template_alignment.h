@@ -25,7 +25,6 @@ struct AlignmentScore {
   // An edge without events costs less than events without an edge: edges of low contrast and those that move along
   // themselves have none.
   double total() const { return 0.5 * hit_ratio + explained_ratio; }
-  static constexpr double kMaxTotal = 1.5;
 };
 
 // Immutable after construction. Keeps a reference: `map` must outlive it.

@@ -152,6 +152,26 @@ void TemplateModel::FindNearAxis() {
   num_spins_ = std::max(1, kTemplateTurns / std::max(1, static_cast<int>(count)));
 }
 
+int TemplateModel::NearestView(RigidTransform& camera_from_object) const {
+  const RigidTransform pose = camera_from_object;
+  int nearest = 0;
+  double largest = -2.0;
+  const auto consider = [&](const RigidTransform& equivalent) {
+    const Vector3d sight = (equivalent * centre()).normalized();
+    const Vector3d axis = equivalent.rotation.transpose() * sight;  // from the camera to the centre, object frame
+    for (size_t i = 0; i < views_.size(); ++i) {
+      const double cosine = views_[i].rotation.row(2).dot(axis);
+      if (!(cosine > largest)) continue;
+      largest = cosine;
+      nearest = static_cast<int>(i);
+      camera_from_object = equivalent;
+    }
+  };
+  consider(pose);
+  for (const RigidTransform& symmetry : model_->symmetries) consider(pose * symmetry);
+  return nearest;
+}
+
 void TemplateModel::AddView(const Vector3d& direction, absl::Span<const EdgeSample> samples, bool is_coarse) {
   ViewTemplate view;
   const RigidTransform pose = PoseOfView(direction);

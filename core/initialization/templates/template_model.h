@@ -89,6 +89,9 @@ class TemplateModel {
   // Number of turns about it, in steps of 2 pi / kTemplateTurns, after which the symmetries of the object repeat the
   // first ones.
   int num_spins() const { return num_spins_; }
+  // The view nearest to a pose, an index into views(); `camera_from_object` is replaced by the equivalent pose from
+  // which the object looks like this view up to a turn.
+  int NearestView(RigidTransform& camera_from_object) const;
 
   // Points of a template.
   static constexpr int kPoints = 120;

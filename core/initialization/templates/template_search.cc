@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <utility>
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 #include "core/initialization/templates/edge_blobs.h"
-#include "core/initialization/templates/turn_scan.h"
 #include "core/models/continuous_symmetry.h"
 
 namespace evpose {
@@ -32,7 +32,8 @@ absl::Status TemplateSearchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_placements", max_placements, 1, 10'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_coarse", max_coarse, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_fine", max_fine, 1, 1000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_turns", max_turns, 0, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_spun", max_spun, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_spins", max_spins, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_matches", max_matches, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.min_hit_ratio", min_hit_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.min_sum", min_sum, 0.0, 2.0));
@@ -88,21 +89,36 @@ void TemplateSearch::Refine(const EdgeDistanceMap& map, int num_samples, double 
   candidate.score = candidate.alignment.total();
 }
 
-void TemplateSearch::AppendTurns(absl::Span<const PixelEvent> events, const EventEdges& edges, const Maps& maps,
-                                 std::vector<Candidate>& candidates) const {
-  if (!model_->near_axis() || candidates.empty()) return;
-  Candidate best = candidates.front();
-  const EdgeDistanceMap& map = *maps[best.box];
-  Refine(map, kManySamples, 4.0, 1e-6 * static_cast<double>(edges.t_end_us - edges.t_begin_us), best);
-  const TurnScanner scanner(*model_, camera_, events, edges.t_begin_us, edges.t_end_us);
-  for (const ScannedTurn& turn :
-       scanner.Scan(map, best.camera_from_object, best.motion.twist, static_cast<size_t>(options_.max_turns))) {
-    Candidate turned;
-    turned.camera_from_object = turn.camera_from_object;
-    turned.box = best.box;
-    turned.turn_sigma = turn.sigma;
-    candidates.push_back(std::move(turned));
+void TemplateSearch::AppendSpins(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const {
+  if (!model_->near_axis()) return;
+  std::vector<Candidate> spun, spins;
+  const auto is_known = [&](const Candidate& candidate) {
+    return std::any_of(spun.begin(), spun.end(), [&](const Candidate& other) {
+      const RigidTransform& pose = other.camera_from_object;
+      const RigidTransform nearest = NearestEquivalent(candidate.camera_from_object, *model_->near_axis(), pose);
+      return RotationAngle(nearest.rotation, pose.rotation) < 2.0 * kSameRotationRad;
+    });
+  };
+  for (const Candidate& candidate : candidates) {
+    if (static_cast<int>(spun.size()) == options_.max_spun) break;
+    if (!is_known(candidate)) spun.push_back(candidate);
   }
+  const Eigen::Vector3d& axis = model_->near_axis()->axis;
+  for (const Candidate& candidate : spun) {
+    const TemplateAligner aligner(*maps[candidate.box], camera_, model_->radius_m(), model_->centre());
+    for (int turn = 0; turn < model_->num_spins(); ++turn) {
+      YieldPoint();
+      Candidate spin = candidate;
+      const Eigen::Matrix3d rotation = ExpSo3(2.0 * std::numbers::pi / kTemplateTurns * turn * axis);
+      spin.camera_from_object = candidate.camera_from_object * AboutCentre(*model_->near_axis(), rotation);
+      const std::vector<EdgeSample>& samples = model_->views()[model_->NearestView(spin.camera_from_object)].samples;
+      spin.camera_from_object = aligner.Align(spin.camera_from_object, samples, 4.0, 3.0, 2, 1);
+      spin.score = aligner.Score(spin.camera_from_object, samples, spin.motion.twist, duration_s).total();
+      spins.push_back(std::move(spin));
+    }
+  }
+  KeepDistinct(static_cast<size_t>(options_.max_spins), spins);
+  candidates.insert(candidates.end(), spins.begin(), spins.end());
 }
 
 void TemplateSearch::KeepDistinct(size_t count, std::vector<Candidate>& candidates) const {
@@ -148,12 +164,8 @@ TemplateMatches TemplateSearch::Find(absl::Span<const PixelEvent> events, absl::
   AppendProposals(proposals, found.t_us, maps.size(), candidates);
   for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kFewSamples, 6.0, duration_s, candidate);
   KeepDistinct(static_cast<size_t>(options_.max_fine), candidates);
-  AppendTurns(events, edges, maps, candidates);
-  for (Candidate& candidate : candidates) {
-    Refine(*maps[candidate.box], kManySamples, 4.0, duration_s, candidate);
-    // The score hardly tells turns apart: those that the events prefer come first, in this order.
-    if (candidate.turn_sigma > 0.0) candidate.score = AlignmentScore::kMaxTotal + candidate.turn_sigma;
-  }
+  AppendSpins(maps, duration_s, candidates);
+  for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kManySamples, 4.0, duration_s, candidate);
   KeepDistinct(static_cast<size_t>(options_.max_matches), candidates);
   for (const Candidate& candidate : candidates) {
     if (candidate.alignment.hit_ratio < options_.min_hit_ratio) continue;

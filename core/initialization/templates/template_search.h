@@ -34,9 +34,10 @@ struct TemplateSearchOptions {
   int max_placements = 64;
   int max_coarse = 24;
   int max_fine = 12;
-  // Of a nearly round object: turns of the best pose about its axis that are candidates, too. The remaining matches are
-  // left for other poses.
-  int max_turns = 5;
+  // Of a nearly round object: candidates that are turned about its axis, in steps of 2 pi / kTemplateTurns, and number
+  // of the poses that are kept of all of them.
+  int max_spun = 3;
+  int max_spins = 12;
   // Number of returned poses: an object with three near-symmetries looks alike in eight poses.
   int max_matches = 8;
   // Smallest share of the visible edges with events, of the events on edges of the box that a pose explains, and of
@@ -86,7 +87,6 @@ class TemplateSearch {
     RigidTransform camera_from_object;
     size_t box = 0;
     double score = 0.0;
-    double turn_sigma = 0.0;  // ScannedTurn; 0 for other candidates
     AlignmentScore alignment;
     TwistEstimate motion;
   };
@@ -99,10 +99,9 @@ class TemplateSearch {
                               std::vector<Candidate>& candidates);
   // Aligns a pose with the edges that are visible at it.
   void Refine(const EdgeDistanceMap& map, int num_samples, double gate, double duration_s, Candidate& candidate) const;
-  // Appends the turns of the best candidate about the axis of a nearly round object that the events in the interval
-  // prefer: what tells them apart is small.
-  void AppendTurns(absl::Span<const PixelEvent> events, const EventEdges& edges, const Maps& maps,
-                   std::vector<Candidate>& candidates) const;
+  // Appends the best poses that differ from one of the best candidates by a rotation about the axis of a nearly round
+  // object: what tells them apart is small.
+  void AppendSpins(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const;
   // Sorts by score and keeps the best `count` that differ, modulo symmetries.
   void KeepDistinct(size_t count, std::vector<Candidate>& candidates) const;
 
