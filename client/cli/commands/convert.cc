@@ -103,7 +103,9 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
         begin_us = event.t_us + std::llround(arguments.start_s * 1e6);
         if (std::isfinite(arguments.duration_s)) end_us = *begin_us + std::llround(arguments.duration_s * 1e6);
       }
-      if (event.t_us >= *begin_us && event.t_us < end_us) selected.push_back(event);
+      // Without --start, an event before the first one, after a step back in time, belongs to the recording.
+      const bool has_begun = arguments.start_s == 0 || event.t_us >= *begin_us;
+      if (has_begun && event.t_us < end_us) selected.push_back(event);
     }
     triggers.clear();
     for (const Trigger& trigger : events.decoded().triggers) {
