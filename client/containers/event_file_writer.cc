@@ -21,9 +21,9 @@ constexpr bool HasTriggers(Encoding encoding) { return encoding != Encoding::kDa
 // Calls `write_events` and `write_trigger` with the parts of both in the order of time: each trigger before the first
 // of the remaining events at its time or later.
 template <typename WriteEvents, typename WriteTrigger>
-absl::Status InOrder(absl::Span<const Event> events, absl::Span<const Trigger> triggers,
+absl::Status InOrder(absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers,
                      const WriteEvents& write_events, const WriteTrigger& write_trigger) {
-  for (const Trigger& trigger : triggers) {
+  for (const evpose::Trigger& trigger : triggers) {
     size_t count = 0;
     while (count < events.size() && events[count].t_us < trigger.t_us) ++count;
     EVPOSE_RETURN_IF_ERROR(write_events(events.first(count)));
@@ -39,11 +39,11 @@ class EncodedFileWriter final : public EventFileWriter {
   EncodedFileWriter(std::unique_ptr<RecordingWriter> writer, bool has_triggers)
       : writer_(std::move(writer)), has_triggers_(has_triggers) {}
 
-  absl::Status Write(absl::Span<const Event> events, absl::Span<const Trigger> triggers) override {
+  absl::Status Write(absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) override {
     if (!has_triggers_) return writer_->Write(events);
     return InOrder(
         events, triggers, [this](absl::Span<const Event> part) { return writer_->Write(part); },
-        [this](const Trigger& trigger) { return writer_->WriteTrigger(trigger); });
+        [this](const evpose::Trigger& trigger) { return writer_->WriteTrigger(trigger); });
   }
   absl::Status Close() override { return writer_->Close(); }
 
@@ -57,12 +57,12 @@ class EncodingChecker final : public EventFileChecker {
   EncodingChecker(std::unique_ptr<EventEncoder> encoder, bool has_triggers)
       : encoder_(std::move(encoder)), has_triggers_(has_triggers) {}
 
-  absl::Status Check(absl::Span<const Event> events, absl::Span<const Trigger> triggers) override {
+  absl::Status Check(absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) override {
     if (!has_triggers_) triggers = {};
     bytes_.clear();
     return InOrder(
         events, triggers, [this](absl::Span<const Event> part) { return CheckEvents(part); },
-        [this](const Trigger& trigger) { return encoder_->EncodeTrigger(trigger, bytes_); });
+        [this](const evpose::Trigger& trigger) { return encoder_->EncodeTrigger(trigger, bytes_); });
   }
 
  private:
@@ -105,7 +105,7 @@ class CsvFileWriter final : public EventFileWriter {
     return file_.Append(text);
   }
 
-  absl::Status Write(absl::Span<const Event> events, absl::Span<const Trigger> /*triggers*/) override {
+  absl::Status Write(absl::Span<const Event> events, absl::Span<const evpose::Trigger> /*triggers*/) override {
     text_.clear();
     for (const Event& event : events) {
       absl::StrAppend(&text_, event.x, ",", event.y, ",", static_cast<int>(event.polarity), ",", event.t_us);
@@ -123,7 +123,7 @@ class CsvFileWriter final : public EventFileWriter {
 // CSV holds every event.
 class CsvChecker final : public EventFileChecker {
  public:
-  absl::Status Check(absl::Span<const Event> /*events*/, absl::Span<const Trigger> /*triggers*/) override {
+  absl::Status Check(absl::Span<const Event> /*events*/, absl::Span<const evpose::Trigger> /*triggers*/) override {
     return absl::OkStatus();
   }
 };
@@ -144,7 +144,7 @@ class Hdf5FileWriter final : public EventFileWriter {
  public:
   explicit Hdf5FileWriter(std::unique_ptr<Hdf5Output> output) : output_(std::move(output)) {}
 
-  absl::Status Write(absl::Span<const Event> events, absl::Span<const Trigger> triggers) override {
+  absl::Status Write(absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) override {
     EVPOSE_RETURN_IF_ERROR(output_->Write(triggers));
     return output_->Write(events);
   }
@@ -156,7 +156,7 @@ class Hdf5FileWriter final : public EventFileWriter {
 
 class Hdf5Checker final : public EventFileChecker {
  public:
-  absl::Status Check(absl::Span<const Event> events, absl::Span<const Trigger> /*triggers*/) override {
+  absl::Status Check(absl::Span<const Event> events, absl::Span<const evpose::Trigger> /*triggers*/) override {
     for (const Event& event : events) {
       if (event.x > kEcfMaxCoordinate_px || event.y > kEcfMaxCoordinate_px) {
         return absl::InvalidArgumentError(absl::StrCat("event ", num_checked_, " at x ", event.x, ", y ", event.y,

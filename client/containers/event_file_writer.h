@@ -28,7 +28,7 @@ class EventFileWriter {
 
   // Events and the triggers among them; a format without triggers leaves them out. Errors have the path: those of the
   // disk; INVALID_ARGUMENT for an event or trigger that the format cannot hold.
-  virtual absl::Status Write(absl::Span<const Event> events, absl::Span<const Trigger> triggers) = 0;
+  virtual absl::Status Write(absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) = 0;
   virtual absl::Status Close() = 0;
 };
 
@@ -38,7 +38,7 @@ class EventFileChecker {
   virtual ~EventFileChecker() = default;
 
   // INVALID_ARGUMENT for an event or trigger that the format cannot hold, with its number.
-  virtual absl::Status Check(absl::Span<const Event> events, absl::Span<const Trigger> triggers) = 0;
+  virtual absl::Status Check(absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) = 0;
 };
 
 struct EventFileFormat {

@@ -76,7 +76,7 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArgument
   return reader;
 }
 
-using TakeEvents = std::function<absl::Status(absl::Span<const Event>, absl::Span<const Trigger>)>;
+using TakeEvents = std::function<absl::Status(absl::Span<const Event>, absl::Span<const evpose::Trigger>)>;
 
 // Passes the events between --start and --start + --duration to `take`, and the triggers among them. Without --start
 // triggers before the first event are among them.
@@ -91,7 +91,7 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
   std::optional<int64_t> begin_us;
   int64_t end_us = std::numeric_limits<int64_t>::max();
   std::vector<Event> selected;
-  std::vector<Trigger> triggers;
+  std::vector<evpose::Trigger> triggers;
   EventDigest digest;
   while (true) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
@@ -103,10 +103,12 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
         begin_us = event.t_us + std::llround(arguments.start_s * 1e6);
         if (std::isfinite(arguments.duration_s)) end_us = *begin_us + std::llround(arguments.duration_s * 1e6);
       }
-      if (event.t_us >= *begin_us && event.t_us < end_us) selected.push_back(event);
+      // Without --start, an event before the first one, after a step back in time, belongs to the recording.
+      const bool has_begun = arguments.start_s == 0 || event.t_us >= *begin_us;
+      if (has_begun && event.t_us < end_us) selected.push_back(event);
     }
     triggers.clear();
-    for (const Trigger& trigger : events.decoded().triggers) {
+    for (const evpose::Trigger& trigger : events.decoded().triggers) {
       const bool has_begun = arguments.start_s == 0 || (begin_us && trigger.t_us >= *begin_us);
       if (has_begun && trigger.t_us < end_us) triggers.push_back(trigger);
     }
@@ -141,7 +143,7 @@ absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& 
   absl::StatusOr<std::unique_ptr<EventFileChecker>> checker =
       format.check({reader->header().geometry, reader->header().time_offset_us});
   if (!checker.ok()) return CannotHold(arguments, format, checker.status());
-  const auto check = [&](absl::Span<const Event> events, absl::Span<const Trigger> triggers) -> absl::Status {
+  const auto check = [&](absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) -> absl::Status {
     const absl::Status status = (*checker)->Check(events, triggers);
     return status.ok() ? status : CannotHold(arguments, format, status);
   };
@@ -194,7 +196,7 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,
                           format->create(arguments.out, {reader->header().geometry, reader->header().time_offset_us}));
-  const auto write = [&writer](absl::Span<const Event> events, absl::Span<const Trigger> triggers) {
+  const auto write = [&writer](absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) {
     return writer->Write(events, triggers);
   };
   EVPOSE_ASSIGN_OR_RETURN(const ConvertedEvents converted, ReadEvents(arguments, context, *reader, write));
