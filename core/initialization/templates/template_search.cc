@@ -111,7 +111,8 @@ void TemplateSearch::AppendSpins(const Maps& maps, double duration_s, std::vecto
       Candidate spin = candidate;
       const Eigen::Matrix3d rotation = ExpSo3(2.0 * std::numbers::pi / kTemplateTurns * turn * axis);
       spin.camera_from_object = candidate.camera_from_object * AboutCentre(*model_->near_axis(), rotation);
-      const std::vector<EdgeSample>& samples = model_->views()[model_->NearestView(spin.camera_from_object)].samples;
+      const absl::Span<const EdgeSample> samples =
+          model_->views()[model_->NearestView(spin.camera_from_object)].samples;
       spin.camera_from_object = aligner.Align(spin.camera_from_object, samples, 4.0, 3.0, 2, 1);
       spin.score = aligner.Score(spin.camera_from_object, samples, spin.motion.twist, duration_s).total();
       spins.push_back(std::move(spin));
