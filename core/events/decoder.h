@@ -49,7 +49,8 @@ struct DecodeCounts {
   friend bool operator==(const DecodeCounts&, const DecodeCounts&) = default;
   static void VisitState(auto& archive, auto& self) {
     auto& [cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps, padding] = self;
-    archive(cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps, padding);
+    // Padding words, which were not counted at first, follow in the state of the EVT3 decoder.
+    archive(cd_events, triggers, before_time, outside, kept_outside, unknown, broken, backsteps, wraps);
   }
 };
 

@@ -53,7 +53,7 @@ absl::Status MotionOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.depth_swing_ratio", depth_swing_ratio, 0.0, 0.9));
   EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.extent_ratio", extent_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.rotation_swing_rad", rotation_swing_rad, 0.0, 1.5));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.speed_m_per_s", speed_m_per_s, 0.0, 100.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.speed_m_per_s", speed_m_per_s, 0.0, 1e5));
   EVPOSE_RETURN_IF_ERROR(CheckRange("MotionOptions.angular_speed_rad_per_s", angular_speed_rad_per_s, 0.0, 100.0));
   return CheckRange("MotionOptions.view_angle_rad", view_angle_rad, -1.5, 1.5);
 }

@@ -100,7 +100,7 @@ class TenantLimitTest(server.AdversaryTest):
         running = self.serve("--max-model-store-bytes", str(4 << 20), "--max-model-bytes", str(1 << 20),
                              tenants=("alice", "mallory"))
         mallory, alice = client(self, running, "mallory"), client(self, running, "alice")
-        size = (1 << 19) - (1 << 13)  # four of them fit, with what the server derives from each
+        size = (1 << 19) - (1 << 17)  # four of them fit, with the views and the rest that the server derives from each
         for number in range(4):
             mallory.upload(padded_cube(size, number))
         self.assertEqual(refusal(mallory.upload, padded_cube(size, 4)).reason, "TENANT_QUOTA")

@@ -3,6 +3,7 @@
 // EVT 3.0: 16-bit words of a 4-bit type and 12 bits of content; time, row and vector base hold until another comes.
 #include <bit>
 #include <cstdint>
+#include <type_traits>
 
 #include "core/events/formats/sensor_clock.h"
 #include "core/events/formats/word_decoder.h"
@@ -51,6 +52,10 @@ class Evt3Decoder final : public WordDecoder {
   static void VisitState(auto& archive, auto& self) {
     VisitWords(archive, self);
     archive(self.state_, AtMost(self.wait_, Wait::kNothing), self.needs_time_low_, self.has_row_);
+    if constexpr (std::remove_reference_t<decltype(archive)>::kReading) {
+      if (archive.remaining() == 0) return;  // a state of a version that did not count padding words
+    }
+    archive(self.counts_.padding_words);
   }
 
  private:
