@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose-hdf5: reads and writes recordings in HDF5 for evpose, which exchanges records with it through a pipe.
+#include <sys/time.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <csignal>
 #include <iostream>
 #include <memory>
 #include <string>
@@ -47,7 +49,21 @@ absl::Status WriteAll(absl::Span<const uint8_t> bytes) {
   return absl::OkStatus();
 }
 
+// Ends the program when a step takes more processor time than any step needs: the HDF5 library can follow the
+// references of a damaged file without end. The time starts anew with each step.
+void BoundStep() {
+  constexpr timeval kStepTime = {.tv_sec = 5, .tv_usec = 0};
+  std::signal(SIGPROF, [](int) {
+    constexpr absl::string_view kError = "evpose-hdf5: is damaged: the HDF5 library does not come to an end with it\n";
+    [[maybe_unused]] const ssize_t count = write(STDERR_FILENO, kError.data(), kError.size());
+    _exit(kFailed);
+  });
+  const itimerval timer = {.it_interval = {}, .it_value = kStepTime};
+  setitimer(ITIMER_PROF, &timer, nullptr);
+}
+
 absl::Status ReadFile(const std::string& path) {
+  BoundStep();
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Hdf5Reader> reader, Hdf5Reader::Open(path));
   std::vector<uint8_t> bytes;
   AppendPipeHeader(reader->header(), bytes);
@@ -55,6 +71,7 @@ absl::Status ReadFile(const std::string& path) {
   std::vector<evpose::Trigger> triggers;
   evpose::client::PipeLosses losses;
   while (reader->Next(events, triggers)) {
+    BoundStep();
     // The reader of the pipe sorts them into the events that follow.
     if (!triggers.empty()) AppendPipeTriggers(triggers, bytes);
     if (!events.empty()) AppendPipeEvents(events, bytes);
