@@ -187,6 +187,12 @@ absl::Status Calibrator::AdjustDetermined(Intervals& intervals) {
   while (true) {
     EVPOSE_RETURN_IF_ERROR(Adjust(free_, 2, intervals));
     errors_ = ComputeErrors(samples_, free_, options_.adjustment, parameters_, intervals);
+    if (const int needed = static_cast<int>(std::count(free_.begin(), free_.end(), true)) + 1;
+        errors_.num_blocks < needed) {
+      return absl::FailedPreconditionError(absl::StrFormat(
+          "the target is tracked in %d parts of %.1f s, and %d are needed: record longer, or more recordings",
+          errors_.num_blocks, 1e-6 * static_cast<double>(options_.adjustment.block_us), needed));
+    }
     int worst = -1;
     double worst_ratio = kMaxErrorToPrior;
     for (int i = 0; i < kNumCalibrationParameters; ++i) {

@@ -61,7 +61,7 @@ TEST_F(ConvertTest, WhatTheFormatCannotHoldIsAnErrorAndWritesNothing) {
     const CliResult result = Run({"convert", Path(name), Path("out.raw")});
     EXPECT_EQ(result.status, 1);
     EXPECT_THAT(result.err, HasSubstr("RAW EVT3 cannot hold it, nothing was written"));
-    EXPECT_THAT(FilesBeginning("out"), IsEmpty());
+    EXPECT_THAT(FilesBeginning("out."), IsEmpty());
   }
   const CliResult dropped = Run({"convert", Path("outside.csv"), Path("out.raw"), "--drop-outside"});
   EXPECT_EQ(dropped.status, 0) << dropped.err;
