@@ -174,9 +174,7 @@ TEST(Tracker, PublishedCovarianceIsConsistentForIndependentEvents) {
 TEST(Tracker, TheCovarianceContainsAnUnknownLatency) {
   constexpr int64_t kLatency_us = 60;
   const Motion motion = Tumble(3.0);
-  IdealEventOptions ideal;
-  ideal.duration_us = 100'000;
-  std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, ideal);
+  std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, {.duration_us = 100'000});
   for (Event& event : events) event.t_us += kLatency_us;
   const auto median_nees = [&](double uncertainty) {
     TrackerOptions options = WithoutInitialization();
