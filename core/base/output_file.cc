@@ -119,7 +119,7 @@ void OutputFile::Discard() {
 
 absl::Status OutputFile::Append(std::string_view bytes) {
   if (!status_.ok()) return status_;
-  if (std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size()) {
+  if (!bytes.empty() && std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size()) {
     status_ = FileError(path_, "writing failed", errno);
   }
   return status_;

@@ -105,6 +105,8 @@ TEST(DecoderStateTest, TruncatedStatesAreRefused) {
     decoder->Decode(Stream(encoding, 1000, 4), events);
     const std::string state = Save(*decoder);
     for (size_t size = 0; size < state.size(); ++size) {
+      // Without its last number the state is that of a version that did not count padding words.
+      if (encoding == Encoding::kEvt3 && size == state.size() - sizeof(uint64_t)) continue;
       EXPECT_EQ(Load(state.substr(0, size), *MakeDecoder(encoding)).code(), absl::StatusCode::kDataLoss);
     }
   }
