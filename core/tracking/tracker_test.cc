@@ -172,7 +172,7 @@ TEST(Tracker, PublishedCovarianceIsConsistentForIndependentEvents) {
 }
 
 TEST(Tracker, TheCovarianceContainsAnUnknownLatency) {
-  constexpr int64_t kLatency_us = 60;
+  constexpr int64_t kLatency_us = 1000;
   const Motion motion = Tumble(3.0);
   std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, {.duration_us = 100'000});
   for (Event& event : events) event.t_us += kLatency_us;
