@@ -81,22 +81,21 @@ absl::Status UndistortionTable::AddDistortedRow(const CameraModel& camera, int v
   return absl::OkStatus();
 }
 
-absl::StatusOr<UndistortionTable> UndistortionTable::CreateTurned(const CameraModel& camera,
-                                                                  const Eigen::Matrix3d& view_from_camera) {
-  EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, Create(camera));
-  if (table.bearings_.empty()) {
-    for (const float y : table.rows_) {
-      for (const float x : table.columns_) table.bearings_.push_back({x, y});
+UndistortionTable UndistortionTable::Turned(const Eigen::Matrix3d& view_from_camera) const {
+  UndistortionTable turned;
+  turned.columns_ = columns_;
+  turned.rows_ = rows_;
+  turned.bearings_.reserve(columns_.size() * rows_.size());
+  for (int y = 0; y < static_cast<int>(rows_.size()); ++y) {
+    for (int x = 0; x < static_cast<int>(columns_.size()); ++x) {
+      const Eigen::Vector3d direction = view_from_camera * Bearing(x, y).cast<double>().homogeneous();
+      const double across = direction.head<2>().norm();
+      const bool is_seen = direction.z() > 0.0 && across <= kMaxFisheyeTangent * direction.z();
+      turned.bearings_.push_back(is_seen ? Eigen::Vector2f((direction.head<2>() / direction.z()).cast<float>())
+                                         : Eigen::Vector2f(kFarBeyond, kFarBeyond));
     }
   }
-  for (Eigen::Vector2f& bearing : table.bearings_) {
-    const Eigen::Vector3d direction = view_from_camera * bearing.cast<double>().homogeneous();
-    const double across = direction.head<2>().norm();
-    const bool is_seen = direction.z() > 0.0 && across <= kMaxFisheyeTangent * direction.z();
-    bearing = is_seen ? Eigen::Vector2f((direction.head<2>() / direction.z()).cast<float>())
-                      : Eigen::Vector2f(kFarBeyond, kFarBeyond);
-  }
-  return table;
+  return turned;
 }
 
 absl::StatusOr<UndistortionTable> UndistortionTable::Create(const CameraModel& camera) {

@@ -19,10 +19,9 @@ class UndistortionTable {
  public:
   // Errors: INVALID_ARGUMENT for an invalid camera, or if the distortion cannot be inverted at some pixel.
   static absl::StatusOr<UndistortionTable> Create(const CameraModel& camera);
-  // The bearings in the frame of a turned view of the camera. A pixel whose direction is more than 85 degrees from the
-  // axis of the view has a bearing far outside the image.
-  static absl::StatusOr<UndistortionTable> CreateTurned(const CameraModel& camera,
-                                                        const Eigen::Matrix3d& view_from_camera);
+  // The bearings of the same pixels in the frame of a turned view of the camera. A pixel whose direction is more than
+  // 85 degrees from the axis of the view has a bearing far outside the image. Memory: 8 bytes for each pixel.
+  UndistortionTable Turned(const Eigen::Matrix3d& view_from_camera) const;
 
   // The first two components of the bearing (x, y, 1) of a pixel inside the sensor. A pixel of a fisheye lens that is
   // more than 85 degrees from the optical axis has a bearing far outside the image.

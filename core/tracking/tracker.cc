@@ -13,6 +13,8 @@
 #include "core/base/yield_point.h"
 #include "core/detection/plane_detector.h"
 #include "core/initialization/initializer.h"
+#include "core/initialization/pose_search.h"
+#include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_model.h"
 #include "core/tracking/object_tracker.h"
 #include "core/tracking/tracker_options.h"
@@ -110,21 +112,33 @@ absl::StatusOr<std::vector<std::shared_ptr<LineDetector>>> MakeDetectors(const I
   return detectors;
 }
 
+// Whether the object is searched for by its lines. True for a model that has neither enough lines nor curves: its
+// search reports why it cannot be found.
+bool IsSearchedByLines(const ObjectModel& model) { return IsSearchable(model) || !HasCurvedEdges(model); }
+
+// Computes what depends on the model alone and was not given.
+absl::Status AddModelTables(const TrackerOptions& options, ObjectToTrack& object) {
+  if (object.edges == nullptr) object.edges = MakeModelEdges(object.model, options.visibility, options.elements);
+  if (!options.initialization.is_automatic) return absl::OkStatus();
+  if (object.search_model == nullptr && IsSearchedByLines(*object.model)) {
+    EVPOSE_ASSIGN_OR_RETURN(object.search_model, MakeSearchModel(object.model));
+  }
+  if (object.template_model == nullptr && HasCurvedEdges(*object.model)) {
+    object.template_model = std::make_shared<const TemplateModel>(object.model, object.edges->surface());
+  }
+  return absl::OkStatus();
+}
+
 // Returns null for a model that is tracked from given poses only, because no edge is visible in its views.
 absl::StatusOr<std::unique_ptr<PoseInitializer>> MakeInitializer(const ObjectToTrack& object, const CameraModel& camera,
-                                                                 std::vector<std::shared_ptr<LineDetector>> detectors,
-                                                                 const ModelEdges& edges) {
-  const bool has_curves = HasCurvedEdges(*object.model);
+                                                                 std::vector<std::shared_ptr<LineDetector>> detectors) {
   std::unique_ptr<PoseSearch> search;
-  if (IsSearchable(*object.model) || !has_curves) {
+  if (IsSearchedByLines(*object.model)) {
     EVPOSE_ASSIGN_OR_RETURN(search, MakePoseSearch(object.model, camera, {}, object.search_model));
   }
   std::unique_ptr<TemplateSearch> templates;
-  if (has_curves) {
-    const auto views = object.template_model != nullptr
-                           ? object.template_model
-                           : std::make_shared<const TemplateModel>(object.model, edges.surface());
-    if (views->num_coarse() > 0) templates = std::make_unique<TemplateSearch>(views, camera);
+  if (HasCurvedEdges(*object.model) && object.template_model->num_coarse() > 0) {
+    templates = std::make_unique<TemplateSearch>(object.template_model, camera);
   }
   if (search == nullptr && templates == nullptr) return std::unique_ptr<PoseInitializer>();
   return std::make_unique<PoseInitializer>(object.model, camera, std::move(detectors), std::move(search),
@@ -203,9 +217,12 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     const absl::Status status = objects[i].Validate();
     if (!status.ok()) return absl::Status(status.code(), absl::StrCat("objects[", i, "]: ", status.message()));
   }
-  if (camera.lens_model == LensModel::kFisheye) return MakeViewTracker(std::move(objects), camera, options);
   if (tables == nullptr) {
     EVPOSE_ASSIGN_OR_RETURN(tables, MakeCameraTables(camera));
+  }
+  for (ObjectToTrack& object : objects) EVPOSE_RETURN_IF_ERROR(AddModelTables(options, object));
+  if (camera.lens_model == LensModel::kFisheye) {
+    return MakeViewTracker(std::move(objects), camera, options, tables->undistortion);
   }
   const SensorGeometry sensor = {camera.width_px, camera.height_px};
   // Of all objects, which search in turn.
@@ -215,13 +232,11 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
   }
   std::vector<std::unique_ptr<ObjectTracker>> trackers;
   for (const ObjectToTrack& object : objects) {
-    const auto edges =
-        object.edges != nullptr ? object.edges : MakeModelEdges(object.model, options.visibility, options.elements);
     std::unique_ptr<PoseInitializer> initializer;
     if (!detectors.empty()) {
-      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detectors, *edges));
+      EVPOSE_ASSIGN_OR_RETURN(initializer, MakeInitializer(object, camera, detectors));
     }
-    TrackContext context{object.model, camera, tables, options, edges};
+    TrackContext context{object.model, camera, tables, options, object.edges};
     context.phase_reporter->object_index = static_cast<uint32_t>(trackers.size());
     trackers.push_back(std::make_unique<ObjectTracker>(std::move(context), std::move(initializer), object));
   }

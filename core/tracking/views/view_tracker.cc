@@ -9,11 +9,7 @@
 
 #include "core/association/camera_tables.h"
 #include "core/association/competitors.h"
-#include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/pose_search.h"
-#include "core/initialization/search_model.h"
-#include "core/initialization/templates/template_model.h"
 #include "core/tracking/tracker_options.h"
 #include "core/tracking/views/lens_views.h"
 
@@ -376,27 +372,14 @@ class ViewTracker : public Tracker {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Tracker>> MakeViewTracker(std::vector<ObjectToTrack> objects, const CameraModel& camera,
-                                                         const TrackerOptions& options) {
+                                                         const TrackerOptions& options,
+                                                         const UndistortionTable& table) {
   std::vector<View> views;
   for (const LensView& lens : MakeLensViews(camera)) {
-    EVPOSE_ASSIGN_OR_RETURN(UndistortionTable table, UndistortionTable::CreateTurned(camera, lens.view_from_camera));
-    views.push_back({lens, std::make_shared<const CameraTables>(CameraTables{std::move(table)})});
+    views.push_back({lens, std::make_shared<const CameraTables>(CameraTables{table.Turned(lens.view_from_camera)})});
   }
   auto tracker = std::make_unique<ViewTracker>(std::move(views), camera, options);
-  for (ObjectToTrack& object : objects) {
-    // All views share what depends on the model alone.
-    if (object.edges == nullptr) object.edges = MakeModelEdges(object.model, options.visibility, options.elements);
-    if (options.initialization.is_automatic) {
-      const bool has_curves = HasCurvedEdges(*object.model);
-      if (object.search_model == nullptr && (IsSearchable(*object.model) || !has_curves)) {
-        EVPOSE_ASSIGN_OR_RETURN(object.search_model, MakeSearchModel(object.model));
-      }
-      if (object.template_model == nullptr && has_curves) {
-        object.template_model = std::make_shared<const TemplateModel>(object.model, object.edges->surface());
-      }
-    }
-    EVPOSE_RETURN_IF_ERROR(tracker->Add(std::move(object)));
-  }
+  for (ObjectToTrack& object : objects) EVPOSE_RETURN_IF_ERROR(tracker->Add(std::move(object)));
   return tracker;
 }
 

@@ -8,12 +8,14 @@
 
 #include "absl/status/statusor.h"
 #include "core/geometry/camera.h"
+#include "core/geometry/undistortion_table.h"
 #include "core/tracking/tracker.h"
 
 namespace evpose {
 
-// Arguments and errors as for Tracker::Create(). The objects are tracked independently of each other.
+// The arguments must be valid, as for Tracker::Create(); `table` is that of the camera. The objects are tracked
+// independently of each other. An object without its tables would compute them for each view.
 absl::StatusOr<std::unique_ptr<Tracker>> MakeViewTracker(std::vector<ObjectToTrack> objects, const CameraModel& camera,
-                                                         const TrackerOptions& options);
+                                                         const TrackerOptions& options, const UndistortionTable& table);
 
 }  // namespace evpose
