@@ -95,14 +95,21 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
                                     const TrackerOptions& options) {
   if (camera.lens_model == LensModel::kFisheye) {
     const std::vector<LensView> views = MakeLensViews(camera);
-    // An object is sought in several views at a time, or followed in one and tested in the next one.
-    const auto num_trackers = static_cast<uint64_t>(std::max<std::ptrdiff_t>(
-        2, std::count_if(views.begin(), views.end(), [](const auto& v) { return v.is_sought; })));
+    // A lost object is sought in several views, and its trackers in the view that it was lost in and in the one that
+    // was to take it over are kept meanwhile.
+    const auto is_sought = [](const LensView& view) { return view.is_sought; };
+    const uint64_t num_sought = std::count_if(views.begin(), views.end(), is_sought);
+    const uint64_t num_trackers = std::min<uint64_t>(views.size(), num_sought + 2);
     TrackerMemory memory;
     for (const auto& model : models) {
-      const TrackerMemory of_object = EstimateTrackerMemory(views.front().camera, {model}, options);
-      memory.max_bytes += num_trackers * of_object.max_bytes;
-      memory.max_state_bytes += num_trackers * of_object.max_state_bytes;
+      TrackerMemory largest;
+      for (const LensView& view : views) {
+        const TrackerMemory of_view = EstimateTrackerMemory(view.camera, {model}, options);
+        largest.max_bytes = std::max(largest.max_bytes, of_view.max_bytes);
+        largest.max_state_bytes = std::max(largest.max_state_bytes, of_view.max_state_bytes);
+      }
+      memory.max_bytes += num_trackers * largest.max_bytes;
+      memory.max_state_bytes += num_trackers * largest.max_state_bytes;
     }
     const uint64_t table_bytes = static_cast<uint64_t>(camera.width_px) * camera.height_px * sizeof(Eigen::Vector2f);
     memory.max_bytes += views.size() * table_bytes;

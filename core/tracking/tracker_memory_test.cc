@@ -7,7 +7,9 @@
 
 #include "core/detection/line_detector.h"
 #include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/math.h"
 #include "core/tracking/tracker_options.h"
+#include "core/tracking/views/lens_views.h"
 
 namespace evpose {
 namespace {
@@ -73,6 +75,21 @@ TEST(TrackerMemory, CountsTheSecondLineDetectorOfASmallSensor) {
   const double two = MegabytesOf(MakeCamera(638, 480, 500.0), {MakeCube(0.2)});
   const double one = MegabytesOf(MakeCamera(640, 480, 500.0), {MakeCube(0.2)});
   EXPECT_GT(two, one + 2.0 + 200e3 * sizeof(PixelEvent) / kMb - 0.1);
+}
+
+// Three of the five views are those in which a lost object is sought; the other two may still have a tracker.
+TEST(TrackerMemory, CountsATrackerInEachViewOfAFisheyeLens) {
+  CameraModel camera = MakeCamera(1280, 720, 640.0 / (75.0 / kDegreesPerRadian));
+  camera.lens_model = LensModel::kFisheye;
+  const std::vector<LensView> views = MakeLensViews(camera);
+  ASSERT_EQ(views.size(), 5u);
+  const Models cube = {MakeCube(0.2)};
+  const TrackerMemory memory = EstimateTrackerMemory(camera, cube, TrackerOptions());
+  for (const LensView& view : views) {
+    const TrackerMemory of_view = EstimateTrackerMemory(view.camera, cube, TrackerOptions());
+    EXPECT_GE(memory.max_bytes, 5 * of_view.max_bytes);
+    EXPECT_GE(memory.max_state_bytes, 5 * of_view.max_state_bytes);
+  }
 }
 
 TEST(TrackerMemory, OfALargeSensorIsFarBelowATableOfItsPixels) {
