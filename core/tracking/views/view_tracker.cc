@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <iterator>
-#include <limits>
 #include <optional>
 #include <utility>
 
@@ -23,7 +22,7 @@ constexpr int64_t kDecisionUs = 5000;
 constexpr double kTakeOverCosine = 0.015;
 // Time for the events to support the pose in the new view, before it is tried again with a later pose.
 constexpr int64_t kConfirmUs = 200'000;
-constexpr int64_t kNever = std::numeric_limits<int64_t>::min();
+constexpr int64_t kNever = -kMaxStateTime_us;  // its difference from any time of an event does not overflow
 
 struct View {
   LensView lens;
@@ -38,16 +37,14 @@ RigidTransform Turned(const Eigen::Matrix3d& turn, const RigidTransform& pose) {
   return {turn * pose.rotation, turn * pose.translation_m};
 }
 
-// The estimate in the frame of the camera. Both halves of tangents are vectors of that frame.
+// The estimate in the frame of the camera.
 PoseEstimate InCamera(const LensView& view, const PoseEstimate& in_view) {
   const Eigen::Matrix3d turn = view.view_from_camera.transpose();
-  Matrix6d both = Matrix6d::Zero();
-  both.topLeftCorner<3, 3>() = turn;
-  both.bottomRightCorner<3, 3>() = turn;
+  const Matrix6d jacobian = JacobianOfProduct(turn);
   PoseEstimate estimate = in_view;
   estimate.camera_from_object = Turned(turn, in_view.camera_from_object);
-  estimate.covariance = both * in_view.covariance * both.transpose();
-  estimate.twist = both * in_view.twist;
+  estimate.covariance = jacobian * in_view.covariance * jacobian.transpose();
+  estimate.twist = jacobian * in_view.twist;
   estimate.alternatives = {};
   for (const PoseAlternative& alternative : in_view.alternatives) {
     estimate.alternatives.Add({Turned(turn, alternative.camera_from_object), alternative.log_likelihood_ratio});
@@ -97,10 +94,11 @@ class ViewedObject {
   // the events alone.
   void Decide(int64_t t_us) {
     const TrackState state = home().state();
-    if (IsReported(state)) is_given_ = false;
-    if (state == TrackState::kLost) is_given_ = false;
-    if (IsReported(state) && latest_) {
-      Follow(t_us);
+    const bool is_reported = IsReported(state);
+    if (is_reported || state == TrackState::kLost) is_given_ = false;
+    if (is_reported) {
+      // A view that has just been taken has its first estimate at the end of its window.
+      if (latest_) Follow(t_us);
     } else if (!is_given_ && options_.initialization.is_automatic) {
       Seek();
     }
@@ -139,6 +137,7 @@ class ViewedObject {
     VisitState(reader, *this);
     if (!reader.ok()) return;
     reader.Check(home_ < views_.size(), "a view that the lens does not have");
+    reader.Check(!latest_ || latest_->t_us == published_us_, "an estimate that was not published");
     for (size_t v = 0; v < views_.size() && reader.ok(); ++v) {
       bool is_running = false;
       reader(is_running);
@@ -152,7 +151,9 @@ class ViewedObject {
 
  private:
   static void VisitState(auto& archive, auto& self) {
-    archive(self.home_, self.past_losses_, self.is_given_, self.latest_, self.published_us_, self.candidate_us_);
+    archive(self.home_, self.past_losses_, self.is_given_, self.latest_,
+            InRange(self.published_us_, kNever, kMaxStateTime_us),
+            InRange(self.candidate_us_, kNever, kMaxStateTime_us));
   }
 
   double CosineTo(size_t view, const RigidTransform& camera_from_object) const {
@@ -182,7 +183,7 @@ class ViewedObject {
   void Listen(size_t view) {
     trackers_[view]->SetPhaseListener([this, view](PhaseTransition transition) {
       transition.object_index = index_;
-      if (view == home_) listener_(transition);
+      if (view == home_ && listener_) listener_(transition);
     });
   }
 
@@ -215,12 +216,15 @@ class ViewedObject {
       if (v != home_ && v != nearest) trackers_[v].reset();
     }
     if (nearest == home_) return;
-    Tracker* const candidate = trackers_[nearest].get();
-    if (candidate != nullptr && candidate->state() == TrackState::kTracking) {
-      MoveTo(nearest);
-      return;
+    const Tracker* const candidate = trackers_[nearest].get();
+    // A candidate with a loss has rejected the predicted pose: a pose that it finds afterwards is another one.
+    if (candidate != nullptr && candidate->losses() == 0) {
+      if (candidate->state() == TrackState::kTracking) {
+        MoveTo(nearest);
+        return;
+      }
+      if (t_us - candidate_us_ < kConfirmUs) return;
     }
-    if (candidate != nullptr && t_us - candidate_us_ < kConfirmUs && candidate->state() != TrackState::kLost) return;
     trackers_[nearest].reset();
     if (CosineTo(nearest, pose) < CosineTo(home_, pose) + kTakeOverCosine) return;
     const double dt_s = static_cast<double>(t_us - latest_->t_us) * 1e-6;
