@@ -20,11 +20,6 @@ namespace {
 // Files have 500 bytes to 10 kB; calibrations with the points of all views a few hundred.
 constexpr size_t kMaxFileBytes = 1 << 20;
 
-absl::Status CheckNotSelected(const std::string& file, const std::string& selection) {
-  if (selection.empty()) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(file, "#", selection, ": the file has one camera, without a name"));
-}
-
 absl::StatusOr<CameraFile> ReadTree(const CameraTree& tree, const std::string& file, const std::string& selection) {
   const CameraFields root(tree.root, file);
   if (IsKalibr(root)) return ReadKalibr(root, file, selection);
@@ -44,6 +39,11 @@ absl::StatusOr<CameraFile> Parse(const std::string& text, const std::string& fil
 }
 
 }  // namespace
+
+absl::Status CheckNotSelected(const std::string& file, const std::string& selection) {
+  if (selection.empty()) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(file, "#", selection, ": the file has one camera, without a name"));
+}
 
 absl::StatusOr<std::string> SelectCamera(const std::vector<std::string>& names, const std::string& file,
                                          const std::string& selection) {

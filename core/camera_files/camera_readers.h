@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "core/camera_files/camera_file.h"
 #include "core/camera_files/camera_tree.h"
@@ -35,5 +36,7 @@ absl::StatusOr<CameraFile> ReadColmap(const std::string& text, const std::string
 // them.
 absl::StatusOr<std::string> SelectCamera(const std::vector<std::string>& names, const std::string& file,
                                          const std::string& selection);
+// For a file with one camera, which has no name. Error: a name was selected.
+absl::Status CheckNotSelected(const std::string& file, const std::string& selection);
 
 }  // namespace evpose

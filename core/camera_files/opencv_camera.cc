@@ -147,9 +147,7 @@ bool IsOpenCv(const CameraTree& tree, const CameraFields& root) {
 absl::StatusOr<CameraFile> ReadOpenCv(const CameraTree& tree, const CameraFields& root, const std::string& file,
                                       const std::string& selection) {
   const std::vector<std::string> cameras = HasMatrix(root) ? std::vector<std::string>() : DvCameras(root);
-  if (cameras.empty() && !selection.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(file, "#", selection, ": the file has one camera, without a name"));
-  }
+  if (cameras.empty()) EVPOSE_RETURN_IF_ERROR(CheckNotSelected(file, selection));
   if (IsMetavision(root)) return ReadMetavision(root);
   if (root.Has("Camera.fx")) return ReadSettings(root);
   const char* const syntax = tree.syntax == CameraSyntax::kXml    ? "XML"

@@ -99,20 +99,22 @@ absl::Status CheckCamera(const std::string& path, const CameraModel& camera, std
 absl::Status RunCamera(const CameraArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const CameraFile file, ReadCameraFile(arguments.file));
   EVPOSE_RETURN_IF_ERROR(CheckCamera(arguments.file, file.camera, context.err));
-  const absl::StatusOr<std::string> text = FormatCamera(file.camera, FormatByName(arguments.to));
   const bool is_converted = !arguments.to.empty() || !arguments.out.empty();
-  if (is_converted && !text.ok()) {
-    return absl::InvalidArgumentError(absl::StrCat(arguments.file, ": ", text.status().message()));
+  std::string converted;
+  if (is_converted) {
+    const absl::StatusOr<std::string> text = FormatCamera(file.camera, FormatByName(arguments.to));
+    if (!text.ok()) return absl::InvalidArgumentError(absl::StrCat(arguments.file, ": ", text.status().message()));
+    converted = *text;
   }
   if (!arguments.picture.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCamera(file.camera));
     EVPOSE_RETURN_IF_ERROR(WriteFile(arguments.picture, {reinterpret_cast<const char*>(png.data()), png.size()}));
   }
   if (is_converted && arguments.out.empty()) {
-    context.out << *text;
+    context.out << converted;
     return absl::OkStatus();
   }
-  if (is_converted) EVPOSE_RETURN_IF_ERROR(WriteFile(arguments.out, *text));
+  if (is_converted) EVPOSE_RETURN_IF_ERROR(WriteFile(arguments.out, converted));
   return PrintResult(context, arguments.is_json, CameraJson(file), [&](std::ostream& out) {
     PrintCamera(arguments.file, file, out);
     if (!arguments.out.empty()) out << "written     " << arguments.out << "\n";

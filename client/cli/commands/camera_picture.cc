@@ -85,8 +85,8 @@ class CameraPicture {
   cv::Mat image_;
 };
 
-// Half the view along the diagonal in steps of which about four fit into it: 10 degrees for wide lenses, less for long
-// ones.
+// The angle between neighbouring lines: the largest of these of which at least three fit into half of the diagonal
+// field of view.
 double StepDegrees(const CameraModel& camera) {
   const double half_px = 0.5 * std::hypot(camera.width_px, camera.height_px);
   const double half_view = std::atan(half_px / camera.MaxFocalPx()) / kRadiansPerDegree;

@@ -11,8 +11,9 @@
 
 namespace evpose::client {
 
-// Draws, as PNG, where the lens shows straight lines, which lie 10 degrees apart at the axis, and the directions at
-// multiples of 10 degrees from it, up to the fold of the distortion. A lens without distortion shows straight lines.
+// Returns a PNG file: the images of a grid of straight lines, and circles of the directions at equal angles to the
+// optical axis, up to the fold of the distortion. Lines and circles are 10 degrees apart, less for a narrow field of
+// view. Without distortion the images of the lines are straight. Errors: INTERNAL if the image cannot be encoded.
 absl::StatusOr<std::vector<uint8_t>> DrawCamera(const CameraModel& camera);
 
 }  // namespace evpose::client
