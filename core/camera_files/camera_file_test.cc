@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
+#include "core/geometry/cameras_testing.h"
 
 namespace evpose {
 namespace {
@@ -43,17 +44,6 @@ projection_matrix:
 std::string Replaced(const std::string& from, const std::string& to) {
   EXPECT_THAT(kYaml, HasSubstr(from));
   return absl::StrReplaceAll(kYaml, {{from, to}});
-}
-
-CameraModel PlainCamera() {
-  CameraModel camera;
-  camera.width_px = 320;
-  camera.height_px = 240;
-  camera.fx_px = 300.0;
-  camera.fy_px = 290.0;
-  camera.cx_px = 161.3;
-  camera.cy_px = 118.7;
-  return camera;
 }
 
 TEST(CameraFileTest, ReadsCameraInfo) {

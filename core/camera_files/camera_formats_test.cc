@@ -4,6 +4,7 @@
 
 #include <opencv2/core.hpp>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
@@ -28,6 +29,19 @@ std::string MessageOf(const std::string& text, const std::string& selection = ""
 std::string Changed(const std::string& text, const std::string& from, const std::string& to) {
   EXPECT_THAT(text, HasSubstr(from));
   return absl::StrReplaceAll(text, {{from, to}});
+}
+
+struct Mistake {
+  const char* from;
+  const char* to;
+  const char* says;
+};
+
+// Each replacement of `from` by `to` in a valid file is an error whose message has `says`.
+void ExpectMistakes(const std::string& text, const std::vector<Mistake>& mistakes) {
+  for (const Mistake& mistake : mistakes) {
+    EXPECT_THAT(MessageOf(Changed(text, mistake.from, mistake.to)), HasSubstr(mistake.says)) << mistake.from;
+  }
 }
 
 CameraFile Parsed(const std::string& text, const std::string& selection = "") {
@@ -101,17 +115,19 @@ TEST(CameraFormatsTest, RosMessages) {
 
 TEST(CameraFormatsTest, MistakesInRosMessagesAreNamed) {
   const std::string text = kRos2Message;
-  EXPECT_THAT(MessageOf(Changed(text, "binning_x: 0", "binning_x: 2")), HasSubstr("binning_x: is 2"));
-  EXPECT_THAT(MessageOf(Changed(text, "x_offset: 0", "x_offset: 320")), HasSubstr("roi.x_offset: is 320"));
-  EXPECT_THAT(MessageOf(Changed(text, "  width: 1280", "  width: 640")), HasSubstr("roi.width: is 640"));
-  EXPECT_THAT(MessageOf(Changed(text, "height: 720\nwidth", "width")), HasSubstr("height: is missing"));
-  EXPECT_THAT(MessageOf(Changed(text, "k: [1712.4, ", "k: [")), HasSubstr("k: has 8 numbers"));
-  EXPECT_THAT(MessageOf(Changed(text, "k: [1712.4,", "kk: [1712.4,")), HasSubstr("k: is missing"));
-  EXPECT_THAT(MessageOf(Changed(text, "r: [1.0,", "K: [1.0,")), HasSubstr("K: is given as k, too"));
-  EXPECT_THAT(MessageOf(Changed(text, "k: [1712.4, 0.0, 642.1, 0.0, 1711.8, 358.9, 0.0, 0.0, 1.0]",
-                                "k: [0, 0, 0, 0, 0, 0, 0, 0, 0]")),
-              HasSubstr("k: is 0: the camera is not calibrated"));
-  EXPECT_THAT(MessageOf(Changed(text, "- 0.0\nk", "- 0.0\n- 0.0\nk")), HasSubstr("d: has 6 numbers"));
+  const std::vector<Mistake> mistakes = {
+      {"binning_x: 0", "binning_x: 2", "binning_x: is 2"},
+      {"x_offset: 0", "x_offset: 320", "roi.x_offset: is 320"},
+      {"  width: 1280", "  width: 640", "roi.width: is 640"},
+      {"height: 720\nwidth", "width", "height: is missing"},
+      {"k: [1712.4, ", "k: [", "k: has 8 numbers"},
+      {"k: [1712.4,", "kk: [1712.4,", "k: is missing"},
+      {"r: [1.0,", "K: [1.0,", "K: is given as k, too"},
+      {"k: [1712.4, 0.0, 642.1, 0.0, 1711.8, 358.9, 0.0, 0.0, 1.0]", "k: [0, 0, 0, 0, 0, 0, 0, 0, 0]",
+       "k: is 0: the camera is not calibrated"},
+      {"- 0.0\nk", "- 0.0\n- 0.0\nk", "d: has 6 numbers"},
+  };
+  ExpectMistakes(text, mistakes);
   EXPECT_THAT(MessageOf(text, "cam0"), HasSubstr("#cam0: the file has one camera, without a name"));
 }
 
@@ -172,16 +188,19 @@ TEST(CameraFormatsTest, SeveralCamerasNeedASelection) {
 
 TEST(CameraFormatsTest, MistakesInKalibrChainsAreNamed) {
   const std::string text = std::string(kKalibr).substr(0, std::string(kKalibr).find("cam1:"));
-  EXPECT_THAT(MessageOf(Changed(text, "pinhole", "omni")), HasSubstr("cam0.camera_model: 'omni' is not supported"));
-  EXPECT_THAT(MessageOf(Changed(text, "  camera_model: pinhole\n", "")), HasSubstr("cam0.camera_model: is missing"));
-  EXPECT_THAT(MessageOf(Changed(text, "radtan", "fov")), HasSubstr("cam0.distortion_model: 'fov' is not supported"));
-  EXPECT_THAT(MessageOf(Changed(text, "radtan", "none")), HasSubstr("cam0.distortion_model: is none, but"));
-  EXPECT_THAT(MessageOf(Changed(text, "  distortion_model: radtan\n", "")), HasSubstr("distortion_model: is missing"));
-  EXPECT_THAT(MessageOf(Changed(text, ", 0.00002]", "]")), HasSubstr("cam0.distortion_coeffs: has 3 numbers"));
-  EXPECT_THAT(MessageOf(Changed(text, "intrinsics: [458.6, ", "intrinsics: [")), HasSubstr("cam0.intrinsics: has 3"));
-  EXPECT_THAT(MessageOf(Changed(text, "  resolution: [752, 480]\n", "")), HasSubstr("cam0.resolution: is missing"));
-  EXPECT_THAT(MessageOf(Changed(text, "[752, 480]", "[752.5, 480]")), HasSubstr("cam0.resolution: is not"));
-  EXPECT_THAT(MessageOf(Changed(text, "[752, 480]", "[752]")), HasSubstr("cam0.resolution: is not"));
+  const std::vector<Mistake> mistakes = {
+      {"pinhole", "omni", "cam0.camera_model: 'omni' is not supported"},
+      {"  camera_model: pinhole\n", "", "cam0.camera_model: is missing"},
+      {"radtan", "fov", "cam0.distortion_model: 'fov' is not supported"},
+      {"radtan", "none", "cam0.distortion_model: is none, but"},
+      {"  distortion_model: radtan\n", "", "distortion_model: is missing"},
+      {", 0.00002]", "]", "cam0.distortion_coeffs: has 3 numbers"},
+      {"intrinsics: [458.6, ", "intrinsics: [", "cam0.intrinsics: has 3"},
+      {"  resolution: [752, 480]\n", "", "cam0.resolution: is missing"},
+      {"[752, 480]", "[752.5, 480]", "cam0.resolution: is not"},
+      {"[752, 480]", "[752]", "cam0.resolution: is not"},
+  };
+  ExpectMistakes(text, mistakes);
 }
 
 constexpr char kMetavision[] = R"({

@@ -7,21 +7,12 @@
 #include <algorithm>
 #include <string>
 
+#include "core/geometry/cameras_testing.h"
+
 namespace evpose {
 namespace {
 
 using ::testing::HasSubstr;
-
-CameraModel PlainCamera() {
-  CameraModel camera;
-  camera.width_px = 320;
-  camera.height_px = 240;
-  camera.fx_px = 300.0;
-  camera.fy_px = 290.0;
-  camera.cx_px = 161.3;
-  camera.cy_px = 118.7;
-  return camera;
-}
 
 TEST(CameraTest, AViewThatNoLensHasIsNamed) {
   const CameraModel plain = PlainCamera();

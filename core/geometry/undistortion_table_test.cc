@@ -8,6 +8,7 @@
 #include <cmath>
 #include <string>
 
+#include "core/geometry/cameras_testing.h"
 #include "core/geometry/rigid_transform.h"
 
 namespace evpose {
@@ -15,19 +16,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-CameraModel SmallCamera() {
-  CameraModel camera;
-  camera.width_px = 320;
-  camera.height_px = 240;
-  camera.fx_px = 300.0;
-  camera.fy_px = 290.0;
-  camera.cx_px = 161.3;
-  camera.cy_px = 118.7;
-  return camera;
-}
-
 TEST(UndistortionTableTest, UndistortionWithoutDistortionIsExact) {
-  const CameraModel camera = SmallCamera();
+  const CameraModel camera = PlainCamera();
   const auto table = UndistortionTable::Create(camera);
   ASSERT_TRUE(table.ok()) << table.status();
   for (int v = 0; v < camera.height_px; ++v) {
@@ -42,7 +32,7 @@ TEST(UndistortionTableTest, UndistortionWithoutDistortionIsExact) {
 }
 
 TEST(UndistortionTableTest, UndistortionInvertsDistort) {
-  CameraModel camera = SmallCamera();
+  CameraModel camera = PlainCamera();
   for (const auto& distortion : {Distortion{-0.35, 0.15, 0.001, -0.0007, -0.03},
                                  Distortion{0.25, -0.1, -0.002, 0.001, 0.0}, Distortion{0.0, 0.0, 0.003, 0.0, 0.0}}) {
     camera.distortion = distortion;
@@ -86,7 +76,7 @@ TEST(UndistortionTableTest, AFisheyeLensOfMoreThan170Degrees) {
 
 TEST(UndistortionTableTest, ATurnedView) {
   for (const bool is_fisheye : {false, true}) {
-    CameraModel camera = SmallCamera();
+    CameraModel camera = PlainCamera();
     if (is_fisheye) camera.lens_model = LensModel::kFisheye;
     const Eigen::Matrix3d view_from_camera = ExpSo3({0.1, -0.5, 0.05});
     const auto table = UndistortionTable::Create(camera);
@@ -104,7 +94,7 @@ TEST(UndistortionTableTest, ATurnedView) {
 }
 
 TEST(UndistortionTableTest, DistortionThatCannotBeInverted) {
-  CameraModel camera = SmallCamera();
+  CameraModel camera = PlainCamera();
   // The image of r (1 - r^2) ends at r = 0.577, well inside the corners.
   for (const auto& distortion : {Distortion{-1.0, 0, 0, 0, 0}, Distortion{-3.0, 1.0, 0, 0, 0},
                                  Distortion{0, 0, 5.0, 0, 0}, Distortion{1e300, 0, 0, 0, 0}}) {
@@ -116,7 +106,7 @@ TEST(UndistortionTableTest, DistortionThatCannotBeInverted) {
 }
 
 TEST(UndistortionTableTest, UndistortionOfAnInvalidCamera) {
-  CameraModel camera = SmallCamera();
+  CameraModel camera = PlainCamera();
   camera.width_px = 0;
   EXPECT_EQ(UndistortionTable::Create(camera).status().code(), absl::StatusCode::kInvalidArgument);
 }
