@@ -30,9 +30,9 @@ struct SensorProfile {
   double refractory_us = 140.0;
   // Microseconds by which the time stamps are late.
   double latency_us = 40.0;
-  // How well these constants are known, relative to the spread among sensors (SystematicOptions): 1 for the profile of
-  // another sensor of unknown thresholds and lens, 0.3 as `evpose calibrate` leaves it, 0 exactly. It affects the
-  // covariance only.
+  // Standard deviation of the errors of these constants, relative to the spread among sensors (SystematicOptions): 1
+  // for the profile of another sensor, whose thresholds and lens may differ; 0.3 for one that `evpose calibrate` has
+  // fitted; 0 for exact constants. It affects the covariance only.
   double uncertainty = 1.0;
 
   // INVALID_ARGUMENT names the field.

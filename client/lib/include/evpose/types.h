@@ -56,8 +56,8 @@ struct SensorParameters {
   double contrast_threshold = 0.35;  // change of the natural logarithm of light that causes an event
   double refractory_us = 140.0;      // dead time of a pixel after an event
   double latency_us = 40.0;          // delay of the time stamps
-  // How well these constants are known: 1 for a sensor that was not calibrated, 0.3 after `evpose calibrate`, 0
-  // exactly. It affects the covariance of the poses only.
+  // Standard deviation of the errors of these constants, relative to the spread among sensors: 1 for a sensor that was
+  // not calibrated, 0.3 after `evpose calibrate`, 0 for exact constants. It affects the covariance of the poses only.
   double uncertainty = 1.0;
 
   bool operator==(const SensorParameters&) const = default;
