@@ -95,26 +95,32 @@ class TrackedObject:
 
 @dataclasses.dataclass(frozen=True)
 class SensorProfile:
-    """Constants of a sensor and its lens; the defaults are those of an EVK4. `evpose calibrate` measures them."""
+    """Constants of a sensor and its lens; the defaults are those of an EVK4. `evpose calibrate` measures them.
+
+    uncertainty   how well the others are known: 1 for a sensor that was not calibrated, 0.3 as `evpose calibrate` leaves it, 0
+                  exactly. It affects the covariance of the poses only.
+    """
 
     pixel_noise_px: float = 0.8
     blur_px: float = 0.47
     contrast_threshold: float = 0.35  # change of the natural logarithm of the light
     refractory_us: float = 140.0
     latency_us: float = 40.0
+    uncertainty: float = 1.0
 
 
 def read_sensor_profile(path: Union[str, pathlib.Path]) -> SensorProfile:
     """Reads the YAML file that `evpose calibrate` writes. Raises NotFoundError, and InvalidArgumentError with file and key."""
     try:
         data = yaml.safe_load(pathlib.Path(path).read_text())
+        data.setdefault("uncertainty", SensorProfile.uncertainty)  # profiles of earlier versions are without it
         values = {field.name: data[field.name] for field in dataclasses.fields(SensorProfile)}
         return SensorProfile(**{name: float(value) for name, value in values.items()})
     except FileNotFoundError:
         raise NotFoundError(f"{path}: there is no such file") from None
     except KeyError as error:
         raise InvalidArgumentError(f"{path}: the key {error} is missing") from None
-    except (OSError, TypeError, ValueError, yaml.YAMLError) as error:
+    except (OSError, AttributeError, TypeError, ValueError, yaml.YAMLError) as error:
         raise InvalidArgumentError(f"{path}: not a sensor profile: {error}") from None
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cameras, recordings, arrays of events, transforms, and the classification of errors."""
 
+import dataclasses
 import json
 import os
 import pathlib
@@ -15,6 +16,7 @@ from testing import ROOT, evpose, run_evpose
 from evpose.recordings import parse_header
 from evpose.stream.outbox import FeedPoint, Outbox, make_chunk
 from evpose.stream.retry import Advice, Backoff, advise_on
+from evpose.types import SessionConfig
 from evpose.v1 import error_reason_pb2, geometry_pb2, session_pb2
 
 CAMERA_INFO = """image_width: 640
@@ -136,6 +138,17 @@ class CameraTest(InputTest):
         self.assertEqual(evpose.read_sensor_profile(ROOT / "deploy/sensors/evk4.yaml"), evpose.SensorProfile())
         wrong = self.write("sensor.yaml", "blur_px: 1\n")
         self.assertIn("pixel_noise_px", self.refused(evpose.InvalidArgumentError, evpose.read_sensor_profile, wrong))
+
+    def test_every_constant_of_a_sensor_profile_is_sent(self):
+        text = (ROOT / "deploy/sensors/evk4.yaml").read_text()
+        profile = evpose.read_sensor_profile(self.write("sensor.yaml", text.replace("uncertainty: 1", "uncertainty: 0.3")))
+        self.assertEqual(profile, evpose.SensorProfile(uncertainty=0.3))
+        camera = evpose.Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
+        sent = SessionConfig(evpose.Encoding.EVT3, camera, (), sensor=profile).to_proto().tracker.sensor
+        self.assertEqual({field.name: value for field, value in sent.ListFields()}, dataclasses.asdict(profile))
+        self.assertEqual([field.name for field in sent.DESCRIPTOR.fields], [field.name for field in dataclasses.fields(profile)])
+        earlier = self.write("sensor.yaml", text.replace("uncertainty: 1", ""))
+        self.assertEqual(evpose.read_sensor_profile(earlier), evpose.SensorProfile())
 
 
 class RecordingTest(InputTest):
