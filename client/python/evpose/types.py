@@ -9,11 +9,10 @@ import enum
 import pathlib
 from typing import Any, Optional, Union
 
-import yaml
-
 from evpose.cameras import Camera
-from evpose.errors import InvalidArgumentError, NotFoundError
+from evpose.errors import InvalidArgumentError
 from evpose.events import Encoding
+from evpose.files import read_yaml, to_number
 from evpose.geometry import Matrix, Transform, rotation_to_proto
 from evpose.v1 import session_pb2
 
@@ -111,17 +110,22 @@ class SensorProfile:
 
 def read_sensor_profile(path: Union[str, pathlib.Path]) -> SensorProfile:
     """Reads the YAML file that `evpose calibrate` writes. Raises NotFoundError, and InvalidArgumentError with file and key."""
+    data = read_yaml(path)
+    if not isinstance(data, dict):
+        raise InvalidArgumentError(f"{path}: not a sensor profile: it has no keys")
+    names = [field.name for field in dataclasses.fields(SensorProfile)]
+    # As in the command evpose. A constant of a later version that is ignored here would give other poses.
+    for key in data:
+        if key not in ("name", *names):
+            raise InvalidArgumentError(f"{path}: {key} is not a field of a sensor profile; the fields are name, {', '.join(names)}")
+    data.setdefault("uncertainty", SensorProfile.uncertainty)  # profiles of earlier versions are without it
+    for name in names:
+        if name not in data:
+            raise InvalidArgumentError(f"{path}: the key {name!r} is missing")
     try:
-        data = yaml.safe_load(pathlib.Path(path).read_text())
-        data.setdefault("uncertainty", SensorProfile.uncertainty)  # profiles of earlier versions are without it
-        values = {field.name: data[field.name] for field in dataclasses.fields(SensorProfile)}
-        return SensorProfile(**{name: float(value) for name, value in values.items()})
-    except FileNotFoundError:
-        raise NotFoundError(f"{path}: there is no such file") from None
-    except KeyError as error:
-        raise InvalidArgumentError(f"{path}: the key {error} is missing") from None
-    except (OSError, AttributeError, TypeError, ValueError, yaml.YAMLError) as error:
-        raise InvalidArgumentError(f"{path}: not a sensor profile: {error}") from None
+        return SensorProfile(**{name: to_number(data[name], name) for name in names})
+    except InvalidArgumentError as error:
+        raise error.with_message(f"{path}: {error}") from None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,6 +26,8 @@ camera_matrix: {rows: 3, cols: 3, data: [600.5, 0, 319.5, 0, 601, 239.5, 0, 0, 1
 distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 1e-5, 0.001, -0.002, 0]}
 """
+# Lists whose text has 2^40 numbers.
+ALIASES = "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 41))
 
 
 class InputTest(unittest.TestCase):
@@ -114,6 +116,9 @@ class CameraTest(InputTest):
                 ("plumb_bob", "ladybug", "distortion_model: 'ladybug'"),
                 ("plumb_bob", "none", "set it to plumb_bob"),
                 ("-0.002, 0]", "-0.002, 0, 0]", "distortion has 6 numbers"),
+                ("600.5,", f"1{'0' * 400},", "is not a number"),
+                ("distortion_model: plumb_bob", ALIASES + "distortion_model: *a40", "distortion_model: [[[...], [...]], [[...], [...]]] is not a text"),
+                ("image_width: 640", ALIASES + "image_width: *a40", "image_width: [[[...], [...]], [[...], [...]]] is not a number"),
                 ("-0.1,", "x,", "distortion_coefficients: 'x' is not a number"),
                 ("image_width: 640", "{", "neither YAML nor JSON"),
                 (CAMERA_INFO, "text", "it has no keys"),
@@ -149,6 +154,18 @@ class CameraTest(InputTest):
         self.assertEqual([field.name for field in sent.DESCRIPTOR.fields], [field.name for field in dataclasses.fields(profile)])
         earlier = self.write("sensor.yaml", text.replace("uncertainty: 1", ""))
         self.assertEqual(evpose.read_sensor_profile(earlier), evpose.SensorProfile())
+
+    def test_wrong_sensor_profiles_name_the_file_and_the_key(self):
+        text = (ROOT / "deploy/sensors/evk4.yaml").read_text()
+        for content, words in ((text + "gain: 2\n", "gain is not a field of a sensor profile"),
+                               (text.replace("blur_px: 0.47", "blur_px: wide"), "blur_px: 'wide' is not a number"),
+                               ("text", "it has no keys"), ("", "it has no keys"), ("[" * 50_000, "neither YAML nor JSON"),
+                               (" " * 100_001, "larger than 100000 bytes"), (b"\xff", "cannot be read")):
+            with self.subTest(words):
+                message = self.refused(evpose.InvalidArgumentError, evpose.read_sensor_profile, self.write("sensor.yaml", content))
+                self.assertIn(words, message)
+                self.assertIn("sensor.yaml", message)
+        self.assertIn("no such file", self.refused(evpose.NotFoundError, evpose.read_sensor_profile, self.directory / "none.yaml"))
 
 
 class RecordingTest(InputTest):
