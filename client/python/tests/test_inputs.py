@@ -187,6 +187,7 @@ class RecordingTest(InputTest):
                 (b"% date\n% evt 4.0\n", "header line 2: EVT 4.0"), (b"% format EVT4;width=3\n", "header line 1: the format 'EVT4'"),
                 (b"% evt 3.0\n% format EVT2\n", "header line 2: says EVT2, but line 1 says EVT3"),
                 (b"% evt 3.0\n% geometry 640x\n", "header line 2: the height"),
+                (b"% evt 3.0\n% width " + b"9" * 5000 + b"\n", "header line 2: the width '999"),
                 (b"% evt 3.0\n% geometry 640x480\n% width 641\n", "header line 3: says width 641, but line 2 says 640"),
                 (b"% Data file containing events\n% Version 1\n\x00\x08", "header line 2: version 1"),
                 (b"% Data file containing events\n\x05\x08", "type 5"), (b"% Data file containing events\n", "ends before the two bytes"),
