@@ -59,7 +59,9 @@ void Configure(Metavision::Device& device, std::map<std::string, std::string>& o
   if (options.contains("--biases")) Get<I_LL_Biases>(device, "biases").load_from_file(options["--biases"]);
   if (options.contains("--erc")) {
     auto& erc = Get<I_ErcModule>(device, "event rate control");
-    if (!erc.set_cd_event_rate(std::stoul(options["--erc"])) || !erc.enable(true)) throw std::runtime_error("--erc");
+    if (!erc.set_cd_event_rate(std::stoul(options["--erc"])) || !erc.enable(true)) {
+      throw std::runtime_error("--erc: the camera refuses this event rate");
+    }
   }
   if (options.contains("--antiflicker")) Get<I_AntiFlickerModule>(device, "anti-flicker filter").enable(true);
   if (options.contains("--trigger")) Get<I_TriggerIn>(device, "trigger input").enable(I_TriggerIn::Channel::Main);
@@ -97,12 +99,12 @@ void Capture(Metavision::Device& device) {
 
 int main(int argc, char** argv) {
   std::map<std::string, std::string> options;
-  bool is_usage = argc % 2 == 1;
+  bool is_valid = argc % 2 == 1;
   for (int i = 1; i + 1 < argc; i += 2) {
     options[argv[i]] = argv[i + 1];
-    is_usage = is_usage && std::string(kUsage).find(std::string("[") + argv[i] + " ") != std::string::npos;
+    is_valid = is_valid && std::string(kUsage).find(std::string("[") + argv[i] + " ") != std::string::npos;
   }
-  if (!is_usage) return std::fputs(kUsage, stderr), 2;
+  if (!is_valid) return std::fputs(kUsage, stderr), 2;
   for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { is_interrupted = 1; });
   try {
     const std::unique_ptr<Metavision::Device> device = Open(options);

@@ -4,25 +4,18 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-import pathlib
-from typing import Any, Union
+from typing import Any
 
-import yaml
-
-from evpose.errors import InvalidArgumentError, NotFoundError
+from evpose.errors import InvalidArgumentError
+from evpose.files import PathLike, read_yaml, to_number, to_text
 from evpose.v1 import geometry_pb2
-
-PathLike = Union[str, pathlib.Path]
 
 # Numbers of distortion coefficients by the name of the lens model: k1 k2 p1 p2 [k3]; k1 k2 p1 p2 k3 k4 k5 k6; k1 k2 k3 k4.
 _COUNTS = {"brown": (0, 4, 5), "rational": (8,), "fisheye": (4,)}
 # The names of ROS, and those by which other tools call the same models.
 _ROS_MODELS = {"plumb_bob": "brown", "radtan": "brown", "rational_polynomial": "rational", "equidistant": "fisheye", "fisheye": "fisheye",
                "kannala_brandt": "fisheye"}
-# A camera file is a page of text; the limit bounds the work on another file.
-_MAX_FILE_BYTES = 100_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,31 +66,13 @@ def read_camera(path: PathLike) -> Camera:
     """Reads ROS camera_info YAML, or what `evpose camera --json` prints for any other camera file.
 
     Raises NotFoundError, and InvalidArgumentError with the file and the key."""
-    name = str(path)
-    text = _read_text(name)
-    try:
-        data = json.loads(text) if text.lstrip().startswith("{") else next(iter(yaml.safe_load_all(text)), None)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InvalidArgumentError(f"{name}: neither YAML nor JSON: {error}") from None
+    data = read_yaml(path, "; not a camera file")
     if not isinstance(data, dict):
-        raise InvalidArgumentError(f"{name}: not a camera file: it has no keys")
+        raise InvalidArgumentError(f"{path}: not a camera file: it has no keys")
     try:
         return _from_evpose(data) if "fx_px" in data else _from_camera_info(data)
     except InvalidArgumentError as error:
-        raise error.with_message(f"{name}: {error}") from None
-
-
-def _read_text(name: str) -> str:
-    try:
-        with open(name, "rb") as file:
-            data = file.read(_MAX_FILE_BYTES + 1)
-        if len(data) > _MAX_FILE_BYTES:
-            raise InvalidArgumentError(f"{name}: larger than {_MAX_FILE_BYTES} bytes; not a camera file")
-        return data.decode()
-    except FileNotFoundError:
-        raise NotFoundError(f"{name}: there is no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidArgumentError(f"{name}: cannot be read: {error}") from None
+        raise error.with_message(f"{path}: {error}") from None
 
 
 def _numbers(data: dict[str, Any], key: str) -> list[float]:
@@ -107,20 +82,11 @@ def _numbers(data: dict[str, Any], key: str) -> list[float]:
         value = value.get("data")
     if not isinstance(value, list):
         raise InvalidArgumentError(f"{key}: a list of numbers is missing")
-    return [_number(item, key) for item in value]
-
-
-def _number(value: Any, key: str) -> float:
-    try:
-        if isinstance(value, bool):
-            raise ValueError
-        return float(value)  # YAML 1.1 reads 1e-5 as a text
-    except (TypeError, ValueError):
-        raise InvalidArgumentError(f"{key}: {value!r} is not a number") from None
+    return [to_number(item, key) for item in value]
 
 
 def _integer(data: dict[str, Any], key: str) -> int:
-    number = _number(data.get(key), key)
+    number = to_number(data.get(key), key)
     if not number.is_integer():
         raise InvalidArgumentError(f"{key}: {data[key]!r} is not a whole number")
     return int(number)
@@ -129,15 +95,15 @@ def _integer(data: dict[str, Any], key: str) -> int:
 def _from_evpose(data: dict[str, Any]) -> Camera:
     """Reads the object of `evpose camera --json`: width, height, lens_model, fx_px, fy_px, cx_px, cy_px, distortion."""
     return Camera(
-        width_px=_integer(data, "width"), height_px=_integer(data, "height"), fx_px=_number(data.get("fx_px"), "fx_px"),
-        fy_px=_number(data.get("fy_px"), "fy_px"), cx_px=_number(data.get("cx_px"), "cx_px"), cy_px=_number(data.get("cy_px"), "cy_px"),
-        distortion=tuple(_numbers(data, "distortion")), lens_model=str(data.get("lens_model", "brown")))
+        width_px=_integer(data, "width"), height_px=_integer(data, "height"), fx_px=to_number(data.get("fx_px"), "fx_px"),
+        fy_px=to_number(data.get("fy_px"), "fy_px"), cx_px=to_number(data.get("cx_px"), "cx_px"), cy_px=to_number(data.get("cy_px"), "cy_px"),
+        distortion=tuple(_numbers(data, "distortion")), lens_model=to_text(data.get("lens_model", "brown"), "lens_model"))
 
 
 def _lens_of_camera_info(data: dict[str, Any]) -> tuple[str, list[float]]:
     """Returns the lens model and its coefficients."""
     key = "distortion_coefficients"
-    model = str(data.get("distortion_model") or "").strip().lower()
+    model = to_text(data.get("distortion_model") or "", "distortion_model").strip().lower()
     is_stated = model not in ("", "none")
     coefficients = _numbers(data, key) if is_stated or data.get(key) else []
     if not is_stated and not any(coefficients):

@@ -12,7 +12,8 @@ from typing import Any, Callable, Optional, Union
 
 import grpc
 
-from evpose.errors import FailedPreconditionError, InvalidArgumentError, NotFoundError, from_call
+from evpose.errors import FailedPreconditionError, InvalidArgumentError, from_call
+from evpose.files import read_file
 
 Token = Union[str, Callable[[], str]]
 
@@ -93,13 +94,7 @@ class TokenSource:
 
 
 def _read_pem(path: str) -> bytes:
-    try:
-        with open(path, "rb") as file:
-            data = file.read()
-    except FileNotFoundError:
-        raise NotFoundError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise InvalidArgumentError(f"{path}: cannot be read: {error.strerror}") from None
+    data = read_file(path)
     if b"-----BEGIN " not in data:
         raise FailedPreconditionError(f"{path}: is not a PEM file")
     return data

@@ -14,9 +14,10 @@ from google.protobuf import empty_pb2
 from evpose.cameras import Camera
 from evpose.channel import Endpoint, Tls, Token, TokenSource, explain_tls, parse_address
 from evpose.convert import model_from_message, server_from_message, session_from_message
-from evpose.errors import (AbortedError, FailedPreconditionError, InternalError, InvalidArgumentError, NotFoundError, UnavailableError,
+from evpose.errors import (AbortedError, FailedPreconditionError, InternalError, InvalidArgumentError, UnavailableError,
                            UnimplementedError)
 from evpose.events import Encoding
+from evpose.files import PathLike, read_file
 from evpose.session import SERVICE as SESSIONS
 from evpose.session import Session
 from evpose.stream.attempt import TrackPosition
@@ -72,7 +73,7 @@ class Client:
             "/grpc.health.v1.Health/Check", health_pb2.HealthCheckRequest(), health_pb2.HealthCheckResponse, self._timeout_s)
         return bool(response.status == health_pb2.HealthCheckResponse.SERVING)
 
-    def upload_model(self, path: Union[str, pathlib.Path], *, metres_per_unit: float = 1.0, crease_angle_deg: float = 30.0,
+    def upload_model(self, path: PathLike, *, metres_per_unit: float = 1.0, crease_angle_deg: float = 30.0,
                      surface: Surface = Surface.SMOOTH) -> Model:
         """Uploads an OBJ, PLY or STL file; `evpose models upload` takes more formats. Uploading it again has no effect. Raises
         NotFoundError and InvalidArgumentError with the path, and EvposeError."""
@@ -80,7 +81,7 @@ class Client:
         if suffix not in _FORMATS:
             raise InvalidArgumentError(f"{path}: unknown model format; the name must end in .obj, .ply or .stl "
                                        "(`evpose models upload` takes more formats)")
-        data = _read_model(path)
+        data = read_file(path, _MAX_MODEL_BYTES, ", the limit of a server")
         header = {"format": _FORMATS[suffix], "metres_per_unit": metres_per_unit, "crease_angle_deg": crease_angle_deg,
                   "surface": int(surface), "file_name": pathlib.Path(path).name, "size_bytes": len(data),
                   "sha256": hashlib.sha256(data).digest()}
@@ -149,19 +150,6 @@ class Client:
             request.page_token = page.next_page_token
             if not request.page_token:
                 return
-
-
-def _read_model(path: Union[str, pathlib.Path]) -> bytes:
-    try:
-        with open(path, "rb") as file:
-            data = file.read(_MAX_MODEL_BYTES + 1)
-    except FileNotFoundError:
-        raise NotFoundError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise InvalidArgumentError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > _MAX_MODEL_BYTES:
-        raise InvalidArgumentError(f"{path}: larger than {_MAX_MODEL_BYTES} bytes, the limit of a server")
-    return data
 
 
 def _tracked_objects(objects: Objects) -> tuple[TrackedObject, ...]:

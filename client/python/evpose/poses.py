@@ -10,6 +10,7 @@ from typing import Any, Iterable, Sequence, Union
 import numpy as np
 import numpy.typing as npt
 
+from evpose.convert import seconds
 from evpose.geometry import Matrix, Transform, quaternion_from_message, transform_from_message
 from evpose.types import TrackState
 
@@ -91,10 +92,6 @@ def _twist(message: Any) -> list[float]:
     return [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]
 
 
-def _latency_s(message: Any) -> float:
-    return float(message.latency.seconds + 1e-9 * message.latency.nanos)
-
-
 def defect(message: Any) -> str:
     """Returns why a message of the server is no pose; "" if it is one."""
     if len(message.covariance.upper_triangle) != 21:
@@ -119,7 +116,7 @@ def pose_from_message(message: Any) -> Pose:
         seq=message.pose_seq, object_id=message.object_id, t_us=message.t_us, translation_m=transform.translation_m,
         quaternion_xyzw=transform.quaternion_xyzw, covariance=np.array(message.covariance.upper_triangle)[_FROM_UPPER],
         twist=np.array(_twist(message)), state=TrackState(message.state), num_events=message.num_events,
-        explained_ratio=message.explained_ratio, residual_rms_px=message.residual_rms_px, latency_s=_latency_s(message),
+        explained_ratio=message.explained_ratio, residual_rms_px=message.residual_rms_px, latency_s=seconds(message.latency),
         alternatives=tuple(
             Alternative(transform_from_message(each.camera_from_object), each.log_likelihood_ratio) for each in message.alternatives))
 
@@ -132,7 +129,7 @@ def poses_from_messages(messages: Iterable[Any], object_ids: Sequence[str]) -> n
         t = m.camera_from_object.translation_m
         rows.append((m.pose_seq, index[m.object_id], m.t_us, (t.x, t.y, t.z), quaternion_from_message(m.camera_from_object.rotation),
                      m.covariance.upper_triangle[:], _twist(m), TrackState(m.state), m.num_events, m.explained_ratio,
-                     m.residual_rms_px, _latency_s(m), len(m.alternatives)))
+                     m.residual_rms_px, seconds(m.latency), len(m.alternatives)))
     poses = np.zeros(len(rows), dtype=POSE_DTYPE)
     if rows:
         for name, column in zip(POSE_DTYPE.names or (), zip(*rows)):
@@ -147,5 +144,5 @@ def write_tum(path: Union[str, pathlib.Path], poses: npt.NDArray[Any]) -> None:
     with open(path, "w", encoding="ascii") as file:
         for pose in poses[poses["state"] != TrackState.AMBIGUOUS]:
             numbers = (*pose["translation_m"].tolist(), *pose["quaternion_xyzw"].tolist())
-            seconds, micros = divmod(int(pose["t_us"]), 1_000_000)
-            file.write(f"{seconds}.{micros:06d} " + " ".join(f"{number:.17g}" for number in numbers) + "\n")
+            whole_s, micros = divmod(int(pose["t_us"]), 1_000_000)
+            file.write(f"{whole_s}.{micros:06d} " + " ".join(f"{number:.17g}" for number in numbers) + "\n")

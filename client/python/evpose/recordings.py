@@ -13,6 +13,7 @@ from evpose.errors import InvalidArgumentError, NotFoundError
 from evpose.events import Encoding
 
 _MAX_HEADER_BYTES = 64 * 1024
+_MAX_DIGITS = 20  # of a number; int() fails beyond some thousands
 _ENCODINGS = {"EVT3": Encoding.EVT3, "EVT21": Encoding.EVT21, "EVT2.1": Encoding.EVT21, "EVT2": Encoding.EVT2, "DAT": Encoding.DAT,
               "FLAT64": Encoding.FLAT64}
 _VERSIONS = {"3.0": Encoding.EVT3, "3": Encoding.EVT3, "2.1": Encoding.EVT21, "2.0": Encoding.EVT2, "2": Encoding.EVT2}
@@ -59,7 +60,7 @@ class _Statements:
 
     def set(self, key: str, value: str, line: int) -> None:
         if key in ("width", "height"):
-            if not (value.isascii() and value.isdigit() and int(value) > 0):
+            if not (value.isascii() and value.isdigit() and len(value) <= _MAX_DIGITS and int(value) > 0):
                 raise InvalidArgumentError(f"header line {line}: the {key} {value!r} is not a positive number of pixels")
             if key in self.values and int(self.values[key][0]) != int(value):
                 raise InvalidArgumentError(

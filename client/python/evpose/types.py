@@ -9,11 +9,10 @@ import enum
 import pathlib
 from typing import Any, Optional, Union
 
-import yaml
-
 from evpose.cameras import Camera
-from evpose.errors import InvalidArgumentError, NotFoundError
+from evpose.errors import InvalidArgumentError
 from evpose.events import Encoding
+from evpose.files import read_yaml, to_number
 from evpose.geometry import Matrix, Transform, rotation_to_proto
 from evpose.v1 import session_pb2
 
@@ -95,27 +94,38 @@ class TrackedObject:
 
 @dataclasses.dataclass(frozen=True)
 class SensorProfile:
-    """Constants of a sensor and its lens; the defaults are those of an EVK4. `evpose calibrate` measures them."""
+    """Constants of a sensor and its lens; the defaults are those of an EVK4. `evpose calibrate` measures them.
+
+    uncertainty   how well the others are known: 1 for a sensor that was not calibrated, 0.3 as `evpose calibrate` leaves it, 0
+                  exactly. It affects the covariance of the poses only.
+    """
 
     pixel_noise_px: float = 0.8
     blur_px: float = 0.47
     contrast_threshold: float = 0.35  # change of the natural logarithm of the light
     refractory_us: float = 140.0
     latency_us: float = 40.0
+    uncertainty: float = 1.0
 
 
 def read_sensor_profile(path: Union[str, pathlib.Path]) -> SensorProfile:
     """Reads the YAML file that `evpose calibrate` writes. Raises NotFoundError, and InvalidArgumentError with file and key."""
+    data = read_yaml(path)
+    if not isinstance(data, dict):
+        raise InvalidArgumentError(f"{path}: not a sensor profile: it has no keys")
+    names = [field.name for field in dataclasses.fields(SensorProfile)]
+    # As in the command evpose. A constant of a later version that is ignored here would give other poses.
+    for key in data:
+        if key not in ("name", *names):
+            raise InvalidArgumentError(f"{path}: {key} is not a field of a sensor profile; the fields are name, {', '.join(names)}")
+    data.setdefault("uncertainty", SensorProfile.uncertainty)  # profiles of earlier versions are without it
+    for name in names:
+        if name not in data:
+            raise InvalidArgumentError(f"{path}: the key {name!r} is missing")
     try:
-        data = yaml.safe_load(pathlib.Path(path).read_text())
-        values = {field.name: data[field.name] for field in dataclasses.fields(SensorProfile)}
-        return SensorProfile(**{name: float(value) for name, value in values.items()})
-    except FileNotFoundError:
-        raise NotFoundError(f"{path}: there is no such file") from None
-    except KeyError as error:
-        raise InvalidArgumentError(f"{path}: the key {error} is missing") from None
-    except (OSError, TypeError, ValueError, yaml.YAMLError) as error:
-        raise InvalidArgumentError(f"{path}: not a sensor profile: {error}") from None
+        return SensorProfile(**{name: to_number(data[name], name) for name in names})
+    except InvalidArgumentError as error:
+        raise error.with_message(f"{path}: {error}") from None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cameras, recordings, arrays of events, transforms, and the classification of errors."""
 
+import dataclasses
 import json
 import os
 import pathlib
@@ -15,6 +16,7 @@ from testing import ROOT, evpose, run_evpose
 from evpose.recordings import parse_header
 from evpose.stream.outbox import FeedPoint, Outbox, make_chunk
 from evpose.stream.retry import Advice, Backoff, advise_on
+from evpose.types import SessionConfig
 from evpose.v1 import error_reason_pb2, geometry_pb2, session_pb2
 
 CAMERA_INFO = """image_width: 640
@@ -24,6 +26,8 @@ camera_matrix: {rows: 3, cols: 3, data: [600.5, 0, 319.5, 0, 601, 239.5, 0, 0, 1
 distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 1e-5, 0.001, -0.002, 0]}
 """
+# Lists whose text has 2^40 numbers.
+ALIASES = "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 41))
 
 
 class InputTest(unittest.TestCase):
@@ -112,6 +116,9 @@ class CameraTest(InputTest):
                 ("plumb_bob", "ladybug", "distortion_model: 'ladybug'"),
                 ("plumb_bob", "none", "set it to plumb_bob"),
                 ("-0.002, 0]", "-0.002, 0, 0]", "distortion has 6 numbers"),
+                ("600.5,", f"1{'0' * 400},", "is not a number"),
+                ("distortion_model: plumb_bob", ALIASES + "distortion_model: *a40", "distortion_model: [[[...], [...]], [[...], [...]]] is not a text"),
+                ("image_width: 640", ALIASES + "image_width: *a40", "image_width: [[[...], [...]], [[...], [...]]] is not a number"),
                 ("-0.1,", "x,", "distortion_coefficients: 'x' is not a number"),
                 ("image_width: 640", "{", "neither YAML nor JSON"),
                 (CAMERA_INFO, "text", "it has no keys"),
@@ -137,6 +144,29 @@ class CameraTest(InputTest):
         wrong = self.write("sensor.yaml", "blur_px: 1\n")
         self.assertIn("pixel_noise_px", self.refused(evpose.InvalidArgumentError, evpose.read_sensor_profile, wrong))
 
+    def test_every_constant_of_a_sensor_profile_is_sent(self):
+        text = (ROOT / "deploy/sensors/evk4.yaml").read_text()
+        profile = evpose.read_sensor_profile(self.write("sensor.yaml", text.replace("uncertainty: 1", "uncertainty: 0.3")))
+        self.assertEqual(profile, evpose.SensorProfile(uncertainty=0.3))
+        camera = evpose.Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
+        sent = SessionConfig(evpose.Encoding.EVT3, camera, (), sensor=profile).to_proto().tracker.sensor
+        self.assertEqual({field.name: value for field, value in sent.ListFields()}, dataclasses.asdict(profile))
+        self.assertEqual([field.name for field in sent.DESCRIPTOR.fields], [field.name for field in dataclasses.fields(profile)])
+        earlier = self.write("sensor.yaml", text.replace("uncertainty: 1", ""))
+        self.assertEqual(evpose.read_sensor_profile(earlier), evpose.SensorProfile())
+
+    def test_wrong_sensor_profiles_name_the_file_and_the_key(self):
+        text = (ROOT / "deploy/sensors/evk4.yaml").read_text()
+        for content, words in ((text + "gain: 2\n", "gain is not a field of a sensor profile"),
+                               (text.replace("blur_px: 0.47", "blur_px: wide"), "blur_px: 'wide' is not a number"),
+                               ("text", "it has no keys"), ("", "it has no keys"), ("[" * 50_000, "neither YAML nor JSON"),
+                               (" " * 100_001, "larger than 100000 bytes"), (b"\xff", "cannot be read")):
+            with self.subTest(words):
+                message = self.refused(evpose.InvalidArgumentError, evpose.read_sensor_profile, self.write("sensor.yaml", content))
+                self.assertIn(words, message)
+                self.assertIn("sensor.yaml", message)
+        self.assertIn("no such file", self.refused(evpose.NotFoundError, evpose.read_sensor_profile, self.directory / "none.yaml"))
+
 
 class RecordingTest(InputTest):
     def test_headers(self):
@@ -157,6 +187,7 @@ class RecordingTest(InputTest):
                 (b"% date\n% evt 4.0\n", "header line 2: EVT 4.0"), (b"% format EVT4;width=3\n", "header line 1: the format 'EVT4'"),
                 (b"% evt 3.0\n% format EVT2\n", "header line 2: says EVT2, but line 1 says EVT3"),
                 (b"% evt 3.0\n% geometry 640x\n", "header line 2: the height"),
+                (b"% evt 3.0\n% width " + b"9" * 5000 + b"\n", "header line 2: the width '999"),
                 (b"% evt 3.0\n% geometry 640x480\n% width 641\n", "header line 3: says width 641, but line 2 says 640"),
                 (b"% Data file containing events\n% Version 1\n\x00\x08", "header line 2: version 1"),
                 (b"% Data file containing events\n\x05\x08", "type 5"), (b"% Data file containing events\n", "ends before the two bytes"),

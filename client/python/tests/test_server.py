@@ -77,7 +77,6 @@ class ServerTest(unittest.TestCase):
         np.testing.assert_array_equal(poses["covariance"][:, rows, columns], [each["covariance_upper"] for each in expected])
         np.testing.assert_array_equal(poses["covariance"], poses["covariance"].transpose(0, 2, 1))
 
-
     def assert_same_poses(self, poses, expected):
         """Compares poses that were read one by one with lines of the command evpose, to the bit."""
         rows, columns = np.triu_indices(6)

@@ -416,12 +416,13 @@ class ViolationTest(StreamTest):
             stream.read("attach")
             yield attached()
             yield pose(1)
+            yield notice(lag_change={"falls_behind": True})
             try:
                 stream.read("end")
             except StopIteration:
                 return
 
-        waits = threading.Event()
+        waits, reads = threading.Event(), threading.Event()
         self.addCleanup(waits.set)
 
         def source():
@@ -430,12 +431,22 @@ class ViolationTest(StreamTest):
 
         scripted = ScriptedServer(script)
         self.addCleanup(scripted.stop)
-        track = scripted.track(source())
+        track = scripted.track(source(), on_notice=lambda _: reads.set())
         self.assertEqual(next(track).seq, 1)
-        reader = threading.Thread(target=lambda: self.assertRaises(evpose.CancelledError, track.read_all))
+        errors = []
+
+        def read():
+            try:
+                track.read_all()
+            except evpose.EvposeError as error:
+                errors.append(error)
+
+        reader = threading.Thread(target=read)
         reader.start()
+        reads.wait()
         track.close()
         reader.join()
+        self.assertEqual([type(error) for error in errors], [evpose.CancelledError])
 
 
 if __name__ == "__main__":

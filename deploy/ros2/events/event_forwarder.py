@@ -7,15 +7,16 @@
 
 import pathlib
 import sys
-import threading
 
-import rclpy
 from event_camera_msgs.msg import EventPacket
 from rclpy.node import Node
 from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 import evpose
 from event_packets import PacketQueue, PacketReader
+
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from evpose_node import connect, run
 
 _PARAMETERS = {"server": "127.0.0.1:50051", "token_file": "", "tls_ca": "", "tls_certificate": "", "tls_key": "", "camera": "", "model": "",
                "object_id": "object", "metres_per_unit": 1.0, "overload": "latest", "memory_bytes": 64 << 20, "keep_session": False}
@@ -34,7 +35,7 @@ class EventForwarder(Node):
         if settings["overload"] not in ("latest", "block"):
             raise evpose.InvalidArgumentError(f"overload: {settings['overload']!r} is neither latest nor block")
         camera = evpose.read_camera(settings["camera"])
-        self._client = self._connect()
+        self._client = connect(settings)
         model = self._client.upload_model(settings["model"], metres_per_unit=settings["metres_per_unit"])
         overload = evpose.Overload.LATEST if settings["overload"] == "latest" else evpose.Overload.BLOCK
         self._session = self._client.create_session([evpose.TrackedObject(model, settings["object_id"])], camera, evpose.Encoding.EVT3,
@@ -45,15 +46,6 @@ class EventForwarder(Node):
         self._failure = None
         self.create_subscription(EventPacket, "events", self._on_packet, qos)
 
-    def _connect(self):
-        settings = self._settings
-        tls = None
-        if settings["tls_ca"] or settings["tls_certificate"]:
-            tls = evpose.Tls(*(settings[name] or None for name in ("tls_ca", "tls_certificate", "tls_key")))
-        path = settings["token_file"]
-        token = (lambda: pathlib.Path(path).read_text().strip()) if path else None
-        return evpose.connect(settings["server"], tls=tls, token=token)
-
     def _on_packet(self, packet):
         try:
             self._queue.put(packet)
@@ -61,7 +53,7 @@ class EventForwarder(Node):
             self._failure = error
             self._queue.end()
 
-    def forward(self):
+    def work(self):
         """Sends events until stop(). Raises evpose.EvposeError."""
         self.get_logger().info(f"feeds {self._session.name}")
         options = evpose.TrackOptions(is_live=True, memory_bytes=self._settings["memory_bytes"], on_notice=self._warn)
@@ -87,30 +79,7 @@ class EventForwarder(Node):
 
 
 def main():
-    rclpy.init()
-    try:
-        node = EventForwarder()
-    except (evpose.EvposeError, OSError) as error:
-        sys.exit(f"evpose_events: {error}")
-    failures = []
-
-    def forward():
-        try:
-            node.forward()
-        except evpose.EvposeError as error:
-            failures.append(error)
-        rclpy.try_shutdown()
-
-    thread = threading.Thread(target=forward)
-    thread.start()
-    try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        pass
-    node.stop()
-    thread.join()
-    if failures:
-        sys.exit(f"evpose_events: {failures[0]}")
+    run(EventForwarder, "evpose_events")
 
 
 if __name__ == "__main__":

@@ -81,8 +81,10 @@ class PacketQueue:
         self._has_ended = False
 
     def put(self, packet):
-        """Raises evpose.InvalidArgumentError as PacketReader.chunks()."""
+        """Does nothing after end(). Raises evpose.InvalidArgumentError as PacketReader.chunks()."""
         with self._changed:
+            if self._has_ended:
+                return
             if self._bytes + len(packet.events) > self._max_bytes:
                 self.num_dropped += 1
                 self.reader.chunks(packet)  # for its number

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The conversion of EventPackets, with messages of the same fields, and a recording that is forwarded to evpose-server."""
+"""The conversion of EventPackets, with messages of the same fields, and a recording that is forwarded to evpose-server; the node with
+stand-ins for rclpy and event_camera_msgs."""
 
 import ast
 import dataclasses
@@ -11,10 +12,11 @@ import threading
 import unittest
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[2] / "client/python/tests")]
+sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parents[2] / "client/python/tests")]
 from testing import evpose, run_evpose, server
 
 from event_packets import PacketQueue, PacketReader
+from ros_testing import FakeRos
 
 
 @dataclasses.dataclass
@@ -101,12 +103,19 @@ class PacketQueueTest(unittest.TestCase):
         thread.join()
         self.assertEqual(seen, [b"ab"])
 
+    def test_packets_after_the_end_are_not_sent(self):
+        queue = PacketQueue(PacketReader(640, 480), max_bytes=100)
+        queue.put(Packet(1, b"ab"))
+        queue.end()
+        queue.put(Packet(2, b"cd"))
+        self.assertEqual(kinds(queue), [b"ab"])
+
     def test_a_wrong_packet_is_reported_to_the_caller(self):
         with self.assertRaises(evpose.InvalidArgumentError):
             PacketQueue(PacketReader(640, 480), max_bytes=100).put(Packet(1, encoding="mono"))
 
 
-class ForwardTest(unittest.TestCase):
+class SceneTest(unittest.TestCase):
     def setUp(self):
         directory = tempfile.TemporaryDirectory()
         self.addCleanup(directory.cleanup)
@@ -133,6 +142,8 @@ class ForwardTest(unittest.TestCase):
         size = 4098
         return [Packet(100 + i, self.words[begin:begin + size]) for i, begin in enumerate(range(0, len(self.words), size))]
 
+
+class ForwardTest(SceneTest):
     def forward(self, packets):
         queue = PacketQueue(PacketReader(640, 480), max_bytes=1 << 30)
         for packet in packets:
@@ -155,6 +166,53 @@ class ForwardTest(unittest.TestCase):
         self.assertGreater(summary.health.dropped_events, 0)  # those before the first time after the gap
         expected, _ = self.track([self.words])
         self.assertLessEqual(max(poses["t_us"]), max(expected["t_us"]))
+
+
+class NodeTest(SceneTest):
+    def run_node(self, packets, **parameters):
+        """Runs the node with these packets, then shuts ROS down. Returns what it has logged."""
+        logged, feeds = [], threading.Event()
+
+        def on_log(text):
+            logged.append(text)
+            feeds.set()
+
+        ros = FakeRos({"server": self.server.address, "camera": str(self.directory / "camera.yaml"), "overload": "block",
+                       "model": str(self.directory / "model.obj"), "memory_bytes": 1 << 30, **parameters}, on_log)
+
+        def publish():
+            feeds.wait()
+            for packet in packets:
+                ros.subscriptions["events"](packet)
+            ros.is_down.set()
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        self.addCleanup(thread.join)
+        self.addCleanup(feeds.set)
+        ros.run("event_forwarder")
+        return logged
+
+    def test_the_node_forwards_a_recording(self):
+        expected, _ = self.track([self.words])
+        packets = self.packets()
+        logged = self.run_node(packets, keep_session=True, object_id="part")
+        self.assertEqual(logged[-1], f"{len(packets)} packets, {len(expected)} poses; 0 packets lost, 0 dropped, 0 damaged")
+        session = self.client.session(logged[0].removeprefix("feeds "))
+        self.assertEqual([(pose.object_id, pose.translation_m.tolist()) for pose in session.watch_poses()],
+                         [("part", translation.tolist()) for translation in expected["translation_m"]])
+
+    def test_the_session_is_deleted_and_wrong_packets_end_the_node_with_a_reason(self):
+        before = len(self.client.list_sessions())
+        with self.assertRaisesRegex(SystemExit, "evpose_events: .*1280x480 pixels, but the camera file of 640x480"):
+            self.run_node([Packet(1), Packet(2, width=1280), Packet(3)])
+        self.assertEqual(len(self.client.list_sessions()), before)
+
+    def test_wrong_parameters_end_the_node_with_a_reason(self):
+        for parameters, words in (({"model": ""}, "the parameter model is required"), ({"overload": "drop"}, "'drop' is neither"),
+                                  ({"camera": "/no-such-file"}, "/no-such-file"), ({"token_file": "/no-such-token"}, "/no-such-token")):
+            with self.assertRaisesRegex(SystemExit, f"evpose_events: .*{words}"):
+                self.run_node([], **parameters)
 
 
 class ReadmeTest(unittest.TestCase):

@@ -4,21 +4,16 @@
 they are serialized. The follower and the node, against evpose-server; the node with stand-ins for rclpy and tf2_ros."""
 
 import ast
-import collections
 import dataclasses
-import importlib
-import io
 import pathlib
 import signal
 import sys
 import tempfile
 import threading
-import types
 import unittest
-from unittest import mock
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[2] / "client/python/tests")]
+sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parents[2] / "client/python/tests")]
 from testing import PATIENT, Relay, evpose, run_evpose, server
 
 import genpy
@@ -27,16 +22,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistStamped
 from pose_messages import (ERROR, OK, WARN, ClockOffset, diagnostics, is_published, name_in_ros, pose_message, transform_message,
                            twist_message)
+from ros_testing import FakeRos, sent
 from session_follower import SessionFollower, choose_session
 
 STAMP = genpy.Time(12, 345)
-
-
-def sent(message):
-    """Returns the message as a subscriber receives it."""
-    buffer = io.BytesIO()
-    message.serialize(buffer)
-    return type(message)().deserialize(buffer.getvalue())
 
 
 def make_pose(state=evpose.TrackState.TRACKING):
@@ -47,51 +36,6 @@ def make_pose(state=evpose.TrackState.TRACKING):
         seq=1, object_id="part", t_us=5000, translation_m=transform.translation_m, quaternion_xyzw=transform.quaternion_xyzw,
         covariance=half @ half.T, twist=numbers.normal(size=6), state=state, num_events=100, explained_ratio=0.5, residual_rms_px=0.5,
         latency_s=0.001, alternatives=())
-
-
-class FakeRos:
-    """The part of rclpy and tf2_ros that the node uses. Messages are serialized, which checks their types."""
-
-    def __init__(self, parameters, on_log):
-        self.published = collections.defaultdict(list)
-        self.parameters = parameters
-        self.on_log = on_log
-        self.is_down = threading.Event()
-
-    def publish(self, topic, message):
-        self.published[topic].append(sent(message))
-
-    def modules(self):
-        ros = self
-
-        class Node:
-            def __init__(self, name):
-                pass
-
-            def declare_parameter(self, name, value):
-                return types.SimpleNamespace(value=ros.parameters.get(name, value))
-
-            def create_publisher(self, kind, topic, qos):
-                return types.SimpleNamespace(publish=lambda message: ros.publish(topic, message))
-
-            def get_clock(self):
-                return types.SimpleNamespace(now=lambda: types.SimpleNamespace(nanoseconds=1_700_000_000_000_000_000))
-
-            def get_logger(self):
-                return types.SimpleNamespace(info=ros.on_log, warning=lambda text, **_: ros.on_log(text), error=ros.on_log)
-
-        class TransformBroadcaster:
-            def __init__(self, node):
-                self.sendTransform = lambda message: ros.publish("/tf", message)  # the name in ROS
-
-        executors = types.SimpleNamespace(ExternalShutdownException=RuntimeError)
-        return {
-            "rclpy": types.SimpleNamespace(init=lambda: None, spin=lambda node: ros.is_down.wait(), try_shutdown=ros.is_down.set,
-                                           executors=executors),
-            "rclpy.node": types.SimpleNamespace(Node=Node), "rclpy.qos": types.SimpleNamespace(qos_profile_sensor_data=10),
-            "builtin_interfaces": types.SimpleNamespace(), "tf2_ros": types.SimpleNamespace(TransformBroadcaster=TransformBroadcaster),
-            "builtin_interfaces.msg": types.SimpleNamespace(Time=lambda sec, nanosec: genpy.Time(sec, nanosec)),
-        }
 
 
 class MessageTest(unittest.TestCase):
@@ -239,9 +183,7 @@ class NodeTest(SceneTest):
     def run_node(self, parameters, on_log):
         """Runs the node in place of ROS with the given parameters up to its end. Returns what it has published: {topic: messages}."""
         ros = FakeRos(parameters, on_log)
-        with mock.patch.dict(sys.modules, ros.modules()):
-            sys.modules.pop("pose_publisher", None)
-            importlib.import_module("pose_publisher").main()
+        ros.run("pose_publisher")
         return ros.published
 
     def test_the_node_publishes_the_poses_of_a_session(self):
@@ -281,6 +223,30 @@ class NodeTest(SceneTest):
             self.run_node({"server": running.address, "session": "sessions/none"}, lambda text: None)
         with self.assertRaisesRegex(SystemExit, "evpose_poses: .*no-such-file"):
             self.run_node({"server": running.address, "token_file": "/no-such-file"}, lambda text: None)
+
+    def test_an_error_of_any_kind_ends_the_node(self):
+        running = server.Server("--log-level", "error", directory=self.directory)
+        self.addCleanup(lambda: running.is_ended or running.kill())
+        client = evpose.connect(running.address)
+        self.addCleanup(client.close)
+        session, recording = self.create(client)
+        ros = FakeRos({"server": running.address, "session": session.name}, lambda text: "after pose 0" in text and follows.set())
+        follows = threading.Event()
+
+        def publish(topic, message):
+            if topic != "/diagnostics":
+                raise ZeroDivisionError("of a publisher")
+
+        def feed():
+            follows.wait()
+            session.track(recording).read_all()
+
+        ros.publish = publish
+        thread = threading.Thread(target=feed)
+        thread.start()
+        with self.assertRaisesRegex(ZeroDivisionError, "of a publisher"):
+            ros.run("pose_publisher")
+        thread.join()
 
     def test_the_parameters_are_documented(self):
         tree = ast.parse((HERE / "pose_publisher.py").read_text())

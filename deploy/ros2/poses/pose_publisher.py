@@ -9,7 +9,6 @@ import pathlib
 import sys
 import threading
 
-import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistStamped
@@ -20,6 +19,9 @@ from tf2_ros import TransformBroadcaster
 import evpose
 from pose_messages import ClockOffset, diagnostics, is_published, name_in_ros, pose_message, transform_message, twist_message
 from session_follower import SessionFollower, choose_session
+
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from evpose_node import connect, run
 
 _PARAMETERS = {"server": "127.0.0.1:50051", "session": "", "token_file": "", "tls_ca": "", "tls_certificate": "", "tls_key": "",
                "camera_frame": "camera_optical_frame", "object_frame_prefix": "", "epoch_ns": -1, "max_rate_hz": 0.0, "health_period_s": 1.0}
@@ -37,22 +39,19 @@ class PosePublisher(Node):
         self._outputs = {}
         self._broadcaster = TransformBroadcaster(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._client = self._connect()
+        self._client = connect(self._settings)
         session = choose_session(self._client, self._settings["session"])
         self._session_name = session.name
         self._follower = SessionFollower(session)
 
-    def _connect(self):
-        settings = self._settings
-        tls = None
-        if settings["tls_ca"] or settings["tls_certificate"]:
-            tls = evpose.Tls(*(settings[name] or None for name in ("tls_ca", "tls_certificate", "tls_key")))
-        path = settings["token_file"]
-        token = (lambda: pathlib.Path(path).read_text().strip()) if path else None
-        return evpose.connect(settings["server"], tls=tls, token=token)
+    def work(self):
+        """Publishes until the session has ended or stop() is called. Raises evpose.EvposeError."""
+        try:
+            self._follow()
+        except evpose.CancelledError:  # by stop()
+            pass
 
-    def follow(self):
-        """Publishes until the session has ended. Raises evpose.EvposeError."""
+    def _follow(self):
         num_stored = self._follower.skip_stored()
         self.get_logger().info(f"publishes the poses of {self._session_name} after pose {num_stored}")
         health = threading.Thread(target=self._follow_health)
@@ -104,30 +103,7 @@ class PosePublisher(Node):
 
 
 def main():
-    rclpy.init()
-    try:
-        node = PosePublisher()
-    except (evpose.EvposeError, OSError) as error:
-        sys.exit(f"evpose_poses: {error}")
-    failures = []
-
-    def follow():
-        try:
-            node.follow()
-        except evpose.EvposeError as error:
-            failures.append(error)
-        rclpy.try_shutdown()
-
-    thread = threading.Thread(target=follow)
-    thread.start()
-    try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        pass
-    node.stop()
-    thread.join()
-    if failures and not isinstance(failures[0], evpose.CancelledError):
-        sys.exit(f"evpose_poses: {failures[0]}")
+    run(PosePublisher, "evpose_poses")
 
 
 if __name__ == "__main__":
