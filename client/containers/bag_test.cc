@@ -209,7 +209,7 @@ TEST(BagTest, BigEndianMessagesAreRead) {
 
 TEST(BagTest, AGapInTheSequenceIsALossAndIsCounted) {
   const TemporaryDirectory directory;
-  // The packet after the gap begins with an address whose time and row were lost.
+  // The packet after the gap begins with an event; the words of its time and row were in a lost packet.
   const TestTopic topic = {"/events",
                            kPackets,
                            {MakePacket({1, EventAt(5, 7)}), MakePacket({2, EventAt(9, 8) + "\x01"}),

@@ -3,10 +3,10 @@
 // Reads little-endian fields from the front of bytes that may end early.
 #pragma once
 
-#include <bit>
 #include <cstdint>
-#include <cstring>
 #include <string_view>
+
+#include "core/base/byte_order.h"
 
 namespace evpose::client {
 
@@ -20,11 +20,8 @@ class ByteView {
 
   template <typename Number>
   Number Take() {
-    static_assert(std::endian::native == std::endian::little);
-    Number value{};
     const std::string_view field = TakeBytes(sizeof(Number));
-    if (ok_) std::memcpy(&value, field.data(), sizeof(Number));
-    return value;
+    return ok_ ? LoadLittleEndian<Number>(reinterpret_cast<const uint8_t*>(field.data())) : Number{0};
   }
   std::string_view TakeBytes(uint64_t size) {
     ok_ = ok_ && size <= bytes_.size();

@@ -31,7 +31,10 @@ class Hdf5Source final : public EventSource {
     EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ChildProcess> program, StartProgram("read", path));
     std::unique_ptr<Hdf5Source> source(new Hdf5Source(path, std::move(program)));
     EVPOSE_RETURN_IF_ERROR(source->ReadRecord());
-    if (source->record_.kind != PipeRecordKind::kHeader) return source->NoRecord();
+    // Not NoRecord(): the program may be waiting for a reader of its further records.
+    if (source->record_.kind != PipeRecordKind::kHeader) {
+      return absl::DataLossError(absl::StrCat(path, ": evpose-hdf5 sent no header"));
+    }
     const PipeHeader& header = source->record_.header;
     source->facts_ = {header.format, std::nullopt, header.time_offset_us};
     if (header.geometry != SensorGeometry{}) source->facts_.geometry = header.geometry;

@@ -7,7 +7,6 @@
 
 #include "client/containers/bag.h"
 #include "client/containers/byte_view.h"
-#include "client/containers/decompression.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -58,6 +57,17 @@ absl::StatusOr<bool> McapRecords::PassOver(uint64_t size) {
   return true;
 }
 
+std::optional<std::string_view> McapRecords::Decompress(FrameFormat format, std::string_view frames, uint64_t size) {
+  absl::Span<const uint8_t> rest(reinterpret_cast<const uint8_t*>(frames.data()), frames.size());
+  decompressor_.Clear();
+  while (!rest.empty()) {
+    if (!decompressor_.Append(format, rest, size).ok()) return std::nullopt;
+  }
+  const absl::Span<const uint8_t> content = decompressor_.content();
+  if (content.size() != size) return std::nullopt;
+  return std::string_view(reinterpret_cast<const char*>(content.data()), content.size());
+}
+
 void McapRecords::OpenChunk(std::string_view content) {
   ByteView view(content);
   view.TakeBytes(16);  // times of the first and the last message
@@ -65,18 +75,19 @@ void McapRecords::OpenChunk(std::string_view content) {
   const auto crc = view.Take<uint32_t>();
   const std::string_view compression = view.TakeString();
   const std::string_view records = view.TakeBytes(view.Take<uint64_t>());
-  bool is_valid = view.ok() && size <= kMaxMessageBytes;
-  if (is_valid && compression == "zstd") {
-    is_valid = DecompressZstd(records, size, chunk_);
-  } else if (is_valid && compression == "lz4") {
-    is_valid = DecompressLz4(records, size, chunk_);
-  } else if (is_valid) {
-    is_valid = compression.empty() && size == records.size();
-    chunk_ = records;
+  std::optional<std::string_view> chunk;
+  if (!view.ok() || size > kMaxMessageBytes) {
+    chunk = std::nullopt;
+  } else if (compression == "zstd") {
+    chunk = Decompress(FrameFormat::kZstd, records, size);
+  } else if (compression == "lz4") {
+    chunk = Decompress(FrameFormat::kLz4, records, size);
+  } else if (compression.empty() && size == records.size()) {
+    chunk = records;
   }
-  is_valid = is_valid && (crc == 0 || crc == Crc32(chunk_));  // 0: the writer computed none
-  num_damaged_chunks_ += is_valid ? 0 : 1;
-  chunk_rest_ = is_valid ? std::string_view(chunk_) : std::string_view();
+  if (chunk && crc != 0 && crc != Crc32(*chunk)) chunk = std::nullopt;  // 0: the writer computed none
+  num_damaged_chunks_ += chunk ? 0 : 1;
+  chunk_rest_ = chunk.value_or(std::string_view());
 }
 
 std::optional<McapRecord> McapRecords::NextInChunk() {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "client/containers/compression/frame_decompressor.h"
 #include "core/events/byte_source.h"
 #include "core/events/recording_reader.h"
 
@@ -37,6 +38,8 @@ class McapRecords {
  private:
   // The next record inside the current chunk.
   std::optional<McapRecord> NextInChunk();
+  // The content of the frames of a chunk; nullopt if it is damaged or does not have `size` bytes.
+  std::optional<std::string_view> Decompress(FrameFormat format, std::string_view frames, uint64_t size);
   // Decompresses a chunk and makes it the current one; counts a damaged one.
   void OpenChunk(std::string_view content);
   // Fills `buffer` with `size` bytes; false if the file ends before.
@@ -47,8 +50,8 @@ class McapRecords {
   std::unique_ptr<ByteSource> bytes_;
   std::string head_;     // op and length of a record
   std::string content_;  // of a record of the file
-  std::string chunk_;    // decompressed records
-  std::string_view chunk_rest_;
+  FrameDecompressor decompressor_;
+  std::string_view chunk_rest_;  // of the records of a chunk, in `content_` or `decompressor_`
   bool at_end_ = false;
   uint64_t num_truncated_ = 0;
   uint64_t num_large_ = 0;

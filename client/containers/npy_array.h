@@ -27,8 +27,6 @@ class NpyArray {
   // Replaces `items` by the next ones, at most `max_items`, and returns their number; 0 at the end, also of a truncated
   // array.
   absl::StatusOr<size_t> Next(size_t max_items, std::vector<uint8_t>& items);
-  // The items that the header announces and Next() has not returned.
-  int64_t num_left() const { return num_left_; }
 
  private:
   NpyArray(NpyHeader header, std::string buffered, ReadBytes read)
@@ -40,7 +38,7 @@ class NpyArray {
   NpyHeader header_;
   std::string buffered_;  // read together with the header
   ReadBytes read_;
-  int64_t num_left_ = 0;
+  int64_t num_left_ = 0;  // items that the header announces and Next() has not returned
 };
 
 }  // namespace evpose::client

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/containers/ros_messages.h"
 
-#include <algorithm>
-#include <bit>
-#include <cstring>
+#include "core/base/byte_order.h"
 
 namespace evpose::client {
 namespace {
@@ -27,12 +25,8 @@ class CdrReader {
     position_ += (sizeof(Number) - position_ % sizeof(Number)) % sizeof(Number);
     const std::string_view field = TakeBytes(sizeof(Number));
     if (!ok_) return 0;
-    uint8_t bytes[sizeof(Number)];
-    std::memcpy(bytes, field.data(), sizeof(Number));
-    if (is_little_ != (std::endian::native == std::endian::little)) std::reverse(bytes, bytes + sizeof(Number));
-    Number value;
-    std::memcpy(&value, bytes, sizeof(Number));
-    return value;
+    const auto* const bytes = reinterpret_cast<const uint8_t*>(field.data());
+    return is_little_ ? LoadLittleEndian<Number>(bytes) : LoadBigEndian<Number>(bytes);
   }
   std::string_view TakeBytes(size_t size) {
     ok_ = ok_ && position_ <= bytes_.size() && size <= bytes_.size() - position_;
@@ -63,7 +57,7 @@ class CdrReader {
 std::optional<EventPacket> ParseEventPacket(std::string_view message) {
   CdrReader reader(message);
   EventPacket packet;
-  packet.stamp_ns = reader.TakeTime_ns();
+  reader.TakeTime_ns();
   reader.TakeString();  // frame_id
   packet.height = reader.Take<uint32_t>();
   packet.width = reader.Take<uint32_t>();

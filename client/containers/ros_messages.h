@@ -17,7 +17,6 @@ namespace evpose::client {
 // event_camera_msgs/msg/EventPacket (ros-event-camera/event_camera_msgs:msg_ros2/EventPacket.msg), and
 // event_array_msgs/msg/EventArray, its former name.
 struct EventPacket {
-  int64_t stamp_ns = 0;  // of the header, the host's clock
   uint32_t height = 0;
   uint32_t width = 0;
   uint64_t seq = 0;

@@ -7,7 +7,7 @@
 #include "client/containers/containers_testing.h"
 #include "client/containers/decimal.h"
 #include "core/base/temporary_directory.h"
-#include "core/numerics/hash.h"
+#include "core/events/event_digest.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::client {
@@ -101,16 +101,9 @@ TEST(TextSourceTest, ThePublishedDatasetHasItsDigest) {
   ASSERT_TRUE(recording.ok()) << recording.status();
   EXPECT_EQ(recording->header.geometry, (SensorGeometry{240, 180}));
   EXPECT_EQ(recording->header.container, "text (t x y p, t in s)");
-  std::vector<uint8_t> packed;
-  for (const Event& event : recording->events) {
-    for (int i = 0; i < 8; ++i) packed.push_back(static_cast<uint8_t>(event.t_us >> (8 * i)));
-    for (const uint16_t value : {event.x, event.y}) {
-      packed.push_back(static_cast<uint8_t>(value & 0xff));
-      packed.push_back(static_cast<uint8_t>(value >> 8));
-    }
-    packed.push_back(event.polarity);
-  }
-  EXPECT_EQ(Sha256Hex(packed), "312e69f61c8360680659eab03232872b41e5cab39a4d370c1da4701e47eae894");
+  EventDigest digest;
+  digest.Add(recording->events);
+  EXPECT_EQ(digest.FinishHex(), "312e69f61c8360680659eab03232872b41e5cab39a4d370c1da4701e47eae894");
   EXPECT_THAT(recording->skipped, IsEmpty());
 }
 

@@ -15,8 +15,8 @@ namespace {
 // Bounds the memory. Known recordings have chunks of 16384 events, 256 KiB.
 constexpr uint64_t kMaxChunkBytes = uint64_t{64} << 20;
 
-// A file may state any number of rows: rows without a chunk would be read as zeros, for years. Of the chunks that the
-// length calls for at least about half must be stored; files of crashed recorders lack the last ones.
+// A file may state any number of rows, and skipping rows without a chunk could take years. Therefore about half of the
+// chunks of the stated rows must be stored; files of recorders that crashed lack the last ones.
 constexpr uint64_t kMaxMissingChunks = 64;
 
 struct KnownFilter {
@@ -105,11 +105,11 @@ absl::Status Hdf5Column::CheckFilters(const Hdf5Handle& properties) {
 
 absl::Status Hdf5Column::CheckStorage(const Hdf5Handle& properties) {
   const uint64_t element_bytes = H5Tget_size(element_type_.id());
-  hsize_t stored_rows = 0, chunk_size = 0;
+  hsize_t stored_rows = 0;
   if (H5Pget_layout(properties.id()) != H5D_CHUNKED) {
     stored_rows = H5Dget_storage_size(dataset_.id()) / std::max<uint64_t>(1, element_bytes);
   } else {
-    hsize_t num_chunks = 0;
+    hsize_t num_chunks = 0, chunk_size = 0;
     const Hdf5Handle space(H5Dget_space(dataset_.id()), H5Sclose);
     if (H5Pget_chunk(properties.id(), 1, &chunk_size) != 1 || chunk_size == 0 || element_bytes > kMaxChunkBytes ||
         chunk_size > kMaxChunkBytes / element_bytes) {
@@ -120,13 +120,24 @@ absl::Status Hdf5Column::CheckStorage(const Hdf5Handle& properties) {
     if (size_ > 0 && H5Dget_num_chunks(dataset_.id(), space.id(), &num_chunks) < 0) {
       return Error(absl::StrCat("has a damaged index of its chunks", LibraryError()));
     }
+    chunk_size_ = chunk_size;
     stored_rows = (2 * num_chunks + (num_chunks > 0 ? kMaxMissingChunks : 0)) * chunk_size;
   }
   if (size_ <= stored_rows) return absl::OkStatus();
   return Error(absl::StrCat("states ", size_, " rows, but the file does not hold them: it is damaged or incomplete"));
 }
 
+bool Hdf5Column::AreChunksStored(uint64_t begin, uint64_t count) const {
+  if (chunk_size_ == 0) return true;
+  for (hsize_t chunk = begin - begin % chunk_size_; chunk < begin + count; chunk += chunk_size_) {
+    hsize_t bytes = 0;
+    if (H5Dget_chunk_storage_size(dataset_.id(), &chunk, &bytes) < 0 || bytes == 0) return false;
+  }
+  return true;
+}
+
 bool Hdf5Column::Read(uint64_t begin, uint64_t count, const Hdf5Handle& type, void* rows) const {
+  if (!AreChunksStored(begin, count)) return false;  // HDF5 would read zeros
   const hsize_t start = begin, length = count;
   const Hdf5Handle file_space(H5Dget_space(dataset_.id()), H5Sclose);
   const Hdf5Handle memory_space(H5Screate_simple(1, &length, nullptr), H5Sclose);

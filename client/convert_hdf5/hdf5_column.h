@@ -25,7 +25,8 @@ class Hdf5Column {
 
   uint64_t size() const { return size_; }
 
-  // Reads rows as elements of `type`; false if they cannot be read. Not for a column with the filter ECF.
+  // Reads rows as elements of `type`; false if they cannot be read or if a chunk of them is missing. Not for a column
+  // with the filter ECF.
   bool Read(uint64_t begin, uint64_t count, const Hdf5Handle& type, void* rows) const;
 
   // The size of the chunks if the only filter is ECF; otherwise 0.
@@ -40,12 +41,14 @@ class Hdf5Column {
   absl::Status CheckFilters(const Hdf5Handle& properties);
   absl::Status CheckStorage(const Hdf5Handle& properties);
   absl::Status Error(const std::string& what) const;
+  bool AreChunksStored(uint64_t begin, uint64_t count) const;
   void AppendPlainChunk(uint64_t count, std::vector<Event>& events);
 
   std::string path_;
   Hdf5Handle dataset_;
   Hdf5Handle element_type_;
   uint64_t size_ = 0;
+  uint64_t chunk_size_ = 0;  // rows of a chunk; 0 without chunks
   uint64_t ecf_chunk_size_ = 0;
   std::vector<uint8_t> chunk_;
   EventVector decoded_;

@@ -14,6 +14,7 @@
 namespace evpose::client {
 namespace {
 
+using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::ElementsAreArray;
 using ::testing::HasSubstr;
@@ -126,6 +127,26 @@ TEST_F(Hdf5ReaderTest, ChunksThatCannotBeReadAreCounted) {
   EXPECT_THAT(read.events, ElementsAre(events[0], events[1], events[2], Event{10, 50, 60, 1}, Event{11, 51, 61, 1},
                                        Event{12, 52, 62, 0}, events[0], events[1]));
   EXPECT_EQ(read.losses, (PipeLosses{.events = 6}));
+}
+
+// HDF5 itself reads the rows of a missing chunk as zeros.
+TEST_F(Hdf5ReaderTest, RowsOfAMissingChunkAreLost) {
+  constexpr hsize_t kRowsOfChunk = 16'384;
+  {
+    ForeignFile file(path());
+    file.Group("/events");
+    const std::vector<int32_t> ones(20'000, 1);
+    for (const char* column : {"/events/y", "/events/p", "/events/t"}) {
+      file.Write<int32_t>(column, H5T_NATIVE_INT32, ones);
+    }
+    const Hdf5Handle dataset = file.Dataset("/events/x", H5T_NATIVE_INT32, ones.size(), kRowsOfChunk);
+    const hsize_t begin = kRowsOfChunk;
+    ASSERT_GE(H5Dwrite_chunk(dataset.id(), H5P_DEFAULT, 0, &begin, kRowsOfChunk * sizeof(int32_t), ones.data()), 0);
+  }
+  const Hdf5Contents read = ReadHdf5(path()).value();
+  EXPECT_EQ(read.losses, (PipeLosses{.events = kRowsOfChunk}));
+  EXPECT_THAT(read.events, SizeIs(20'000 - kRowsOfChunk));
+  EXPECT_THAT(read.events, Each(Event{1, 1, 1, 1}));
 }
 
 TEST_F(Hdf5ReaderTest, FilesThatHoldNoEventsAreErrors) {

@@ -45,12 +45,11 @@ class MetavisionReader final : public Hdf5Reader {
  private:
   void ReadEvents(std::vector<Event>& events) {
     const uint64_t chunk = events_.ecf_chunk_size();
-    const uint64_t count =
-        std::min(chunk > 0 ? std::min<uint64_t>(chunk, kMaxPipeElements) : kMaxRows, events_.size() - next_event_);
+    const uint64_t count = std::min(chunk > 0 ? chunk : kMaxRows, events_.size() - next_event_);
     if (chunk > 0) {
       events_.ReadEcfChunk(next_event_, count, events);
       losses_.events += count - events.size();
-      next_event_ += std::min(chunk, events_.size() - next_event_);
+      next_event_ += count;
       return;
     }
     rows_.resize(count);

@@ -55,7 +55,6 @@ class ByteSource {
   const std::string& name() const { return name_; }  // for errors
   const RecordingReaderOptions& options() const { return options_; }
   bool was_stopped() const { return stopped_; }
-  bool is_regular() const { return is_regular_; }
   // Whether a path leads to the same bytes again, as for a regular file that was opened by its name.
   bool can_be_reopened() const { return is_regular_ && descriptor_ != 0; }
   // Size of the file when it was opened; -1 if unknown (a pipe, a growing file).

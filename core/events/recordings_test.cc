@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/events/event_digest.h"
 #include "core/events/events_testing.h"
 #include "core/events/recording_header.h"
 #include "core/events/recording_reader.h"
@@ -49,15 +50,8 @@ Recording Load(const std::string& path) {
 }
 
 std::string Sha256OfEvents(absl::Span<const Event> events) {
-  Sha256 digest;
-  for (const Event& event : events) {
-    uint8_t record[13];
-    std::memcpy(record, &event.t_us, 8);
-    std::memcpy(record + 8, &event.x, 2);
-    std::memcpy(record + 10, &event.y, 2);
-    record[12] = event.polarity;
-    digest.Update(record);
-  }
+  EventDigest digest;
+  digest.Add(events);
   return digest.FinishHex();
 }
 

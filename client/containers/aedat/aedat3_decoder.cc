@@ -98,7 +98,7 @@ class Aedat3Decoder final : public AedatDecoder {
         ++counts_.invalid_events;
         continue;
       }
-      // The largest time is below 2^62: it is not clipped to kMaxStateTime_us, so it must be compared.
+      // Both numbers have 31 bits, so the time is below 2^62, but it may exceed kMaxStateTime_us.
       const int64_t t_us = packet_.time_overflow << 31 | time;
       if (t_us > kMaxStateTime_us) {
         ++counts_.invalid_events;

@@ -33,8 +33,7 @@ constexpr int8_t kGeneratorFalling = 5;
 
 class Aedat4Decoder final : public AedatDecoder {
  public:
-  explicit Aedat4Decoder(const Aedat4Header& header)
-      : header_(header), decompressor_(header.compression), rest_of_data_(header.data_bytes) {}
+  explicit Aedat4Decoder(const Aedat4Header& header) : header_(header), rest_of_data_(header.data_bytes) {}
 
   void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) override {
     if (rest_of_data_ >= 0) {
@@ -87,7 +86,12 @@ class Aedat4Decoder final : public AedatDecoder {
   }
 
   absl::Status DecodePacket(absl::Span<const uint8_t> packet, DecodedEvents& out) {
-    EVPOSE_ASSIGN_OR_RETURN(const absl::Span<const uint8_t> content, decompressor_.Decompress(packet, kMaxPacketBytes));
+    absl::Span<const uint8_t> content = packet;
+    if (header_.compression.has_value()) {
+      decompressor_.Clear();
+      EVPOSE_RETURN_IF_ERROR(decompressor_.Append(*header_.compression, packet, kMaxPacketBytes));
+      content = decompressor_.content();
+    }
     if (content.size() < kPacketSizePrefixBytes ||
         LoadLittleEndian<uint32_t>(content.data()) > content.size() - kPacketSizePrefixBytes) {
       return absl::DataLossError("a packet is shorter than its FlatBuffer");
@@ -138,7 +142,7 @@ class Aedat4Decoder final : public AedatDecoder {
   }
 
   const Aedat4Header header_;
-  PacketDecompressor decompressor_;
+  FrameDecompressor decompressor_;
   RecordBuffer<kStreamHeaderBytes> header_buffer_;
   std::vector<uint8_t> packet_;  // what has arrived of it
   int64_t rest_of_data_;         // -1: until the end of the file

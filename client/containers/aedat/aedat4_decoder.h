@@ -12,14 +12,14 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "client/containers/aedat/aedat_decoder.h"
-#include "client/containers/aedat/packet_decompressor.h"
+#include "client/containers/compression/frame_decompressor.h"
 
 namespace evpose::client {
 
 struct Aedat4Header {
-  PacketCompression compression = PacketCompression::kNone;
-  int event_stream = 0;               // the first stream of events
-  std::optional<int> trigger_stream;  // the first stream of triggers of the same camera
+  std::optional<FrameFormat> compression;  // of the packets, each of which is one frame; nullopt if there is none
+  int event_stream = 0;                    // the first stream of events
+  std::optional<int> trigger_stream;       // the first stream of triggers of the same camera
   int num_event_streams = 1;
   SensorGeometry geometry;  // of the stream of events; zero if not stated
   std::string source;       // the name of the camera; empty if not stated

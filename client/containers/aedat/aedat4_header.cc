@@ -62,16 +62,16 @@ absl::StatusOr<std::vector<Stream>> ParseStreams(absl::string_view xml) {
   return streams;
 }
 
-absl::StatusOr<PacketCompression> CompressionOf(int32_t number) {
+absl::StatusOr<std::optional<FrameFormat>> CompressionOf(int32_t number) {
   switch (number) {
     case 0:
-      return PacketCompression::kNone;
+      return std::nullopt;
     case 1:  // the second number of each stands for a higher level
     case 2:
-      return PacketCompression::kLz4;
+      return FrameFormat::kLz4;
     case 3:
     case 4:
-      return PacketCompression::kZstd;
+      return FrameFormat::kZstd;
     default:
       return absl::InvalidArgumentError(
           absl::StrCat("the compression ", number, " is not known, only LZ4 and Zstandard"));

@@ -16,7 +16,7 @@ constexpr absl::string_view kMark = "#!AER-DAT";
 constexpr absl::string_view kEndOfHeader31 = "#!END-HEADER";
 
 struct Sensor {
-  absl::string_view name;  // lower case; a class or a device whose name begins so
+  absl::string_view name;  // beginning of the name of the class or device, in lower case
   SensorGeometry geometry;
   Aedat2Layout layout;  // kUnknown: not known for AEDAT 2.0
 };

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
@@ -30,7 +29,8 @@ struct AedatHeader {
 // Longest header, bytes; jAER writes all its settings there, 175 kB.
 inline constexpr size_t kMaxAedatHeaderBytes = size_t{4} << 20;
 
-// True if a file that begins with `prefix` is an AEDAT recording of any version but 1.0, which has no mark.
+// True if `prefix` begins with #!AER-DAT, the mark of all AEDAT recordings except those of version 1.0, which have
+// none.
 bool IsAedat(absl::string_view prefix);
 
 // Parses the header at the start of `prefix`; nullopt if the header may continue beyond `prefix` and `is_whole_file` is

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cstring>
 #include <functional>
 #include <memory>
 #include <string>
@@ -12,7 +11,7 @@
 
 #include "client/containers/aedat/aedat_decoder.h"
 #include "core/events/event.h"
-#include "core/numerics/hash.h"
+#include "core/events/event_digest.h"
 
 namespace evpose::client {
 
@@ -38,15 +37,8 @@ inline DecodedAedat DecodeInPieces(const std::function<std::unique_ptr<AedatDeco
 }
 
 inline std::string Sha256OfEvents(absl::Span<const Event> events) {
-  Sha256 digest;
-  for (const Event& event : events) {
-    uint8_t record[13];
-    std::memcpy(record, &event.t_us, 8);
-    std::memcpy(record + 8, &event.x, 2);
-    std::memcpy(record + 10, &event.y, 2);
-    record[12] = event.polarity;
-    digest.Update(record);
-  }
+  EventDigest digest;
+  digest.Add(events);
   return digest.FinishHex();
 }
 

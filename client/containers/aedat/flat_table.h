@@ -40,12 +40,10 @@ class FlatTable {
   }
   // A vector of elements of `element_bytes` bytes; no elements if the table does not contain the field.
   absl::StatusOr<Elements> Vector(int field, size_t element_bytes) const;
-  // Likewise, empty if absent.
+  // A string; empty if the table does not contain the field.
   absl::StatusOr<absl::string_view> String(int field) const;
-  // An element of a vector of tables, whose elements have 4 bytes.
+  // The table at `index` of a vector of tables, which Vector() returns for `element_bytes` = 4.
   absl::StatusOr<FlatTable> TableAt(const Elements& elements, size_t index) const;
-
-  absl::Span<const uint8_t> buffer() const { return buffer_; }
 
  private:
   FlatTable(absl::Span<const uint8_t> buffer, size_t table, size_t fields, size_t num_fields)
