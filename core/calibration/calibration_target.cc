@@ -19,7 +19,7 @@ namespace {
 using Eigen::Vector2d;
 
 // The pattern in the unit square, y upwards: long edges in many directions, no two of them parallel, so that a pose
-// without a prior has one solution; streets of at least 6 % of the sheet between them, so that the edges of two
+// without a prior has one solution; gaps of at least 5 % of the sheet between polygons, so that the edges of two
 // polygons are tens of pixels apart in the image; and no symmetry.
 const std::vector<std::vector<Vector2d>>& UnitPattern() {
   static const auto& pattern = *new std::vector<std::vector<Vector2d>>{
@@ -39,6 +39,7 @@ constexpr double kLowerMarginMm = 16.0;
 constexpr double kRulerHeightMm = 7.0;
 constexpr double kRulerStepMm = 10.0;
 constexpr double kMaxRulerMm = 100.0;
+constexpr double kPointsPerMm = 72.0 / 25.4;  // the unit of PDF
 
 struct NamedPage {
   const char* name;
@@ -145,7 +146,6 @@ class WhiteTriangles {
 
 // Operators of a PDF page, in points of 1/72 inch.
 std::string PdfDrawing(const CalibrationTarget& target) {
-  constexpr double kPointsPerMm = 72.0 / 25.4;
   // The transformation from millimetres; black for areas, lines and text; hairlines of 0.2 mm.
   std::string drawing = absl::StrFormat("%.9f 0 0 %.9f 0 0 cm\n0 g 0 G 0.2 w\n", kPointsPerMm, kPointsPerMm);
   for (const auto& polygon : target.ink) {
@@ -222,7 +222,6 @@ std::string TargetToObj(const CalibrationTarget& target) {
 }
 
 std::string TargetToPdf(const CalibrationTarget& target) {
-  constexpr double kPointsPerMm = 72.0 / 25.4;
   const std::string drawing = PdfDrawing(target);
   const std::string objects[] = {
       // Viewers must not fit the page to the paper (ISO 32000-1, 12.2).

@@ -18,7 +18,7 @@ struct CalibrationTarget {
   double width_mm = 0.0;
   double height_mm = 0.0;
   std::vector<std::vector<Eigen::Vector2d>> ink;  // counter-clockwise
-  // The ruler: a line of this length from its left end, with a tick each 10 mm.
+  // The ruler: a line of this length from its left end. A page has a tick every 10 mm, a screen one at each end.
   Eigen::Vector2d ruler_mm = Eigen::Vector2d::Zero();
   double ruler_length_mm = 0.0;
 };

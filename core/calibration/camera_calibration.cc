@@ -37,9 +37,10 @@ constexpr double kTrialFocal[] = {0.6, 0.85, 1.2, 1.7, 2.4};
 
 class Calibrator {
  public:
-  Calibrator(absl::Span<const std::string> recordings, std::shared_ptr<const ObjectModel> model, SensorGeometry sensor,
-             const CameraCalibrationOptions& options, const CalibrationProgress& on_progress)
-      : recordings_(recordings), model_(std::move(model)), options_(options), on_progress_(on_progress) {
+  Calibrator(absl::Span<const std::string> recordings, const RecordingOpener& open,
+             std::shared_ptr<const ObjectModel> model, SensorGeometry sensor, const CameraCalibrationOptions& options,
+             const CalibrationProgress& on_progress)
+      : recordings_(recordings), open_(open), model_(std::move(model)), options_(options), on_progress_(on_progress) {
     const TrackerOptions tracker_options;
     edges_ = std::make_unique<ModelEdges>(*model_, tracker_options.visibility, tracker_options.elements);
     camera_.width_px = sensor.width_px;
@@ -73,6 +74,7 @@ class Calibrator {
   std::vector<ProjectionUncertainty> Places() const;
 
   const absl::Span<const std::string> recordings_;
+  const RecordingOpener& open_;
   const std::shared_ptr<const ObjectModel> model_;
   const CameraCalibrationOptions options_;
   const CalibrationProgress& on_progress_;
@@ -134,8 +136,9 @@ absl::Status Calibrator::FindStart() {
     parameters_ = DefaultParameters(ratio * camera_.width_px);
     SetParameters(parameters_, camera_);
     TrackedRecordingOptions tracked{.sensor = options_.sensor, .max_duration_us = kTrialUs, .max_intervals = 150};
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> recording, open_(recordings_[0]));
     EVPOSE_ASSIGN_OR_RETURN(Intervals intervals,
-                            CollectIntervals(recordings_[0], 0, model_, camera_, tracked, [](double) {}));
+                            CollectIntervals(*recording, 0, model_, camera_, tracked, [](double) {}));
     FreeParameters free = {};
     free[kFocal] = free[kDistortion] = free[kEdgeShift] = true;
     samples_.clear();
@@ -166,9 +169,10 @@ absl::StatusOr<Calibrator::Intervals> Calibrator::Track(int round) {
   for (size_t i = 0; i < recordings_.size(); ++i) {
     const double share = (round + static_cast<double>(i) / recordings_.size()) / options_.max_rounds;
     TrackedRecordingOptions tracked{.sensor = options_.sensor, .max_intervals = options_.max_intervals};
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> recording, open_(recordings_[i]));
     EVPOSE_ASSIGN_OR_RETURN(
         Intervals intervals,
-        CollectIntervals(recordings_[i], static_cast<int>(i), model_, camera_, tracked, [&](double seconds) {
+        CollectIntervals(*recording, static_cast<int>(i), model_, camera_, tracked, [&](double seconds) {
           on_progress_(0.2 + 0.7 * share,
                        absl::StrFormat("round %d: %s, %.1f s tracked", round + 1, recordings_[i], seconds));
         }));
@@ -365,7 +369,7 @@ absl::Status CameraCalibrationOptions::Validate() const {
   return CheckRange("CameraCalibrationOptions.converged_ratio", converged_ratio, 1e-6, 10.0);
 }
 
-absl::StatusOr<CameraCalibration> CalibrateCamera(absl::Span<const std::string> recordings,
+absl::StatusOr<CameraCalibration> CalibrateCamera(absl::Span<const std::string> recordings, const RecordingOpener& open,
                                                   std::shared_ptr<const ObjectModel> model, SensorGeometry sensor,
                                                   const CameraCalibrationOptions& options,
                                                   const CalibrationProgress& on_progress) {
@@ -374,7 +378,7 @@ absl::StatusOr<CameraCalibration> CalibrateCamera(absl::Span<const std::string> 
   if (model == nullptr || model->lines.empty()) {
     return absl::InvalidArgumentError("the model has no straight lines; a calibration needs them");
   }
-  return Calibrator(recordings, std::move(model), sensor, options, on_progress).Run();
+  return Calibrator(recordings, open, std::move(model), sensor, options, on_progress).Run();
 }
 
 }  // namespace evpose

@@ -16,6 +16,7 @@
 #include "core/calibration/camera_adjustment.h"
 #include "core/calibration/tracked_recording.h"
 #include "core/events/event.h"
+#include "core/events/recording_reader.h"
 
 namespace evpose {
 
@@ -73,12 +74,16 @@ struct CameraCalibration {
   std::vector<std::string> warnings;
 };
 
+// Opens a recording by its name. It is called for each pass over a recording.
+using RecordingOpener = std::function<absl::StatusOr<std::unique_ptr<RecordingReader>>(const std::string& name)>;
+
 // Called with the finished share, from 0 to 1, and what is being done.
 using CalibrationProgress = std::function<void(double ratio, const std::string& step)>;
 
-// Errors: INVALID_ARGUMENT for options; those of RecordingReader; FAILED_PRECONDITION, stating what to record, if the
-// object is not found or the data do not determine the focal length; INTERNAL if the solver fails.
-absl::StatusOr<CameraCalibration> CalibrateCamera(absl::Span<const std::string> recordings,
+// `recordings` are names for `open`. Errors: INVALID_ARGUMENT for options; those of `open` and of
+// RecordingReader::Read(); FAILED_PRECONDITION, stating what to record, if the object is not found or the data do not
+// determine the focal length; INTERNAL if the solver fails.
+absl::StatusOr<CameraCalibration> CalibrateCamera(absl::Span<const std::string> recordings, const RecordingOpener& open,
                                                   std::shared_ptr<const ObjectModel> model, SensorGeometry sensor,
                                                   const CameraCalibrationOptions& options,
                                                   const CalibrationProgress& on_progress);

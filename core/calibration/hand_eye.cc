@@ -140,7 +140,7 @@ bool Iterate(const Trajectory& poses, const MovingReference& reference, const Ha
 
 std::optional<HandEyeFit> Fit(const Trajectory& poses, const Trajectory& reference, HandEyeMount mount, double offset_s,
                               const HandEyeFree& free, const HandEyeOptions& options) {
-  const MovingReference moving(reference, mount == HandEyeMount::kInHand, options.max_gap_intervals);
+  const MovingReference moving(reference, mount == HandEyeMount::kInHand);
   const auto min_poses = static_cast<size_t>(options.min_poses);
   HandEyeFit fit{.state = {.time_offset_s = offset_s}, .mount = mount};
   fit.pairs = PairPoses(poses, moving, offset_s);
@@ -306,8 +306,7 @@ absl::StatusOr<std::vector<double>> Offsets(const Trajectory& poses, const Traje
   if (found.empty() || found.front().correlation < options.min_correlation) {
     return absl::FailedPreconditionError(absl::StrFormat(
         "no time offset was found: at the best one the speeds of both trajectories have a correlation of %.2f, and "
-        "%.2f "
-        "is needed; do both show the same motion, with pauses or changes of speed? Otherwise give the offset",
+        "%.2f is needed; do both show the same motion, with pauses or changes of speed? Otherwise give the offset",
         found.empty() ? 0.0 : found.front().correlation, options.min_correlation));
   }
   std::vector<double> offsets;
@@ -360,7 +359,6 @@ const char* HandEyeMountName(HandEyeMount mount) {
 absl::Status HandEyeOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_poses", max_poses, 100, 100'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_poses", min_poses, 4, 1000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_gap_intervals", max_gap_intervals, 1.0, 1e6));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_correlation", min_correlation, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_second_axis_rad", min_second_axis_rad, 0.0, 1.0));
   if (!time_offset_s) return absl::OkStatus();

@@ -35,8 +35,6 @@ struct HandEyeOptions {
   int max_poses = 2000;
   // Smallest number of poses with a reference at their time: six for each unknown transform.
   int min_poses = 12;
-  // Longest interval between two samples of the reference that is interpolated, as a multiple of the median interval.
-  double max_gap_intervals = 5.0;
   // Smallest correlation of the speeds of both trajectories at the best offset: half of their variance is common.
   double min_correlation = 0.7;
   // Spread of the orientations about the second of their axes, radians, below which a rotation about one axis alone is

@@ -25,13 +25,14 @@ struct MovingPose {
 // The reference on its own clock; the trajectory must outlive the object.
 class MovingReference {
  public:
-  MovingReference(const Trajectory& reference, bool is_inverted, double max_gap_intervals);
+  MovingReference(const Trajectory& reference, bool is_inverted);
   // nullopt outside the trajectory and in its gaps.
   std::optional<MovingPose> At(int64_t t_us) const;
 
  private:
   const Trajectory& reference_;
   const bool is_inverted_;
+  const int64_t interval_us_;  // median
   const int64_t max_gap_us_;
 };
 

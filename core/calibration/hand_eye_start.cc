@@ -116,7 +116,7 @@ RigidTransform RightTransform(const std::vector<HandEyePair>& pairs, const Rigid
   return {NearestRotation(sum), {UpperMedian(positions[0]), UpperMedian(positions[1]), UpperMedian(positions[2])}};
 }
 
-// The neighbours of t_us at which neither is farther than the gap; {0, 0} if there are none.
+// The time between the poses before and after t_us; 0 if there is none before or none after.
 int64_t GapAt(const Trajectory& trajectory, int64_t t_us) {
   const auto after = std::lower_bound(trajectory.begin(), trajectory.end(), t_us,
                                       [](const StampedPose& pose, int64_t t) { return pose.t_us < t; });
@@ -126,17 +126,18 @@ int64_t GapAt(const Trajectory& trajectory, int64_t t_us) {
 
 }  // namespace
 
-MovingReference::MovingReference(const Trajectory& reference, bool is_inverted, double max_gap_intervals)
+MovingReference::MovingReference(const Trajectory& reference, bool is_inverted)
     : reference_(reference),
       is_inverted_(is_inverted),
-      max_gap_us_(std::llround(max_gap_intervals * static_cast<double>(MedianIntervalUs(reference)))) {}
+      interval_us_(MedianIntervalUs(reference)),
+      max_gap_us_(kGapIntervals * interval_us_) {}
 
 std::optional<MovingPose> MovingReference::At(int64_t t_us) const {
   if (GapAt(reference_, t_us) > max_gap_us_) return std::nullopt;
   const auto pose = Interpolate(reference_, t_us);
   if (!pose.ok()) return std::nullopt;
   // The derivative over the time of a typical interval, at the ends of the trajectory one-sided.
-  const int64_t half_us = std::max<int64_t>(1, max_gap_us_ / 10);
+  const int64_t half_us = std::max<int64_t>(1, interval_us_ / 2);
   const int64_t begin_us = std::max(reference_.front().t_us, t_us - half_us);
   const int64_t end_us = std::min(reference_.back().t_us, t_us + half_us);
   const auto begin = Interpolate(reference_, begin_us), end = Interpolate(reference_, end_us);

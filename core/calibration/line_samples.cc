@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/calibration/event_displacement.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -148,9 +149,7 @@ void LineSampler::AddEvent(const Event& event, double tau_s) {
 void LineSampler::Finish(Piece& piece, int index, std::vector<LineSample>& samples) const {
   if (static_cast<double>(piece.distances_px.size()) < options_.min_events) return;
   std::vector<double>& distances = piece.distances_px;
-  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  const double median = *middle;
+  const double median = UpperMedian(distances);
   const EventDisplacement fit = FitDisplacement(distances, piece.gate_px, median, table_);
   if (fit.num_events < options_.min_events || std::abs(fit.mean_px) > piece.gate_px) return;
   LineSample sample;

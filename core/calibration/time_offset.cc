@@ -40,8 +40,7 @@ void Cap(std::vector<double>& values) {
 // The motion within `span_us` at every `step_us` from the first pose on.
 Speeds SpeedsOf(const Trajectory& trajectory, int64_t step_us, int64_t span_us) {
   constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-  const int64_t gap_us =
-      std::max<int64_t>(span_us, std::llround(kGapIntervals * static_cast<double>(MedianIntervalUs(trajectory))));
+  const int64_t gap_us = std::max(span_us, kGapIntervals * MedianIntervalUs(trajectory));
   Speeds speeds;
   size_t next = 0;  // first pose after the begin of the span
   for (int64_t t_us = trajectory.front().t_us; t_us + span_us <= trajectory.back().t_us; t_us += step_us) {

@@ -4,9 +4,9 @@
 // (core/calibration/README.md, section 7).
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
-#include "absl/status/statusor.h"
 #include "core/geometry/trajectory.h"
 
 namespace evpose {
@@ -16,8 +16,9 @@ struct OffsetCandidate {
   double correlation = 0.0;
 };
 
-// Samples of a trajectory that are farther apart than this multiple of their median interval are a gap.
-inline constexpr double kGapIntervals = 5.0;
+// Two successive samples of a trajectory have a gap between them, which is not interpolated, if they are farther apart
+// than this multiple of the median interval.
+inline constexpr int64_t kGapIntervals = 5;
 int64_t MedianIntervalUs(const Trajectory& trajectory);
 
 // The offsets at which the speeds of both trajectories agree best, the best one first, at most `max_count`. The speed

@@ -9,7 +9,6 @@
 
 #include "core/base/status_macros.h"
 #include "core/events/event_reader.h"
-#include "core/events/recording_reader.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracker_options.h"
 
@@ -19,10 +18,10 @@ namespace {
 // Called for each piece of a recording with its events and the estimates that they complete.
 using OnPiece = absl::FunctionRef<void(absl::Span<const Event>, absl::Span<const PoseEstimate>)>;
 
-absl::Status TrackPieces(const std::string& path, std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
-                         const TrackedRecordingOptions& options, RecordingProgress on_progress, OnPiece on_piece) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, RecordingReader::Open(path));
-  EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader));
+absl::Status TrackPieces(RecordingReader& recording, std::shared_ptr<const ObjectModel> model,
+                         const CameraModel& camera, const TrackedRecordingOptions& options,
+                         RecordingProgress on_progress, OnPiece on_piece) {
+  EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(recording));
   TrackerOptions tracker_options;
   tracker_options.sensor = options.sensor;
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
@@ -147,7 +146,7 @@ class IntervalCollector {
 
 }  // namespace
 
-absl::StatusOr<Trajectory> TrackRecording(const std::string& path, std::shared_ptr<const ObjectModel> model,
+absl::StatusOr<Trajectory> TrackRecording(RecordingReader& recording, std::shared_ptr<const ObjectModel> model,
                                           const CameraModel& camera, const TrackedRecordingOptions& options,
                                           RecordingProgress on_progress) {
   Trajectory trajectory;
@@ -158,20 +157,20 @@ absl::StatusOr<Trajectory> TrackRecording(const std::string& path, std::shared_p
       trajectory.push_back({estimate.t_us, estimate.camera_from_object});
     }
   };
-  EVPOSE_RETURN_IF_ERROR(TrackPieces(path, std::move(model), camera, options, on_progress, keep));
+  EVPOSE_RETURN_IF_ERROR(TrackPieces(recording, std::move(model), camera, options, on_progress, keep));
   return trajectory;
 }
 
-absl::StatusOr<std::vector<CalibrationInterval>> CollectIntervals(const std::string& path, int recording,
+absl::StatusOr<std::vector<CalibrationInterval>> CollectIntervals(RecordingReader& recording, int index,
                                                                   std::shared_ptr<const ObjectModel> model,
                                                                   const CameraModel& camera,
                                                                   const TrackedRecordingOptions& options,
                                                                   RecordingProgress on_progress) {
-  IntervalCollector collector(recording, *model, camera, options);
+  IntervalCollector collector(index, *model, camera, options);
   const auto add = [&](absl::Span<const Event> events, absl::Span<const PoseEstimate> estimates) {
     collector.Add(events, estimates);
   };
-  EVPOSE_RETURN_IF_ERROR(TrackPieces(path, std::move(model), camera, options, on_progress, add));
+  EVPOSE_RETURN_IF_ERROR(TrackPieces(recording, std::move(model), camera, options, on_progress, add));
   return collector.Finish();
 }
 

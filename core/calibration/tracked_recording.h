@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include "absl/functional/function_ref.h"
@@ -14,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "core/calibration/line_samples.h"
 #include "core/estimation/sensor_profile.h"
+#include "core/events/recording_reader.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
@@ -34,15 +34,15 @@ struct TrackedRecordingOptions {
 // Called with the seconds of the recording that have been processed.
 using RecordingProgress = absl::FunctionRef<void(double seconds)>;
 
-// Returns the poses of the recording while the object is TRACKING. Empty if it was never found. Errors: those of
-// RecordingReader and of Tracker::Create().
-absl::StatusOr<Trajectory> TrackRecording(const std::string& path, std::shared_ptr<const ObjectModel> model,
+// Reads the recording to its end, or to the largest duration. Returns the poses while the object is TRACKING; empty if
+// it was never found. Errors: those of RecordingReader::Read() and of Tracker::Create().
+absl::StatusOr<Trajectory> TrackRecording(RecordingReader& recording, std::shared_ptr<const ObjectModel> model,
                                           const CameraModel& camera, const TrackedRecordingOptions& options,
                                           RecordingProgress on_progress);
 
-// Returns intervals of the recording, in order of time, while the object is TRACKING and moves. Their `recording` is
-// this number. Errors: the same.
-absl::StatusOr<std::vector<CalibrationInterval>> CollectIntervals(const std::string& path, int recording,
+// Reads the recording likewise. Returns intervals, in order of time, while the object is TRACKING and moves; `index` is
+// their CalibrationInterval::recording. Errors: the same.
+absl::StatusOr<std::vector<CalibrationInterval>> CollectIntervals(RecordingReader& recording, int index,
                                                                   std::shared_ptr<const ObjectModel> model,
                                                                   const CameraModel& camera,
                                                                   const TrackedRecordingOptions& options,

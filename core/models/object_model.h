@@ -63,7 +63,7 @@ struct ObjectModel {
   // If it is set, `symmetries` is empty.
   std::optional<ContinuousSymmetry> continuous_symmetry;
   std::vector<std::string> notices;  // elements merged, dropped or turned while loading, for the user
-  // Of this model, if they were computed before (MakeSearchViews()); null: the searches compute what they need.
+  // The views that MakeSearchViews() has computed for this model; null: each search computes those that it needs.
   std::shared_ptr<const SearchViews> views;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// How a model looks from all sides: what the searches for a first pose compute of it with many rays. It is a function
+// The views of a model from all sides, which the searches for a first pose compute with many rays. They are a function
 // of the model and may be stored with it (core/initialization/README.md, section 7).
 #pragma once
 

@@ -186,11 +186,11 @@ class ChildPreparer : public ModelPreparer {
   // Consumes the line that announces a model if all of the model follows; returns its bytes, or 0.
   static size_t ModelSize(absl::string_view& rest) {
     absl::string_view after = rest;
+    if (!absl::ConsumePrefix(&after, kPreparationModel)) return 0;
     const size_t end = after.find('\n');
     size_t size = 0;
-    if (!absl::ConsumePrefix(&after, kPreparationModel) || end == absl::string_view::npos) return 0;
-    if (!absl::SimpleAtoi(rest.substr(0, end).substr(rest.size() - after.size()), &size)) return 0;
-    after = rest.substr(end + 1);
+    if (end == absl::string_view::npos || !absl::SimpleAtoi(after.substr(0, end), &size)) return 0;
+    after.remove_prefix(end + 1);
     if (after.size() < size) return 0;
     rest = after;
     return size;

@@ -68,8 +68,8 @@ void SessionReport::AddNotices(const WorkResult& result) {
   if (result.finished->triggers.has_value()) AddTriggers(result.last_pose_seq(), *result.finished->triggers);
 }
 
-// With half of the limit of notices taken, triggers are only counted: a reader that is slow to take them must not make
-// the session wait, or drop events, sooner than it would without them.
+// When half of kMaxUntakenNotices wait for the stream, triggers are only counted: a stream that takes its notices
+// slowly must not make the session wait, or drop events, sooner than it would without triggers.
 void SessionReport::AddTriggers(uint64_t pose_seq, const ChunkTriggers& triggers) {
   if (notices_.size() >= kMaxUntakenNotices / 2) {
     untaken_triggers_ += triggers.triggers.size() + triggers.num_skipped;

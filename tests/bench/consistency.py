@@ -50,8 +50,7 @@ def evaluate(evpose, directory, profile):
     if subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode != 0:
         return None
     command = [evpose, "evaluate", "--truth", directory / "truth.tum", "--estimate", poses, *files(directory), "--symmetric", "--json"]
-    output = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    return output["estimates"][0] if isinstance(output, dict) and "estimates" in output else output
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)["estimates"][0]
 
 
 def calibrate(evpose, directory):

@@ -115,8 +115,7 @@ def position_rmse(evpose, scene, camera, sensor, directory):
     command = [evpose, "replay", f"{scene}/recording.raw", "--model", f"{scene}/model.obj", "--camera", camera, "-o", poses]
     run(command + (["--sensor", sensor] if sensor else []))
     table = json.loads(run([evpose, "evaluate", "--truth", f"{scene}/truth.tum", "--estimate", poses, "--json"]))
-    row = table[0] if isinstance(table, list) else table["estimates"][0]
-    return row["position_rmse_m"]
+    return table["estimates"][0]["position_rmse_m"]
 
 
 def bench(evpose, name, seed, duration, directory):

@@ -129,6 +129,26 @@ TEST_F(CliTest, CalibrateRefusesOptionsThatDoNotBelongTogether) {
   expect({"--camera", camera, "-o", out}, 1, "too little data to fit a sensor profile");
 }
 
+// The camera and the tracked poses are estimated in several passes over the file.
+TEST_F(CliTest, CalibrateReadsTheFormatsOfOtherPrograms) {
+  SimulateCube(0.02);
+  const std::string recording = Path("cube/recording.csv"), out = Path("out.yaml");
+  const CliResult converted = Run({"convert", Path("cube/recording.raw"), recording});
+  ASSERT_EQ(converted.status, 0) << converted.err;
+  const auto error = [&](const std::string& path, const std::vector<std::string>& more, int status) {
+    std::vector<std::string> arguments = {"calibrate", path, "--model", Path("cube/model.obj")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, status) << result.err;
+    return result.err;
+  };
+  const std::vector<std::string> profile = {"--camera", Path("cube/camera.yaml"), "-o", out};
+  EXPECT_THAT(error(recording, {"--camera-out", out}, 1), HasSubstr("record longer"));
+  EXPECT_THAT(error(recording, profile, 1), HasSubstr("too little data to fit a sensor profile"));
+  EXPECT_THAT(error("-", {"--camera-out", out}, 2), HasSubstr("instead of standard input"));
+  EXPECT_THAT(error("-", profile, 2), HasSubstr("instead of standard input"));
+}
+
 TEST_F(CliTest, CalibrateRefusesRecordingsOfDifferentSensors) {
   SimulateCube(0.02);
   const CliResult simulated = Run({"simulate", "--camera", "evk4", "--duration", "0.01", "-o", Path("large")});

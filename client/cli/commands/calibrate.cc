@@ -2,6 +2,7 @@
 
 // evpose calibrate: estimates a camera from recordings of a known object, and the profile of a sensor from recordings
 // with known or tracked poses.
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -19,6 +20,7 @@
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/progress.h"
 #include "client/cli/common/recording_input.h"
+#include "client/containers/open_recording.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -56,7 +58,7 @@ struct CalibrateArguments {
   HandEyeArguments hand_eye;
   bool is_json = false;
 
-  bool IsCameraWanted() const { return truths.empty() && cameras.empty(); }
+  bool IsCameraWanted() const { return cameras.empty(); }
 };
 
 // Returns the i-th file, or the only one, which then is that of all recordings.
@@ -84,6 +86,10 @@ absl::Status CheckCounts(const CalibrateArguments& arguments) {
 absl::Status CheckMode(const CalibrateArguments& arguments) {
   if (arguments.models.empty()) return UsageError("--model is required, except with --hand-eye");
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
+  if (arguments.truths.empty() &&
+      std::find(arguments.recordings.begin(), arguments.recordings.end(), "-") != arguments.recordings.end()) {
+    return UsageError("without --truth a recording is read several times: give a file instead of standard input");
+  }
   if (!arguments.IsCameraWanted()) {
     if (arguments.out.empty()) return UsageError("-o is required: the file for the profile of the sensor");
     for (const auto& [option, is_given] : {std::pair{"--camera-out", !arguments.camera_out.empty()},
@@ -112,21 +118,20 @@ struct CalibrationInput {
   std::string truth_name;
 };
 
-// The truth of a file, or the poses of the tracker.
-absl::StatusOr<Trajectory> PosesOf(const CalibrateArguments& arguments, size_t i, const CameraModel& camera,
-                                   const std::shared_ptr<const ObjectModel>& model, const SensorProfile& sensor,
-                                   ProgressLine& progress) {
+// The truth of a file, or the poses of the tracker, which reads `recording`.
+absl::StatusOr<Trajectory> PosesOf(const CalibrateArguments& arguments, size_t i, RecordingReader& recording,
+                                   const CameraModel& camera, const std::shared_ptr<const ObjectModel>& model,
+                                   const SensorProfile& sensor, ProgressLine& progress) {
   if (!arguments.truths.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
     if (truth.size() >= 2) return truth;
     return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
   }
-  EVPOSE_ASSIGN_OR_RETURN(
-      Trajectory tracked,
-      TrackRecording(arguments.recordings[i], model, camera, {.sensor = sensor}, [&](double seconds) {
-        progress.Show(static_cast<double>(i) / static_cast<double>(arguments.recordings.size()),
-                      absl::StrFormat("%s: %.1f s tracked", arguments.recordings[i], seconds));
-      }));
+  EVPOSE_ASSIGN_OR_RETURN(Trajectory tracked,
+                          TrackRecording(recording, model, camera, {.sensor = sensor}, [&](double seconds) {
+                            progress.Show(static_cast<double>(i) / static_cast<double>(arguments.recordings.size()),
+                                          absl::StrFormat("%s: %.1f s tracked", arguments.recordings[i], seconds));
+                          }));
   if (tracked.size() >= 2) return tracked;
   return absl::FailedPreconditionError(absl::StrCat(
       arguments.recordings[i], ": the object was not tracked; try evpose replay with this camera and model"));
@@ -144,10 +149,17 @@ absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, 
   }
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel loaded, arguments.reading.Load(Of(arguments.models, i)));
   const auto model = std::make_shared<const ObjectModel>(std::move(loaded));
-  EVPOSE_ASSIGN_OR_RETURN(input.reader, OpenSeenBy(camera, estimated ? arguments.camera_out : Of(arguments.cameras, i),
-                                                   arguments.recordings[i]));
-  EVPOSE_ASSIGN_OR_RETURN(Trajectory poses, PosesOf(arguments, i, camera, model, sensor, progress));
-  input.truth_name = arguments.truths.empty() ? "the tracked poses" : arguments.truths[i];
+  const auto open = [&] {
+    return OpenSeenBy(camera, estimated ? arguments.camera_out : Of(arguments.cameras, i), arguments.recordings[i]);
+  };
+  EVPOSE_ASSIGN_OR_RETURN(input.reader, open());
+  EVPOSE_ASSIGN_OR_RETURN(Trajectory poses, PosesOf(arguments, i, *input.reader, camera, model, sensor, progress));
+  if (arguments.truths.empty()) {
+    input.truth_name = "the tracked poses";
+    EVPOSE_ASSIGN_OR_RETURN(input.reader, open());  // the tracker has read the first one to its end
+  } else {
+    input.truth_name = arguments.truths[i];
+  }
   EVPOSE_ASSIGN_OR_RETURN(input.collector, EdgePassageCollector::Create(model, camera, std::move(poses)));
   return input;
 }
@@ -249,7 +261,7 @@ absl::StatusOr<ProfileResult> FitProfile(const CalibrateArguments& arguments,
 absl::StatusOr<SensorGeometry> CommonGeometry(const std::vector<std::string>& recordings) {
   std::optional<SensorGeometry> common;
   for (const std::string& recording : recordings) {
-    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, RecordingReader::Open(recording));
+    EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenRecording(recording));
     const SensorGeometry geometry = reader->header().geometry;
     if (!reader->header().geometry_is_known) {
       return absl::FailedPreconditionError(
@@ -279,8 +291,9 @@ absl::StatusOr<CameraCalibration> EstimateCamera(const CalibrateArguments& argum
   } else if (arguments.focal_mm > 0.0) {
     options.focal_px = 1e3 * arguments.focal_mm / arguments.pixel_um;
   }
-  return CalibrateCamera(arguments.recordings, std::make_shared<const ObjectModel>(std::move(model)), geometry, options,
-                         [&progress](double ratio, const std::string& step) { progress.Show(ratio, step); });
+  const auto open = [&geometry](const std::string& path) { return OpenRecording(path, {.geometry = geometry}); };
+  return CalibrateCamera(arguments.recordings, open, std::make_shared<const ObjectModel>(std::move(model)), geometry,
+                         options, [&progress](double ratio, const std::string& step) { progress.Show(ratio, step); });
 }
 
 absl::Status WriteProfile(const ProfileResult& profile, std::optional<OutputFile>& file,

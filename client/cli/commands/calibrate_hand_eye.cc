@@ -46,10 +46,8 @@ MountedCamera CameraOf(const HandEye& result) {
 // Null for a number that the poses do not determine: JSON has no infinity.
 Json NumberJson(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
-Json TransformJson(const RigidTransform& transform, const Vector6d& errors) {
-  const Eigen::Vector3d& t = transform.translation_m;
-  const Eigen::Quaterniond q = transform.Quaternion();
-  Json json = {{"translation_m", {t.x(), t.y(), t.z()}}, {"quaternion_xyzw", {q.x(), q.y(), q.z(), q.w()}}};
+Json TransformWithErrorsJson(const RigidTransform& transform, const Vector6d& errors) {
+  Json json = TransformJson(transform);
   for (int i = 0; i < 3; ++i) {
     json["translation_errors_m"].push_back(NumberJson(errors(i)));
     json["rotation_errors_rad"].push_back(NumberJson(errors(3 + i)));
@@ -62,8 +60,8 @@ Json HandEyeJson(const HandEye& result) {
   const std::string object = result.mount == HandEyeMount::kInHand ? "base_from_object" : "tool_from_object";
   return {{"mount", HandEyeMountName(result.mount)},
           {"other_mount_residual_ratio", result.other_mount_ratio ? Json(*result.other_mount_ratio) : Json(nullptr)},
-          {camera.frame + "_from_camera", TransformJson(camera.frame_from_camera, camera.errors)},
-          {object, TransformJson(result.right, result.right_errors)},
+          {camera.frame + "_from_camera", TransformWithErrorsJson(camera.frame_from_camera, camera.errors)},
+          {object, TransformWithErrorsJson(result.right, result.right_errors)},
           {"time_offset_s", result.time_offset_s},
           {"time_offset_error_s", result.time_offset_error_s ? NumberJson(*result.time_offset_error_s) : Json(nullptr)},
           {"position_rms_m", result.position_rms_m},
@@ -75,11 +73,9 @@ Json HandEyeJson(const HandEye& result) {
           {"warnings", result.warnings}};
 }
 
-void PrintTransform(const std::string& name, const RigidTransform& transform, const Vector6d& errors,
-                    std::ostream& out) {
+void PrintTransform(const std::string& name, const RigidTransform& transform, const Vector6d& e, std::ostream& out) {
   const Eigen::Vector3d t_mm = 1e3 * transform.translation_m;
   const Eigen::Vector3d r_deg = kDegreesPerRadian * LogSo3(transform.rotation);
-  const Vector6d e = errors;
   out << absl::StrFormat("%s\n  translation   %10.2f %10.2f %10.2f mm  +- %.2f %.2f %.2f\n", name, t_mm.x(), t_mm.y(),
                          t_mm.z(), 1e3 * e(0), 1e3 * e(1), 1e3 * e(2))
       << absl::StrFormat("  rotation vec. %10.3f %10.3f %10.3f deg +- %.3f %.3f %.3f\n", r_deg.x(), r_deg.y(),
@@ -120,6 +116,12 @@ std::string MountYaml(const HandEye& result, const std::string& poses, const std
 }
 
 }  // namespace
+
+Json TransformJson(const RigidTransform& transform) {
+  const Eigen::Vector3d& t = transform.translation_m;
+  const Eigen::Quaterniond q = transform.Quaternion();
+  return {{"translation_m", {t.x(), t.y(), t.z()}}, {"quaternion_xyzw", {q.x(), q.y(), q.z(), q.w()}}};
+}
 
 absl::StatusOr<std::optional<double>> ParseTimeOffset(const std::string& text) {
   if (text == "auto") return std::nullopt;

@@ -7,7 +7,9 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
+#include "core/geometry/rigid_transform.h"
 
 namespace evpose::client {
 
@@ -18,6 +20,9 @@ struct HandEyeArguments {
 
   void AddTo(CLI::App& app);
 };
+
+// {"translation_m": [x, y, z], "quaternion_xyzw": [x, y, z, w]}
+Json TransformJson(const RigidTransform& transform);
 
 // Parses "auto" (nullopt) or a number of seconds. Error: wrong usage.
 absl::StatusOr<std::optional<double>> ParseTimeOffset(const std::string& text);

@@ -4,16 +4,9 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/calibrate_hand_eye.h"
 #include "core/base/status_macros.h"
-#include "core/numerics/math.h"
 
 namespace evpose::client {
 namespace {
-
-Json TransformJson(const RigidTransform& transform) {
-  const Eigen::Vector3d& t = transform.translation_m;
-  const Eigen::Quaterniond q = transform.Quaternion();
-  return {{"translation_m", {t.x(), t.y(), t.z()}}, {"quaternion_xyzw", {q.x(), q.y(), q.z(), q.w()}}};
-}
 
 HandEyeMount MountOf(const std::string& truth_of) {
   if (truth_of == "object") return HandEyeMount::kBeside;
@@ -82,8 +75,7 @@ void PrintAlignment(const AlignmentArguments& arguments, const std::string& name
   const bool is_camera = alignment.mount == HandEyeMount::kInHand;
   out << absl::StrFormat(
       "%s: aligned with the truth of the %s by two constant transforms from %d poses, of which %d are outliers: "
-      "constant "
-      "errors of the pose are not in the errors above, only their changes\n",
+      "constant errors of the pose are not in the errors above, only their changes\n",
       name, is_camera ? "camera" : "object", alignment.num_poses, alignment.num_outliers);
   for (const std::string& warning : alignment.warnings) out << name << ": " << warning << "\n";
 }

@@ -33,10 +33,10 @@ using Json = nlohmann::ordered_json;
 using CommandRunner = std::function<absl::Status()>;
 using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
 
-// Description of an option for the file of a camera, with the formats that ReadCameraFile() reads.
+// The formats of camera files, for the help of the options that take one.
 inline constexpr char kCameraFiles[] =
-    "Camera calibration: ROS camera_info or printed message, Kalibr camchain (FILE#cam1), "
-    "Metavision, OpenCV, COLMAP or DV file";
+    "Camera calibration: ROS camera_info or printed message, Kalibr camchain (FILE#cam1), Metavision, OpenCV, COLMAP "
+    "or DV file";
 
 // A failure with exit status 2 instead of 1.
 absl::Status UsageError(const std::string& message);

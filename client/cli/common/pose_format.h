@@ -24,7 +24,7 @@ class PoseFrame {
  public:
   PoseFrame() = default;  // camera_from_object, as in the API
   static PoseFrame ObjectFromCamera();
-  // `frame` names the frame `world`, of which the name of the transform is made.
+  // `frame` is the name of the world frame. The transform is called "<frame>_from_object".
   static PoseFrame WorldFromObject(const RigidTransform& world_from_camera, const std::string& frame);
 
   // Name of the transform that is written, for example "world_from_object".
@@ -60,9 +60,9 @@ enum class PoseFormat { kTum, kCsv, kJsonLines };
 
 // Parses .tum, .csv or .jsonl. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
-// The header line, line feed included; empty for a format without a header. A file whose transform is not
-// camera_from_object says so: TUM in a comment before the poses, CSV in the column `transform`, the last one, and JSON
-// lines, as always, in the field `transform`.
+// The header line, line feed included; empty for a format without a header. The transform of the poses, if it is not
+// camera_from_object, is named in a TUM file in a comment before the poses, and in a CSV file in the last column,
+// `transform`. JSON lines always have the field `transform`.
 std::string PoseHeader(PoseFormat format, const PoseFrame& frame = {});
 // One line, line feed included; empty for an AMBIGUOUS pose in TUM, which has no states. It depends on the bytes of the
 // session only, so that it does not contain the latency.

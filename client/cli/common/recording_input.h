@@ -15,8 +15,8 @@ namespace evpose::client {
 inline constexpr char kRecordingFormats[] =
     "RAW, DAT, text, CSV, rosbag2 (FILE#TOPIC), HDF5, AEDAT, NumPy; - for standard input (RAW, DAT, text, AEDAT)";
 
-// Opens a recording that `camera` has seen, whose size is used if the recording states none. Errors: those of
-// OpenRecording() and CheckCameraMatches().
+// Opens a recording of `camera`. The size of the sensor is that of `camera` if the recording states none. Errors: those
+// of OpenRecording() and CheckCameraMatches().
 absl::StatusOr<std::unique_ptr<RecordingReader>> OpenSeenBy(const CameraModel& camera, const std::string& camera_path,
                                                             const std::string& recording_path,
                                                             const RecordingReaderOptions& options = {});

@@ -24,8 +24,8 @@ namespace {
 constexpr uint64_t kMaxPosesBetween = 1024;
 constexpr absl::Duration kMaxTimeBetween = absl::Seconds(1);
 
-// The sizes of pose files are kept under the IDs of their objects; no object has this one.
-constexpr char kClockLogKey[] = "--clock-log";
+// The sizes of pose files are kept under the IDs of their objects, in which PoseFiles::Check() refuses a slash.
+constexpr char kClockLogKey[] = "/--clock-log";
 
 // Reason of an error after which the server asks its clients to attach again.
 constexpr char kStoreFull[] = "STORE_FULL";

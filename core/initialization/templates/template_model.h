@@ -63,7 +63,7 @@ struct ViewTemplate {
 class TemplateModel {
  public:
   // Keeps the model. Looks at it from up to 642 sides; from 162 if it has so many triangles that it would take longer
-  // than about a second. What it sees may be stored with the model.
+  // than about a second. If ObjectModel::views has the samples of these views, they are not computed.
   // `surface` are the tables of the model's surface; null: computed here.
   explicit TemplateModel(std::shared_ptr<const ObjectModel> model,
                          std::shared_ptr<const SurfaceTables> surface = nullptr);
