@@ -30,8 +30,8 @@ inline constexpr uint64_t kMaxLivePosesBehind = 1024;
 inline constexpr size_t kMaxQueuedItems = 4096;
 // Notices that a stream has not taken before the session waits for it.
 inline constexpr size_t kMaxUntakenNotices = 1024;
-// Triggers of a chunk in its notice: both edges of a signal of 32 kHz at the usual 1 ms per chunk. Triggers take at most
-// half of the untaken notices, in which they have 0.5 MiB.
+// Triggers of a chunk in its notice: both edges of a signal of 32 kHz at the usual 1 ms per chunk. Triggers take at
+// most half of the untaken notices, in which they have 0.5 MiB.
 inline constexpr size_t kMaxTriggersOfChunk = 64;
 
 }  // namespace evpose::server
