@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <type_traits>
 
+#include "core/events/formats/evt3_vector.h"
 #include "core/events/formats/sensor_clock.h"
 #include "core/events/formats/word_decoder.h"
 #include "core/events/formats/word_runs.h"
@@ -19,9 +20,8 @@ constexpr uint32_t kNotAddress = 0xd000;
 constexpr uint32_t kColumnBit = 0x2000;
 
 constexpr uint32_t kTripleWords = 3;
-constexpr uint32_t kTriplePixels = 32;
 // The largest value of the vector base: after a vector that began in the last addressable column.
-constexpr uint32_t kMaxBase = 0x7ff + kTriplePixels;
+constexpr uint32_t kMaxBase = 0x7ff + kEvt3MaskPixels;
 
 // A row outside every sensor: no ADDR_Y so far, or a row of another kind.
 constexpr uint32_t kNoRow = 0xffff;
@@ -29,13 +29,11 @@ constexpr uint32_t kNoRow = 0xffff;
 struct Evt3State {
   Evt3Clock clock;
   uint32_t row = kNoRow;
-  bool has_base = false;
-  uint32_t vector_base = 0;
-  uint8_t vector_polarity = 0;
+  Evt3VectorBase base;
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [clock, row, has_base, vector_base, vector_polarity] = self;
-    archive(clock, AtMost(row, kNoRow), has_base, AtMost(vector_base, kMaxBase), AtMost(vector_polarity, 1));
+    auto& [clock, row, base] = self;
+    archive(clock, AtMost(row, kNoRow), base.is_set, AtMost(base.x, kMaxBase), AtMost(base.polarity, 1));
   }
 };
 
@@ -77,7 +75,7 @@ class Evt3Decoder final : public WordDecoder {
     wait_ = Wait::kTimeHigh;
     has_row_ = false;
     state_.row = kNoRow;
-    state_.has_base = false;
+    state_.base.is_set = false;
   }
 
   void CountUnknown(uint32_t word) {
@@ -133,10 +131,12 @@ class Evt3Decoder final : public WordDecoder {
     while (index < count) {
       const uint32_t word = LoadWord<uint16_t>(words + 2 * index);
       if (kHasRow && runs_ != nullptr && (word & kNotAddress) == 0 && row < height) {
-        Evt3Run run = {width, height, state_.clock.base_us(), mark_due_us, t_us - state_.clock.base_us(), row};
+        Evt3Run run = {width, height,     state_.clock.base_us(), mark_due_us, t_us - state_.clock.base_us(),
+                       row,   state_.base};
         const size_t num_words = runs_->evt3(words + 2 * index, count - index, run, cursor, sink_.limit());
         index += num_words;
         row = run.row;
+        state_.base = run.base;
         t_us = run.base_us + run.low_us;
         if (cursor >= sink_.limit()) cursor = sink_.Flush(cursor);
         if (num_words > 0) continue;
@@ -191,27 +191,23 @@ class Evt3Decoder final : public WordDecoder {
     const uint32_t first = LoadWord<uint16_t>(words);
     const uint32_t second = LoadWord<uint16_t>(words + 2);
     const uint32_t third = LoadWord<uint16_t>(words + 4);
-    uint32_t mask = (first & 0xfff) | (second & 0xfff) << 12 | (third & 0xff) << 24;
+    const uint32_t mask = (first & 0xfff) | (second & 0xfff) << 12 | (third & 0xff) << 24;
     const bool broken = second >> 12 != evt3::kVect12 || third >> 12 != evt3::kVect8;
-    counts_.broken_vectors += broken || (state_.row < height_ && !state_.has_base);
+    counts_.broken_vectors += broken || (state_.row < height_ && !state_.base.is_set);
     if (state_.row >= height_) {
       (has_row_ ? counts_.dropped_outside_sensor : counts_.dropped_before_time) +=
           static_cast<uint64_t>(std::popcount(mask));
       return cursor;
     }
-    if (!state_.has_base) return cursor;
-    const uint32_t base = state_.vector_base;
+    if (!state_.base.is_set) return cursor;
+    const uint32_t x = state_.base.x;
     // A base outside the sensor stays unchanged, so that it cannot overflow.
-    if (base < width_) state_.vector_base += kTriplePixels;
-    if (base + kTriplePixels > width_) {
+    if (x < width_) state_.base.x += kEvt3MaskPixels;
+    if (x + kEvt3MaskPixels > width_) {
       counts_.dropped_outside_sensor += static_cast<uint64_t>(std::popcount(mask));
       return cursor;
     }
-    const int64_t t_us = state_.clock.now_us();
-    for (; mask != 0; mask &= mask - 1) {
-      const uint32_t x = base + static_cast<uint32_t>(std::countr_zero(mask));
-      StoreEvent(cursor++, t_us, x, state_.row, state_.vector_polarity);
-    }
+    cursor = StorePixels(mask, state_.clock.now_us(), x, state_.row, state_.base.polarity, cursor);
     return cursor >= sink_.limit() ? sink_.Flush(cursor) : cursor;
   }
 
@@ -222,9 +218,7 @@ class Evt3Decoder final : public WordDecoder {
       case evt3::kTimeLow:
         return TimeIsSet(state_.clock.SetLow(content), cursor);
       case evt3::kVectBaseX:
-        state_.vector_base = content & 0x7ff;
-        state_.vector_polarity = static_cast<uint8_t>(content >> 11);
-        state_.has_base = true;
+        state_.base = {true, content & 0x7ff, static_cast<uint8_t>(content >> 11)};
         return cursor;
       case evt3::kExtTrigger:
         sink_.AddTrigger(

@@ -11,10 +11,12 @@
 #include <cstdint>
 
 #include "core/events/event.h"
+#include "core/events/formats/evt3_vector.h"
 
 namespace evpose {
 
-// State of a run in EVT3. Plain words: TIME_LOW, ADDR_Y, ADDR_X, and a TIME_HIGH that changes nothing.
+// State of a run in EVT3. Plain words: TIME_LOW, ADDR_Y, ADDR_X, a TIME_HIGH that changes nothing, and the four words
+// of a whole vector.
 struct Evt3Run {
   uint32_t width_px = 0;
   uint32_t height_px = 0;
@@ -22,6 +24,7 @@ struct Evt3Run {
   int64_t mark_due_us = 0;  // a TIME_LOW at or after this time ends the run
   int64_t low_us = 0;       // current TIME_LOW, [0, 4095]
   uint32_t row = 0;         // current row, below height_px
+  Evt3VectorBase base;
 };
 
 // State of a run in EVT2 and EVT2.1. Plain words: events (in EVT2.1, of one pixel each), and the current TIME_HIGH
@@ -36,7 +39,8 @@ struct Evt2Run {
 
 // Decodes words while they are plain and `cursor` is below `limit`; updates `run` and `cursor` and returns the number
 // of decoded words. Fewer words than a block, at most kMaxRunBlock, are not decoded. Events are stored in blocks, as if
-// every word were an event: kMaxRunBlock events from the cursor on must be writable.
+// every word were an event, or for a whole vector: EventSink::kMaxEventsOfWord events from the limit on must be
+// writable.
 template <typename Run>
 using DecodeRunOf = size_t (*)(const uint8_t* words, size_t count, Run& run, Event*& cursor, const Event* limit);
 inline constexpr size_t kMaxRunBlock = 16;  // that of EVT3 and EVT2 with AVX-512

@@ -158,6 +158,13 @@ struct Evt3State256 {
   Event* next;
 };
 
+[[gnu::target("avx2"), gnu::always_inline]] inline uint32_t RowOf(const Evt3State256& state) {
+  return static_cast<uint32_t>(_mm_extract_epi16(state.row, 0));
+}
+[[gnu::target("avx2"), gnu::always_inline]] inline int64_t LowOf(const Evt3State256& state) {
+  return _mm_extract_epi16(state.low, 0) ^ kTurned;
+}
+
 // Stores the events among the words of the sets, each with its time and row. Returns false, without an effect, if the
 // time steps back.
 [[gnu::target("avx2,popcnt"), gnu::always_inline]] inline bool AppendEvt3(__m128i words, const Evt3Sets& sets,
@@ -192,10 +199,14 @@ struct Evt3State256 {
     if (sets.plain != 0xff) [[unlikely]] {
       const int num_leading = std::countr_one(sets.plain);
       const uint32_t leading = (1u << num_leading) - 1;
-      if (AppendEvt3(block, {sets.columns & leading, sets.rows & leading, sets.lows & leading, leading}, state)) {
-        index += static_cast<size_t>(num_leading);
-      }
-      break;
+      if (!AppendEvt3(block, {sets.columns & leading, sets.rows & leading, sets.lows & leading, leading}, state)) break;
+      index += static_cast<size_t>(num_leading);
+      if (count - index < Evt3WholeVector::kWords || state.next >= limit) break;
+      const Evt3WholeVector vector(words + 2 * index);
+      if (!vector.IsInside(run.width_px)) break;
+      state.next = vector.Store(run.base_us + LowOf(state), RowOf(state), run.base, state.next);
+      index += Evt3WholeVector::kWords;
+      continue;
     }
     if (!AppendEvt3(block, sets, state)) [[unlikely]]
       break;
@@ -203,8 +214,8 @@ struct Evt3State256 {
     index += kLanes;
   }
   cursor = state.next;
-  run.row = static_cast<uint32_t>(_mm_extract_epi16(state.row, 0));
-  run.low_us = _mm_extract_epi16(state.low, 0) ^ kTurned;
+  run.row = RowOf(state);
+  run.low_us = LowOf(state);
   return index;
 }
 

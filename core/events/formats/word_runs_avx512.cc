@@ -154,8 +154,14 @@ struct Evt3Output {
     const Evt3Block block = ReadBlock(words + 2 * index, bounds);
     if (block.plain != kAllEvt3Lanes) [[unlikely]] {
       const uint32_t leading = LeadingWords(block.plain);
-      if (Append(block, leading, output)) index += static_cast<size_t>(std::popcount(leading));
-      break;
+      if (!Append(block, leading, output)) break;
+      index += static_cast<size_t>(std::popcount(leading));
+      if (count - index < Evt3WholeVector::kWords || output.next >= limit) break;
+      const Evt3WholeVector vector(words + 2 * index);
+      if (!vector.IsInside(run.width_px)) break;
+      output.next = vector.Store(run.base_us + LastLane(output.low), LastLane(output.row), run.base, output.next);
+      index += Evt3WholeVector::kWords;
+      continue;
     }
     if (!Append(block, kAllEvt3Lanes, output)) [[unlikely]]
       break;
