@@ -38,7 +38,9 @@ absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method
     if (!invalid.ok()) context.TryCancel();
     const absl::Status status = FromGrpc(reader->Finish(), endpoint.name);
     if (!invalid.ok()) return absl::InternalError(absl::StrCat(endpoint.name, ": ", invalid.message()));
-    if (ReasonOf(status) != v1::FENCED || stop.stop_requested()) return status;
+    const bool has_moved = ReasonOf(status) == v1::FENCED ||
+                           (ReasonOf(status) == v1::ROLLED_BACK && status.code() == absl::StatusCode::kUnavailable);
+    if (!has_moved || stop.stop_requested()) return status;
   }
 }
 
@@ -55,7 +57,8 @@ absl::StatusOr<TrackSummary> Client::Track(const Session& session, const ChunkSo
 absl::StatusOr<TrackSummary> Client::Track(const TrackPosition& position, const ChunkSource& source,
                                            const TrackCallbacks& callbacks, const TrackOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  const FeedOptions feed_options = {.rate = options.rate, .clock = options.clock, .skip = position.durable};
+  const FeedOptions feed_options = {
+      .outbox = {.retain = options.retain}, .rate = options.rate, .clock = options.clock, .skip = position.durable};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed, EventFeed::Open(source, feed_options));
   if (position.max_piece_bytes > 0) feed->Start(position.max_piece_bytes);
   return ClientAccess::Track(*this, position, *feed, callbacks, options);
@@ -108,6 +111,10 @@ absl::Status Client::WatchPoses(const std::string& session, const WatchPosesOpti
   request.set_after_pose_seq(options.after_pose_seq);
   if (options.max_rate_hz) request.set_max_rate_hz(*options.max_rate_hz);
   const auto handle = [&](const v1::WatchPosesResponse& response) -> absl::Status {
+    if (response.has_continues_after_pose_seq() && options.on_rolled_back) {
+      options.on_rolled_back(response.continues_after_pose_seq());
+      if (response.poses().empty() && response.num_skipped() == 0) return absl::OkStatus();
+    }
     std::vector<Pose> poses;
     for (const v1::Pose& message : response.poses()) {
       EVPOSE_ASSIGN_OR_RETURN(Pose pose, FromProto(message));

@@ -228,8 +228,9 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   absl::StatusOr<Joined> Join(const v1::TrackRequest::Attach& attach, std::shared_ptr<Session> session) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
     // Without the lock: Attach notifies the stream that this one fences, and that stream takes its own lock.
-    EVPOSE_ASSIGN_OR_RETURN(Attachment attachment, session->Attach(attach.resume_token(), attach.last_pose_seq(),
-                                                                   weak_from_this(), caller_->peer));
+    EVPOSE_ASSIGN_OR_RETURN(Attachment attachment,
+                            session->Attach(attach.resume_token(), attach.last_pose_seq(), weak_from_this(),
+                                            caller_->peer, attach.first_seq()));
     return Joined{std::move(session), std::move(attachment)};
   }
 
@@ -322,11 +323,10 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>::Finish(ToGrpcStatus(status));
   }
 
-  // Another server on the same store had fenced the session before this stream attached to it here: it is reclaimed
-  // once.
+  // Another server on the same store had fenced the session before this stream attached here: it is reclaimed once.
   bool MustReclaim(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (phase_ != StreamPhase::kConfirming || was_reclaimed_ || !services_.sessions.options().shares_store)
-      return false;
+    const bool may_reclaim = phase_ == StreamPhase::kConfirming && !was_reclaimed_;
+    if (!may_reclaim || !services_.sessions.options().shares_store) return false;
     return !view.status.ok() && absl::IsAborted(session_->Watch().status);
   }
 

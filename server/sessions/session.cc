@@ -152,12 +152,22 @@ void Session::NotifyListeners(const std::shared_ptr<SessionListener>& stream_lis
 }
 
 absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint64_t last_pose_seq,
-                                           std::weak_ptr<SessionListener> listener, const std::string& peer) {
+                                           std::weak_ptr<SessionListener> listener, const std::string& peer,
+                                           uint64_t first_seq) {
   EVPOSE_ASSIGN_OR_RETURN(std::string new_token, RandomHex128());
   std::string digest = TokenDigest(resume_token);
   std::shared_ptr<SessionListener> fenced;
   Attachment attachment;
   bool is_taken_over = false;
+  absl::Status rolled_back;
+  {
+    const std::lock_guard lock(mutex_);
+    rolled_back = gate_.CheckFirstSeq(digest, first_seq);
+  }
+  if (!rolled_back.ok()) {
+    Close(rolled_back);
+    return rolled_back;
+  }
   {
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(gate_.CheckAttach(digest, last_pose_seq, report_.poses()));

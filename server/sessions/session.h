@@ -70,7 +70,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   const SessionConfig& config() const override { return config_; }
   const SessionLimits& limits() const { return limits_; }
   absl::Time create_time() const { return create_time_; }
-  uint64_t fencing_number() const { return committer_->fencing_number(); }  // of the session's lease in the store
+  const FencingToken& token() const { return committer_->token(); }  // of the session's lease in the store
   const PoseLog& pose_log() const { return pose_log_; }
   // Empty for a resumed session until a stream attaches: the store has only the token's digest.
   std::string resume_token() const;
@@ -90,9 +90,11 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   void AddWatcher(std::weak_ptr<SessionListener> watcher) override { watchers_->Add(std::move(watcher)); }
 
   // The calls of a stream. Their statuses and reasons are those that the API promises for Track.
-  // Attach() fences the previous stream: the status of its view is then ABORTED. `peer` is for the log.
+  // Attach() fences the previous stream: the status of its view is then ABORTED. `peer` is for the log. If the session
+  // expects an item before `first_seq`, which the client no longer has, it closes with DATA_LOSS (ROLLED_BACK).
   absl::StatusOr<Attachment> Attach(absl::string_view resume_token, uint64_t last_pose_seq,
-                                    std::weak_ptr<SessionListener> listener, const std::string& peer = "");
+                                    std::weak_ptr<SessionListener> listener, const std::string& peer = "",
+                                    uint64_t first_seq = 0);
   void Detach(uint64_t stream);
   // A push without room is accepted: memory stays bounded because a stream reads only if StreamView::has_room is true.
   absl::Status PushEvents(uint64_t stream, EventChunk chunk);

@@ -364,9 +364,8 @@ void SessionManager::DeleteExpired() {
     entry.session->log().Expired(CloseRemoved(entry, "expired"));
     // On another thread, because callers must not wait for the store. The client may use the session at another server,
     // which this server detects only when it writes: the session then continues there.
-    pool_.slow().PostOwn([this, name = entry.session->name(), tenant = entry.tenant(),
-                          fencing_number = entry.session->fencing_number()] {
-      const absl::Status status = store_.DeleteHeldSession(name, fencing_number);
+    pool_.slow().PostOwn([this, name = entry.session->name(), tenant = entry.tenant(), token = entry.session->token()] {
+      const absl::Status status = store_.DeleteHeldSession(name, token);
       if (absl::IsAborted(status)) {
         SessionLog(name, tenant).LivesElsewhere();
       } else if (!status.ok()) {

@@ -73,7 +73,7 @@ class TroubledLease : public SessionLease {
       pending->End();  // all references of the caller have been released
     });
   }
-  uint64_t fencing_number() const override { return lease_->fencing_number(); }
+  const FencingToken& token() const override { return lease_->token(); }
 
  private:
   const std::unique_ptr<SessionLease> lease_;
@@ -137,9 +137,9 @@ class TroubledStore : public Store {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
     return store_->DeleteSession(name);
   }
-  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+  absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
-    return store_->DeleteHeldSession(name, fencing_number);
+    return store_->DeleteHeldSession(name, token);
   }
   absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());

@@ -10,11 +10,7 @@
 #include <thread>
 
 #include "server/stores/common/store.h"
-#include "server/stores/memory/memory_store.h"
-#include "server/stores/open_store.h"
-#include "server/stores/redis/redis_testing.h"
-#include "server/stores/sqlite/sqlite_store.h"
-#include "server/stores/store_suite_testing.h"
+#include "server/stores/store_houses_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -22,62 +18,7 @@ namespace {
 using absl::StatusCode;
 using testing::ElementsAre;
 
-class MemoryHouse : public StoreHouse {
- public:
-  absl::StatusOr<std::unique_ptr<Store>> Open() override { return MakeMemoryStore(); }
-  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override { return MakeMemoryStore(max_bytes); }
-  bool keeps() const override { return false; }
-};
-
-class SqliteHouse : public StoreHouse {
- public:
-  absl::StatusOr<std::unique_ptr<Store>> Open() override {
-    return OpenSqliteStore({.data_dir = directory_.path() + "/data"});
-  }
-  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
-    return OpenSqliteStore({.data_dir = directory_.path() + "/data", .max_bytes = max_bytes});
-  }
-
- private:
-  const TemporaryDirectory directory_;
-};
-
-class RedisHouse : public StoreHouse {
- public:
-  absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenStore({.store = redis_.url()}); }
-  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
-    const std::string memory = redis_.Text({"INFO", "memory"});
-    const size_t used = memory.find("used_memory:") + sizeof("used_memory:") - 1;
-    // Redis counts the buffers of commands in transit as used memory, several times.
-    const uint64_t limit = std::stoull(memory.substr(used)) + max_bytes + (8u << 20);
-    redis_.Run({"CONFIG", "SET", "maxmemory", std::to_string(limit)});
-    return Open();
-  }
-
- private:
-  RedisServer redis_;
-};
-
-class StoreSuite : public testing::TestWithParam<TestedStore> {
- protected:
-  void SetUp() override {
-    house_ = GetParam().build();
-    store_ = house_->Open().value();
-  }
-  void Reopen() {
-    store_.reset();
-    store_ = house_->Open().value();
-  }
-
-  std::unique_ptr<StoreHouse> house_;
-  std::unique_ptr<Store> store_;
-};
-
-INSTANTIATE_TEST_SUITE_P(Stores, StoreSuite,
-                         testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
-                                         TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
-                                         TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }}),
-                         [](const auto& tested) { return tested.param.name; });
+INSTANTIATE_TEST_SUITE_P(Stores, StoreSuite, kTestedStores, NameOfTestedStore);
 
 std::vector<std::string> Names(const absl::StatusOr<std::vector<SessionRecord>>& records) {
   std::vector<std::string> names;
@@ -123,7 +64,8 @@ TEST_P(StoreSuite, TakingASessionFencesThePreviousHolder) {
   auto first = store_->CreateSession(Record("sessions/a"), "life 0").value();
   ASSERT_TRUE(CommitNow(*first, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
   Store::Taken second = store_->TakeSession("sessions/a").value();
-  EXPECT_GT(second.lease->fencing_number(), first->fencing_number());
+  EXPECT_GT(second.lease->token().number, first->token().number);
+  EXPECT_NE(second.lease->token().holder, first->token().holder);
   EXPECT_EQ(second.session.checkpoint, "1");
   EXPECT_EQ(CommitNow(*first, {.checkpoint = "x", .lifecycle = "x", .poses = {Segment("x", 4, 5)}}).code(),
             StatusCode::kAborted);
@@ -146,7 +88,7 @@ TEST_P(StoreSuite, ADeletedSessionIsNotFound) {
   EXPECT_TRUE(store_->ListSessions()->empty());
 
   auto again = store_->CreateSession(Record("sessions/a"), "life").value();
-  EXPECT_GT(again->fencing_number(), lease->fencing_number());
+  EXPECT_GT(again->token().number, lease->token().number);
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kAborted) << "the name belongs to a new session";
   const StoredSession session = store_->ReadSession("sessions/a").value();
   EXPECT_EQ(session.checkpoint, "");
@@ -156,11 +98,11 @@ TEST_P(StoreSuite, ADeletedSessionIsNotFound) {
 TEST_P(StoreSuite, APreviousHolderCannotDeleteASession) {
   auto first = store_->CreateSession(Record("sessions/a"), "life").value();
   const auto second = store_->TakeSession("sessions/a").value().lease;
-  EXPECT_EQ(store_->DeleteHeldSession("sessions/a", first->fencing_number()).code(), StatusCode::kAborted);
+  EXPECT_EQ(store_->DeleteHeldSession("sessions/a", first->token()).code(), StatusCode::kAborted);
   EXPECT_TRUE(CommitNow(*second, {.checkpoint = "1"}).ok());
-  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->fencing_number()).ok());
+  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->token()).ok());
   EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
-  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->fencing_number()).ok()) << "the session does not exist";
+  EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->token()).ok()) << "the session does not exist";
   EXPECT_TRUE(store_->ListSessions()->empty());
 }
 
@@ -381,7 +323,7 @@ TEST_P(StoreSuite, OneOfManyCreatesASessionAndTheLastTakerHoldsIt) {
   }
   for (std::thread& thread : threads) thread.join();
   std::sort(leases.begin(), leases.end(),
-            [](const auto& a, const auto& b) { return a->fencing_number() < b->fencing_number(); });
+            [](const auto& a, const auto& b) { return a->token().number < b->token().number; });
   for (size_t i = 0; i < leases.size(); ++i) {
     const StatusCode expected = i + 1 == leases.size() ? StatusCode::kOk : StatusCode::kAborted;
     EXPECT_EQ(CommitNow(*leases[i], {.checkpoint = std::to_string(i)}).code(), expected) << i;
@@ -419,11 +361,11 @@ TEST_P(StoreSuite, EveryCommitIsCompleteWhenTheStoreIsDestroyed) {
 }
 
 TEST_P(StoreSuite, FencingNumbersRiseAcrossOpenings) {
-  const uint64_t first = store_->CreateSession(Record("sessions/a"), "").value()->fencing_number();
+  const uint64_t first = store_->CreateSession(Record("sessions/a"), "").value()->token().number;
   if (house_->keeps()) Reopen();
   Store::Taken taken = store_->TakeSession("sessions/a").value();
-  EXPECT_GT(taken.lease->fencing_number(), first);
-  EXPECT_GT(store_->CreateSession(Record("sessions/b"), "").value()->fencing_number(), taken.lease->fencing_number());
+  EXPECT_GT(taken.lease->token().number, first);
+  EXPECT_GT(store_->CreateSession(Record("sessions/b"), "").value()->token().number, taken.lease->token().number);
 }
 
 TEST_P(StoreSuite, DeletesSessionsThatEndedBefore) {

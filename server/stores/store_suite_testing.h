@@ -28,6 +28,11 @@ class StoreHouse {
   virtual absl::StatusOr<std::unique_ptr<Store>> Open() = 0;
   // Opens a store with space for about `max_bytes`.
   virtual absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) = 0;
+  // Makes the store give the last fencing number again, as a replica does that had missed it and became the master.
+  virtual void RepeatLastNumber() = 0;
+  // Returns a function that replaces the contents of the store by the present ones; null if nothing can do that to a
+  // store in use.
+  virtual std::function<void()> Snapshot() { return nullptr; }
   // True if the data outlive the store object.
   virtual bool keeps() const { return true; }
 };

@@ -93,7 +93,7 @@ enum class AuthenticationFailure { kNoToken, kBadToken, kBadCertificate };
 enum class ConnectionRefusal { kMaxConnections, kMaxPerPeer, kDescriptors };
 
 // Reasons for which the store has not accepted a checkpoint.
-enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed };
+enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed, kRolledBack };
 
 // Sums over all sessions since the process started. Events and poses that are processed again after a restart or a move
 // count again.
@@ -122,7 +122,7 @@ struct ServerMetrics {
   Counter sensor_time_us;                 // processed sensor time
 
   DurationHistogram checkpoint_time;  // from the serialization until the checkpoint is durable
-  OneFor<CheckpointFailure, 4> checkpoint_failures;
+  OneFor<CheckpointFailure, 5> checkpoint_failures;
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
   OneFor<QuotaLimit, 11> quota_refusals;

@@ -27,7 +27,7 @@ using Labels = std::vector<ClientMetric::Label>;
 // Values of labels, in the order of the enumerations.
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
 constexpr std::array kAuthenticationFailures = {"no_token", "bad_token", "bad_certificate"};
-constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed"};
+constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed", "rolled_back"};
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",           "max_model_store_bytes",
                                      "tenant_sessions", "tenant_model_bytes",    "tenant_watchers",
                                      "session_memory",  "tenant_session_memory", "tenant_streams",
@@ -243,7 +243,8 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
   families.AddByKind(
       "evpose_checkpoint_failures_total",
       "Checkpoints that the store did not accept. store_away: the server tries again; store_full, store_failed: "
-      "the session was closed; fenced: another server has taken the session.",
+      "the session was closed; fenced: another server has taken the session; rolled_back: the store has lost earlier "
+      "writes.",
       "reason", kCheckpointFailures, metrics.checkpoint_failures);
   families.AddCounter("evpose_event_images_total", "Images of events that were sent to their readers.",
                       metrics.event_images);

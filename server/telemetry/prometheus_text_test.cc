@@ -102,6 +102,8 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
   count(metrics.checkpoint_failures[CheckpointFailure::kStoreFull],
         "evpose_checkpoint_failures_total{reason=\"store_full\"}");
   count(metrics.checkpoint_failures[CheckpointFailure::kFenced], "evpose_checkpoint_failures_total{reason=\"fenced\"}");
+  count(metrics.checkpoint_failures[CheckpointFailure::kRolledBack],
+        "evpose_checkpoint_failures_total{reason=\"rolled_back\"}");
   count(metrics.checkpoint_failures[CheckpointFailure::kStoreFailed],
         "evpose_checkpoint_failures_total{reason=\"store_failed\"}");
   for (int i = 0; i <= 16; ++i) {

@@ -39,16 +39,16 @@ class Worker {
 
 class StepwiseLease : public server::CheckedLease {
  public:
-  StepwiseLease(server::MemorySessions& sessions, Worker& committer, absl::string_view name, uint64_t fencing_number,
-                uint64_t next_pose_seq)
-      : CheckedLease(fencing_number, next_pose_seq), sessions_(sessions), committer_(committer), name_(name) {}
+  StepwiseLease(server::MemorySessions& sessions, Worker& committer, absl::string_view name,
+                const server::FencingToken& token, uint64_t next_pose_seq)
+      : CheckedLease(token, next_pose_seq), sessions_(sessions), committer_(committer), name_(name) {}
 
  private:
-  void Write(server::SessionCommit commit, uint64_t next_pose_seq, Done done) override {
-    boost::asio::post(
-        committer_.executor(),
-        [&sessions = sessions_, name = name_, number = fencing_number(), next_pose_seq, commit = std::move(commit),
-         done = std::move(done)]() mutable { done(sessions.Commit(name, number, next_pose_seq, std::move(commit))); });
+  void Write(server::SessionCommit commit, const server::CommitPlace& place, Done done) override {
+    boost::asio::post(committer_.executor(), [&sessions = sessions_, name = name_, token = token(), place,
+                                              commit = std::move(commit), done = std::move(done)]() mutable {
+      done(sessions.Commit(name, token, place, std::move(commit)));
+    });
   }
   void Refuse(absl::Status status, Done done) override {
     boost::asio::post(committer_.executor(),
@@ -78,14 +78,14 @@ class StepwiseStore : public server::Store {
   }
   absl::StatusOr<std::unique_ptr<server::SessionLease>> CreateSession(const server::SessionRecord& record,
                                                                       const std::string& lifecycle) override {
-    EVPOSE_ASSIGN_OR_RETURN(const uint64_t number, sessions_.Create(record, lifecycle));
-    return std::make_unique<StepwiseLease>(sessions_, committer_, record.name, number, /*next_pose_seq=*/1);
+    EVPOSE_ASSIGN_OR_RETURN(const server::FencingToken token, sessions_.Create(record, lifecycle, "holder"));
+    return std::make_unique<StepwiseLease>(sessions_, committer_, record.name, token, /*next_pose_seq=*/1);
   }
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(server::MemorySession taken, sessions_.Take(name));
-    return Taken{.session = std::move(taken.stored),
-                 .lease = std::make_unique<StepwiseLease>(sessions_, committer_, name, taken.fencing_number,
-                                                          taken.next_pose_seq)};
+    EVPOSE_ASSIGN_OR_RETURN(server::MemorySession taken, sessions_.Take(name, "holder"));
+    return Taken{
+        .session = std::move(taken.stored),
+        .lease = std::make_unique<StepwiseLease>(sessions_, committer_, name, taken.token, taken.next_pose_seq)};
   }
   absl::StatusOr<server::StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return sessions_.Read(name, after_pose_seq);
@@ -98,8 +98,8 @@ class StepwiseStore : public server::Store {
     sessions_.Delete(name);
     return absl::OkStatus();
   }
-  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
-    return sessions_.DeleteHeld(name, fencing_number);
+  absl::Status DeleteHeldSession(absl::string_view name, const server::FencingToken& token) override {
+    return sessions_.DeleteHeld(name, token);
   }
   absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
     return sessions_.DeleteEnded(ended_before);

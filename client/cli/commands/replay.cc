@@ -81,7 +81,10 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
   // With --resume, a read error leaves the session as it is, so that the same command can continue.
-  EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.rate = rate, .clock = context.clock, .skip = run.position().durable},
+  EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.outbox = {.retain = arguments.track.retain()},
+                                       .rate = rate,
+                                       .clock = context.clock,
+                                       .skip = run.position().durable},
                                       /*ends_on_error=*/arguments.track.resume.empty()));
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
   return run.Track(*server.client, options);

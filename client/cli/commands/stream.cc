@@ -41,6 +41,7 @@ std::string SpoolDirectory(const StreamArguments& arguments) {
 FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& run) {
   FeedOptions options;
   options.outbox.memory_bytes = arguments.memory_bytes;
+  options.outbox.retain = arguments.track.retain();
   if (!arguments.is_pipe()) {
     options.skip = run.position().durable;
     return options;

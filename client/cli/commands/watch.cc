@@ -48,6 +48,11 @@ class StateLines {
     const std::lock_guard lock(mutex_);
     err_ << "skipped " << num_skipped << " poses: too slow, or no longer stored" << std::endl;
   }
+  void RolledBack(uint64_t last_pose_seq) {
+    const std::lock_guard lock(mutex_);
+    err_ << "the session continues after pose " << last_pose_seq
+         << ": its server or its store has lost the later ones, which are computed again" << std::endl;
+  }
 
  private:
   std::mutex mutex_;
@@ -140,7 +145,9 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
     if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
     shown_at = SystemClock().Now();
   });
-  const absl::Status status = client->WatchPoses(arguments.session, arguments.poses, on_poses, stop.get_token());
+  WatchPosesOptions options = arguments.poses;
+  options.on_rolled_back = [&states](uint64_t last_pose_seq) { states.RolledBack(last_pose_seq); };
+  const absl::Status status = client->WatchPoses(arguments.session, options, on_poses, stop.get_token());
   return stop.stop_requested() ? absl::OkStatus() : status;
 }
 

@@ -238,6 +238,11 @@ absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& confi
                                                             ": ", session.status().message()));
 }
 
+RetainOptions RunArguments::retain() const {
+  if (server.address.empty()) return {.duration = absl::ZeroDuration()};
+  return {.duration = absl::Seconds(retain_s), .max_bytes = retain_bytes};
+}
+
 void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
   AddFile(app, "recording", recording, kRecordingFormats)->required();
   AddFile(app, "--model", model, absl::StrCat("Object: ", kModelFormats));
@@ -287,6 +292,16 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
       "Seconds without a response or credit of --server after which the command gives up; 0: no reconnection; inf: "
       "unlimited",
       NotNegative())
+      ->needs(app.get_option("--server"))
+      ->group(kAwayGroup);
+  AddOption(app, "--retain", retain_s,
+            "Seconds for which events are kept after --server has stored them, in case its store loses its last writes "
+            "(a replica without them becomes the master): they are then sent again; 0: none",
+            CLI::Range(0.0, 86400.0))
+      ->needs(app.get_option("--server"))
+      ->group(kAwayGroup);
+  AddOption(app, "--retain-bytes", retain_bytes, "Limit of the events of --retain",
+            CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
       ->needs(app.get_option("--server"))
       ->group(kAwayGroup);
   AddFile(app, "--resume", resume,

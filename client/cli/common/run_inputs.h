@@ -38,12 +38,16 @@ struct RunArguments {
   ModelReadingArguments reading;
   PoseFrameArguments frame;
   double max_outage_s = 120.0;
+  double retain_s = absl::ToDoubleSeconds(RetainOptions().duration);
+  uint64_t retain_bytes = RetainOptions().max_bytes;
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
   bool has_metavision_zero = false;  // the pose files count from Metavision's zero, not from the sensor's
   bool is_json = false;
 
   void AddTo(CLI::App& app, bool server_is_required);
+  // None without a server: the one inside this process has no store that could lose writes.
+  RetainOptions retain() const;
 };
 
 struct InputObject {

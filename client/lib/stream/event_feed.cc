@@ -12,7 +12,9 @@
 namespace evpose::client {
 
 absl::StatusOr<std::unique_ptr<EventFeed>> EventFeed::Open(ChunkSource source, const FeedOptions& options) {
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Outbox> outbox, Outbox::Open(options.outbox, options.skip));
+  OutboxOptions outbox_options = options.outbox;
+  outbox_options.clock = options.clock;
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Outbox> outbox, Outbox::Open(outbox_options, options.skip));
   return std::unique_ptr<EventFeed>(new EventFeed(std::move(source), options, std::move(outbox)));
 }
 
@@ -91,7 +93,10 @@ absl::Status EventFeed::AddPiece(OutgoingChunk piece) {
   point_ = piece.end;
   read_seq_ = point_.seq;
   if (point_.seq == options_.skip.seq) EVPOSE_RETURN_IF_ERROR(CheckSkipped());
-  if (point_.seq <= options_.skip.seq) return absl::OkStatus();
+  if (point_.seq <= options_.skip.seq) {
+    outbox_->AddDurable(std::move(piece));
+    return absl::OkStatus();
+  }
   return outbox_->Append(std::move(piece), stop_.get_token());
 }
 

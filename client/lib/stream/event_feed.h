@@ -28,8 +28,9 @@ struct FeedOptions {
   uint64_t read_ahead_bytes = 1 << 20;
   OutboxOptions outbox;
   double rate = 0.0;       // sensor seconds per second; 0: as fast as the network requests them
-  Clock* clock = nullptr;  // for the rate; nullptr: the machine's clock
-  // Position up to which the chunks of the source are durable: they are read from the start and not kept.
+  Clock* clock = nullptr;  // for the rate and the retention; nullptr: the machine's clock
+  // Position up to which the chunks of the source are durable: they are read from the start, and only the
+  // last ones are retained.
   FeedPoint skip;
   // Whether bytes were lost before the first chunk of the source.
   bool begins_after_gap = false;

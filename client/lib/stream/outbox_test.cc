@@ -11,6 +11,7 @@
 #include <string>
 #include <thread>
 
+#include "client/lib/conversion.h"
 #include "client/lib/fake_clock_testing.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"
@@ -27,6 +28,13 @@ class OutboxTest : public ::testing::Test {
     auto outbox = Outbox::Open(options, begin);
     ASSERT_TRUE(outbox.ok()) << outbox.status();
     outbox_ = *std::move(outbox);
+  }
+
+  // Durable chunks are not retained.
+  static OutboxOptions NothingRetained() {
+    OutboxOptions options;
+    options.retain.duration = absl::ZeroDuration();
+    return options;
   }
 
   SpoolOptions SpoolThere(bool outlives_process) const {
@@ -59,7 +67,7 @@ class OutboxTest : public ::testing::Test {
 };
 
 TEST_F(OutboxTest, KeepsChunksThatAreNotDurable) {
-  Open({});
+  Open(NothingRetained());
   for (int i = 0; i < 5; ++i) ASSERT_TRUE(Append(8).ok());
   EXPECT_EQ(LetterOf(1), 'a');
   EXPECT_EQ(LetterOf(5), 'e');
@@ -139,7 +147,7 @@ TEST_F(OutboxTest, ChunkLargerThanAllTheMemoryIsTakenAlone) {
 }
 
 TEST_F(OutboxTest, ChunksBeyondTheMemoryAreSpooledAndReturnedInOrder) {
-  OutboxOptions options;
+  OutboxOptions options = NothingRetained();
   options.memory_bytes = 2000;
   options.spool = SpoolThere(false);
   Open(options);
@@ -206,7 +214,7 @@ TEST_F(OutboxTest, AnotherProcessContinuesAfterTheSpooledChunks) {
 }
 
 TEST_F(OutboxTest, DurableChunksAreNotKept) {
-  Open({});
+  Open(NothingRetained());
   outbox_->Forget(2);  // received by the server from an earlier process
   for (int i = 0; i < 3; ++i) ASSERT_TRUE(Append(8).ok());
   EXPECT_EQ(outbox_->state().kept_bytes, 8u);
@@ -214,10 +222,73 @@ TEST_F(OutboxTest, DurableChunksAreNotKept) {
   EXPECT_EQ(LetterOf(3), 'c');
 }
 
+TEST_F(OutboxTest, DurableChunksAreRetainedForATime) {
+  FakeClock clock;
+  OutboxOptions options;
+  options.clock = &clock;
+  options.memory_bytes = 1;  // retained chunks do not count
+  Open(options);
+  for (uint64_t seq = 1; seq <= 3; ++seq) {
+    ASSERT_TRUE(Append(8).ok());
+    outbox_->Forget(seq);
+    clock.Advance(absl::Seconds(2));
+  }
+  EXPECT_EQ(outbox_->durable().seq, 3u);
+  EXPECT_EQ(outbox_->state().kept_bytes, 0u);
+  EXPECT_EQ(LetterOf(1), 'a') << "the last report was 4 s after the first";
+  EXPECT_EQ(outbox_->FirstSeq(), 1u);
+  ASSERT_TRUE(Append(8).ok());
+  outbox_->Forget(4);
+  EXPECT_EQ(outbox_->FirstSeq(), 2u);
+  const auto lost = outbox_->Get(1, stop_.get_token());
+  EXPECT_EQ(lost.status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(ReasonOf(lost.status()), v1::ROLLED_BACK);
+  EXPECT_EQ(LetterOf(2), 'b');
+}
+
+TEST_F(OutboxTest, TheRetainedBytesAreBounded) {
+  OutboxOptions options;
+  options.retain = {.duration = absl::Hours(1), .max_bytes = 100};
+  Open(options);
+  for (uint64_t seq = 1; seq <= 100; ++seq) {
+    ASSERT_TRUE(Append(24).ok());
+    outbox_->Forget(seq);
+    EXPECT_EQ(outbox_->FirstSeq(), seq < 4 ? 1 : seq - 3);
+  }
+  EXPECT_EQ(LetterOf(97), 's');
+}
+
+TEST_F(OutboxTest, SpooledChunksAreRetainedAndChunksInMemoryFollowThem) {
+  FakeClock clock;
+  OutboxOptions options;
+  options.clock = &clock;
+  options.memory_bytes = 2000;
+  options.spool = SpoolThere(false);
+  Open(options);
+  for (int i = 0; i < 10; ++i) ASSERT_TRUE(Append(500).ok());
+  outbox_->Forget(10);
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(Append(500).ok());  // in memory
+  for (uint64_t seq = 1; seq <= 13; ++seq) EXPECT_EQ(LetterOf(seq), static_cast<char>('a' + seq - 1));
+  outbox_->Forget(11);
+  EXPECT_EQ(outbox_->durable().seq, 11u);
+  for (int i = 0; i < 8; ++i) ASSERT_TRUE(Append(500).ok());  // in the spool, which begins again
+  for (uint64_t seq = outbox_->FirstSeq().value(); seq <= 21; ++seq) {
+    EXPECT_EQ(LetterOf(seq), static_cast<char>('a' + seq - 1));
+  }
+  outbox_->Forget(21);
+  clock.Advance(absl::Seconds(5));
+  ASSERT_TRUE(Append(500).ok());
+  outbox_->Forget(22);
+  EXPECT_EQ(outbox_->FirstSeq(), 22u);
+}
+
 TEST_F(OutboxTest, OptionsAreChecked) {
   OutboxOptions options;
   options.memory_bytes = 0;
   EXPECT_THAT(Outbox::Open(options).status().message(), HasSubstr("memory_bytes"));
+  options = {};
+  options.retain.duration = absl::Seconds(-1);
+  EXPECT_THAT(Outbox::Open(options).status().message(), HasSubstr("retain.duration"));
   options = {};
   options.spool = SpoolOptions();
   EXPECT_THAT(Outbox::Open(options).status().message(), HasSubstr("directory"));
@@ -275,6 +346,21 @@ TEST(EventFeedTest, ContinuesFromAnyPositionWithTheSameChunks) {
       EXPECT_EQ(rest[i].payload, all[skipped + i].payload);
     }
   }
+}
+
+// A process that continues a session reads its chunks again: the last ones before the position are retained.
+TEST(EventFeedTest, RetainsTheChunksBeforeThePosition) {
+  absl::Status status;
+  const auto all = ReadFeed({}, 10, 1, status);
+  FeedOptions options;
+  options.skip = all[11].end;
+  options.outbox.retain.max_bytes = 60;
+  EXPECT_TRUE(ReadFeed(options, 10, 7, status).empty());
+  EXPECT_EQ(ReasonOf(status), v1::ROLLED_BACK);
+  const auto rest = ReadFeed(options, 10, 8, status);  // 12 chunks are 144 bytes; the last five of them 56
+  ASSERT_TRUE(status.ok()) << status;
+  ASSERT_EQ(rest.size(), all.size() - 7);
+  for (size_t i = 0; i < rest.size(); ++i) EXPECT_EQ(rest[i].payload, all[7 + i].payload);
 }
 
 TEST(EventFeedTest, EventsOfAnotherRecordingAreDetected) {

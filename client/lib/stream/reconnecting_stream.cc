@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/lib/conversion.h"
 #include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
 
@@ -13,11 +14,14 @@ namespace {
 
 // Attempts after which a damaged chunk is regarded as damaged at its source, not by the link.
 constexpr size_t kMaxDamagedTries = 5;
+// More attaches than a store with a stale replica loses.
+constexpr size_t kMaxOlderTokens = 8;
 
 }  // namespace
 
 absl::Status TrackOptions::Validate() const {
   if (!(rate >= 0.0) || rate > 1e6) return absl::InvalidArgumentError("rate must lie in [0, 1e6]");
+  EVPOSE_RETURN_IF_ERROR(retain.Validate());
   if (attach_timeout <= absl::ZeroDuration()) return absl::InvalidArgumentError("attach_timeout must be positive");
   return retry.Validate();
 }
@@ -46,6 +50,9 @@ absl::StatusOr<TrackSummary> ReconnectingStream::Run() {
                           .poses = position_.last_pose_seq - position_.lost_poses,
                           .lost_poses = position_.lost_poses};
     }
+    // The next attempt tells the server, and by it all readers, that the session has ended.
+    const bool must_tell = ReasonOf(outcome.status) == v1::ROLLED_BACK && !outcome.stated_first_seq;
+    if (outcome.is_final && must_tell && !options_.stop.stop_requested()) continue;
     if (outcome.is_final) return WithProgress(outcome.status);
     if (options_.stop.stop_requested()) return WithProgress(absl::CancelledError("cancelled"));
     if (!Plan(outcome)) return WithProgress(outcome.status);
@@ -56,12 +63,19 @@ absl::StatusOr<TrackSummary> ReconnectingStream::Run() {
   }
 }
 
+std::vector<std::string> ReconnectingStream::Tokens() const {
+  std::vector<std::string> tokens = {position_.resume_token};
+  if (!position_.previous_token.empty()) tokens.push_back(position_.previous_token);
+  tokens.insert(tokens.end(), older_tokens_.begin(), older_tokens_.end());
+  return tokens;
+}
+
 AttemptOutcome ReconnectingStream::RunOnce() {
-  const AttemptOptions attempt_options = {
-      .resume_token = uses_previous_token_ ? position_.previous_token : position_.resume_token,
-      .attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq,
-      .leaves_on_go_away =
-          options_.retry.max_outage > absl::ZeroDuration() && (outlives_server_ || servers_.size() > 1)};
+  const std::vector<std::string> tokens = Tokens();
+  const AttemptOptions attempt_options = {.resume_token = tokens[token_age_],
+                                          .attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq,
+                                          .leaves_on_go_away = options_.retry.max_outage > absl::ZeroDuration() &&
+                                                               (outlives_server_ || servers_.size() > 1)};
   TrackCallbacks callbacks = callbacks_;
   callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
     if (has_new_token) ReportAttached();
@@ -72,7 +86,15 @@ AttemptOutcome ReconnectingStream::RunOnce() {
   StreamAttempt attempt(*server().stub, position_, feed_, callbacks, options_, attempt_options);
   AttemptOutcome outcome = attempt.Run();
   fed_bytes_ = std::max(fed_bytes_, attempt.fed_bytes());
-  if (outcome.was_attached) uses_previous_token_ = attaches_without_count_ = false;
+  if (outcome.was_attached) {
+    token_age_ = 0;
+    attaches_without_count_ = false;
+    older_tokens_.assign(tokens.begin(), tokens.end());
+    std::erase_if(older_tokens_, [this](const std::string& token) {
+      return token == position_.resume_token || token == position_.previous_token;
+    });
+    if (older_tokens_.size() > kMaxOlderTokens) older_tokens_.resize(kMaxOlderTokens);
+  }
   return outcome;
 }
 
@@ -101,8 +123,7 @@ bool ReconnectingStream::Plan(const AttemptOutcome& outcome) {
     case RetryAdvice::kTryOtherServer:
       return ++servers_without_ < servers_.size();
     case RetryAdvice::kTryOtherToken:
-      if (uses_previous_token_ || position_.previous_token.empty()) return false;
-      return uses_previous_token_ = true;
+      return ++token_age_ < Tokens().size();
     case RetryAdvice::kTryOtherAuthToken:
       return server().auth_token && server().auth_token() != auth_token_;
     case RetryAdvice::kTryWithoutCount:
@@ -116,7 +137,7 @@ bool ReconnectingStream::Plan(const AttemptOutcome& outcome) {
 
 bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   const absl::Time now = clock().Now();
-  const bool is_same_server = uses_previous_token_ || attaches_without_count_;
+  const bool is_same_server = token_age_ > 0 || attaches_without_count_;
   // Each server is tried once without delay. A server that shuts down may be back soon.
   const bool is_at_once = is_same_server || tries_ + 1 < servers_.size() || (cause.ok() && tries_ == 0);
   const absl::Duration delay =

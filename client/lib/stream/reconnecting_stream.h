@@ -4,6 +4,7 @@
 #pragma once
 
 #include <atomic>
+#include <deque>
 #include <functional>
 #include <optional>
 #include <string>
@@ -40,6 +41,8 @@ class ReconnectingStream {
 
  private:
   AttemptOutcome RunOnce();
+  // The current token, the previous one, and older ones.
+  std::vector<std::string> Tokens() const;
   void Observe(const AttemptOutcome& outcome);
   // Adapts the next attempt to the error; returns false if the error is final.
   bool Plan(const AttemptOutcome& outcome);
@@ -67,7 +70,9 @@ class ReconnectingStream {
   size_t servers_without_ = 0;  // consecutive servers without the session
   size_t damaged_tries_ = 0;    // consecutive
   std::string auth_token_;      // at the start of the last attempt
-  bool uses_previous_token_ = false;
+  // Earlier tokens, the latest first. A store that has lost the last attaches knows one of these.
+  std::deque<std::string> older_tokens_;
+  size_t token_age_ = 0;  // of the next attempt: 0 the current token, 1 the previous one, then older_tokens_
   bool attaches_without_count_ = false;
 };
 

@@ -52,6 +52,10 @@ bool StreamAttempt::Attach() {
   request.mutable_attach()->set_session(position_.session);
   request.mutable_attach()->set_resume_token(attempt_options_.resume_token);
   request.mutable_attach()->set_last_pose_seq(attempt_options_.attach_after_pose);
+  if (const std::optional<uint64_t> first_seq = feed_.outbox().FirstSeq()) {
+    request.mutable_attach()->set_first_seq(*first_seq);
+    outcome_.stated_first_seq = true;
+  }
   if (!stream_->Write(request)) return false;
   v1::TrackResponse response;
   if (!ReadBeforeTimeout(response)) return false;

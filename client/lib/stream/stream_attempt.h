@@ -29,6 +29,7 @@ struct AttemptOutcome {
   bool is_final = false;  // the error is on this side, or the server violates the protocol
   bool was_attached = false;
   bool made_progress = false;            // the server processed data
+  bool stated_first_seq = false;         // the server was told which chunks can still be sent
   std::optional<SessionHealth> summary;  // the stream ended regularly
 };
 

@@ -20,6 +20,7 @@ from evpose.poses import POSE_DTYPE, Alternative, Pose, write_tum
 from evpose.recordings import Recording
 from evpose.session import PoseWatch, Session
 from evpose.stream.attempt import TrackPosition
+from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import RetryOptions
 from evpose.stream.track import Track, TrackOptions
 from evpose.types import (ConnectionChange, DecodeFault, Discontinuity, Estimator, EventsDropped, GoAway, Health, LagChange, Model, Notice,
@@ -31,7 +32,7 @@ __all__ = [
     "ConnectionChange", "DataLossError", "DeadlineExceededError", "DecodeFault", "Discontinuity", "Encoding", "Estimator",
     "EventsDropped", "EvposeError", "FailedPreconditionError", "FlatEncoder", "GoAway", "Health", "InternalError", "InvalidArgumentError",
     "LagChange", "Model", "NotFoundError", "Notice", "ObjectHealth", "Overload", "PermissionDeniedError", "Pose", "PoseReset", "PoseWatch",
-    "PosesLost", "Recording", "ResourceExhaustedError", "RetryOptions", "SensorProfile", "ServerInfo", "Session", "SessionInfo",
+    "PosesLost", "Recording", "ResourceExhaustedError", "RetainOptions", "RetryOptions", "SensorProfile", "ServerInfo", "Session", "SessionInfo",
     "StateChange", "Surface", "Tls", "Track", "TrackOptions", "TrackPosition", "TrackState", "TrackSummary", "TrackedObject",
     "TrackingRestarted", "Transform", "Trigger", "Triggers", "UnauthenticatedError", "UnavailableError", "UnimplementedError", "connect", "events_to_bytes",
     "make_events", "read_camera", "read_sensor_profile", "write_tum",

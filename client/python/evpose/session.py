@@ -63,7 +63,8 @@ class Session:
             raise FailedPreconditionError(f"{self.name}: its events are in an encoding of a later version")
         self._check(events)
         size_px = (self._info.width_px, self._info.height_px)
-        feed = EventFeed(events, self.encoding, size_px, options.memory_bytes, options.is_live, position.durable)
+        feed = EventFeed(events, self.encoding, size_px, options.memory_bytes, options.is_live, position.durable,
+                         options.retain)
         if position.max_piece_bytes > 0:
             feed.start(position.max_piece_bytes)
         return Track(self._servers, self.object_ids, position, feed, options)
@@ -127,7 +128,7 @@ def _watch(servers: Servers, method: str, request: Any, response: Any) -> Genera
         error = from_call(call, endpoint.name)
         if error is None:
             return
-        if error.reason != "FENCED":
+        if error.reason != "FENCED" and (error.code, error.reason) != ("UNAVAILABLE", "ROLLED_BACK"):
             raise error
 
 
@@ -143,6 +144,9 @@ class PoseWatch:
 
     def __init__(self, servers: Servers, request: Any) -> None:
         self.num_skipped = 0  # poses that were not sent, because this reader was too slow or they are no longer stored
+        # The session's last pose, when it had fewer than were read: it was resumed from a checkpoint, or its store has lost the
+        # last writes. It computes the same poses again, which are not returned again.
+        self.continues_after_seq: Optional[int] = None
         self._request = request
         self._responses = _watch(servers, "WatchPoses", request, session_service_pb2.WatchPosesResponse)
         self._poses = self._run()
@@ -150,6 +154,8 @@ class PoseWatch:
     def _run(self) -> Generator[Pose, None, None]:
         for response in self._responses:
             self.num_skipped += response.num_skipped
+            if response.HasField("continues_after_pose_seq"):
+                self.continues_after_seq = response.continues_after_pose_seq
             for message in response.poses:
                 why = defect(message)
                 if why:

@@ -130,7 +130,8 @@ class ScriptedServer:
         options = evpose.TrackOptions(**options)
         position = position or TrackPosition("sessions/1", "token0")
         self.endpoint = Endpoint.open(self.address, None, TokenSource(token))
-        feed = EventFeed(source, evpose.Encoding.FLAT64, (640, 480), options.memory_bytes, options.is_live, position.durable)
+        feed = EventFeed(source, evpose.Encoding.FLAT64, (640, 480), options.memory_bytes, options.is_live, position.durable,
+                         options.retain, self.clock.now)
         if position.max_piece_bytes:
             feed.start(position.max_piece_bytes)
         servers = Servers([self.endpoint] * num_servers, outlives)

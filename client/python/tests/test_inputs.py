@@ -14,7 +14,7 @@ import numpy as np
 from testing import ROOT, evpose, run_evpose
 
 from evpose.recordings import parse_header
-from evpose.stream.outbox import FeedPoint, Outbox, make_chunk
+from evpose.stream.outbox import FeedPoint, Outbox, RetainOptions, make_chunk
 from evpose.stream.retry import Advice, Backoff, advise_on
 from evpose.types import SessionConfig
 from evpose.v1 import error_reason_pb2, geometry_pb2, session_pb2
@@ -375,6 +375,27 @@ class RetryTest(InputTest):
         self.assertEqual(results[1], False)
         self.assertFalse(outbox.wait_for_demand(1))
 
+    def test_durable_chunks_are_retained_for_a_time_and_up_to_a_size(self):
+        now = [0.0]
+        outbox = Outbox(1, FeedPoint(), RetainOptions(duration_s=5.0, max_bytes=24), lambda: now[0])
+        point = FeedPoint()
+        for seq in range(1, 6):
+            chunk = make_chunk(point, bytes([seq]) * 8)
+            point = chunk.end
+            self.assertTrue(outbox.append(chunk))
+            outbox.forget(seq)
+            now[0] += 1.0
+        self.assertEqual((outbox.first_seq, outbox.durable.seq, outbox.kept_bytes), (3, 5, 0))
+        self.assertEqual(outbox.get(3).payload, bytes([3]) * 8)
+        now[0] = 8.0
+        self.assertTrue(outbox.append(make_chunk(point, b"\x06" * 8)))
+        self.assertEqual(outbox.first_seq, 5)  # the others were reported 5 s ago
+        with self.assertRaises(evpose.DataLossError) as caught:
+            outbox.get(4)
+        self.assertEqual(caught.exception.reason, "ROLLED_BACK")
+        for changes in ({"duration_s": -1.0}, {"max_bytes": -1}):
+            self.assertIn(next(iter(changes)), self.refused(evpose.InvalidArgumentError, lambda: evpose.RetainOptions(**changes)))
+
     def test_the_numbers_are_those_of_the_api(self):
         for enum, values, prefix in ((evpose.TrackState, session_pb2.TrackState, "TRACK_STATE_"),
                                      (evpose.Encoding, session_pb2.EventEncoding, "EVENT_ENCODING_"),
@@ -383,7 +404,7 @@ class RetryTest(InputTest):
             self.assertEqual({each.name: int(each) for each in enum if each},
                              {name.removeprefix(prefix): number for name, number in values.items() if number})
         self.assertIs(evpose.TrackState(99), evpose.TrackState.UNKNOWN)
-        for reason in ("FENCED", "CRC_MISMATCH", "SESSION_NOT_FOUND", "ACCESS_WITHDRAWN", "WRONG_TOKEN"):
+        for reason in ("FENCED", "CRC_MISMATCH", "SESSION_NOT_FOUND", "ACCESS_WITHDRAWN", "WRONG_TOKEN", "ROLLED_BACK"):
             self.assertIn(reason, error_reason_pb2.ErrorReason.keys())
 
 

@@ -174,25 +174,6 @@ class ResumptionTest(StreamTest):
         self.assertEqual(len(scripted.clock.waits), 1)
         self.assertEqual((track.position.resume_token, track.position.previous_token), ("token2", "token1"))
 
-    def test_a_server_that_asks_for_a_durable_chunk_has_lost_it(self):
-        def first(stream):
-            stream.read("attach")
-            yield attached()
-            stream.read("events")
-            yield ack(1)
-            raise UNAVAILABLE
-
-        def second(stream):
-            stream.read("attach")
-            yield attached(next_seq=1)
-            stream.read("end")
-
-        scripted = ScriptedServer(first, second)
-        self.addCleanup(scripted.stop)
-        with self.assertRaises(evpose.DataLossError) as caught:
-            scripted.track([A, B]).read_all()
-        self.assertIn("chunk 1 again", str(caught.exception))
-
     def test_a_lost_answer_to_attach(self):
         def refuses(stream):
             assert stream.read("attach").resume_token == "token1"

@@ -54,6 +54,10 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
 
   bool PickResponse(const WatchView& view, v1::WatchPosesResponse& response, bool& is_last) override
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (std::exchange(is_first_, false) && cursor_ > view.last_pose_seq) {
+      response.set_continues_after_pose_seq(view.last_pose_seq);
+      return true;
+    }
     while (cursor_ < view.last_pose_seq && response.poses().empty()) {
       uint64_t skipped = 0;
       if (cursor_ >= live_from_ && view.last_pose_seq - cursor_ > session().max_poses_behind()) {
@@ -86,6 +90,7 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
   double min_interval_us_ = 0.0;
   uint64_t cursor_ = 0;     // number of the last pose that was sent or omitted
   uint64_t live_from_ = 0;  // number of the last pose that existed when the reader started
+  bool is_first_ = true;    // no response has been picked
   std::vector<int64_t> last_t_us_;
 };
 

@@ -33,7 +33,7 @@ void OrphanCollector::Delete(const std::string& name, const std::string& lifecyc
   // keeps its session, but its stream is fenced and has to attach again.
   const auto taken = store_.TakeSession(name);
   if (!taken.ok() || taken->session.lifecycle != lifecycle) return;
-  const absl::Status status = store_.DeleteHeldSession(name, taken->lease->fencing_number());
+  const absl::Status status = store_.DeleteHeldSession(name, taken->lease->token());
   SessionLog log(name, taken->session.record.tenant);
   if (status.ok()) {
     log.Deleted("", "no server has it, and it has expired", 0);

@@ -144,6 +144,7 @@ void SessionCommitter::CountFailure(const absl::Status& status) {
   const CheckpointFailure kind = absl::IsUnavailable(status)         ? CheckpointFailure::kStoreAway
                                  : absl::IsResourceExhausted(status) ? CheckpointFailure::kStoreFull
                                  : absl::IsAborted(status)           ? CheckpointFailure::kFenced
+                                 : absl::IsOutOfRange(status)        ? CheckpointFailure::kRolledBack
                                                                      : CheckpointFailure::kStoreFailed;
   metrics_->checkpoint_failures[kind].Add();
 }
@@ -156,6 +157,12 @@ absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {
     case absl::StatusCode::kNotFound:
       return WithReason(absl::NotFoundError(absl::StrCat(session, " was deleted")), v1::SESSION_DELETED,
                         {{"session", session}});
+    case absl::StatusCode::kOutOfRange:
+      // UNAVAILABLE, so that the client attaches again: the session is then resumed from what the store has.
+      return WithReason(absl::UnavailableError(absl::StrCat(
+                            "the store has lost the last changes of ", session,
+                            ", because a replica without them was made its master; attach again to continue")),
+                        v1::ROLLED_BACK, {{"session", session}});
     case absl::StatusCode::kResourceExhausted:
       return WithReason(absl::ResourceExhaustedError(
                             absl::StrCat("the store has no room for ", session, ": ", status.message(),

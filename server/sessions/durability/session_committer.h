@@ -40,8 +40,8 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     bool has_waiting = false;  // a checkpoint has been handed over and not been persisted
     bool store_is_away = false;
     // Not OK: nothing more is persisted. The error for the session's clients: ABORTED (FENCED), NOT_FOUND
-    // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL), UNAVAILABLE (DRAINING, the store was closed), INTERNAL
-    // (STORE_FAILED).
+    // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL), UNAVAILABLE (DRAINING, the store was closed; ROLLED_BACK, it
+    // has lost the last commits), INTERNAL (STORE_FAILED).
     absl::Status failure;
   };
 
@@ -65,7 +65,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
                         std::chrono::steady_clock::time_point begun_at = std::chrono::steady_clock::now());
 
   Progress progress() const;
-  uint64_t fencing_number() const { return lease_->fencing_number(); }
+  const FencingToken& token() const { return lease_->token(); }
 
   // Starts no further commit.
   void Close();

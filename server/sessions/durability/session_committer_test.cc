@@ -30,9 +30,10 @@ class TestLease : public SessionLease {
     commits_->waiting.emplace_back(std::move(commit), std::move(done));
     commits_->came.notify_all();
   }
-  uint64_t fencing_number() const override { return 1; }
+  const FencingToken& token() const override { return token_; }
 
  private:
+  const FencingToken token_ = {1, "holder"};
   const std::shared_ptr<Commits> commits_;
 };
 
@@ -142,6 +143,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
       {absl::NotFoundError("gone"), "SESSION_DELETED"},
       {absl::ResourceExhaustedError("disk full"), "STORE_FULL"},
       {absl::CancelledError("closed"), "DRAINING"},
+      {absl::OutOfRangeError("lost"), "ROLLED_BACK"},
       {absl::DataLossError("bad page"), "STORE_FAILED"},
   };
   for (const auto& [answer, reason] : cases) {
@@ -158,6 +160,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
     EXPECT_TRUE(commits->waiting.empty()) << "no commit starts after the end";
   }
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kFenced].value(), 1u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kRolledBack].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFull].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFailed].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), 0u);

@@ -75,6 +75,16 @@ absl::Status StreamGate::CheckAttach(absl::string_view token_digest, uint64_t la
   return absl::OkStatus();
 }
 
+absl::Status StreamGate::CheckFirstSeq(absl::string_view token_digest, uint64_t first_seq) const {
+  if (first_seq <= next_seq_ || has_ended() || !IsDigestGood(token_digest, lifecycle())) return absl::OkStatus();
+  return WithReason(
+      absl::DataLossError(absl::StrCat(
+          "the store has lost the chunks of ", options_.session, " from ", next_seq_,
+          " on, and the client can send those from ", first_seq,
+          " on only: the session has ended; its stored poses stay readable, and a new session can track the rest")),
+      v1::ROLLED_BACK, {{"session", options_.session}, {"expected_seq", absl::StrCat(next_seq_)}});
+}
+
 uint64_t StreamGate::Attach(std::string new_token, std::string token_digest, uint64_t queued_bytes,
                             uint64_t sent_pose_seq) {
   ReplaceToken(std::move(new_token), std::move(token_digest));

@@ -23,24 +23,31 @@ absl::Status CheckContinues(const std::vector<PoseSegment>& poses, uint64_t& nex
 }  // namespace
 
 void CheckedLease::Commit(SessionCommit commit, Done done) {
-  uint64_t next_pose_seq = 0;
+  CommitPlace place;
   uint64_t next_pose_seq_after = 0;
   absl::Status refusal;
   {
     const std::lock_guard lock(progress_->mutex);
-    next_pose_seq = progress_->next_pose_seq;
-    next_pose_seq_after = next_pose_seq;
+    place = progress_->next_place;
+    next_pose_seq_after = place.next_pose_seq;
     refusal = progress_->is_writing ? absl::FailedPreconditionError("the last commit is not done yet")
                                     : CheckContinues(commit.poses, next_pose_seq_after);
-    if (refusal.ok()) progress_->is_writing = true;
+    if (refusal.ok()) {
+      progress_->is_writing = true;
+      ++progress_->next_place.number;
+    }
   }
   if (!refusal.ok()) return Refuse(std::move(refusal), std::move(done));
-  Write(std::move(commit), next_pose_seq,
-        [progress = progress_, next_pose_seq_after, done = std::move(done)](absl::Status status) mutable {
+  Write(std::move(commit), place,
+        [progress = progress_, number = place.number, next_pose_seq_after,
+         done = std::move(done)](absl::Status status) mutable {
           {
             const std::lock_guard lock(progress->mutex);
             progress->is_writing = false;
-            if (status.ok()) progress->next_pose_seq = next_pose_seq_after;
+            if (status.ok()) {
+              progress->next_place.next_pose_seq = next_pose_seq_after;
+              progress->next_place.last_ok = number;
+            }
           }
           done(std::move(status));
         });
@@ -51,6 +58,17 @@ absl::Status StoreClosedError() { return absl::CancelledError("the store is clos
 absl::Status FencedError(absl::string_view session, uint64_t fencing_number) {
   return absl::AbortedError(
       absl::StrCat(session, " was taken by another holder; the lease ", fencing_number, " no longer holds it"));
+}
+
+absl::Status RolledBackError(absl::string_view session, uint64_t fencing_number) {
+  return absl::OutOfRangeError(absl::StrCat("the store has lost the last writes of ", session, ", which the lease ",
+                                            fencing_number, " had made"));
+}
+
+absl::Status CheckHolder(absl::string_view session, const FencingToken& stored, const FencingToken& own) {
+  if (stored == own) return absl::OkStatus();
+  // Every later lease has a higher number. An earlier one holds the session again, or the same number was given twice.
+  return stored.number < own.number ? RolledBackError(session, own.number) : FencedError(session, own.number);
 }
 
 absl::Status SessionNotFoundError(absl::string_view session) {

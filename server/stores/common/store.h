@@ -106,7 +106,16 @@ struct StoredLifecycle {
   std::string lifecycle;
 };
 
-// The right to write to a session. A session has one holder; its fencing number distinguishes it from earlier holders.
+// Identifies one lease. A commit is written only if both parts equal those in the store. The number alone is not
+// unique: a replica that had missed the last numbers and was made the master gives them out again.
+struct FencingToken {
+  uint64_t number = 0;  // higher than that of every earlier lease on a session of this name that the store knows
+  std::string holder;   // random (RandomHex128), of this lease alone
+
+  friend bool operator==(const FencingToken&, const FencingToken&) = default;
+};
+
+// The right to write to a session. A session has one holder; its fencing token distinguishes it from all others.
 // Thread-safe. A lease may outlive its store; then Commit() ends with CANCELLED.
 class SessionLease {
  public:
@@ -117,6 +126,8 @@ class SessionLease {
   // Commit(). OK means that the commit is as durable as the store is. After every error but UNAVAILABLE nothing has
   // been written:
   // - ABORTED: another holder has taken the session.
+  // - OUT_OF_RANGE: the store has lost this lease, or a commit of it that ended with OK: a replica without the last
+  //   writes was made the master. Nobody else has the session; whoever takes it again continues from an older state.
   // - NOT_FOUND: the session was deleted.
   // - RESOURCE_EXHAUSTED: the disk or the quota is full; later commits succeed when space is available again.
   // - UNAVAILABLE: the store does not respond. The commit may have been written; see SessionCommit::poses.
@@ -128,8 +139,7 @@ class SessionLease {
   // Writes `commit` atomically. At most one commit may be in progress.
   virtual void Commit(SessionCommit commit, Done done) = 0;
 
-  // The fencing number: higher than that of every earlier lease on a session of this name.
-  virtual uint64_t fencing_number() const = 0;
+  virtual const FencingToken& token() const = 0;
 };
 
 struct StoreUsage {
@@ -183,8 +193,8 @@ class Store {
     StoredSession session;
     std::unique_ptr<SessionLease> lease;
   };
-  // Reads a session and takes it with a higher fencing number: from now on commits of earlier holders fail with
-  // ABORTED. Errors: NOT_FOUND; DATA_LOSS naming the session and the damaged part.
+  // Reads a session and takes it with a new fencing token: from now on commits of earlier holders fail with ABORTED.
+  // Errors: NOT_FOUND; DATA_LOSS naming the session and the damaged part.
   virtual absl::StatusOr<Taken> TakeSession(absl::string_view name) = 0;
   // Reads a session without taking it. Segments without a pose after `after_pose_seq` are omitted. Errors: those of
   // TakeSession().
@@ -196,9 +206,9 @@ class Store {
   virtual absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const = 0;
   // Returns OK also when the session does not exist. Damaged sessions are deleted, too.
   virtual absl::Status DeleteSession(absl::string_view name) = 0;
-  // As DeleteSession(), but only if the lease with this fencing number holds the session. Errors: ABORTED when another
-  // holder has taken it; the session is kept.
-  virtual absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) = 0;
+  // As DeleteSession(), but only if the lease with this token holds the session. Errors: ABORTED when another holder
+  // has taken it, OUT_OF_RANGE when the store has lost the lease; the session is kept.
+  virtual absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) = 0;
 
   // Retention: deletes the sessions that ended before `ended_before`. A full store also deletes ended sessions without
   // a call, beginning with the earliest end. Returns the names of all sessions deleted in either way since the last

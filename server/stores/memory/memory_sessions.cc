@@ -43,30 +43,33 @@ void Apply(SessionCommit commit, uint64_t next_pose_seq, MemorySession& session)
 
 }  // namespace
 
-absl::StatusOr<uint64_t> MemorySessions::Create(const SessionRecord& record, const std::string& lifecycle) {
+absl::StatusOr<FencingToken> MemorySessions::Create(const SessionRecord& record, const std::string& lifecycle,
+                                                    std::string holder) {
   const std::lock_guard lock(mutex_);
-  if (sessions_.contains(record.name)) return SessionExistsError(record.name);
-  MemorySession session = {.stored = {.record = record, .lifecycle = lifecycle},
-                           .fencing_number = last_fencing_number_ + 1};
+  if (contents_.sessions.contains(record.name)) return SessionExistsError(record.name);
+  const FencingToken token = {contents_.last_fencing_number + 1, std::move(holder)};
+  MemorySession session = {.stored = {.record = record, .lifecycle = lifecycle}, .token = token};
   const uint64_t size_bytes = SizeBytes(session.stored);
   EVPOSE_RETURN_IF_ERROR(MakeRoom(size_bytes, record.name));
-  size_bytes_ += size_bytes;
-  sessions_.emplace(record.name, std::move(session));
-  return ++last_fencing_number_;
+  contents_.size_bytes += size_bytes;
+  contents_.sessions.emplace(record.name, std::move(session));
+  ++contents_.last_fencing_number;
+  return token;
 }
 
-absl::StatusOr<MemorySession> MemorySessions::Take(absl::string_view name) {
+absl::StatusOr<MemorySession> MemorySessions::Take(absl::string_view name, std::string holder) {
   const std::lock_guard lock(mutex_);
-  const auto found = sessions_.find(name);
-  if (found == sessions_.end()) return SessionNotFoundError(name);
-  found->second.fencing_number = ++last_fencing_number_;
+  const auto found = contents_.sessions.find(name);
+  if (found == contents_.sessions.end()) return SessionNotFoundError(name);
+  found->second.token = {++contents_.last_fencing_number, std::move(holder)};
+  found->second.last_commit = 0;
   return found->second;
 }
 
 absl::StatusOr<StoredSession> MemorySessions::Read(absl::string_view name, uint64_t after_pose_seq) const {
   const std::lock_guard lock(mutex_);
-  const auto found = sessions_.find(name);
-  if (found == sessions_.end()) return SessionNotFoundError(name);
+  const auto found = contents_.sessions.find(name);
+  if (found == contents_.sessions.end()) return SessionNotFoundError(name);
   const StoredSession& all = found->second.stored;
   StoredSession read = {.record = all.record, .lifecycle = all.lifecycle, .checkpoint = all.checkpoint};
   std::copy_if(all.poses.begin(), all.poses.end(), std::back_inserter(read.poses),
@@ -77,16 +80,16 @@ absl::StatusOr<StoredSession> MemorySessions::Read(absl::string_view name, uint6
 std::vector<SessionRecord> MemorySessions::List() const {
   const std::lock_guard lock(mutex_);
   std::vector<SessionRecord> records;
-  records.reserve(sessions_.size());
-  for (const auto& [name, session] : sessions_) records.push_back(session.stored.record);
+  records.reserve(contents_.sessions.size());
+  for (const auto& [name, session] : contents_.sessions) records.push_back(session.stored.record);
   return records;
 }
 
 std::vector<StoredLifecycle> MemorySessions::ReadLifecycles() const {
   const std::lock_guard lock(mutex_);
   std::vector<StoredLifecycle> lifecycles;
-  lifecycles.reserve(sessions_.size());
-  for (const auto& [name, session] : sessions_) {
+  lifecycles.reserve(contents_.sessions.size());
+  for (const auto& [name, session] : contents_.sessions) {
     lifecycles.push_back({.name = name, .lifecycle = session.stored.lifecycle});
   }
   return lifecycles;
@@ -94,14 +97,14 @@ std::vector<StoredLifecycle> MemorySessions::ReadLifecycles() const {
 
 void MemorySessions::Delete(absl::string_view name) {
   const std::lock_guard lock(mutex_);
-  if (const auto found = sessions_.find(name); found != sessions_.end()) Erase(found);
+  if (const auto found = contents_.sessions.find(name); found != contents_.sessions.end()) Erase(found);
 }
 
-absl::Status MemorySessions::DeleteHeld(absl::string_view name, uint64_t fencing_number) {
+absl::Status MemorySessions::DeleteHeld(absl::string_view name, const FencingToken& token) {
   const std::lock_guard lock(mutex_);
-  const auto found = sessions_.find(name);
-  if (found == sessions_.end()) return absl::OkStatus();
-  if (found->second.fencing_number != fencing_number) return FencedError(name, fencing_number);
+  const auto found = contents_.sessions.find(name);
+  if (found == contents_.sessions.end()) return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(CheckHolder(name, found->second.token, token));
   Erase(found);
   return absl::OkStatus();
 }
@@ -109,7 +112,7 @@ absl::Status MemorySessions::DeleteHeld(absl::string_view name, uint64_t fencing
 std::vector<std::string> MemorySessions::DeleteEnded(absl::Time ended_before) {
   const std::lock_guard lock(mutex_);
   std::vector<std::string> names = std::exchange(deleted_for_room_, {});
-  for (auto session = sessions_.begin(); session != sessions_.end();) {
+  for (auto session = contents_.sessions.begin(); session != contents_.sessions.end();) {
     const bool goes = session->second.ended_at.has_value() && *session->second.ended_at < ended_before;
     if (goes) names.push_back(session->first);
     session = goes ? Erase(session) : std::next(session);
@@ -117,35 +120,47 @@ std::vector<std::string> MemorySessions::DeleteEnded(absl::Time ended_before) {
   return names;
 }
 
-absl::Status MemorySessions::Commit(absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq,
+absl::Status MemorySessions::Commit(absl::string_view name, const FencingToken& token, const CommitPlace& place,
                                     SessionCommit commit) {
   const std::lock_guard lock(mutex_);
-  const auto found = sessions_.find(name);
-  if (found == sessions_.end()) return SessionNotFoundError(name);
-  if (found->second.fencing_number != fencing_number) return FencedError(name, fencing_number);
+  const auto found = contents_.sessions.find(name);
+  if (found == contents_.sessions.end()) return SessionNotFoundError(name);
+  EVPOSE_RETURN_IF_ERROR(CheckHolder(name, found->second.token, token));
+  if (found->second.last_commit < place.last_ok) return RolledBackError(name, token.number);
   EVPOSE_RETURN_IF_ERROR(MakeRoom(SizeBytes(commit), name));
-  size_bytes_ -= SizeBytes(found->second.stored);
-  Apply(std::move(commit), next_pose_seq, found->second);
-  size_bytes_ += SizeBytes(found->second.stored);
+  contents_.size_bytes -= SizeBytes(found->second.stored);
+  Apply(std::move(commit), place.next_pose_seq, found->second);
+  found->second.last_commit = place.number;
+  contents_.size_bytes += SizeBytes(found->second.stored);
   return absl::OkStatus();
+}
+
+MemorySessions::Contents MemorySessions::Copy() const {
+  const std::lock_guard lock(mutex_);
+  return contents_;
+}
+
+void MemorySessions::Replace(Contents contents) {
+  const std::lock_guard lock(mutex_);
+  contents_ = std::move(contents);
 }
 
 StoreUsage MemorySessions::Usage() const {
   const std::lock_guard lock(mutex_);
-  return {.bytes = size_bytes_, .max_bytes = max_bytes_};
+  return {.bytes = contents_.size_bytes, .max_bytes = max_bytes_};
 }
 
 absl::Status MemorySessions::MakeRoom(uint64_t more_bytes, absl::string_view keep) {
-  while (size_bytes_ + more_bytes > max_bytes_) {
-    auto oldest = sessions_.end();
-    for (auto session = sessions_.begin(); session != sessions_.end(); ++session) {
+  while (contents_.size_bytes + more_bytes > max_bytes_) {
+    auto oldest = contents_.sessions.end();
+    for (auto session = contents_.sessions.begin(); session != contents_.sessions.end(); ++session) {
       if (session->first == keep || !session->second.ended_at.has_value()) continue;
-      if (oldest == sessions_.end() || *session->second.ended_at < *oldest->second.ended_at) oldest = session;
+      if (oldest == contents_.sessions.end() || *session->second.ended_at < *oldest->second.ended_at) oldest = session;
     }
-    if (oldest == sessions_.end()) {
+    if (oldest == contents_.sessions.end()) {
       return absl::ResourceExhaustedError(absl::StrCat("the sessions in memory are full: ", more_bytes,
-                                                       " bytes do not fit beside ", size_bytes_, " of at most ",
-                                                       max_bytes_, "; delete sessions, or allow more"));
+                                                       " bytes do not fit beside ", contents_.size_bytes,
+                                                       " of at most ", max_bytes_, "; delete sessions, or allow more"));
     }
     deleted_for_room_.push_back(oldest->first);
     Erase(oldest);
@@ -154,8 +169,8 @@ absl::Status MemorySessions::MakeRoom(uint64_t more_bytes, absl::string_view kee
 }
 
 MemorySessions::Sessions::iterator MemorySessions::Erase(Sessions::iterator session) {
-  size_bytes_ -= SizeBytes(session->second.stored);
-  return sessions_.erase(session);
+  contents_.size_bytes -= SizeBytes(session->second.stored);
+  return contents_.sessions.erase(session);
 }
 
 }  // namespace evpose::server

@@ -15,13 +15,15 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "server/stores/common/checked_lease.h"
 #include "server/stores/common/store.h"
 
 namespace evpose::server {
 
 struct MemorySession {
   StoredSession stored;
-  uint64_t fencing_number = 0;
+  FencingToken token;
+  uint64_t last_commit = 0;    // number of the last commit of the holder
   uint64_t next_pose_seq = 1;  // kept also when all poses have been deleted
   uint64_t first_pose_seq_kept = 1;
   std::optional<absl::Time> ended_at;
@@ -33,18 +35,29 @@ class MemorySessions {
   // `max_bytes` bounds the bytes of all sessions together: configurations, lifecycles, checkpoints and poses.
   explicit MemorySessions(uint64_t max_bytes) : max_bytes_(max_bytes) {}
 
-  // Returns the fencing number of the lease.
-  absl::StatusOr<uint64_t> Create(const SessionRecord& record, const std::string& lifecycle);
-  absl::StatusOr<MemorySession> Take(absl::string_view name);
+  // `holder`: FencingToken::holder of the lease. Returns its token.
+  absl::StatusOr<FencingToken> Create(const SessionRecord& record, const std::string& lifecycle, std::string holder);
+  absl::StatusOr<MemorySession> Take(absl::string_view name, std::string holder);
   absl::StatusOr<StoredSession> Read(absl::string_view name, uint64_t after_pose_seq) const;
   std::vector<SessionRecord> List() const;
   std::vector<StoredLifecycle> ReadLifecycles() const;
   void Delete(absl::string_view name);
-  absl::Status DeleteHeld(absl::string_view name, uint64_t fencing_number);
+  absl::Status DeleteHeld(absl::string_view name, const FencingToken& token);
   std::vector<std::string> DeleteEnded(absl::Time ended_before);
   StoreUsage Usage() const;
-  // `next_pose_seq`: as in CheckedLease::Write().
-  absl::Status Commit(absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq, SessionCommit commit);
+  absl::Status Commit(absl::string_view name, const FencingToken& token, const CommitPlace& place,
+                      SessionCommit commit);
+
+  // All sessions and the last fencing number: what a replica of a shared store has at some time.
+  struct Contents {
+    std::map<std::string, MemorySession, std::less<>> sessions;
+    uint64_t size_bytes = 0;
+    uint64_t last_fencing_number = 0;
+  };
+  Contents Copy() const;
+  // The stores on these sessions continue with the contents, as after the promotion of a replica. Leases that are not
+  // in them are lost.
+  void Replace(Contents contents);
 
  private:
   using Sessions = std::map<std::string, MemorySession, std::less<>>;
@@ -56,9 +69,7 @@ class MemorySessions {
 
   const uint64_t max_bytes_;
   mutable std::mutex mutex_;
-  Sessions sessions_ ABSL_GUARDED_BY(mutex_);
-  uint64_t size_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
-  uint64_t last_fencing_number_ ABSL_GUARDED_BY(mutex_) = 0;
+  Contents contents_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::string> deleted_for_room_ ABSL_GUARDED_BY(mutex_);
 };
 

@@ -8,6 +8,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/any_invocable.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/random_name.h"
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/common/commit_guard.h"
 #include "server/stores/common/job_thread.h"
@@ -29,9 +30,9 @@ struct CommitJob {
 
 // The state that the leases share with their store. It lives until the last lease is destroyed.
 struct Shared {
-  explicit Shared(uint64_t max_bytes) : sessions(max_bytes) {}
+  explicit Shared(std::shared_ptr<MemorySessions> all) : sessions(std::move(all)) {}
 
-  MemorySessions sessions;
+  const std::shared_ptr<MemorySessions> sessions;
   JobThread<CommitJob> committer{[](std::vector<CommitJob> jobs) {
     for (CommitJob& job : jobs) job.done(OrUnavailable([&job] { return job.write(); }));
   }};
@@ -39,17 +40,16 @@ struct Shared {
 
 class MemoryLease : public CheckedLease {
  public:
-  MemoryLease(std::shared_ptr<Shared> shared, absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq)
-      : CheckedLease(fencing_number, next_pose_seq), shared_(std::move(shared)), name_(name) {}
+  MemoryLease(std::shared_ptr<Shared> shared, absl::string_view name, const FencingToken& token, uint64_t next_pose_seq)
+      : CheckedLease(token, next_pose_seq), shared_(std::move(shared)), name_(name) {}
 
  private:
-  void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
-    shared_->committer.Push({.write =
-                                 [&sessions = shared_->sessions, name = name_, number = fencing_number(), next_pose_seq,
-                                  commit = std::move(commit)]() mutable {
-                                   return sessions.Commit(name, number, next_pose_seq, std::move(commit));
-                                 },
-                             .done = std::move(done)});
+  void Write(SessionCommit commit, const CommitPlace& place, Done done) override {
+    shared_->committer.Push(
+        {.write = [sessions = shared_->sessions, name = name_, token = token(), place,
+                   commit =
+                       std::move(commit)]() mutable { return sessions->Commit(name, token, place, std::move(commit)); },
+         .done = std::move(done)});
   }
   void Refuse(absl::Status status, Done done) override {
     shared_->committer.Push({.write = [status = std::move(status)] { return status; }, .done = std::move(done)});
@@ -61,13 +61,14 @@ class MemoryLease : public CheckedLease {
 
 class MemoryStore : public Store {
  public:
-  explicit MemoryStore(uint64_t max_bytes) : shared_(std::make_shared<Shared>(max_bytes)) {}
+  explicit MemoryStore(std::shared_ptr<MemorySessions> sessions)
+      : shared_(std::make_shared<Shared>(std::move(sessions))) {}
   ~MemoryStore() override { shared_->committer.Close(); }
 
   StoreKind kind() const override { return StoreKind::kMemory; }
   absl::Status CheckHealth() override { return absl::OkStatus(); }
   std::vector<std::string> damage() const override { return {}; }
-  std::optional<StoreUsage> Usage() override { return shared_->sessions.Usage(); }
+  std::optional<StoreUsage> Usage() override { return shared_->sessions->Usage(); }
 
   absl::StatusOr<std::vector<ModelRecord>> ListModels() const override {
     const std::lock_guard lock(mutex_);
@@ -107,36 +108,38 @@ class MemoryStore : public Store {
 
   absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                               const std::string& lifecycle) override {
-    EVPOSE_ASSIGN_OR_RETURN(const uint64_t fencing_number, shared_->sessions.Create(record, lifecycle));
-    return std::make_unique<MemoryLease>(shared_, record.name, fencing_number, /*next_pose_seq=*/1);
+    EVPOSE_ASSIGN_OR_RETURN(std::string holder, RandomHex128());
+    EVPOSE_ASSIGN_OR_RETURN(const FencingToken token, shared_->sessions->Create(record, lifecycle, std::move(holder)));
+    return std::make_unique<MemoryLease>(shared_, record.name, token, /*next_pose_seq=*/1);
   }
 
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(MemorySession session, shared_->sessions.Take(name));
+    EVPOSE_ASSIGN_OR_RETURN(std::string holder, RandomHex128());
+    EVPOSE_ASSIGN_OR_RETURN(MemorySession session, shared_->sessions->Take(name, std::move(holder)));
     const uint64_t next_pose_seq = session.next_pose_seq;
     return Taken{.session = std::move(session.stored),
-                 .lease = std::make_unique<MemoryLease>(shared_, name, session.fencing_number, next_pose_seq)};
+                 .lease = std::make_unique<MemoryLease>(shared_, name, session.token, next_pose_seq)};
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
-    return shared_->sessions.Read(name, after_pose_seq);
+    return shared_->sessions->Read(name, after_pose_seq);
   }
-  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override { return shared_->sessions.List(); }
+  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override { return shared_->sessions->List(); }
   absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
-    return shared_->sessions.ReadLifecycles();
+    return shared_->sessions->ReadLifecycles();
   }
 
   absl::Status DeleteSession(absl::string_view name) override {
-    shared_->sessions.Delete(name);
+    shared_->sessions->Delete(name);
     return absl::OkStatus();
   }
 
-  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
-    return shared_->sessions.DeleteHeld(name, fencing_number);
+  absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) override {
+    return shared_->sessions->DeleteHeld(name, token);
   }
 
   absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
-    return shared_->sessions.DeleteEnded(ended_before);
+    return shared_->sessions->DeleteEnded(ended_before);
   }
 
  private:
@@ -147,6 +150,12 @@ class MemoryStore : public Store {
 
 }  // namespace
 
-std::unique_ptr<Store> MakeMemoryStore(uint64_t max_bytes) { return std::make_unique<MemoryStore>(max_bytes); }
+std::unique_ptr<Store> MakeMemoryStore(uint64_t max_bytes) {
+  return MakeMemoryStore(std::make_shared<MemorySessions>(max_bytes));
+}
+
+std::unique_ptr<Store> MakeMemoryStore(std::shared_ptr<MemorySessions> sessions) {
+  return std::make_unique<MemoryStore>(std::move(sessions));
+}
 
 }  // namespace evpose::server

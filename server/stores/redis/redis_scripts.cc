@@ -9,7 +9,7 @@ namespace evpose::server {
 const RedisScript kRedisCreate = {R"lua(
 if redis.call('EXISTS', KEYS[1]) == 1 then return 0 end
 local number = redis.call('INCR', KEYS[3])
-redis.call('HSET', KEYS[1], 'fencing', number, 'commit', 0, 'next', 1, 'kept', 1,
+redis.call('HSET', KEYS[1], 'fencing', number, 'holder', ARGV[5], 'commit', 0, 'next', 1, 'kept', 1,
   'record', ARGV[2], 'lifecycle', ARGV[3])
 redis.call('PEXPIRE', KEYS[1], ARGV[4])
 redis.call('SADD', KEYS[2], ARGV[1])
@@ -19,7 +19,7 @@ return number
 const RedisScript kRedisRead = {R"lua(
 if redis.call('EXISTS', KEYS[1]) == 0 then return false end
 if ARGV[1] == '1' then
-  redis.call('HSET', KEYS[1], 'fencing', redis.call('INCR', KEYS[3]), 'commit', 0)
+  redis.call('HSET', KEYS[1], 'fencing', redis.call('INCR', KEYS[3]), 'holder', ARGV[5], 'commit', 0)
   redis.call('PEXPIRE', KEYS[1], ARGV[2])
   redis.call('PEXPIRE', KEYS[2], ARGV[2])
 end
@@ -32,10 +32,12 @@ return values
 )lua"};
 
 const RedisScript kRedisCommit = {R"lua(
-local held = redis.call('HMGET', KEYS[1], 'fencing', 'commit', 'kept')
+local held = redis.call('HMGET', KEYS[1], 'fencing', 'commit', 'kept', 'holder')
 if not held[1] then return redis.status_reply('NOTFOUND') end
-if held[1] ~= ARGV[2] then return redis.status_reply('FENCED') end
+if tonumber(held[1]) < tonumber(ARGV[2]) then return redis.status_reply('LOST') end
+if held[1] ~= ARGV[2] or held[4] ~= ARGV[11] then return redis.status_reply('FENCED') end
 if tonumber(held[2]) >= tonumber(ARGV[3]) then return redis.status_reply('STALE') end
+if tonumber(held[2]) < tonumber(ARGV[12]) then return redis.status_reply('LOST') end
 redis.call('HSET', KEYS[1], 'commit', ARGV[3])
 if ARGV[9] ~= '' then redis.call('HSET', KEYS[1], 'checkpoint', ARGV[9]) end
 if ARGV[10] ~= '' then redis.call('HSET', KEYS[1], 'lifecycle', ARGV[10]) end
@@ -44,14 +46,14 @@ if ARGV[6] ~= '' then redis.call('ZADD', KEYS[3], ARGV[6], ARGV[1]) end
 local function first_of(entry) return tonumber(string.match(entry[1], '^(%d+)')) end
 local function last_of(entry) return tonumber(string.match(entry[1], '(%d+)$')) end
 local kept = math.max(tonumber(held[3]), tonumber(ARGV[5]))
-if #ARGV > 10 then
+if #ARGV > 12 then
   local replaced = redis.call('XRANGE', KEYS[2], ARGV[4], '+')
   for _, entry in ipairs(replaced) do redis.call('XDEL', KEYS[2], entry[1]) end
   if #replaced > 0 then
     local top = redis.call('XREVRANGE', KEYS[2], '+', '-', 'COUNT', 1)
     redis.call('XSETID', KEYS[2], top[1] and top[1][1] or '0-0')
   end
-  for i = 11, #ARGV, 3 do redis.call('XADD', KEYS[2], ARGV[i] .. '-' .. ARGV[i + 1], 'b', ARGV[i + 2]) end
+  for i = 13, #ARGV, 3 do redis.call('XADD', KEYS[2], ARGV[i] .. '-' .. ARGV[i + 1], 'b', ARGV[i + 2]) end
   redis.call('HSET', KEYS[1], 'next', string.format('%.0f', tonumber(ARGV[#ARGV - 1]) + 1))
   if redis.call('XLEN', KEYS[2]) > tonumber(ARGV[8]) then
     redis.call('XTRIM', KEYS[2], 'MAXLEN', ARGV[8])
@@ -71,12 +73,15 @@ return redis.status_reply('OK')
 )lua"};
 
 const RedisScript kRedisDelete = {R"lua(
-local holder = redis.call('HGET', KEYS[1], 'fencing')
-if ARGV[2] ~= '' and holder and holder ~= ARGV[2] then return 0 end
+local held = redis.call('HMGET', KEYS[1], 'fencing', 'holder')
+if ARGV[2] ~= '' and held[1] then
+  if tonumber(held[1]) < tonumber(ARGV[2]) then return redis.status_reply('LOST') end
+  if held[1] ~= ARGV[2] or held[2] ~= ARGV[3] then return redis.status_reply('FENCED') end
+end
 redis.call('DEL', KEYS[1], KEYS[2])
 redis.call('ZREM', KEYS[3], ARGV[1])
 redis.call('SREM', KEYS[4], ARGV[1])
-return 1
+return redis.status_reply('OK')
 )lua"};
 
 const RedisScript kRedisDeleteEnded = {R"lua(

@@ -7,7 +7,8 @@
 //   fencing         the last fencing number
 //   sessions        a set of the names of all sessions
 //   ended           a sorted set of the names of ended sessions, by microseconds since 1970
-//   session:NAME    a hash: fencing, commit, next, kept (numbers); record, lifecycle, checkpoint
+//   session:NAME    a hash: fencing, commit, next, kept (numbers); holder (with `fencing` the token of the lease; a
+//                   session of an earlier version has none until it is taken); record, lifecycle, checkpoint
 //   poses:NAME      a stream; the ID of an entry is FIRST-LAST of its poses, its only field `b` their bytes
 //   models          a set of NAME\nTENANT
 //   model:NAME\nTENANT   a hash: header, bytes
@@ -19,19 +20,20 @@ struct RedisScript {
   const char* source;
 };
 
-// Creates a session. KEYS: session, sessions, fencing. ARGV: name, record, lifecycle, safety_ttl_ms. Returns the
-// fencing number, or 0 when the session exists.
+// Creates a session. KEYS: session, sessions, fencing. ARGV: name, record, lifecycle, safety_ttl_ms, holder. Returns
+// the fencing number, or 0 when the session exists.
 extern const RedisScript kRedisCreate;
 // Reads a session, and takes it if asked. KEYS: session, poses, fencing. ARGV: "1" to take the session or "0",
-// safety_ttl_ms, the number of a pose, that number + 1. Returns nil when the session does not exist, else fencing,
-// next, kept, record, lifecycle, checkpoint and the entries of the stream that have a later pose.
+// safety_ttl_ms, the number of a pose, that number + 1, holder. Returns nil when the session does not exist, else
+// fencing, next, kept, record, lifecycle, checkpoint and the entries of the stream that have a later pose.
 extern const RedisScript kRedisRead;
 // Writes a commit. KEYS: session, poses, ended. ARGV: name, fencing, commit number, first pose to replace, kept,
 // ended_at_us or "", safety_ttl_ms, max_segments, checkpoint or "", lifecycle or "" (an encoded record is never empty),
-// then first, last, bytes of each segment. Returns OK, NOTFOUND, FENCED, or STALE when a later commit has been written.
+// holder, number of the last commit that ended with OK, then first, last, bytes of each segment. Returns OK, NOTFOUND,
+// FENCED, STALE when a later commit has been written, or LOST when Redis has lost the lease or commits of it.
 extern const RedisScript kRedisCommit;
-// Deletes a session. KEYS: session, poses, ended, sessions. ARGV: name, fencing or "" for any holder. Returns 0 when
-// another holder has the session, else 1.
+// Deletes a session. KEYS: session, poses, ended, sessions. ARGV: name, fencing or "" for any holder, holder. Returns
+// OK, FENCED or LOST.
 extern const RedisScript kRedisDelete;
 // Deletes the sessions that ended before a time, beginning with the earliest end. KEYS: ended, sessions. ARGV:
 // microseconds or "+inf", maximum number, "evpose:session:", "evpose:poses:". Returns their names.

@@ -2,7 +2,6 @@
 #include "server/stores/redis/redis_store.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cstdio>
 #include <utility>
 
@@ -11,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/random_name.h"
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/common/checked_records.h"
 #include "server/stores/redis/redis_keys.h"
@@ -97,22 +97,24 @@ struct Shared {
   RedisClient client;
 };
 
-absl::Status CommitOutcome(const absl::StatusOr<RedisReply>& reply, absl::string_view name, uint64_t fencing_number) {
+// Of kRedisCommit and kRedisDelete.
+absl::Status WriteOutcome(const absl::StatusOr<RedisReply>& reply, absl::string_view name, uint64_t fencing_number) {
   EVPOSE_RETURN_IF_ERROR(reply.status());
   const std::string word = RedisText(reply->get());
   if (word == "OK") return absl::OkStatus();
   if (word == "NOTFOUND") return SessionNotFoundError(name);
   if (word == "FENCED") return FencedError(name, fencing_number);
+  if (word == "LOST") return RolledBackError(name, fencing_number);
   return absl::UnavailableError(absl::StrCat("a commit of ", name, " arrived after a later one: ", word));
 }
 
 class RedisLease : public CheckedLease {
  public:
-  RedisLease(std::shared_ptr<Shared> shared, absl::string_view name, uint64_t fencing_number, uint64_t next_pose_seq)
-      : CheckedLease(fencing_number, next_pose_seq), shared_(std::move(shared)), name_(name) {}
+  RedisLease(std::shared_ptr<Shared> shared, absl::string_view name, FencingToken token, uint64_t next_pose_seq)
+      : CheckedLease(std::move(token), next_pose_seq), shared_(std::move(shared)), name_(name) {}
 
  private:
-  void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
+  void Write(SessionCommit commit, const CommitPlace& place, Done done) override {
     std::string ended_at_us;
     if (commit.ended_at.has_value()) ended_at_us = std::to_string(absl::ToUnixMicros(*commit.ended_at));
     std::string checkpoint;
@@ -120,15 +122,17 @@ class RedisLease : public CheckedLease {
     std::string lifecycle;
     if (commit.lifecycle.has_value()) lifecycle = AddChecksum(LifecycleOf(name_), *std::move(commit.lifecycle));
     std::vector<std::string> arguments = {name_,
-                                          std::to_string(fencing_number()),
-                                          std::to_string(++commits_),
-                                          std::to_string(next_pose_seq),
+                                          std::to_string(token().number),
+                                          std::to_string(place.number),
+                                          std::to_string(place.next_pose_seq),
                                           std::to_string(commit.first_pose_seq_kept),
                                           std::move(ended_at_us),
                                           shared_->SafetyTtl_ms(),
                                           std::to_string(shared_->options.max_segments),
                                           std::move(checkpoint),
-                                          std::move(lifecycle)};
+                                          std::move(lifecycle),
+                                          token().holder,
+                                          std::to_string(place.last_ok)};
     for (PoseSegment& segment : commit.poses) {
       arguments.push_back(std::to_string(segment.first_pose_seq));
       arguments.push_back(std::to_string(segment.last_pose_seq));
@@ -137,8 +141,8 @@ class RedisLease : public CheckedLease {
     }
     shared_->client.PushScript(
         kRedisCommit, SessionKeys(name_, kRedisEndedKey), std::move(arguments),
-        [name = name_, number = fencing_number(), done = std::move(done)](absl::StatusOr<RedisReply> reply) mutable {
-          done(CommitOutcome(reply, name, number));
+        [name = name_, number = token().number, done = std::move(done)](absl::StatusOr<RedisReply> reply) mutable {
+          done(WriteOutcome(reply, name, number));
         });
   }
 
@@ -149,8 +153,6 @@ class RedisLease : public CheckedLease {
 
   const std::shared_ptr<Shared> shared_;
   const std::string name_;
-  // Number of the last commit. The script rejects a commit that a slow connection delivers after a later one.
-  std::atomic<uint64_t> commits_ = 0;
 };
 
 class RedisStore : public Store {
@@ -230,24 +232,28 @@ class RedisStore : public Store {
 
   absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                               const std::string& lifecycle) override {
+    FencingToken token;
+    EVPOSE_ASSIGN_OR_RETURN(token.holder, RandomHex128());
     EVPOSE_ASSIGN_OR_RETURN(
         const RedisReply reply,
         shared_->client.CallScript(kRedisCreate, {RedisSessionKey(record.name), kRedisSessionsKey, kRedisFencingKey},
                                    {record.name, EncodeRecord(record), AddChecksum(LifecycleOf(record.name), lifecycle),
-                                    shared_->SafetyTtl_ms()}));
+                                    shared_->SafetyTtl_ms(), token.holder}));
     if (reply->integer == 0) return SessionExistsError(record.name);
-    return std::make_unique<RedisLease>(shared_, record.name, static_cast<uint64_t>(reply->integer),
-                                        /*next_pose_seq=*/1);
+    token.number = static_cast<uint64_t>(reply->integer);
+    return std::make_unique<RedisLease>(shared_, record.name, std::move(token), /*next_pose_seq=*/1);
   }
 
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/true, /*after_pose_seq=*/0));
+    EVPOSE_ASSIGN_OR_RETURN(std::string holder, RandomHex128());
+    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, holder, /*after_pose_seq=*/0));
     return Taken{.session = std::move(session.stored),
-                 .lease = std::make_unique<RedisLease>(shared_, name, session.fencing_number, session.next_pose_seq)};
+                 .lease = std::make_unique<RedisLease>(
+                     shared_, name, FencingToken{session.fencing_number, std::move(holder)}, session.next_pose_seq)};
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
-    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*take=*/false, after_pose_seq));
+    EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, /*holder=*/"", after_pose_seq));
     return std::move(session.stored);
   }
 
@@ -259,11 +265,10 @@ class RedisStore : public Store {
     return ReadSessions<StoredLifecycle>("lifecycle", DecodeLifecycle);
   }
 
-  absl::Status DeleteSession(absl::string_view name) override { return Delete(name, /*holder=*/"").status(); }
+  absl::Status DeleteSession(absl::string_view name) override { return Delete(name, {}); }
 
-  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
-    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, Delete(name, std::to_string(fencing_number)));
-    return reply->integer == 0 ? FencedError(name, fencing_number) : absl::OkStatus();
+  absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) override {
+    return Delete(name, token);
   }
 
   absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
@@ -278,10 +283,12 @@ class RedisStore : public Store {
   }
 
  private:
-  absl::StatusOr<RedisReply> Delete(absl::string_view name, std::string holder) {
-    return shared_->client.CallScript(kRedisDelete,
-                                      {RedisSessionKey(name), RedisPosesKey(name), kRedisEndedKey, kRedisSessionsKey},
-                                      {std::string(name), std::move(holder)});
+  // A token without a number: any holder.
+  absl::Status Delete(absl::string_view name, const FencingToken& token) {
+    const auto reply = shared_->client.CallScript(
+        kRedisDelete, {RedisSessionKey(name), RedisPosesKey(name), kRedisEndedKey, kRedisSessionsKey},
+        {std::string(name), token.number == 0 ? "" : std::to_string(token.number), token.holder});
+    return WriteOutcome(reply, name, token.number);
   }
 
   // Checks the version and the eviction policy of Redis. Without permission for INFO both are assumed to be right.
@@ -359,12 +366,13 @@ class RedisStore : public Store {
     return model;
   }
 
-  absl::StatusOr<RedisSession> Read(absl::string_view name, bool take, uint64_t after_pose_seq) const {
+  // Takes the session if there is a holder.
+  absl::StatusOr<RedisSession> Read(absl::string_view name, const std::string& holder, uint64_t after_pose_seq) const {
     EVPOSE_ASSIGN_OR_RETURN(
         const RedisReply reply,
         shared_->client.CallScript(kRedisRead, SessionKeys(name, kRedisFencingKey),
-                                   {take ? "1" : "0", shared_->SafetyTtl_ms(), std::to_string(after_pose_seq),
-                                    std::to_string(after_pose_seq + 1)}));
+                                   {holder.empty() ? "0" : "1", shared_->SafetyTtl_ms(), std::to_string(after_pose_seq),
+                                    std::to_string(after_pose_seq + 1), holder}));
     return ReadAnswer(name, after_pose_seq, reply.get());
   }
 

@@ -124,10 +124,27 @@ TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1"}).ok());
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "2"}).ok());
   // The first commit once more, as a slow connection would deliver it.
-  const std::string answer =
-      redis_.Text({"EVAL", kRedisCommit.source, "3", "evpose:session:sessions/a", "evpose:poses:sessions/a",
-                   "evpose:ended", "sessions/a", std::to_string(lease->fencing_number()), "1", "1", "1", "", "1000000",
-                   "10", "stale", "", "1", "1", "stale"});
+  const std::string answer = redis_.Text({"EVAL",
+                                          kRedisCommit.source,
+                                          "3",
+                                          "evpose:session:sessions/a",
+                                          "evpose:poses:sessions/a",
+                                          "evpose:ended",
+                                          "sessions/a",
+                                          std::to_string(lease->token().number),
+                                          "1",
+                                          "1",
+                                          "1",
+                                          "",
+                                          "1000000",
+                                          "10",
+                                          "stale",
+                                          "",
+                                          lease->token().holder,
+                                          "0",
+                                          "1",
+                                          "1",
+                                          "stale"});
   EXPECT_EQ(answer, "STALE");
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
   EXPECT_TRUE(store_->ReadSession("sessions/a")->poses.empty());

@@ -59,6 +59,21 @@ void RedisServer::Kill() {
 
 void RedisServer::Signal(int signal) const { kill(process_, signal); }
 
+std::vector<std::pair<std::string, std::string>> RedisServer::Contents() const {
+  std::vector<std::pair<std::string, std::string>> contents;
+  const RedisReply keys = Run({"KEYS", "*"});
+  for (size_t i = 0; i < keys->elements; ++i) {
+    const std::string key = RedisText(keys->element[i]);
+    contents.emplace_back(key, Text({"DUMP", key}));
+  }
+  return contents;
+}
+
+void RedisServer::Replace(const std::vector<std::pair<std::string, std::string>>& contents) const {
+  Run({"FLUSHALL"});
+  for (const auto& [key, value] : contents) EXPECT_EQ(Text({"RESTORE", key, "0", value}), "OK");
+}
+
 RedisReply RedisServer::Run(const RedisCommand& command) const {
   auto connection = RedisConnection::Open(ParseRedisAddress(url()).value(), absl::Seconds(60)).value();
   return connection->Run(command).value();

@@ -7,6 +7,7 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "server/stores/redis/redis_address.h"
@@ -32,6 +33,11 @@ class RedisServer {
   void Start();
   // Sends a signal, for example SIGSTOP or SIGCONT.
   void Signal(int signal) const;
+
+  // All keys with their values, as DUMP returns them.
+  std::vector<std::pair<std::string, std::string>> Contents() const;
+  // Replaces all keys, as a replica does that had missed the last writes and became the master.
+  void Replace(const std::vector<std::pair<std::string, std::string>>& contents) const;
 
   // Runs a command on a new connection.
   RedisReply Run(const RedisCommand& command) const;

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -28,10 +29,19 @@ struct SqliteSessionState {
   uint64_t first_pose_seq_kept = 1;
   uint32_t checkpoint_checksum = 0;  // 0: no checkpoint yet
   std::optional<int64_t> ended_at_ns;
+  std::string holder;        // with fencing_number the token of the lease; empty if an earlier version wrote the state
+  uint64_t last_commit = 0;  // number of the last commit of the holder
+
+  FencingToken token() const { return {fencing_number, holder}; }
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [fencing_number, next_pose_seq, first_pose_seq_kept, checkpoint_checksum, ended_at_ns] = self;
+    auto& [fencing_number, next_pose_seq, first_pose_seq_kept, checkpoint_checksum, ended_at_ns, holder, last_commit] =
+        self;
     archive(fencing_number, next_pose_seq, first_pose_seq_kept, checkpoint_checksum, ended_at_ns);
+    if constexpr (std::remove_reference_t<decltype(archive)>::kReading) {
+      if (archive.remaining() == 0) return;
+    }
+    archive(holder, last_commit);
   }
 };
 

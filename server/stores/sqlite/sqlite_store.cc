@@ -10,6 +10,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/random_name.h"
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/sqlite/data_directory.h"
 #include "server/stores/sqlite/sqlite_file.h"
@@ -34,19 +35,19 @@ absl::Status DamagedSessionError(absl::string_view name) {
 
 class SqliteLease : public CheckedLease {
  public:
-  SqliteLease(std::shared_ptr<SqliteWriter> writer, absl::string_view name, uint64_t fencing_number,
-              uint64_t next_pose_seq)
-      : CheckedLease(fencing_number, next_pose_seq), writer_(std::move(writer)), name_(name) {}
+  SqliteLease(std::shared_ptr<SqliteWriter> writer, absl::string_view name, const SqliteSessionState& state)
+      : CheckedLease(state.token(), state.next_pose_seq), writer_(std::move(writer)), name_(name) {}
 
  private:
-  void Write(SessionCommit commit, uint64_t next_pose_seq, Done done) override {
+  void Write(SessionCommit commit, const CommitPlace& place, Done done) override {
     const uint64_t size_bytes = SizeBytes(commit);
     writer_->Push(
-        [name = name_, number = fencing_number(), next_pose_seq,
-         commit = std::move(commit)](SqliteDatabase& database) -> absl::Status {
+        [name = name_, token = token(), place, commit = std::move(commit)](SqliteDatabase& database) -> absl::Status {
           EVPOSE_ASSIGN_OR_RETURN(SqliteSessionState state, SqliteReadState(database, name));
-          if (state.fencing_number != number) return FencedError(name, number);
-          EVPOSE_RETURN_IF_ERROR(SqliteWriteParts(database, name, commit, next_pose_seq, state));
+          EVPOSE_RETURN_IF_ERROR(CheckHolder(name, state.token(), token));
+          if (state.last_commit < place.last_ok) return RolledBackError(name, token.number);
+          EVPOSE_RETURN_IF_ERROR(SqliteWriteParts(database, name, commit, place.next_pose_seq, state));
+          state.last_commit = place.number;
           return SqliteWriteState(database, name, state);
         },
         size_bytes, std::move(done));
@@ -120,6 +121,7 @@ class SqliteStore : public Store {
                                                               const std::string& lifecycle) override {
     if (IsDamaged(record.name)) return SessionExistsError(record.name);
     SqliteSessionState state;
+    EVPOSE_ASSIGN_OR_RETURN(state.holder, RandomHex128());
     const absl::Status written = writer_->Call([&](SqliteDatabase& database) -> absl::Status {
       const auto found = SqliteReadState(database, record.name);
       if (!absl::IsNotFound(found.status())) return SessionExistsError(record.name);
@@ -127,21 +129,23 @@ class SqliteStore : public Store {
       return SqliteInsertSession(database, record, lifecycle, state);
     });
     EVPOSE_RETURN_IF_ERROR(written);
-    return std::make_unique<SqliteLease>(writer_, record.name, state.fencing_number, state.next_pose_seq);
+    return std::make_unique<SqliteLease>(writer_, record.name, state);
   }
 
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
     if (IsDamaged(name)) return DamagedSessionError(name);
     SqliteSession session;
+    EVPOSE_ASSIGN_OR_RETURN(const std::string holder, RandomHex128());
     const absl::Status written = writer_->Call([&](SqliteDatabase& database) -> absl::Status {
       EVPOSE_ASSIGN_OR_RETURN(session, SqliteReadSession(database, name, /*after_pose_seq=*/0));
       EVPOSE_ASSIGN_OR_RETURN(session.state.fencing_number, SqliteNextFencingNumber(database));
+      session.state.holder = holder;
+      session.state.last_commit = 0;
       return SqliteWriteState(database, name, session.state);
     });
     EVPOSE_RETURN_IF_ERROR(Noting(written));
     return Taken{.session = std::move(session.stored),
-                 .lease = std::make_unique<SqliteLease>(writer_, name, session.state.fencing_number,
-                                                        session.state.next_pose_seq)};
+                 .lease = std::make_unique<SqliteLease>(writer_, name, session.state)};
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
@@ -172,10 +176,10 @@ class SqliteStore : public Store {
     return writer_->Call([&](SqliteDatabase& database) { return SqliteDeleteSession(database, name); });
   }
 
-  absl::Status DeleteHeldSession(absl::string_view name, uint64_t fencing_number) override {
+  absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) override {
     return writer_->Call([&](SqliteDatabase& database) -> absl::Status {
       const auto state = SqliteReadState(database, name);
-      if (state.ok() && state->fencing_number != fencing_number) return FencedError(name, fencing_number);
+      if (state.ok()) EVPOSE_RETURN_IF_ERROR(CheckHolder(name, state->token(), token));
       return SqliteDeleteSession(database, name);
     });
   }

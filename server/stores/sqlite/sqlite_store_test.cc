@@ -173,11 +173,11 @@ TEST_F(SqliteStoreTest, NamesDamagedRecordsAndRescuesTheOthers) {
 
 TEST_F(SqliteStoreTest, FencingNumbersRiseAfterDamage) {
   Fill();
-  const uint64_t last = Open()->TakeSession("sessions/3")->lease->fencing_number();
+  const uint64_t last = Open()->TakeSession("sessions/3")->lease->token().number;
   Execute("DELETE FROM fencing");
   const std::unique_ptr<Store> store = Open();
   EXPECT_THAT(absl::StrJoin(store->damage(), "\n"), HasSubstr("fencing number"));
-  EXPECT_GT(store->CreateSession(Record("sessions/new"), "").value()->fencing_number(), last);
+  EXPECT_GT(store->CreateSession(Record("sessions/new"), "").value()->token().number, last);
 }
 
 TEST_F(SqliteStoreTest, ADamagedModelIsNamedAndLeftOut) {

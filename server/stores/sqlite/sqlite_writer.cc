@@ -18,7 +18,7 @@ constexpr uint64_t kMaxGroupBytes = 64u << 20;
 // True for the errors that a write returns before it has changed the database.
 bool IsRefusal(const absl::Status& status) {
   return absl::IsAborted(status) || absl::IsNotFound(status) || absl::IsAlreadyExists(status) ||
-         absl::IsFailedPrecondition(status);
+         absl::IsFailedPrecondition(status) || absl::IsOutOfRange(status);
 }
 
 }  // namespace

@@ -58,6 +58,10 @@ struct UploadOptions {
 struct WatchPosesOptions {
   uint64_t after_pose_seq = 0;        // the poses after this one are delivered; 0: all that are stored
   std::optional<double> max_rate_hz;  // limit of the poses per second of sensor time and object; absent: all poses
+  // Called when the session has fewer poses than were delivered, or than after_pose_seq: it was resumed from a
+  // checkpoint, or its store has lost the last writes. It continues after the pose with this number and computes the
+  // same poses again, which are not delivered again. May be empty.
+  std::function<void(uint64_t last_pose_seq)> on_rolled_back = {};
 };
 
 struct WatchEventsOptions {
@@ -126,7 +130,8 @@ class Client {
 
   // Delivers the stored poses after options.after_pose_seq, then live ones, in order; `num_skipped` poses were lost
   // just before those of a call. Follows the session to another server on the same store. Returns OK when the session
-  // has ended, and CANCELLED after a request of `stop`. Error: INVALID_ARGUMENT for a rate that is not positive.
+  // has ended, and CANCELLED after a request of `stop`. Errors: INVALID_ARGUMENT for a rate that is not positive;
+  // DATA_LOSS (ROLLED_BACK) when the store has lost events that the session's writer cannot send again.
   using PosesCallback = std::function<void(const std::vector<Pose>& poses, uint64_t num_skipped)>;
   absl::Status WatchPoses(const std::string& session, const WatchPosesOptions& options, const PosesCallback& on_poses,
                           std::stop_token stop = {});

@@ -49,7 +49,7 @@ struct TrackPosition {
   std::string previous_token;
   uint64_t last_pose_seq = 0;    // the last delivered pose
   uint64_t lost_poses = 0;       // earlier poses that were not delivered, because the server no longer stored them
-  FeedPoint durable;             // data before this point is never requested again
+  FeedPoint durable;             // data before it is requested again only if the store has lost its last writes
   uint64_t max_piece_bytes = 0;  // size at which chunks of the source were divided; 0: no chunk was sent yet
 };
 
@@ -95,12 +95,24 @@ struct RetryOptions {
   absl::Status Validate() const;
 };
 
+// A server that takes over after its store has lost the last writes, because a replica without them was made the
+// master, requests chunks again that were reported as durable. They are kept for this purpose, in memory or in the
+// spool. When an earlier one is requested, Track() fails with DATA_LOSS and the reason ROLLED_BACK.
+struct RetainOptions {
+  absl::Duration duration = absl::Seconds(5);  // from the report; zero: none is kept
+  uint64_t max_bytes = 64ull << 20;            // of payload; the earliest chunks are dropped beyond it
+
+  // Error: INVALID_ARGUMENT naming the field.
+  absl::Status Validate() const;
+};
+
 struct TrackOptions {
   double rate = 0.0;         // sensor seconds per second; 0: limited by the server's credit only
   Clock* clock = nullptr;    // for the rate and for the retries; nullptr: the machine's clock
   bool has_checksum = true;  // CRC-32C of each chunk: costs a fraction of a percent and detects a faulty link
   absl::Duration attach_timeout = absl::Seconds(10);  // a server that accepts the call responds at once
   RetryOptions retry;
+  RetainOptions retain;
   // The objects of the session: a pose of another one is a violation of the protocol. Empty: not checked.
   std::vector<std::string> object_ids;
   // A request by the caller cancels the stream. Track() requests it at the end of the stream, so that the source stops.

@@ -35,7 +35,7 @@ class TrackPosition:
     The tokens are secrets. `previous_token` is valid until a message was sent on the stream that returned the current one.
     last_pose_seq     the last delivered pose
     lost_poses        earlier poses that were not delivered, because the server no longer stored them
-    durable           data before this point is never requested again
+    durable           data before this point is requested again only if the store has lost its last writes
     max_piece_bytes   size at which chunks of the source were divided; 0: no chunk was sent yet
     """
 
@@ -94,6 +94,7 @@ class StreamAttempt:
         self.is_final = False  # the error is on this side, or the server violates the protocol
         self.was_attached = False
         self.made_progress = False
+        self.stated_first_seq = False  # the server was told which chunks can still be sent
         self.summary: Any = None
         self.fed_bytes = 0
         self._endpoint = endpoint
@@ -121,9 +122,11 @@ class StreamAttempt:
     # Uplink: gRPC consumes this in a thread of its own.
 
     def _requests(self) -> Iterator[Any]:
+        first_seq = self._feed.outbox.first_seq
+        self.stated_first_seq = first_seq is not None
         yield track_pb2.TrackRequest(attach={
             "session": self._position.session, "resume_token": self._options.resume_token,
-            "last_pose_seq": self._options.attach_after_pose})
+            "last_pose_seq": self._options.attach_after_pose, "first_seq": first_seq or 0})
         try:
             yield from self._chunks()
         except _Stopped:

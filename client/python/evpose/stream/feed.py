@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, Iterable, Optional, Union
+import time
+from typing import Any, Callable, Iterable, Optional, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from evpose.errors import FailedPreconditionError, InvalidArgumentError
 from evpose.events import Encoding, FlatEncoder
-from evpose.stream.outbox import Chunk, FeedPoint, Outbox, make_chunk
+from evpose.stream.outbox import Chunk, FeedPoint, Outbox, RetainOptions, make_chunk
 from evpose.types import Discontinuity, PoseReset
 from evpose.v1 import track_pb2
 
@@ -28,10 +29,10 @@ class EventFeed:
     """Feeds of the same source with the same size of pieces assign the same numbers to the same bytes."""
 
     def __init__(self, source: EventSource, encoding: Encoding, size_px: tuple[int, int], memory_bytes: int, is_live: bool,
-                 skip: FeedPoint) -> None:
-        """`skip`: position up to which the source's chunks are durable: they are read from the start and not kept.
-        `is_live`: the source is read during an outage, too."""
-        self.outbox = Outbox(memory_bytes, skip)
+                 skip: FeedPoint, retain: RetainOptions = RetainOptions(), now: Callable[[], float] = time.monotonic) -> None:
+        """`skip`: position up to which the source's chunks are durable: they are read from the start, and only the last ones are
+        retained. `is_live`: the source is read during an outage, too."""
+        self.outbox = Outbox(memory_bytes, skip, retain, now)
         self.max_piece_bytes = 0  # before start()
         self._source = source
         self._encoding = encoding
@@ -132,4 +133,7 @@ class EventFeed:
         if chunk.end.seq == self._skip.seq and chunk.end != self._skip:
             raise FailedPreconditionError(
                 f"the first {chunk.end.bytes} bytes differ from those that the session was fed with: these are not its events")
-        return chunk.end.seq <= self._skip.seq or self.outbox.append(chunk)
+        if chunk.end.seq > self._skip.seq:
+            return self.outbox.append(chunk)
+        self.outbox.add_durable(chunk)
+        return True

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import struct
 import threading
-from typing import Any, NamedTuple, Optional
+import time
+from typing import Any, Callable, NamedTuple, Optional
 
 import crc32c
 
-from evpose.errors import DataLossError, FailedPreconditionError
+from evpose.errors import DataLossError, FailedPreconditionError, InvalidArgumentError
 
 # Approximate memory of a chunk in addition to its payload.
 _OVERHEAD_BYTES = 512
@@ -43,13 +45,54 @@ def make_chunk(point: FeedPoint, payload: bytes, discontinuity: bool = False, re
     return Chunk(FeedPoint(point.seq + 1, point.bytes + size, digest), payload, crc, discontinuity, reset)
 
 
-class Outbox:
-    """One thread appends, one reads, and any forgets. `changed` is notified of every change, and guards all of it."""
+@dataclasses.dataclass(frozen=True)
+class RetainOptions:
+    """How long chunks are kept after the server has reported them as durable.
 
-    def __init__(self, memory_bytes: int, begin: FeedPoint) -> None:
+    A server that takes over after its store has lost the last writes, because a replica without them was made the master,
+    requests them again. When an earlier one is requested, the stream ends with DataLossError and the reason ROLLED_BACK.
+
+    duration_s   from the report; 0: none is kept
+    max_bytes    of payload; the earliest chunks are dropped beyond it
+    """
+
+    duration_s: float = 5.0
+    max_bytes: int = 64 << 20
+
+    def __post_init__(self) -> None:
+        if not self.duration_s >= 0.0:
+            raise InvalidArgumentError("retain.duration_s must not be negative")
+        if not self.max_bytes >= 0:
+            raise InvalidArgumentError("retain.max_bytes must not be negative")
+
+
+class _Mark(NamedTuple):
+    """A position up to which the chunks became durable at one time."""
+
+    seq: int
+    bytes: int
+    durable_at: float
+
+
+class Outbox:
+    """One thread appends, one reads, and any forgets. `changed` is notified of every change, and guards all of it.
+
+    Durable chunks are retained for a while (RetainOptions), beside `memory_bytes`. Those up to `begin` are durable from the
+    beginning, and are added with add_durable().
+    """
+
+    def __init__(self, memory_bytes: int, begin: FeedPoint, retain: RetainOptions = RetainOptions(),
+                 now: Callable[[], float] = time.monotonic) -> None:
         self.changed = threading.Condition()
         self.is_closed = False  # nobody reads any more
         self._memory_bytes = memory_bytes
+        self._retain = retain
+        self._now = now
+        self._begin = begin
+        self._has_reached_begin = begin.seq == 0
+        self._retained: collections.deque[Chunk] = collections.deque()  # durable; the numbers of _chunks follow
+        self._marks: collections.deque[_Mark] = collections.deque()  # of the retained chunks
+        self._forgotten_bytes = 0  # up to the first retained chunk
         self._chunks: collections.deque[Chunk] = collections.deque()
         self._size = 0
         self._last = begin
@@ -83,6 +126,20 @@ class Outbox:
             self.changed.notify_all()
             return True
 
+    def add_durable(self, chunk: Chunk) -> None:
+        """Adds a chunk up to `begin`, in the order of the numbers. It is retained if it is close to `begin`."""
+        with self.changed:
+            start_bytes = chunk.end.bytes - (0 if chunk.reset is not None else len(chunk.payload))
+            if self._retain.duration_s > 0.0 and self._begin.bytes - start_bytes <= self._retain.max_bytes:
+                self._retained.append(chunk)
+            else:
+                self._forgotten_bytes = chunk.end.bytes
+            self._has_reached_begin = chunk.end.seq >= self._begin.seq
+            if self._has_reached_begin:
+                self._marks.append(_Mark(chunk.end.seq, chunk.end.bytes, self._now()))
+                self._drop_retained()
+            self.changed.notify_all()
+
     def finish(self, failure: Optional[Exception]) -> None:
         """Marks the end of the feed, after an error with its cause."""
         with self.changed:
@@ -99,12 +156,15 @@ class Outbox:
         if self._wanted_seq != seq:
             self._wanted_seq = seq
             self.changed.notify_all()
-        return seq <= self._last.seq or self._is_finished
+        is_added = self._has_reached_begin or seq > self._begin.seq
+        return (seq <= self._last.seq and is_added) or self._is_finished
 
     def get(self, seq: int) -> Optional[Chunk]:
         """Returns the chunk with this number, for which has() is true; None at the end. Raises the cause of the feed's end,
         DataLossError for a forgotten chunk, and FailedPreconditionError for a number beyond the end. Requires `changed`."""
         self._wanted_seq = 0
+        if seq <= self._begin.seq and not self._has_reached_begin and self._failure is not None:
+            raise self._failure
         if seq > self._last.seq:
             if self._failure is not None:
                 raise self._failure
@@ -112,11 +172,13 @@ class Outbox:
                 return None
             raise FailedPreconditionError(f"the server has {seq - 1} chunks of this session, but there are {self._last.seq} only: "
                                           "these are not the events it was fed with")
-        first = self._chunks[0].end.seq if self._chunks else self._last.seq + 1
+        first = self._first_seq()
         if seq < first:
-            raise DataLossError(f"the server requests chunk {seq} again, which it had reported as durable (up to {first - 1}): "
-                                "its store has lost it")
-        chunk = self._chunks[seq - first]
+            raise DataLossError(f"the server requests chunk {seq} again, which it had reported as durable (up to {first - 1}) and "
+                                "which is no longer kept: its store has lost it, and the session cannot go on", reason="ROLLED_BACK")
+        index = seq - first
+        is_retained = index < len(self._retained)
+        chunk = self._retained[index] if is_retained else self._chunks[index - len(self._retained)]
         self._asked_bytes = max(self._asked_bytes, chunk.end.bytes)
         self.changed.notify_all()
         return chunk
@@ -129,10 +191,36 @@ class Outbox:
                 self.changed.notify_all()
 
     def _drop_durable(self) -> None:
+        durable_seq = self._durable.seq
         while self._chunks and self._chunks[0].end.seq <= self._durable_seq:
             chunk = self._chunks.popleft()
             self._durable = chunk.end
             self._size -= len(chunk.payload) + _OVERHEAD_BYTES
+            self._retained.append(chunk)
+        if self._durable.seq > durable_seq:
+            self._marks.append(_Mark(self._durable.seq, self._durable.bytes, self._now()))
+        self._drop_retained()
+
+    def _drop_retained(self) -> None:
+        oldest = self._now() - self._retain.duration_s
+        forgotten_seq = 0
+        while self._marks and (self._marks[0].durable_at <= oldest
+                               or self._durable.bytes - self._forgotten_bytes > self._retain.max_bytes):
+            forgotten_seq, self._forgotten_bytes, _ = self._marks.popleft()
+        while self._retained and self._retained[0].end.seq <= forgotten_seq:
+            self._retained.popleft()
+
+    def _first_seq(self) -> int:
+        for chunks in (self._retained, self._chunks):
+            if chunks:
+                return chunks[0].end.seq
+        return self._last.seq + 1
+
+    @property
+    def first_seq(self) -> Optional[int]:
+        """The first chunk that get() can return; None while chunks up to `begin` are still being added."""
+        with self.changed:
+            return self._first_seq() if self._has_reached_begin else None
 
     @property
     def durable(self) -> FeedPoint:

@@ -16,11 +16,14 @@ from evpose.errors import CancelledError, EvposeError, FailedPreconditionError, 
 from evpose.poses import Pose, pose_from_message, poses_from_messages
 from evpose.stream.attempt import AttemptOptions, Callbacks, StreamAttempt, TrackPosition
 from evpose.stream.feed import EventFeed
+from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import Advice, Backoff, Clock, RetryOptions, advise_on
 from evpose.types import ConnectionChange, Notice, PoseReset, TrackSummary
 
 # Attempts after which a damaged chunk is regarded as damaged at its source, not by the link.
 _MAX_DAMAGED_TRIES = 5
+# More attaches than a store with a stale replica loses.
+_MAX_OLDER_TOKENS = 8
 
 
 @dataclasses.dataclass
@@ -39,6 +42,7 @@ class TrackOptions:
     retry              when a broken stream is tried again
     memory_bytes       limit of the chunks that wait for the server, or that it may request again; then the source waits
     is_live            the source is read during an outage, too, up to memory_bytes
+    retain             how long chunks are kept after they have become durable, beside memory_bytes
     attach_timeout_s   a server that accepts the call responds at once
     on_notice, on_connection, on_position   called in the thread that reads the poses, in the order of the server's messages.
                        on_position(position, has_new_token) comes after each ack, and with a new token before a message that
@@ -48,6 +52,7 @@ class TrackOptions:
     retry: RetryOptions = RetryOptions()
     memory_bytes: int = 64 << 20
     is_live: bool = False
+    retain: RetainOptions = RetainOptions()
     attach_timeout_s: float = 10.0
     on_notice: Optional[Callable[[Notice], None]] = None
     on_connection: Optional[Callable[[ConnectionChange], None]] = None
@@ -87,7 +92,10 @@ class Track:
         self._servers_without = 0  # consecutive servers without the session
         self._damaged_tries = 0  # consecutive
         self._auth_token = ""  # at the start of the last attempt
-        self._uses_previous_token = False
+        # Earlier tokens, the latest first. A store that has lost the last attaches knows one of these.
+        self._older_tokens: list[str] = []
+        self._tokens: list[str] = []  # those of the present attempt: the current one, the previous one, and older ones
+        self._token_age = 0  # index of the token of the next attempt
         self._attaches_without_count = False
         self._messages = self._run()
 
@@ -150,6 +158,10 @@ class Track:
             raise attempt.foreign_error
         if self._stop.is_set():
             raise self._with_progress(CancelledError("cancelled"))
+        # The next attempt tells the server, and by it all readers, that the session has ended.
+        must_tell = error is not None and error.reason == "ROLLED_BACK" and not attempt.stated_first_seq
+        if attempt.is_final and must_tell:
+            return
         if attempt.is_final or not self._plan(attempt) or not self._wait_for_next_try(error):
             if self._stop.is_set() and not attempt.is_final:
                 error = CancelledError("cancelled")
@@ -168,8 +180,9 @@ class Track:
     def _make_attempt(self) -> StreamAttempt:
         position, retry = self.position, self._options.retry
         self._auth_token = self._server.token.get()
+        self._tokens = [token for token in (position.resume_token, position.previous_token) if token] + self._older_tokens
         options = AttemptOptions(
-            resume_token=position.previous_token if self._uses_previous_token else position.resume_token,
+            resume_token=self._tokens[self._token_age],
             attach_after_pose=0 if self._attaches_without_count else position.last_pose_seq,
             leaves_on_go_away=retry.max_outage_s > 0.0 and (self._servers.outlive_sessions or len(self._servers.endpoints) > 1),
             # A server without credit is an outage. Without retries, nothing limits the duration of one.
@@ -189,7 +202,9 @@ class Track:
         now = self._clock.now()
         self._fed_bytes = max(self._fed_bytes, attempt.fed_bytes)
         if attempt.was_attached:
-            self._uses_previous_token = self._attaches_without_count = False
+            self._token_age, self._attaches_without_count = 0, False
+            newest = (self.position.resume_token, self.position.previous_token)
+            self._older_tokens = [token for token in self._tokens if token not in newest][:_MAX_OLDER_TOKENS]
             self._servers_without = 0
         # The outage began at the end of the last stream that made progress.
         has_lasted = attempt.was_attached and now - self._attached_at >= self._options.retry.max_delay_s
@@ -216,9 +231,9 @@ class Track:
         if advice is Advice.TRY_OTHER_SERVER:
             self._servers_without += 1
             return self._servers_without < len(self._servers.endpoints)
-        if advice is Advice.TRY_OTHER_TOKEN and not self._uses_previous_token and self.position.previous_token:
-            self._uses_previous_token = True
-            return True
+        if advice is Advice.TRY_OTHER_TOKEN:
+            self._token_age += 1
+            return self._token_age < len(self._tokens)
         if advice is Advice.TRY_OTHER_AUTH_TOKEN:
             return self._server.token.is_renewed and self._server.token.get() != self._auth_token
         if advice is Advice.TRY_WITHOUT_COUNT and not self._attaches_without_count:
@@ -230,7 +245,7 @@ class Track:
         """Returns False if the outage has lasted too long, or the stream was closed."""
         now = self._clock.now()
         away_since = now if self._away_since is None else self._away_since
-        is_same_server = self._uses_previous_token or self._attaches_without_count
+        is_same_server = self._token_age > 0 or self._attaches_without_count
         # Each server is tried once without delay. A server that shuts down may be back soon.
         is_at_once = is_same_server or self._tries + 1 < len(self._servers.endpoints) or (cause is None and self._tries == 0)
         delay_s = 0.0 if is_at_once else max(self._backoff.next(), cause.retry_in_s if cause else 0.0)

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The kinds of stores that the suite tests.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "server/stores/memory/memory_store.h"
+#include "server/stores/open_store.h"
+#include "server/stores/redis/redis_testing.h"
+#include "server/stores/sqlite/sqlite_database.h"
+#include "server/stores/sqlite/sqlite_store.h"
+#include "server/stores/store_suite_testing.h"
+
+namespace evpose::server {
+
+class MemoryHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenSmall(UINT64_MAX); }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    sessions_ = std::make_shared<MemorySessions>(max_bytes);
+    return MakeMemoryStore(sessions_);
+  }
+  void RepeatLastNumber() override {
+    MemorySessions::Contents contents = sessions_->Copy();
+    --contents.last_fencing_number;
+    sessions_->Replace(std::move(contents));
+  }
+  std::function<void()> Snapshot() override {
+    return [sessions = sessions_, contents = sessions_->Copy()] { sessions->Replace(contents); };
+  }
+  bool keeps() const override { return false; }
+
+ private:
+  std::shared_ptr<MemorySessions> sessions_;
+};
+
+class SqliteHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override {
+    return OpenSqliteStore({.data_dir = directory_.path() + "/data"});
+  }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    return OpenSqliteStore({.data_dir = directory_.path() + "/data", .max_bytes = max_bytes});
+  }
+  void RepeatLastNumber() override {
+    const auto database = SqliteDatabase::Open(directory_.path() + "/data/evpose.db").value();
+    ASSERT_TRUE(database->Execute("UPDATE fencing SET last = last - 1").ok());
+  }
+
+ private:
+  const TemporaryDirectory directory_;
+};
+
+class RedisHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenStore({.store = redis_.url()}); }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    const std::string memory = redis_.Text({"INFO", "memory"});
+    const size_t used = memory.find("used_memory:") + sizeof("used_memory:") - 1;
+    // Redis counts the buffers of commands in transit as used memory, several times.
+    const uint64_t limit = std::stoull(memory.substr(used)) + max_bytes + (8u << 20);
+    redis_.Run({"CONFIG", "SET", "maxmemory", std::to_string(limit)});
+    return Open();
+  }
+  void RepeatLastNumber() override { redis_.Run({"DECR", "evpose:fencing"}); }
+  std::function<void()> Snapshot() override {
+    return [this, contents = redis_.Contents()] { redis_.Replace(contents); };
+  }
+
+ private:
+  RedisServer redis_;
+};
+
+class StoreSuite : public testing::TestWithParam<TestedStore> {
+ protected:
+  void SetUp() override {
+    house_ = GetParam().build();
+    store_ = house_->Open().value();
+  }
+  void Reopen() {
+    store_.reset();
+    store_ = house_->Open().value();
+  }
+
+  std::unique_ptr<StoreHouse> house_;
+  std::unique_ptr<Store> store_;
+};
+
+inline const auto kTestedStores = testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
+                                                  TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
+                                                  TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }});
+inline std::string NameOfTestedStore(const testing::TestParamInfo<TestedStore>& tested) { return tested.param.name; }
+
+}  // namespace evpose::server
