@@ -28,7 +28,9 @@ absl::Status DiagnosisOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("hot_ratio", hot_ratio, 1.0, 1000.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_flicker_hz", min_flicker_hz, 1.0, 1000.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_coherence", min_coherence, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("min_speed_px_per_s", min_speed_px_per_s, 0.0, 1e6));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("advice_speed_px_per_s", advice_speed_px_per_s, 0.0, 1e6));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("problem_speed_px_per_s", problem_speed_px_per_s, 0.0, advice_speed_px_per_s));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("min_flicker_parts", min_flicker_parts, 1.0, 64.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_events_in_20_ms", min_events_in_20_ms, 0.0, 1e9));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_pixels", static_cast<double>(max_pixels), 1.0, 1e8));
   for (const auto& [field, limits, high] :

@@ -38,20 +38,24 @@ struct DiagnosisOptions {
   // Hertz: slower changes of the light are those of motion. Lamps at the mains flicker at 100 or 120 Hz, dimmed ones
   // and screens at 50 and more.
   double min_flicker_hz = 45.0;
-  // Share of the power of a frequency that all parts of the image have in common. That of unrelated parts is the
-  // inverse of their number, at most 0.25 with at least 4 parts.
-  double min_coherence = 0.5;
+  // Magnitude of the sum over the parts of the image, per sum of their magnitudes. Unrelated phases of n parts give
+  // 0.9 / sqrt(n), 0.5 for the least number of parts.
+  double min_coherence = 0.8;
+  // Parts of the image, of 8 x 8, among which a line of the spectrum is distributed: one part may show a machine.
+  double min_flicker_parts = 3.0;
   // Ratio of the ON and OFF events for the same change of the light, or its inverse. The thresholds have the same
   // ratio. Edges of both directions are then displaced differently from the profile's (core/estimation/README.md,
   // section 3).
   Limits polarity_ratio = {1.6, 3.0};
   // Pixels: standard deviation of the blur of edges, by lens, pixel and bandwidth. In simulation, 1 px instead of 0.5
-  // px makes the error four times as large, 2 px seventeen times.
-  Limits blur_px = {1.0, 1.8};
+  // px makes the error four times as large, 2 px seventeen times; the limits are the geometric means of these.
+  Limits blur_px = {0.8, 1.4};
   // Share of the pixels in areas without events.
   Limits dead_share = {1e-4, 0.1};
-  // Pixels per second: the search for a first pose needs a motion of some 6 px within its second of events.
-  double min_speed_px_per_s = 6.0;
+  // Pixels per second: the search for a first pose needs a motion of some 6 px, within its second of events. Slower
+  // objects may be found late; at 2 px/s edges move by less than a pixel between searches.
+  double advice_speed_px_per_s = 6.0;
+  double problem_speed_px_per_s = 2.0;
   // Events in 20 ms, without noise. With fewer a window closes on time (WindowOptions::min_events), as if nothing
   // moved.
   double min_events_in_20_ms = 150.0;

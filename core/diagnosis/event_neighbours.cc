@@ -14,8 +14,10 @@ constexpr int64_t kNeverHadEvent = INT64_MIN;
 // 1, more noise has fewer isolated events.
 constexpr double kMaxChanceNeighbours = 0.5;
 
-// The smaller solution N of N exp(-a N) = `isolated`; nullopt-like -1 if there is none with a N <=
-// kMaxChanceNeighbours.
+// Bins up to 0.1 ms, which are used in any case: signal has an age of less at high event rates, noise hardly ever.
+constexpr int kMinBins = 26;
+
+// The smaller solution N of N exp(-a N) = `isolated`; -1 if there is none with a N <= kMaxChanceNeighbours.
 double SolveNoise(double isolated, double chance_per_event) {
   double noise = isolated;
   for (int i = 0; i < 100; ++i) {
@@ -67,10 +69,13 @@ double EventNeighbours::NoiseShare(int64_t duration_us) const {
   if (num_events_ == 0 || duration_us <= 0) return 0.0;
   const double pixel_us = 1.0 * geometry_.width_px * geometry_.height_px * static_cast<double>(duration_us);
   double least = static_cast<double>(num_events_);
-  double older = 0.0;  // events with an age above the lower edge of the bin
-  for (int bin = kNumBins; bin > 0; --bin) {
-    older += static_cast<double>(ages_[static_cast<size_t>(bin)]);
-    const double noise = SolveNoise(older, 8.0 * LowerEdge_us(bin) / pixel_us);
+  double older = least;  // events with an age above the lower edge of the bin
+  for (int bin = 1; bin <= kNumBins; ++bin) {
+    older -= static_cast<double>(ages_[static_cast<size_t>(bin - 1)]);
+    const double chance_per_event = 8.0 * LowerEdge_us(bin) / pixel_us;
+    // `least` is not below the noise, so that the smaller solution is the right one up to here.
+    if (chance_per_event * least > kMaxChanceNeighbours && bin > kMinBins) break;
+    const double noise = SolveNoise(older, chance_per_event);
     if (noise >= 0.0) least = std::min(least, noise);
   }
   return least / static_cast<double>(num_events_);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/diagnosis/finding.h"
 
+#include <utility>
+
 namespace evpose {
 
 std::string_view VerdictName(Verdict verdict) {
@@ -23,6 +25,12 @@ void Judge(double value, const Limits& limits, const std::string& unit, Finding&
   finding.limit = is_problem ? limits.problem : limits.advice;
   finding.unit = unit;
   finding.verdict = is_problem ? Verdict::kProblem : value > limits.advice ? Verdict::kAdvice : Verdict::kOk;
+}
+
+void SetMeasured(double value, double limit, std::string unit, Finding& finding) {
+  finding.value = value;
+  finding.limit = limit;
+  finding.unit = std::move(unit);
 }
 
 Finding NotChecked(const std::string& check, const std::string& reason) {

@@ -12,8 +12,8 @@ namespace {
 
 // Events of a part of the image, in a segment, whose spectrum is more than chance.
 constexpr double kMinPartEvents = 50.0;
-// Parts of the image that have events: two could agree by chance, or have one edge in common.
-constexpr double kMinParts = 4.0;
+// Parts of the image that have events.
+constexpr size_t kMinParts = 3;
 // The power beside a line: the median of the frequencies this far away, without those into which the window spreads the
 // line.
 constexpr int kBackgroundBins = 24;
@@ -78,14 +78,14 @@ void FlickerSpectrum::AddSegment() {
   for (size_t part = 0; part < kParts; ++part) {
     if (events[part] >= kMinPartEvents) parts.push_back(part);
   }
-  if (static_cast<double>(parts.size()) < kMinParts) return;
+  if (parts.size() < kMinParts) return;
   ++num_segments_;
-  num_parts_ += static_cast<double>(parts.size());
   for (size_t i = 0; i < kBins; ++i) {
     for (const size_t part : parts) weighted_events_ += window_[i] * bins_[i].sum[part];
   }
   std::vector<double> series(kBins);
-  std::vector<double> common_real(kFrequencies, 0.0), common_imaginary(kFrequencies, 0.0);
+  std::vector<double> common_real(kFrequencies, 0.0), common_imaginary(kFrequencies, 0.0),
+      magnitudes(kFrequencies, 0.0);
   for (const size_t part : parts) {
     for (size_t i = 0; i < kBins; ++i) series[i] = window_[i] * bins_[i].difference[part];
     for (size_t k = 1; k < kFrequencies; ++k) {
@@ -98,12 +98,15 @@ void FlickerSpectrum::AddSegment() {
       common_real[k] += real;
       common_imaginary[k] += imaginary;
       power_[k] += real * real + imaginary * imaginary;
+      magnitudes[k] += std::sqrt(real * real + imaginary * imaginary);
     }
   }
   for (size_t k = 1; k < kFrequencies; ++k) {
     const double common = common_real[k] * common_real[k] + common_imaginary[k] * common_imaginary[k];
     common_power_[k] += common;
     amplitude_[k] += std::sqrt(common);
+    magnitude_[k] += magnitudes[k];
+    squared_magnitude_[k] += magnitudes[k] * magnitudes[k];
   }
 }
 
@@ -111,7 +114,6 @@ FlickerSpectrum::Result FlickerSpectrum::Measure(const DiagnosisOptions& options
   Result result;
   result.num_segments = num_segments_;
   if (num_segments_ == 0) return result;
-  const double parts = num_parts_ / num_segments_;
   // An exponentially distributed power exceeds its median by this factor with the probability of a false alarm at one
   // of the frequencies. The mean over several segments does so more rarely.
   const double least = std::log(kFrequencies / options.false_alarm_probability) / std::numbers::ln2;
@@ -128,7 +130,8 @@ FlickerSpectrum::Result FlickerSpectrum::Measure(const DiagnosisOptions& options
     }
     Line line;
     line.prominence = power / std::max(UpperMedian(beside), 1e-12);
-    line.coherence = power / (parts * power_[index]);
+    line.coherence = amplitude_[index] / std::max(magnitude_[index], 1e-12);
+    line.num_parts = squared_magnitude_[index] / std::max(power_[index], 1e-12);
     // The vertex of a parabola through the logarithms of three powers, exact to 0.1 steps for the Hann window.
     const double left = std::log(std::max(common_power_[index - 1], 1e-12)), centre = std::log(power),
                  right = std::log(std::max(common_power_[index + 1], 1e-12));
@@ -136,7 +139,8 @@ FlickerSpectrum::Result FlickerSpectrum::Measure(const DiagnosisOptions& options
     line.frequency_hz = (k + (curvature < 0.0 ? 0.5 * (left - right) / curvature : 0.0)) * step_hz;
     // A signed rate a cos(w t) has the sum a / 2 of window times phase, and the mean event rate 2 a / pi.
     line.share = std::min(1.0, 4.0 / std::numbers::pi * amplitude_[index] / weighted_events_);
-    if (line.prominence >= least && line.coherence >= options.min_coherence) result.lines.push_back(line);
+    const bool is_common = line.coherence >= options.min_coherence && line.num_parts >= options.min_flicker_parts;
+    if (line.prominence >= least && is_common) result.lines.push_back(line);
   }
   std::sort(result.lines.begin(), result.lines.end(), [](const Line& a, const Line& b) { return a.share > b.share; });
   return result;

@@ -24,7 +24,8 @@ class FlickerSpectrum {
   struct Line {
     double frequency_hz = 0.0;
     double share = 0.0;       // of the events that the flicker causes, in [0, 1]
-    double coherence = 0.0;   // share of the power that the parts of the image have in common
+    double coherence = 0.0;   // magnitude of the sum over the parts of the image, per sum of their magnitudes
+    double num_parts = 0.0;   // among which the line is distributed
     double prominence = 0.0;  // ratio of its power and that of the frequencies beside it
   };
   struct Result {
@@ -34,7 +35,7 @@ class FlickerSpectrum {
   Result Measure(const DiagnosisOptions& options) const;
 
  private:
-  static constexpr int kSide = 4;  // parts of the image along each side
+  static constexpr int kSide = 8;  // parts of the image along each side
   static constexpr int kParts = kSide * kSide;
   static constexpr int64_t kBin_us = 500;  // spectrum up to 1 kHz
   static constexpr int kBins = 512;        // of a segment: 3.9 Hz
@@ -55,11 +56,12 @@ class FlickerSpectrum {
   std::vector<Counts> bins_;              // of the open segment
   std::vector<double> window_, cosines_;  // Hann window; one period of a cosine
   int num_segments_ = 0;
-  double num_parts_ = 0.0;                              // with events, sum over the segments
-  double weighted_events_ = 0.0;                        // sum of window times events
-  std::array<double, kFrequencies> common_power_ = {};  // of the sum over the parts
-  std::array<double, kFrequencies> power_ = {};         // sum of the parts' powers
-  std::array<double, kFrequencies> amplitude_ = {};     // of the sum over the parts, sum over the segments
+  double weighted_events_ = 0.0;                             // sum of window times events
+  std::array<double, kFrequencies> common_power_ = {};       // of the sum over the parts
+  std::array<double, kFrequencies> power_ = {};              // sum of the parts' powers
+  std::array<double, kFrequencies> magnitude_ = {};          // sum of the parts' magnitudes
+  std::array<double, kFrequencies> squared_magnitude_ = {};  // squares of these sums for each segment
+  std::array<double, kFrequencies> amplitude_ = {};          // of the sum over the parts, sum over the segments
 };
 
 }  // namespace evpose

@@ -79,6 +79,12 @@ void MotionSamples::CloseSlice() {
 MotionSamples::Result MotionSamples::Measure() const {
   MotionSamples copy = *this;
   if (copy.speeds_px_per_s_.empty() && !copy.latest_.empty()) copy.Sample();
+  if (copy.slices_.empty() && !copy.latest_.empty()) {
+    const int64_t duration_us = std::max<int64_t>(1, kSlice_us - (slice_end_us_ - last_us_));
+    copy.slices_.push_back(slice_events_ * kSlice_us / static_cast<double>(duration_us));
+    copy.largest_ = copy.slices_.front();
+    copy.busiest_us_ = slice_end_us_ - kSlice_us;
+  }
   Result result;
   result.num_samples = static_cast<int>(copy.speeds_px_per_s_.size());
   result.speed_px_per_s = MedianOrZero(copy.speeds_px_per_s_);

@@ -63,8 +63,6 @@ Finding CheckScale(double diameter_m, double scale, const CameraModel& camera, d
                    const DiagnosisOptions& options) {
   Finding finding;
   finding.check = "model-scale";
-  finding.value = diameter_m;
-  finding.unit = "m";
   finding.text = absl::StrFormat("the model is %.3g m across", diameter_m);
   const double metres_per_diameter = extent_px > 0.0 ? camera.MaxFocalPx() / extent_px : 0.0;
   const double distance_m = metres_per_diameter * diameter_m;
@@ -75,6 +73,7 @@ Finding CheckScale(double diameter_m, double scale, const CameraModel& camera, d
   const auto is_in = [&](const Range& diameters, const Range& distances) {
     return diameters.Contains(diameter_m) && (extent_px <= 0.0 || distances.Contains(distance_m));
   };
+  SetMeasured(diameter_m, options.usual_diameter_m.high, "m", finding);
   if (is_in(options.usual_diameter_m, options.usual_distance_m)) return finding;
   finding.verdict =
       is_in(options.possible_diameter_m, options.possible_distance_m) ? Verdict::kAdvice : Verdict::kProblem;
@@ -94,13 +93,12 @@ Finding CheckObjectSize(double extent_px) {
   if (extent_px <= 0.0) return NotChecked("object-size", "nothing moves; see motion");
   Finding finding;
   finding.check = "object-size";
-  finding.value = extent_px;
-  finding.limit = kMinSearchExtentPx;
-  finding.unit = "px";
+  SetMeasured(extent_px, kMinSearchExtentPx, "px", finding);
   finding.text = absl::StrFormat("the moving region is %.0f px wide", extent_px);
   if (extent_px < kMinSearchExtentPx) {
-    finding.verdict = Verdict::kProblem;
-    finding.remedy = "go nearer or use a longer lens; a smaller object needs its first pose from --init-pose";
+    finding.verdict = Verdict::kAdvice;
+    finding.remedy =
+        "the search for a first pose may find too few lines: go nearer, use a longer lens, or give --init-pose";
   }
   return finding;
 }

@@ -21,6 +21,8 @@ constexpr int kMinPassageEvents = 3;
 // Root mean square of the distances from the plane, in pixels of motion: an edge that is straight, or a corner, or not
 // one edge.
 constexpr double kMaxPlaneRmsPx = 0.6;
+// Variance of the logarithm of the speeds, among which proportionality is visible: a factor of 1.2.
+constexpr double kMinLogVariance = 0.04;
 
 // Quantile of the standard normal distribution by Acklam's rational approximation of its central part, |p - 1/2| <
 // 0.475, relative error 1e-9; enough for 1 / (2 n) with n up to 20.
@@ -48,25 +50,14 @@ void PixelRuns::Add(absl::Span<const Event> events, absl::Span<const int64_t> ag
     const Event& event = events[k];
     if (ages_us[k] > kMaxNeighbourAge_us) continue;
     Pixel& pixel = pixels_[static_cast<size_t>(event.y) * static_cast<size_t>(geometry_.width_px) + event.x];
-    const bool is_new_run = pixel.length == 0 || pixel.polarity != event.polarity;
-    const bool is_new_passage = is_new_run || event.t_us - pixel.last_us > kMaxInterval_us;
+    const bool is_new_passage = pixel.polarity != event.polarity || event.t_us - pixel.last_us > kMaxInterval_us;
     if (is_new_passage) {
-      if (!pixel.is_measured && pixel.length >= kMinPassageEvents) MeasurePassage(event.x, event.y);
+      if (pixel.length >= kMinPassageEvents) MeasurePassage(event.x, event.y);
       pixel.begin_us[event.polarity] = event.t_us;
-    }
-    // A run of several edges is measured as none, because its length is not that of a passage.
-    pixel.is_measured = is_new_passage && !is_new_run;
-    if (is_new_run) {
-      if (pixel.is_second) {
-        balance_.events[pixel.polarity] += pixel.length;
-        balance_.events[event.polarity] += pixel.previous_length;
-        ++balance_.num_pairs;
-      }
-      pixel.is_second = pixel.length > 0 && !pixel.is_second;
-      pixel.previous_length = pixel.length;
       pixel.length = 0;
       pixel.polarity = event.polarity;
     }
+    events_[event.polarity] += 1.0;
     pixel.length = static_cast<uint16_t>(std::min<int>(pixel.length + 1, UINT16_MAX));
     pixel.last_us = event.t_us;
   }
@@ -100,25 +91,23 @@ void PixelRuns::MeasurePassage(int x, int y) {
   const double slope_s = std::sqrt(slope_u * slope_u + slope_v * slope_v);  // seconds per pixel
   const double residual = std::max(0.0, stt - st * st / n - slope_u * p - slope_v * q);
   if (!(slope_s > 0.0) || residual > n * kMaxPlaneRmsPx * kMaxPlaneRmsPx * slope_s * slope_s) return;
-  const double width_px = 1e-6 * static_cast<double>(centre.last_us - begin_us) / slope_s;
-  const auto bin = static_cast<size_t>(width_px / SpreadOfRun(centre.length) / kBlurBinPx);
+  const double duration_s = 1e-6 * static_cast<double>(centre.last_us - begin_us) / SpreadOfRun(centre.length);
+  const auto bin = static_cast<size_t>(duration_s / slope_s / kBlurBinPx);
   ++blurs_[std::min<size_t>(bin, kBlurBins - 1)];
-}
-
-PixelRuns::Balance PixelRuns::MeasureBalance() const {
-  Balance balance = balance_;
-  for (const Pixel& pixel : pixels_) {
-    if (!pixel.is_second) continue;
-    balance.events[pixel.polarity] += pixel.length;
-    balance.events[1 - pixel.polarity] += pixel.previous_length;
-    ++balance.num_pairs;
-  }
-  return balance;
+  const double log_slope = std::log(slope_s), log_duration = std::log(std::max(duration_s, 1e-6));
+  sums_.slope += log_slope, sums_.duration += log_duration;
+  sums_.slope_slope += log_slope * log_slope, sums_.slope_duration += log_slope * log_duration;
 }
 
 PixelRuns::Blur PixelRuns::MeasureBlur() const {
   Blur blur;
   for (const uint64_t count : blurs_) blur.num_passages += count;
+  const auto n = static_cast<double>(blur.num_passages);
+  const double variance = sums_.slope_slope - sums_.slope * sums_.slope / n;
+  // Without different speeds nothing contradicts the blur.
+  if (variance > kMinLogVariance * n) {
+    blur.exponent = (sums_.slope_duration - sums_.slope * sums_.duration / n) / variance;
+  }
   uint64_t below = 0;
   for (int bin = 0; bin < kBlurBins; ++bin) {
     const uint64_t count = blurs_[static_cast<size_t>(bin)];

@@ -15,10 +15,11 @@ namespace {
 constexpr size_t kMaxPlaces = 10;
 constexpr char kSettings[] = " (deploy/sensors/README.md)";
 
-// Pairs of opposite runs for the ratio of the thresholds, and passages for the blur: their medians and sums then vary
-// by a few percent.
-constexpr uint64_t kMinPairs = 300;
+// Events for the ratio of the thresholds, and passages for the blur: ratio and median then vary by a few percent.
+constexpr double kMinPolarityEvents = 1000.0;
 constexpr uint64_t kMinPassages = 200;
+// Between the exponents of blurred edges and of light that changes in place.
+constexpr double kMinBlurExponent = 0.5;
 
 std::string Seconds(int64_t t_us) { return absl::StrFormat("%.6f s", 1e-6 * static_cast<double>(t_us)); }
 
@@ -117,7 +118,7 @@ Finding RecordingDiagnosis::CheckTimeSteps(const ClockWatch::Result& clock) cons
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, double noise_share) const {
+Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, const Shares& shares) const {
   Finding finding = Named("event-rate");
   constexpr double kSlicesPerSecond = 1e6 / MotionSamples::kSlice_us;
   const double rate = motion.busy_events_in_20_ms * kSlicesPerSecond;
@@ -135,7 +136,7 @@ Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, 
         kSettings);
     return finding;
   }
-  const double useful = motion.busy_events_in_20_ms * (1.0 - noise_share);
+  const double useful = motion.busy_events_in_20_ms * (1.0 - shares.noise);
   if (useful < options_.min_events_in_20_ms) {
     finding.verdict = Verdict::kProblem;
     finding.value = useful * kSlicesPerSecond;
@@ -151,35 +152,40 @@ Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, 
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckMotion(const MotionSamples::Result& motion, double noise_share) const {
-  if (noise_share > options_.noise_share.problem) {
+Finding RecordingDiagnosis::CheckMotion(const MotionSamples::Result& motion, const Shares& shares) const {
+  if (shares.noise > options_.noise_share.problem) {
     return NotChecked("motion", "the noise hides the motion; see noise");
   }
+  if (shares.flicker > options_.flicker_share.problem) {
+    return NotChecked("motion", "the flicker hides the motion; see flicker");
+  }
   Finding finding = Named("motion");
-  finding.value = motion.speed_px_per_s;
-  finding.limit = options_.min_speed_px_per_s;
-  finding.unit = "px/s";
-  finding.text = absl::StrFormat("edges move by %.3g px/s; the moving region is %.0f px wide", motion.speed_px_per_s,
-                                 motion.extent_px);
+  const bool is_problem = motion.speed_px_per_s < options_.problem_speed_px_per_s;
+  SetMeasured(motion.speed_px_per_s, is_problem ? options_.problem_speed_px_per_s : options_.advice_speed_px_per_s,
+              "px/s", finding);
+  finding.text = absl::StrFormat("edges move by %.3g px/s", motion.speed_px_per_s);
   if (motion.extent_px == 0.0) {
     finding.verdict = Verdict::kProblem;
     finding.text = "no region of the image has more events than the noise";
     finding.remedy = "record the object while it moves, or lower the thresholds; an object at rest makes no events";
-  } else if (motion.speed_px_per_s < options_.min_speed_px_per_s) {
-    finding.verdict = Verdict::kProblem;
-    finding.remedy = "a faster motion: a first pose is found while edges move by some pixels in a second";
+  } else if (motion.speed_px_per_s < options_.advice_speed_px_per_s) {
+    finding.verdict = is_problem ? Verdict::kProblem : Verdict::kAdvice;
+    finding.remedy =
+        "a faster motion: a first pose is found while edges move by some pixels in a second; or --init-pose";
   }
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckNoise(double noise_share) const {
-  Finding finding = Named("noise");
-  Judge(noise_share, options_.noise_share, "share of the events", finding);
+Finding RecordingDiagnosis::CheckNoise(const Shares& shares) const {
   const double seconds = 1e-6 * static_cast<double>(duration_us());
   const double pixels = 1.0 * geometry_.width_px * geometry_.height_px;
-  const double rate = seconds > 0.0 ? noise_share * static_cast<double>(num_events()) / (seconds * pixels) : 0.0;
-  finding.text =
-      absl::StrFormat("at most %s of the events have no neighbours: %.2g Hz per pixel", Percent(noise_share), rate);
+  const double rate = seconds > 0.0 ? shares.noise * static_cast<double>(num_events()) / (seconds * pixels) : 0.0;
+  if (!shares.has_signal) {
+    return NotChecked("noise", absl::StrFormat("nothing moves: all events may be noise, %.2g Hz per pixel", rate));
+  }
+  Finding finding = Named("noise");
+  Judge(shares.noise, options_.noise_share, "share of the events", finding);
+  finding.text = absl::StrFormat("%s of the events are noise: %.2g Hz per pixel", Percent(shares.noise), rate);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy = absl::StrCat(
         "more light, a wider aperture or higher thresholds (bias_diff_on, bias_diff_off); a camera's noise filter may "
@@ -189,12 +195,14 @@ Finding RecordingDiagnosis::CheckNoise(double noise_share) const {
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckHotPixels(double& hot_events) const {
+Finding RecordingDiagnosis::CheckHotPixels() const {
   Finding finding = Named("hot-pixels");
   const std::vector<PixelCounts::HotPixel> hot = pixels_.FindHot(options_);
-  hot_events = 0.0;
+  double hot_events = 0.0;
   for (const PixelCounts::HotPixel& pixel : hot) hot_events += static_cast<double>(pixel.events);
-  const double share = hot_events / static_cast<double>(num_events());
+  // Of the events that tracking needs at least, if nothing moves.
+  const double needed = options_.min_events_in_20_ms * static_cast<double>(duration_us()) / MotionSamples::kSlice_us;
+  const double share = hot_events / std::max(static_cast<double>(num_events()), needed);
   Judge(share, options_.hot_share, "share of the events", finding);
   finding.text = absl::StrFormat("%s, with %s of the events", Counted(hot.size(), "hot pixel"), Percent(share));
   const double seconds = 1e-6 * static_cast<double>(duration_us());
@@ -211,10 +219,10 @@ Finding RecordingDiagnosis::CheckHotPixels(double& hot_events) const {
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckDeadPixels(double noise_share) const {
+Finding RecordingDiagnosis::CheckDeadPixels(const Shares& shares) const {
   Finding finding = Named("dead-pixels");
   const double pixels = 1.0 * geometry_.width_px * geometry_.height_px;
-  const double noise_per_pixel = noise_share * static_cast<double>(num_events()) / pixels;
+  const double noise_per_pixel = shares.noise * static_cast<double>(num_events()) / pixels;
   const std::vector<PixelCounts::DeadArea> areas = pixels_.FindDead(noise_per_pixel, options_);
   double silent = 0.0;
   for (const PixelCounts::DeadArea& area : areas) silent += static_cast<double>(area.pixels);
@@ -235,9 +243,7 @@ Finding RecordingDiagnosis::CheckDeadPixels(double noise_share) const {
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckFlicker(double& flicker_share) const {
-  const FlickerSpectrum::Result spectrum = flicker_.Measure(options_);
-  flicker_share = 0.0;
+Finding RecordingDiagnosis::CheckFlicker(const FlickerSpectrum::Result& spectrum) const {
   if (spectrum.num_segments == 0) {
     return NotChecked("flicker", "the spectrum needs 0.26 s without a gap, with events in a quarter of the image");
   }
@@ -249,7 +255,6 @@ Finding RecordingDiagnosis::CheckFlicker(double& flicker_share) const {
     return finding;
   }
   const FlickerSpectrum::Line& line = spectrum.lines.front();
-  flicker_share = line.share;
   Judge(line.share, options_.flicker_share, "share of the events", finding);
   finding.text = absl::StrFormat("%s of the events come from light that flickers at %.1f Hz", Percent(line.share),
                                  line.frequency_hz);
@@ -270,19 +275,19 @@ Finding RecordingDiagnosis::CheckFlicker(double& flicker_share) const {
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckPolarity(double flicker_share) const {
-  const PixelRuns::Balance balance = runs_.MeasureBalance();
-  if (flicker_share > options_.flicker_share.problem) {
+Finding RecordingDiagnosis::CheckPolarity(const Shares& shares) const {
+  const ByPolarity& events = runs_.events();
+  if (shares.flicker > options_.flicker_share.problem) {
     return NotChecked("polarity", "the flicker causes the events of both polarities; see flicker");
   }
-  if (balance.num_pairs < kMinPairs || balance.events[0] <= 0.0 || balance.events[1] <= 0.0) {
-    return NotChecked("polarity", absl::StrCat(Counted(balance.num_pairs, "pixel"),
-                                               " became darker and brighter again; the ratio needs ", kMinPairs));
+  if (events[0] + events[1] < kMinPolarityEvents) {
+    return NotChecked("polarity", absl::StrFormat("%.0f events have a neighbour; the ratio needs %.0f",
+                                                  events[0] + events[1], kMinPolarityEvents));
   }
-  const double ratio = balance.events[1] / balance.events[0];
+  const double ratio = (events[1] + 1.0) / (events[0] + 1.0);
   Finding finding = Named("polarity");
   Judge(std::max(ratio, 1.0 / ratio), options_.polarity_ratio, "ratio", finding);
-  finding.text = absl::StrFormat("%.2f ON events for each OFF event, where the light returned to what it was", ratio);
+  finding.text = absl::StrFormat("%.2f ON events for each OFF event", ratio);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy = absl::StrCat(
         ratio > 1.0 ? "raise bias_diff_on or lower bias_diff_off" : "raise bias_diff_off or lower bias_diff_on",
@@ -291,9 +296,9 @@ Finding RecordingDiagnosis::CheckPolarity(double flicker_share) const {
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckFocus(double flicker_share) const {
+Finding RecordingDiagnosis::CheckFocus(const Shares& shares) const {
   const PixelRuns::Blur blur = runs_.MeasureBlur();
-  if (flicker_share > options_.flicker_share.advice) {
+  if (shares.flicker > options_.flicker_share.advice) {
     return NotChecked("focus", "the flicker hides the passages of edges; see flicker");
   }
   if (blur.num_passages < kMinPassages) {
@@ -301,9 +306,16 @@ Finding RecordingDiagnosis::CheckFocus(double flicker_share) const {
                       absl::StrCat(Counted(blur.num_passages, "passage"),
                                    " of an edge with three events of a pixel; the median needs ", kMinPassages));
   }
+  if (blur.exponent < kMinBlurExponent) {
+    return NotChecked("focus",
+                      absl::StrFormat("the light changes in place, or pixels are slow: the durations of passages "
+                                      "do not follow the speed (exponent %.2f)",
+                                      blur.exponent));
+  }
   Finding finding = Named("focus");
   Judge(blur.median_px, options_.blur_px, "px", finding);
-  finding.text = absl::StrFormat("edges are blurred by %.2f px (standard deviation)", blur.median_px);
+  finding.text = absl::StrFormat("edges are blurred by %.2f px (standard deviation; exponent %.2f)", blur.median_px,
+                                 blur.exponent);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy = absl::StrCat(
         "focus the lens at the distance of the object, with a smaller aperture and more light; raise bias_fo if edges "

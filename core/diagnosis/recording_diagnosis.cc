@@ -2,8 +2,11 @@
 #include "core/diagnosis/recording_diagnosis.h"
 
 #include <algorithm>
+#include <iterator>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -57,33 +60,54 @@ void RecordingDiagnosis::Add(absl::Span<const Event> events) {
   motion_.Add(events);
 }
 
+RecordingDiagnosis::Shares RecordingDiagnosis::MeasureShares(const MotionSamples::Result& motion,
+                                                             const FlickerSpectrum::Result& spectrum) const {
+  Shares shares;
+  shares.noise = neighbours_.NoiseShare(duration_us());
+  if (!spectrum.lines.empty()) shares.flicker = spectrum.lines.front().share;
+  shares.has_signal = motion.busy_events_in_20_ms * (1.0 - shares.noise) >= options_.min_events_in_20_ms;
+  return shares;
+}
+
+std::vector<Finding> RecordingDiagnosis::FewEvents() const {
+  const std::string reason = absl::StrCat("there are ", num_events(), " events; the statistics need ", kMinEvents);
+  std::vector<Finding> findings;
+  for (const char* check : {"clock", "time-step", "event-rate", "motion", "noise", "hot-pixels", "dead-pixels",
+                            "flicker", "polarity", "focus"}) {
+    findings.push_back(NotChecked(check, reason));
+  }
+  const double seconds = 1e-6 * static_cast<double>(duration_us());
+  const double least = options_.min_events_in_20_ms * 1e6 / MotionSamples::kSlice_us;
+  const double rate = static_cast<double>(num_events()) / std::max(seconds, 1e-6);
+  if (num_events() == 0 || rate >= least) return findings;
+  Finding& finding = findings[2];
+  finding.verdict = Verdict::kProblem;
+  SetMeasured(rate, least, "events/s", finding);
+  finding.text = absl::StrFormat("%d events in %.3f s", num_events(), seconds);
+  finding.remedy = "record the object while it moves: an object at rest makes no events";
+  return findings;
+}
+
 std::vector<Finding> RecordingDiagnosis::Findings(const StreamFacts& facts) const {
   std::vector<Finding> findings = {CheckDecoding(facts)};
   if (num_events() < kMinEvents) {
-    for (const char* check : {"clock", "time-step", "event-rate", "motion", "noise", "hot-pixels", "dead-pixels",
-                              "flicker", "polarity", "focus"}) {
-      findings.push_back(
-          NotChecked(check, absl::StrCat("there are ", num_events(), " events; the statistics need ", kMinEvents)));
-    }
+    for (Finding& finding : FewEvents()) findings.push_back(std::move(finding));
     return findings;
   }
   const ClockWatch::Result clock = clock_.Measure();
   const MotionSamples::Result motion = motion_.Measure();
-  const double noise_share = neighbours_.NoiseShare(duration_us());
-  double hot_events = 0.0;
-  double flicker_share = 0.0;
-  const Finding hot = CheckHotPixels(hot_events);
-  const Finding flicker = CheckFlicker(flicker_share);
+  const FlickerSpectrum::Result spectrum = flicker_.Measure(options_);
+  const Shares shares = MeasureShares(motion, spectrum);
   findings.push_back(CheckClock(clock));
   findings.push_back(CheckTimeSteps(clock));
-  findings.push_back(CheckEventRate(motion, noise_share));
-  findings.push_back(CheckMotion(motion, noise_share));
-  findings.push_back(CheckNoise(noise_share));
-  findings.push_back(hot);
-  findings.push_back(CheckDeadPixels(noise_share));
-  findings.push_back(flicker);
-  findings.push_back(CheckPolarity(flicker_share));
-  findings.push_back(CheckFocus(flicker_share));
+  findings.push_back(CheckEventRate(motion, shares));
+  findings.push_back(CheckMotion(motion, shares));
+  findings.push_back(CheckNoise(shares));
+  findings.push_back(CheckHotPixels());
+  findings.push_back(CheckDeadPixels(shares));
+  findings.push_back(CheckFlicker(spectrum));
+  findings.push_back(CheckPolarity(shares));
+  findings.push_back(CheckFocus(shares));
   return findings;
 }
 

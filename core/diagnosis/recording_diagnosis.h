@@ -53,17 +53,26 @@ class RecordingDiagnosis {
  private:
   RecordingDiagnosis(SensorGeometry geometry, const DiagnosisOptions& options);
 
+  // Shares of the events, which decide what can be measured.
+  struct Shares {
+    double noise = 0.0;
+    double flicker = 0.0;
+    bool has_signal = true;  // enough events are neither
+  };
+  Shares MeasureShares(const MotionSamples::Result& motion, const FlickerSpectrum::Result& spectrum) const;
+
   Finding CheckDecoding(const StreamFacts& facts) const;
   Finding CheckClock(const ClockWatch::Result& clock) const;
   Finding CheckTimeSteps(const ClockWatch::Result& clock) const;
-  Finding CheckEventRate(const MotionSamples::Result& motion, double noise_share) const;
-  Finding CheckMotion(const MotionSamples::Result& motion, double noise_share) const;
-  Finding CheckNoise(double noise_share) const;
-  Finding CheckHotPixels(double& hot_events) const;
-  Finding CheckDeadPixels(double noise_share) const;
-  Finding CheckFlicker(double& flicker_share) const;
-  Finding CheckPolarity(double flicker_share) const;
-  Finding CheckFocus(double flicker_share) const;
+  Finding CheckEventRate(const MotionSamples::Result& motion, const Shares& shares) const;
+  Finding CheckMotion(const MotionSamples::Result& motion, const Shares& shares) const;
+  Finding CheckNoise(const Shares& shares) const;
+  Finding CheckHotPixels() const;
+  Finding CheckDeadPixels(const Shares& shares) const;
+  Finding CheckFlicker(const FlickerSpectrum::Result& spectrum) const;
+  Finding CheckPolarity(const Shares& shares) const;
+  Finding CheckFocus(const Shares& shares) const;
+  std::vector<Finding> FewEvents() const;
 
   const SensorGeometry geometry_;
   const DiagnosisOptions options_;
