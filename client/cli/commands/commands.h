@@ -11,6 +11,7 @@ namespace evpose::client {
 CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddCameraCommand(CLI::App& app, CliContext& context);
 CommandRunner AddConvertCommand(CLI::App& app, CliContext& context);
+CommandRunner AddDoctorCommand(CLI::App& app, CliContext& context);
 CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddInfoCommand(CLI::App& app, CliContext& context);
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context);

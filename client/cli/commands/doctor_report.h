@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The report of evpose doctor.
+#pragma once
+
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "client/cli/common/command.h"
+#include "core/diagnosis/finding.h"
+
+namespace evpose::client {
+
+struct DoctorReport {
+  std::vector<std::string> subjects;  // what was examined, a line each
+  std::vector<Finding> findings;
+
+  Json ToJson() const;
+  void Print(std::ostream& out) const;
+  // The names of the checks with this verdict, separated by commas.
+  std::string Names(Verdict verdict) const;
+};
+
+}  // namespace evpose::client
