@@ -12,7 +12,6 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kRecordHeadBytes = 9;             // op, and the length of the content in 64 bits
 constexpr size_t kPieceBytes = size_t{64} * 1024;  // in which content is read, so that a wrong length costs nothing
 
 bool IsWanted(uint8_t op) {
@@ -28,11 +27,11 @@ bool IsWanted(uint8_t op) {
   }
 }
 
-uint32_t Crc32(std::string_view bytes) {
+}  // namespace
+
+uint32_t McapCrc32(std::string_view bytes) {
   return static_cast<uint32_t>(crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
 }
-
-}  // namespace
 
 absl::StatusOr<bool> McapRecords::ReadExactly(uint64_t size, std::string& buffer) {
   buffer.clear();
@@ -85,7 +84,7 @@ void McapRecords::OpenChunk(std::string_view content) {
   } else if (compression.empty() && size == records.size()) {
     chunk = records;
   }
-  if (chunk && crc != 0 && crc != Crc32(*chunk)) chunk = std::nullopt;  // 0: the writer computed none
+  if (chunk && crc != 0 && crc != McapCrc32(*chunk)) chunk = std::nullopt;  // 0: the writer computed none
   num_damaged_chunks_ += chunk ? 0 : 1;
   chunk_rest_ = chunk.value_or(std::string_view());
 }
@@ -106,7 +105,7 @@ std::optional<McapRecord> McapRecords::NextInChunk() {
 absl::StatusOr<std::optional<McapRecord>> McapRecords::Next() {
   while (!at_end_) {
     if (const std::optional<McapRecord> record = NextInChunk()) return record;
-    EVPOSE_ASSIGN_OR_RETURN(bool is_complete, ReadExactly(kRecordHeadBytes, head_));
+    EVPOSE_ASSIGN_OR_RETURN(bool is_complete, ReadExactly(McapRecord::kHeadBytes, head_));
     if (!is_complete) {
       num_truncated_ += 1;
       break;

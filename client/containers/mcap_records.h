@@ -20,11 +20,29 @@ namespace evpose::client {
 inline constexpr std::string_view kMcapMagic("\x89MCAP0\r\n", 8);
 
 struct McapRecord {
-  enum Op : uint8_t { kHeader = 1, kFooter = 2, kSchema = 3, kChannel = 4, kMessage = 5, kChunk = 6, kDataEnd = 15 };
+  enum Op : uint8_t {
+    kHeader = 1,
+    kFooter = 2,
+    kSchema = 3,
+    kChannel = 4,
+    kMessage = 5,
+    kChunk = 6,
+    kMessageIndex = 7,
+    kChunkIndex = 8,
+    kStatistics = 11,
+    kMetadata = 12,
+    kMetadataIndex = 13,
+    kSummaryOffset = 14,
+    kDataEnd = 15
+  };
+  static constexpr size_t kHeadBytes = 9;  // op, and the length of the content in 64 bits
 
   uint8_t op = 0;
   std::string_view content;  // valid until the next record is read
 };
+
+// The checksum of chunks and of the summary: CRC-32 as in zlib.
+uint32_t McapCrc32(std::string_view bytes);
 
 class McapRecords {
  public:

@@ -125,10 +125,16 @@ absl::Status OutputFile::Append(std::string_view bytes) {
   return status_;
 }
 
-absl::StatusOr<uint64_t> OutputFile::Sync() {
+absl::Status OutputFile::Flush() {
   EVPOSE_RETURN_IF_ERROR(status_);
+  if (std::fflush(file_) != 0) status_ = FileError(path_, "writing failed", errno);
+  return status_;
+}
+
+absl::StatusOr<uint64_t> OutputFile::Sync() {
+  EVPOSE_RETURN_IF_ERROR(Flush());
   struct stat info;
-  if (std::fflush(file_) != 0 || fdatasync(fileno(file_)) != 0 || fstat(fileno(file_), &info) != 0) {
+  if (fdatasync(fileno(file_)) != 0 || fstat(fileno(file_), &info) != 0) {
     return status_ = FileError(path_, "writing failed", errno);
   }
   return static_cast<uint64_t>(info.st_size);

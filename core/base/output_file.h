@@ -30,10 +30,15 @@ class OutputFile {
 
   // Errors have the path. Every later call returns the first error, so that it suffices to check Commit().
   absl::Status Append(std::string_view bytes);
+  // Passes the appended bytes to the system, so that they are in the file if this process is killed.
+  absl::Status Flush();
   // Waits until the appended bytes are on the disk, and returns the file's size in bytes.
   absl::StatusOr<uint64_t> Sync();
   // Closes the file and gives it its name. The last call.
   absl::Status Commit();
+
+  // The name under which the bytes are until Commit().
+  const std::string& present_path() const { return temporary_path_.empty() ? path_ : temporary_path_; }
 
  private:
   OutputFile() = default;

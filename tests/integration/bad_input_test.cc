@@ -327,7 +327,7 @@ TEST_F(BadInputTest, WrongUsageIsStatusTwo) {
   for (const char* name : {"poses.dat", "poses.txt"}) {
     const CliResult result = Run(ReplayArguments(name));
     EXPECT_EQ(result.status, 2);
-    EXPECT_THAT(result.err, HasSubstr(": the name of a file of poses ends in .tum, .csv or .jsonl"));
+    EXPECT_THAT(result.err, HasSubstr(": the name of a file of poses ends in .tum, .csv, .jsonl or .mcap"));
   }
   EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--model", "c"}).status, 2);
   EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--symmetric"}).status, 2);

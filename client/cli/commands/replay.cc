@@ -94,7 +94,7 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
 
 CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ReplayArguments>();
-  arguments->track.AddTo(app, false);
+  arguments->track.AddTo(app, false, "that of the recording, if it had times since 1970, else 0");
   app.add_option("--rate", arguments->rate, "max, or a multiple of real time")
       ->type_name("max|1|X")
       ->capture_default_str();
@@ -109,8 +109,9 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "object,\n"
       "the first reported one is the nearest to the identity rotation, and each later one the nearest to its\n"
       "predecessor. Objects without a confirmed pose at the end are reported with the reason; without any pose, the\n"
-      "exit status is 1. An AMBIGUOUS pose, the most likely of several, is in .csv and .jsonl files only, with the\n"
-      "others as alternatives. An interrupt ends the stream, and the poses computed so far are written. An error ends "
+      "exit status is 1. An AMBIGUOUS pose, the most likely of several, is in .csv and .jsonl files, with the others\n"
+      "as alternatives, and in the states of .mcap files. An interrupt ends the stream, and the poses computed so far "
+      "are written. An error ends "
       "it with exit status 1; without --resume, the\n"
       "poses received so far are written. Latencies are measured from the server's receipt of a chunk to its pose:\n"
       "with --rate max for a full queue, with --rate 1 as for a camera.\n"

@@ -125,7 +125,8 @@ void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
 CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<StreamArguments>();
   arguments->track.max_outage_s = std::numeric_limits<double>::infinity();
-  arguments->track.AddTo(app, true);
+  arguments->track.is_live = true;
+  arguments->track.AddTo(app, true, "host");
   AddOption(
       app, "--overload", arguments->overload,
       "Behaviour when the server cannot keep up. block: standard input is read more slowly and no event is skipped; "

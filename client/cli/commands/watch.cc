@@ -7,11 +7,13 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/pose_format.h"
+#include "client/cli/common/session_observer.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -26,6 +28,8 @@ struct WatchArguments {
   bool is_health = false;
   double period_s = 1.0;
   bool is_json = false;
+  std::string out;  // empty: standard output
+  RecordingArguments recording;
   PoseFrameArguments frame;
 };
 
@@ -52,6 +56,10 @@ class StateLines {
     const std::lock_guard lock(mutex_);
     err_ << "the session continues after pose " << last_pose_seq
          << ": its server or its store has lost the later ones, which are computed again" << std::endl;
+  }
+  void Print(const std::string& text) {
+    const std::lock_guard lock(mutex_);
+    err_ << text << std::endl;
   }
 
  private:
@@ -123,22 +131,72 @@ absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context
   return stop.stop_requested() ? absl::OkStatus() : SessionError(arguments.session, status);
 }
 
+// Writes poses to --out, or prints them.
+class PoseOutput {
+ public:
+  // Error: INVALID_ARGUMENT (usage) for an invalid --out; those of PoseFiles.
+  static absl::StatusOr<PoseOutput> Open(const WatchArguments& arguments, const PoseFrame& frame,
+                                         const Session& session, CliContext& context) {
+    PoseOutput output(context);
+    output.frame_ = frame;
+    output.format_ = arguments.is_json ? PoseFormat::kJsonLines : PoseFormat::kTum;
+    if (arguments.out.empty()) {
+      context.out << PoseHeader(output.format_, output.frame_);
+      return output;
+    }
+    std::vector<std::string> ids;
+    for (const TrackedObject& object : session.config.objects) ids.push_back(object.object_id);
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFiles::Check(arguments.out, ids), "--out "));
+    EVPOSE_ASSIGN_OR_RETURN(output.files_, PoseFiles::Open(arguments.out, ids,
+                                                           {.frame = output.frame_,
+                                                            .epoch_ns = arguments.recording.EpochNs(std::nullopt)}));
+    return output;
+  }
+
+  // False: standard output is closed.
+  bool Write(const std::vector<Pose>& poses) {
+    for (const Pose& pose : poses) {
+      if (files_) {
+        files_->Write(pose);
+      } else {
+        context_->out << PoseLine(format_, pose, frame_);
+      }
+    }
+    context_->out.flush();
+    return static_cast<bool>(context_->out);
+  }
+  std::vector<PoseRecorder*> recorders() const { return files_ ? files_->recorders() : std::vector<PoseRecorder*>(); }
+  absl::Status Commit() { return files_ ? files_->Commit() : absl::OkStatus(); }
+
+ private:
+  explicit PoseOutput(CliContext& context) : context_(&context) {}
+
+  CliContext* context_;
+  PoseFormat format_ = PoseFormat::kTum;
+  PoseFrame frame_;
+  std::optional<PoseFiles> files_;
+};
+
 absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
+  EVPOSE_RETURN_IF_ERROR(arguments.recording.Check(arguments.out));
+  if (!arguments.out.empty()) {
+    EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFormatFromPath(arguments.out).status(), "--out "));
+  }
   EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  const PoseFormat format = arguments.is_json ? PoseFormat::kJsonLines : PoseFormat::kTum;
+  const absl::StatusOr<Session> session = client->GetSession(arguments.session);
+  if (!session.ok()) return SessionError(arguments.session, session.status());
+  EVPOSE_ASSIGN_OR_RETURN(PoseOutput output, PoseOutput::Open(arguments, frame, *session, context));
   StateLines states(context.err);
   std::stop_source stop;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
     if (num_skipped > 0) states.Skipped(num_skipped);
-    for (const Pose& pose : poses) context.out << PoseLine(format, pose, frame);
-    context.out.flush();
-    if (!context.out) stop.request_stop();  // the output is closed
+    if (!output.Write(poses)) stop.request_stop();
   };
-  const absl::StatusOr<Session> session = client->GetSession(arguments.session);
-  if (!session.ok()) return SessionError(arguments.session, session.status());
   states.Show(session->health);
-  context.out << PoseHeader(format, frame);
+  SessionObserverOptions recording = {.event_cell_px = arguments.recording.event_cell_px, .records_states = true};
+  recording.print = [&states](const std::string& text) { states.Print(text); };
+  SessionObserver observer(*client, arguments.session, output.recorders(), recording);
   const StopOnInterrupt interrupt(context, stop, [&, shown_at = SystemClock().Now()]() mutable {
     if (SystemClock().Now() - shown_at < kHealthPeriod) return;
     // The end of the session also ends the stream of poses.
@@ -147,8 +205,12 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   });
   WatchPosesOptions options = arguments.poses;
   options.on_rolled_back = [&states](uint64_t last_pose_seq) { states.RolledBack(last_pose_seq); };
-  const absl::Status status = client->WatchPoses(arguments.session, options, on_poses, stop.get_token());
-  return stop.stop_requested() ? absl::OkStatus() : status;
+  absl::Status status = client->WatchPoses(arguments.session, options, on_poses, stop.get_token());
+  if (stop.stop_requested()) status = absl::OkStatus();
+  if (status.ok() && !stop.stop_requested()) observer.Finish();
+  observer.Stop();
+  const absl::Status written = output.Commit();
+  return status.ok() ? written : status;
 }
 
 }  // namespace
@@ -170,9 +232,15 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01",
             CLI::Range(0.01, 86400.0))
       ->needs(health);
+  CLI::Option* const out =
+      app.add_option("-o,--out", arguments->out,
+                     absl::StrCat("Write the poses to this file instead of standard output: ", kPoseFormats,
+                                  ". It appears at the end. {object} in the name is replaced by the ID of each object"))
+          ->excludes(health);
+  arguments->recording.AddTo(app, "host");
   arguments->frame.AddTo(app);
   arguments->server.AddTo(app, true);
-  app.add_flag("--json", arguments->is_json, "One JSON object on each line");
+  app.add_flag("--json", arguments->is_json, "One JSON object on each line")->excludes(out);
   app.footer(
       "Prints the stored poses (TUM) and then the live ones until the session ends or until an interrupt. Changes of\n"
       "the objects' states are printed on standard error. With --health, prints a line at once and after each period:\n"

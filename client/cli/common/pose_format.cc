@@ -87,7 +87,7 @@ void SetTransform(const Transform& transform, nlohmann::ordered_json& json) {
   json["quaternion_xyzw"] = {n[3], n[4], n[5], n[6]};
 }
 
-std::string JsonLine(const Pose& pose, const PoseFrame& frame) {
+nlohmann::ordered_json PoseJson(const Pose& pose, const PoseFrame& frame) {
   nlohmann::ordered_json json;
   json["pose_seq"] = pose.seq;
   json["object_id"] = pose.object_id;
@@ -109,8 +109,19 @@ std::string JsonLine(const Pose& pose, const PoseFrame& frame) {
     item["log_likelihood_ratio"] = alternative.log_likelihood_ratio;
     json["alternatives"].push_back(std::move(item));
   }
+  return json;
+}
+
+std::string Text(const nlohmann::ordered_json& json) {
   // An object ID that is not valid UTF-8 must not stop the output.
-  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+// The entry of an object, or that of all objects; the end if there is neither.
+template <typename File>
+auto FindFile(std::map<std::string, File>& files, const std::string& object_id) {
+  const auto own = files.find(object_id);
+  return own != files.end() ? own : files.find("");
 }
 
 }  // namespace
@@ -119,12 +130,14 @@ absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path) {
   if (absl::EndsWith(path, ".tum")) return PoseFormat::kTum;
   if (absl::EndsWith(path, ".csv")) return PoseFormat::kCsv;
   if (absl::EndsWith(path, ".jsonl")) return PoseFormat::kJsonLines;
-  return absl::InvalidArgumentError(absl::StrCat(path, ": the name of a file of poses ends in .tum, .csv or .jsonl"));
+  if (absl::EndsWith(path, ".mcap")) return PoseFormat::kMcap;
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, ": the name of a file of poses ends in .tum, .csv, .jsonl or .mcap"));
 }
 
 std::string PoseHeader(PoseFormat format, const PoseFrame& frame) {
   if (format == PoseFormat::kCsv) return CsvHeader(frame);
-  if (format == PoseFormat::kJsonLines || frame.is_default()) return "";
+  if (format != PoseFormat::kTum || frame.is_default()) return "";
   return absl::StrCat("# ", frame.transform(), ", timestamp tx ty tz qx qy qz qw: sensor clock, s; m\n");
 }
 
@@ -138,18 +151,38 @@ std::string PoseLine(PoseFormat format, const Pose& camera_pose, const PoseFrame
     case PoseFormat::kCsv:
       return CsvLine(pose, frame);
     case PoseFormat::kJsonLines:
-      return JsonLine(pose, frame);
+      return Text(PoseJson(pose, frame)) + "\n";
+    case PoseFormat::kMcap:
+      break;
   }
   return "";
+}
+
+std::string StateJson(const Pose& pose, const PoseFrame& frame) {
+  nlohmann::ordered_json json = PoseJson(frame.Apply(pose), frame);
+  if (pose.state == TrackState::kAmbiguous) return Text(json);
+  for (const char* const name :
+       {kTransformKey, "translation_m", "quaternion_xyzw", "twist", "covariance_upper", "alternatives"}) {
+    json.erase(name);
+  }
+  return Text(json);
+}
+
+std::string StateJson(const std::string& object_id, int64_t t_us, TrackState state) {
+  nlohmann::ordered_json json;
+  json["object_id"] = object_id;
+  json["t_us"] = t_us;
+  json["state"] = TrackStateName(state);
+  return Text(json);
 }
 
 absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::string>& object_ids) {
   EVPOSE_ASSIGN_OR_RETURN(const PoseFormat format, PoseFormatFromPath(path));
   if (!absl::StrContains(path, kObjectPlaceholder)) {
     if (object_ids.size() < 2 || format != PoseFormat::kTum) return absl::OkStatus();
-    return absl::InvalidArgumentError(
-        absl::StrCat(path, ": such a file holds the poses of one object; put ", kObjectPlaceholder,
-                     " in its name for one file each, or write .csv or .jsonl, which name the object in every line"));
+    return absl::InvalidArgumentError(absl::StrCat(
+        path, ": such a file holds the poses of one object; put ", kObjectPlaceholder,
+        " in its name for one file each, or write .csv, .jsonl or .mcap, which name the object of every pose"));
   }
   for (const std::string& id : object_ids) {
     if (absl::StrContains(id, '/') || absl::StrContains(id, '\0')) {
@@ -168,26 +201,43 @@ std::map<std::string, std::string> PoseFiles::Paths(const std::string& path,
 }
 
 absl::StatusOr<PoseFiles> PoseFiles::Open(const std::string& path, const std::vector<std::string>& object_ids,
-                                          const PoseFrame& frame, const std::map<std::string, uint64_t>* kept_bytes) {
+                                          const PoseFilesOptions& options) {
   EVPOSE_RETURN_IF_ERROR(Check(path, object_ids));
   PoseFiles files;
-  files.frame_ = frame;
+  files.frame_ = options.frame;
   EVPOSE_ASSIGN_OR_RETURN(files.format_, PoseFormatFromPath(path));
   for (const auto& [id, name] : Paths(path, object_ids)) {
-    const uint64_t kept = kept_bytes != nullptr && kept_bytes->contains(id) ? kept_bytes->at(id) : 0;
-    EVPOSE_ASSIGN_OR_RETURN(OutputFile file,
-                            kept_bytes == nullptr ? OutputFile::Create(name) : OutputFile::Continue(name, kept));
-    if (kept == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(files.format_, frame)));
+    std::optional<uint64_t> kept;
+    if (options.kept_bytes != nullptr) kept = options.kept_bytes->contains(id) ? options.kept_bytes->at(id) : 0;
+    if (files.format_ == PoseFormat::kMcap) {
+      const PoseRecorderOptions recorder = {.object_ids = id.empty() ? object_ids : std::vector<std::string>{id},
+                                            .epoch_ns = options.epoch_ns,
+                                            .transform = options.frame.transform(),
+                                            .world_from_camera = options.frame.world_from_camera()};
+      EVPOSE_ASSIGN_OR_RETURN(files.recorders_[id], PoseRecorder::Open(name, recorder, kept));
+      continue;
+    }
+    EVPOSE_ASSIGN_OR_RETURN(OutputFile file, kept ? OutputFile::Continue(name, *kept) : OutputFile::Create(name));
+    if (kept.value_or(0) == 0) EVPOSE_RETURN_IF_ERROR(file.Append(PoseHeader(files.format_, files.frame_)));
     files.files_.emplace(id, std::move(file));
   }
   return files;
 }
 
 void PoseFiles::Write(const Pose& pose) {
-  auto file = files_.find(pose.object_id);
-  if (file == files_.end()) file = files_.find("");
-  if (file == files_.end()) return;
-  file->second.Append(PoseLine(format_, pose, frame_)).IgnoreError();  // Commit() returns the error
+  // Errors are kept: Commit() returns them.
+  if (const auto file = FindFile(files_, pose.object_id); file != files_.end()) {
+    file->second.Append(PoseLine(format_, pose, frame_)).IgnoreError();
+  }
+  if (const auto recorder = FindFile(recorders_, pose.object_id); recorder != recorders_.end()) {
+    recorder->second->Add(pose, {frame_.Apply(pose), frame_.FrameId(pose.object_id)}, StateJson(pose, frame_));
+  }
+}
+
+std::vector<PoseRecorder*> PoseFiles::recorders() const {
+  std::vector<PoseRecorder*> recorders;
+  for (const auto& [id, recorder] : recorders_) recorders.push_back(recorder.get());
+  return recorders;
 }
 
 absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
@@ -195,11 +245,15 @@ absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
   for (auto& [id, file] : files_) {
     EVPOSE_ASSIGN_OR_RETURN(sizes[id], file.Sync());
   }
+  for (auto& [id, recorder] : recorders_) {
+    EVPOSE_ASSIGN_OR_RETURN(sizes[id], recorder->Sync());
+  }
   return sizes;
 }
 
 absl::Status PoseFiles::Commit() {
   for (auto& [id, file] : files_) EVPOSE_RETURN_IF_ERROR(file.Commit());
+  for (auto& [id, recorder] : recorders_) EVPOSE_RETURN_IF_ERROR(recorder->Commit());
   return absl::OkStatus();
 }
 
@@ -213,9 +267,20 @@ PoseFrame PoseFrame::ObjectFromCamera() {
 PoseFrame PoseFrame::WorldFromObject(const RigidTransform& world_from_camera, const std::string& name) {
   PoseFrame frame;
   frame.kind_ = Kind::kWorld;
+  frame.world_ = name;
   frame.world_from_camera_ = world_from_camera;
   frame.transform_ = absl::StrCat(name, "_from_object");
   return frame;
+}
+
+std::string PoseFrame::FrameId(const std::string& object_id) const {
+  if (kind_ == Kind::kCamera) return kCameraFrame;
+  return kind_ == Kind::kWorld ? world_ : object_id;
+}
+
+std::optional<std::pair<std::string, Transform>> PoseFrame::world_from_camera() const {
+  if (kind_ != Kind::kWorld) return std::nullopt;
+  return std::pair(world_, FromCore(world_from_camera_));
 }
 
 std::string PoseFrame::Description() const {

@@ -5,11 +5,15 @@
 
 #include <cstdint>
 #include <map>
+#include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"
+#include "client/mcap/pose_recorder.h"
 #include "core/base/output_file.h"
 #include "core/geometry/rigid_transform.h"
 #include "evpose/types.h"
@@ -30,6 +34,10 @@ class PoseFrame {
   // Name of the transform that is written, for example "world_from_object".
   const std::string& transform() const { return transform_; }
   bool is_default() const { return kind_ == Kind::kCamera; }
+  // Name of the frame in which the pose of an object is written.
+  std::string FrameId(const std::string& object_id) const;
+  // The name of the world frame and the camera's pose in it; nullopt without a world frame.
+  std::optional<std::pair<std::string, Transform>> world_from_camera() const;
   // Everything that determines the output, for comparisons.
   std::string Description() const;
 
@@ -42,6 +50,7 @@ class PoseFrame {
   RigidTransform Transformed(const RigidTransform& camera_from_object) const;
 
   Kind kind_ = Kind::kCamera;
+  std::string world_;
   RigidTransform world_from_camera_;
   std::string transform_ = kCameraFromObject;
 };
@@ -56,9 +65,13 @@ struct PoseFrameArguments {
   absl::StatusOr<PoseFrame> Read() const;
 };
 
-enum class PoseFormat { kTum, kCsv, kJsonLines };
+// kMcap is no text: PoseRecorder writes it.
+enum class PoseFormat { kTum, kCsv, kJsonLines, kMcap };
 
-// Parses .tum, .csv or .jsonl. Error: INVALID_ARGUMENT naming the extensions.
+// The formats of files of poses, for the help of the options that take one.
+inline constexpr char kPoseFormats[] = ".tum, .csv, .jsonl, or .mcap for ROS 2, Foxglove and Lichtblick";
+
+// Parses .tum, .csv, .jsonl or .mcap. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path);
 // The header line, line feed included; empty for a format without a header. The transform of the poses, if it is not
 // camera_from_object, is named in a TUM file in a comment before the poses, and in a CSV file in the last column,
@@ -67,6 +80,17 @@ std::string PoseHeader(PoseFormat format, const PoseFrame& frame = {});
 // One line, line feed included; empty for an AMBIGUOUS pose in TUM, which has no states. It depends on the bytes of the
 // session only, so that it does not contain the latency.
 std::string PoseLine(PoseFormat format, const Pose& pose, const PoseFrame& frame = {});
+// The message of an object's state in a .mcap file: the fields of a JSON line, without those of the pose unless it is
+// AMBIGUOUS; of a change of state only object_id, t_us and state.
+std::string StateJson(const Pose& pose, const PoseFrame& frame = {});
+std::string StateJson(const std::string& object_id, int64_t t_us, TrackState state);
+
+struct PoseFilesOptions {
+  PoseFrame frame;
+  std::optional<int64_t> epoch_ns;  // PoseRecorderOptions::epoch_ns
+  // Continues the output of an earlier process: the number of bytes of each file, by object, that Sync() returned.
+  const std::map<std::string, uint64_t>* kept_bytes = nullptr;
+};
 
 // Writes the poses of the objects of a session as they arrive: to one file or, if the path contains "{object}", to one
 // file for each object. A file appears under its name when it is complete.
@@ -75,13 +99,13 @@ class PoseFiles {
   // Errors: INVALID_ARGUMENT for an unknown extension, for a TUM file with several objects, and for an ID that cannot
   // be part of a file name.
   static absl::Status Check(const std::string& path, const std::vector<std::string>& object_ids);
-  // With `kept_bytes`, continues the output of an earlier process: the number of bytes of each file, by object, that
-  // Sync() returned. Additional errors: those of OutputFile.
+  // Additional errors: those of OutputFile and PoseRecorder.
   static absl::StatusOr<PoseFiles> Open(const std::string& path, const std::vector<std::string>& object_ids,
-                                        const PoseFrame& frame = {},
-                                        const std::map<std::string, uint64_t>* kept_bytes = nullptr);
+                                        const PoseFilesOptions& options = {});
   // The first error is kept and returned by Commit().
   void Write(const Pose& pose);
+  // The .mcap files, which also take states, health, cameras, models and images of events; empty for other formats.
+  std::vector<PoseRecorder*> recorders() const;
   // Writes all data to the disk; returns the sizes of the files, by object.
   absl::StatusOr<std::map<std::string, uint64_t>> Sync();
   absl::Status Commit();
@@ -92,7 +116,9 @@ class PoseFiles {
  private:
   PoseFormat format_ = PoseFormat::kTum;
   PoseFrame frame_;
-  std::map<std::string, OutputFile> files_;  // by object; "" for a single file
+  // By object; "" for a single file.
+  std::map<std::string, OutputFile> files_;
+  std::map<std::string, std::unique_ptr<PoseRecorder>> recorders_;  // of .mcap
 };
 
 }  // namespace evpose::client

@@ -47,7 +47,7 @@ TEST(PoseFormat, FollowsFromTheEnding) {
   EXPECT_EQ(*PoseFormatFromPath("a.b/a.tum"), PoseFormat::kTum);
   EXPECT_EQ(*PoseFormatFromPath("a.csv"), PoseFormat::kCsv);
   EXPECT_EQ(*PoseFormatFromPath("a.jsonl"), PoseFormat::kJsonLines);
-  EXPECT_THAT(PoseFormatFromPath("a.json").status().message(), HasSubstr(".tum, .csv or .jsonl"));
+  EXPECT_THAT(PoseFormatFromPath("a.json").status().message(), HasSubstr(".tum, .csv, .jsonl or .mcap"));
   EXPECT_THAT(PoseFormatFromPath("a.txt").status().message(), HasSubstr("a.txt: the name of a file of poses ends in"));
 }
 

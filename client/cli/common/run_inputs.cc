@@ -180,6 +180,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const Rec
   if (!arguments.out.empty()) {
     EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFiles::Check(arguments.out, inputs.object_ids()), "--out "));
   }
+  EVPOSE_RETURN_IF_ERROR(arguments.recording_options.Check(arguments.out));
   EVPOSE_RETURN_IF_ERROR(ParseInitialPoses(arguments, inputs.objects));
   EVPOSE_RETURN_IF_ERROR(ParseResets(arguments, inputs));
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
@@ -243,7 +244,7 @@ RetainOptions RunArguments::retain() const {
   return {.duration = absl::Seconds(retain_s), .max_bytes = retain_bytes};
 }
 
-void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
+void RunArguments::AddTo(CLI::App& app, bool server_is_required, const std::string& epoch_default) {
   AddFile(app, "recording", recording, kRecordingFormats)->required();
   AddFile(app, "--model", model, absl::StrCat("Object: ", kModelFormats));
   app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
@@ -264,8 +265,10 @@ void RunArguments::AddTo(CLI::App& app, bool server_is_required) {
       ->allow_extra_args(false);
   app.add_option(
       "-o,--out", out,
-      "Poses: .tum, .csv or .jsonl; the file appears when the run has ended. {object} in the name is replaced by the "
-      "ID of each object");
+      absl::StrCat("Poses: ", kPoseFormats,
+                   ", with covariances, transforms, model, camera and health; the file appears when the run has ended. "
+                   "{object} in the name is replaced by the ID of each object"));
+  recording_options.AddTo(app, epoch_default);
   frame.AddTo(app);
   AddFile(app, "--clock-log", clock_log,
           "Write the host's time (UTC) at which chunks of events, poses and triggers arrived, with their sensor times, "

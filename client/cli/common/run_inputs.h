@@ -16,6 +16,7 @@
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/replay_report.h"
+#include "client/cli/common/session_observer.h"
 #include "core/estimation/sensor_profile.h"
 #include "core/events/recording_reader.h"
 #include "evpose/client.h"
@@ -30,7 +31,8 @@ struct RunArguments {
   std::string sensor;
   ServerArguments server;
   std::string out;
-  std::string clock_log;  // empty: none
+  RecordingArguments recording_options;  // of an `out` in .mcap
+  std::string clock_log;                 // empty: none
   std::vector<std::string> init_poses;
   std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"
   std::string estimator = "mixture";
@@ -42,10 +44,12 @@ struct RunArguments {
   uint64_t retain_bytes = RetainOptions().max_bytes;
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
+  bool is_live = false;              // the events arrive as the camera sends them
   bool has_metavision_zero = false;  // the pose files count from Metavision's zero, not from the sensor's
   bool is_json = false;
 
-  void AddTo(CLI::App& app, bool server_is_required);
+  // `epoch_default`: that of RecordingArguments.
+  void AddTo(CLI::App& app, bool server_is_required, const std::string& epoch_default);
   // None without a server: the one inside this process has no store that could lose writes.
   RetainOptions retain() const;
 };

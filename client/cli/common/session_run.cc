@@ -49,6 +49,7 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
                    inputs.reader->header().geometry.width_px, "x", inputs.reader->header().geometry.height_px);
   identity["--time-zero"] = arguments.has_metavision_zero ? "metavision" : "sensor";
   identity["--out"] = absolute(arguments.out);
+  identity["--epoch"] = arguments.recording_options.epoch;
   identity["--clock-log"] = absolute(arguments.clock_log);
   identity["--estimator"] = arguments.estimator;
   identity["--scale"] = absl::StrCat(arguments.reading.metres_per_unit);
@@ -106,6 +107,7 @@ SessionRun::SessionRun(const RunArguments& arguments, RunInputs& inputs, CliCont
 }
 
 SessionRun::~SessionRun() {
+  observer_.reset();
   if (progress_ != nullptr) progress_->Stop();
 }
 
@@ -120,9 +122,16 @@ absl::Status SessionRun::Open() {
   }
   kept_pose_seq_ = record_.position.last_pose_seq;
   EVPOSE_RETURN_IF_ERROR(OpenClockLog());
-  if (arguments_.out.empty()) return absl::OkStatus();
-  EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(), inputs_.frame,
-                                                  resume_ ? &record_.output_bytes : nullptr));
+  return arguments_.out.empty() ? absl::OkStatus() : OpenPoses();
+}
+
+absl::Status SessionRun::OpenPoses() {
+  std::optional<int64_t> epoch_ns;  // of live events: when they arrive
+  if (!arguments_.is_live) epoch_ns = 1000 * inputs_.reader->header().time_offset_us;
+  EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(),
+                                                  {.frame = inputs_.frame,
+                                                   .epoch_ns = arguments_.recording_options.EpochNs(epoch_ns),
+                                                   .kept_bytes = resume_ ? &record_.output_bytes : nullptr}));
   return absl::OkStatus();
 }
 
@@ -204,8 +213,15 @@ void SessionRun::PrintLine(const std::string& text) {
 
 void SessionRun::WritePose(const Pose& pose) {
   Pose written = pose;
-  if (arguments_.has_metavision_zero) written.t_us -= *inputs_.metavision_zero_us;
+  written.t_us -= TimeZero_us();
   poses_->Write(written);
+}
+
+void SessionRun::WriteState(const StateChange& change) {
+  const int64_t t_us = change.t_us - TimeZero_us();
+  for (PoseRecorder* const recorder : poses_->recorders()) {
+    recorder->AddState(change.object_id, t_us, StateJson(change.object_id, t_us, change.state));
+  }
 }
 
 TrackCallbacks SessionRun::MakeCallbacks() {
@@ -222,6 +238,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
     const auto* triggers = std::get_if<Triggers>(&notice);
     if (triggers != nullptr && clock_log_ != nullptr) clock_log_->AddTriggers(*triggers);
     if (const auto* change = std::get_if<LagChange>(&notice)) PrintLine(DescribeLag(*change));
+    if (const auto* change = std::get_if<StateChange>(&notice); change != nullptr && poses_) WriteState(*change);
   };
   callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
   callbacks.on_connection = [this](const ConnectionChange& change) {
@@ -232,6 +249,15 @@ TrackCallbacks SessionRun::MakeCallbacks() {
     return KeepPosition(position, has_new_token);
   };
   return callbacks;
+}
+
+void SessionRun::Observe(Client& client) {
+  if (!poses_) return;
+  SessionObserverOptions options;
+  options.event_cell_px = arguments_.recording_options.event_cell_px;
+  options.time_zero_us = [this] { return TimeZero_us(); };
+  options.print = [this](const std::string& text) { PrintLine(text); };
+  observer_ = std::make_unique<SessionObserver>(client, record_.position.session, poses_->recorders(), options);
 }
 
 absl::Status SessionRun::Track(Client& client, TrackOptions options) {
@@ -250,11 +276,16 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   EVPOSE_RETURN_IF_ERROR(KeepPosition(record_.position, true));
   progress_ = std::make_unique<SessionProgress>(context_, client, record_.position.session,
                                                 inputs_.reader->data_size_bytes(), !arguments_.is_json);
+  Observe(client);
   const absl::Time begin = SystemClock().Now();
   absl::StatusOr<TrackSummary> summary = absl::UnknownError("");
   {
     const InterruptWatch watch(context_, is_away_, options.stop);
     summary = ClientAccess::Track(client, record_.position, *feed_, MakeCallbacks(), options);
+  }
+  if (observer_ != nullptr) {
+    if (summary.ok()) observer_->Finish();
+    observer_->Stop();
   }
   progress_->Stop();
   if (summary.ok()) return Finish(client, *summary, SystemClock().Now() - begin);

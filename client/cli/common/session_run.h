@@ -18,6 +18,7 @@
 #include "client/cli/common/replay_report.h"
 #include "client/cli/common/resume_file.h"
 #include "client/cli/common/run_inputs.h"
+#include "client/cli/common/session_observer.h"
 #include "client/cli/common/session_progress.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/events/recording_reader.h"
@@ -58,12 +59,18 @@ class SessionRun {
  private:
   absl::StatusOr<EventChunk> NextChunk();
   absl::Status OpenClockLog();
+  absl::Status OpenPoses();
   // Writes all outputs to the disk, and keeps their sizes in the record.
   absl::Status SyncOutputs();
   absl::Status CommitOutputs();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
+  // Sensor time at which the clock of the pose files is 0.
+  int64_t TimeZero_us() const { return arguments_.has_metavision_zero ? inputs_.metavision_zero_us->load() : 0; }
   void WritePose(const Pose& pose);
+  void WriteState(const StateChange& change);
   TrackCallbacks MakeCallbacks();
+  // Begins to record what a .mcap file has beside the poses.
+  void Observe(Client& client);
   // Completes the pose files of a run that failed, and returns its status with advice.
   absl::Status GiveUp(Client& client, const absl::Status& status);
   // Writes the poses so far, if there are any; returns a text about them.
@@ -84,6 +91,7 @@ class SessionRun {
   bool ends_on_error_ = false;
   absl::Status source_status_;  // of a source that ends on errors; owned by the feed's thread until the summary
   std::unique_ptr<SessionProgress> progress_;
+  std::unique_ptr<SessionObserver> observer_;
   ConnectionMessages connection_;
   std::atomic<bool> is_away_ = false;  // the server is unreachable while there is a stream
   ReplayReport report_;
