@@ -47,7 +47,7 @@ async function buildPage() {
     ...common,
     entryPoints: { app: "src/main.ts" },
     outdir: "dist",
-    minify: true,
+    minify: !process.argv.includes("--debug"),
     metafile: true,
     legalComments: "none",
   });

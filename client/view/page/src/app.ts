@@ -19,7 +19,7 @@ import { Transport } from "./transport";
 
 const RATE_HZ = 30;
 /** Lists and plots of a live session are drawn less often than images. */
-const SLOW_PERIOD_MS = 125;
+const SLOW_PERIOD_MS = 160;
 const LIST_PERIOD_MS = 2000;
 const NOTICE_MS = 8000;
 
@@ -74,7 +74,7 @@ export class App implements Receiver {
     this.events = new EventsView(this.store, colours, draw);
     this.space = new SpaceView(this.store, colours, draw);
     this.plots = new Plots(this.store, colours, seek, draw);
-    this.timeline = new Timeline(this.store, colours, seek);
+    this.timeline = new Timeline(this.store, colours, seek, draw);
     this.info = new InfoPanel(this.store, colours, (id) => {
       this.select(id);
     });
@@ -119,7 +119,7 @@ export class App implements Receiver {
     byId("relative-button", HTMLButtonElement).addEventListener("click", () => {
       this.toggleRelative();
     });
-    setText(byId("relative-button", HTMLElement), "from the first pose");
+    setText(byId("relative-button", HTMLElement), "from first pose");
   }
 
   private commands(): Command[] {
@@ -254,7 +254,7 @@ export class App implements Receiver {
 
   private toggleRelative(): void {
     this.plots.isRelative = !this.plots.isRelative;
-    setText(byId("relative-button", HTMLElement), this.plots.isRelative ? "from the first pose" : "camera frame");
+    setText(byId("relative-button", HTMLElement), this.plots.isRelative ? "from first pose" : "camera frame");
     this.redraw();
   }
 
@@ -323,7 +323,7 @@ export class App implements Receiver {
     }
     while (this.drawTimes.length > 0 && this.drawTimes[0]! < nowMs - 1000) this.drawTimes.shift();
     const isSlowDue = nowMs >= this.slowDueMs;
-    if (hasImage || isSlowDue) this.space.draw(instantUs);
+    if (isSlowDue || (hasImage && !this.space.isSoftware)) this.space.draw(instantUs);
     if (isSlowDue || (this.store.isRecording && hasImage)) {
       this.slowDueMs = nowMs + SLOW_PERIOD_MS;
       this.drawSlow(instantUs);
@@ -337,7 +337,7 @@ export class App implements Receiver {
     this.plots.spanS = this.spanS.value;
     const newestUs = this.store.newestUs;
     this.plots.draw(newestUs, recording ? instantUs : null);
-    const fromUs = recording?.from_us ?? newestUs - this.spanS.value * 1e6;
+    const fromUs = recording?.from_us ?? this.store.liveFromUs(this.spanS.value);
     this.timeline.draw(fromUs, recording?.to_us ?? newestUs, recording ? instantUs : null);
     const image = this.events.image;
     this.info.draw(instantUs, {

@@ -28,14 +28,41 @@ export function context2d(canvas: HTMLCanvasElement): CanvasRenderingContext2D {
   return context;
 }
 
-/** Gives a canvas the size of its box in pixels of the screen; returns the pixels per CSS pixel. */
-export function fitCanvas(canvas: HTMLCanvasElement): number {
-  const ratio = Math.min(window.devicePixelRatio || 1, 2);
-  const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
-  const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+/** The size of an element, CSS pixels. It is kept, because reading it from the element makes the browser lay out the page. */
+export class BoxSize {
+  width: number;
+  height: number;
+
+  constructor(
+    readonly node: HTMLElement,
+    onChange: () => void,
+  ) {
+    this.width = node.clientWidth;
+    this.height = node.clientHeight;
+    new ResizeObserver(() => {
+      this.width = node.clientWidth;
+      this.height = node.clientHeight;
+      onChange();
+    }).observe(node);
+  }
+}
+
+export function pixelRatio(): number {
+  return Math.min(window.devicePixelRatio || 1, 2);
+}
+
+/** Gives a canvas the size of its box in pixels of the screen, and clears it; the context's unit is the CSS pixel. */
+export function beginDrawing(canvas: HTMLCanvasElement, box: { width: number; height: number }): CanvasRenderingContext2D {
+  const ratio = pixelRatio();
+  const width = Math.max(1, Math.round(box.width * ratio));
+  const height = Math.max(1, Math.round(box.height * ratio));
   if (canvas.width !== width || canvas.height !== height) {
     canvas.width = width;
     canvas.height = height;
   }
-  return ratio;
+  const context = context2d(canvas);
+  context.setTransform(1, 0, 0, 1, 0, 0);
+  context.clearRect(0, 0, width, height);
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return context;
 }

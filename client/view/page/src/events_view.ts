@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The picture: events of the last milliseconds, and above them the edges of the objects at the pose of that instant.
 import { CellAccumulator } from "./cells";
-import { byId, context2d, element, fitCanvas, setText } from "./dom";
+import { beginDrawing, BoxSize, byId, context2d, element, setText } from "./dom";
 import { objectColour, type Palette } from "./palette";
 import { KIND_CONTOUR, KIND_PAINTED, packedCells, type EventImage, type Outline } from "./protocol";
 import { knownState, type Store } from "./store";
@@ -16,6 +16,7 @@ export class EventsView {
   showOverlay = true;
   showTruth = true;
   private readonly stage = byId("stage", HTMLElement);
+  private readonly box: BoxSize;
   private readonly cells = byId("cells", HTMLCanvasElement);
   private readonly overlay = byId("overlay", HTMLCanvasElement);
   private readonly message = byId("stage-message", HTMLElement);
@@ -30,7 +31,7 @@ export class EventsView {
     private readonly requestDraw: () => void,
   ) {
     this.setColours(colours);
-    new ResizeObserver(requestDraw).observe(this.stage);
+    this.box = new BoxSize(this.stage, requestDraw);
     this.listenToPointer();
   }
 
@@ -88,16 +89,12 @@ export class EventsView {
   }
 
   private drawOverlay(image: EventImage): void {
-    const ratio = fitCanvas(this.overlay);
-    const context = context2d(this.overlay);
-    context.setTransform(1, 0, 0, 1, 0, 0);
-    context.clearRect(0, 0, this.overlay.width, this.overlay.height);
+    const context = beginDrawing(this.overlay, this.box);
     const camera = this.store.scene?.camera;
     if (!camera || !this.showOverlay) return;
     // CSS pixels of the stage per pixel of the sensor; (0, 0) is the centre of the sensor's first pixel.
-    const scale = (this.overlay.width / ratio / camera.width) * this.zoom;
+    const scale = (this.box.width / camera.width) * this.zoom;
     const place = { scale, x: this.offset.x + 0.5 * scale, y: this.offset.y + 0.5 * scale };
-    context.scale(ratio, ratio);
     context.lineCap = "round";
     context.lineJoin = "round";
     for (const outline of image.outlines) {
@@ -109,38 +106,25 @@ export class EventsView {
   }
 
   private drawTruth(context: CanvasRenderingContext2D, outline: Outline, place: Placement): void {
-    const path = outlinePath(outline, place, () => true);
-    context.setLineDash([4, 4]);
-    context.strokeStyle = this.colours.truth;
-    context.lineWidth = 1.25;
-    context.stroke(path);
+    tracePath(context, outline, place, () => true);
+    strokePath(context, this.colours.truth, 1.25, [4, 4]);
   }
 
   private drawOutline(context: CanvasRenderingContext2D, outline: Outline, place: Placement): void {
-    const style = this.colours.states[knownState(outline.state)];
-    const edges = outlinePath(outline, place, (kind) => kind !== KIND_PAINTED);
-    const painted = outlinePath(outline, place, (kind) => kind === KIND_PAINTED);
+    const { colour, dash } = this.colours.states[knownState(outline.state)];
     const track = this.store.objects.get(outline.object);
-    context.setLineDash([]);
+    tracePath(context, outline, place, (kind) => kind !== KIND_PAINTED);
     if (this.store.objects.size > 1 && track) {
-      context.strokeStyle = objectColour(this.colours, track.index);
       context.globalAlpha = 0.45;
-      context.lineWidth = 8;
-      context.stroke(edges);
+      strokePath(context, objectColour(this.colours, track.index), 8);
       context.globalAlpha = 1;
     }
-    context.strokeStyle = this.colours.casing;
-    context.lineWidth = 4;
-    context.stroke(edges);
-    context.lineWidth = 3;
-    context.stroke(painted);
-    context.setLineDash(style.dash);
-    context.strokeStyle = style.colour;
-    context.lineWidth = 2;
-    context.stroke(edges);
-    context.lineWidth = 1.25;
-    context.stroke(painted);
-    context.setLineDash([]);
+    strokePath(context, this.colours.casing, 4);
+    strokePath(context, colour, 2, dash);
+    if (!outline.kinds.includes(KIND_PAINTED)) return;
+    tracePath(context, outline, place, (kind) => kind === KIND_PAINTED);
+    strokePath(context, this.colours.casing, 3);
+    strokePath(context, colour, 1.25, dash);
   }
 
   /** The number and state of the object, above its outline: only if there are several. */
@@ -156,7 +140,7 @@ export class EventsView {
     const text = `${track.index + 1}  ${outline.object.slice(0, 24)}  ${style.symbol} ${style.label}`;
     context.font = "600 11px system-ui, 'Liberation Sans', 'DejaVu Sans', sans-serif";
     const width = context.measureText(text).width + 14;
-    const left = Math.min(Math.max(place.x + place.scale * x - width / 2, 2), this.overlay.clientWidth - width - 2);
+    const left = Math.min(Math.max(place.x + place.scale * x - width / 2, 2), this.box.width - width - 2);
     const upper = Math.max(place.y + place.scale * top - 26, 2);
     context.fillStyle = this.colours.panel;
     context.strokeStyle = objectColour(this.colours, track.index);
@@ -221,7 +205,7 @@ export class EventsView {
     const zoom = Math.min(Math.max(this.zoom * factor, 1), MAX_ZOOM);
     const keep = (offset: number, at: number, size: number) =>
       Math.min(0, Math.max(size * (1 - zoom), at - ((at - offset) * zoom) / this.zoom));
-    this.offset = { x: keep(this.offset.x, x, this.stage.clientWidth), y: keep(this.offset.y, y, this.stage.clientHeight) };
+    this.offset = { x: keep(this.offset.x, x, this.box.width), y: keep(this.offset.y, y, this.box.height) };
     this.zoom = zoom;
     this.requestDraw();
   }
@@ -233,16 +217,26 @@ interface Placement {
   y: number;
 }
 
-function outlinePath({ segments, kinds }: Outline, { scale, x, y }: Placement, isWanted: (kind: number) => boolean): Path2D {
-  const path = new Path2D();
+/** Makes the wanted segments of an outline the path of the context. */
+function tracePath(
+  context: CanvasRenderingContext2D, { segments, kinds }: Outline, { scale, x, y }: Placement, isWanted: (kind: number) => boolean,
+): void {
   let lastX = NaN;
   let lastY = NaN;
+  context.beginPath();
   for (let i = 0; i < kinds.length; ++i) {
     if (kinds[i]! > KIND_CONTOUR || !isWanted(kinds[i]!)) continue;
     const [x1, y1, x2, y2] = [segments[4 * i]!, segments[4 * i + 1]!, segments[4 * i + 2]!, segments[4 * i + 3]!];
-    if (!(Math.abs(x1 - lastX) < JOIN_PX && Math.abs(y1 - lastY) < JOIN_PX)) path.moveTo(x + scale * x1, y + scale * y1);
-    path.lineTo(x + scale * x2, y + scale * y2);
+    if (!(Math.abs(x1 - lastX) < JOIN_PX && Math.abs(y1 - lastY) < JOIN_PX)) context.moveTo(x + scale * x1, y + scale * y1);
+    context.lineTo(x + scale * x2, y + scale * y2);
     [lastX, lastY] = [x2, y2];
   }
-  return path;
+}
+
+function strokePath(context: CanvasRenderingContext2D, colour: string, width: number, dash: number[] = []): void {
+  context.setLineDash(dash);
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.stroke();
+  context.setLineDash([]);
 }

@@ -106,10 +106,9 @@ export class InfoPanel {
       rows.push(["event rate", `${withPrefix(health.event_rate_hz)}ev/s`, ""]);
       rows.push(["latency", `${fixed(health.latency_ms.p50, 1)} ms`, `p99 ${fixed(health.latency_ms.p99, 1)}`]);
       rows.push(["queue", `${fixed(health.queue_ms, 1)} ms`, ""]);
-      rows.push(["events dropped", withPrefix(health.dropped).trim(), ""]);
-      rows.push(["decode faults", withPrefix(health.decode_faults).trim(), ""]);
+      rows.push(["dropped", `${withPrefix(health.dropped).trim()} events`, `${withPrefix(health.decode_faults).trim()} faults`]);
     }
-    rows.push(["events in image", withPrefix(figures.imageEvents).trim(), `${fixed(figures.imageSpanUs / 1000, 1)} ms`]);
+    rows.push(["image", `${withPrefix(figures.imageEvents)}ev`, `${fixed(figures.imageSpanUs / 1000, 1)} ms`]);
     rows.push(["display", `${fixed(figures.framesPerSecond, 0)} /s`, `${figures.imagesSkipped} skipped`]);
     return rows;
   }

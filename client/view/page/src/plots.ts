@@ -77,12 +77,12 @@ export class Plots {
     const one = (title: string, unit: string, label: string, digits: number, minSpan: number): Definition =>
       ({ title, unit, lines: [{ label, colour: this.colours.accent }], hasBands: false, digits, minSpan, fromZero: true });
     const pose = [
-      { title: this.isRelative ? "Position from the first pose" : "Position", unit: this.isRelative ? "mm, ±2σ" : "m, ±2σ", lines: axes(["x", "y", "z"]),
+      { title: "Position", unit: this.isRelative ? "mm, ±2σ" : "m, ±2σ", lines: axes(["x", "y", "z"]),
         hasBands: true, digits: this.isRelative ? 1 : 4, minSpan: this.isRelative ? 0.5 : 5e-4, fromZero: false },
-      { title: "Rotation from the first pose", unit: "°, ±2σ", lines: axes(["x", "y", "z"]), hasBands: true, digits: 2, minSpan: 0.2, fromZero: false },
+      { title: "Rotation", unit: "°, ±2σ", lines: axes(["x", "y", "z"]), hasBands: true, digits: 2, minSpan: 0.2, fromZero: false },
       one("Speed", "m/s", "", 3, 0.01),
       one("Turn rate", "°/s", "", 1, 1),
-      { ...one("Explained events", "share", "", 2, 1) },
+      one("Explained", "share of events", "", 2, 1),
     ];
     if (this.store.isRecording && this.store.healthSeries.length === 0) return pose;
     return [
@@ -108,7 +108,7 @@ export class Plots {
   private fill(track: ObjectTrack, toUs: number): void {
     const { poses } = track;
     const isRecording = this.store.isRecording;
-    const fromUs = isRecording ? -Infinity : toUs - this.spanS * 1e6;
+    const fromUs = isRecording ? -Infinity : this.store.liveFromUs(this.spanS);
     const rows = selectRows(poses, Math.max(0, poses.lastAt(fromUs)), poses.length, isRecording ? RECORDED_ROWS : LIVE_ROWS, track.gapUs);
     const times = timeColumn(poses, rows);
     const reference: Reference = this.isRelative && track.origin ? { origin: track.origin, scale: 1000 } : { origin: [0, 0, 0], scale: 1 };
@@ -189,7 +189,7 @@ export class Plots {
     const font = "10px system-ui, 'Liberation Sans', 'DejaVu Sans', sans-serif";
     const axis = { stroke: mutedText, grid: { stroke: grid, width: 1 }, ticks: { show: false }, font };
     return {
-      width: 100, height: 50, legend: { show: false }, padding: [4, 10, 2, 0],
+      width: 100, height: 50, legend: { show: false }, padding: [6, 10, 6, 0],
       series: [{}, ...this.series(definition, canHaveTruth)],
       bands: definition.hasBands ? [0, 1, 2].map((i) => ({ series: [3 * i + 2, 3 * i + 3] as [number, number], fill: `${definition.lines[i]!.colour}3d` })) : [],
       scales: { x: { time: false }, y: { range: (_, min, max) => verticalRange(definition, min, max) } },

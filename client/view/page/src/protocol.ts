@@ -290,8 +290,12 @@ export async function packedCells(image: EventImage): Promise<Uint8Array> {
   const expected = Math.ceil((image.width * image.height) / 4);
   let cells = image.cells;
   if (image.encoding === "zlib") {
-    const stream = new Blob([cells as Uint8Array<ArrayBuffer>]).stream().pipeThrough(new DecompressionStream("deflate"));
-    cells = await readAtMost(stream, expected);
+    const inflation = new DecompressionStream("deflate");
+    const writer = inflation.writable.getWriter();
+    // Damaged data are reported by the reader.
+    const written = writer.write(cells as Uint8Array<ArrayBuffer>).then(() => writer.close());
+    written.catch(() => undefined);
+    cells = await readAtMost(inflation.readable, expected);
   }
   if (cells.length !== expected) fail(`it has ${cells.length} bytes of cells instead of ${expected}`);
   return cells;

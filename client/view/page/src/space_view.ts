@@ -5,7 +5,7 @@ import {
   Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene as Scene3, SphereGeometry, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { byId, setText } from "./dom";
+import { BoxSize, byId, pixelRatio, setText } from "./dom";
 import { objectColour, type Palette } from "./palette";
 import type { Camera, Geometry } from "./protocol";
 import { eigenSymmetric3 } from "./rotation";
@@ -27,8 +27,11 @@ interface ObjectModel {
 export class SpaceView {
   /** False if WebGL does not start: the panel then says so. */
   readonly works: boolean;
+  /** True if the processor computes the pictures: they are then drawn less often. */
+  isSoftware = false;
   showTruth = true;
-  private readonly box = byId("space", HTMLElement);
+  private readonly node = byId("space", HTMLElement);
+  private readonly box: BoxSize;
   private readonly info = byId("space-info", HTMLElement);
   private renderer!: WebGLRenderer;
   private controls!: OrbitControls;
@@ -47,6 +50,7 @@ export class SpaceView {
     private colours: Palette,
     requestDraw: () => void,
   ) {
+    this.box = new BoxSize(this.node, requestDraw);
     this.works = this.start();
     if (!this.works) return;
     this.root.rotation.x = Math.PI;
@@ -54,7 +58,6 @@ export class SpaceView {
     this.scene.add(this.root, new AmbientLight(0xffffff, 1.2), this.light);
     this.controls = new OrbitControls(this.eye, this.renderer.domElement);
     this.controls.addEventListener("change", requestDraw);
-    new ResizeObserver(requestDraw).observe(this.box);
     byId("view-button", HTMLButtonElement).addEventListener("click", () => {
       this.resetView();
       requestDraw();
@@ -68,15 +71,17 @@ export class SpaceView {
     const trial = document.createElement("canvas").getContext("webgl2");
     try {
       if (!trial) throw new Error("no WebGL 2");
+      const names = trial.getExtension("WEBGL_debug_renderer_info");
+      this.isSoftware = names !== null && /swiftshader|llvmpipe|software/i.test(String(trial.getParameter(names.UNMASKED_RENDERER_WEBGL)));
       trial.getExtension("WEBGL_lose_context")?.loseContext();
-      this.renderer = new WebGLRenderer({ antialias: true, alpha: true });
+      this.renderer = new WebGLRenderer({ antialias: !this.isSoftware, alpha: true });
     } catch {
       setText(message, "This browser does not start WebGL 2, so there is no 3D view. Turn on hardware acceleration in its settings. All other views work.");
       message.hidden = false;
       byId("view-button", HTMLButtonElement).hidden = true;
       return false;
     }
-    this.box.append(this.renderer.domElement);
+    this.node.append(this.renderer.domElement);
     return true;
   }
 
@@ -148,14 +153,14 @@ export class SpaceView {
 
   draw(instantUs: number): void {
     if (!this.works) return;
-    const { clientWidth, clientHeight } = this.box;
-    if (clientWidth === 0 || clientHeight === 0) return;
-    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    const { width, height } = this.box;
+    if (width === 0 || height === 0) return;
+    const ratio = pixelRatio();
     const canvas = this.renderer.domElement;
-    if (canvas.width !== Math.floor(clientWidth * ratio) || canvas.height !== Math.floor(clientHeight * ratio)) {
+    if (canvas.width !== Math.floor(width * ratio) || canvas.height !== Math.floor(height * ratio)) {
       this.renderer.setPixelRatio(ratio);
-      this.renderer.setSize(clientWidth, clientHeight);
-      this.eye.aspect = clientWidth / clientHeight;
+      this.renderer.setSize(width, height);
+      this.eye.aspect = width / height;
       this.eye.updateProjectionMatrix();
     }
     for (const [id, model] of this.models) {
@@ -255,17 +260,22 @@ export class SpaceView {
     setText(this.info, `2σ ellipsoid${factor > 1 ? ` × ${factor.toLocaleString("en")}` : ""}`);
   }
 
-  /** The eye is behind the camera, above and to the right of it, and looks to a point in front of the object. */
+  /** The eye is beside and above the camera; camera and nearest object fill the view. */
   resetView(): void {
     if (!this.works) return;
     const focus = this.focus();
     this.isViewSet = focus.lengthSq() > 0;
-    const distance = this.isViewSet ? focus.length() : 1;
-    const narrow = Math.max(1, 1.1 / this.eye.aspect);
-    this.controls.target.set(0, 0, -0.55 * distance);
-    this.eye.position.set(0.95 * distance * narrow, 0.6 * distance * narrow, 0.55 * distance * narrow);
-    this.eye.near = distance / 500;
-    this.eye.far = distance * 50;
+    if (!this.isViewSet) focus.set(0, 0, 1);
+    let diameter = 0;
+    for (const model of this.models.values()) diameter = Math.max(diameter, model.diameterM);
+    const radius = 0.5 * focus.length() + 0.5 * diameter;
+    const halfAngle = (this.eye.fov / 2) * (Math.PI / 180);
+    const distance = radius / (Math.tan(halfAngle) * Math.min(1, this.eye.aspect));
+    // From the camera frame to that of the renderer.
+    this.controls.target.set(focus.x / 2, -focus.y / 2, -focus.z / 2);
+    this.eye.position.set(0.8, 0.45, 0.4).normalize().multiplyScalar(0.95 * distance).add(this.controls.target);
+    this.eye.near = radius / 200;
+    this.eye.far = radius * 100;
     this.eye.updateProjectionMatrix();
     this.controls.update();
   }

@@ -32,6 +32,7 @@ const MAX_CHANGES = 2000;
 const MAX_HEALTH = 1200;
 const MAX_NOTICES = 50;
 const MAX_OBJECTS = 64;
+const MIN_LIVE_SPAN_US = 5e6;
 /** A recording has a gap where poses are further apart than this and than ten times their median distance. */
 const MIN_GAP_US = 20000;
 /** Live poses come 60 times a second. */
@@ -195,6 +196,14 @@ export class Store {
 
   addNotice(level: "info" | "error", text: string): void {
     pushBounded(this.notices, { level, text }, MAX_NOTICES);
+  }
+
+  /** Begin of the time that live plots show: at most `spanS` before the newest time, and not long before the first pose. */
+  liveFromUs(spanS: number): number {
+    const newest = this.newestUs;
+    let first = newest - MIN_LIVE_SPAN_US;
+    for (const { poses } of this.objects.values()) if (poses.length > 0) first = Math.min(first, poses.at(COLUMN.t, 0));
+    return Math.max(newest - spanS * 1e6, first);
   }
 
   /** Sensor time of the newest pose or health report. */

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The states of each object over time: a bar, and the list of changes with their reasons.
-import { byId, context2d, element, fitCanvas, setText } from "./dom";
+import { beginDrawing, BoxSize, byId, element, setText } from "./dom";
 import { duration, seconds } from "./format";
 import { objectColour, type Palette } from "./palette";
 import type { Change, ObjectTrack, ShownState, Store } from "./store";
@@ -18,6 +18,7 @@ interface Span {
 
 export class Timeline {
   private readonly canvas = byId("timeline", HTMLCanvasElement);
+  private readonly box: BoxSize;
   private readonly tip = byId("timeline-tip", HTMLElement);
   private readonly list = byId("changes", HTMLElement);
   private readonly info = byId("timeline-info", HTMLElement);
@@ -29,7 +30,9 @@ export class Timeline {
     private readonly store: Store,
     private colours: Palette,
     private readonly seek: (t_us: number) => void,
+    requestDraw: () => void,
   ) {
+    this.box = new BoxSize(this.canvas, requestDraw);
     this.canvas.addEventListener("pointermove", (event) => {
       this.showTip(event);
     });
@@ -51,11 +54,9 @@ export class Timeline {
     this.fromUs = fromUs;
     this.toUs = Math.max(toUs, fromUs + 1);
     const tracks = [...this.store.objects.values()];
-    this.canvas.style.height = `${ROW_PX * Math.max(tracks.length, 1) + AXIS_PX}px`;
-    const ratio = fitCanvas(this.canvas);
-    const context = context2d(this.canvas);
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.clearRect(0, 0, this.canvas.clientWidth, this.canvas.clientHeight);
+    const height = `${ROW_PX * Math.max(tracks.length, 1) + AXIS_PX}px`;
+    if (this.canvas.style.height !== height) this.canvas.style.height = height;
+    const context = beginDrawing(this.canvas, this.box);
     context.font = "11px system-ui, 'Liberation Sans', 'DejaVu Sans', sans-serif";
     context.textBaseline = "middle";
     tracks.forEach((track, row) => {
@@ -70,13 +71,13 @@ export class Timeline {
   }
 
   private xOf(t_us: number): number {
-    const width = this.canvas.clientWidth - LABEL_PX;
+    const width = this.box.width - LABEL_PX;
     return LABEL_PX + (width * (t_us - this.fromUs)) / (this.toUs - this.fromUs);
   }
 
   private timeAt(x: number): number | null {
     if (x < LABEL_PX || this.store.objects.size === 0) return null;
-    return Math.round(this.fromUs + ((x - LABEL_PX) / (this.canvas.clientWidth - LABEL_PX)) * (this.toUs - this.fromUs));
+    return Math.round(this.fromUs + ((x - LABEL_PX) / (this.box.width - LABEL_PX)) * (this.toUs - this.fromUs));
   }
 
   private drawRow(context: CanvasRenderingContext2D, track: ObjectTrack, row: number): void {
@@ -89,7 +90,7 @@ export class Timeline {
     context.textAlign = "center";
     context.fillText(String(track.index + 1), 9, y + ROW_PX / 2 + 0.5);
     context.fillStyle = this.colours.grid;
-    context.fillRect(LABEL_PX, y + 3, this.canvas.clientWidth - LABEL_PX, ROW_PX - 6);
+    context.fillRect(LABEL_PX, y + 3, this.box.width - LABEL_PX, ROW_PX - 6);
     for (const { change, endUs } of spans(track, this.toUs)) {
       if (endUs < this.fromUs || change.t_us > this.toUs || change.state === "none") continue;
       const from = Math.max(this.xOf(change.t_us), LABEL_PX);
@@ -132,7 +133,7 @@ export class Timeline {
   private drawAxis(context: CanvasRenderingContext2D, rows: number): void {
     const y = ROW_PX * Math.max(rows, 1) + AXIS_PX / 2 + 1;
     const span = (this.toUs - this.fromUs) / 1e6;
-    const wanted = span / Math.max(2, Math.floor((this.canvas.clientWidth - LABEL_PX) / 90));
+    const wanted = span / Math.max(2, Math.floor((this.box.width - LABEL_PX) / 90));
     const power = 10 ** Math.floor(Math.log10(wanted));
     const step = [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= wanted) ?? 10 * power;
     const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
@@ -143,7 +144,7 @@ export class Timeline {
       const text = `${t.toFixed(digits)} s`;
       const half = context.measureText(text).width / 2;
       context.fillRect(x - 0.5, y - AXIS_PX / 2 - 1, 1, 3);
-      if (x - half > LABEL_PX - 10 && x + half < this.canvas.clientWidth) context.fillText(text, x, y + 2);
+      if (x - half > LABEL_PX - 10 && x + half < this.box.width) context.fillText(text, x, y + 2);
     }
   }
 
@@ -191,7 +192,7 @@ export class Timeline {
     const { label, symbol } = this.colours.states[span.change.state];
     const reason = span.change.reason === "" ? "" : `: ${span.change.reason}`;
     setText(this.tip, `${span.track.info.id}, ${seconds(span.change.t_us)} s, for ${duration(span.endUs - span.change.t_us)}: ${symbol} ${label}${reason}`);
-    this.tip.style.left = `${Math.min(event.offsetX + 14, Math.max(0, this.canvas.clientWidth - 240))}px`;
+    this.tip.style.left = `${Math.min(event.offsetX + 14, Math.max(0, this.box.width - 240))}px`;
     this.tip.style.top = `${event.offsetY + 16}px`;
   }
 }
