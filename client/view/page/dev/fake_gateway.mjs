@@ -124,7 +124,10 @@ class Viewer {
       const { vertices, faces, edges } = geometry(index);
       this.peer.sendBinary(pack({ type: "geometry", object: id, diameter_m }, [vertices, faces, edges]));
     });
-    if (!IS_LIVE) this.sendRecording();
+    if (!IS_LIVE) {
+      this.peer.sendText({ type: "range", ...RECORDING, complete: true });
+      this.sendRecording();
+    }
   }
 
   sendRecording() {
@@ -152,7 +155,8 @@ class Viewer {
   show(t_us) {
     this.instantUs = Math.min(Math.max(Math.round(t_us), RECORDING.from_us), RECORDING.to_us);
     this.sendPosition();
-    this.sendImage(this.instantUs - this.settings.window_ms * 1000, this.instantUs, this.instantUs);
+    const halfUs = Math.round(this.settings.window_ms * 500);
+    this.sendImage(this.instantUs - halfUs, this.instantUs + halfUs, this.instantUs);
   }
 
   sendPosition() {
@@ -176,7 +180,7 @@ class Viewer {
     });
     const number = ++this.imageNumber;
     const isDeflated = number % 2 === 0;
-    const header = { type: "image", number, from_us: fromUs, to_us: toUs, cell_px, width, height, events, skipped: figures.images_skipped, encoding: isDeflated ? "zlib" : "packed", outlines };
+    const header = { type: "image", number, t_us: poseUs, from_us: fromUs, to_us: toUs, cell_px, width, height, events, skipped: figures.images_skipped, encoding: isDeflated ? "zlib" : "packed", outlines };
     this.open.add(number);
     ++figures.images_sent;
     lastImage = { ...header, segments: sections.filter((_, i) => i % 2 === 0).map((section) => [...section]) };

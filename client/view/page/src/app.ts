@@ -165,6 +165,7 @@ export class App implements Receiver {
       case "state": this.store.addState(message); break;
       case "health": this.store.addHealth(message); break;
       case "position": this.store.position = message; break;
+      case "range": this.store.setRange(message); break;
       case "notice": this.notice(message.level, message.text); break;
       case "end": this.notice("info", message.reason); break;
     }
@@ -212,6 +213,7 @@ export class App implements Receiver {
     this.isFrozen = false;
     this.events.reset();
     this.space.reset();
+    this.plots.reset();
     this.data["session"] = scene.session;
     byId("chooser", HTMLElement).hidden = true;
     byId("viewer", HTMLElement).hidden = false;
@@ -296,7 +298,7 @@ export class App implements Receiver {
 
   /** The instant that all views show, microseconds. */
   private get instantUs(): number {
-    if (this.store.isRecording) return this.events.image?.toUs ?? this.store.position?.t_us ?? 0;
+    if (this.store.isRecording) return this.events.image?.t_us ?? this.store.position?.t_us ?? 0;
     return this.store.newestUs;
   }
 
@@ -332,8 +334,7 @@ export class App implements Receiver {
   }
 
   private drawSlow(instantUs: number): void {
-    const { scene } = this.store;
-    const recording = scene?.recording ?? null;
+    const recording = this.store.recordedRange;
     this.plots.spanS = this.spanS.value;
     const newestUs = this.store.newestUs;
     this.plots.draw(newestUs, recording ? instantUs : null);
@@ -367,6 +368,7 @@ export class App implements Receiver {
     this.data["imagesDrawn"] = String(this.imagesDrawn);
     if (!image) return;
     this.data["imageNumber"] = String(image.number);
+    this.data["imageTUs"] = String(image.t_us);
     this.data["imageFromUs"] = String(image.fromUs);
     this.data["imageToUs"] = String(image.toUs);
   }

@@ -97,17 +97,17 @@ export class EventsView {
     const place = { scale, x: this.offset.x + 0.5 * scale, y: this.offset.y + 0.5 * scale };
     context.lineCap = "round";
     context.lineJoin = "round";
+    const outlines = image.outlines.filter((outline) => !outline.truth);
+    for (const outline of outlines) this.drawOutline(context, outline, place);
     for (const outline of image.outlines) {
       if (outline.truth && this.showTruth) this.drawTruth(context, outline, place);
     }
-    const outlines = image.outlines.filter((outline) => !outline.truth);
-    for (const outline of outlines) this.drawOutline(context, outline, place);
     for (const outline of outlines) this.drawTag(context, outline, place);
   }
 
   private drawTruth(context: CanvasRenderingContext2D, outline: Outline, place: Placement): void {
     tracePath(context, outline, place, () => true);
-    strokePath(context, this.colours.truth, 1.25, [4, 4]);
+    strokePath(context, this.colours.truth, 1, [3, 5]);
   }
 
   private drawOutline(context: CanvasRenderingContext2D, outline: Outline, place: Placement): void {
@@ -161,10 +161,10 @@ export class EventsView {
       const style = this.colours.states[state];
       items.push(element("span", "", this.lineSample(style.colour, style.dash), `${style.symbol} ${style.label}`));
     }
-    if (this.store.scene?.has_truth === true) items.push(element("span", "", this.lineSample(this.colours.truth, [4, 4]), "truth"));
+    if (this.store.scene?.has_truth === true) items.push(element("span", "", this.lineSample(this.colours.truth, [3, 5]), "truth"));
     const hex = (abgr: number) => `rgb(${abgr & 255} ${(abgr >> 8) & 255} ${(abgr >> 16) & 255})`;
-    items.push(element("span", "", this.lineSample(hex(this.colours.cells.on), [], 7), "brighter (ON)"));
-    items.push(element("span", "", this.lineSample(hex(this.colours.cells.off), [], 7), "darker (OFF)"));
+    items.push(element("span", "", this.lineSample(hex(this.colours.cells.on), [], 7), "ON"));
+    items.push(element("span", "", this.lineSample(hex(this.colours.cells.off), [], 7), "OFF"));
     legend.replaceChildren(...items);
   }
 

@@ -48,6 +48,8 @@ export class Plots {
   private plots: Plot[] = [];
   private readonly root = byId("plots", HTMLElement);
   private isSettingScale = false;
+  /** True if the user has chosen a part of the recording. */
+  private isZoomed = false;
   private shape = "";
   private dataKey = "";
   private cursorS: number | null = null;
@@ -65,6 +67,11 @@ export class Plots {
 
   setColours(colours: Palette): void {
     this.colours = colours;
+    this.shape = "";
+  }
+
+  reset(): void {
+    this.isZoomed = false;
     this.shape = "";
   }
 
@@ -123,14 +130,13 @@ export class Plots {
       [times, valueColumn(poses, rows, COLUMN.explained)],
     ];
     if (this.plots.length > data.length) data.push(...this.healthData(fromUs));
-    const range = isRecording ? this.store.scene?.recording : { from_us: fromUs, to_us: toUs };
+    const range = isRecording ? this.store.recordedRange : { from_us: fromUs, to_us: toUs };
     this.isSettingScale = true;
     this.plots.forEach((plot, i) => {
-      const keepsZoom = isRecording && plot.uplot.data[0].length > 0 && plot.uplot.scales["x"]?.min != null;
       const { min, max } = plot.uplot.scales["x"] ?? {};
       plot.uplot.batch(() => {
         plot.uplot.setData(data[i] as uPlot.AlignedData, false);
-        if (keepsZoom) plot.uplot.setScale("x", { min: min!, max: max! });
+        if (this.isZoomed) plot.uplot.setScale("x", { min: min!, max: max! });
         else if (range) plot.uplot.setScale("x", { min: range.from_us / 1e6, max: range.to_us / 1e6 });
       });
     });
@@ -179,7 +185,7 @@ export class Plots {
       if (definition.hasBands) result.push({ width: 0, points: { show: false } }, { width: 0, points: { show: false } });
     }
     if (this.hasTruth && canHaveTruth) {
-      for (let i = 0; i < 3; ++i) result.push({ stroke: this.colours.truth, width: 1, dash: [4, 3], points: { show: false } });
+      for (let i = 0; i < 3; ++i) result.push({ stroke: this.colours.truth, width: 1, dash: [2, 5], points: { show: false } });
     }
     return result;
   }
@@ -195,7 +201,7 @@ export class Plots {
       scales: { x: { time: false }, y: { range: (_, min, max) => verticalRange(definition, min, max) } },
       axes: [
         { ...axis, size: isLast ? 22 : 0, gap: 4, space: 56, values: isLast ? (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(6))} s`) : () => [] },
-        { ...axis, size: AXIS_WIDTH_PX, gap: 4, space: 18, values: (_, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(6)))) },
+        { ...axis, size: AXIS_WIDTH_PX, gap: 4, space: 14, values: (_, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(6)))) },
       ],
       cursor: {
         sync: { key: "evpose", scales: ["x", null] }, y: false, points: { show: false },
@@ -216,6 +222,7 @@ export class Plots {
   /** Gives the other plots the range that was chosen in one of them. */
   private shareScale(from: uPlot): void {
     if (this.isSettingScale) return;
+    this.isZoomed = true;
     const { min, max } = from.scales["x"] ?? {};
     if (min == null || max == null) return;
     this.isSettingScale = true;
@@ -233,8 +240,9 @@ export class Plots {
       this.seek(Math.round(uplot.posToVal(event.offsetX, "x") * 1e6));
     });
     uplot.over.addEventListener("dblclick", () => {
-      const range = this.store.scene?.recording;
+      const range = this.store.recordedRange;
       if (range) uplot.setScale("x", { min: range.from_us / 1e6, max: range.to_us / 1e6 });
+      this.isZoomed = false;
     });
   }
 

@@ -116,6 +116,14 @@ export interface Position {
   speed: number;
 }
 
+/** The events' times as far as the recording has been read. */
+export interface ReadRange {
+  type: "range";
+  from_us: number;
+  to_us: number;
+  complete: boolean;
+}
+
 export interface Notice {
   type: "notice";
   level: "info" | "error";
@@ -127,7 +135,7 @@ export interface End {
   reason: string;
 }
 
-export type TextMessage = Hello | Sessions | Scene | Poses | StateChange | Health | Position | Notice | End;
+export type TextMessage = Hello | Sessions | Scene | Poses | StateChange | Health | Position | ReadRange | Notice | End;
 
 export type Request =
   | { type: "key"; key: string }
@@ -158,6 +166,9 @@ export interface Outline {
 export interface EventImage {
   type: "image";
   number: number;
+  /** The instant of the outlines. */
+  t_us: number;
+  /** The events' times: the first is included, the last not. */
   fromUs: number;
   toUs: number;
   cellPx: number;
@@ -249,6 +260,7 @@ function decodeImage(header: Record<string, unknown>, sections: Sections): Event
   return {
     type: "image",
     number: number(header, "number"),
+    t_us: number(header, "t_us"),
     fromUs: number(header, "from_us"),
     toUs: number(header, "to_us"),
     cellPx: number(header, "cell_px"),

@@ -256,7 +256,7 @@ export class SpaceView {
     const scaled = axes.map((axis, i) => new Vector3(...axis).multiplyScalar(Math.max(factor * radii[i]!, 1e-6)));
     this.ellipsoid.matrixAutoUpdate = false;
     this.ellipsoid.matrix.copy(new Matrix4().makeBasis(scaled[0]!, scaled[1]!, scaled[2]!).setPosition(model.group.position));
-    this.ellipsoid.material.color.set(this.colours.states.degraded.colour);
+    this.ellipsoid.material.color.set(this.colours.states[track.stateAt(instantUs)].colour);
     setText(this.info, `2σ ellipsoid${factor > 1 ? ` × ${factor.toLocaleString("en")}` : ""}`);
   }
 
@@ -270,10 +270,11 @@ export class SpaceView {
     for (const model of this.models.values()) diameter = Math.max(diameter, model.diameterM);
     const radius = 0.5 * focus.length() + 0.5 * diameter;
     const halfAngle = (this.eye.fov / 2) * (Math.PI / 180);
-    const distance = radius / (Math.tan(halfAngle) * Math.min(1, this.eye.aspect));
+    // Camera and object are beside each other: the width of the view needs room for both, the height for less.
+    const distance = Math.max(0.6 * radius, (0.95 * radius) / this.eye.aspect) / Math.tan(halfAngle);
     // From the camera frame to that of the renderer.
     this.controls.target.set(focus.x / 2, -focus.y / 2, -focus.z / 2);
-    this.eye.position.set(0.8, 0.45, 0.4).normalize().multiplyScalar(0.95 * distance).add(this.controls.target);
+    this.eye.position.set(0.8, 0.45, 0.4).normalize().multiplyScalar(distance).add(this.controls.target);
     this.eye.near = radius / 200;
     this.eye.far = radius * 100;
     this.eye.updateProjectionMatrix();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page knows about the session: poses, states and health, in series of bounded length.
-import type { Alternative, Health, Hello, ObjectHealth, Pose, Position, Scene, SceneObject, SessionRow, StateChange, TrackState } from "./protocol";
+import type { Alternative, Health, Hello, ObjectHealth, Pose, Position, Scene, ReadRange, SceneObject, SessionRow, StateChange, TrackState } from "./protocol";
 import { pushBounded, Series } from "./ring";
 import { ContinuousRotation } from "./rotation";
 
@@ -148,6 +148,8 @@ export class Store {
   healthSeries = new Series(5, MAX_HEALTH);
   health: Health | null = null;
   position: Position | null = null;
+  /** How far the recording has been read; null for live sessions. */
+  range: ReadRange | null = null;
   notices: StoredNotice[] = [];
   /** Counts changes of what plots and lists show. */
   version = 0;
@@ -162,13 +164,8 @@ export class Store {
     if (!this.objects.has(this.selected)) this.selected = scene.objects[0]?.id ?? "";
     this.healthSeries = new Series(5, MAX_HEALTH);
     this.health = null;
+    this.range = scene.recording ? { type: "range", ...scene.recording, complete: false } : null;
     this.position = scene.recording ? { type: "position", t_us: scene.recording.from_us, playing: false, speed: 1 } : null;
-    ++this.version;
-  }
-
-  clearScene(): void {
-    this.scene = null;
-    this.objects = new Map();
     ++this.version;
   }
 
@@ -182,6 +179,24 @@ export class Store {
   addState(change: StateChange): void {
     this.objects.get(change.object)?.log.add(change.t_us, knownState(change.state), change.reason);
     ++this.version;
+  }
+
+  setRange(range: ReadRange): void {
+    this.range = range;
+    ++this.version;
+  }
+
+  /** The times that the scrubber and the plots of a recording show: those of its events and its poses. */
+  get recordedRange(): { from_us: number; to_us: number } | null {
+    if (!this.range) return null;
+    let { from_us, to_us } = this.range;
+    if (to_us <= from_us) [from_us, to_us] = [Infinity, -Infinity];
+    for (const { poses } of this.objects.values()) {
+      if (poses.length === 0) continue;
+      from_us = Math.min(from_us, poses.at(COLUMN.t, 0));
+      to_us = Math.max(to_us, poses.at(COLUMN.t, poses.length - 1));
+    }
+    return from_us <= to_us ? { from_us, to_us } : { from_us: this.range.from_us, to_us: this.range.to_us };
   }
 
   addHealth(health: Health): void {

@@ -119,15 +119,14 @@ export class Timeline {
     }
     context.stroke();
     context.restore();
-    if (to - from > 50) {
-      const text = `${style.symbol} ${style.label}`;
-      const width = context.measureText(text).width;
-      context.fillStyle = this.colours.panel;
-      context.fillRect((from + to - width) / 2 - 4, y + 4, width + 8, ROW_PX - 8);
-      context.fillStyle = style.colour;
-      context.textAlign = "center";
-      context.fillText(text, (from + to) / 2, y + ROW_PX / 2 + 0.5);
-    }
+    const text = `${style.symbol} ${style.label}`;
+    const width = context.measureText(text).width;
+    if (to - from < width + 16) return;
+    context.fillStyle = this.colours.panel;
+    context.fillRect((from + to - width) / 2 - 4, y + 4, width + 8, ROW_PX - 8);
+    context.fillStyle = style.colour;
+    context.textAlign = "center";
+    context.fillText(text, (from + to) / 2, y + ROW_PX / 2 + 0.5);
   }
 
   private drawAxis(context: CanvasRenderingContext2D, rows: number): void {
@@ -149,7 +148,7 @@ export class Timeline {
   }
 
   private drawList(tracks: readonly ObjectTrack[]): void {
-    const changes = tracks.flatMap((track) => spans(track, this.store.scene?.recording?.to_us ?? Infinity));
+    const changes = tracks.flatMap((track) => spans(track, this.store.recordedRange?.to_us ?? Infinity));
     changes.sort((a, b) => b.change.t_us - a.change.t_us);
     const shown = changes.slice(0, MAX_LISTED);
     const key = shown.map(({ track, change, endUs }) => `${track.index} ${change.t_us} ${change.state} ${change.reason} ${endUs}`).join("\n");

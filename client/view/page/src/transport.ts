@@ -49,13 +49,13 @@ export class Transport {
   }
 
   private scrubbedUs(): number {
-    const range = this.store.scene?.recording;
+    const range = this.store.recordedRange;
     return range ? Math.round(range.from_us + (Number(this.scrubber.value) / SCRUBBER_STEPS) * (range.to_us - range.from_us)) : 0;
   }
 
   /** Asks for the picture of an instant; while one is awaited, only the newest further request is kept. */
   seek(t_us: number): void {
-    const range = this.store.scene?.recording;
+    const range = this.store.recordedRange;
     if (!range) return;
     const target = Math.min(Math.max(t_us, range.from_us), range.to_us);
     if (this.awaitedUs !== null) {
@@ -80,11 +80,11 @@ export class Transport {
   }
 
   step(count: number): void {
-    if (this.store.scene?.recording) this.send({ type: "step", count });
+    if (this.store.range) this.send({ type: "step", count });
   }
 
   toggle(): void {
-    if (!this.store.scene?.recording) return;
+    if (!this.store.range) return;
     if (this.store.position?.playing) this.send({ type: "pause" });
     else this.send({ type: "play", speed: this.speed });
   }
@@ -95,7 +95,7 @@ export class Transport {
   }
 
   toEnd(isEnd: boolean): void {
-    const range = this.store.scene?.recording;
+    const range = this.store.recordedRange;
     if (range) this.seek(isEnd ? range.to_us : range.from_us);
   }
 
@@ -107,12 +107,13 @@ export class Transport {
   }
 
   draw(instantUs: number): void {
-    const range = this.store.scene?.recording;
+    const range = this.store.recordedRange;
     byId("transport", HTMLElement).hidden = !range;
     if (!range) return;
     const isPlaying = this.store.position?.playing === true;
-    setText(this.playButton, isPlaying ? "⏸" : "▶");
+    this.playButton.classList.toggle("playing", isPlaying);
     if (!this.isDragging) this.scrubber.value = String(Math.round((SCRUBBER_STEPS * (instantUs - range.from_us)) / Math.max(1, range.to_us - range.from_us)));
-    setText(byId("instant", HTMLElement), `${seconds(instantUs, 4)} s`);
+    const reading = this.store.range?.complete === false ? `, read to ${seconds(this.store.range.to_us, 1)} s` : "";
+    setText(byId("instant", HTMLElement), `${seconds(instantUs, 4)} s${reading}`);
   }
 }
