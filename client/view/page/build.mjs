@@ -9,7 +9,7 @@ const root = dirname(fileURLToPath(import.meta.url));
 const common = { absWorkingDir: root, bundle: true, format: "esm", target: "es2022", logLevel: "warning" };
 
 async function buildTests() {
-  const files = (await readdir(join(root, "test"))).filter((name) => name.endsWith(".test.ts"));
+  const files = (await readdir(join(root, "test"))).filter((name) => name.endsWith(".test.mjs"));
   await rm(join(root, "build-tests"), { recursive: true, force: true });
   await build({
     ...common,
