@@ -47,7 +47,7 @@ async function buildPage() {
     ...common,
     entryPoints: { app: "src/main.ts" },
     outdir: "dist",
-    minify: !process.argv.includes("--debug"),
+    minify: true,
     metafile: true,
     legalComments: "none",
   });

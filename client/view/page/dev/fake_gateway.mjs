@@ -70,7 +70,7 @@ class Viewer {
 
   constructor(peer) {
     this.peer = peer;
-    peer.onText = (message) => this.receive(message);
+    peer.onMessage = (message) => this.receive(message);
     peer.onClose = () => {
       viewers.delete(this);
       clearInterval(this.timer);

@@ -7,7 +7,7 @@ const MAX_MESSAGE_BYTES = 1 << 24;
 export class WebSocketPeer {
   #socket;
   #received = Buffer.alloc(0);
-  onText = () => {};
+  onMessage = () => {};
   onClose = () => {};
 
   constructor(request, socket) {
@@ -79,7 +79,7 @@ export class WebSocketPeer {
   }
 
   #handle(opcode, payload) {
-    if (opcode === 1) this.onText(JSON.parse(payload.toString()));
+    if (opcode === 1) this.onMessage(JSON.parse(payload.toString()));
     else if (opcode === 8) this.#socket.end();
     else if (opcode === 9) this.#send(10, payload);
   }

@@ -156,7 +156,7 @@ export class App implements Receiver {
     if (status === "retrying" && this.store.isRecording) this.resumeUs = this.instantUs;
   }
 
-  onText(message: TextMessage): void {
+  onMessage(message: TextMessage): void {
     switch (message.type) {
       case "hello": this.onHello(message); break;
       case "sessions": this.store.sessions = message.sessions; break;

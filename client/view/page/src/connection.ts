@@ -6,7 +6,7 @@ export type Status = "connecting" | "connected" | "retrying" | "refused" | "no-k
 
 export interface Receiver {
   onStatus(status: Status): void;
-  onText(message: TextMessage): void;
+  onMessage(message: TextMessage): void;
   onImage(image: EventImage): void;
   onGeometry(geometry: Geometry): void;
   onError(text: string): void;
@@ -71,7 +71,7 @@ export class Connection {
           this.retryMs = FIRST_RETRY_MS;
           this.receiver.onStatus("connected");
         }
-        this.receiver.onText(message);
+        this.receiver.onMessage(message);
         return;
       }
       const message = decodeBinary(data);

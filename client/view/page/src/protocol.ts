@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The messages between the page and the gateway (../README.md). Times are microseconds of sensor time, lengths metres, angles
+// The messages between the page and the gateway. Times are microseconds of sensor time, lengths metres, angles
 // radians, image positions pixels of the sensor with (0, 0) at the centre of the first pixel.
 
 export type TrackState = "initializing" | "tracking" | "degraded" | "lost" | "ambiguous";

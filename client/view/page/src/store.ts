@@ -159,14 +159,17 @@ export class Store {
   }
 
   setScene(scene: Scene): void {
+    // After a lost connection to a live session, what was received before it is still right.
+    const isSame = !scene.recording && this.scene?.session === scene.session && JSON.stringify(this.scene.objects) === JSON.stringify(scene.objects);
     this.scene = scene;
+    ++this.version;
+    if (isSame) return;
     this.objects = new Map(scene.objects.slice(0, MAX_OBJECTS).map((info, i) => [info.id, new ObjectTrack(info, i, scene.recording !== null)]));
     if (!this.objects.has(this.selected)) this.selected = scene.objects[0]?.id ?? "";
     this.healthSeries = new Series(5, MAX_HEALTH);
     this.health = null;
     this.range = scene.recording ? { type: "range", ...scene.recording, complete: false } : null;
     this.position = scene.recording ? { type: "position", t_us: scene.recording.from_us, playing: false, speed: 1 } : null;
-    ++this.version;
   }
 
   addPoses(object: string, poses: readonly Pose[], isTruth: boolean): void {
