@@ -95,7 +95,7 @@ export class InfoPanel {
     });
     rows.push(["speed", `${fixed(value(COLUMN.speed), 3)} m/s`, `${fixed(value(COLUMN.turnRate) * DEGREES, 0)} °/s`]);
     rows.push(["explained", `${fixed(100 * value(COLUMN.explained), 0)} %`, `${seconds(value(COLUMN.t))} s`]);
-    if (track.health?.detail) rows.push(["detail", track.health.detail]);
+    if (track.health?.detail && track.stateAt(instantUs) !== "tracking") rows.push(["detail", track.health.detail]);
     fillValues(this.pose, rows);
   }
 

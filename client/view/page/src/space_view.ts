@@ -216,24 +216,21 @@ export class SpaceView {
     model.trail.visible = row >= 0;
   }
 
-  /** Distance of the frustum's drawn end, m: in front of the nearest object. */
-  private get frustumDepthM(): number {
-    const distance = this.focus().length();
-    return distance > 0 ? 0.3 * distance : 0.3;
-  }
-
+  /** Position of the farthest object that is shown; zero if there is none. */
   private focus(): Vector3 {
-    for (const model of this.models.values()) {
-      if (model.group.visible && model.group.position.lengthSq() > 0) return model.group.position.clone();
+    const farthest = new Vector3();
+    for (const { group } of this.models.values()) {
+      if (group.visible && group.position.lengthSq() > farthest.lengthSq()) farthest.copy(group.position);
     }
-    return new Vector3();
+    return farthest;
   }
 
   private drawFrustum(): void {
     const camera = this.store.scene?.camera;
-    if (this.frustum || !camera || this.focus().lengthSq() === 0) return;
+    const distance = this.focus().length();
+    if (this.frustum || !camera || distance === 0) return;
     const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(frustumLines(camera, this.frustumDepthM), 3));
+    geometry.setAttribute("position", new BufferAttribute(frustumLines(camera, 0.3 * distance), 3));
     this.frustum = new LineSegments(geometry, new LineBasicMaterial({ color: new Color(this.colours.mutedText) }));
     this.root.add(this.frustum);
   }
@@ -260,7 +257,7 @@ export class SpaceView {
     setText(this.info, `2σ ellipsoid${factor > 1 ? ` × ${factor.toLocaleString("en")}` : ""}`);
   }
 
-  /** The eye is beside and above the camera; camera and nearest object fill the view. */
+  /** The eye is beside and above the camera; camera and farthest object fill the view. */
   resetView(): void {
     if (!this.works) return;
     const focus = this.focus();
@@ -271,7 +268,7 @@ export class SpaceView {
     const radius = 0.5 * focus.length() + 0.5 * diameter;
     const halfAngle = (this.eye.fov / 2) * (Math.PI / 180);
     // Camera and object are beside each other: the width of the view needs room for both, the height for less.
-    const distance = Math.max(0.6 * radius, (0.95 * radius) / this.eye.aspect) / Math.tan(halfAngle);
+    const distance = Math.max(0.65 * radius, (1.1 * radius) / this.eye.aspect) / Math.tan(halfAngle);
     // From the camera frame to that of the renderer.
     this.controls.target.set(focus.x / 2, -focus.y / 2, -focus.z / 2);
     this.eye.position.set(0.8, 0.45, 0.4).normalize().multiplyScalar(distance).add(this.controls.target);
