@@ -44,6 +44,15 @@ for program in evpose evpose-server; do
   said=$("$work/root/usr/bin/$program" --version)
   [[ $said == *"$version"* ]] || fail "$program prints $said, but its package has version $version"
 done
+for page in man1/evpose.1 man1/evpose-replay.1 man1/evpose-sessions-list.1 man8/evpose-server.8; do
+  man --warnings --local-file "$work/root/usr/share/man/$page" >"$work/page" 2>"$work/problems" || fail "man cannot display $page"
+  [[ ! -s $work/problems ]] || { cat "$work/problems" >&2; fail "$page has problems"; }
+  grep -q 'EXIT STATUS' "$work/page" || fail "$page has no exit status"
+done
+for program in evpose evpose-server; do
+  bash -n "$work/root/usr/share/bash-completion/completions/$program" || fail "there is no completion of $program for bash"
+  grep -q "^#compdef $program\$" "$work/root/usr/share/zsh/vendor-completions/_$program" || fail "there is no completion of $program for zsh"
+done
 cmp "$work/root/usr/share/evpose/sensors/evk4.yaml" "$source/deploy/sensors/evk4.yaml"
 
 # The unit must name the installed path of the program; systemd-analyze checks that the program exists.

@@ -10,19 +10,19 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
     CLI::App* command = app.add_subcommand(name, description);
     runners.emplace_back(command, add_command(*command, context));
   };
-  add("initialization", "First poses from lines, by evpose and by published methods", AddBenchInitializationCommand);
-  add("models", "Model files: preparation, and tracking from the true pose on simulated recordings",
+  add("initialization", "Compare first poses from lines, by evpose and by published methods",
+      AddBenchInitializationCommand);
+  add("models", "Measure the preparation of model files, and tracking on simulated recordings of them",
       AddBenchModelsCommand);
-  add("real", "Recordings of real sensors with references: first poses, tracking, and absent objects",
+  add("real", "Measure first poses, tracking and absent objects on recordings of real sensors with references",
       AddBenchRealCommand);
-  add("speed", "Decoding, tracking, first poses and the way through a server: how long they take",
+  add("speed", "Measure how long decoding, tracking, first poses and the way through a server take",
       AddBenchSpeedCommand);
   add("synthetic",
-      "Poses from labelled events, by the estimator of evpose and published ones, and the Cramer-Rao bound",
+      "Compare poses from labelled events, by the estimator of evpose and published ones, with the Cramer-Rao bound",
       AddBenchSyntheticCommand);
-  add("tracking", "Trackers on simulated recordings, against the truth", AddBenchTrackingCommand);
+  add("tracking", "Compare trackers on simulated recordings with the truth", AddBenchTrackingCommand);
   app.footer(
-      "Each of them has an example in its --help.\n\n"
       "Example:\n"
       "  evpose bench tracking --scenarios normal,half-out --seeds 1 --paths 1 --duration 0.2");
 }

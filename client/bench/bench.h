@@ -7,6 +7,9 @@
 
 namespace evpose::client {
 
+// Group of --help with the options that say what is measured.
+inline constexpr char kExperimentGroup[] = "Experiment";
+
 void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context);

@@ -136,14 +136,19 @@ Json ResultJson(const ObjectResult& result, const std::string& detector) {
 }  // namespace
 
 void FromEventsArguments::AddTo(CLI::App& app, CLI::Option* from_events) {
+  app.option_defaults()->group("Experiment with --from-events");
   const auto add = [&](const char* name, auto& value, const char* description) {
     return app.add_option(name, value, description)->needs(from_events)->capture_default_str();
   };
   add("--starts", trial.num_starts, "Number of starts of the tracker in the recording of each object")
       ->check(CLI::Range(1, 100'000));
-  add("--duration", duration_s, "Length of each recording, seconds")->check(CLI::Range(0.25, 1800.0));
-  add("--noise", trial.noise_ratio, "Share of noise among all events")->check(CLI::Range(0.0, 0.9));
-  add("--speed", trial.speed_scale, "Factor on the speed of the motion")->check(CLI::Range(0.01, 100.0));
+  add("--duration", duration_s, "Length of each recording")->check(CLI::Range(0.25, 1800.0))->type_name("SECONDS");
+  add("--noise", trial.noise_ratio, "Share of all events that are noise")
+      ->check(CLI::Range(0.0, 0.9))
+      ->type_name("RATIO");
+  add("--speed", trial.speed_scale, "Factor on the speed of the motion")
+      ->check(CLI::Range(0.01, 100.0))
+      ->type_name("FACTOR");
   add("--camera", trial.camera, "Sensor and lens")->check(CLI::IsMember(SimulatedCameraNames()));
   add("--detector", trial.detector,
       "Lines from events: space-time planes as in the source paper, or LSD on an event image")

@@ -155,14 +155,15 @@ constexpr char kAboutEvents[] =
     "The longest wrong is the longest time for which wrong poses were reported as TRACKING without a break.\n";
 
 void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Option* from_events) {
+  app.option_defaults()->group("Experiment with lines");
   AddOption(app, "--trials", arguments.options.num_trials, "Number of random poses of each object and clutter",
             CLI::Range(1, 1'000'000))
       ->excludes(from_events);
   AddNames(app, "--methods", arguments.options.methods, "Run only these methods")->excludes(from_events);
-  app.add_option("--clutter", arguments.clutter, "Numbers of spurious and missing lines; default: 0/0, 2/1 and 4/2")
+  app.add_option("--clutter", arguments.clutter, "Numbers of spurious and missing lines. Default: 0/0, 2/1 and 4/2")
       ->delimiter(',')
       ->excludes(from_events)
-      ->type_name("S/M,...");
+      ->type_name("N/N,...");
   app.add_flag("--all-trials", arguments.options.is_unlimited,
                "Run slow methods on all trials, not only on the first 100")
       ->excludes(from_events);
@@ -175,12 +176,14 @@ void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Opti
 
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InitializationArguments>();
-  app.add_option("--seed", arguments->options.seed, "The same seed gives the same trials")->capture_default_str();
+  app.option_defaults()->group(kExperimentGroup);
+  app.add_option("--seed", arguments->options.seed, "Seed of the trials; the same seed gives the same trials")
+      ->capture_default_str();
   AddNames(app, "--objects", arguments->objects,
            "Use only these objects: " + absl::StrJoin(SimulatedObjectNames(), ", "));
-  app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output");
   CLI::Option* from_events = app.add_flag("--from-events", arguments->is_from_events,
                                           "Use the events of simulated recordings instead of lines");
+  AddJson(app, arguments->is_json);
   AddLineOptions(app, *arguments, from_events);
   arguments->from_events.AddTo(app, from_events);
   app.footer(absl::StrCat(kAboutLines, kAboutEvents, "\nMethods:\n", InitializationMethodList(),

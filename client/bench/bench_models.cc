@@ -33,7 +33,7 @@ struct ModelsArguments {
   bool is_first_pose = false;
   FirstPoseBenchOptions first_pose;  // num_starts alone
   double watch_s = 0.4;
-  std::string json;
+  std::string out;
 };
 
 constexpr const char* kListName = "models.json";
@@ -105,7 +105,7 @@ absl::Status RunFirstPoses(const ModelsArguments& arguments, const ModelBenchOpt
   options.bench = bench;
   options.watch_us = std::llround(arguments.watch_s * 1e6);
   EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
-  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.json));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.out));
   ProgressLine progress(context);
   std::vector<FirstPoseBenchRow> rows;
   PrintFirstPoseHeader(context.out);
@@ -130,7 +130,7 @@ absl::Status RunModels(const ModelsArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(options.models, FindModels(arguments));
   EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   if (arguments.is_first_pose) return RunFirstPoses(arguments, options, context);
-  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.json));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.out));
   ProgressLine progress(context);
   std::vector<ModelBenchRow> rows;
   PrintModelsHeader(context.out);
@@ -153,27 +153,33 @@ absl::Status RunModels(const ModelsArguments& arguments, CliContext& context) {
 
 CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ModelsArguments>();
+  app.option_defaults()->group(kInputGroup);
   app.add_option("--models", arguments->directory,
                  "Directory of tests/bench/models/generate.py, or with any model files (OBJ, PLY, STL)")
       ->type_name("DIR")
       ->required();
   AddNames(app, "--names", arguments->names, "Run only these models");
   AddOption(app, "--scale", arguments->metres_per_unit,
-            "Metres per unit of the files of a directory without models.json; 0.001 for mm", AboveZero());
+            "Metres per unit of the files of a directory without models.json: 0.001 for millimetres", AboveZero())
+      ->type_name("FACTOR");
+  app.option_defaults()->group(kExperimentGroup);
   AddOption(app, "--seeds", arguments->options.num_seeds, "Number of recordings of each model", CLI::Range(1, 1000));
-  AddOption(app, "--duration", arguments->duration_s, "Length of a recording, seconds", CLI::Range(0.01, 1800.0));
-  AddOption(app, "--camera", arguments->options.camera, "The sensor and its lens",
-            CLI::IsMember(SimulatedCameraNames()));
-  AddOption(app, "--noise", arguments->options.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9));
+  AddOption(app, "--duration", arguments->duration_s, "Length of a recording", CLI::Range(0.01, 1800.0))
+      ->type_name("SECONDS");
+  AddOption(app, "--camera", arguments->options.camera, "Sensor and lens", CLI::IsMember(SimulatedCameraNames()));
+  AddOption(app, "--noise", arguments->options.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9))
+      ->type_name("RATIO");
   app.add_option("--recordings", arguments->options.recordings,
-                 "Directory where the simulated recordings are kept and reused")
+                 "Directory where the simulated recordings are kept and used again")
       ->type_name("DIR");
   app.add_flag("--first-pose", arguments->is_first_pose, "Find the first pose without a prior, instead");
-  AddOption(app, "--starts", arguments->first_pose.num_starts, "With --first-pose: starts in each recording",
+  AddOption(app, "--starts", arguments->first_pose.num_starts, "Number of starts in each recording of --first-pose",
             CLI::Range(1, 10'000));
-  AddOption(app, "--watch", arguments->watch_s, "With --first-pose: seconds of events after a start",
-            CLI::Range(0.01, 1800.0));
-  AddFile(app, "--json", arguments->json, "JSON file with all runs; it appears only when it is complete");
+  AddOption(app, "--watch", arguments->watch_s, "Length of the events after a start of --first-pose",
+            CLI::Range(0.01, 1800.0))
+      ->type_name("SECONDS");
+  AddFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete")
+      ->group(kOutputGroup);
   app.footer(absl::StrCat(kModelsTableHelp, kFirstPoseTableHelp,
                           "\nExample:\n"
                           "  evpose simulate --object cube --camera vga --duration 0.01 --out part\n"

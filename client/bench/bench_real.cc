@@ -27,7 +27,7 @@ struct RealArguments {
   RealBenchOptions options;  // without the duration and the parts
   double duration_s = 2.0;
   std::string parts = "all";
-  std::string json;
+  std::string out;
   bool is_checked = false;
 };
 
@@ -165,7 +165,7 @@ absl::Status RunReal(const RealArguments& arguments, CliContext& context) {
   options.has_starts = arguments.parts != "absent";
   options.has_foreign = arguments.parts != "present";
   EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
-  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.json));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.out));
   ProgressLine progress(context);
   RealResults results;
   RealBenchListener listener;
@@ -192,22 +192,24 @@ absl::Status RunReal(const RealArguments& arguments, CliContext& context) {
 
 CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RealArguments>();
+  app.option_defaults()->group(kInputGroup);
   app.add_option("directory", arguments->options.directory, "Directory with a folder for each recording")
       ->type_name("DIR")
       ->required();
   AddNames(app, "--names", arguments->options.names, "Run only these recordings");
-  app.add_option("--parts", arguments->parts,
-                 "present: recordings of the objects; absent: searches for objects that are not in view")
-      ->check(CLI::IsMember({"all", "present", "absent"}))
-      ->capture_default_str();
+  app.option_defaults()->group(kExperimentGroup);
+  AddOption(app, "--parts", arguments->parts,
+            "present: recordings of the objects; absent: searches for objects that are not in view",
+            CLI::IsMember({"all", "present", "absent"}));
   AddOption(app, "--starts", arguments->options.num_starts, "Number of start times of each recording",
             CLI::Range(1, 1000));
   AddOption(app, "--duration", arguments->duration_s,
-            "Longest time of a run from a start time, seconds; 0: to the end of the recording",
-            CLI::Range(0.0, 3600.0));
-  AddOption(app, "--bound-px", arguments->options.bound_px, "Largest error of a right pose, pixels",
-            CLI::Range(0.01, 1000.0));
-  AddFile(app, "--json", arguments->json, "JSON file with all runs; it appears only when it is complete");
+            "Longest time of a run from a start time; 0: to the end of the recording", CLI::Range(0.0, 3600.0))
+      ->type_name("SECONDS");
+  AddOption(app, "--bound-px", arguments->options.bound_px, "Largest error of a right pose", CLI::Range(0.01, 1000.0))
+      ->type_name("PIXELS");
+  app.option_defaults()->group(kOutputGroup);
+  AddFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete");
   app.add_flag("--check", arguments->is_checked,
                "End with status 1 if TRACKING was reported for more than 30 ms with a wrong pose, or for an absent "
                "object");

@@ -25,7 +25,7 @@ namespace {
 struct SpeedArguments {
   std::vector<std::string> parts;
   double duration_s = 0.2;
-  std::string json;
+  std::string out;
   ServiceBenchOptions service;  // without the parts and the duration
 };
 
@@ -176,7 +176,7 @@ absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
 
 absl::Status RunSpeed(const SpeedArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const Plan plan, MakePlan(arguments));
-  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> file, OpenOutput(arguments.json));
+  EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> file, OpenOutput(arguments.out));
   Json rows = Json::array();
   EVPOSE_RETURN_IF_ERROR(Measure(plan, context, rows));
   Json json = {{"duration_s", 1e-6 * static_cast<double>(plan.speed.duration_us)},
@@ -216,20 +216,23 @@ std::string About() {
 
 CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SpeedArguments>();
+  app.option_defaults()->group(kExperimentGroup);
   AddNames(app, "--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "));
-  AddOption(app, "--duration", arguments->duration_s, "Length of each recording, seconds", CLI::Range(0.01, 10.0));
+  AddOption(app, "--duration", arguments->duration_s, "Length of each recording", CLI::Range(0.01, 10.0))
+      ->type_name("SECONDS");
   AddOption(app, "--repetitions", arguments->service.num_repetitions,
             "Number of repetitions; the shortest time is reported", CLI::Range(1, 1000));
-  AddFile(app, "--json", arguments->json,
-          "JSON file with the table, for tests/bench/compare.py; it appears only when it is complete");
+  AddFile(app, "-o,--out", arguments->out,
+          "JSON with the table, for tests/bench/compare.py; the file appears when it is complete")
+      ->group(kOutputGroup);
   arguments->service.server.AddTo(app, false);
   app.add_option("--server-pid", arguments->service.server_pid,
                  "Process of --server on this machine, for the processor time of the server")
       ->type_name("PID")
       ->check(CLI::Range(1, 1 << 22))
       ->needs(app.get_option("--server"))
-      ->group("The server");
-  app.footer(absl::StrCat(About(), "\nExample:\n  evpose bench speed --parts decode --duration 0.1 --json speed.json"));
+      ->group(kConnectionGroup);
+  app.footer(absl::StrCat(About(), "\nExample:\n  evpose bench speed --parts decode --duration 0.1 --out speed.json"));
   return [arguments, &context] { return RunSpeed(*arguments, context); };
 }
 

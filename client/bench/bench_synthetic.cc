@@ -185,15 +185,19 @@ std::string SyntheticMethodList() {
 CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SyntheticArguments>();
   SyntheticBenchOptions& options = arguments->options;
+  app.option_defaults()->group(kExperimentGroup);
   AddOption(app, "--trials", options.num_trials, "Number of trials of each value of each sweep",
             CLI::Range(1, 1'000'000));
-  app.add_option("--seed", options.seed, "The same seed gives the same trials")->capture_default_str();
+  app.add_option("--seed", options.seed, "Seed of the trials; the same seed gives the same trials")
+      ->capture_default_str();
   AddNames(app, "--sweeps", arguments->sweeps, "Run only these sweeps: noise, outliers, lines");
   AddNames(app, "--methods", options.methods, "Run only these methods");
   AddOption(app, "--start-factor", options.start_factor, "Factor on the distance of the start from the truth",
-            CLI::Range(0.0, 100.0));
-  AddFile(app, "--csv", arguments->csv, "CSV file with the table; it appears only when it is complete");
-  app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output");
+            CLI::Range(0.0, 100.0))
+      ->type_name("FACTOR");
+  AddFile(app, "--csv", arguments->csv, "CSV with the table; the file appears when it is complete")
+      ->group(kOutputGroup);
+  AddJson(app, arguments->is_json);
   app.footer(absl::StrCat(kAbout, "\nMethods:\n", SyntheticMethodList(),
                           "\nExample:\n"
                           "  evpose bench synthetic --trials 10 --methods mixture,mm,ls --csv synthetic.csv"));

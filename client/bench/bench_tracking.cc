@@ -73,7 +73,7 @@ absl::Status RunTracking(const TrackingArguments& arguments, CliContext& context
 std::string EstimatorList() {
   std::string text;
   for (const TrackingSubject& subject : TrackingSubjects()) {
-    absl::StrAppend(&text, absl::StrFormat("  %-14s %s\n", subject.name, subject.description));
+    absl::StrAppend(&text, absl::StrFormat("  %-18s  %s\n", subject.name, subject.description));
   }
   return text;
 }
@@ -82,7 +82,8 @@ std::string EstimatorList() {
 
 CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<TrackingArguments>();
-  app.add_flag("--list", arguments->is_list, "Print the scenarios, one per line");
+  app.option_defaults()->group(kExperimentGroup);
+  app.add_flag("--list", arguments->is_list, "Print the scenarios, one on each line");
   AddNames(app, "--scenarios", arguments->options.scenarios, "Run only these scenarios");
   AddNames(app, "--estimators", arguments->options.estimators, "Run only these estimators");
   AddOption(app, "--seeds", arguments->options.num_seeds,
@@ -90,14 +91,15 @@ CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--paths", arguments->options.num_paths, "Number of motions; each seed is run on each of them",
             CLI::Range(1, 1000));
   AddOption(app, "--duration", arguments->duration_s,
-            "Maximum length of a recording, seconds; 0: as long as the scenario is", CLI::Range(0.0, 1800.0));
+            "Longest part of a recording that is used; 0: as long as the scenario is", CLI::Range(0.0, 1800.0))
+      ->type_name("SECONDS");
   app.add_option("--recordings", arguments->options.recordings,
-                 "Directory where the simulated recordings are kept and reused")
+                 "Directory where the simulated recordings are kept and used again")
       ->type_name("DIR");
-  AddFile(app, "--csv", arguments->csv, "CSV file with a line for each run; it appears only when it is complete");
-  AddFile(app, "--traces", arguments->traces,
-          "CSV file with poses and errors over time, of the first run of each scenario");
-  app.add_flag("--json", arguments->is_json, "Print one JSON object on standard output, at the end");
+  app.option_defaults()->group(kOutputGroup);
+  AddFile(app, "--csv", arguments->csv, "CSV with a line for each run; the file appears when it is complete");
+  AddFile(app, "--traces", arguments->traces, "CSV with poses and errors over time, of the first run of each scenario");
+  AddJson(app, arguments->is_json, "Print one JSON object instead of text, at the end");
   app.footer(absl::StrCat(kTrackingTableHelp,
                           "tests/bench/plot.py draws the files of --json and --traces.\n\nEstimators:\n",
                           EstimatorList(),

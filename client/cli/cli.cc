@@ -1,14 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/cli.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <exception>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/first_steps.h"
 #include "core/base/version.h"
+#include "core/command_line/help.h"
+#include "core/command_line/suggestion.h"
 
 namespace evpose::client {
 namespace {
@@ -17,70 +24,84 @@ constexpr int kDone = 0;
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 
+// The purposes by which `evpose --help` lists the commands, in this order.
+constexpr char kTracking[] = "Track objects";
+constexpr char kRecordings[] = "Recordings and poses";
+constexpr char kPreparation[] = "Cameras and models";
+constexpr char kServers[] = "Servers";
+constexpr char kResearch[] = "Research";
+
 CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   CommandRunners runners;
-  const auto add = [&](const char* name, const char* description, auto add_command) {
-    CLI::App* command = app.add_subcommand(name, description);
+  const auto add = [&](const char* purpose, const char* name, const char* description, auto add_command) {
+    CLI::App* const command = app.add_subcommand(name, description);
     runners.emplace_back(command, add_command(*command, context));
+    command->group(purpose);
   };
-  add("replay", "Send a recording to a server and write the poses that it returns", AddReplayCommand);
-  add("stream", "Send the events of a live camera to a server", AddStreamCommand);
-  add("info", "Print the contents of a recording", AddInfoCommand);
-  add("doctor", "Check a recording, a live camera or a server for what goes wrong most often", AddDoctorCommand);
-  add("convert", "Write the events of a recording in another format", AddConvertCommand);
-  add("simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
-  add("evaluate", "Compare estimated trajectories with the truth", AddEvaluateCommand);
-  add("target", "Make a printable target for evpose calibrate, and its model", AddTargetCommand);
-  add("calibrate", "Estimate a camera from recordings of a moving target, and the profile of a sensor",
+  const auto add_several = [&](const char* purpose, const char* name, const char* description, auto add_commands) {
+    CLI::App* const parent = app.add_subcommand(name, description);
+    add_commands(*parent, context, runners);
+    parent->group(purpose);  // at the end, because the commands below inherit it
+  };
+  add(kTracking, "replay", "Track the objects in a recording and write their poses", AddReplayCommand);
+  add(kTracking, "stream", "Track objects with a live camera and write their poses", AddStreamCommand);
+  add(kTracking, "watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);
+  add(kRecordings, "simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
+  add(kRecordings, "info", "Print the contents of a recording", AddInfoCommand);
+  add(kRecordings, "doctor", "Check a recording, a live camera or a server for what goes wrong most often",
+      AddDoctorCommand);
+  add(kRecordings, "convert", "Write the events of a recording in another format", AddConvertCommand);
+  add(kRecordings, "render", "Draw the events of a recording and the model at its poses", AddRenderCommand);
+  add(kRecordings, "evaluate", "Compare estimated poses with the truth", AddEvaluateCommand);
+  add(kPreparation, "camera", "Print, check, convert and draw the calibration of a camera", AddCameraCommand);
+  add(kPreparation, "target", "Make a printable target for evpose calibrate, and its model", AddTargetCommand);
+  add(kPreparation, "calibrate", "Estimate a camera, the profile of a sensor, or where a robot carries the camera",
       AddCalibrateCommand);
-  add("camera", "Print, check, convert and draw the calibration of a camera", AddCameraCommand);
-  add("render", "Draw the events of a recording and the projected model", AddRenderCommand);
-  add("watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);
-  AddBenchCommands(*app.add_subcommand("bench", "Compare evpose with published methods, and measure its speed"),
-                   context, runners);
-  AddSessionsCommands(*app.add_subcommand("sessions", "List, show, delete and drain the sessions of a server"), context,
-                      runners);
-  AddServerCommands(*app.add_subcommand("server", "Show the version and load of a server, or set the level of its log"),
-                    context, runners);
-  AddModelsCommands(*app.add_subcommand("models", "List, upload, show and delete the models of a server"), context,
-                    runners);
-  // After the commands, because their texts begin with that of their parent.
+  add_several(kPreparation, "models", "Inspect model files, and manage the models of a server", AddModelsCommands);
+  add_several(kServers, "server", "Describe a server, or set the level of its log", AddServerCommands);
+  add_several(kServers, "sessions", "List, show and delete the sessions of a server, or drain it", AddSessionsCommands);
+  add_several(kResearch, "bench", "Compare evpose with published methods, and measure its speed", AddBenchCommands);
   app.footer(
-      "The --help of each command has an example. Exit status: 0 success; 1 failure; 2 wrong usage.\n\n"
+      "evpose COMMAND --help describes a command, with an example.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum");
   return runners;
 }
 
-std::string FullName(const CLI::App& command) {
-  const CLI::App* parent = command.get_parent();
-  return parent == nullptr ? command.get_name() : absl::StrCat(FullName(*parent), " ", command.get_name());
-}
-
 // One line with the name of the command, as the errors of the commands.
-std::string UsageMessage(const CLI::App* app, const CLI::Error& error) {
+std::string ParserMessage(const CLI::App* app, const CLI::Error& error) {
   while (!app->get_subcommands().empty()) app = app->get_subcommands().back();
-  const std::string name = FullName(*app);
-  return absl::StrCat(name, ": ", error.what(), "; ", name, " --help lists the options\n");
+  return UsageMessage(*app, error) + "\n";
 }
 
-// Reports an unknown command, which the parser would report as a missing one. Returns whether there was one.
-bool ReportUnknownCommand(const CLI::App& app, const std::vector<std::string>& arguments, std::ostream& err) {
+// Reports an unknown command, or a missing one, which the parser would report less clearly. Returns whether there was
+// such an error.
+bool ReportWrongCommand(const CLI::App& app, const std::vector<std::string>& arguments, std::ostream& err) {
   const CLI::App* parent = &app;
+  std::vector<std::string> names;
+  const auto look = [&] {
+    names.clear();
+    for (const CLI::App* each : parent->get_subcommands([](const CLI::App*) { return true; })) {
+      names.push_back(each->get_name());
+    }
+  };
+  look();
   for (const std::string& word : arguments) {
-    const std::vector<const CLI::App*> commands = parent->get_subcommands([](const CLI::App*) { return true; });
-    if (commands.empty() || word.rfind('-', 0) == 0) return false;
-    const auto command = std::find_if(commands.begin(), commands.end(),
-                                      [&word](const CLI::App* each) { return each->check_name(word); });
-    if (command == commands.end()) {
-      const std::string name = FullName(*parent);
-      err << name << ": there is no command \"" << word << "\"; " << name << " --help lists the commands" << std::endl;
+    if (names.empty() || absl::StartsWith(word, "-")) return false;
+    if (std::find(names.begin(), names.end(), word) == names.end()) {
+      const std::string nearest = NearestName(word, names);
+      err << FullCommandName(*parent) << ": there is no command \"" << word << "\"; "
+          << (nearest.empty() ? "" : absl::StrCat("did you mean ", nearest, "? ")) << HelpHint(*parent) << std::endl;
       return true;
     }
-    parent = *command;
+    parent = parent->get_subcommand(word);
+    look();
   }
-  return false;
+  if (names.empty()) return false;
+  err << FullCommandName(*parent) << ": give a command: " << absl::StrJoin(names, ", ") << "; " << HelpHint(*parent)
+      << std::endl;
+  return true;
 }
 
 // A result that could not be written is a failure.
@@ -96,31 +117,44 @@ int RunParsed(const CommandRunners& runners, CliContext& context) {
   for (const auto& [command, run] : runners) {
     if (!command->parsed()) continue;
     const absl::Status status = run();
-    if (status.ok()) return ExitStatus(kDone, FullName(*command), context);
+    if (status.ok()) return ExitStatus(kDone, FullCommandName(*command), context);
     context.out.flush();
-    context.err << FullName(*command) << ": " << status.message() << std::endl;
-    return IsUsageError(status) ? kWrongUsage : kFailed;
+    const bool is_usage = IsUsageError(status);
+    context.err << FullCommandName(*command) << ": " << status.message()
+                << (is_usage ? absl::StrCat("; ", HelpHint(*command)) : "") << std::endl;
+    return is_usage ? kWrongUsage : kFailed;
   }
   return kWrongUsage;  // not reached: the parser requires a command
 }
 
 }  // namespace
 
+std::unique_ptr<CLI::App> MakeParser(CliContext& context, CommandRunners& runners) {
+  auto app = std::make_unique<CLI::App>("6-DoF object poses from event cameras", "evpose");
+  app->set_version_flag("--version", VersionLine("evpose"));
+  app->require_subcommand(1);
+  app->failure_message(ParserMessage);
+  runners = AddCommands(*app, context);
+  for (const auto& [command, run] : runners) command->get_parent()->require_subcommand(1);
+  UseHelp(*app);
+  return app;
+}
+
 int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
-  CLI::App app("6-DoF object poses from event cameras", "evpose");
-  app.set_version_flag("--version", VersionLine("evpose"));
-  app.require_subcommand(1);
-  app.failure_message(UsageMessage);
+  if (arguments.empty()) {
+    context.err << FirstSteps(TextWidth(STDERR_FILENO)) << std::flush;
+    return kWrongUsage;
+  }
   try {
-    const CommandRunners runners = AddCommands(app, context);
-    for (const auto& [command, run] : runners) command->get_parent()->require_subcommand(1);
-    if (ReportUnknownCommand(app, arguments, context.err)) return kWrongUsage;
+    CommandRunners runners;
+    const std::unique_ptr<CLI::App> app = MakeParser(context, runners);
+    if (ReportWrongCommand(*app, arguments, context.err)) return kWrongUsage;
     std::vector<std::string> reversed(arguments.rbegin(), arguments.rend());
     try {
-      app.parse(std::move(reversed));
+      app->parse(std::move(reversed));
     } catch (const CLI::ParseError& error) {
-      const int status = app.exit(error, context.out, context.err) == 0 ? kDone : kWrongUsage;
-      return ExitStatus(status, app.get_name(), context);
+      const int status = app->exit(error, context.out, context.err) == 0 ? kDone : kWrongUsage;
+      return ExitStatus(status, app->get_name(), context);
     }
     return RunParsed(runners, context);
   } catch (const std::exception& error) {

@@ -13,6 +13,7 @@
 
 #include "client/cli/cli.h"
 #include "core/base/terminate_by_signal.h"
+#include "core/command_line/help.h"
 
 namespace {
 
@@ -54,7 +55,10 @@ int main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("evpose"));
   spdlog::set_level(spdlog::level::warn);
   evpose::client::CliContext context{std::cout, std::cerr};
-  context.is_err_terminal = isatty(STDERR_FILENO) != 0;
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing changes the environment after the start
+  const char* const terminal = std::getenv("TERM");
+  context.is_err_terminal = isatty(STDERR_FILENO) != 0 && terminal != nullptr && std::string(terminal) != "dumb";
+  context.err_columns = evpose::TerminalColumns(STDERR_FILENO);
   context.is_interrupted = [] { return g_interrupts > 0; };
   return evpose::client::RunCli(std::vector<std::string>(argv + 1, argv + argc), context);
 }

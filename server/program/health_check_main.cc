@@ -19,6 +19,7 @@
 #include "absl/time/clock.h"
 #include "core/base/certificates.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/help.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/connections/listen_address.h"
 
@@ -29,11 +30,14 @@ using grpc::health::v1::HealthCheckResponse;
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 
-constexpr char kExample[] = R"(Example:
-  evpose-health-check 127.0.0.1:50051
-  evpose-health-check --tls-ca ca.crt --tls-name tracker.example.org 127.0.0.1:50051
-Exit status 0: the server accepts sessions; 1: it does not, and a line on standard error has the reason; 2: wrong usage.
-)";
+constexpr char kNotes[] =
+    "Exit status:\n"
+    "  0  The server accepts sessions\n"
+    "  1  It does not; the reason is on standard error\n"
+    "  2  Wrong usage\n\n"
+    "Example:\n"
+    "  evpose-health-check 127.0.0.1:50051\n"
+    "  evpose-health-check --tls-ca ca.crt --tls-name tracker.example.org 127.0.0.1:50051";
 
 struct Arguments {
   std::string address = "127.0.0.1:50051";
@@ -46,22 +50,25 @@ struct Arguments {
 };
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {
-  app.footer(kExample);
+  app.footer(kNotes);
   app.option_defaults()->always_capture_default();
-  app.add_option("address", arguments.address, "where the server listens")->type_name("HOST:PORT");
-  app.add_option("--timeout", arguments.timeout_s, "seconds to wait for a response")->check(CLI::Range(0.001, 3600.0));
-  app.option_defaults()->group("For a server with TLS");
-  app.add_option("--tls-ca", arguments.ca_file, "authorities that may have signed the server's certificate, PEM")
+  app.option_defaults()->group("Connection");
+  app.add_option("address", arguments.address, "Address of the server, HOST:PORT")->type_name("HOST:PORT");
+  app.add_option("--timeout", arguments.timeout_s, "Longest wait for a response")
+      ->type_name("SECONDS")
+      ->check(CLI::Range(0.001, 3600.0));
+  app.option_defaults()->group("Servers with TLS");
+  app.add_option("--tls-ca", arguments.ca_file, "Authorities that may have signed the server's certificate, PEM")
       ->type_name("FILE")
       ->envname("EVPOSE_HEALTH_TLS_CA");
   app.add_option("--tls-cert", arguments.certificate_file,
-                 "client certificate, PEM, for a server that requires one (--tls-client-ca)")
+                 "Client certificate, PEM, for a server that requires one (--tls-client-ca)")
       ->type_name("FILE")
       ->envname("EVPOSE_HEALTH_TLS_CERT");
-  app.add_option("--tls-key", arguments.key_file, "private key of that certificate, PEM")
+  app.add_option("--tls-key", arguments.key_file, "Private key of that certificate, PEM")
       ->type_name("FILE")
       ->envname("EVPOSE_HEALTH_TLS_KEY");
-  app.add_option("--tls-name", arguments.tls_name, "name in the server's certificate if it is not HOST")
+  app.add_option("--tls-name", arguments.tls_name, "Name in the server's certificate if it is not HOST")
       ->type_name("NAME")
       ->envname("EVPOSE_HEALTH_TLS_NAME");
 }
@@ -145,9 +152,12 @@ int Main(int argc, char** argv) {
   // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet
   setenv("GRPC_VERBOSITY", "NONE", 0);
   Arguments arguments;
-  CLI::App app("Checks whether an evpose-server accepts sessions.", "evpose-health-check");
+  CLI::App app("Check whether an evpose-server accepts sessions", "evpose-health-check");
   try {
     DefineArguments(app, arguments);
+    evpose::UseHelp(app);
+    app.failure_message(
+        [](const CLI::App* parser, const CLI::Error& error) { return evpose::UsageMessage(*parser, error) + "\n"; });
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : kWrongUsage;

@@ -255,7 +255,9 @@ int Main(int argc, char** argv) {
   if (parsed.is_answered) return parsed.is_wrong ? kWrongUsage : FinishAnswer();
   ProgramOptions& options = parsed.options;
   if (!options.new_token.empty()) return PrintNewToken(options);
-  if (const std::string wrong = WrongUsage(options); !wrong.empty()) return Fail(kWrongUsage, wrong);
+  if (const std::string wrong = WrongUsage(options); !wrong.empty()) {
+    return Fail(kWrongUsage, absl::StrCat(wrong, "; evpose-server --help lists the options"));
+  }
   SetUpLog(*ParseLogFormat(options.log_format), *ParseLogLevel(options.log_level));
   gpr_set_log_function(LogOfGrpc);
   if (const absl::Status completed = CompleteStore(options); !completed.ok()) {

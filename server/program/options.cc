@@ -19,12 +19,30 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
+#include "core/command_line/help.h"
 #include "server/connections/listen_address.h"
 #include "server/runtime/errors.h"
 #include "server/stores/redis/redis_address.h"
 
 namespace evpose::server {
 namespace {
+
+constexpr char kProgram[] = "evpose-server";
+constexpr char kDescription[] = "Track objects in streams of events: receive events and send poses over gRPC";
+
+constexpr char kNotes[] =
+    "The files of Access are read again when they change. A limit of a tenant that is 0 means that only the limits of "
+    "the server apply; with tokens or client certificates its default is half of the server's limit, otherwise 0.\n\n"
+    "With port 0 a free port is chosen. When the server is ready it prints \"listening on HOST:PORT\" on standard "
+    "output "
+    "and, with --metrics-listen, a second line, \"metrics on HOST:PORT\"; its log goes to standard error. After "
+    "SIGTERM "
+    "or SIGINT the server waits for --shutdown-notice, lets clients finish for up to --shutdown-timeout, and ends; a "
+    "second signal ends it at once.\n\n"
+    "Exit status:\n"
+    "  0  The server was asked to end, and has ended\n"
+    "  1  Failure; its cause and remedy are on standard error\n"
+    "  2  Wrong usage\n\n";
 
 constexpr char kExample[] = R"(Example:
   evpose-server --listen 127.0.0.1:50051
@@ -38,11 +56,6 @@ For several servers that take over each other's sessions, each with
   evpose-server --listen 127.0.0.1:50051 --store redis://127.0.0.1:6379 --store-password-file redis.password
 or with the whole address, including the password, in the environment variable EVPOSE_STORE. Every user of the machine
 can read a password on the command line.
-
-With port 0 a free port is chosen. When the server is ready it prints "listening on HOST:PORT" on standard output and,
-with --metrics-listen, a second line, "metrics on HOST:PORT"; its log goes to standard error. After SIGTERM or SIGINT
-the server waits for --shutdown-notice, lets clients finish for up to --shutdown-timeout, and ends; a second signal ends
-it immediately.
 )";
 
 // The options, and the values for which CLI11 has no type: durations in seconds.
@@ -59,28 +72,28 @@ struct Arguments {
 
 void DefineAccess(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
-  app.option_defaults()->group("Access; files are read again when they change");
-  app.add_option("--tls-cert", options.tls.certificate, "certificate of the server with its chain, PEM")
+  app.option_defaults()->group("Access");
+  app.add_option("--tls-cert", options.tls.certificate, "Certificate of the server with its chain, PEM")
       ->type_name("FILE");
-  app.add_option("--tls-key", options.tls.key, "private key of that certificate, PEM")->type_name("FILE");
+  app.add_option("--tls-key", options.tls.key, "Private key of that certificate, PEM")->type_name("FILE");
   app.add_option("--tls-client-ca", options.tls.client_ca,
-                 "clients must present a certificate signed by one of these authorities, PEM; without --token-file its "
+                 "Clients must present a certificate signed by one of these authorities, PEM; without --token-file its "
                  "CN is the client's tenant")
       ->type_name("FILE");
   app.add_option("--tls-client-crl", options.tls.client_crl,
-                 "revocation lists of these authorities, PEM: clients with a revoked certificate are rejected")
+                 "Revocation lists of these authorities, PEM: clients with a revoked certificate are rejected")
       ->type_name("FILE");
-  app.add_option("--token-file", options.token_file, "clients must send one of these tokens; --new-token adds a line")
+  app.add_option("--token-file", options.token_file, "Clients must send one of these tokens; --new-token adds a line")
       ->type_name("FILE");
   app.add_option("--new-token", arguments.program.new_token,
-                 "make a token for this tenant, print it, and exit; its line is added to --token-file or, without one, "
+                 "Make a token for this tenant, print it, and exit; its line is added to --token-file or, without one, "
                  "printed on standard error")
       ->type_name("TENANT");
   app.add_flag("--operator", arguments.program.is_operator,
-               "with --new-token: the token allows its holder to drain the server and to set its log level")
+               "With --new-token: the token allows its holder to drain the server and to set its log level")
       ->needs("--new-token");
   app.add_flag("--insecure", arguments.program.insecure,
-               "accept other machines although nothing is encrypted, or anybody may use the server");
+               "Accept other machines although nothing is encrypted, or anybody may use the server");
 }
 
 void DefineSurvival(CLI::App& app, Arguments& arguments) {
@@ -88,121 +101,140 @@ void DefineSurvival(CLI::App& app, Arguments& arguments) {
   app.option_defaults()->group("Storage");
   app.add_option(
          "--store", options.store.store,
-         "store of sessions, poses and models: sqlite, one file in --data-dir; memory, lost when the server ends; "
+         "Store of sessions, poses and models: sqlite, one file in --data-dir; memory, lost when the server ends; "
          "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions")
-      ->envname("EVPOSE_STORE");
+      ->envname("EVPOSE_STORE")
+      ->type_name("NAME|ADDRESS");
   app.add_option("--store-password-file", arguments.program.store_password_file,
-                 "file with the password of a redis:// store if its address has none")
+                 "File with the password of a redis:// store if its address has none")
       ->type_name("FILE");
   app.add_option(
          "--data-dir", options.store.data_dir,
-         "directory of --store sqlite, used by one server only; by default $STATE_DIRECTORY, which systemd sets, "
+         "Directory of --store sqlite, used by one server only; by default $STATE_DIRECTORY, which systemd sets, "
          "else $XDG_STATE_HOME/evpose, else ~/.local/state/evpose")
       ->type_name("DIR");
   app.add_option(
-      "--store-max-bytes", options.store.max_bytes,
-      "maximum bytes of --store sqlite and memory; when it is reached, ended sessions are deleted, the oldest "
-      "first, and then streams end with an error; Redis has its own limit, maxmemory");
+         "--store-max-bytes", options.store.max_bytes,
+         "Maximum bytes of --store sqlite and memory; when it is reached, ended sessions are deleted, the oldest "
+         "first, and then streams end with an error; Redis has its own limit, maxmemory")
+      ->type_name("BYTES");
   app.add_option(
-      "--session-expiry", arguments.session_expiry_s,
-      "seconds after which a session without a stream is deleted; must be equal at all servers that share a store");
+         "--session-expiry", arguments.session_expiry_s,
+         "Time after which a session without a stream is deleted; must be equal at all servers that share a store")
+      ->type_name("SECONDS");
   app.add_option("--pose-log-capacity", options.pose_log_capacity,
-                 "poses kept per session for readers and reconnecting streams; older ones are deleted");
+                 "Poses kept per session for readers and reconnecting streams; older ones are deleted");
 }
 
 void DefineLimits(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
   app.option_defaults()->group("Limits");
   app.add_option("--max-sessions", options.max_sessions,
-                 "sessions at a time, including ended ones until they are deleted or expire");
+                 "Sessions at a time, including ended ones until they are deleted or expire");
   app.add_option("--max-session-memory", options.max_session_memory,
-                 "bytes of memory for all sessions together; each counts with the most that it may take, and the "
-                 "default is 75 % of the memory of the machine or the control group, whichever is smaller");
+                 "Bytes of memory for all sessions together; each counts with the most that it may take, and the "
+                 "default is 75 % of the memory of the machine or the control group, whichever is smaller")
+      ->type_name("BYTES");
   app.add_option("--max-connections", options.max_connections,
-                 "connections at a time; 0: half of the descriptors that the process may have, at most 4096");
+                 "Connections at a time; 0: half of the descriptors that the process may have, at most 4096");
   app.add_option("--max-connections-per-peer", options.max_connections_per_peer,
-                 "connections at a time from one address (64 bits of IPv6), which behind a proxy is that of the proxy; "
+                 "Connections at a time from one address (64 bits of IPv6), which behind a proxy is that of the proxy; "
                  "0: half of all");
   app.add_option("--max-transport-bytes", options.max_transport_bytes,
-                 "bytes of memory of gRPC for connections and calls; beyond it, connections are read later or closed");
-  app.add_option("--max-streams", options.max_streams, "streams of events, poses and health at a time");
+                 "Bytes of memory of gRPC for connections and calls; beyond it, connections are read later or closed")
+      ->type_name("BYTES");
+  app.add_option("--max-streams", options.max_streams, "Streams of events, poses and health at a time");
   app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
-                 "calls at a time on one connection; further calls wait at the client");
-  app.add_option("--max-model-bytes", options.max_model_bytes, "bytes of one model file");
+                 "Calls at a time on one connection; further calls wait at the client");
+  app.add_option("--max-model-bytes", options.max_model_bytes, "Bytes of one model file")->type_name("BYTES");
   app.add_option("--max-model-store-bytes", options.max_model_store_bytes,
-                 "bytes of all model files and of what was derived from them");
-  app.add_option("--max-uploads", options.max_uploads, "uploads of models at a time");
-  app.add_option("--upload-timeout", arguments.upload_timeout_s,
-                 "seconds within which the file of an upload must arrive");
+                 "Bytes of all model files and of what was derived from them")
+      ->type_name("BYTES");
+  app.add_option("--max-uploads", options.max_uploads, "Uploads of models at a time");
+  app.add_option("--upload-timeout", arguments.upload_timeout_s, "Time within which the file of an upload must arrive")
+      ->type_name("SECONDS");
   app.add_option("--model-cpu-seconds", options.model_budget.cpu_seconds,
-                 "seconds of processor time for the preparation of one model, and once more for its views");
+                 "Processor time for the preparation of one model, and once more for its views")
+      ->type_name("SECONDS");
   app.add_option("--model-memory", options.model_budget.memory_bytes,
-                 "bytes of memory for the preparation of one model");
-  app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "bytes of one chunk of events");
-  app.add_option("--credit-bytes", options.credit_bytes, "bytes of events that may wait per session");
+                 "Bytes of memory for the preparation of one model")
+      ->type_name("BYTES");
+  app.add_option("--max-chunk-bytes", options.max_chunk_bytes, "Bytes of one chunk of events")->type_name("BYTES");
+  app.add_option("--credit-bytes", options.credit_bytes, "Bytes of events that may wait per session")
+      ->type_name("BYTES");
   app.add_option("--max-session-cpu", options.max_session_cpu,
-                 "processor seconds per second of one session; 0: no limit; a session at the limit waits");
+                 "Processor seconds per second of one session; 0: no limit; a session at the limit waits")
+      ->type_name("CORES");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
-                 "seconds within which a new stream must attach, and an upload must send its next message");
+                 "Time within which a new stream must attach, and an upload must send its next message")
+      ->type_name("SECONDS");
   app.add_option("--stream-idle-timeout", arguments.stream_idle_timeout_s,
-                 "seconds without a message after which a stream of events ends, so that its session can expire; 0: no "
-                 "limit");
+                 "Time without a message after which a stream of events ends, so that its session can expire; 0: no "
+                 "limit")
+      ->type_name("SECONDS");
   app.add_option("--listener-timeout", arguments.listener_timeout_s,
-                 "seconds after which a server that does not accept its own connections ends with status 1");
-  app.option_defaults()->group(
-      "Limits of each tenant; 0: only the limits of the server apply; default: with tokens or client certificates half "
-      "of the server's limit, else 0");
-  app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "sessions at a time");
+                 "Time after which a server that does not accept its own connections ends with status 1")
+      ->type_name("SECONDS");
+  app.option_defaults()->group("Limits of each tenant");
+  app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "Sessions at a time");
   app.add_option("--tenant-max-session-memory", options.tenant.max_session_memory,
-                 "bytes of memory for all sessions of the tenant together");
+                 "Bytes of memory for all sessions of the tenant together")
+      ->type_name("BYTES");
   app.add_option("--tenant-max-model-bytes", options.tenant.max_model_bytes,
-                 "bytes of all model files of the tenant and of what was derived from them");
+                 "Bytes of all model files of the tenant and of what was derived from them")
+      ->type_name("BYTES");
   app.add_option("--tenant-max-streams", options.tenant.max_streams,
-                 "streams of events, poses and health at a time, of all sessions of the tenant");
-  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "readers of poses and health at a time");
-  app.add_option("--tenant-max-uploads", options.tenant.max_uploads, "uploads of models at a time");
+                 "Streams of events, poses and health at a time, of all sessions of the tenant");
+  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "Readers of poses and health at a time");
+  app.add_option("--tenant-max-uploads", options.tenant.max_uploads, "Uploads of models at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
-                 "bytes of events per second; the server reads faster streams more slowly; default: 0");
+                 "Bytes of events per second; the server reads faster streams more slowly. Default: 0")
+      ->type_name("BYTES");
   app.add_option("--tenant-max-health-per-s", options.tenant.max_health_per_s,
-                 "messages per second to readers of health; the server sends more of them less often; 0: no limit");
+                 "Messages per second to readers of health; the server sends more of them less often; 0: no limit")
+      ->type_name("HZ");
   app.add_option(
-      "--tenant-max-cpu", options.tenant.max_cpu,
-      "processor seconds per second of all sessions of the tenant; without it tenants share the workers equally");
+         "--tenant-max-cpu", options.tenant.max_cpu,
+         "Processor seconds per second of all sessions of the tenant; without it tenants share the workers equally")
+      ->type_name("CORES");
 }
 
 void DefineArguments(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
   options.listen_address = "127.0.0.1:50051";
   options.store.store = "sqlite";
-  app.footer(kExample);
+  app.footer(absl::StrCat(kNotes, kExample));
   app.set_version_flag("--version", VersionLine("evpose-server"));
   app.option_defaults()->always_capture_default();
-  app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 chooses a free port");
-  app.add_option("--port-file", arguments.program.port_file, "write the port to this file when ready")
+  app.option_defaults()->group("Server");
+  app.add_option("--listen", options.listen_address, "HOST:PORT to listen on; port 0 chooses a free port")
+      ->type_name("HOST:PORT");
+  app.add_option("--port-file", arguments.program.port_file, "Write the port to this file when ready")
       ->type_name("FILE");
   app.add_option("--metrics-listen", arguments.program.metrics_listen,
                  "HOST:PORT of the HTTP pages /metrics (Prometheus), /healthz and /readyz, which need no "
                  "authentication; "
                  "port 0 chooses a free port; without this option there are no pages")
       ->type_name("HOST:PORT");
-  app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
+  app.add_option("--workers", options.worker_threads, "Threads that decode and track; 0: one per core");
   app.add_option("--slow-threads", options.slow_threads,
-                 "threads for slow work, such as creating sessions, and models that are prepared at a time");
+                 "Threads for slow work, such as creating sessions, and models that are prepared at a time");
   app.add_option("--event-images", options.event_images,
-                 "whether clients may watch images of the events of their sessions: true or false")
+                 "Whether clients may watch images of the events of their sessions: true or false")
       ->type_name("BOOLEAN");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
-                 "seconds within which streams must finish when the server shuts down");
-  app.add_option(
-      "--shutdown-notice", arguments.shutdown_notice_s,
-      "seconds from SIGTERM or SIGINT until streams are asked to finish; meanwhile only readiness and health "
-      "change, so that a load balancer stops sending new clients");
+                 "Time within which streams must finish when the server shuts down")
+      ->type_name("SECONDS");
+  app.add_option("--shutdown-notice", arguments.shutdown_notice_s,
+                 "Time from SIGTERM or SIGINT until streams are asked to finish; meanwhile only readiness and health "
+                 "change, so that a load balancer stops sending new clients")
+      ->type_name("SECONDS");
   app.add_option("--log-level", arguments.program.log_level,
-                 "minimum level of the log; `evpose server log-level` changes it while the server runs")
+                 "Minimum level of the log; evpose server log-level changes it while the server runs")
       ->envname("EVPOSE_LOG_LEVEL")
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}));
   app.add_option("--log-format", arguments.program.log_format,
-                 "format of the log, which has one line for each event: text, or a JSON object")
+                 "Format of the log, which has one line for each event: text, or a JSON object")
       ->envname("EVPOSE_LOG_FORMAT")
       ->check(CLI::IsMember({"text", "json"}));
   DefineAccess(app, arguments);
@@ -341,19 +373,29 @@ void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
 ParsedOptions ParseOptions(int argc, char** argv) {
   ParsedOptions parsed;
   Arguments arguments = {parsed.options};
-  CLI::App app("Tracks objects in streams of events: receives events and sends poses over gRPC.", "evpose-server");
+  CLI::App app(kDescription, kProgram);
   try {
     DefineArguments(app, arguments);
+    UseHelp(app);
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     parsed.is_answered = true;
     parsed.is_wrong = error.get_exit_code() != 0;
     if (!parsed.is_wrong) app.exit(error);  // --help and --version, which it prints
-    if (parsed.is_wrong) std::cerr << "evpose-server: " << error.what() << "; --help lists the options" << std::endl;
+    if (parsed.is_wrong) std::cerr << UsageMessage(app, error) << std::endl;
     return parsed;
   }
   TakeSeconds(arguments, parsed.options.server);
   return parsed;
+}
+
+void UseParser(const std::function<void(const CLI::App&)>& use) {
+  ProgramOptions options;
+  Arguments arguments = {options};
+  CLI::App app(kDescription, kProgram);
+  DefineArguments(app, arguments);
+  UseHelp(app);
+  use(app);
 }
 
 std::string WrongUsage(const ProgramOptions& options) {

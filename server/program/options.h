@@ -3,6 +3,8 @@
 // The options of evpose-server on its command line and in its environment: definition, defaults and validation.
 #pragma once
 
+#include <CLI/CLI.hpp>
+#include <functional>
 #include <string>
 
 #include "absl/status/status.h"
@@ -35,6 +37,9 @@ struct ParsedOptions {
 };
 
 ParsedOptions ParseOptions(int argc, char** argv);
+
+// Calls `use` with the parser of the options, for the manual page and the completion of shells.
+void UseParser(const std::function<void(const CLI::App&)>& use);
 
 // Checks the options without opening anything. Returns an error that names the command-line option, or an empty string.
 std::string WrongUsage(const ProgramOptions& options);

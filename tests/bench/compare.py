@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Compares two files of `evpose bench speed --json FILE` row by row: how much worse the second is than the first.
+"""Compares two files of `evpose bench speed --out FILE` row by row: how much worse the second is than the first.
 
   tests/bench/compare.py BEFORE.json AFTER.json [--worst RATIO]
 
@@ -34,7 +34,7 @@ def load(path):
     except OSError as error:
         fail(f"{path}: {error.strerror}")
     except (ValueError, KeyError, TypeError):
-        fail(f"{path}: is no table of `evpose bench speed --json`")
+        fail(f"{path}: is no table of `evpose bench speed --out`")
     if not table:
         fail(f"{path}: the table has no rows")
     return table

@@ -333,7 +333,7 @@ def output_of(arguments):
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "table.json")
         writes_file = arguments[1:3] in (["bench", "speed"], ["bench", "models"], ["bench", "real"])
-        done = subprocess.run([program] + arguments[1:] + (["--json", path] if writes_file else ["--json"]),
+        done = subprocess.run([program] + arguments[1:] + (["--out", path] if writes_file else ["--json"]),
                               stdout=subprocess.PIPE, text=True, check=False, cwd=ROOT)
         if done.returncode != 0:
             fail(f"{' '.join(arguments)} ended with status {done.returncode}")

@@ -39,7 +39,7 @@ class BenchServiceTest : public CliTest {
   }
   // Runs the bench with the options `more` and returns the rows of its table.
   nlohmann::json Rows(std::vector<std::string> more) const {
-    more.insert(more.end(), {"--json", Path("speed.json")});
+    more.insert(more.end(), {"--out", Path("speed.json")});
     const CliResult result = RunSpeed(more);
     EXPECT_EQ(result.status, 0) << result.err;
     EXPECT_FALSE(HasChildren());
@@ -106,7 +106,7 @@ TEST_F(BenchServiceTest, AServerThatRunsIsUsed) {
   const auto server = ServerProcess::Start({});
   ASSERT_TRUE(server.ok()) << server.status();
   const std::vector<std::string> arguments = {"--parts", "path",        "--server", (*server)->address(),
-                                              "--json",  Path("a.json")};
+                                              "--out",   Path("a.json")};
   const CliResult result = RunSpeed(arguments);
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_FALSE(nlohmann::json::parse(ReadText("a.json"))["rows"][0].contains("server_cpu_s_per_gev"))
@@ -151,8 +151,8 @@ TEST_F(BenchServiceTest, AnInterruptEndsTheServerToo) {
   client::CliContext context{out, err};
   // The signal arrives after the first row, while the server runs.
   context.is_interrupted = [&out] { return out.str().find("\npath") != std::string::npos; };
-  const std::vector<std::string> arguments = {"bench", "speed",         "--parts", "path",   "--duration",
-                                              "0.02",  "--repetitions", "1",       "--json", Path("speed.json")};
+  const std::vector<std::string> arguments = {"bench", "speed",         "--parts", "path",  "--duration",
+                                              "0.02",  "--repetitions", "1",       "--out", Path("speed.json")};
   EXPECT_EQ(client::RunCli(arguments, context), 1);
   EXPECT_THAT(err.str(), HasSubstr("interrupted"));
   EXPECT_FALSE(HasChildren());

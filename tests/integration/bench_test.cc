@@ -217,7 +217,7 @@ std::vector<std::string> SpeedArguments(const std::vector<std::string>& more) {
 }
 
 TEST_F(CliTest, BenchSpeedTableAndJsonHoldEveryFormat) {
-  const CliResult result = Run(SpeedArguments({"--parts", "decode,track", "--json", Path("speed.json")}));
+  const CliResult result = Run(SpeedArguments({"--parts", "decode,track", "--out", Path("speed.json")}));
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_EQ(std::count(result.out.begin(), result.out.end(), '\n'), 1 + 2 * 3 + 3);
   const nlohmann::json json = nlohmann::json::parse(ReadFile(Path("speed.json"), 1 << 20).value_or(""));
@@ -236,7 +236,7 @@ TEST_F(CliTest, BenchSpeedTableAndJsonHoldEveryFormat) {
 }
 
 TEST_F(CliTest, BenchSpeedReportsTheCostOfSixteenTimesTheLines) {
-  const CliResult result = Run(SpeedArguments({"--parts", "associate,estimate", "--json", Path("speed.json")}));
+  const CliResult result = Run(SpeedArguments({"--parts", "associate,estimate", "--out", Path("speed.json")}));
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("16 times the lines cost"));
   const nlohmann::json rows = nlohmann::json::parse(ReadText("speed.json"))["rows"];
@@ -267,7 +267,7 @@ TEST_F(CliTest, BenchSpeedReportsInvalidArguments) {
   EXPECT_THAT(fails({"--parts", "magic"}, 2), HasSubstr("known are: decode, "));
   EXPECT_THAT(fails({"--duration", "0.001"}, 2), HasSubstr("--duration"));
   EXPECT_THAT(fails({"--repetitions", "0"}, 2), HasSubstr("--repetitions"));
-  EXPECT_THAT(fails({"--json", Path("missing") + "/speed.json"}, 1), HasSubstr("missing"));
+  EXPECT_THAT(fails({"--out", Path("missing") + "/speed.json"}, 1), HasSubstr("missing"));
 }
 
 }  // namespace

@@ -72,7 +72,8 @@ CliResult CliTest::Run(const std::vector<std::string>& arguments, client::Clock*
 CliResult CliTest::RunShell(const std::string& script) const {
   WriteText("script.sh", script);
   const std::string command = "cd '" + directory_.string() +
-                              "' && XDG_STATE_HOME=\"$PWD/state\" PATH='" EVPOSE_BINARY_DIRECTORIES
+                              "' && HELP='" EVPOSE_HELP_DIRECTORY
+                              "' XDG_STATE_HOME=\"$PWD/state\" PATH='" EVPOSE_BINARY_DIRECTORIES
                               "':\"$PATH\" sh -e script.sh >shell.out 2>shell.err </dev/null";
   const int wait_status = std::system(command.c_str());
   CliResult result;

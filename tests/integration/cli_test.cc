@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tests the program: the examples of its help, signals, and rendered images.
+// Tests the program: its results, signals, and rendered images.
 #include "client/cli/cli.h"
 
 #include <gmock/gmock.h>
@@ -13,13 +13,10 @@
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
-#include <regex>
-#include <set>
 #include <sstream>
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_replace.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -28,74 +25,6 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-constexpr char kDefaultAddress[] = "127.0.0.1:50051";
-
-// Returns the commands below "Example:", with continued lines joined.
-std::vector<std::string> Examples(const std::string& help) {
-  const size_t begin = help.find("Example:\n");
-  EXPECT_NE(begin, std::string::npos) << help;
-  std::string text = help.substr(begin + 9);
-  text = std::regex_replace(text, std::regex("\\\\\n *"), "");
-  std::vector<std::string> commands;
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    if (line.find_first_not_of(' ') != std::string::npos) commands.push_back(line.substr(line.find_first_not_of(' ')));
-  }
-  EXPECT_FALSE(commands.empty());
-  return commands;
-}
-
-TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
-  auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
-  std::set<std::string> done;  // most begin with the same simulation
-  // Commands that delete run after those that need the data, and the one that drains the server runs last.
-  for (const char* command : {"",
-                              "simulate",
-                              "replay",
-                              "stream",
-                              "info",
-                              "evaluate",
-                              "render",
-                              "models",
-                              "models upload",
-                              "models list",
-                              "models get",
-                              "sessions",
-                              "sessions list",
-                              "sessions get",
-                              "watch",
-                              "sessions delete",
-                              "models delete",
-                              "bench",
-                              "bench initialization",
-                              "bench models",
-                              "bench real",
-                              "bench synthetic",
-                              "bench tracking",
-                              "calibrate",
-                              "target",
-                              "server",
-                              "server info",
-                              "server log-level",
-                              "sessions drain"}) {
-    const CliResult help = RunShell(std::string("evpose ") + command + " --help");
-    ASSERT_EQ(help.status, 0) << help.err;
-    for (std::string example : Examples(help.out)) {
-      if (!done.insert(example).second) continue;
-      // The server of this test listens on a port of its own.
-      example = absl::StrReplaceAll(example, {{kDefaultAddress, address}});
-      const CliResult result = RunShell(example);
-      EXPECT_EQ(result.status, 0) << example << "\n" << result.err;
-    }
-  }
-  EXPECT_TRUE(std::filesystem::exists(Path("cube/poses.tum")));
-  EXPECT_TRUE(std::filesystem::exists(Path("cube/picture.png")));
-  EXPECT_TRUE(std::filesystem::exists(Path("sensor.yaml")));
-  EXPECT_TRUE(std::filesystem::exists(Path("residuals.png")));
-}
 
 TEST_F(CliTest, StandardOutputHasOnlyTheResult) {
   SimulateCube(0.02);
@@ -131,15 +60,25 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
   EXPECT_TRUE(std::filesystem::exists(Path("poses.tum")));
 }
 
-TEST_F(CliTest, NamesAnUnknownCommand) {
-  const CliResult command = Run({"frobnicate", "--json"});
-  EXPECT_EQ(command.status, 2);
-  EXPECT_EQ(command.err, "evpose: there is no command \"frobnicate\"; evpose --help lists the commands\n");
-  const CliResult below = Run({"sessions", "remove", "sessions/a"});
-  EXPECT_EQ(below.status, 2);
-  EXPECT_THAT(below.err, HasSubstr("evpose sessions: there is no command \"remove\"; evpose sessions --help"));
-  EXPECT_EQ(Run({}).status, 2);
-  EXPECT_EQ(Run({"sessions"}).status, 2);
+TEST_F(CliTest, AWaitForAServerIsStated) {
+  // Interrupts the wait as soon as it is stated.
+  class InterruptingBuffer : public std::stringbuf {
+   public:
+    std::atomic<bool> is_interrupted = false;
+
+   protected:
+    int sync() override {
+      is_interrupted = true;
+      return 0;
+    }
+  };
+  InterruptingBuffer buffer;
+  std::ostream err(&buffer);
+  std::ostringstream out;
+  client::CliContext context{out, err};
+  context.is_interrupted = [&] { return buffer.is_interrupted.load(); };
+  EXPECT_EQ(client::RunCli({"sessions", "list", "--server", "127.0.0.1:1", "--connect-timeout", "86400"}, context), 1);
+  EXPECT_THAT(buffer.str(), ::testing::StartsWith("waiting for a server at 127.0.0.1:1 ...\nevpose sessions list: "));
 }
 
 TEST_F(CliTest, MalformedValuesAreWrongUsage) {
@@ -429,20 +368,6 @@ TEST_F(CliTest, EvaluateReportsAnEstimateThatIsFarFromTheTruth) {
   const CliResult far = evaluate("far=" + Path("far.tum"));
   EXPECT_EQ(far.status, 0);
   EXPECT_THAT(far.err, HasSubstr("evpose evaluate: far: the RMSE of its positions is "));
-}
-
-TEST_F(CliTest, ErrorsOfTheArgumentsBeginWithTheCommand) {
-  for (const auto& [arguments, expected] :
-       std::vector<std::pair<std::vector<std::string>, std::string>>{{{"replay", "--frobnicate"}, "evpose replay: "},
-                                                                     {{"sessions", "list"}, "evpose sessions list: "},
-                                                                     {{"sessions"}, "evpose sessions: "},
-                                                                     {{}, "evpose: "}}) {
-    const CliResult result = Run(arguments);
-    EXPECT_EQ(result.status, 2);
-    EXPECT_THAT(result.err, ::testing::StartsWith(expected));
-    const std::string advice = expected.substr(0, expected.size() - 2) + " --help lists the options\n";
-    EXPECT_THAT(result.err, ::testing::EndsWith("; " + advice));
-  }
 }
 
 TEST_F(CliTest, SessionsThatDoNotExist) {

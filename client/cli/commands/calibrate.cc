@@ -299,8 +299,8 @@ absl::StatusOr<CameraCalibration> EstimateCamera(const CalibrateArguments& argum
 absl::Status WriteProfile(const ProfileResult& profile, std::optional<OutputFile>& file,
                           std::optional<OutputFile>& picture) {
   if (picture) {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCalibration(profile.calibration, profile.recordings));
-    EVPOSE_RETURN_IF_ERROR(FinishOutput(picture, {reinterpret_cast<const char*>(png.data()), png.size()}));
+    EVPOSE_ASSIGN_OR_RETURN(const std::string png, DrawCalibration(profile.calibration, profile.recordings));
+    EVPOSE_RETURN_IF_ERROR(FinishOutput(picture, png));
   }
   return FinishOutput(file, SensorProfileToYaml(profile.calibration.profile));
 }
@@ -308,8 +308,8 @@ absl::Status WriteProfile(const ProfileResult& profile, std::optional<OutputFile
 absl::Status WriteCamera(const CameraCalibration& camera, std::optional<OutputFile>& file,
                          std::optional<OutputFile>& coverage) {
   if (coverage) {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCoverage(camera));
-    EVPOSE_RETURN_IF_ERROR(FinishOutput(coverage, {reinterpret_cast<const char*>(png.data()), png.size()}));
+    EVPOSE_ASSIGN_OR_RETURN(const std::string png, DrawCoverage(camera));
+    EVPOSE_RETURN_IF_ERROR(FinishOutput(coverage, png));
   }
   return FinishOutput(file, CameraModelToYaml(camera.camera));
 }
@@ -358,72 +358,88 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
 }
 
 void AddCameraOptions(CLI::App& app, CalibrateArguments& arguments) {
-  app.add_option("--camera-out", arguments.camera_out,
-                 "Estimated camera: ROS camera_info YAML; the file appears only when it is complete");
-  AddPicture(app, "--coverage", arguments.coverage,
-             "Draw where in the image the object was seen, and the uncertainty of the projection: .png");
+  app.option_defaults()->group("Estimation of the camera");
   std::vector<std::pair<std::string, evpose::LensModel>> lenses;
   for (const evpose::LensModel lens :
        {evpose::LensModel::kBrown, evpose::LensModel::kRational, evpose::LensModel::kFisheye}) {
     lenses.emplace_back(LensModelName(lens), lens);
   }
+  AddFile(app, "--camera-out", arguments.camera_out,
+          "Estimated camera, YAML of ROS camera_info; the file appears when it is complete");
+  AddPicture(app, "--coverage", arguments.coverage,
+             "Picture (.png) of where the object was seen, and of the uncertainty of the projection");
   app.add_option("--lens", arguments.lens,
-                 "Model of the lens: brown (5 coefficients), rational (8, wide lenses), fisheye; default: brown")
+                 "Model of the lens: brown (5 coefficients), rational (8, for wide lenses) or fisheye")
       ->transform(CLI::Transformer(lenses))
       ->default_str("brown");
   CLI::Option* fov = app.add_option("--fov", arguments.fov_deg,
-                                    "First guess of the horizontal field of view, degrees; 20 % off is near enough. "
+                                    "First guess of the horizontal field of view; an error of 20 % does no harm. "
                                     "Default: several are tried")
+                         ->type_name("DEGREES")
                          ->check(CLI::Range(1.0, 160.0));
-  CLI::Option* focal = app.add_option("--focal-mm", arguments.focal_mm, "First guess of the focal length, millimetres")
+  CLI::Option* focal = app.add_option("--focal-mm", arguments.focal_mm, "First guess of the focal length")
+                           ->type_name("MILLIMETRES")
                            ->check(CLI::Range(0.1, 1000.0))
                            ->excludes(fov);
-  AddOption(app, "--pixel-um", arguments.pixel_um, "Width of a pixel, micrometres; default: that of an EVK4",
+  AddOption(app, "--pixel-um", arguments.pixel_um, "Width of a pixel. The default is that of an EVK4",
             CLI::Range(0.5, 100.0))
+      ->type_name("MICROMETRES")
       ->needs(focal);
+}
+
+void AddProfileOptions(CLI::App& app, CalibrateArguments& arguments) {
+  app.option_defaults()->group("Estimation of the sensor's profile");
+  AddFile(app, "-o,--out", arguments.out,
+          "Profile for evpose replay --sensor, YAML; with --hand-eye, the pose of the camera. The file appears when it "
+          "is complete");
+  AddFile(app, "--sensor", arguments.start,
+          "Profile at the start, which is kept where the recordings determine nothing. Default: that of an EVK4");
+  app.add_option("--name", arguments.name, "Name of the sensor in the profile")->type_name("NAME");
+  AddPicture(app, "--picture", arguments.picture,
+             "Picture (.png) of the residuals by speed and by event density, before and after the fit");
 }
 
 }  // namespace
 
 CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<CalibrateArguments>();
+  app.option_defaults()->group(kInputGroup);
   app.add_option("recordings", arguments->recordings,
                  absl::StrCat("Recordings of one sensor and lens: ", kRecordingFormats))
+      ->type_name("FILE")
       ->required();
   app.add_option("--model", arguments->models,
-                 absl::StrCat("Object: ", kModelFormats, "; one for all or one for each"));
+                 absl::StrCat("Model of the object, one for all recordings or one for each: ", kModelFormats))
+      ->type_name("FILE");
   app.add_option("--camera", arguments->cameras,
-                 absl::StrCat(kCameraFiles, "; one for all or one for each. Without it, the camera is estimated"));
+                 absl::StrCat(kCameraFiles,
+                              "; one for all recordings or one for each. Without it, the camera is "
+                              "estimated"))
+      ->type_name("FILE");
   app.add_option("--truth", arguments->truths,
-                 "Known poses, TUM, on the sensor's clock; one for each recording. Without them, the object is tracked")
+                 "True poses on the sensor's clock, TUM, for each recording. Without them, the object is tracked")
+      ->type_name("FILE")
       ->needs("--camera");
   arguments->reading.AddTo(app);
-  app.add_option(
-      "--start", arguments->start,
-      "Initial profile; its value is kept for each constant that the recordings do not determine. Default: an EVK4");
-  app.add_option("--name", arguments->name, "Name of the sensor in the profile");
-  app.add_option("-o,--out", arguments->out,
-                 "Profile for evpose replay --sensor, YAML; the file appears only when it is complete");
-  AddPicture(app, "--picture", arguments->picture,
-             "Draw the residuals by speed and by event density, before and after the fit: .png");
+  AddJson(app, arguments->is_json);
   AddCameraOptions(app, *arguments);
+  AddProfileOptions(app, *arguments);
   arguments->hand_eye.AddTo(app);
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
   app.footer(
-      "Without --camera: the camera from recordings of a moving object with straight edges, best the sheet of evpose\n"
-      "target. Tilt it to all sides, bring it into all parts of the image, near and far. The result is as good as the\n"
-      "standard errors and the difference of the halves say; small residuals alone prove nothing.\n"
-      "With --camera: the profile alone. The object should move back and forth, slowly and fast, and have edges of\n"
-      "several contrasts. An offset between the clocks of the truth and of the sensor is indistinguishable from\n"
-      "latency. Evaluate a profile on recordings to which it was not fitted.\n\n"
-      "--hand-eye POSES... instead finds the camera on a robot or beside it, from the poses of evpose and those of "
-      "the\n"
-      "robot: turn about two axes at least, with changes of speed for the time offset.\n\n"
+      "Without --camera, the camera is estimated from recordings of a moving object with straight edges, best the "
+      "sheet "
+      "of evpose target. Tilt it to all sides, and bring it into all parts of the image, near and far. The result is "
+      "as "
+      "good as the standard errors and the difference of the halves state; small residuals alone prove nothing.\n\n"
+      "With --camera, the profile alone is estimated. The object should move back and forth, slowly and fast, and have "
+      "edges of several contrasts. An offset between the clocks of the truth and of the sensor cannot be distinguished "
+      "from latency. Evaluate a profile on recordings to which it was not fitted.\n\n"
+      "With --hand-eye, the pose of the camera on a robot or beside it is estimated from the poses of evpose and those "
+      "of the robot. Turn about two axes at least, with changes of speed for the time offset.\n\n"
       "Example:\n"
-      "  evpose simulate --object cube --duration 2 --motion bursts -o cube\n"
+      "  evpose simulate --object cube --duration 2 --motion bursts --out cube\n"
       "  evpose calibrate cube/recording.raw --truth cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "
-      "\\\n"
-      "      -o sensor.yaml --picture residuals.png");
+      "--out sensor.yaml --picture residuals.png");
   return [arguments, &context] { return RunCalibrate(*arguments, context); };
 }
 

@@ -131,23 +131,21 @@ absl::StatusOr<std::optional<double>> ParseTimeOffset(const std::string& text) {
 }
 
 void HandEyeArguments::AddTo(CLI::App& app) {
-  AddFile(
+  app.option_defaults()->group(kHandEyeGroup);
+  CLI::Option* const hand_eye = AddFile(
       app, "--hand-eye", reference,
-      "Poses base_from_tool of a robot, TUM, on its own clock. The argument is then a file of evpose's poses, TUM or "
-      "CSV, and -o the file for --world-from-camera")
-      ->group(kHandEyeGroup);
+      "Poses base_from_tool of a robot on its own clock, TUM. The argument is then a file of evpose's poses, TUM "
+      "or CSV, and --out the file for --world-from-camera");
   AddOption(
       app, "--mount", mount,
       "in-hand: the camera moves with the tool, and the object is at rest. beside: the camera is at rest, and the "
       "object moves with the tool. auto: that with the smaller residuals",
       CLI::IsMember({"auto", "in-hand", "beside"}))
-      ->needs(app.get_option("--hand-eye"))
-      ->group(kHandEyeGroup);
-  app.add_option("--time-offset", time_offset, "Clock of the robot minus that of the sensor, seconds; auto: estimated")
+      ->needs(hand_eye);
+  app.add_option("--time-offset", time_offset, "Clock of the robot minus that of the sensor; auto: estimated")
       ->type_name("auto|SECONDS")
       ->capture_default_str()
-      ->needs(app.get_option("--hand-eye"))
-      ->group(kHandEyeGroup);
+      ->needs(hand_eye);
 }
 
 absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& poses, const std::string& out,

@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/cli/pictures/png.h"
 
 namespace evpose::client {
 namespace {
@@ -211,8 +211,8 @@ void DrawLegend(cv::Mat& image, const std::vector<Polarity>& polarities) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<uint8_t>> DrawCalibration(const SensorCalibration& calibration,
-                                                     absl::Span<const CalibrationRecording> recordings) {
+absl::StatusOr<std::string> DrawCalibration(const SensorCalibration& calibration,
+                                            absl::Span<const CalibrationRecording> recordings) {
   // Blue and vermilion of Okabe and Ito, which colour-blind people can distinguish.
   std::vector<Polarity> polarities = {{"ON", {178, 114, 0}, {}}, {"OFF", {0, 94, 213}, {}}};
   for (const CalibrationRecording& recording : recordings) {
@@ -230,9 +230,7 @@ absl::StatusOr<std::vector<uint8_t>> DrawCalibration(const SensorCalibration& ca
   DrawRow(image, kTitleHeight + kPanelHeight, polarities, profile, "events and polarity changes per swept square pixel",
           DensityOf);
   DrawLegend(image, polarities);
-  std::vector<uint8_t> png;
-  if (!cv::imencode(".png", image, png)) return absl::InternalError("the picture cannot be encoded as PNG");
-  return png;
+  return EncodePng(image);
 }
 
 }  // namespace evpose::client

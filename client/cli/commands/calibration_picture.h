@@ -15,7 +15,7 @@ namespace evpose::client {
 // Returns a PNG file of two rows, residuals over speed and over density, with a panel of the residuals and one of their
 // remainder after the correction. Each point is the mean of a bin; all bins have about the same number of passages.
 // Errors: INTERNAL if the image cannot be encoded.
-absl::StatusOr<std::vector<uint8_t>> DrawCalibration(const SensorCalibration& calibration,
-                                                     absl::Span<const CalibrationRecording> recordings);
+absl::StatusOr<std::string> DrawCalibration(const SensorCalibration& calibration,
+                                            absl::Span<const CalibrationRecording> recordings);
 
 }  // namespace evpose::client

@@ -107,8 +107,8 @@ absl::Status RunCamera(const CameraArguments& arguments, CliContext& context) {
     converted = *text;
   }
   if (!arguments.picture.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawCamera(file.camera));
-    EVPOSE_RETURN_IF_ERROR(WriteFile(arguments.picture, {reinterpret_cast<const char*>(png.data()), png.size()}));
+    EVPOSE_ASSIGN_OR_RETURN(const std::string png, DrawCamera(file.camera));
+    EVPOSE_RETURN_IF_ERROR(WriteFile(arguments.picture, png));
   }
   if (is_converted && arguments.out.empty()) {
     context.out << converted;
@@ -125,15 +125,17 @@ absl::Status RunCamera(const CameraArguments& arguments, CliContext& context) {
 
 CommandRunner AddCameraCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<CameraArguments>();
-  AddFile(app, "file", arguments->file, kCameraFiles)->required();
+  AddFile(app, "file", arguments->file, kCameraFiles)->required()->group(kInputGroup);
   std::vector<std::string> names;
   for (const auto& [name, format] : kFormats) names.emplace_back(name);
+  app.option_defaults()->group(kOutputGroup);
+  CLI::Option* out = AddFile(app, "-o,--out", arguments->out, "File for the converted calibration");
   CLI::Option* to = app.add_option("--to", arguments->to,
                                    "Convert to this format; without --out, to standard output. Default with --out: ros")
                         ->check(CLI::IsMember(names));
-  CLI::Option* out = AddFile(app, "-o,--out", arguments->out, "File for the converted calibration");
-  AddPicture(app, "--picture", arguments->picture, "Picture of the images of straight lines and of equal angles");
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  AddPicture(app, "--picture", arguments->picture,
+             "Picture (.png) of how the lens shows straight lines and equal angles");
+  AddJson(app, arguments->is_json);
   app.footer(
       "Checks that the field of view is that of a lens, and that the distortion does not fold inside the image.\n\n"
       "Example:\n"

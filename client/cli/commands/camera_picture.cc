@@ -5,12 +5,12 @@
 #include <cmath>
 #include <functional>
 #include <numbers>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 #include <string>
 
 #include "absl/strings/str_format.h"
+#include "client/cli/pictures/png.h"
 
 namespace evpose::client {
 namespace {
@@ -98,7 +98,7 @@ double StepDegrees(const CameraModel& camera) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<uint8_t>> DrawCamera(const CameraModel& camera) {
+absl::StatusOr<std::string> DrawCamera(const CameraModel& camera) {
   CameraPicture picture(camera);
   const double step = StepDegrees(camera);
   const int count = static_cast<int>(kMaxDegrees / step);
@@ -124,11 +124,7 @@ absl::StatusOr<std::vector<uint8_t>> DrawCamera(const CameraModel& camera) {
   picture.DrawText(absl::StrFormat("%dx%d px, %s lens, lines and circles every %g degrees", camera.width_px,
                                    camera.height_px, LensModelName(camera.lens_model), step),
                    {8, 20});
-  std::vector<uint8_t> png;
-  if (!cv::imencode(".png", picture.image(), png)) {
-    return absl::InternalError("the picture cannot be encoded as PNG");
-  }
-  return png;
+  return EncodePng(picture.image());
 }
 
 }  // namespace evpose::client

@@ -14,6 +14,6 @@ namespace evpose::client {
 // Returns a PNG file: the images of a grid of straight lines, and circles of the directions at equal angles to the
 // optical axis, up to the fold of the distortion. Lines and circles are 10 degrees apart, less for a narrow field of
 // view. Without distortion the images of the lines are straight. Errors: INTERNAL if the image cannot be encoded.
-absl::StatusOr<std::vector<uint8_t>> DrawCamera(const CameraModel& camera);
+absl::StatusOr<std::string> DrawCamera(const CameraModel& camera);
 
 }  // namespace evpose::client

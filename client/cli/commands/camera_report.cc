@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
 
 #include "absl/strings/str_format.h"
+#include "client/cli/pictures/png.h"
 
 namespace evpose::client {
 
@@ -66,7 +66,7 @@ void PrintCameraCalibration(const CameraCalibration& calibration, std::ostream& 
   }
 }
 
-absl::StatusOr<std::vector<uint8_t>> DrawCoverage(const CameraCalibration& calibration) {
+absl::StatusOr<std::string> DrawCoverage(const CameraCalibration& calibration) {
   constexpr int kWidthPx = 1280;
   constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
   const int height_px = std::max(
@@ -97,9 +97,7 @@ absl::StatusOr<std::vector<uint8_t>> DrawCoverage(const CameraCalibration& calib
     cv::putText(image, absl::StrFormat("+- %.2f px", place.sigma_px), at, kFont, 0.5, cv::Scalar(0, 0, 190), 1,
                 cv::LINE_AA);
   }
-  std::vector<uint8_t> png;
-  if (!cv::imencode(".png", image, png)) return absl::InternalError("the coverage cannot be encoded as PNG");
-  return png;
+  return EncodePng(image);
 }
 
 }  // namespace evpose::client

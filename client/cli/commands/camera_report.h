@@ -18,6 +18,6 @@ void PrintCameraCalibration(const CameraCalibration& calibration, std::ostream& 
 
 // Returns a PNG file of the image of the camera: each cell has the number of samples, as its shade, and the RMS of
 // their residuals, as text; the places have their uncertainties. Errors: INTERNAL if the image cannot be encoded.
-absl::StatusOr<std::vector<uint8_t>> DrawCoverage(const CameraCalibration& calibration);
+absl::StatusOr<std::string> DrawCoverage(const CameraCalibration& calibration);
 
 }  // namespace evpose::client

@@ -15,6 +15,7 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/recording_input.h"
+#include "client/cli/common/wait_message.h"
 #include "client/containers/event_file_writer.h"
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
@@ -62,6 +63,7 @@ absl::StatusOr<std::optional<SensorGeometry>> ParseSize(const std::string& text)
 absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArguments& arguments,
                                                            const CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::optional<SensorGeometry> size, ParseSize(arguments.size));
+  const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
                           OpenRecording(arguments.recording, {.stop = context.is_interrupted, .geometry = size}));
   const RecordingHeader& header = reader->header();
@@ -93,7 +95,9 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
   std::vector<Event> selected;
   std::vector<evpose::Trigger> triggers;
   EventDigest digest;
+  ProgressLine progress(context);
   while (true) {
+    ShowReading(events, reader, progress);
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
     if (context.IsInterrupted()) return absl::CancelledError("interrupted: nothing was written");
     if (!has_piece) break;
@@ -210,31 +214,32 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
 
 CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ConvertArguments>();
-  AddFile(app, "recording", arguments->recording, kRecordingFormats)->required();
-  AddFile(app, "out", arguments->out, "File to write; its suffix chooses the format: .raw, .dat, .csv, .hdf5")
-      ->required();
-  std::vector<std::string> names;
-  for (const EventFileFormat& format : EventFileFormats()) names.emplace_back(format.name);
-  app.add_option("--to", arguments->to, "Format of the file; default: by its suffix")->check(CLI::IsMember(names));
-  AddOption(app, "--start", arguments->start_s, "Seconds after the first event at which the file begins",
-            CLI::Range(0.0, 1e9));
-  app.add_option("--duration", arguments->duration_s, "Seconds of the recording from --start on; default: all")
+  app.option_defaults()->group(kInputGroup);
+  AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
+  AddOption(app, "--start", arguments->start_s, "Time after the first event at which the file begins",
+            CLI::Range(0.0, 1e9))
+      ->type_name("SECONDS");
+  app.add_option("--duration", arguments->duration_s, "Part of the recording from --start on. Default: all of it")
+      ->type_name("SECONDS")
       ->check(AboveZero());
   app.add_option("--size", arguments->size,
-                 "Size of the sensor in pixels, for a recording that does not state it; default: the smallest known "
+                 "Size of the sensor in pixels, for a recording that does not state it. Default: the smallest known "
                  "sensor that contains all events")
-      ->type_name("WxH");
+      ->type_name("WIDTHxHEIGHT");
+  app.option_defaults()->group(kOutputGroup);
+  AddFile(app, "out", arguments->out, "File to write; its suffix is the format: .raw, .dat, .csv or .hdf5")->required();
+  std::vector<std::string> names;
+  for (const EventFileFormat& format : EventFileFormats()) names.emplace_back(format.name);
+  app.add_option("--to", arguments->to, "Format of the file. Default: by its suffix")->check(CLI::IsMember(names));
   app.add_flag("--drop-outside", arguments->drops_outside,
                "Leave out events outside the sensor, which RAW and DAT cannot hold");
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  AddJson(app, arguments->is_json);
   app.footer(
       "The events keep their times, order, addresses and polarities: evpose info prints the same SHA-256 for both "
-      "files.\n"
-      "An event that the format cannot hold is an error, and nothing is written. DAT and CSV have no triggers, which "
-      "are\n"
-      "then left out and counted.\n"
-      "Recordings with times since 1970 have their times relative to the first event; the header of the new file has\n"
-      "the offset (time_offset_us).\n\n"
+      "files. An event that the format cannot hold is an error, and nothing is written. DAT and CSV have no triggers, "
+      "which are then left out and counted.\n\n"
+      "In recordings with times since 1970, times become relative to the first event, and the header of the new file "
+      "has the offset (time_offset_us).\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose convert cube/recording.raw cube/recording.csv --start 0.1 --duration 0.2");

@@ -17,6 +17,7 @@
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/table_cell.h"
+#include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
 #include "core/evaluation/consistency.h"
@@ -242,44 +243,51 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
 
 CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<EvaluateArguments>();
-  AddFile(app, "--truth", arguments->truth, "The true trajectory, TUM")->required();
-  app.add_option("--estimate", arguments->estimates, "An estimate, TUM or CSV; once for each row of the table")
+  app.option_defaults()->group(kInputGroup);
+  AddFile(app, "--truth", arguments->truth, "True poses, TUM")->required();
+  app.add_option("--estimate", arguments->estimates,
+                 "Estimated poses, TUM or CSV; to be repeated for further rows of the table")
       ->type_name("[NAME=]FILE")
       ->required()
       ->take_all();
-  AddFile(app, "--model", arguments->model, "Object model, for the reprojection error");
-  AddFile(app, "--camera", arguments->camera, "Camera file, for the reprojection error");
-  arguments->alignment.AddTo(app);
+  AddFile(app, "--model", arguments->model,
+          absl::StrCat("Model of the object, for the reprojection error: ", kModelFormats));
+  AddFile(app, "--camera", arguments->camera, absl::StrCat(kCameraFiles, ", for the reprojection error"));
   arguments->reading.AddTo(app);
-  AddOption(app, "--max-gap-ms", arguments->max_gap_ms,
-            "A pose counts towards the coverage for at most this time, in milliseconds", CLI::Range(0.001, 1e6));
+  arguments->alignment.AddTo(app);
+  app.option_defaults()->group("Comparison");
+  AddOption(app, "--max-gap-ms", arguments->max_gap_ms, "Longest time for which a pose counts towards the coverage",
+            CLI::Range(0.001, 1e6))
+      ->type_name("MILLISECONDS");
   app.add_flag("--symmetric", arguments->is_symmetric,
                "Compare with the nearest true pose among those that the symmetries of the model make equivalent");
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  AddJson(app, arguments->is_json);
   app.footer(
-      "cover is the share of the truth's duration with a pose within 5 % of depth and 10 deg of the truth; losses "
-      "counts\n"
-      "how often such a period ended. ambig is the share with AMBIGUOUS poses of a CSV (TUM has none): they count as\n"
-      "neither tracked nor lost, and errors are computed without them. Positions are compared in the camera frame, "
-      "without alignment. --align rigid is for a truth in another frame, such as that of a motion capture system or "
-      "of a\n"
-      "robot, of the object or of the camera: it removes every constant error (of the camera's pose, of the model's "
-      "frame),\n"
-      "and --time-offset auto every constant latency; what varies remains. A wrong scale also remains.\n"
-      "NEES is the normalised estimation error squared (6 degrees of freedom) of a CSV with covariances. A consistent\n"
-      "covariance has a median of 5.3 and 5 % and 95 % quantiles of 1.6 and 12.6.\n"
-      "surface is the mean distance of the object's surface from that at the true pose (ADD-S): 0 for all poses that "
-      "look\n"
-      "the same, whatever the symmetry.\n"
-      "With --symmetric, a model with an axis of symmetry has 5 (median 4.4), a sphere 3 (2.4); their positions are "
-      "those\n"
-      "of the symmetry's centre, their rotation errors the angles between the axes.\n"
-      "An estimate without poses is printed as a row of \"-\", and the exit status is 1.\n\n"
+      "Columns of the table:\n"
+      "  cover    share of the truth's duration with a pose within 5 % of the depth and 10 deg of the truth\n"
+      "  ambig    share with AMBIGUOUS poses of a CSV (TUM has none), which count as neither tracked nor lost and are\n"
+      "           left out of the errors\n"
+      "  reproj   mean distance in the image of the ends of the model's lines from their true places\n"
+      "  surface  mean distance of the object's surface from that at the true pose (ADD-S): 0 for all poses that look\n"
+      "           the same, whatever the symmetry\n"
+      "  losses   how often a period that counts as covered has ended\n"
+      "  NEES     normalised estimation error squared of a CSV with covariances; a consistent covariance of 6 degrees\n"
+      "           of freedom has a median of 5.3, and quantiles at 5 % and 95 % of 1.6 and 12.6\n\n"
+      "Positions are compared in the frame of the camera, without alignment. --align rigid is for a truth in another "
+      "frame, such as that of a motion capture system or of a robot, of the object or of the camera: it removes every "
+      "constant error of the camera's pose and of the model's frame, and --time-offset auto every constant latency; "
+      "what varies remains. A wrong scale also remains.\n\n"
+      "With --symmetric, a model with an axis of symmetry has 5 degrees of freedom (median 4.4), a sphere 3 (2.4); "
+      "their positions are those of the symmetry's centre, their rotation errors the angles between the axes.\n\n"
+      "Exit status:\n"
+      "  0  Success\n"
+      "  1  Failure, or an estimate without poses, whose row is printed as \"-\"\n"
+      "  2  Wrong usage\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"
-      "  evpose evaluate --truth cube/truth.tum --estimate evpose=cube/poses.tum --model cube/model.obj \\\n"
-      "    --camera cube/camera.yaml --symmetric");
+      "  evpose evaluate --truth cube/truth.tum --estimate evpose=cube/poses.tum --model cube/model.obj "
+      "--camera cube/camera.yaml --symmetric");
   return [arguments, &context] { return RunEvaluate(*arguments, context); };
 }
 

@@ -16,21 +16,22 @@ HandEyeMount MountOf(const std::string& truth_of) {
 }  // namespace
 
 void AlignmentArguments::AddTo(CLI::App& app) {
+  app.option_defaults()->group("Comparison");
   CLI::Option* const rigid = AddOption(
       app, "--align", align,
       "rigid: the truth is in another frame. Two constant transforms are estimated, camera_from_object = A truth B, or "
       "A truth^-1 B if the truth is that of the camera",
       CLI::IsMember({"none", "rigid"}));
-  app.add_option("--time-offset", time_offset,
-                 "Clock of the truth minus that of the sensor, seconds; auto: estimated from the motion")
-      ->type_name("auto|SECONDS")
-      ->capture_default_str();
   AddOption(
       app, "--truth-of", truth_of,
-      "With --align rigid: what the truth is the pose of, in a frame that is at rest; auto: that with the smaller "
-      "residuals",
+      "What --align rigid takes the truth for: the pose of the object or of the camera, in a frame at rest; auto: "
+      "that with the smaller residuals",
       CLI::IsMember({"auto", "object", "camera"}))
       ->needs(rigid);
+  app.add_option("--time-offset", time_offset,
+                 "Clock of the truth minus that of the sensor; auto: estimated from the motion")
+      ->type_name("auto|SECONDS")
+      ->capture_default_str();
 }
 
 absl::StatusOr<std::optional<HandEye>> AlignmentArguments::Solve(const Trajectory& truth,

@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/recording_input.h"
+#include "client/cli/common/wait_message.h"
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
@@ -38,14 +39,19 @@ struct RecordingInfo {
   std::string sha256;
 };
 
-absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const std::function<bool()>& is_interrupted) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenRecording(path, {.stop = is_interrupted}));
+absl::StatusOr<RecordingInfo> ReadInfo(const std::string& path, const CliContext& context) {
+  std::optional<WaitMessage> wait = WaitForRecording(context, path);
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader,
+                          OpenRecording(path, {.stop = context.is_interrupted}));
+  wait.reset();
   RecordingInfo info;
   info.header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader, {.outside_sensor = OutsideSensor::kKeep}));
   EventDigest digest;
   uint64_t num_events = 0;
+  ProgressLine progress(context);
   while (true) {
+    ShowReading(events, *reader, progress);
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
     if (!has_piece) break;
     const auto& piece = events.decoded().events;
@@ -159,16 +165,20 @@ void PrintInfo(const std::string& path, const RecordingInfo& info, std::ostream&
 
 CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<InfoArguments>();
-  AddFile(app, "recording", arguments->recording, kRecordingFormats)->required();
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))
+      ->required()
+      ->group(kInputGroup);
+  AddJson(app, arguments->is_json);
   app.footer(
-      "The SHA-256 covers the events as packed records of t u64 (microseconds, the sensor's clock), x u16, y u16,\n"
-      "p u8, little-endian. It includes events outside the sensor whose address can be decoded.\n\n"
+      "The SHA-256 covers the events as packed little-endian records: t as 64 bits (microseconds on the sensor's "
+      "clock), "
+      "x and y as 16 bits each, and the polarity as 8 bits. It includes events outside the sensor whose address can be "
+      "decoded.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose info cube/recording.raw --json");
   return [arguments, &context]() -> absl::Status {
-    EVPOSE_ASSIGN_OR_RETURN(const RecordingInfo info, ReadInfo(arguments->recording, context.is_interrupted));
+    EVPOSE_ASSIGN_OR_RETURN(const RecordingInfo info, ReadInfo(arguments->recording, context));
     return PrintResult(context, arguments->is_json, InfoJson(info),
                        [&](std::ostream& out) { PrintInfo(arguments->recording, info, out); });
   };

@@ -14,6 +14,7 @@
 #include "client/cli/commands/inspect_findability.h"
 #include "client/cli/commands/model_picture.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/model_intake/model_intake.h"
 #include "core/association/visible_edges.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
@@ -284,9 +285,8 @@ absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) 
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> picture, OpenOutput(arguments.picture));
   EVPOSE_ASSIGN_OR_RETURN(const Inspection inspection, Inspect(arguments));
   if (picture) {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<uint8_t> png, DrawModel(inspection.model, arguments.file));
-    EVPOSE_RETURN_IF_ERROR(
-        FinishOutput(picture, std::string_view(reinterpret_cast<const char*>(png.data()), png.size())));
+    EVPOSE_ASSIGN_OR_RETURN(const std::string png, DrawModel(inspection.model, arguments.file));
+    EVPOSE_RETURN_IF_ERROR(FinishOutput(picture, png));
   }
   return PrintResult(context, arguments.is_json, InspectionJson(inspection),
                      [&](std::ostream& out) { PrintInspection(arguments.file, inspection, out); });
@@ -295,21 +295,22 @@ absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) 
 }  // namespace
 
 CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
-  CLI::App* const app = models.add_subcommand("inspect",
-                                              "Print size, repairs, edges, symmetry and observability of a model file, "
-                                              "and from where it can be found; needs no "
-                                              "server");
+  CLI::App* const app = models.add_subcommand(
+      "inspect",
+      "Print size, repairs, edges, symmetry and observability of a model file, and from where its "
+      "object can be found; needs no server");
   auto arguments = std::make_shared<InspectArguments>();
-  AddFile(*app, "file", arguments->file, "Model file of any format")->required();
+  app->option_defaults()->group(kInputGroup);
+  AddFile(*app, "file", arguments->file, absl::StrCat("Model file: ", kModelFormats))->required();
   arguments->reading.AddTo(*app);
-  AddFile(*app, "--camera", arguments->camera, absl::StrCat(kCameraFiles, "; default: that of evpose simulate"));
-  AddPicture(*app, "--picture", arguments->picture, "Six views with the edges that the tracker uses, PNG");
-  app->add_flag("--json", arguments->is_json, "JSON on standard output");
+  AddFile(*app, "--camera", arguments->camera, absl::StrCat(kCameraFiles, ". Default: that of evpose simulate"));
+  app->option_defaults()->group(kOutputGroup);
+  AddPicture(*app, "--picture", arguments->picture, "Picture (.png) of six views with the edges that the tracker uses");
+  AddJson(*app, arguments->is_json);
   app->footer(
-      "findable is a prediction from the visible edges: at least 40 px of the image, three edges of 20 px, and a pose\n"
-      "that is determined to 10 deg by one event for each pixel of edge and of motion. confusable are half turns "
-      "about\n"
-      "the principal axes after which most edges coincide; --json has both for each view.\n\n"
+      "findable is a prediction from the visible edges: at least 40 px of the image, three edges of 20 px, and a pose "
+      "that is determined to 10 deg by one event for each pixel of edge and of motion. confusable are half turns about "
+      "the principal axes after which most edges coincide. --json has both for each view.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose models inspect cube/model.obj --picture cube.png");

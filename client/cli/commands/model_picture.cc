@@ -4,10 +4,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "client/cli/pictures/png.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/evaluation/model_views.h"
@@ -92,7 +92,7 @@ void DrawElements(const ModelView& view, const CameraModel& camera, cv::Mat& ima
 
 }  // namespace
 
-absl::StatusOr<std::vector<uint8_t>> DrawModel(const ObjectModel& model, const std::string& title) {
+absl::StatusOr<std::string> DrawModel(const ObjectModel& model, const std::string& title) {
   constexpr int kColumns = 3, kRows = 2;
   cv::Mat image(kHeaderHeight + kRows * kViewSize, kColumns * kViewSize, CV_8UC3, cv::Scalar(255, 255, 255));
   WriteText(image, title, {16, 22}, 0.55);
@@ -111,9 +111,7 @@ absl::StatusOr<std::vector<uint8_t>> DrawModel(const ObjectModel& model, const s
     DrawElements(view, camera, panel);
     WriteText(panel, Counted(view.elements.size(), "element"), {8, kViewSize - 10});
   }
-  std::vector<uint8_t> png;
-  if (!cv::imencode(".png", image, png)) return absl::InternalError("the picture cannot be encoded as PNG");
-  return png;
+  return EncodePng(image);
 }
 
 }  // namespace evpose::client

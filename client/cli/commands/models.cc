@@ -93,7 +93,7 @@ absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
 absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const ModelUpload upload, arguments.reading.ReadForUpload(arguments.file));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, UploadModel(*client, arguments.file, upload));
+  EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, UploadModel(context, *client, arguments.file, upload));
   return Print(model, arguments.is_json, context);
 }
 
@@ -115,9 +115,10 @@ std::string Example(const std::string& command) {
       "  evpose models upload cube/model.obj --server 127.0.0.1:50051";
   if (command == "list") absl::StrAppend(&text, "\n  evpose models list --server 127.0.0.1:50051");
   if (command == "get" || command == "delete") {
-    absl::StrAppend(&text, "\n  evpose models ", command,
-                    " \"$(evpose models list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
-                    "    --server 127.0.0.1:50051");
+    absl::StrAppend(&text,
+                    "\n  model=$(evpose models list --server 127.0.0.1:50051 | sed 's/ .*//;q')"
+                    "\n  evpose models ",
+                    command, " \"$model\" --server 127.0.0.1:50051");
   }
   return text;
 }
@@ -131,21 +132,26 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
     add_options(*command, *arguments);
     command->footer(Example(name));
     arguments->server.AddTo(*command, true);
-    command->add_flag("--json", arguments->is_json, "JSON on standard output");
+    AddJson(*command, arguments->is_json);
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
   };
   const auto add_name = [](CLI::App& command, ModelArguments& arguments) {
-    command.add_option("model", arguments.name, "models/ID")->required();
+    command.add_option("model", arguments.name, "Name of the model, as evpose models list prints it: models/ID")
+        ->required()
+        ->group(kInputGroup);
   };
-  add("list", "All models, one on each line: name, edges, size and file", RunList, [](CLI::App&, ModelArguments&) {});
-  add("upload", "Upload a model; identical files and options get the same name", RunUpload,
+  CommandRunner inspect = AddInspectCommand(app, context);
+  add("list", "List the models of a server, one on each line: name, edges, size and file", RunList,
+      [](CLI::App&, ModelArguments&) {});
+  add("upload", "Upload a model; identical files and options have the same name", RunUpload,
       [](CLI::App& command, ModelArguments& arguments) {
-        AddFile(command, "file", arguments.file, kModelFormats)->required();
+        AddFile(command, "file", arguments.file, absl::StrCat("Model file: ", kModelFormats))
+            ->required()
+            ->group(kInputGroup);
         arguments.reading.AddTo(command);
       });
-  add("get", "One model", RunGet, add_name);
+  add("get", "Print the properties of one model", RunGet, add_name);
   add("delete", "Delete a model that no session uses", RunDelete, add_name);
-  CommandRunner inspect = AddInspectCommand(app, context);
   runners.emplace_back(app.get_subcommand("inspect"), std::move(inspect));
   app.footer(Example("upload"));
 }

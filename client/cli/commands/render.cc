@@ -6,7 +6,6 @@
 #include <cmath>
 #include <filesystem>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <string>
 #include <vector>
@@ -15,9 +14,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
-#include "client/cli/common/frame_painter.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/cli/common/progress.h"
 #include "client/cli/common/recording_input.h"
+#include "client/cli/common/wait_message.h"
+#include "client/cli/pictures/frame_painter.h"
+#include "client/cli/pictures/png.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -65,6 +67,7 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
   EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadTumTrajectory(arguments.poses));
+  const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   EVPOSE_ASSIGN_OR_RETURN(inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
                                                     {.stop = context.is_interrupted}));
   return inputs;
@@ -90,8 +93,10 @@ std::optional<RigidTransform> PoseAt(const Trajectory& poses, int64_t t_us) {
 absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::StatusOr<bool>(const Event&)>& on_event) {
   EVPOSE_ASSIGN_OR_RETURN(EventReader events,
                           EventReader::Make(*inputs.reader, {.max_piece_bytes = kRenderPieceBytes}));
+  ProgressLine progress(*inputs.context);
   while (true) {
     EVPOSE_RETURN_IF_ERROR(CheckNotInterrupted(inputs));
+    ShowReading(events, *inputs.reader, progress);
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
     if (!has_piece) return CheckNotInterrupted(inputs);  // an interrupt also ends a live source
     for (const Event& event : events.decoded().events) {
@@ -132,20 +137,19 @@ absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& input
                         arguments.window_ms / 2, t_us * 1e-6, last_us * 1e-6));
   }
   FinishFrame(painter, inputs.poses, t_us, arguments.window_ms);
-  std::vector<uint8_t> png;
-  if (!cv::imencode(".png", painter.image(), png)) return absl::InternalError("the picture cannot be encoded");
-  return WriteFile(arguments.out, {reinterpret_cast<const char*>(png.data()), png.size()});
+  EVPOSE_ASSIGN_OR_RETURN(const std::string png, EncodePng(painter.image()));
+  return WriteFile(arguments.out, png);
 }
 
 // A film file; it appears under its name when it is complete.
 class Film {
  public:
-  static absl::StatusOr<std::unique_ptr<Film>> Create(const std::string& path, double fps, const CameraModel& camera) {
+  static absl::StatusOr<std::unique_ptr<Film>> Create(const std::string& path, double fps, const cv::Size& size) {
     std::unique_ptr<Film> film(new Film(path));
     const bool is_mp4 = absl::EndsWith(path, ".mp4");
     const int codec =
         is_mp4 ? cv::VideoWriter::fourcc('m', 'p', '4', 'v') : cv::VideoWriter::fourcc('M', 'J', 'P', 'G');
-    film->writer_.open(film->temporary_path_, codec, fps, {camera.width_px, camera.height_px});
+    film->writer_.open(film->temporary_path_, codec, fps, size);
     if (film->writer_.isOpened()) return film;
     return absl::UnavailableError(
         is_mp4 ? absl::StrCat(path, ": cannot be written; OpenCV may lack the MPEG-4 encoder here: try .avi")
@@ -186,8 +190,9 @@ absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) 
   if (window_us > period_us) {
     return UsageError(absl::StrFormat("--window-ms is at most the time from frame to frame, %g ms", period_us * 1e-3));
   }
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Film> film, Film::Create(arguments.out, arguments.fps, inputs.camera));
   FramePainter painter(inputs.camera, inputs.model);
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Film> film,
+                          Film::Create(arguments.out, arguments.fps, painter.image().size()));
   std::optional<int64_t> first_us;
   int64_t frame = 0;
   const auto middle_us = [&] { return *first_us + frame * period_us + period_us / 2; };
@@ -237,24 +242,30 @@ absl::Status RunRender(const RenderArguments& arguments, CliContext& context) {
 
 CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RenderArguments>();
-  AddFile(app, "recording", arguments->recording, kRecordingFormats)->required();
-  AddFile(app, "--poses", arguments->poses, "Trajectory, TUM")->required();
-  AddFile(app, "--model", arguments->model, absl::StrCat("Object: ", kModelFormats))->required();
+  app.option_defaults()->group(kInputGroup);
+  AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
+  AddFile(app, "--poses", arguments->poses, "Poses, TUM")->required();
+  AddFile(app, "--model", arguments->model, absl::StrCat("Model of the object: ", kModelFormats))->required();
   AddFile(app, "--camera", arguments->camera, kCameraFiles)->required();
-  AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi)")->required();
   arguments->reading.AddTo(app);
-  app.add_option("--at", arguments->at_s,
-                 "Time of the picture, seconds on the sensor's clock; default: the middle of the trajectory");
-  AddOption(app, "--window-ms", arguments->window_ms, "Duration of the drawn events around that time, in milliseconds",
-            CLI::Range(0.001, 10'000.0));
+  app.option_defaults()->group(kOutputGroup);
+  AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi) to write")->required();
+  app.add_option("--at", arguments->at_s, "Time of the picture on the sensor's clock. Default: the middle of the poses")
+      ->type_name("SECONDS");
+  AddOption(app, "--window-ms", arguments->window_ms, "Duration of the events that are drawn, around that time",
+            CLI::Range(0.001, 10'000.0))
+      ->type_name("MILLISECONDS");
   AddOption(app, "--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording",
-            CLI::Range(1.0, 1000.0));
+            CLI::Range(1.0, 1000.0))
+      ->type_name("HZ");
   app.footer(
-      "ON events are blue, OFF events red, the model's visible lines green.\n\n"
+      "ON events are blue, OFF events red, the visible edges of the model green. Pictures of small sensors are "
+      "enlarged "
+      "by a whole factor, to a height of at least 480 pixels.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose render cube/recording.raw --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml \\\n"
-      "    -o cube/picture.png");
+      "  evpose render cube/recording.raw --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "
+      "--out cube/picture.png");
   return [arguments, &context] { return RunRender(*arguments, context); };
 }
 

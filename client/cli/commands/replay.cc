@@ -76,8 +76,8 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   const auto stop_reading = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs,
-                          ReadRunInputs(arguments.track, {.follow = arguments.is_following, .stop = stop_reading}));
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(context, arguments.track,
+                                                          {.follow = arguments.is_following, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
   // With --resume, a read error leaves the session as it is, so that the same command can continue.
@@ -95,35 +95,41 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
 CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ReplayArguments>();
   arguments->track.AddTo(app, false, "that of the recording, if it had times since 1970, else 0");
-  app.add_option("--rate", arguments->rate, "max, or a multiple of real time")
-      ->type_name("max|1|X")
+  app.option_defaults()->group(kInputGroup);
+  app.add_option("--rate", arguments->rate, "Pace of the events: max, or a multiple of real time")
+      ->type_name("max|FACTOR")
       ->capture_default_str();
+  app.add_flag("--follow", arguments->is_following, "Keep reading as the file grows, until an interrupt");
   AddOption(app, "--time-zero", arguments->time_zero,
             "Time 0 of the pose files: sensor, that of the camera's clock, as evpose info prints it; metavision, the "
             "first time word of a RAW file, from which Metavision counts",
-            CLI::IsMember({"sensor", "metavision"}));
-  app.add_flag("--follow", arguments->is_following, "Keep reading as the file grows, until interrupted");
+            CLI::IsMember({"sensor", "metavision"}))
+      ->group(kOutputGroup);
   app.footer(
-      "Without --server, the command runs a server in its own process. Times are on the sensor's clock. No pose is\n"
-      "written until the object is found, and none while it is lost. Among the equivalent poses of a symmetric "
-      "object,\n"
-      "the first reported one is the nearest to the identity rotation, and each later one the nearest to its\n"
-      "predecessor. Objects without a confirmed pose at the end are reported with the reason; without any pose, the\n"
-      "exit status is 1. An AMBIGUOUS pose, the most likely of several, is in .csv and .jsonl files, with the others\n"
-      "as alternatives, and in the states of .mcap files. An interrupt ends the stream, and the poses computed so far "
-      "are written. An error ends "
-      "it with exit status 1; without --resume, the\n"
-      "poses received so far are written. Latencies are measured from the server's receipt of a chunk to its pose:\n"
-      "with --rate max for a full queue, with --rate 1 as for a camera.\n"
-      "A broken connection is re-established within --max-outage. With --resume, the same command continues a replay\n"
-      "that was killed, and the poses are byte for byte those of an undisturbed replay.\n"
-      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n"
+      "Without --server, the command runs a server in its own process. Times are on the sensor's clock. No pose is "
+      "written before the object is found, and none while it is lost; the report gives the reason. An AMBIGUOUS pose, "
+      "the most likely of several, is in .csv and .jsonl files, with the others as alternatives, and in the states of "
+      ".mcap files.\n\n"
+      "Among the equivalent poses of a symmetric object, the first one that is reported is the nearest to the identity "
+      "rotation, and each later one is the nearest to its predecessor.\n\n"
+      "After an interrupt or an error, the poses received so far are written; after an error with --resume, the same "
+      "command continues instead. A connection that breaks is established again within --max-outage. The poses of a "
+      "run "
+      "that was continued are byte for byte those of one that was not disturbed.\n\n"
+      "Latencies are measured from the arrival of a chunk at the server to its pose: with --rate max behind a full "
+      "queue, with --rate 1 as for a camera.\n\n"
+      "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n\n"
       "The last example resets the pose 0.25 s after the first event, whose time is 16 s.\n\n"
+      "Exit status:\n"
+      "  0  Poses were found\n"
+      "  1  Failure, or no pose was found; the reason is on standard error\n"
+      "  2  Wrong usage\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum\n"
-      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum \\\n"
-      "    --reset-pose \"16250000 $(awk '$1 >= 16.25 { print $2, $3, $4, $5, $6, $7, $8; exit }' cube/truth.tum)\"");
+      "  pose=$(awk '$1 >= 16.25 { print $2, $3, $4, $5, $6, $7, $8; exit }' cube/truth.tum)\n"
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum "
+      "--reset-pose \"16250000 $pose\"");
   return [arguments, &context] {
     arguments->track.has_metavision_zero = arguments->time_zero == "metavision";
     return RunReplay(*arguments, context);

@@ -73,18 +73,20 @@ void AddServerCommands(CLI::App& app, CliContext& context, CommandRunners& runne
     CLI::App* command = app.add_subcommand(name, description);
     auto arguments = std::make_shared<Arguments>();
     arguments->server.AddTo(*command, true);
-    command->add_flag("--json", arguments->is_json, "JSON on standard output");
+    AddJson(*command, arguments->is_json);
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
     return std::pair(command, arguments);
   };
-  add("info", "Version, store and number of sessions", RunInfo)
+  add("info", "Print version, store and number of sessions of a server", RunInfo)
       .first->footer("Example:\n  evpose server info --server 127.0.0.1:50051");
   const auto [command, arguments] =
       add("log-level",
-          "Set the level of the server's log until its process ends; a server with tokens requires that of an operator",
+          "Set the level of a server's log until its process ends; a server with tokens requires the token of an "
+          "operator",
           RunLogLevel);
-  command->add_option("level", arguments->level, "lowest level that is written")
+  command->add_option("level", arguments->level, "Lowest level that is written")
       ->required()
+      ->group(kInputGroup)
       ->check(CLI::IsMember({"debug", "info", "warning", "error", "off"}));
   command->footer("Example:\n  evpose server log-level debug --server 127.0.0.1:50051");
   app.footer("Example:\n  evpose server info --server 127.0.0.1:50051");

@@ -90,15 +90,13 @@ absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
 
 // Returns an example with the session that a replay has kept.
 std::string Example(const std::string& command, bool has_name) {
-  const std::string session =
-      has_name ? " \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n   " : "";
   return absl::StrCat(
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml \\\n"
-      "    --server 127.0.0.1:50051 --keep-session\n"
-      "  evpose sessions ",
-      command, session, " --server 127.0.0.1:50051");
+      "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --server 127.0.0.1:50051 "
+      "--keep-session\n",
+      has_name ? "  session=$(evpose sessions list --server 127.0.0.1:50051 | sed 's/ .*//;q')\n" : "",
+      "  evpose sessions ", command, has_name ? " \"$session\"" : "", " --server 127.0.0.1:50051");
 }
 
 }  // namespace
@@ -110,21 +108,23 @@ void AddSessionsCommands(CLI::App& app, CliContext& context, CommandRunners& run
     auto arguments = std::make_shared<SessionArguments>();
     if (has_name) AddSessionName(*command, arguments->name);
     arguments->server.AddTo(*command, true);
-    command->add_flag("--json", arguments->is_json, "JSON with all fields on standard output");
+    AddJson(*command, arguments->is_json, "Print JSON with all fields instead of text");
     runners.emplace_back(command, [arguments, run, &context] { return run(*arguments, context); });
     return std::pair(command, arguments);
   };
-  add("list", "All sessions, one on each line", RunListSessions, false);
-  add("get", "One session", RunGetSession, true);
+  add("list", "List the sessions of a server, one on each line", RunListSessions, false);
+  add("get", "Print the state of one session", RunGetSession, true);
   add("delete", "Delete a session; its streams end. A session that does not exist is no error", RunDeleteSession, true);
   const auto [drain, drain_arguments] = add("drain",
                                             "Shut the server down after its streams have had time to finish; a server "
-                                            "with tokens requires that of an operator",
+                                            "with tokens requires the token of an operator",
                                             RunDrain, false);
   drain
       ->add_option("--timeout", drain_arguments->timeout_s,
-                   "Seconds that streams have to finish; default: the server's --shutdown-timeout")
-      ->check(NotNegative());
+                   "Time that streams have to finish. Default: the server's --shutdown-timeout")
+      ->type_name("SECONDS")
+      ->check(NotNegative())
+      ->group("Shutdown");
   app.footer(
       "Example:\n"
       "  evpose sessions list --server 127.0.0.1:50051");

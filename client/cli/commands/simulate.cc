@@ -159,65 +159,85 @@ absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context
   });
 }
 
-void AddNoiseOptions(CLI::App& app, SimulateArguments& arguments) {
-  AddOption(app, "--noise", arguments.sensor.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9));
+void AddSceneOptions(CLI::App& app, SimulateArguments& arguments) {
+  app.option_defaults()->group("Scene");
+  std::vector<std::string> scenarios;
+  for (const TrackingScenario& scenario : TrackingScenarios()) scenarios.push_back(scenario.name);
+  app.add_option("--scenario", arguments.scenario,
+                 "A complete scene of evpose bench tracking instead of the options of scene, disturbances and sensor; "
+                 "--duration shortens it")
+      ->check(CLI::IsMember(scenarios));
+  CLI::Option* const object =
+      AddOption(app, "--object", arguments.object, "Simulated object", CLI::IsMember(SimulatedObjectNames()));
+  CLI::Option* const model = AddFile(app, "--model", arguments.model,
+                                     absl::StrCat("Model of the object instead of --object (", kModelFormats,
+                                                  "), seen at a size of about 300 pixels from a random side"))
+                                 ->excludes(object);
+  arguments.reading.AddTo(app, model);
+  for (const char* const name : {"--scale", "--crease-angle", "--surface"}) app.get_option(name)->group("Scene");
+  app.add_flag(
+         "--front", arguments.scene.shows_front,
+         "Point the z axis of the model to the camera and its y axis upwards on average, instead of a random side")
+      ->needs(model);
+  app.add_option("--distance", arguments.distance_m,
+                 "Mean distance of the model from the camera. Default: 3.4 times its diameter")
+      ->type_name("METRES")
+      ->check(CLI::Range(0.01, 1e4))
+      ->needs(model);
+  app.add_option("--camera", arguments.camera,
+                 absl::StrCat("Sensor and lens: ", absl::StrJoin(SimulatedCameraNames(), ", "),
+                              ", or a file that evpose camera reads"))
+      ->type_name("NAME|FILE")
+      ->capture_default_str();
+  AddOption(app, "--view-angle", arguments.view_angle_deg,
+            "Angle from the optical axis to the middle of the path, to the right; for wide lenses",
+            CLI::Range(-80.0, 80.0))
+      ->type_name("DEGREES");
+}
+
+void AddMotionOptions(CLI::App& app, SimulateArguments& arguments) {
+  app.option_defaults()->group("Motion and time");
+  std::vector<std::string> motions;
+  for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
+  AddOption(app, "--motion", arguments.motion,
+            "Continuous motion, motion with rests, bursts at four times the speed, or motion half out of view and back",
+            CLI::IsMember(motions));
+  AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", CLI::Range(0.0, 100.0))
+      ->type_name("FACTOR");
+  app.add_option("--duration", arguments.duration_s, "Length of the recording")
+      ->type_name("SECONDS")
+      ->check(CLI::Range(0.001, 1800.0))
+      ->default_str("5");
+  AddOption(app, "--start", arguments.start_s, "Time of the first event on the sensor's clock", CLI::Range(0.0, 16.7))
+      ->type_name("SECONDS");
+  app.add_option("--seed", arguments.seed, "Seed of all random numbers; the same seed gives identical files")
+      ->capture_default_str();
+  app.add_option("--path-seed", arguments.path_seed, "Seed of the motion alone. Default: that of --seed");
+}
+
+void AddDisturbances(CLI::App& app, SimulateArguments& arguments) {
+  app.option_defaults()->group("Disturbances");
+  AddOption(app, "--noise", arguments.sensor.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9))
+      ->type_name("RATIO");
   app.add_option("--background-activity", arguments.sensor.shot_noise_hz,
-                 "Noise rate of a pixel in the dark, hertz; a pixel that sees white has a quarter of it")
+                 "Noise rate of a pixel in the dark; a pixel that sees white has a quarter of it")
+      ->type_name("HZ")
       ->check(CLI::Range(0.0, 1000.0))
       ->default_str("0.03");
   app.add_option("--hot-pixels", arguments.num_hot_pixels, "Number of hot pixels, which emit 200 events per second")
       ->check(CLI::Range(0, 1'000'000))
       ->default_str("1 of 100000");
   AddOption(app, "--flood", arguments.flood_mev_per_s,
-            "Rate of additional random events during 50 ms of every second, Mev/s", CLI::Range(0.0, 100.0));
-}
-
-void AddModelOptions(CLI::App& app, SimulateArguments& arguments, CLI::Option* object) {
-  CLI::Option* model = AddFile(app, "--model", arguments.model,
-                               absl::StrCat("Model file (", kModelFormats,
-                                            ") to simulate instead of --object, seen at a size of about 300 pixels "
-                                            "from a random side, which --path-seed determines"))
-                           ->excludes(object);
-  app.add_flag("--front", arguments.scene.shows_front,
-               "The model's z axis points to the camera and its y axis upwards on average, instead of a random side")
-      ->needs(model);
-  app.add_option("--distance", arguments.distance_m,
-                 "Mean distance of the model from the camera, metres; default: 3.4 times its diameter")
-      ->check(CLI::Range(0.01, 1e4))
-      ->needs(model);
-  arguments.reading.AddTo(app, model);
-}
-
-void AddOptions(CLI::App& app, SimulateArguments& arguments) {
-  std::vector<std::string> motions;
-  for (const auto& [name, profile] : kMotions) motions.emplace_back(name);
-  app.add_option("-o,--out", arguments.out, "Directory for the files; it is created if it does not exist")->required();
-  std::vector<std::string> scenarios;
-  for (const TrackingScenario& scenario : TrackingScenarios()) scenarios.push_back(scenario.name);
-  app.add_option("--scenario", arguments.scenario,
-                 "A complete scene of `evpose bench tracking`; --duration shortens it")
-      ->check(CLI::IsMember(scenarios));
-  CLI::Option* object =
-      AddOption(app, "--object", arguments.object, "The simulated object", CLI::IsMember(SimulatedObjectNames()));
-  AddModelOptions(app, arguments, object);
-  app.add_option("--camera", arguments.camera,
-                 absl::StrCat("The sensor and its lens: ", absl::StrJoin(SimulatedCameraNames(), " or "),
-                              ", or the file of a camera (evpose camera --help)"))
-      ->capture_default_str();
-  AddOption(app, "--view-angle", arguments.view_angle_deg,
-            "Degrees between the optical axis and the middle of the path, to the right; for wide lenses",
-            CLI::Range(-80.0, 80.0));
-  app.add_option("--duration", arguments.duration_s, "Seconds")->check(CLI::Range(0.001, 1800.0))->default_str("5");
-  AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", CLI::Range(0.0, 100.0));
-  AddOption(
-      app, "--motion", arguments.motion,
-      "Continuous motion, motion with pauses, bursts at four times the speed, or motion half out of view and back",
-      CLI::IsMember(motions));
-  AddOption(app, "--flicker", arguments.scene.light.flicker_depth, "Depth of the light's 100 Hz flicker, 0 to 0.8",
-            CLI::Range(0.0, 0.8));
+            "Rate of additional random events during 50 ms of every second, millions of events per second",
+            CLI::Range(0.0, 100.0))
+      ->type_name("MEV/S");
+  AddOption(app, "--flicker", arguments.scene.light.flicker_depth, "Depth of the light's flicker at 100 Hz",
+            CLI::Range(0.0, 0.8))
+      ->type_name("RATIO");
   AddOption(app, "--light-change", arguments.scene.light.change_ratio,
-            "The light oscillates between 1 and 1 / this factor", CLI::Range(1.0, 10.0));
-  CLI::Option* occluder =
+            "Factor by which the light slowly becomes weaker and stronger", CLI::Range(1.0, 10.0))
+      ->type_name("FACTOR");
+  CLI::Option* const occluder =
       app.add_flag("--occluder", arguments.scene.occluder.is_present, "A bar that oscillates in front of the object");
   app.add_flag("--occluder-on-object", arguments.scene.occluder.follows_object,
                "A bar that moves with the object and always hides a part of it")
@@ -225,21 +245,35 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_flag("--moving-edge", arguments.scene.background.has_moving_edge,
                "A straight edge that moves behind the object");
   app.add_flag("--textured-background", arguments.scene.background.is_textured,
-               "Background of rectangles of several shades");
-  AddNoiseOptions(app, arguments);
-  AddOption(app, "--threshold", arguments.sensor.threshold_on, "Contrast threshold, natural logarithm of light",
-            CLI::Range(0.01, 5.0));
-  AddOption(app, "--bandwidth", arguments.sensor.bandwidth_hz, "Bandwidth of the photoreceptor, hertz; 0: infinite",
-            CLI::Range(0.0, 1e6));
-  AddOption(app, "--refractory", arguments.sensor.refractory_us,
-            "Refractory time of a pixel after an event, microseconds", CLI::Range(0.0, 1e5));
-  AddOption(app, "--lens-blur", arguments.scene.lens_blur_px, "Standard deviation of the lens's point spread, pixels",
-            CLI::Range(0.0, 2.0));
-  AddOption(app, "--start", arguments.start_s, "Start time on the sensor's clock, seconds", CLI::Range(0.0, 16.7));
-  app.add_option("--seed", arguments.seed, "Seed of all random numbers; the same seed gives identical files")
-      ->capture_default_str();
-  app.add_option("--path-seed", arguments.path_seed, "Seed of the motion alone; default: --seed");
-  app.add_flag("--json", arguments.is_json, "One JSON object on standard output");
+               "A background of rectangles of several shades");
+}
+
+void AddSensorOptions(CLI::App& app, SimulateArguments& arguments) {
+  app.option_defaults()->group("Sensor");
+  AddOption(app, "--threshold", arguments.sensor.threshold_on,
+            "Contrast threshold, as a difference of natural logarithms of light", CLI::Range(0.01, 5.0))
+      ->type_name("RATIO");
+  AddOption(app, "--bandwidth", arguments.sensor.bandwidth_hz, "Bandwidth of the photoreceptor; 0: infinite",
+            CLI::Range(0.0, 1e6))
+      ->type_name("HZ");
+  AddOption(app, "--refractory", arguments.sensor.refractory_us, "Refractory time of a pixel after an event",
+            CLI::Range(0.0, 1e5))
+      ->type_name("MICROSECONDS");
+  AddOption(app, "--lens-blur", arguments.scene.lens_blur_px, "Standard deviation of the lens's point spread",
+            CLI::Range(0.0, 2.0))
+      ->type_name("PIXELS");
+}
+
+void AddOptions(CLI::App& app, SimulateArguments& arguments) {
+  app.add_option("-o,--out", arguments.out, "Directory for the files; it is made if it does not exist")
+      ->type_name("DIR")
+      ->required()
+      ->group(kOutputGroup);
+  AddJson(app, arguments.is_json);
+  AddSceneOptions(app, arguments);
+  AddMotionOptions(app, arguments);
+  AddDisturbances(app, arguments);
+  AddSensorOptions(app, arguments);
 }
 
 }  // namespace

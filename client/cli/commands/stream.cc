@@ -80,7 +80,8 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
   const auto stop_reading = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(arguments.track, {.follow = true, .stop = stop_reading}));
+  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs,
+                          ReadRunInputs(context, arguments.track, {.follow = true, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context,
                  {{"--overload", arguments.overload}, {"--max-lag", absl::StrCat(arguments.max_lag_s)}});
   // Stops a source that waits for standard input.
@@ -105,19 +106,18 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
 }
 
 void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
+  app.option_defaults()->group(kOutageGroup);
   AddOption(app, "--memory-bytes", arguments.memory_bytes, "Limit of the data of standard input that is kept in memory",
             CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
-      ->group(kAwayGroup);
-  app.add_option(
-         "--spool", arguments.spool,
-         "Directory for the data of standard input that exceeds --memory-bytes; with --resume, for all data that the "
-         "server has not made durable. Default: FILE.spool of --resume, otherwise $TMPDIR or /tmp")
-      ->type_name("DIR")
-      ->group(kAwayGroup);
+      ->type_name("BYTES");
+  app.add_option("--spool", arguments.spool,
+                 "Directory for the data of standard input beyond --memory-bytes; with --resume, for all data that the "
+                 "server has not made durable. Default: FILE.spool of --resume, otherwise $TMPDIR or /tmp")
+      ->type_name("DIR");
   AddOption(app, "--spool-bytes", arguments.spool_bytes,
             "Limit of the data in --spool; beyond it, standard input is not read",
             CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
-      ->group(kAwayGroup);
+      ->type_name("BYTES");
 }
 
 }  // namespace
@@ -127,28 +127,32 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   arguments->track.max_outage_s = std::numeric_limits<double>::infinity();
   arguments->track.is_live = true;
   arguments->track.AddTo(app, true, "host");
-  AddOption(
-      app, "--overload", arguments->overload,
-      "Behaviour when the server cannot keep up. block: standard input is read more slowly and no event is skipped; "
-      "latest: old events are skipped and counted",
-      CLI::IsMember({"block", "latest"}));
+  app.option_defaults()->group(kTrackingGroup);
+  AddOption(app, "--overload", arguments->overload,
+            "What happens when the server cannot keep up. block: standard input is read more slowly, and no event is "
+            "skipped; "
+            "latest: old events are skipped and counted",
+            CLI::IsMember({"block", "latest"}));
   app.add_option("--max-lag", arguments->max_lag_s,
-                 "With --overload latest: age in seconds at which events are skipped; default: chosen by the server")
+                 "Age at which --overload latest skips events. Default: chosen by the server")
+      ->type_name("SECONDS")
       ->check(AboveZero());
   AddSpoolOptions(app, *arguments);
   app.footer(
-      "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows until an interrupt\n"
-      "(SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked. Objects without a confirmed pose at\n"
-      "the end are reported with the reason; without any pose, the exit status is 1. While the server is unreachable, "
-      "standard input is read and stored, and a\n"
-      "file is read later. If the server has been unreachable for more than two seconds, an interrupt ends the wait;\n"
-      "a second interrupt ends the program at once. An error ends it with exit status 1; without --resume, the poses\n"
-      "received so far are written. With --resume, the same command continues the session; for standard input it\n"
-      "marks the gap in the events.\n\n"
+      "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows, until an interrupt "
+      "(SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked.\n\n"
+      "While the server cannot be reached, standard input is read and stored, and a file is read later. If that lasts "
+      "more than two seconds, an interrupt ends the wait; a second interrupt ends the program at once. After an error, "
+      "the poses received so far are written; with --resume, the same command continues the session instead, and for "
+      "standard input it marks the gap in the events.\n\n"
+      "Exit status:\n"
+      "  0  Poses were found\n"
+      "  1  Failure, or no pose was found; the reason is on standard error\n"
+      "  2  Wrong usage\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  cat cube/recording.raw | evpose stream - --model cube/model.obj --camera cube/camera.yaml \\\n"
-      "    --server 127.0.0.1:50051 --out cube/poses.tum");
+      "  cat cube/recording.raw | evpose stream - --model cube/model.obj --camera cube/camera.yaml "
+      "--server 127.0.0.1:50051 --out cube/poses.tum");
   return [arguments, &context] { return RunStream(*arguments, context); };
 }
 

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <utility>
@@ -15,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/pictures/png.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/calibration_target.h"
@@ -64,9 +64,7 @@ absl::StatusOr<std::string> DrawScreen(const CalibrationTarget& target, const cv
     const Eigen::Vector2d half(0.0, 1.5);
     cv::line(image, at(tick - half), at(tick + half), cv::Scalar(0), 1, cv::LINE_AA, kFractionBits);
   }
-  std::vector<uint8_t> png;
-  if (!cv::imencode(".png", image, png)) return absl::InternalError("the target cannot be encoded as PNG");
-  return std::string(png.begin(), png.end());
+  return EncodePng(image);
 }
 
 absl::Status RunTarget(const TargetArguments& arguments, CliContext& context) {
@@ -113,27 +111,32 @@ absl::Status RunTarget(const TargetArguments& arguments, CliContext& context) {
 
 CommandRunner AddTargetCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<TargetArguments>();
-  CLI::Option* page =
-      app.add_option("--page", arguments->page, "A4, A3, letter (landscape), or WIDTHxHEIGHT in millimetres")
-          ->capture_default_str();
+  app.option_defaults()->group("Target");
+  CLI::Option* page = app.add_option("--page", arguments->page,
+                                     "Size of the sheet: A4, A3, letter (landscape), or its sides in millimetres")
+                          ->type_name("NAME|WIDTHxHEIGHT")
+                          ->capture_default_str();
   CLI::Option* screen =
       app.add_option("--screen", arguments->screen,
-                     "Instead of a page: an image (.png) for a screen of WIDTHxHEIGHT pixels, to be shown at full size")
+                     "Instead of a sheet, a picture for a screen of this size in pixels, to be shown at full size")
+          ->type_name("WIDTHxHEIGHT")
           ->excludes(page);
-  CLI::Option* screen_mm = app.add_option("--screen-mm", arguments->screen_mm,
-                                          "Width of the screen's picture, millimetres: the scale of the model")
-                               ->needs(screen);
+  CLI::Option* screen_mm =
+      app.add_option("--screen-mm", arguments->screen_mm, "Width of the picture on the screen: the scale of the model")
+          ->type_name("MILLIMETRES")
+          ->needs(screen);
   screen->needs(screen_mm);
-  app.add_option("-o,--out", arguments->out,
-                 "Drawing: .pdf, or .png for a screen; the model is written beside it, with the extension .obj")
+  app.option_defaults()->group(kOutputGroup);
+  AddFile(app, "-o,--out", arguments->out,
+          "Drawing: .pdf, or .png for a screen; the model is written beside it, with the extension .obj")
       ->required();
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  AddJson(app, arguments->is_json);
   app.footer(
-      "Print at 100 %, measure the ruler, and glue the sheet onto a flat board. Move it through the whole image, near "
-      "and\nfar, tilted to all sides by 30 degrees and more; a few recordings of 10 s.\n\n"
+      "Print at 100 %, measure the ruler, and glue the sheet onto a flat board. Record it moving through the whole "
+      "image, near and far, tilted to all sides by 30 degrees and more: a few recordings of 10 s.\n\n"
       "Example:\n"
-      "  evpose target --page A4 -o target.pdf\n"
-      "  evpose simulate --model target.obj --front --duration 0.2 -o moving-target");
+      "  evpose target --page A4 --out target.pdf\n"
+      "  evpose simulate --model target.obj --front --duration 0.2 --out moving-target");
   return [arguments, &context] { return RunTarget(*arguments, context); };
 }
 

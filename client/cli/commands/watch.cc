@@ -48,6 +48,13 @@ class StateLines {
       err_ << object.object_id << ": " << text << (object.detail.empty() ? "" : ": ") << object.detail << std::endl;
     }
   }
+  // "; cube: LOST", for each object.
+  std::string Shown() {
+    const std::lock_guard lock(mutex_);
+    std::string text;
+    for (const auto& [object_id, state] : shown_) absl::StrAppend(&text, "; ", object_id, ": ", state);
+    return text;
+  }
   void Skipped(uint64_t num_skipped) {
     const std::lock_guard lock(mutex_);
     err_ << "skipped " << num_skipped << " poses: too slow, or no longer stored" << std::endl;
@@ -90,8 +97,8 @@ Json HealthJson(const SessionHealth& health) {
 }
 
 std::string HealthLine(const SessionHealth& health) {
-  std::string line = absl::StrFormat("%.6f s  %.2f Mev/s  %.0f poses/s  %.2f x real time", 1e-6 * health.t_us,
-                                     1e-6 * health.event_rate_hz, health.pose_rate_hz, health.real_time_ratio);
+  std::string line = absl::StrFormat("%.6f s  %.2f Mev/s  %.0f poses/s  %s", 1e-6 * health.t_us,
+                                     1e-6 * health.event_rate_hz, health.pose_rate_hz, DescribePace(health));
   if (health.latency_p99) {
     absl::StrAppendFormat(&line, "  latency p99 %.1f ms", absl::ToDoubleMilliseconds(*health.latency_p99));
   }
@@ -189,7 +196,9 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(PoseOutput output, PoseOutput::Open(arguments, frame, *session, context));
   StateLines states(context.err);
   std::stop_source stop;
+  bool has_poses = false;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
+    has_poses = has_poses || !poses.empty();
     if (num_skipped > 0) states.Skipped(num_skipped);
     if (!output.Write(poses)) stop.request_stop();
   };
@@ -206,8 +215,15 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   WatchPosesOptions options = arguments.poses;
   options.on_rolled_back = [&states](uint64_t last_pose_seq) { states.RolledBack(last_pose_seq); };
   absl::Status status = client->WatchPoses(arguments.session, options, on_poses, stop.get_token());
-  if (stop.stop_requested()) status = absl::OkStatus();
-  if (status.ok() && !stop.stop_requested()) observer.Finish();
+  if (stop.stop_requested()) {
+    status = absl::OkStatus();
+  } else if (status.ok()) {
+    observer.Finish();
+    if (!has_poses) {
+      status = absl::NotFoundError(absl::StrCat(arguments.session, ": the session has ended without a ",
+                                                options.after_pose_seq > 0 ? "later pose" : "pose", states.Shown()));
+    }
+  }
   observer.Stop();
   const absl::Status written = output.Commit();
   return status.ok() ? written : status;
@@ -218,19 +234,21 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<WatchArguments>();
   AddSessionName(app, arguments->session);
+  app.option_defaults()->group(kOutputGroup);
   CLI::Option* const after =
       app.add_option("--after", arguments->poses.after_pose_seq, "Number of the pose after which the output begins")
           ->capture_default_str();
   CLI::Option* const max_rate =
       app.add_option("--max-rate-hz", arguments->poses.max_rate_hz,
-                     "Limit of the poses per second of sensor time, for each object; default: all poses")
+                     "Limit of the poses per second of sensor time, for each object. Default: all poses")
+          ->type_name("HZ")
           ->check(AboveZero());
   CLI::Option* const health =
       app.add_flag("--health", arguments->is_health, "Print the health of the session instead of its poses")
           ->excludes(after)
           ->excludes(max_rate);
-  AddOption(app, "--period", arguments->period_s, "With --health: seconds between two lines, at least 0.01",
-            CLI::Range(0.01, 86400.0))
+  AddOption(app, "--period", arguments->period_s, "Time between two lines of --health", CLI::Range(0.01, 86400.0))
+      ->type_name("SECONDS")
       ->needs(health);
   CLI::Option* const out =
       app.add_option("-o,--out", arguments->out,
@@ -239,17 +257,20 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
           ->excludes(health);
   arguments->recording.AddTo(app, "host");
   arguments->frame.AddTo(app);
+  AddJson(app, arguments->is_json, "Print one JSON object on each line")->excludes(out);
   arguments->server.AddTo(app, true);
-  app.add_flag("--json", arguments->is_json, "One JSON object on each line")->excludes(out);
   app.footer(
-      "Prints the stored poses (TUM) and then the live ones until the session ends or until an interrupt. Changes of\n"
-      "the objects' states are printed on standard error. With --health, prints a line at once and after each period:\n"
+      "Prints the stored poses (TUM) and then the live ones, until the session ends or until an interrupt. Changes of "
+      "the objects' states are printed on standard error. With --health, prints a line at once and after each period: "
       "sensor time, rates, latency and the states of the objects.\n\n"
+      "Exit status:\n"
+      "  0  Poses were printed, or an interrupt has ended the command\n"
+      "  1  Failure, or the session has ended without a pose; the reason is on standard error\n"
+      "  2  Wrong usage\n\n"
       "Example:\n"
-      "  evpose watch \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
-      "    --server 127.0.0.1:50051 --max-rate-hz 10\n"
-      "  evpose watch \"$(evpose sessions list --server 127.0.0.1:50051 | head -n 1 | cut -d ' ' -f 1)\" \\\n"
-      "    --server 127.0.0.1:50051 --health");
+      "  session=$(evpose sessions list --server 127.0.0.1:50051 | sed 's/ .*//;q')\n"
+      "  evpose watch \"$session\" --server 127.0.0.1:50051 --max-rate-hz 10\n"
+      "  evpose watch \"$session\" --server 127.0.0.1:50051 --health");
   return [arguments, &context] {
     return arguments->is_health ? RunWatchHealth(*arguments, context) : RunWatch(*arguments, context);
   };

@@ -14,9 +14,11 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "client/cli/common/wait_message.h"
 #include "client/lib/server_address.h"
 #include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
@@ -29,8 +31,6 @@ constexpr char kUsagePayload[] = "evpose/usage";
 // Tokens are never read from the command line, which other users of the machine can read.
 constexpr char kTokenVariable[] = "EVPOSE_TOKEN";
 constexpr size_t kMaxTokenFileBytes = 4096;
-
-constexpr char kServerGroup[] = "The server";
 
 absl::StatusOr<std::string> ReadToken(const std::string& path) {
   if (path.empty()) {
@@ -100,6 +100,10 @@ CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& pat
   return AddFile(app, name, path, description)->check(check);
 }
 
+CLI::Option* AddJson(CLI::App& app, bool& is_json, const std::string& description) {
+  return app.add_flag("--json", is_json, description)->group(kOutputGroup);
+}
+
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description) {
   return app.add_option(name, names, description)->delimiter(',')->type_name("NAME,...");
@@ -111,7 +115,10 @@ void AddSessionName(CLI::App& app, std::string& name) {
     if (absl::ConsumePrefix(&id, "sessions/") && !id.empty()) return "";
     return "the name of a session has the form sessions/ID; `evpose sessions list` prints the names";
   };
-  app.add_option("session", name, "sessions/ID, as `evpose sessions list` prints it")->required()->check(check);
+  app.add_option("session", name, "Name of the session, as evpose sessions list prints it: sessions/ID")
+      ->required()
+      ->check(check)
+      ->group(kInputGroup);
 }
 
 absl::Status SessionError(const std::string& name, const absl::Status& status) {
@@ -137,20 +144,21 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
           ->required(is_required);
   const std::vector<CLI::Option*> ways = {
       app.add_flag("--tls", tls.is_on,
-                   "Encrypt, and verify the server's certificate with the certificate authorities of the system"),
+                   "Encrypt, and verify the server's certificate with the authorities that this system trusts"),
       AddFile(app, "--tls-ca", tls.ca_file,
-              "Encrypt, and verify the server's certificate with these certificate authorities only, PEM"),
+              "Encrypt, and verify the server's certificate with these authorities alone (PEM)"),
       AddFile(app, "--tls-cert", tls.certificate_file,
-              "Encrypt, and present this client certificate, PEM, to a server that requires one (--tls-client-ca)"),
-      AddFile(app, "--tls-key", tls.key_file, "Private key of --tls-cert, PEM"),
+              "Encrypt, and present this certificate (PEM) to a server that requires one"),
+      AddFile(app, "--tls-key", tls.key_file, "Private key of --tls-cert (PEM)"),
       AddFile(app, "--token-file", token_file,
-              "File with the authentication token from evpose-server --new-token; only its owner may have access "
-              "(chmod 600). It is read again before every call and reconnection. Default: the variable EVPOSE_TOKEN"),
-      AddOption(app, "--connect-timeout", connect_timeout_s, "Seconds to wait for a server that does not answer yet",
-                CLI::Range(0.001, 86400.0))};
-  server->group(kServerGroup);
+              "File with the token that evpose-server --new-token printed; only its owner may have access (chmod 600). "
+              "It is read again before every call. Default: the variable EVPOSE_TOKEN"),
+      AddOption(app, "--connect-timeout", connect_timeout_s, "Longest wait for a server that does not answer",
+                CLI::Range(0.001, 86400.0))
+          ->type_name("SECONDS")};
+  server->group(kConnectionGroup);
   for (CLI::Option* const way : ways) {
-    way->group(kServerGroup);
+    way->group(kConnectionGroup);
     // An option for the connection without --server is an error: the server inside the process would ignore it.
     if (!is_required) way->needs(server);
   }
@@ -170,6 +178,7 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContex
   }
   options.connect_timeout = absl::Seconds(connect_timeout_s);
   options.is_cancelled = context.is_interrupted;
+  const WaitMessage wait(context, absl::StrCat("a server at ", address));
   return Client::Connect(address, options);
 }
 
@@ -229,6 +238,14 @@ Json ObjectJson(const ObjectHealth& object) {
             {"poses_found", searches.poses_found}}},
           {"followed_poses", object.followed_poses},
           {"detail", object.detail}};
+}
+
+std::string DescribePace(const SessionHealth& health) {
+  // Processing time divided by sensor time.
+  const double ratio = health.real_time_ratio;
+  if (!(ratio > 0.0)) return "";
+  if (ratio <= 1.0) return absl::StrFormat("%.1f x real time", 1.0 / ratio);
+  return absl::StrFormat("%.2f x real time, too slow for a live camera", 1.0 / ratio);
 }
 
 std::string DescribeState(const ObjectHealth& object) {

@@ -19,6 +19,7 @@
 #include "absl/time/time.h"
 #include "client/cli/common/cli_context.h"
 #include "core/base/output_file.h"
+#include "core/command_line/help_page.h"
 #include "core/events/event.h"
 #include "core/events/recording_header.h"
 #include "core/geometry/camera.h"
@@ -35,8 +36,8 @@ using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
 
 // The formats of camera files, for the help of the options that take one.
 inline constexpr char kCameraFiles[] =
-    "Camera calibration: ROS camera_info or printed message, Kalibr camchain (FILE#cam1), Metavision, OpenCV, COLMAP "
-    "or DV file";
+    "Calibration of the camera: a file of ROS (camera_info or a printed message), Kalibr (FILE#cam1), Metavision, "
+    "OpenCV, COLMAP or DV";
 
 // A failure with exit status 2 instead of 1.
 absl::Status UsageError(const std::string& message);
@@ -58,6 +59,9 @@ CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, con
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
 // Adds an option for a picture that is written as PNG; a name with another extension is wrong usage.
 CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
+// Adds --json, with which the command prints JSON instead of text.
+CLI::Option* AddJson(CLI::App& app, bool& is_json,
+                     const std::string& description = "Print one JSON object instead of text");
 // Adds an option for a comma-separated list of names.
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description);
@@ -69,9 +73,6 @@ absl::Status ModelError(const std::string& path, const absl::Status& status);
 void AddSessionName(CLI::App& app, std::string& name);
 // Rewords NOT_FOUND for a session of the command line, which the caller does not want to create.
 absl::Status SessionError(const std::string& name, const absl::Status& status);
-
-// Group of --help with the options for outages of the server.
-inline constexpr char kAwayGroup[] = "While the server is away";
 
 // Address of a server, or of several servers that share a store, and the credentials, for the commands that need one.
 struct ServerArguments {
@@ -119,6 +120,9 @@ Json SymmetryJson(const std::optional<ContinuousSymmetry>& symmetry);
 
 // All fields of an object's health but the explained ratio.
 Json ObjectJson(const ObjectHealth& object);
+
+// "2.5 x real time"; "0.50 x real time, too slow for a live camera"; empty if nothing was processed.
+std::string DescribePace(const SessionHealth& health);
 
 // "TRACKING"; without a pose also the status of the search: "INITIALIZING (TOO_FEW_LINES)".
 std::string DescribeState(const ObjectHealth& object);

@@ -4,7 +4,9 @@
 #include <filesystem>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/common/command.h"
+#include "client/cli/common/wait_message.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "server/runtime/client_text.h"
@@ -20,15 +22,21 @@ constexpr char kAsIs[] = "as-is";
 
 void ModelReadingArguments::AddTo(CLI::App& app, CLI::Option* model) {
   for (CLI::Option* const option :
-       {AddOption(app, "--scale", metres_per_unit,
-                  "Metres per unit of the model file; 0.001 for mm. A unit that the file states is applied before",
-                  AboveZero()),
+       {AddOption(
+            app, "--scale", metres_per_unit,
+            "Metres per unit of the model file: 0.001 if it is in millimetres. A unit that the file itself states "
+            "is applied first",
+            AboveZero())
+            ->type_name("FACTOR"),
         AddOption(app, "--crease-angle", crease_angle_deg,
-                  "Least angle, degrees, by which the surface of the model turns at a crease", CLI::Range(0.1, 179.9)),
+                  "Smallest angle between two faces of the model whose common side is an edge of the object",
+                  CLI::Range(0.1, 179.9))
+            ->type_name("DEGREES"),
         AddOption(app, "--surface", surface,
-                  "smooth: the facets of the model approximate a smooth surface; as-is: the object has these facets: "
-                  "edges above --crease-angle are always edges of the object, the others where they form its outline",
+                  "Whether the faces of the model approximate a smooth surface (smooth) or the object itself has them "
+                  "(as-is), so that their sides may be edges below --crease-angle, too",
                   CLI::IsMember({kSmooth, kAsIs}))}) {
+    option->group(kInputGroup);
     if (model != nullptr) option->needs(model);
   }
 }
@@ -52,7 +60,9 @@ absl::StatusOr<ModelUpload> ModelReadingArguments::ReadForUpload(const std::stri
                      .notices = std::move(file.notices)};
 }
 
-absl::StatusOr<ModelInfo> UploadModel(Client& client, const std::string& path, const ModelUpload& model) {
+absl::StatusOr<ModelInfo> UploadModel(const CliContext& context, Client& client, const std::string& path,
+                                      const ModelUpload& model) {
+  const WaitMessage wait(context, absl::StrCat("the server to prepare ", path));
   absl::StatusOr<ModelInfo> info =
       client.UploadModel({reinterpret_cast<const uint8_t*>(model.bytes.data()), model.bytes.size()}, model.options);
   if (!info.ok()) return ModelError(path, info.status());

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "client/cli/common/cli_context.h"
 #include "core/models/object_model.h"
 #include "evpose/client.h"
 
@@ -25,7 +26,8 @@ struct ModelReadingArguments {
   double crease_angle_deg = 30.0;
   std::string surface = "smooth";
 
-  // Adds --scale, --crease-angle and --surface. If `model` is given, they are refused without that option.
+  // Adds --scale, --crease-angle and --surface, in the group of inputs. If `model` is given, they are refused without
+  // that option.
   void AddTo(CLI::App& app, CLI::Option* model = nullptr);
   // Reads a model file of any format. Errors: those of LoadModelFile().
   absl::StatusOr<ObjectModel> Load(const std::string& path) const;
@@ -33,8 +35,9 @@ struct ModelReadingArguments {
   absl::StatusOr<ModelUpload> ReadForUpload(const std::string& path) const;
 };
 
-// Uploads a model. The notices of the result begin with those of the conversion. Errors: those of
-// Client::UploadModel(), reworded for the owner of the file `path` (ModelError()).
-absl::StatusOr<ModelInfo> UploadModel(Client& client, const std::string& path, const ModelUpload& model);
+// Uploads a model, and states on standard error if that takes long. The notices of the result begin with those of the
+// conversion. Errors: those of Client::UploadModel(), reworded for the owner of the file `path` (ModelError()).
+absl::StatusOr<ModelInfo> UploadModel(const CliContext& context, Client& client, const std::string& path,
+                                      const ModelUpload& model);
 
 }  // namespace evpose::client

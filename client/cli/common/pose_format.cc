@@ -312,13 +312,16 @@ Pose PoseFrame::Apply(const Pose& pose) const {
 void PoseFrameArguments::AddTo(CLI::App& app) {
   CLI::Option* const world =
       AddFile(app, "--world-from-camera", world_from_camera,
-              "Constant pose of the camera in a world or robot frame: \"tx ty tz qx qy qz qw\", a 4x4 matrix, or YAML "
-              "with translation and rotation, metres. Poses, covariances and twists are written in that frame");
+              "Constant pose of the camera in the frame of a world or a robot: \"tx ty tz qx qy qz qw\", a 4x4 matrix, "
+              "or YAML with translation and rotation, in metres. Poses, covariances and twists are written in that "
+              "frame")
+          ->group(kOutputGroup);
   AddOption(app, "--pose", pose,
-            "The transform that is written. object-from-camera is the pose of a moving camera in the frame of an "
-            "object at rest",
+            "Transform that is written. object-from-camera is the pose of a moving camera in the frame of an object at "
+            "rest",
             CLI::IsMember({"camera-from-object", "object-from-camera"}))
-      ->excludes(world);
+      ->excludes(world)
+      ->group(kOutputGroup);
 }
 
 absl::StatusOr<PoseFrame> PoseFrameArguments::Read() const {

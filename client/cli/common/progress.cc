@@ -4,13 +4,17 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 
 namespace evpose::client {
 namespace {
 
-constexpr int kBarWidth = 24;
+constexpr size_t kBarWidth = 24;
 constexpr absl::Duration kRedraw = absl::Milliseconds(100);
 constexpr absl::Duration kLineEvery = absl::Seconds(5);
+// Before, the time left depends on the start of the work.
+constexpr absl::Duration kSettled = absl::Seconds(2);
+constexpr double kSettledRatio = 0.02;
 
 std::string Bar(double ratio) {
   if (ratio < 0.0) return "";
@@ -20,18 +24,41 @@ std::string Bar(double ratio) {
 
 }  // namespace
 
+std::string DescribeTimeLeft(absl::Duration left) {
+  const double seconds = absl::ToDoubleSeconds(left);
+  if (seconds < 99.5) return absl::StrFormat("%.0f s left", seconds);
+  if (seconds < 99.5 * 60.0) return absl::StrFormat("%.0f min left", seconds / 60.0);
+  return absl::StrFormat("%.1f h left", seconds / 3600.0);
+}
+
+std::string ProgressLine::TimeLeft(double ratio, absl::Time now) {
+  if (!began_at_ || ratio < ratio_) {
+    began_at_ = now;
+    begin_ratio_ = ratio;
+  }
+  ratio_ = ratio;
+  const double done = ratio - begin_ratio_;
+  const absl::Duration elapsed = now - *began_at_;
+  if (ratio < 0.0 || done < kSettledRatio || elapsed < kSettled) return "";
+  return absl::StrCat("  ", DescribeTimeLeft(elapsed * ((1.0 - std::min(ratio, 1.0)) / done)));
+}
+
 void ProgressLine::Show(double ratio, const std::string& text) {
   const absl::Time now = SystemClock().Now();
+  const std::string left = TimeLeft(ratio, now);
   // Work that ends before the first line is due prints no line.
   if (!shown_at_) shown_at_ = context_.is_err_terminal ? absl::InfinitePast() : now;
   if (now - *shown_at_ < (context_.is_err_terminal ? kRedraw : kLineEvery)) return;
   shown_at_ = now;
-  if (context_.is_err_terminal) {
-    context_.err << "\r\x1b[K" << Bar(ratio) << text << std::flush;
-    is_drawn_ = true;
-  } else {
-    context_.err << text << std::endl;
+  if (!context_.is_err_terminal) {
+    context_.err << text << left << std::endl;
+    return;
   }
+  // A line that is longer than the terminal could not be rewritten.
+  std::string line = absl::StrCat(Bar(ratio), text, left);
+  if (line.size() >= context_.err_columns) line = absl::StrCat(text, left);
+  context_.err << "\r\x1b[K" << line.substr(0, context_.err_columns - 1) << std::flush;
+  is_drawn_ = true;
 }
 
 void ProgressLine::Clear() {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Progress on standard error: a bar on a terminal, otherwise a line from time to time.
+// Progress on standard error: a line that is rewritten on a terminal, otherwise a line from time to time.
 #pragma once
 
 #include <optional>
@@ -14,19 +14,29 @@ namespace evpose::client {
 // Not thread-safe.
 class ProgressLine {
  public:
-  explicit ProgressLine(CliContext& context) : context_(context) {}
+  explicit ProgressLine(const CliContext& context) : context_(context) {}
   ~ProgressLine() { Clear(); }
 
-  // `ratio` is in [0, 1], or negative if the end is unknown. Draws at most ten times per second on a terminal, and
-  // prints a line every five seconds otherwise, so that callers can call it at any rate.
+  // `ratio` is in [0, 1], or negative if the end is unknown; it decreases when another task begins. After a while the
+  // time left is added to the text. Draws at most ten times per second on a terminal, and prints a line every five
+  // seconds otherwise, without control characters, so that callers can call it at any rate.
   void Show(double ratio, const std::string& text);
-  // Removes the bar.
+  // Removes the line from a terminal.
   void Clear();
 
  private:
-  CliContext& context_;
+  // "  12 s left", or an empty text as long as it cannot be estimated.
+  std::string TimeLeft(double ratio, absl::Time now);
+
+  const CliContext& context_;
   std::optional<absl::Time> shown_at_;
+  std::optional<absl::Time> began_at_;
+  double begin_ratio_ = 0.0;
+  double ratio_ = 0.0;
   bool is_drawn_ = false;
 };
+
+// "12 s left", "4 min left", "2.5 h left"
+std::string DescribeTimeLeft(absl::Duration left);
 
 }  // namespace evpose::client

@@ -7,19 +7,24 @@
 #include <vector>
 
 #include "client/cli/common/command.h"
+#include "client/cli/common/progress.h"
+#include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 
 namespace evpose::client {
 
 // The formats that all commands read, for --help.
 inline constexpr char kRecordingFormats[] =
-    "RAW, DAT, text, CSV, rosbag2 (FILE#TOPIC), HDF5, AEDAT, NumPy; - for standard input (RAW, DAT, text, AEDAT)";
+    "RAW, DAT, text, CSV, rosbag2 (FILE#TOPIC), HDF5, AEDAT or NumPy; -: standard input (RAW, DAT, text, AEDAT)";
 
 // Opens a recording of `camera`. The size of the sensor is that of `camera` if the recording states none. Errors: those
 // of OpenRecording() and CheckCameraMatches().
 absl::StatusOr<std::unique_ptr<RecordingReader>> OpenSeenBy(const CameraModel& camera, const std::string& camera_path,
                                                             const std::string& recording_path,
                                                             const RecordingReaderOptions& options = {});
+
+// Shows the share of a recording that was read, in percent of its bytes or, if its size is unknown, in megabytes.
+void ShowReading(const EventReader& events, const RecordingReader& recording, ProgressLine& progress);
 
 // "3 lines that are no event, 1 damaged chunks"
 std::string DescribeSkipped(const std::vector<SkippedParts>& skipped);

@@ -132,6 +132,12 @@ void ReplayReport::Print(std::ostream& stream) const {
     if (transform != kCameraFromObject) stream << ", " << transform;
     stream << "\n";
   }
+  if (health.real_time_ratio > 1.0) {
+    stream << absl::StrFormat(
+        "slower than real time: the server needed %.2f s for a second of events; for a live camera, use a server with "
+        "less load, fewer objects, or a model with fewer edges (--crease-angle)\n",
+        health.real_time_ratio);
+  }
   if (triggers_ > 0) stream << "triggers: " << triggers_ << " edges on the camera's trigger inputs\n";
   if (host_minus_sensor) {
     stream << absl::StrFormat(
@@ -161,6 +167,7 @@ Json ReplayReport::ToJson() const {
   }
   json["mev_per_s"] = MegaEventsPerSecond();
   json["latency_p50_ms"] = MillisecondsJson(health.latency_p50);
+  json["real_time_ratio"] = health.real_time_ratio;
   json["latency_p99_ms"] = MillisecondsJson(health.latency_p99);
   json["wall_time_s"] = absl::ToDoubleSeconds(wall_time);
   json["t_last_us"] = health.t_us;

@@ -68,6 +68,15 @@ TEST(ReplayReportTest, CountsTriggersAndPrintsTheClocks) {
   EXPECT_EQ(report.ToJson()["host_minus_sensor_s"], 1.5);
 }
 
+TEST(ReplayReportTest, StatesThatTheServerWasSlowerThanRealTime) {
+  ReplayReport report;
+  report.summary.health.real_time_ratio = 0.99;
+  EXPECT_THAT(Printed(report), Not(HasSubstr("real time")));
+  report.summary.health.real_time_ratio = 2.5;
+  EXPECT_THAT(Printed(report), HasSubstr("slower than real time: the server needed 2.50 s for a second of events"));
+  EXPECT_EQ(report.ToJson()["real_time_ratio"], 2.5);
+}
+
 TEST(ReplayReportTest, CountsAmbiguousPoses) {
   ReplayReport report;
   report.files = {"poses.tum"};

@@ -11,6 +11,7 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/recording_input.h"
+#include "client/cli/common/wait_message.h"
 #include "client/lib/core_types.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
@@ -174,7 +175,8 @@ std::vector<std::string> RunInputs::object_ids() const {
   return ids;
 }
 
-absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const RecordingReaderOptions& reader_options) {
+absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArguments& arguments,
+                                        const RecordingReaderOptions& reader_options) {
   RunInputs inputs;
   EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
   if (!arguments.out.empty()) {
@@ -189,6 +191,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const Rec
   }
   EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
   EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
+  const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
                           OpenSeenBy(inputs.camera, arguments.camera, arguments.recording, reader_options));
   inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop, inputs.metavision_zero_us);
@@ -211,14 +214,14 @@ ChunkerOptions MakeChunkerOptions(const RunArguments& arguments) {
   return options;
 }
 
-absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& arguments, const RunInputs& inputs,
-                                           ReplayReport& report) {
+absl::StatusOr<SessionConfig> UploadModels(const CliContext& context, Client& client, const RunArguments& arguments,
+                                           const RunInputs& inputs, ReplayReport& report) {
   SessionConfig config = {.encoding = FromCore(inputs.reader->header().encoding), .camera = FromCore(inputs.camera)};
   EVPOSE_ASSIGN_OR_RETURN(config.estimator, EstimatorByName(arguments.estimator));
   config.sensor = FromCore(inputs.sensor);
   report.models.clear();
   for (const InputObject& input : inputs.objects) {
-    absl::StatusOr<ModelInfo> model = UploadModel(client, input.model_path, input.model);
+    absl::StatusOr<ModelInfo> model = UploadModel(context, client, input.model_path, input.model);
     if (!model.ok()) return model.status();
     report.models.push_back(
         {input.id, model->notices, model->num_symmetries, model->diameter_m, model->continuous_symmetry});
@@ -228,8 +231,10 @@ absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& a
   return config;
 }
 
-absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const RunArguments& arguments,
-                                      const RunInputs& inputs, const std::string& request_id) {
+absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client, const SessionConfig& config,
+                                      const RunArguments& arguments, const RunInputs& inputs,
+                                      const std::string& request_id) {
+  const WaitMessage wait(context, "the server to create the session, for which it draws views of each model");
   absl::StatusOr<Session> session = client.CreateSession(config, request_id);
   if (session.ok()) return session;
   const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
@@ -244,77 +249,102 @@ RetainOptions RunArguments::retain() const {
   return {.duration = absl::Seconds(retain_s), .max_bytes = retain_bytes};
 }
 
-void RunArguments::AddTo(CLI::App& app, bool server_is_required, const std::string& epoch_default) {
-  AddFile(app, "recording", recording, kRecordingFormats)->required();
-  AddFile(app, "--model", model, absl::StrCat("Object: ", kModelFormats));
-  app.add_option("--object", objects, "One of several objects, ID=FILE; repeat the option for each object")
-      ->type_name("ID=MODEL")
+void RunArguments::AddInputs(CLI::App& app) {
+  app.option_defaults()->group(kInputGroup);
+  AddFile(app, "recording", recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
+  AddFile(app, "--model", model, absl::StrCat("Model of the object: ", kModelFormats));
+  app.add_option("--object", objects, "Name and model of one of several objects; to be repeated for each of them")
+      ->type_name("ID=FILE")
       ->allow_extra_args(false);
   AddFile(app, "--camera", camera, kCameraFiles)->required();
-  AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it; default: an EVK4");
+  AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it. Default: that of an EVK4");
   reading.AddTo(app);
-  app.add_option("--init-pose", init_poses,
-                 "Pose camera_from_object at the first event; without it, the pose is searched for in the events. With "
-                 "--object: \"ID=tx ...\", once for each object with a known pose")
-      ->type_name("\"tx ty tz qx qy qz qw\"")
-      ->allow_extra_args(false);
-  app.add_option("--reset-pose", reset_poses,
-                 "Restart tracking from a pose camera_from_object, before the first chunk of events that reaches the "
-                 "sensor time T_US in microseconds. With --object: \"T_US ID=tx ...\". The option may be repeated")
-      ->type_name("\"T_US tx ty tz qx qy qz qw\"")
-      ->allow_extra_args(false);
-  app.add_option(
-      "-o,--out", out,
-      absl::StrCat("Poses: ", kPoseFormats,
-                   ", with covariances, transforms, model, camera and health; the file appears when the run has ended. "
-                   "{object} in the name is replaced by the ID of each object"));
+}
+
+void RunArguments::AddOutputs(CLI::App& app, const std::string& epoch_default) {
+  app.option_defaults()->group(kOutputGroup);
+  AddFile(app, "-o,--out", out,
+          absl::StrCat("Poses: ", kPoseFormats,
+                       ", with covariances, transforms, model, camera and health; the file appears when the run has "
+                       "ended. {object} in the name stands for the ID of each object"));
   recording_options.AddTo(app, epoch_default);
   frame.AddTo(app);
   AddFile(app, "--clock-log", clock_log,
-          "Write the host's time (UTC) at which chunks of events, poses and triggers arrived, with their sensor times, "
-          "as CSV: relates the sensor's clock to others");
+          "CSV with the host's times (UTC) at which events, poses and triggers arrived, and their sensor times, which "
+          "relates the sensor's clock to others");
+  AddJson(app, is_json);
+}
+
+void RunArguments::AddTracking(CLI::App& app) {
+  app.option_defaults()->group(kTrackingGroup);
+  app.add_option("--init-pose", init_poses,
+                 "Pose camera_from_object at the first event, \"tx ty tz qx qy qz qw\"; without it, the object is "
+                 "searched for. With --object: \"ID=tx ...\", once for each object with a known pose")
+      ->type_name("POSE")
+      ->allow_extra_args(false);
   app.add_option(
-         "--estimator", estimator,
-         "mixture; for comparison, corrected versions of the published static estimators, and a filter. Those of the "
-         "published code are available in `evpose bench tracking` only")
+         "--reset-pose", reset_poses,
+         "Pose camera_from_object from which tracking starts anew, before the first chunk of events that reaches "
+         "the sensor time T_US, in microseconds: \"T_US tx ty tz qx qy qz qw\", with --object \"T_US ID=tx "
+         "...\". May be repeated")
+      ->type_name("POSE")
+      ->allow_extra_args(false);
+}
+
+void RunArguments::AddConnection(CLI::App& app, bool server_is_required) {
+  server.AddTo(app, server_is_required);
+  app.add_flag("--keep-session", keeps_session,
+               "Keep the session on the server, so that evpose watch can read its poses")
+      ->needs(app.get_option("--server"))
+      ->group(kConnectionGroup);
+  app.option_defaults()->group(kOutageGroup);
+  AddOption(app, "--max-outage", max_outage_s,
+            "Longest time without a response of --server, after which the command gives up; 0: no reconnection; inf: "
+            "no limit",
+            NotNegative())
+      ->type_name("SECONDS")
+      ->needs(app.get_option("--server"));
+  AddOption(app, "--retain", retain_s,
+            "Time for which events are kept after --server has stored them, so that they can be sent again if its "
+            "store loses its last writes (a replica without them becomes the master); 0: none",
+            CLI::Range(0.0, 86400.0))
+      ->type_name("SECONDS")
+      ->needs(app.get_option("--server"));
+  AddOption(app, "--retain-bytes", retain_bytes, "Limit of the events of --retain",
+            CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
+      ->type_name("BYTES")
+      ->needs(app.get_option("--server"));
+  AddFile(
+      app, "--resume", resume,
+      "File with the position of the session, which is removed at the end. If it exists, the command continues from "
+      "there: after a kill, run the same command again");
+}
+
+void RunArguments::AddResearch(CLI::App& app) {
+  app.option_defaults()->group(kResearchGroup);
+  app.add_option("--estimator", estimator,
+                 "Estimator of the poses. mixture is the method of evpose; the others are a filter and corrected "
+                 "versions of published estimators, for comparison. evpose bench tracking also has these as published")
       ->check(CheckIsOffered)
       ->check(CLI::IsMember(OfferedEstimators()))
       ->capture_default_str();
   app.add_option("--chunk-bytes", chunk_bytes,
-                 "Size of a chunk in bytes; default: 1 ms of sensor time or 256 KiB, whichever is less")
+                 "Size of a chunk of events, a multiple of 8. Default: 1 ms of sensor time or 256 KiB, whichever is "
+                 "smaller")
+      ->type_name("BYTES")
       ->check(CLI::Range(size_t{8}, size_t{64} << 20))
-      ->check(
-          [](const std::string& text) {
-            size_t bytes = 0;
-            return absl::SimpleAtoi(text, &bytes) && bytes % 8 == 0 ? "" : "must be a multiple of 8, the longest word";
-          },
-          "multiple of 8");
-  server.AddTo(app, server_is_required);
-  AddOption(
-      app, "--max-outage", max_outage_s,
-      "Seconds without a response or credit of --server after which the command gives up; 0: no reconnection; inf: "
-      "unlimited",
-      NotNegative())
-      ->needs(app.get_option("--server"))
-      ->group(kAwayGroup);
-  AddOption(app, "--retain", retain_s,
-            "Seconds for which events are kept after --server has stored them, in case its store loses its last writes "
-            "(a replica without them becomes the master): they are then sent again; 0: none",
-            CLI::Range(0.0, 86400.0))
-      ->needs(app.get_option("--server"))
-      ->group(kAwayGroup);
-  AddOption(app, "--retain-bytes", retain_bytes, "Limit of the events of --retain",
-            CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
-      ->needs(app.get_option("--server"))
-      ->group(kAwayGroup);
-  AddFile(app, "--resume", resume,
-          "File with the position of the session. If it exists, the command continues from there: after a kill, "
-          "run the same command again. The file is removed at the end")
-      ->group(kAwayGroup);
-  app.add_flag("--keep-session", keeps_session,
-               "Keep the session on the server, so that evpose watch can read its poses")
-      ->needs(app.get_option("--server"));
-  app.add_flag("--json", is_json, "One JSON object on standard output");
+      ->check([](const std::string& text) {
+        size_t bytes = 0;
+        return absl::SimpleAtoi(text, &bytes) && bytes % 8 == 0 ? "" : "must be a multiple of 8, the longest word";
+      });
+}
+
+void RunArguments::AddTo(CLI::App& app, bool server_is_required, const std::string& epoch_default) {
+  AddInputs(app);
+  AddOutputs(app, epoch_default);
+  AddTracking(app);
+  AddConnection(app, server_is_required);
+  AddResearch(app);
 }
 
 }  // namespace evpose::client

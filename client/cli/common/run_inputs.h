@@ -52,6 +52,13 @@ struct RunArguments {
   void AddTo(CLI::App& app, bool server_is_required, const std::string& epoch_default);
   // None without a server: the one inside this process has no store that could lose writes.
   RetainOptions retain() const;
+
+ private:
+  void AddInputs(CLI::App& app);
+  void AddOutputs(CLI::App& app, const std::string& epoch_default);
+  void AddTracking(CLI::App& app);
+  void AddConnection(CLI::App& app, bool server_is_required);
+  void AddResearch(CLI::App& app);
 };
 
 struct InputObject {
@@ -86,16 +93,18 @@ void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk);
 
 // Validates all inputs that can be validated without a server. When `reader_options.stop` is requested, the data read
 // until then is the complete recording.
-absl::StatusOr<RunInputs> ReadRunInputs(const RunArguments& arguments, const RecordingReaderOptions& reader_options);
+absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArguments& arguments,
+                                        const RecordingReaderOptions& reader_options);
 
 ChunkerOptions MakeChunkerOptions(const RunArguments& arguments);
 
 // Uploads the models and adds the server's description of them to `report`.
-absl::StatusOr<SessionConfig> UploadModels(Client& client, const RunArguments& arguments, const RunInputs& inputs,
-                                           ReplayReport& report);
+absl::StatusOr<SessionConfig> UploadModels(const CliContext& context, Client& client, const RunArguments& arguments,
+                                           const RunInputs& inputs, ReplayReport& report);
 
 // Errors name the input files of the session.
-absl::StatusOr<Session> CreateSession(Client& client, const SessionConfig& config, const RunArguments& arguments,
-                                      const RunInputs& inputs, const std::string& request_id);
+absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client, const SessionConfig& config,
+                                      const RunArguments& arguments, const RunInputs& inputs,
+                                      const std::string& request_id);
 
 }  // namespace evpose::client

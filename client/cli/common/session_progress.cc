@@ -17,9 +17,10 @@ double Gain(uint64_t now, uint64_t before) { return now > before ? static_cast<d
 // Describes the rates between two polls.
 std::string Describe(const SessionHealth& now, const SessionHealth& before, absl::Duration elapsed) {
   const double seconds = absl::ToDoubleSeconds(elapsed);
-  std::string text =
-      absl::StrFormat("%.2f Mev/s  %.0f poses/s", Gain(now.decoded_events, before.decoded_events) * 1e-6 / seconds,
-                      Gain(now.poses, before.poses) / seconds);
+  std::string text = absl::StrFormat("%.2f Mev/s  %d poses  %.0f poses/s",
+                                     Gain(now.decoded_events, before.decoded_events) * 1e-6 / seconds, now.poses,
+                                     Gain(now.poses, before.poses) / seconds);
+  if (const std::string pace = DescribePace(now); !pace.empty()) absl::StrAppend(&text, "  ", pace);
   for (const ObjectHealth& object : now.objects) absl::StrAppend(&text, "  ", DescribeState(object));
   return text;
 }

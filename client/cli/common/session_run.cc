@@ -175,10 +175,11 @@ absl::Status SessionRun::MakeFeed(const FeedOptions& options, bool ends_on_error
 absl::Status SessionRun::Begin(Client& client, const std::function<void(SessionConfig&)>& complete,
                                const std::string& request_id) {
   // Also for a continued run: models are named by their content, and the report describes them.
-  EVPOSE_ASSIGN_OR_RETURN(SessionConfig config, UploadModels(client, arguments_, inputs_, report_));
+  EVPOSE_ASSIGN_OR_RETURN(SessionConfig config, UploadModels(context_, client, arguments_, inputs_, report_));
   if (is_resumed()) return absl::OkStatus();
   complete(config);
-  EVPOSE_ASSIGN_OR_RETURN(const Session session, CreateSession(client, config, arguments_, inputs_, request_id));
+  EVPOSE_ASSIGN_OR_RETURN(const Session session,
+                          CreateSession(context_, client, config, arguments_, inputs_, request_id));
   record_.position.session = session.name;
   record_.position.resume_token = session.resume_token;
   return absl::OkStatus();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Draws the events of a window and the model projected at a pose.
+// Draws the events of a window and the model projected at a pose. Pictures of small sensors are enlarged by a whole
+// factor, so that lines and text hide little of them.
 #pragma once
 
 #include <opencv2/core/mat.hpp>
@@ -29,12 +30,17 @@ class FramePainter {
   void DrawModel(const std::optional<RigidTransform>& camera_from_object);
   void DrawLegend(int64_t t_us, double window_ms, const std::optional<RigidTransform>& camera_from_object);
 
-  const cv::Mat& image() const { return image_; }  // BGR, 8 bits
+  const cv::Mat& image() const {
+    return image_;
+  }  // BGR, 8 bits; scale() pixels for each of the sensor, in each direction
+  int scale() const { return scale_; }
 
  private:
+  double RelativeHeight() const;  // that of the picture, in units of 480 px
   void DrawText(const std::string& text, int line);
 
   const CameraModel& camera_;
+  const int scale_;
   const ModelEdges edges_;
   VisibleEdges visible_;
   cv::Mat image_;

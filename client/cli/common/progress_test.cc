@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/progress.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <sstream>
+
+namespace evpose::client {
+namespace {
+
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class ProgressTest : public ::testing::Test {
+ protected:
+  std::ostringstream out_, err_;
+  CliContext context_{out_, err_};
+};
+
+TEST_F(ProgressTest, RewritesALineOfATerminal) {
+  context_.is_err_terminal = true;
+  ProgressLine line(context_);
+  line.Show(0.5, "10 poses");
+  EXPECT_EQ(err_.str(), "\r\x1b[K[############............] 10 poses");
+  line.Clear();
+  EXPECT_THAT(err_.str(), EndsWith("10 poses\r\x1b[K"));
+  EXPECT_EQ(out_.str(), "");
+}
+
+TEST_F(ProgressTest, IsNotLongerThanTheTerminal) {
+  context_.is_err_terminal = true;
+  context_.err_columns = 40;
+  { ProgressLine(context_).Show(0.5, "a text that is longer"); }
+  EXPECT_THAT(err_.str(), HasSubstr("\r\x1b[Ka text that is longer\r")) << "without the bar";
+  err_.str("");
+  { ProgressLine(context_).Show(0.5, std::string(100, 'x')); }
+  EXPECT_EQ(err_.str(), "\r\x1b[K" + std::string(39, 'x') + "\r\x1b[K");
+}
+
+TEST_F(ProgressTest, APipeGetsNoControlCharacters) {
+  ProgressLine line(context_);
+  for (int i = 0; i < 1000; ++i) line.Show(i / 1000.0, "text");
+  line.Clear();
+  EXPECT_THAT(err_.str(), Not(HasSubstr("\r")));
+  EXPECT_THAT(err_.str(), Not(HasSubstr("\x1b")));
+}
+
+TEST_F(ProgressTest, DescribesTheTimeLeft) {
+  EXPECT_EQ(DescribeTimeLeft(absl::Milliseconds(200)), "0 s left");
+  EXPECT_EQ(DescribeTimeLeft(absl::Seconds(99.4)), "99 s left");
+  EXPECT_EQ(DescribeTimeLeft(absl::Minutes(4)), "4 min left");
+  EXPECT_EQ(DescribeTimeLeft(absl::Minutes(150)), "2.5 h left");
+}
+
+}  // namespace
+}  // namespace evpose::client
