@@ -11,8 +11,8 @@
 #include <string>
 #include <thread>
 
-#include "client/lib/conversion.h"
 #include "client/lib/fake_clock_testing.h"
+#include "client/lib/status_details.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"
 #include "core/base/temporary_directory.h"
@@ -242,7 +242,7 @@ TEST_F(OutboxTest, DurableChunksAreRetainedForATime) {
   EXPECT_EQ(outbox_->FirstSeq(), 2u);
   const auto lost = outbox_->Get(1, stop_.get_token());
   EXPECT_EQ(lost.status().code(), absl::StatusCode::kDataLoss);
-  EXPECT_EQ(ReasonOf(lost.status()), v1::ROLLED_BACK);
+  EXPECT_EQ(GetDetails(lost.status()).reason, "ROLLED_BACK");
   EXPECT_EQ(LetterOf(2), 'b');
 }
 
@@ -356,7 +356,7 @@ TEST(EventFeedTest, RetainsTheChunksBeforeThePosition) {
   options.skip = all[11].end;
   options.outbox.retain.max_bytes = 60;
   EXPECT_TRUE(ReadFeed(options, 10, 7, status).empty());
-  EXPECT_EQ(ReasonOf(status), v1::ROLLED_BACK);
+  EXPECT_EQ(GetDetails(status).reason, "ROLLED_BACK");
   const auto rest = ReadFeed(options, 10, 8, status);  // 12 chunks are 144 bytes; the last five of them 56
   ASSERT_TRUE(status.ok()) << status;
   ASSERT_EQ(rest.size(), all.size() - 7);

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <future>
 #include <string>
 #include <vector>
 
@@ -65,16 +66,23 @@ TEST_F(TrackRollbackTest, AContinuedProcessTellsTheServerThatChunksAreLost) {
   const TrackPosition position = {
       .session = session_.name, .resume_token = "token", .durable = skip, .max_piece_bytes = 8};
   options_.retain.max_bytes = 16;
-  scripts_ = {[](const v1::TrackRequest::Attach&, ServerStream& stream) {
+  std::promise<void> attached;  // the source has no chunk before
+  const ChunkSource source = [chunks = Source({8, 8, 8, 8, 8}), is_attached = attached.get_future().share()]() mutable {
+    is_attached.wait();
+    return chunks();
+  };
+  scripts_ = {[&attached](const v1::TrackRequest::Attach&, ServerStream& stream) {
+                attached.set_value();
                 stream.Write(AttachedAt(2, 1, ""));
                 v1::TrackRequest request;
                 while (stream.Read(&request)) continue;
                 return grpc::Status::OK;
               },
               Refuse(WithReason(grpc::StatusCode::DATA_LOSS, "ROLLED_BACK"))};
-  const auto result = client_->Track(position, Source({8, 8, 8, 8, 8}), Callbacks(), options_);
+  const auto result = client_->Track(position, source, Callbacks(), options_);
   EXPECT_EQ(ReasonOf(result.status()), v1::ROLLED_BACK);
   ASSERT_EQ(attaches_.size(), 2u);
+  EXPECT_EQ(attaches_[0].first_seq(), 0u);
   EXPECT_EQ(attaches_[1].first_seq(), 3u);
 }
 

@@ -340,7 +340,7 @@ class RetryTest(InputTest):
         self.assertIn("not the position", self.refused(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, '{"session": 1}'))
 
     def test_an_outbox_keeps_chunks_until_they_are_durable(self):
-        outbox = Outbox(1 << 20, FeedPoint())
+        outbox = Outbox(1 << 20, FeedPoint(), RetainOptions(duration_s=0.0))
         point = FeedPoint()
         for i in range(3):
             chunk = make_chunk(point, bytes([i]) * 8)
@@ -386,11 +386,12 @@ class RetryTest(InputTest):
             outbox.forget(seq)
             now[0] += 1.0
         self.assertEqual((outbox.first_seq, outbox.durable.seq, outbox.kept_bytes), (3, 5, 0))
-        self.assertEqual(outbox.get(3).payload, bytes([3]) * 8)
+        with outbox.changed:
+            self.assertEqual(outbox.get(3).payload, bytes([3]) * 8)
         now[0] = 8.0
         self.assertTrue(outbox.append(make_chunk(point, b"\x06" * 8)))
         self.assertEqual(outbox.first_seq, 5)  # the others were reported 5 s ago
-        with self.assertRaises(evpose.DataLossError) as caught:
+        with self.assertRaises(evpose.DataLossError) as caught, outbox.changed:
             outbox.get(4)
         self.assertEqual(caught.exception.reason, "ROLLED_BACK")
         for changes in ({"duration_s": -1.0}, {"max_bytes": -1}):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stream against a server whose store has lost its last writes, and requests chunks again that it had reported as durable."""
 
+import threading
 import unittest
 
 import grpc
@@ -18,6 +19,7 @@ class RollbackTest(unittest.TestCase):
     def serve(self, *scripts):
         scripted = ScriptedServer(*scripts)
         self.addCleanup(scripted.stop)
+        self.addCleanup(lambda: self.assertEqual(scripted.failures, []))
         return scripted
 
     def test_a_server_that_asks_for_a_durable_chunk_has_lost_it(self):
@@ -66,15 +68,23 @@ class RollbackTest(unittest.TestCase):
         self.assertEqual([each.seq for each in self.serve(first, second).track([A, B, C])], [1, 2, 3])
 
     def test_a_continued_stream_has_the_chunks_before_its_position(self):
+        is_attached = threading.Event()  # the source has no chunk before, so that the first chunk is not known at the attach
+
+        def source():
+            is_attached.wait()
+            yield from (A, B, C)
+
         def takes_the_second(stream):
-            assert stream.read("attach").first_seq == 0  # it does not know yet
+            assert stream.read("attach").first_seq == 0
+            is_attached.set()
             yield attached(next_seq=2)
             assert [stream.read("events").payload for _ in range(2)] == [B, C]
             stream.read("end")
             yield summary(0)
 
         def takes_the_first(stream):
-            stream.read("attach")
+            assert stream.read("attach").first_seq == 0
+            is_attached.set()
             yield attached(next_seq=1)
             stream.read("end")
 
@@ -86,11 +96,12 @@ class RollbackTest(unittest.TestCase):
         durable = make_chunk(make_chunk(FeedPoint(), A).end, B).end
         position = evpose.TrackPosition("sessions/1", "token0", durable=durable, max_piece_bytes=16)
         retain = evpose.RetainOptions(max_bytes=16)
-        self.assertEqual(list(self.serve(takes_the_second).track([A, B, C], position, retain=retain)), [])
+        self.assertEqual(list(self.serve(takes_the_second).track(source(), position, retain=retain)), [])
+        is_attached.clear()
         scripted = ScriptedServer(takes_the_first, is_told)
         self.addCleanup(scripted.stop)
         with self.assertRaises(evpose.DataLossError) as caught:
-            scripted.track([A, B, C], position, retain=retain).read_all()
+            scripted.track(source(), position, retain=retain).read_all()
         self.assertEqual(caught.exception.reason, "ROLLED_BACK")
 
     def test_a_store_that_lost_several_attaches_knows_an_old_token(self):
