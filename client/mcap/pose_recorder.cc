@@ -61,7 +61,9 @@ PoseRecorder::PoseRecorder(McapWriter writer, const PoseRecorderOptions& options
     : writer_(std::move(writer)),
       options_(options),
       names_(TopicNames(options.object_ids)),
-      epoch_ns_(FindEpoch(writer_.index())) {}
+      epoch_ns_(FindEpoch(writer_.index())) {
+  if (!writer_.index().chunks.empty()) first_ns_ = writer_.index().chunks.front().start_ns;
+}
 
 absl::StatusOr<std::unique_ptr<PoseRecorder>> PoseRecorder::Open(const std::string& path,
                                                                  const PoseRecorderOptions& options,
@@ -92,6 +94,13 @@ void PoseRecorder::WriteOnce(const std::string& topic, std::string_view type,
                              std::function<std::string(uint64_t)> encode) {
   if (writer_.FindTopic(topic)) return;  // by an earlier process
   waiting_.push_back({topic, type, std::move(encode)});
+  if (first_ns_) WriteConstants();
+}
+
+void PoseRecorder::WriteConstants() {
+  for (const Constant& constant : std::exchange(waiting_, {})) {
+    Write(constant.topic, constant.type, *first_ns_, constant.encode(*first_ns_), /*is_latched=*/true);
+  }
 }
 
 uint64_t PoseRecorder::LogTime(int64_t t_us) {
@@ -103,8 +112,9 @@ uint64_t PoseRecorder::LogTime(int64_t t_us) {
         {{kEpochKey, absl::StrCat(*epoch_ns_)}, {"transform", options_.transform}, {"camera_frame", kCameraFrame}});
   }
   const auto time_ns = static_cast<uint64_t>(std::clamp(*epoch_ns_ + sensor_ns, int64_t{0}, kLatestNs));
-  for (const Constant& constant : std::exchange(waiting_, {})) {
-    Write(constant.topic, constant.type, time_ns, constant.encode(time_ns), /*is_latched=*/true);
+  if (!first_ns_) {
+    first_ns_ = time_ns;
+    WriteConstants();
   }
   return time_ns;
 }

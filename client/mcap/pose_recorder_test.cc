@@ -131,6 +131,16 @@ TEST(PoseRecorder, TheSceneHasTheTimeOfTheFirstMessage) {
   EXPECT_EQ(in_cell_reader.Number("header.stamp.nanosec"), 7000);
 }
 
+TEST(PoseRecorder, ASceneThatArrivesLaterHasTheTimeOfTheFirstMessage) {
+  const std::string path = RecordingPath("late_scene");
+  auto recorder = PoseRecorder::Open(path, OnePart());
+  AddPose(**recorder, PoseAt(1000, TrackState::kTracking));
+  AddPose(**recorder, PoseAt(9'000'000, TrackState::kTracking));
+  (*recorder)->SetCamera({});
+  ASSERT_TRUE((*recorder)->Commit().ok());
+  EXPECT_THAT(TimesOf(OfTopic(ReadMessages(path), "/evpose/camera_info")), ElementsAre(1'000'000));
+}
+
 TEST(PoseRecorder, TheEpochIsThatOfTheFirstArrival) {
   const std::string path = RecordingPath("arrival");
   absl::Time now = absl::FromUnixSeconds(1'700'000'000);

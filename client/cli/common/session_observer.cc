@@ -61,7 +61,7 @@ SessionObserver::SessionObserver(Client& client, const std::string& session, std
                                  SessionObserverOptions options)
     : client_(client), session_(session), recorders_(std::move(recorders)), options_(std::move(options)) {
   if (recorders_.empty()) return;
-  RecordScene();
+  for (PoseRecorder* const recorder : recorders_) recorder->SetCamera(options_.camera);
   const auto start = [this](auto watch) {
     ++num_running_;
     return std::jthread([this, watch](std::stop_token stop) {
@@ -73,6 +73,7 @@ SessionObserver::SessionObserver(Client& client, const std::string& session, std
   };
   const std::lock_guard lock(mutex_);
   health_ = start([this](const std::stop_token& stop) {
+    RecordModels();  // takes seconds for a large model: the poses do not wait for it
     const auto record = [this](const SessionHealth& health) { RecordHealth(health); };
     Report("the health", client_.WatchHealth(session_, kHealthPeriod, record, stop));
   });
@@ -89,10 +90,9 @@ void SessionObserver::Report(const std::string& what, const absl::Status& status
   options_.print(absl::StrCat("the .mcap file does not have ", what, ": ", status.message()));
 }
 
-void SessionObserver::RecordScene() {
+void SessionObserver::RecordModels() {
   const absl::StatusOr<Session> session = client_.GetSession(session_);
-  if (!session.ok()) return Report("the camera and the models", session.status());
-  for (PoseRecorder* const recorder : recorders_) recorder->SetCamera(session->config.camera);
+  if (!session.ok()) return Report("the models", session.status());
   for (const TrackedObject& object : session->config.objects) {
     const absl::StatusOr<ModelGeometry> geometry = client_.GetModelGeometry(object.model);
     if (!geometry.ok()) {

@@ -21,6 +21,7 @@
 namespace evpose::client {
 
 struct SessionObserverOptions {
+  Camera camera;                // of the session
   int event_cell_px = 0;        // size of the cells of the images; 0: no images
   bool records_states = false;  // changes of state that the health shows; otherwise the caller records those of notices
   // Sensor time at which the clock of the recorded times is 0, microseconds.
@@ -52,10 +53,11 @@ class SessionObserver {
   // Ends after the last message of a session that has ended, at the latest after a second.
   void Finish();
   void Stop();
+  // Records a health that the caller has; only after Stop().
+  void RecordHealth(SessionHealth health);
 
  private:
-  void RecordScene();
-  void RecordHealth(SessionHealth health);
+  void RecordModels();
   void RecordImage(EventImage image);
   void Report(const std::string& what, const absl::Status& status);
 

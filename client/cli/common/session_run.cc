@@ -254,6 +254,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
 void SessionRun::Observe(Client& client) {
   if (!poses_) return;
   SessionObserverOptions options;
+  options.camera = FromCore(inputs_.camera);
   options.event_cell_px = arguments_.recording_options.event_cell_px;
   options.time_zero_us = [this] { return TimeZero_us(); };
   options.print = [this](const std::string& text) { PrintLine(text); };
@@ -286,6 +287,7 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   if (observer_ != nullptr) {
     if (summary.ok()) observer_->Finish();
     observer_->Stop();
+    if (summary.ok()) observer_->RecordHealth(summary->health);
   }
   progress_->Stop();
   if (summary.ok()) return Finish(client, *summary, SystemClock().Now() - begin);
