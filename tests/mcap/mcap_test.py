@@ -3,6 +3,7 @@
 """Reads the .mcap files of evpose with the libraries of Foxglove (npm: @mcap/core, @foxglove/rosmsg2-serialization) and compares them
 with the JSON lines of the same session, to the bit. Status 77 (skipped) without node and npm, or if npm cannot install the packages."""
 
+import base64
 import json
 import pathlib
 import shutil
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import zlib
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "adversary"))
@@ -74,6 +76,23 @@ def full(upper):
         for column in range(row, 6):
             matrix[row][column] = matrix[column][row] = next(numbers)
     return sum(matrix, [])
+
+
+def count_pixels(png, width, height):
+    """Returns the number of pixels with events of a PNG of two bits per pixel, whose size it checks."""
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    assert struct.unpack(">IIBB", png[16:26]) == (width, height, 2, 3)
+    begin = png.index(b"IDAT") + 4
+    rows = zlib.decompress(png[begin:begin + struct.unpack(">I", png[begin - 8:begin - 4])[0]])
+    row_bytes = 1 + width // 4
+    assert len(rows) == height * row_bytes
+    count = 0
+    for y in range(height):
+        row = rows[y * row_bytes:(y + 1) * row_bytes]
+        if row[0] == 0:  # the other rows repeat the one above
+            above = sum(1 for byte in row[1:] for shift in (0, 2, 4, 6) if byte >> shift & 3)
+        count += above
+    return count
 
 
 class McapTest(unittest.TestCase):
@@ -198,6 +217,27 @@ class McapTest(unittest.TestCase):
                 self.check_poses(together, own, "evpose_camera", name)
                 self.check_poses(alone, own, "evpose_camera", name)
             self.assertEqual({topic.split("/")[2] for topic in alone["topics"] if topic.count("/") == 3}, {name})
+
+    def test_images_of_the_events(self):
+        path = self.directory / "images.mcap"
+        evpose(*self.replay, "--event-images", "2", "--rate", "1", "--out", path)
+        file = read(path)
+        self.check_poses(file, self.lines(), "evpose_camera")
+        images, outlines = (self.of_topic(file, f"/evpose/events/{what}") for what in ("compressed", "annotations"))
+        self.assertGreater(len(images), 0)
+        self.assertEqual([image["log_time_ns"] for image in images], [outline["log_time_ns"] for outline in outlines])
+        num_events, num_lines = 0, 0
+        for image, outline in zip(images, outlines):
+            self.assertEqual((image["message"]["format"], image["message"]["header"]["frame_id"]), ("png", "evpose_camera"))
+            num_events += count_pixels(base64.b64decode(image["message"]["data"]), 640, 480)
+            for points in outline["message"]["points"]:
+                self.assertEqual(points["timestamp"], image["message"]["header"]["stamp"])
+                self.assertEqual((points["type"], len(points["points"]) % 2), (4, 0))
+                num_lines += len(points["points"]) // 2
+                for point in points["points"]:
+                    self.assertTrue(-100 < point["x"] < 740 and -100 < point["y"] < 580, point)
+        self.assertGreater(num_events, 1000)
+        self.assertGreater(num_lines, 3)
 
     def test_a_run_that_is_killed_and_continued(self):
         lines = self.lines()
