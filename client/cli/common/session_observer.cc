@@ -8,11 +8,15 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
 #include "client/cli/common/pose_format.h"
+#include "client/lib/status_details.h"
+#include "client/lib/stream/retry.h"
 
 namespace evpose::client {
 namespace {
 
 constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
+constexpr absl::Duration kRetryPeriod = absl::Seconds(1);
+constexpr char kEventsElsewhere[] = "EVENTS_ELSEWHERE";  // reason of an error of WatchEvents
 constexpr char kHostEpoch[] = "host";
 
 // "SECONDS", at most nine decimals, before 2038, which is the range of stamps in ROS; nullopt for other texts.
@@ -75,18 +79,29 @@ SessionObserver::SessionObserver(Client& client, const std::string& session, std
   health_ = start([this](const std::stop_token& stop) {
     RecordModels();  // takes seconds for a large model: the poses do not wait for it
     const auto record = [this](const SessionHealth& health) { RecordHealth(health); };
-    Report("the health", client_.WatchHealth(session_, kHealthPeriod, record, stop));
+    Repeat("the health", stop, [&] { return client_.WatchHealth(session_, kHealthPeriod, record, stop); });
   });
   if (options_.event_cell_px == 0) return;
   images_ = start([this](const std::stop_token& stop) {
     const auto record = [this](EventImage image) { RecordImage(std::move(image)); };
-    Report("the images of the events",
-           client_.WatchEvents(session_, {.cell_px = options_.event_cell_px}, record, stop));
+    const WatchEventsOptions watch = {.cell_px = options_.event_cell_px};
+    Repeat("the images of the events", stop, [&] { return client_.WatchEvents(session_, watch, record, stop); });
   });
 }
 
+void SessionObserver::Repeat(const std::string& what, const std::stop_token& stop,
+                             const std::function<absl::Status()>& watch) {
+  while (true) {
+    const absl::Status status = watch();
+    if (status.ok() || stop.stop_requested()) return;
+    // Also while no server tracks the events, as after the restart of one until the stream is attached again.
+    const bool may_pass = AdviseOn(status) == RetryAdvice::kTryAgain || GetDetails(status).reason == kEventsElsewhere;
+    if (!may_pass) return Report(what, status);
+    if (!SystemClock().SleepUntil(SystemClock().Now() + kRetryPeriod, stop)) return;
+  }
+}
+
 void SessionObserver::Report(const std::string& what, const absl::Status& status) {
-  if (status.ok() || absl::IsCancelled(status)) return;
   options_.print(absl::StrCat("the .mcap file does not have ", what, ": ", status.message()));
 }
 

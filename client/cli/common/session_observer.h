@@ -59,6 +59,8 @@ class SessionObserver {
  private:
   void RecordModels();
   void RecordImage(EventImage image);
+  // Calls `watch` until it returns OK, repeatedly after errors that may pass; reports another one.
+  void Repeat(const std::string& what, const std::stop_token& stop, const std::function<absl::Status()>& watch);
   void Report(const std::string& what, const absl::Status& status);
 
   Client& client_;
