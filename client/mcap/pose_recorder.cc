@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
@@ -151,10 +152,16 @@ void PoseRecorder::Add(const Pose& camera_pose, const FramedPose& framed, const 
   Write(Topic(id, "state"), kTextType, time_ns, EncodeText(state_json));
 }
 
-void PoseRecorder::AddState(const std::string& object_id, int64_t t_us, const std::string& state_json) {
+void PoseRecorder::AddState(const std::string& object_id, int64_t t_us, TrackState state) {
+  nlohmann::ordered_json json;
+  json["object_id"] = object_id;
+  json["t_us"] = t_us;
+  json["state"] = TrackStateName(state);
+  // An object ID that is not valid UTF-8 must not stop the recording.
+  const std::string text = json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   const std::lock_guard lock(mutex_);
   if (!IsRecorded(object_id)) return;
-  Write(Topic(object_id, "state"), kTextType, LogTime(t_us), EncodeText(state_json));
+  Write(Topic(object_id, "state"), kTextType, LogTime(t_us), EncodeText(text));
 }
 
 void PoseRecorder::Add(const SessionHealth& health, const std::string& session) {

@@ -57,8 +57,8 @@ class PoseRecorder {
   // Records the state, and if the pose is confirmed (TRACKING or DEGRADED) also `framed`, its twist and the transform
   // from object to camera. `state_json` is the text of the state's message.
   void Add(const Pose& camera_pose, const FramedPose& framed, const std::string& state_json);
-  // Records a state without a pose.
-  void AddState(const std::string& object_id, int64_t t_us, const std::string& state_json);
+  // Records a state without a pose: {"object_id": ..., "t_us": ..., "state": ...}.
+  void AddState(const std::string& object_id, int64_t t_us, TrackState state);
   void Add(const SessionHealth& health, const std::string& session);
   void Add(const EventImage& image);
 

@@ -13,7 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/pose_format.h"
-#include "client/cli/common/session_observer.h"
+#include "client/mcap/session_observer.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {

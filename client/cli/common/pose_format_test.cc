@@ -15,7 +15,6 @@
 
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
-#include "client/cli/common/session_observer.h"
 #include "client/lib/core_types.h"
 #include "core/base/output_file.h"
 #include "core/numerics/random.h"
@@ -266,7 +265,6 @@ TEST(PoseFormat, TheStateOfAConfirmedPoseDoesNotRepeatThePose) {
             R"("explained_ratio":0.5,"residual_rms_px":0.75})");
   // That of an AMBIGUOUS pose has what a JSON line has: no other message has the pose.
   EXPECT_EQ(StateJson(AmbiguousPose()) + "\n", PoseLine(PoseFormat::kJsonLines, AmbiguousPose()));
-  EXPECT_EQ(StateJson("a", 5, TrackState::kLost), R"({"object_id":"a","t_us":5,"state":"LOST"})");
 }
 
 TEST(PoseFrame, NamesTheFrameOfThePose) {

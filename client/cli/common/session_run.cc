@@ -220,7 +220,7 @@ void SessionRun::WritePose(const Pose& pose) {
 void SessionRun::WriteState(const StateChange& change) {
   const int64_t t_us = change.t_us - TimeZero_us();
   for (PoseRecorder* const recorder : poses_->recorders()) {
-    recorder->AddState(change.object_id, t_us, StateJson(change.object_id, t_us, change.state));
+    recorder->AddState(change.object_id, t_us, change.state);
   }
 }
 

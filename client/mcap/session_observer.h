@@ -8,13 +8,12 @@
 #include <functional>
 #include <map>
 #include <mutex>
-#include <optional>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "absl/status/status.h"
-#include "client/cli/common/command.h"
 #include "client/mcap/pose_recorder.h"
 #include "evpose/client.h"
 
@@ -28,18 +27,6 @@ struct SessionObserverOptions {
   std::function<int64_t()> time_zero_us = [] { return int64_t{0}; };
   // Reports that something cannot be recorded; the poses are. Called from several threads.
   std::function<void(const std::string&)> print = [](const std::string&) {};
-};
-
-// Adds the options --epoch and --event-images. `epoch_default` says what holds without --epoch.
-struct RecordingArguments {
-  std::string epoch;
-  int event_cell_px = 0;
-
-  void AddTo(CLI::App& app, const std::string& epoch_default);
-  // Error: INVALID_ARGUMENT (usage) for an option without a .mcap file `out`.
-  absl::Status Check(const std::string& out) const;
-  // The epoch in nanoseconds; nullopt for "host"; `without_option` if the option was not given.
-  std::optional<int64_t> EpochNs(std::optional<int64_t> without_option) const;
 };
 
 // Threads that follow the session until it ends or Stop() is called. Does nothing without recorders.

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/session_observer.h"
+#include "client/mcap/session_observer.h"
 
 #include <chrono>
 #include <utility>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
-#include "client/cli/common/pose_format.h"
 #include "client/lib/status_details.h"
 #include "client/lib/stream/retry.h"
+#include "evpose/clock.h"
 
 namespace evpose::client {
 namespace {
@@ -17,49 +16,8 @@ namespace {
 constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
 constexpr absl::Duration kRetryPeriod = absl::Seconds(1);
 constexpr char kEventsElsewhere[] = "EVENTS_ELSEWHERE";  // reason of an error of WatchEvents
-constexpr char kHostEpoch[] = "host";
-
-// "SECONDS", at most nine decimals, before 2038, which is the range of stamps in ROS; nullopt for other texts.
-std::optional<int64_t> ParseEpoch(const std::string& text) {
-  absl::Duration epoch;
-  const bool is_number = text.find_first_not_of("0123456789.") == std::string::npos;
-  if (!is_number || !absl::ParseDuration(text + "s", &epoch) || epoch >= absl::Seconds(int64_t{1} << 31)) {
-    return std::nullopt;
-  }
-  return absl::ToInt64Nanoseconds(epoch);
-}
-
-std::string CheckEpoch(const std::string& text) {
-  if (text == kHostEpoch || ParseEpoch(text)) return "";
-  return absl::StrCat("\"", text, "\" is neither host nor a number of seconds from 0 to 2147483647");
-}
 
 }  // namespace
-
-void RecordingArguments::AddTo(CLI::App& app, const std::string& epoch_default) {
-  app.add_option("--epoch", epoch,
-                 absl::StrCat("With a .mcap file: seconds since 1970 at the sensor time 0, which are added to sensor "
-                              "times; host: by the host's time at which the first message arrives. Default: ",
-                              epoch_default))
-      ->type_name("SECONDS|host")
-      ->check(CheckEpoch);
-  app.add_option("--event-images", event_cell_px,
-                 "With a .mcap file: also write images of the events with the outlines of the objects, 30 per second, "
-                 "with cells of 1, 2 or 4 pixels")
-      ->type_name("PIXELS")
-      ->check(CLI::IsMember({1, 2, 4}));
-}
-
-absl::Status RecordingArguments::Check(const std::string& out) const {
-  if (absl::EndsWith(out, ".mcap")) return absl::OkStatus();
-  if (!epoch.empty()) return UsageError("--epoch: is for an --out whose name ends in .mcap");
-  if (event_cell_px != 0) return UsageError("--event-images: is for an --out whose name ends in .mcap");
-  return absl::OkStatus();
-}
-
-std::optional<int64_t> RecordingArguments::EpochNs(std::optional<int64_t> without_option) const {
-  return epoch.empty() ? without_option : ParseEpoch(epoch);
-}
 
 SessionObserver::SessionObserver(Client& client, const std::string& session, std::vector<PoseRecorder*> recorders,
                                  SessionObserverOptions options)
@@ -126,8 +84,7 @@ void SessionObserver::RecordHealth(SessionHealth health) {
     const auto [known, is_new] = states_.try_emplace(object.object_id, object.state);
     if (!is_new && known->second == object.state) continue;
     known->second = object.state;
-    const std::string text = StateJson(object.object_id, health.t_us, object.state);
-    for (PoseRecorder* const recorder : recorders_) recorder->AddState(object.object_id, health.t_us, text);
+    for (PoseRecorder* const recorder : recorders_) recorder->AddState(object.object_id, health.t_us, object.state);
   }
 }
 
