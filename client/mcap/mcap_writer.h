@@ -38,7 +38,7 @@ struct McapTopic {
   bool is_latched = false;  // late subscribers receive the last message (QoS transient local)
 };
 
-// Keeps a chunk in memory, and about a hundred bytes for each chunk that was written. A file that was not committed
+// Keeps a chunk in memory, and less than 1 kB for each chunk that was written. A file that was not committed
 // has all complete chunks, which a reader without the index at the end finds.
 class McapWriter {
  public:

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
@@ -61,7 +62,9 @@ PoseRecorder::PoseRecorder(McapWriter writer, const PoseRecorderOptions& options
     : writer_(std::move(writer)),
       options_(options),
       names_(TopicNames(options.object_ids)),
-      epoch_ns_(FindEpoch(writer_.index())) {}
+      epoch_ns_(FindEpoch(writer_.index())) {
+  if (!writer_.index().chunks.empty()) first_ns_ = writer_.index().chunks.front().start_ns;
+}
 
 absl::StatusOr<std::unique_ptr<PoseRecorder>> PoseRecorder::Open(const std::string& path,
                                                                  const PoseRecorderOptions& options,
@@ -92,6 +95,13 @@ void PoseRecorder::WriteOnce(const std::string& topic, std::string_view type,
                              std::function<std::string(uint64_t)> encode) {
   if (writer_.FindTopic(topic)) return;  // by an earlier process
   waiting_.push_back({topic, type, std::move(encode)});
+  if (first_ns_) WriteConstants();
+}
+
+void PoseRecorder::WriteConstants() {
+  for (const Constant& constant : std::exchange(waiting_, {})) {
+    Write(constant.topic, constant.type, *first_ns_, constant.encode(*first_ns_), /*is_latched=*/true);
+  }
 }
 
 uint64_t PoseRecorder::LogTime(int64_t t_us) {
@@ -103,8 +113,9 @@ uint64_t PoseRecorder::LogTime(int64_t t_us) {
         {{kEpochKey, absl::StrCat(*epoch_ns_)}, {"transform", options_.transform}, {"camera_frame", kCameraFrame}});
   }
   const auto time_ns = static_cast<uint64_t>(std::clamp(*epoch_ns_ + sensor_ns, int64_t{0}, kLatestNs));
-  for (const Constant& constant : std::exchange(waiting_, {})) {
-    Write(constant.topic, constant.type, time_ns, constant.encode(time_ns), /*is_latched=*/true);
+  if (!first_ns_) {
+    first_ns_ = time_ns;
+    WriteConstants();
   }
   return time_ns;
 }
@@ -141,10 +152,16 @@ void PoseRecorder::Add(const Pose& camera_pose, const FramedPose& framed, const 
   Write(Topic(id, "state"), kTextType, time_ns, EncodeText(state_json));
 }
 
-void PoseRecorder::AddState(const std::string& object_id, int64_t t_us, const std::string& state_json) {
+void PoseRecorder::AddState(const std::string& object_id, int64_t t_us, TrackState state) {
+  nlohmann::ordered_json json;
+  json["object_id"] = object_id;
+  json["t_us"] = t_us;
+  json["state"] = TrackStateName(state);
+  // An object ID that is not valid UTF-8 must not stop the recording.
+  const std::string text = json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   const std::lock_guard lock(mutex_);
   if (!IsRecorded(object_id)) return;
-  Write(Topic(object_id, "state"), kTextType, LogTime(t_us), EncodeText(state_json));
+  Write(Topic(object_id, "state"), kTextType, LogTime(t_us), EncodeText(text));
 }
 
 void PoseRecorder::Add(const SessionHealth& health, const std::string& session) {

@@ -50,15 +50,15 @@ class PoseRecorder {
   static absl::StatusOr<std::unique_ptr<PoseRecorder>> Open(const std::string& path, const PoseRecorderOptions& options,
                                                             std::optional<uint64_t> kept_bytes = std::nullopt);
 
-  // Written with the first message that has a time. In a continued file the former ones stay.
+  // Written with the time of the first message that has one. In a continued file the former ones stay.
   void SetCamera(const Camera& camera);
   void SetModel(const std::string& object_id, const ModelGeometry& geometry);
 
   // Records the state, and if the pose is confirmed (TRACKING or DEGRADED) also `framed`, its twist and the transform
   // from object to camera. `state_json` is the text of the state's message.
   void Add(const Pose& camera_pose, const FramedPose& framed, const std::string& state_json);
-  // Records a state without a pose.
-  void AddState(const std::string& object_id, int64_t t_us, const std::string& state_json);
+  // Records a state without a pose: {"object_id": ..., "t_us": ..., "state": ...}.
+  void AddState(const std::string& object_id, int64_t t_us, TrackState state);
   void Add(const SessionHealth& health, const std::string& session);
   void Add(const EventImage& image);
 
@@ -68,11 +68,12 @@ class PoseRecorder {
 
  private:
   PoseRecorder(McapWriter writer, const PoseRecorderOptions& options);
-  // The time of a message, before which it writes what waits for the first time.
+  // The time of a message. The first call writes what waits for it.
   uint64_t LogTime(int64_t t_us);
   std::string Png(const EventImage& image);
   void Write(const std::string& topic, std::string_view type, uint64_t time_ns, std::string_view message,
              bool is_latched = false);
+  void WriteConstants();
   void WriteOnce(const std::string& topic, std::string_view type, std::function<std::string(uint64_t)> encode);
   bool IsRecorded(const std::string& object_id) const { return names_.contains(object_id); }
   std::string Topic(const std::string& object_id, std::string_view what) const;
@@ -87,7 +88,8 @@ class PoseRecorder {
     std::string_view type;
     std::function<std::string(uint64_t time_ns)> encode;
   };
-  std::vector<Constant> waiting_;  // for the first time
+  std::optional<uint64_t> first_ns_;  // time of the first message
+  std::vector<Constant> waiting_;     // for that
   std::optional<Camera> camera_;
 };
 

@@ -74,9 +74,9 @@ TEST(PoseRecorder, OnlyConfirmedPosesAreMessagesOfPoses) {
                                  TrackState::kAmbiguous, TrackState::kLost, TrackState::kUnknown}) {
     AddPose(**recorder, PoseAt(t_us += 10, state));
   }
-  (*recorder)->AddState("part", 70, "{}");
+  (*recorder)->AddState("part", 70, TrackState::kLost);
   AddPose(**recorder, PoseAt(80, TrackState::kTracking, "another"));  // not recorded in this file
-  (*recorder)->AddState("another", 80, "{}");
+  (*recorder)->AddState("another", 80, TrackState::kLost);
   ASSERT_TRUE((*recorder)->Commit().ok());
   const std::vector<TestMessage> messages = ReadMessages(path);
   for (const char* const topic : {"/tf", "/evpose/part/pose", "/evpose/part/twist"}) {
@@ -85,6 +85,9 @@ TEST(PoseRecorder, OnlyConfirmedPosesAreMessagesOfPoses) {
   EXPECT_THAT(TimesOf(OfTopic(messages, "/evpose/part/state")),
               ElementsAre(10'000, 20'000, 30'000, 40'000, 50'000, 60'000, 70'000));
   EXPECT_EQ(messages.size(), 13u);
+  const TestMessage lost = messages.back();
+  EXPECT_EQ(MessageReader(lost.type, lost.definition, lost.bytes).Text("data"),
+            R"({"object_id":"part","t_us":70,"state":"LOST"})");
 }
 
 TEST(PoseRecorder, TheSceneHasTheTimeOfTheFirstMessage) {
@@ -129,6 +132,16 @@ TEST(PoseRecorder, TheSceneHasTheTimeOfTheFirstMessage) {
   EXPECT_EQ(in_cell_reader.Number("pose.pose.position.x"), 7);
   EXPECT_EQ(in_cell_reader.Number("header.stamp.sec"), 1);
   EXPECT_EQ(in_cell_reader.Number("header.stamp.nanosec"), 7000);
+}
+
+TEST(PoseRecorder, ASceneThatArrivesLaterHasTheTimeOfTheFirstMessage) {
+  const std::string path = RecordingPath("late_scene");
+  auto recorder = PoseRecorder::Open(path, OnePart());
+  AddPose(**recorder, PoseAt(1000, TrackState::kTracking));
+  AddPose(**recorder, PoseAt(9'000'000, TrackState::kTracking));
+  (*recorder)->SetCamera({});
+  ASSERT_TRUE((*recorder)->Commit().ok());
+  EXPECT_THAT(TimesOf(OfTopic(ReadMessages(path), "/evpose/camera_info")), ElementsAre(1'000'000));
 }
 
 TEST(PoseRecorder, TheEpochIsThatOfTheFirstArrival) {
@@ -191,7 +204,7 @@ TEST(PoseRecorder, NamesOfTopics) {
   PoseRecorderOptions options = OnePart();
   options.object_ids = {"a-b", "a_b", "a b"};
   auto recorder = PoseRecorder::Open(path, options);
-  for (const std::string& id : options.object_ids) (*recorder)->AddState(id, 0, id);
+  for (const std::string& id : options.object_ids) (*recorder)->AddState(id, 0, TrackState::kLost);
   ASSERT_TRUE((*recorder)->Commit().ok());
   EXPECT_THAT(CountByTopic(ReadMessages(path)),
               UnorderedElementsAre(std::pair("/evpose/a_b/state", 1), std::pair("/evpose/a_b_2/state", 1),

@@ -324,6 +324,8 @@ TEST_F(BadInputTest, WrongUsageIsStatusTwo) {
   EXPECT_THAT(ReplayError({"--rate", "0"}, 2), HasSubstr("--rate"));
   EXPECT_THAT(ReplayError({"--estimator", "best"}, 2), HasSubstr("best"));
   EXPECT_THAT(ReplayError({"--chunk-bytes", "12"}, 2), HasSubstr("multiple of 8"));
+  EXPECT_THAT(ReplayError({"--epoch", "1"}, 2), HasSubstr("--epoch: is for an --out whose name ends in .mcap"));
+  EXPECT_THAT(ReplayError({"--event-images", "2"}, 2), HasSubstr("--event-images: is for an --out"));
   for (const char* name : {"poses.dat", "poses.txt"}) {
     const CliResult result = Run(ReplayArguments(name));
     EXPECT_EQ(result.status, 2);

@@ -28,16 +28,16 @@ const std::array<Eigen::Vector3d, 6> kDirections = {Eigen::Vector3d(1.0, -0.6, 0
                                                     Eigen::Vector3d(0.0, 0.0, 1.0),  Eigen::Vector3d(0.0, 0.0, -1.0)};
 
 struct EdgeStyle {
-  EdgeKind kind;
+  evpose::EdgeKind kind;
   const char* name;
   cv::Scalar color;  // blue, green, red: of Okabe and Ito, which colour-blind people can distinguish
 };
-const std::array<EdgeStyle, 4> kEdgeStyles = {{{EdgeKind::kContour, "contour", {0, 94, 213}},
-                                               {EdgeKind::kCrease, "crease", {178, 114, 0}},
-                                               {EdgeKind::kBoundary, "boundary", {115, 158, 0}},
-                                               {EdgeKind::kPainted, "painted line", {167, 121, 204}}}};
+const std::array<EdgeStyle, 4> kEdgeStyles = {{{evpose::EdgeKind::kContour, "contour", {0, 94, 213}},
+                                               {evpose::EdgeKind::kCrease, "crease", {178, 114, 0}},
+                                               {evpose::EdgeKind::kBoundary, "boundary", {115, 158, 0}},
+                                               {evpose::EdgeKind::kPainted, "painted line", {167, 121, 204}}}};
 
-const cv::Scalar& ColorOf(EdgeKind kind) {
+const cv::Scalar& ColorOf(evpose::EdgeKind kind) {
   return std::find_if(kEdgeStyles.begin(), kEdgeStyles.end(), [kind](const EdgeStyle& s) { return s.kind == kind; })
       ->color;
 }

@@ -13,7 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/pose_format.h"
-#include "client/cli/common/session_observer.h"
+#include "client/mcap/session_observer.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -203,7 +203,8 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
     if (!output.Write(poses)) stop.request_stop();
   };
   states.Show(session->health);
-  SessionObserverOptions recording = {.event_cell_px = arguments.recording.event_cell_px, .records_states = true};
+  SessionObserverOptions recording = {
+      .camera = session->config.camera, .event_cell_px = arguments.recording.event_cell_px, .records_states = true};
   recording.print = [&states](const std::string& text) { states.Print(text); };
   SessionObserver observer(*client, arguments.session, output.recorders(), recording);
   const StopOnInterrupt interrupt(context, stop, [&, shown_at = SystemClock().Now()]() mutable {

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
+#include "absl/time/time.h"
 #include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
@@ -117,6 +118,23 @@ std::string Text(const nlohmann::ordered_json& json) {
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
+constexpr char kHostEpoch[] = "host";
+
+// "SECONDS", at most nine decimals, before 2038, which is the range of stamps in ROS; nullopt for other texts.
+std::optional<int64_t> ParseEpoch(const std::string& text) {
+  absl::Duration epoch;
+  const bool is_number = text.find_first_not_of("0123456789.") == std::string::npos;
+  if (!is_number || !absl::ParseDuration(text + "s", &epoch) || epoch >= absl::Seconds(int64_t{1} << 31)) {
+    return std::nullopt;
+  }
+  return absl::ToInt64Nanoseconds(epoch);
+}
+
+std::string CheckEpoch(const std::string& text) {
+  if (text == kHostEpoch || ParseEpoch(text)) return "";
+  return absl::StrCat("\"", text, "\" is neither host nor a number of seconds from 0 to 2147483647");
+}
+
 // The entry of an object, or that of all objects; the end if there is neither.
 template <typename File>
 auto FindFile(std::map<std::string, File>& files, const std::string& object_id) {
@@ -168,12 +186,29 @@ std::string StateJson(const Pose& pose, const PoseFrame& frame) {
   return Text(json);
 }
 
-std::string StateJson(const std::string& object_id, int64_t t_us, TrackState state) {
-  nlohmann::ordered_json json;
-  json["object_id"] = object_id;
-  json["t_us"] = t_us;
-  json["state"] = TrackStateName(state);
-  return Text(json);
+void RecordingArguments::AddTo(CLI::App& app, const std::string& epoch_default) {
+  app.add_option("--epoch", epoch,
+                 absl::StrCat("With a .mcap file: seconds since 1970 at the sensor time 0, which are added to sensor "
+                              "times; host: by the host's time at which the first message arrives. Default: ",
+                              epoch_default))
+      ->type_name("SECONDS|host")
+      ->check(CheckEpoch);
+  app.add_option("--event-images", event_cell_px,
+                 "With a .mcap file: also write images of the events with the outlines of the objects, 30 per second, "
+                 "with cells of 1, 2 or 4 pixels")
+      ->type_name("PIXELS")
+      ->check(CLI::IsMember({1, 2, 4}));
+}
+
+absl::Status RecordingArguments::Check(const std::string& out) const {
+  if (absl::EndsWith(out, ".mcap")) return absl::OkStatus();
+  if (!epoch.empty()) return UsageError("--epoch: is for an --out whose name ends in .mcap");
+  if (event_cell_px != 0) return UsageError("--event-images: is for an --out whose name ends in .mcap");
+  return absl::OkStatus();
+}
+
+std::optional<int64_t> RecordingArguments::EpochNs(std::optional<int64_t> without_option) const {
+  return epoch.empty() ? without_option : ParseEpoch(epoch);
 }
 
 absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::string>& object_ids) {

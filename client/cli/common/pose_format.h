@@ -81,15 +81,27 @@ std::string PoseHeader(PoseFormat format, const PoseFrame& frame = {});
 // session only, so that it does not contain the latency.
 std::string PoseLine(PoseFormat format, const Pose& pose, const PoseFrame& frame = {});
 // The message of an object's state in a .mcap file: the fields of a JSON line, without those of the pose unless it is
-// AMBIGUOUS; of a change of state only object_id, t_us and state.
+// AMBIGUOUS.
 std::string StateJson(const Pose& pose, const PoseFrame& frame = {});
-std::string StateJson(const std::string& object_id, int64_t t_us, TrackState state);
 
 struct PoseFilesOptions {
   PoseFrame frame;
   std::optional<int64_t> epoch_ns;  // PoseRecorderOptions::epoch_ns
   // Continues the output of an earlier process: the number of bytes of each file, by object, that Sync() returned.
   const std::map<std::string, uint64_t>* kept_bytes = nullptr;
+};
+
+// --epoch and --event-images of the commands that write .mcap files.
+struct RecordingArguments {
+  std::string epoch;
+  int event_cell_px = 0;
+
+  // `epoch_default` says what holds without --epoch.
+  void AddTo(CLI::App& app, const std::string& epoch_default);
+  // Error: INVALID_ARGUMENT (usage) for an option without a .mcap file `out`.
+  absl::Status Check(const std::string& out) const;
+  // The epoch in nanoseconds; nullopt for "host"; `without_option` if the option was not given.
+  std::optional<int64_t> EpochNs(std::optional<int64_t> without_option) const;
 };
 
 // Writes the poses of the objects of a session as they arrive: to one file or, if the path contains "{object}", to one

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -47,6 +48,7 @@ TEST(PoseFormat, FollowsFromTheEnding) {
   EXPECT_EQ(*PoseFormatFromPath("a.b/a.tum"), PoseFormat::kTum);
   EXPECT_EQ(*PoseFormatFromPath("a.csv"), PoseFormat::kCsv);
   EXPECT_EQ(*PoseFormatFromPath("a.jsonl"), PoseFormat::kJsonLines);
+  EXPECT_EQ(*PoseFormatFromPath("a.mcap"), PoseFormat::kMcap);
   EXPECT_THAT(PoseFormatFromPath("a.json").status().message(), HasSubstr(".tum, .csv, .jsonl or .mcap"));
   EXPECT_THAT(PoseFormatFromPath("a.txt").status().message(), HasSubstr("a.txt: the name of a file of poses ends in"));
 }
@@ -255,6 +257,72 @@ TEST(PoseFrameTest, DescriptionsDifferWithTheNumbers) {
   EXPECT_NE(PoseFrame::WorldFromObject(other, "base").Description(),
             PoseFrame::WorldFromObject(Mount(), "base").Description());
   EXPECT_NE(PoseFrame::ObjectFromCamera().Description(), PoseFrame().Description());
+}
+
+TEST(PoseFormat, TheStateOfAConfirmedPoseDoesNotRepeatThePose) {
+  EXPECT_EQ(StateJson(MakePose()),
+            R"({"pose_seq":7,"object_id":"object","t_us":16000250,"state":"DEGRADED","num_events":321,)"
+            R"("explained_ratio":0.5,"residual_rms_px":0.75})");
+  // That of an AMBIGUOUS pose has what a JSON line has: no other message has the pose.
+  EXPECT_EQ(StateJson(AmbiguousPose()) + "\n", PoseLine(PoseFormat::kJsonLines, AmbiguousPose()));
+}
+
+TEST(PoseFrame, NamesTheFrameOfThePose) {
+  EXPECT_EQ(PoseFrame().FrameId("part"), "evpose_camera");
+  EXPECT_EQ(PoseFrame().world_from_camera(), std::nullopt);
+  EXPECT_EQ(PoseFrame::ObjectFromCamera().FrameId("part"), "part");
+  const PoseFrame frame = PoseFrame::WorldFromObject({.translation_m = {1, 2, 3}}, "cell");
+  EXPECT_EQ(frame.FrameId("part"), "cell");
+  EXPECT_EQ(frame.world_from_camera()->first, "cell");
+  EXPECT_EQ(frame.world_from_camera()->second.translation_m, Eigen::Vector3d(1, 2, 3));
+}
+
+TEST(PoseFiles, McapFilesTakeMoreThanPoses) {
+  const std::string path = ::testing::TempDir() + "/pose_files_{object}.mcap";
+  auto files = PoseFiles::Open(path, {"a", "b"}, {.epoch_ns = 0});
+  ASSERT_TRUE(files.ok()) << files.status();
+  EXPECT_EQ(files->recorders().size(), 2u);
+  Pose pose = MakePose();
+  pose.object_id = "b";
+  files->Write(pose);
+  ASSERT_TRUE(files->Commit().ok());
+  const auto size_of = [](const std::string& id) {
+    return std::filesystem::file_size(::testing::TempDir() + "/pose_files_" + id + ".mcap");
+  };
+  EXPECT_GT(size_of("b"), size_of("a") + 1000);
+  auto text = PoseFiles::Open(::testing::TempDir() + "/pose_files.csv", {"a"});
+  EXPECT_TRUE(text->recorders().empty());
+}
+
+// The epoch that these arguments give, or the message of the error.
+std::string EpochOf(const std::vector<std::string>& words, const std::string& out = "poses.mcap") {
+  CLI::App app;
+  RecordingArguments arguments;
+  arguments.AddTo(app, "7");
+  try {
+    app.parse(std::vector<std::string>(words.rbegin(), words.rend()));
+  } catch (const CLI::ParseError& error) {
+    return error.what();
+  }
+  const absl::Status status = arguments.Check(out);
+  if (!status.ok()) return std::string(status.message());
+  const std::optional<int64_t> epoch_ns = arguments.EpochNs(7);
+  return epoch_ns ? absl::StrCat(*epoch_ns) : "host";
+}
+
+TEST(RecordingArguments, TheEpochIsANumberOfSecondsOrThatOfTheHost) {
+  EXPECT_EQ(EpochOf({}), "7");
+  EXPECT_EQ(EpochOf({"--epoch", "host"}), "host");
+  EXPECT_EQ(EpochOf({"--epoch", "0"}), "0");
+  EXPECT_EQ(EpochOf({"--epoch", "1700000000.123456789"}), "1700000000123456789");
+  EXPECT_EQ(EpochOf({"--epoch", "2147483647"}), "2147483647000000000");
+  for (const char* const text : {"2147483648", "-1", "1e9", "1h", "", ".", "x"}) {
+    EXPECT_THAT(EpochOf({"--epoch", text}), HasSubstr("is neither host nor a number of seconds")) << text;
+  }
+  EXPECT_THAT(EpochOf({"--event-images", "3"}), HasSubstr("--event-images"));
+  EXPECT_EQ(EpochOf({"--event-images", "4"}), "7");
+  EXPECT_THAT(EpochOf({"--epoch", "1"}, "poses.tum"), HasSubstr("--epoch: is for an --out whose name ends in .mcap"));
+  EXPECT_THAT(EpochOf({"--event-images", "1"}, ""), HasSubstr("--event-images: is for an --out whose name ends"));
 }
 
 }  // namespace

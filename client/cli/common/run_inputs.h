@@ -16,7 +16,6 @@
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/replay_report.h"
-#include "client/cli/common/session_observer.h"
 #include "core/estimation/sensor_profile.h"
 #include "core/events/recording_reader.h"
 #include "evpose/client.h"

@@ -221,7 +221,7 @@ void SessionRun::WritePose(const Pose& pose) {
 void SessionRun::WriteState(const StateChange& change) {
   const int64_t t_us = change.t_us - TimeZero_us();
   for (PoseRecorder* const recorder : poses_->recorders()) {
-    recorder->AddState(change.object_id, t_us, StateJson(change.object_id, t_us, change.state));
+    recorder->AddState(change.object_id, t_us, change.state);
   }
 }
 
@@ -255,6 +255,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
 void SessionRun::Observe(Client& client) {
   if (!poses_) return;
   SessionObserverOptions options;
+  options.camera = FromCore(inputs_.camera);
   options.event_cell_px = arguments_.recording_options.event_cell_px;
   options.time_zero_us = [this] { return TimeZero_us(); };
   options.print = [this](const std::string& text) { PrintLine(text); };
@@ -287,6 +288,7 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   if (observer_ != nullptr) {
     if (summary.ok()) observer_->Finish();
     observer_->Stop();
+    if (summary.ok()) observer_->RecordHealth(summary->health);
   }
   progress_->Stop();
   if (summary.ok()) return Finish(client, *summary, SystemClock().Now() - begin);

@@ -18,9 +18,9 @@
 #include "client/cli/common/replay_report.h"
 #include "client/cli/common/resume_file.h"
 #include "client/cli/common/run_inputs.h"
-#include "client/cli/common/session_observer.h"
 #include "client/cli/common/session_progress.h"
 #include "client/lib/stream/event_feed.h"
+#include "client/mcap/session_observer.h"
 #include "core/events/recording_reader.h"
 #include "evpose/client.h"
 

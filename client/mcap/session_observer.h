@@ -8,37 +8,25 @@
 #include <functional>
 #include <map>
 #include <mutex>
-#include <optional>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "absl/status/status.h"
-#include "client/cli/common/command.h"
 #include "client/mcap/pose_recorder.h"
 #include "evpose/client.h"
 
 namespace evpose::client {
 
 struct SessionObserverOptions {
+  Camera camera;                // of the session
   int event_cell_px = 0;        // size of the cells of the images; 0: no images
   bool records_states = false;  // changes of state that the health shows; otherwise the caller records those of notices
   // Sensor time at which the clock of the recorded times is 0, microseconds.
   std::function<int64_t()> time_zero_us = [] { return int64_t{0}; };
   // Reports that something cannot be recorded; the poses are. Called from several threads.
   std::function<void(const std::string&)> print = [](const std::string&) {};
-};
-
-// Adds the options --epoch and --event-images. `epoch_default` says what holds without --epoch.
-struct RecordingArguments {
-  std::string epoch;
-  int event_cell_px = 0;
-
-  void AddTo(CLI::App& app, const std::string& epoch_default);
-  // Error: INVALID_ARGUMENT (usage) for an option without a .mcap file `out`.
-  absl::Status Check(const std::string& out) const;
-  // The epoch in nanoseconds; nullopt for "host"; `without_option` if the option was not given.
-  std::optional<int64_t> EpochNs(std::optional<int64_t> without_option) const;
 };
 
 // Threads that follow the session until it ends or Stop() is called. Does nothing without recorders.
@@ -52,11 +40,14 @@ class SessionObserver {
   // Ends after the last message of a session that has ended, at the latest after a second.
   void Finish();
   void Stop();
+  // Records a health that the caller has; only after Stop().
+  void RecordHealth(SessionHealth health);
 
  private:
-  void RecordScene();
-  void RecordHealth(SessionHealth health);
+  void RecordModels();
   void RecordImage(EventImage image);
+  // Calls `watch` until it returns OK, repeatedly after errors that may pass; reports another one.
+  void Repeat(const std::string& what, const std::stop_token& stop, const std::function<absl::Status()>& watch);
   void Report(const std::string& what, const absl::Status& status);
 
   Client& client_;
