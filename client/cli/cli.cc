@@ -35,6 +35,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("camera", "Print, check, convert and draw the calibration of a camera", AddCameraCommand);
   add("render", "Draw the events of a recording and the projected model", AddRenderCommand);
   add("watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);
+  add("view", "Show a session or a recording with its poses on a page in the browser", AddViewCommand);
   AddBenchCommands(*app.add_subcommand("bench", "Compare evpose with published methods, and measure its speed"),
                    context, runners);
   AddSessionsCommands(*app.add_subcommand("sessions", "List, show, delete and drain the sessions of a server"), context,

@@ -41,4 +41,9 @@ std::string_view SessionStateName(SessionState state) {
   return ApiName(v1::SessionState_Name(static_cast<int>(state)), "SESSION_STATE_");
 }
 
+int EventImage::CellAt(int x, int y) const {
+  const size_t index = static_cast<size_t>(y) * static_cast<size_t>(width) + static_cast<size_t>(x);
+  return (cells[index / 4] >> (2 * (index % 4))) & 3;
+}
+
 }  // namespace evpose::client

@@ -106,6 +106,16 @@ InitializationReport ObjectTracker::initialization() const {
   return report;
 }
 
+bool ObjectTracker::Outline(ObjectOutline& outline) const {
+  if (!IsPublished(phase_)) return false;
+  const PoseTrack& track = hypotheses_.first();
+  outline.state = state();
+  outline.t_us = track.motion().t_us;
+  outline.camera_from_object = track.motion().camera_from_object;
+  outline.SetEdges(track.lines());
+  return true;
+}
+
 void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   now_us_ = window.t_end_us;
   if (given_pose_) StartFromGivenPose(window);

@@ -55,6 +55,8 @@ class ObjectTracker {
   TrackState state() const;
   InitializationReport initialization() const;
   uint32_t losses() const { return losses_; }
+  // As Tracker::Outline().
+  bool Outline(ObjectOutline& outline) const;
 
   // To be called between windows. LoadState() requires the same object, camera and options; after a failure
   // (reader.status()) the tracker must not be used.

@@ -57,6 +57,9 @@ class WindowTracker : public Tracker {
     return objects_[object_index]->initialization();
   }
   uint32_t losses(size_t object_index) const override { return objects_[object_index]->losses(); }
+  bool Outline(size_t object_index, ObjectOutline& outline) const override {
+    return objects_[object_index]->Outline(outline);
+  }
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
 

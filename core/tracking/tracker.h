@@ -17,6 +17,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
+#include "core/tracking/outline/object_outline.h"
 #include "core/tracking/pose_estimate.h"
 #include "core/tracking/track_phase.h"
 #include "core/windows/event_window.h"
@@ -94,6 +95,13 @@ class Tracker : public PoseSource {
   virtual TrackState state(size_t object_index) const = 0;
   virtual InitializationReport initialization(size_t object_index) const = 0;
   virtual uint32_t losses(size_t object_index) const = 0;  // changes to LOST so far
+
+  // Replaces `outline` by the visible edges of an object at its latest pose; returns false if it has none. After the
+  // state was loaded, the edges are missing until the next window. The default is a tracker that has no edges.
+  virtual bool Outline(size_t object_index, ObjectOutline& outline) const {
+    (void)object_index, (void)outline;
+    return false;
+  }
 
   // Writes and reads all that later estimates depend on, bit for bit. A state is loaded into a tracker with the same
   // objects, camera and options, before any other call; after a failure (reader.status()) the tracker must not be used.

@@ -188,6 +188,9 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.add_option("--workers", options.worker_threads, "threads that decode and track; 0: one per core");
   app.add_option("--slow-threads", options.slow_threads,
                  "threads for slow work, such as creating sessions, and models that are prepared at a time");
+  app.add_option("--event-images", options.event_images,
+                 "whether clients may watch images of the events of their sessions: true or false")
+      ->type_name("BOOLEAN");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
                  "seconds within which streams must finish when the server shuts down");
   app.add_option(

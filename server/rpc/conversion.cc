@@ -404,6 +404,40 @@ v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
   return out;
 }
 
+v1::EventImage ToProto(const EventImage& image, uint64_t num_skipped, const SessionConfig& config) {
+  v1::EventImage out;
+  out.set_from_t_us(image.from_t_us());
+  out.set_to_t_us(image.to_t_us());
+  out.set_cell_px(static_cast<uint32_t>(image.bitmap().cell_px()));
+  out.set_width(static_cast<uint32_t>(image.bitmap().width()));
+  out.set_height(static_cast<uint32_t>(image.bitmap().height()));
+  out.set_num_events(image.num_events());
+  out.set_num_skipped(num_skipped);
+  const EncodedCells& cells = image.cells();
+  out.set_encoding(cells.is_zlib ? v1::EventImage::ENCODING_ZLIB : v1::EventImage::ENCODING_PACKED);
+  if (cells.is_zlib) {
+    out.set_cells(cells.zlib);
+  } else {
+    out.set_cells(image.bitmap().bytes().data(), image.bitmap().bytes().size());
+  }
+  for (const SessionOutlines::Outline& outline : image.outlines()) {
+    v1::ObjectOutline& added = *out.add_outlines();
+    added.set_object_id(config.objects[outline.object_index].object_id);
+    added.set_state(EnumNumber<v1::TrackState>(outline.object.state));
+    added.set_t_us(outline.object.t_us);
+    *added.mutable_camera_from_object() = ToProto(outline.object.camera_from_object);
+    added.mutable_segments_px()->Reserve(static_cast<int>(4 * outline.segments.size()));
+    for (const OutlineSegment& segment : outline.segments) {
+      for (const Eigen::Vector2f& end : {segment.p1_px, segment.p2_px}) {
+        added.add_segments_px(end.x());
+        added.add_segments_px(end.y());
+      }
+      added.mutable_kinds()->push_back(static_cast<char>(segment.kind));
+    }
+  }
+  return out;
+}
+
 v1::Model ToProto(const ModelInfo& model) {
   v1::Model out;
   out.set_name(model.name);

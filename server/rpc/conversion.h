@@ -15,6 +15,7 @@
 #include "server/models/model_registry.h"
 #include "server/sessions/session.h"
 #include "server/sessions/types/session_config.h"
+#include "server/sessions/watching/event_image.h"
 
 namespace evpose::server {
 
@@ -26,6 +27,7 @@ absl::StatusOr<ModelReading> FromProto(const v1::UploadModelRequest::Header& hea
 v1::Session ToProto(const SessionInfo& session);
 v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& config);
 v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConfig& config);
+v1::EventImage ToProto(const EventImage& image, uint64_t num_skipped, const SessionConfig& config);
 v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config);
 v1::Model ToProto(const ModelInfo& model);
 google::protobuf::Duration ToProto(absl::Duration duration);

@@ -17,6 +17,7 @@
 #include "core/numerics/hash.h"
 #include "server/rpc/authentication.h"
 #include "server/rpc/conversion.h"
+#include "server/rpc/model_geometry_reactor.h"
 #include "server/rpc/standard_methods.h"
 #include "server/rpc/status_mapping.h"
 #include "server/runtime/client_text.h"
@@ -271,6 +272,12 @@ grpc::ServerUnaryReactor* ModelServiceImpl::ListModels(grpc::CallbackServerConte
   return AnswerUnary(services_.authenticator, context, [this, request, response](const Caller& caller) {
     return List(services_.models, caller.tenant, *request, *response);
   });
+}
+
+grpc::ServerUnaryReactor* ModelServiceImpl::GetModelGeometry(grpc::CallbackServerContext* context,
+                                                             const v1::GetModelGeometryRequest* request,
+                                                             v1::ModelGeometry* response) {
+  return StartGetModelGeometry(services_, context, *request, *response);
 }
 
 grpc::ServerUnaryReactor* ModelServiceImpl::DeleteModel(grpc::CallbackServerContext* context,

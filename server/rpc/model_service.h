@@ -17,6 +17,9 @@ class ModelServiceImpl : public v1::ModelService::CallbackService {
                                      v1::Model* response) override;
   grpc::ServerUnaryReactor* ListModels(grpc::CallbackServerContext* context, const v1::ListModelsRequest* request,
                                        v1::ListModelsResponse* response) override;
+  grpc::ServerUnaryReactor* GetModelGeometry(grpc::CallbackServerContext* context,
+                                             const v1::GetModelGeometryRequest* request,
+                                             v1::ModelGeometry* response) override;
   grpc::ServerUnaryReactor* DeleteModel(grpc::CallbackServerContext* context, const v1::DeleteModelRequest* request,
                                         google::protobuf::Empty* response) override;
 

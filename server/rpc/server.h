@@ -90,6 +90,8 @@ struct ServerOptions {
   absl::Duration drain_timeout = absl::Seconds(10);
   // Interval of the health checks of the store. While the store does not respond, the server's health is NOT_SERVING.
   absl::Duration store_check_period = absl::Seconds(1);
+  // Whether tenants may watch the events of their sessions (SessionService.WatchEvents).
+  bool event_images = true;
   // Called once, by a thread of gRPC, after a call of AdminService.Drain. The program must then call Shutdown() with
   // this duration, but from another thread; the callback must not block.
   std::function<void(absl::Duration)> on_drain;

@@ -113,7 +113,7 @@ class RawTrack {
   bool is_finished_ = false;
 };
 
-class RpcTest : public testing::Test {
+class RpcTest : public ::testing::Test {
  protected:
   static ServerOptions Options() {
     ServerOptions options;

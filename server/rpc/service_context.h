@@ -37,6 +37,7 @@ struct ServiceContext {
   absl::Duration stream_idle_timeout;  // zero: none
   absl::Duration upload_timeout;
   uint64_t max_model_bytes;
+  bool shows_events;
   absl::Duration drain_timeout;  // default of DrainRequest.timeout
   ServerMetrics& metrics;
   LogLimiter& log_limiter;

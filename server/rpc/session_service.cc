@@ -13,7 +13,7 @@
 #include "server/rpc/standard_methods.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/track_reactor.h"
-#include "server/rpc/watch_reactors.h"
+#include "server/rpc/watch/watch_reactors.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 
@@ -129,6 +129,11 @@ grpc::ServerWriteReactor<v1::WatchPosesResponse>* SessionServiceImpl::WatchPoses
 grpc::ServerWriteReactor<v1::WatchHealthResponse>* SessionServiceImpl::WatchHealth(
     grpc::CallbackServerContext* context, const v1::WatchHealthRequest* request) {
   return StartWatchHealth(services_, context, *request);
+}
+
+grpc::ServerWriteReactor<v1::WatchEventsResponse>* SessionServiceImpl::WatchEvents(
+    grpc::CallbackServerContext* context, const v1::WatchEventsRequest* request) {
+  return StartWatchEvents(services_, context, *request);
 }
 
 }  // namespace evpose::server

@@ -24,6 +24,8 @@ class SessionServiceImpl : public v1::SessionService::CallbackService {
                                                                const v1::WatchPosesRequest* request) override;
   grpc::ServerWriteReactor<v1::WatchHealthResponse>* WatchHealth(grpc::CallbackServerContext* context,
                                                                  const v1::WatchHealthRequest* request) override;
+  grpc::ServerWriteReactor<v1::WatchEventsResponse>* WatchEvents(grpc::CallbackServerContext* context,
+                                                                 const v1::WatchEventsRequest* request) override;
 
  private:
   const ServiceContext services_;

@@ -435,6 +435,23 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerSeeHealthUntilTheEnd) {
   EXPECT_EQ(Describe(watcher->Finish()), "OK");
 }
 
+TEST_F(StoreErrorsTest, ImagesOfEventsAreMadeWhereTheyAreTracked) {
+  const CreatedSession session = CreateSession();
+  const auto track = Attached(session);
+  const auto elsewhere = v1::SessionService::NewStub(StartOnStore());
+  v1::WatchEventsRequest request;
+  request.set_session(session.name());
+  const auto watch_elsewhere = [&] {
+    grpc::ClientContext context;
+    return Describe(elsewhere->WatchEvents(&context, request)->Finish());
+  };
+  EXPECT_EQ(watch_elsewhere(), "FAILED_PRECONDITION EVENTS_ELSEWHERE");
+  MakePoses(*track);
+  ASSERT_TRUE(track->End());
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  EXPECT_EQ(watch_elsewhere(), "OK") << "the session has ended";
+}
+
 TEST_F(StoreErrorsTest, WatchersAtAnotherServerReceiveErrorsOfTheStore) {
   const CreatedSession session = CreateSession();
   { MakePoses(*Attached(session)); }

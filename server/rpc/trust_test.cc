@@ -127,13 +127,22 @@ TEST_F(TokensTest, AnotherTenantsSessionsAndModelsAreNotFound) {
   track.Attach(session.name(), session.resume_token());
   EXPECT_EQ(Describe(track.Finish()), "NOT_FOUND SESSION_NOT_FOUND") << "also with the session's resume token";
 
-  grpc::ClientContext watch_poses, watch_health, get_model, delete_model, list_models, list_sessions, info;
+  grpc::ClientContext watch_poses, watch_health, watch_events, get_model, geometry, delete_model, list_models,
+      list_sessions, info;
   v1::WatchPosesRequest poses_request;
   poses_request.set_session(session.name());
   EXPECT_EQ(Describe(sessions_->WatchPoses(&watch_poses, poses_request)->Finish()), "NOT_FOUND SESSION_NOT_FOUND");
   v1::WatchHealthRequest health_request;
   health_request.set_session(session.name());
   EXPECT_EQ(Describe(sessions_->WatchHealth(&watch_health, health_request)->Finish()), "NOT_FOUND SESSION_NOT_FOUND");
+  v1::WatchEventsRequest events_request;
+  events_request.set_session(session.name());
+  EXPECT_EQ(Describe(sessions_->WatchEvents(&watch_events, events_request)->Finish()), "NOT_FOUND SESSION_NOT_FOUND");
+  v1::GetModelGeometryRequest geometry_request;
+  geometry_request.set_name(model);
+  v1::ModelGeometry read_geometry;
+  EXPECT_EQ(Describe(models_->GetModelGeometry(&geometry, geometry_request, &read_geometry)),
+            "NOT_FOUND MODEL_NOT_FOUND");
   v1::GetModelRequest model_request;
   model_request.set_name(model);
   v1::Model read_model;
@@ -321,13 +330,17 @@ TEST_F(IdleTest, AStreamBeyondTheLimitIsRejected) {
     EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
     EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(status).violations(0).subject(), "max_streams");
     EXPECT_GT(DetailOf<google::rpc::RetryInfo>(status).retry_delay().seconds(), 0);
-    grpc::ClientContext poses_context, health_context;
+    grpc::ClientContext poses_context, health_context, events_context;
     v1::WatchPosesRequest poses;
     poses.set_session(session.name());
     EXPECT_EQ(Describe(sessions_->WatchPoses(&poses_context, poses)->Finish()), "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
     v1::WatchHealthRequest health;
     health.set_session(session.name());
     EXPECT_EQ(Describe(sessions_->WatchHealth(&health_context, health)->Finish()),
+              "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
+    v1::WatchEventsRequest events;
+    events.set_session(session.name());
+    EXPECT_EQ(Describe(sessions_->WatchEvents(&events_context, events)->Finish()),
               "RESOURCE_EXHAUSTED TOO_MANY_STREAMS");
     EXPECT_TRUE(track->End());
     v1::TrackResponse response;

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <thread>
 
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
@@ -29,7 +30,7 @@ TEST_F(TokensTest, ARemovedTokenIsRejectedAndEndsItsStreams) {
   const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   RawTrack waiting(*sessions_);  // has not attached
-  grpc::ClientContext poses_context, health_context;
+  grpc::ClientContext poses_context, health_context, events_context;
   v1::WatchPosesRequest poses_request;
   poses_request.set_session(session.name());
   const auto poses = sessions_->WatchPoses(&poses_context, poses_request);
@@ -38,6 +39,10 @@ TEST_F(TokensTest, ARemovedTokenIsRejectedAndEndsItsStreams) {
   const auto health = sessions_->WatchHealth(&health_context, health_request);
   v1::WatchHealthResponse first;
   EXPECT_TRUE(health->Read(&first));
+  v1::WatchEventsRequest events_request;
+  events_request.set_session(session.name());
+  const auto events = sessions_->WatchEvents(&events_context, events_request);
+  while (server_->state().sessions.image_watchers == 0) std::this_thread::yield();
   Use(OpenChannel(server_->port(), field_.token));
   const auto others_track = Attached(CreateSession());
 
@@ -49,6 +54,7 @@ TEST_F(TokensTest, ARemovedTokenIsRejectedAndEndsItsStreams) {
   EXPECT_EQ(Describe(waiting.Finish()), "UNAUTHENTICATED ACCESS_WITHDRAWN");
   EXPECT_EQ(EndOf(*poses), "UNAUTHENTICATED ACCESS_WITHDRAWN");
   EXPECT_EQ(EndOf(*health), "UNAUTHENTICATED ACCESS_WITHDRAWN");
+  EXPECT_EQ(EndOf(*events), "UNAUTHENTICATED ACCESS_WITHDRAWN");
   EXPECT_EQ(server_->metrics().stream_ends[StreamKind::kTrack][absl::StatusCode::kUnauthenticated].value(), 2u);
 
   EXPECT_TRUE(others_track->End());

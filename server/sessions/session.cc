@@ -46,9 +46,11 @@ Session::Session(Parts parts, WorkerPool& pool)
       committer_(std::make_shared<SessionCommitter>(log_, std::move(parts.lease), PersistedAt(parts.beginning), pool,
                                                     limits_.backoff, metrics_)),
       watchers_(std::make_shared<Watchers>(pool)),
+      images_(std::make_shared<EventImages>(config_, clocks_.steady, pool, metrics_)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       turns_(pool.AddSession(parts.tenant)),
-      worker_(config_, {clocks_.steady, metrics_, log_}, std::move(parts.pipeline), parts.beginning.checkpoint.health),
+      worker_(config_, {clocks_.steady, metrics_, log_, images_}, std::move(parts.pipeline),
+              parts.beginning.checkpoint.health),
       gate_(GateOptions(config_, limits_, log_),
             GateStart(parts.beginning, std::move(parts.resume_token), clocks_.wall())),
       report_(parts.beginning, worker_.Objects()),
@@ -110,6 +112,7 @@ SessionSnapshot Session::Snapshot() const {
 }
 
 void Session::AddTo(SessionTotals& totals) const {
+  totals.image_watchers += images_->num_readers();
   const std::lock_guard lock(mutex_);
   if (!gate_.closed().ok()) {
     ++totals.closed;
@@ -284,6 +287,7 @@ void Session::Close(const absl::Status& status) {
   committer_->Close();
   AnswerTokenRequests();
   NotifyListeners(stream_listener);
+  images_->Notify();
 }
 
 bool Session::IsRunnable() const {
@@ -388,6 +392,7 @@ void Session::Publish(const WorkResult& result) {
   }
   if (lag.has_value()) log_->PaceChanged(lag->is_behind, lag->lag_us);
   NotifyListeners(stream_listener);
+  if (has_ended) images_->Notify();
 }
 
 }  // namespace evpose::server

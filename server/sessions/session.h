@@ -34,7 +34,7 @@
 #include "server/sessions/types/session_config.h"
 #include "server/sessions/types/session_state.h"
 #include "server/sessions/types/stream_data.h"
-#include "server/sessions/watched_session.h"
+#include "server/sessions/watching/watched_session.h"
 #include "server/telemetry/metrics.h"
 #include "server/telemetry/session_log.h"
 
@@ -86,6 +86,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   }
   uint64_t max_poses_behind() const override { return kMaxLivePosesBehind; }
   SessionHealth health() const override { return Snapshot().health; }
+  std::shared_ptr<EventImages> event_images() const override { return images_; }
   void AddWatcher(std::weak_ptr<SessionListener> watcher) override { watchers_->Add(std::move(watcher)); }
 
   // The calls of a stream. Their statuses and reasons are those that the API promises for Track.
@@ -158,6 +159,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   const std::shared_ptr<ServerMetrics> metrics_;
   const std::shared_ptr<SessionCommitter> committer_;
   const std::shared_ptr<Watchers> watchers_;
+  const std::shared_ptr<EventImages> images_;
   PoseLog pose_log_;
   const std::shared_ptr<SessionTurns> turns_;
   SessionWorker worker_;  // used in the turns

@@ -16,7 +16,7 @@
 #include "absl/time/time.h"
 #include "server/runtime/worker_pool.h"
 #include "server/sessions/session_factory.h"
-#include "server/sessions/watched_session.h"
+#include "server/sessions/watching/watched_session.h"
 
 namespace evpose::server {
 

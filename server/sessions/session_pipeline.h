@@ -79,6 +79,8 @@ class SessionPipeline {
   // DATA_LOSS also for a state of another version or configuration: use CreateSearching then.
   absl::Status LoadTracker(const SavedTracker& tracker);
 
+  // The events of the latest Process(); valid until the next one.
+  absl::Span<const Event> events() const { return decoded_.events; }
   const DecodeCounts& counts() const { return decoder_->counts(); }
   int64_t first_t_us() const { return first_t_us_; }  // -1: no time seen yet
   int64_t now_us() const { return now_us_; }          // -1: no time seen yet

@@ -53,7 +53,8 @@ class FakeTrackerGate {
 
 // Produces one pose per object and per millisecond with events: its translation is (number of events, sum of x, sum of
 // y). An event at pixel (0, 0) makes all objects LOST and reports a phase transition; ResetPose makes one object
-// TRACKING. An object without a first pose is INITIALIZING.
+// TRACKING. An object without a first pose is INITIALIZING. The outline of a tracked one is a line one metre in front
+// of the camera, 0.1 m long.
 class FakeTracker : public Tracker {
  public:
   FakeTracker(std::shared_ptr<FakeTrackerGate> gate, const SessionConfig& config) : gate_(std::move(gate)) {
@@ -105,6 +106,12 @@ class FakeTracker : public Tracker {
     return {.status = InitializationStatus::kTooFewLines, .attempts = object.attempts, .num_lines = 2};
   }
   uint32_t losses(size_t object_index) const override { return objects_[object_index].losses; }
+  bool Outline(size_t object_index, ObjectOutline& outline) const override {
+    if (objects_[object_index].state != TrackState::kTracking) return false;
+    outline = {.state = TrackState::kTracking, .t_us = window_ * 1000};
+    outline.edges = {{{0, 0, 1}, {0.1, 0, 1}, {0, 0, 0}, EdgeKind::kPainted}};
+    return true;
+  }
   void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
   void LoadState(StateReader& reader) override { VisitState(reader, *this); }
 

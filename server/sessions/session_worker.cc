@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/events/decoder.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/sessions/session_limits.h"
 
 namespace evpose::server {
@@ -81,6 +82,10 @@ bool SessionWorker::WorkOnItem() {
   } else {
     gap_ = overload_.EndGap();
     pipeline_->Finish(output_);
+    if (HasImageWatchers()) {
+      ShowEvents({}, pipeline_->now_us());
+      RunUnlessOutOfMemory([this] { options_.images->Finish(); });
+    }
   }
   return true;
 }
@@ -99,12 +104,21 @@ bool SessionWorker::WorkOnEvents(const EventChunk& chunk) {
 void SessionWorker::DropOrTrack(absl::Span<const uint8_t> slice) {
   if (!must_drop_) {
     gap_ = overload_.EndGap();
+    const int64_t from_t_us = pipeline_->now_us();
     pipeline_->Process(slice, output_);
+    if (HasImageWatchers()) ShowEvents(pipeline_->events(), from_t_us);
     return;
   }
   dropped_now_ = pipeline_->Skip(slice, output_);
   overload_.AddDropped(dropped_now_);
   options_.metrics->skipped_events[overload_.reason()].Add(dropped_now_.num_events);
+}
+
+// Without memory for an image the session goes on.
+void SessionWorker::ShowEvents(absl::Span<const Event> events, int64_t from_t_us) {
+  if (pipeline_->first_t_us() < 0) return;  // the sensor's clock is not known yet
+  const int64_t begin_t_us = from_t_us < 0 ? pipeline_->first_t_us() : from_t_us;
+  RunUnlessOutOfMemory([&] { options_.images->Add(events, begin_t_us, pipeline_->now_us(), pipeline_->tracker()); });
 }
 
 std::vector<StoredPose> SessionWorker::NumberPoses() {

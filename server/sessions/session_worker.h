@@ -20,6 +20,7 @@
 #include "server/sessions/types/pose_log.h"
 #include "server/sessions/types/session_config.h"
 #include "server/sessions/types/session_state.h"
+#include "server/sessions/watching/event_images.h"
 #include "server/telemetry/metrics.h"
 #include "server/telemetry/session_log.h"
 
@@ -60,6 +61,7 @@ class SessionWorker {
     std::function<SteadyTime()> now;
     std::shared_ptr<ServerMetrics> metrics;
     std::shared_ptr<const SessionLog> log;
+    std::shared_ptr<EventImages> images = nullptr;  // null: none are made
   };
   // `pipeline`: in the state of `checkpoint`; null when the session has ended. `config` outlives the worker.
   // `health`: that of the checkpoint, or empty for a new session, with one element for each object.
@@ -87,6 +89,9 @@ class SessionWorker {
   bool WorkOnItem();
   bool WorkOnEvents(const EventChunk& chunk);
   void DropOrTrack(absl::Span<const uint8_t> slice);
+  bool HasImageWatchers() const { return options_.images != nullptr && options_.images->is_watched(); }
+  // Shows these events, which have been tracked since the sensor time `from_t_us`, to the watchers of images.
+  void ShowEvents(absl::Span<const Event> events, int64_t from_t_us);
   std::vector<StoredPose> NumberPoses();
   std::optional<DecodeFault> FindDecodeFault() const;
   void CollectTriggers();

@@ -129,6 +129,9 @@ struct ServerMetrics {
   OneFor<AuthenticationFailure, 3> authentication_failures;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
+  Counter event_images;          // images of events that watchers have taken
+  Counter skipped_event_images;  // that were replaced by later ones, because a watcher was too slow
+
   OneFor<ConnectionRefusal, 3> connection_refusals;
 
   uint64_t all_skipped_events() const {

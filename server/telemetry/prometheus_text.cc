@@ -138,6 +138,8 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
                     static_cast<double>(sessions.queued_bytes));
   families.AddGauge("evpose_queue_age_seconds", "Age of the oldest received chunk that waits to be processed.",
                     static_cast<double>(sessions.oldest_queue_age_us) / 1e6);
+  families.AddGauge("evpose_event_image_watchers", "Readers of images of events (WatchEvents).",
+                    sessions.image_watchers);
 }
 
 void AddEvents(const ServerMetrics& metrics, Families& families) {
@@ -243,8 +245,13 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
       "Checkpoints that the store did not accept. store_away: the server tries again; store_full, store_failed: "
       "the session was closed; fenced: another server has taken the session.",
       "reason", kCheckpointFailures, metrics.checkpoint_failures);
+  families.AddCounter("evpose_event_images_total", "Images of events that were sent to their readers.",
+                      metrics.event_images);
+  families.AddCounter("evpose_event_images_skipped_total",
+                      "Images of events that were replaced by later ones, because their reader was too slow.",
+                      metrics.skipped_event_images);
   families.Begin("evpose_stream_ends_total", MetricType::Counter,
-                 "Streams that have ended, by kind and status code. track: events; watch: poses or health.");
+                 "Streams that have ended, by kind and status code. track: events; watch: poses, health or images of events.");
   for (size_t kind = 0; kind < kStreamKinds.size(); ++kind) {
     for (int i = 0; i < kNumStatusCodes; ++i) {
       const auto code = static_cast<absl::StatusCode>(i);

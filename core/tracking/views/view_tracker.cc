@@ -125,6 +125,13 @@ class ViewedObject {
   const Tracker& home() const { return *trackers_[home_]; }
   uint32_t losses() const { return past_losses_ + home().losses(); }
 
+  // The edges are in the frame of the object, and the pose in that of the camera, as in InCamera().
+  bool Outline(ObjectOutline& outline) const {
+    if (!home().Outline(0, outline)) return false;
+    outline.camera_from_object = Turned(views_[home_].lens.view_from_camera.transpose(), outline.camera_from_object);
+    return true;
+  }
+
   void SaveState(StateWriter& writer) const {
     VisitState(writer, *this);
     for (const auto& tracker : trackers_) {
@@ -325,6 +332,9 @@ class ViewTracker : public Tracker {
     return objects_[object_index]->home().initialization();
   }
   uint32_t losses(size_t object_index) const override { return objects_[object_index]->losses(); }
+  bool Outline(size_t object_index, ObjectOutline& outline) const override {
+    return objects_[object_index]->Outline(outline);
+  }
   void SaveState(StateWriter& writer) const override {
     writer(next_decision_us_);
     for (const auto& object : objects_) object->SaveState(writer);

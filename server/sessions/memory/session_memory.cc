@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "core/events/event_bitmap.h"
+#include "core/tracking/outline/object_outline.h"
 #include "core/tracking/tracker_memory.h"
 #include "core/tracking/tracker_options.h"
 #include "server/sessions/types/pose_log.h"
@@ -32,6 +34,17 @@ SessionMemory MaxSessionMemory(const SessionConfig& config,
   if (limits.writes_checkpoints) memory.tracking_bytes += 2 * (tracker.max_state_bytes + pose_bytes / 2);
   memory.other_bytes = queue_bytes + pose_bytes + kFixedBytes;
   return memory;
+}
+
+uint64_t EventWatcherMemory(const SessionConfig& config, int cell_px) {
+  // The events since the last image, the image that waits, the one that is sent, its message and that of gRPC.
+  constexpr uint64_t kImages = 5;
+  // The outline that is made, the one that waits, and the messages.
+  constexpr uint64_t kBytesPerSegment = 4 * sizeof(OutlineSegment);
+  constexpr uint64_t kWatcherBytes = 64u << 10;
+  const SensorGeometry sensor = {config.camera.width_px, config.camera.height_px};
+  return kImages * EventBitmap::NumBytes(sensor, cell_px) +
+         config.objects.size() * kMaxOutlineSegments * kBytesPerSegment + kWatcherBytes;
 }
 
 std::vector<ModelMemory> MemoryOfModels(const std::vector<std::shared_ptr<const ObjectModel>>& models) {

@@ -38,6 +38,9 @@ struct SessionMemoryLimits {
 SessionMemory MaxSessionMemory(const SessionConfig& config,
                                const std::vector<std::shared_ptr<const ObjectModel>>& models,
                                const SessionMemoryLimits& limits);
+// Returns an upper bound for a watcher of images of events, with its part of those that watchers share and with the
+// messages that gRPC holds.
+uint64_t EventWatcherMemory(const SessionConfig& config, int cell_px);
 // The memory of each distinct one.
 std::vector<ModelMemory> MemoryOfModels(const std::vector<std::shared_ptr<const ObjectModel>>& models);
 

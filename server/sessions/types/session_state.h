@@ -76,6 +76,7 @@ struct SessionTotals {
   std::array<uint32_t, kNumTrackStates> objects = {};
   uint64_t queued_bytes = 0;
   int64_t oldest_queue_age_us = 0;
+  uint32_t image_watchers = 0;
 };
 
 // Ownership record: the token that a client needs to attach, and the time since when no stream has been attached.

@@ -60,6 +60,11 @@ struct WatchPosesOptions {
   std::optional<double> max_rate_hz;  // limit of the poses per second of sensor time and object; absent: all poses
 };
 
+struct WatchEventsOptions {
+  int cell_px = 2;            // width and height of the cells of the images: 1, 2 or 4
+  double max_rate_hz = 30.0;  // limit of the images per second; at most 60
+};
+
 // Returns the format that the extension of a file name stands for. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path);
 
@@ -89,6 +94,10 @@ class Client {
   absl::StatusOr<ModelInfo> GetModel(const std::string& name);
   absl::StatusOr<std::vector<ModelInfo>> ListModels();
   absl::Status DeleteModel(const std::string& name);
+  // Returns the triangles and the edges of a model as the server prepared them. A mesh of more than `max_faces`
+  // triangles (at most 100,000; 0: 20,000) is simplified. Additional error: INTERNAL for a geometry that contradicts
+  // itself.
+  absl::StatusOr<ModelGeometry> GetModelGeometry(const std::string& name, uint32_t max_faces = 0);
 
   // Each call creates a session. Calls with the same non-empty `request_id` return the same session, so that a call
   // without a response can be repeated.
@@ -126,6 +135,14 @@ class Client {
   using HealthCallback = std::function<void(const SessionHealth& health)>;
   absl::Status WatchHealth(const std::string& session, absl::Duration period, const HealthCallback& on_health,
                            std::stop_token stop = {});
+  // Delivers images of the events that the server tracks, at most options.max_rate_hz per second; each contains the
+  // events since the end of the one before, also of the images that this reader was too slow for. A server makes them
+  // only while somebody watches, and does not store them. Otherwise as WatchPoses(). Errors: INVALID_ARGUMENT naming
+  // the option; FAILED_PRECONDITION if the server shows no events, or if none of the servers of this client tracks
+  // them.
+  using EventsCallback = std::function<void(EventImage image)>;
+  absl::Status WatchEvents(const std::string& session, const WatchEventsOptions& options,
+                           const EventsCallback& on_image, std::stop_token stop = {});
 
  private:
   friend struct ClientAccess;

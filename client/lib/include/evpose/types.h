@@ -258,6 +258,52 @@ struct PoseReset {
   absl::Status Validate() const;
 };
 
+// The kind of an edge of a model. kUnknown is a kind of a later server.
+enum class EdgeKind { kCrease, kBoundary, kPaintedLine, kOccludingContour, kUnknown };
+
+// The visible edges of an object at one pose, as the tracker has extracted them.
+struct ObjectOutline {
+  // A part of an edge, from one end to the other. In pixels of the sensor, distortion included; the centre of the first
+  // pixel is (0, 0).
+  struct Segment {
+    Eigen::Vector2f p1_px = Eigen::Vector2f::Zero();
+    Eigen::Vector2f p2_px = Eigen::Vector2f::Zero();
+    EdgeKind kind = EdgeKind::kUnknown;
+  };
+
+  std::string object_id;
+  TrackState state = TrackState::kUnknown;  // at t_us
+  int64_t t_us = 0;                         // sensor time of the pose
+  Transform camera_from_object;
+  std::vector<Segment> segments;
+};
+
+// The events of an interval of sensor time, and the visible edges of the objects that have a pose at its end.
+struct EventImage {
+  int64_t from_t_us = 0;
+  int64_t to_t_us = 0;
+  int cell_px = 0;           // width and height of a cell
+  int width = 0;             // cells in a row; those at the right and lower borders may be incomplete
+  int height = 0;            // rows
+  uint64_t num_events = 0;   // of the interval
+  uint64_t num_skipped = 0;  // images that were replaced by later ones, which contain their events; cumulative
+  // Two bits for each cell, row by row without padding between rows; four cells in a byte, the first in the lowest
+  // bits. 0: no event, 1: brighter (ON), 2: darker (OFF), 3: both. (width * height + 3) / 4 bytes, never compressed.
+  std::vector<uint8_t> cells;
+  std::vector<ObjectOutline> outlines;
+
+  // The two bits of a cell. Precondition: the cell is inside the image.
+  int CellAt(int x, int y) const;
+};
+
+// The geometry of a model in the object's frame, in metres.
+struct ModelGeometry {
+  std::vector<Eigen::Vector3f> vertices_m;
+  std::vector<std::array<uint32_t, 3>> faces;           // numbers of vertices, counter-clockwise seen from outside
+  std::vector<std::array<Eigen::Vector3f, 2>> edges_m;  // straight lines, and the chords of curved edges
+  bool is_simplified = false;                           // the mesh had more triangles than were requested
+};
+
 struct GoAway {
   absl::Duration deadline;
 };

@@ -1,40 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/rpc/watch_reactors.h"
 
-#include <grpcpp/alarm.h>
+// The common part of the reactors of the Watch methods.
+#pragma once
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <limits>
+#include <grpcpp/server_context.h>
+
+#include <cstdint>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "absl/base/thread_annotations.h"
-#include "absl/strings/str_cat.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/authentication.h"
-#include "server/rpc/conversion.h"
+#include "server/rpc/service_context.h"
 #include "server/rpc/status_mapping.h"
 #include "server/rpc/stream_registry.h"
-#include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/sessions/session.h"
 
 namespace evpose::server {
-namespace {
 
-// Maximum number of poses in a response: about 40 KB, which bounds the memory of a stalled reader.
-constexpr size_t kPosesPerResponse = 64;
-constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);
-constexpr absl::Duration kMinPeriod = absl::Milliseconds(10);
-constexpr absl::Duration kLongestPeriod = absl::Hours(24 * 365);  // so that the sum with the present time is in range
-
-// The common part of both readers. As in the Track reactor, every callback changes the state and then calls Pump(),
+// As in the Track reactor, every callback changes the state and then calls Pump(),
 // which starts the next operation.
 template <typename Response>
 class WatchReactor : public grpc::ServerWriteReactor<Response>,
@@ -121,9 +112,14 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   }
 
   const WatchedSession& session() const { return *session_; }
+  const ServiceContext& services() const { return services_; }
   TenantQuotas& quotas() const { return services_.quotas; }
-  // Called when the session has been found, before the first PickResponse().
-  virtual void OnFound() {}
+  // Called when the session has been found, before the first PickResponse(). An error ends the call. By default the
+  // session notifies this watcher of every change.
+  virtual absl::Status OnFound() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    session_->AddWatcher(this->weak_from_this());
+    return absl::OkStatus();
+  }
   void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
 
   // Fills `response` and returns true if there is something to send. Sets `is_last` if nothing will follow.
@@ -173,12 +169,9 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   }
 
   void Watch(const absl::Status& found) {
-    if (found.ok()) {
-      OnFound();
-      session_->AddWatcher(this->weak_from_this());
-    }
     const std::lock_guard lock(mutex_);
     Fail(found);
+    if (failure_.ok()) Fail(OrOutOfMemory([this] { return OnFound(); }));
     Pump();
   }
 
@@ -204,142 +197,13 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);
 };
 
-// Reads the session's log at the pace of the client, so that a slow reader needs the memory of one response and no
-// queue.
-class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
- public:
-  using WatchReactor::WatchReactor;
-
-  absl::Status Begin(const Caller& caller, const v1::WatchPosesRequest& request) {
-    if (request.has_max_rate_hz()) {
-      const double rate_hz = request.max_rate_hz();
-      if (!(rate_hz > 0.0) || !std::isfinite(rate_hz)) {
-        return InvalidField("max_rate_hz", absl::StrCat("is ", rate_hz, "; it must be positive"));
-      }
-      min_interval_us_ = 1e6 / rate_hz;
-    }
-    cursor_ = request.after_pose_seq();
-    return FindSession(caller, request.session());
-  }
-
- private:
-  void OnFound() override {
-    live_from_ = session().Watch().last_pose_seq;
-    last_t_us_.assign(session().config().objects.size(), std::numeric_limits<int64_t>::min());
-  }
-
-  bool PickResponse(const WatchView& view, v1::WatchPosesResponse& response, bool& is_last) override
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    while (cursor_ < view.last_pose_seq && response.poses().empty()) {
-      uint64_t skipped = 0;
-      if (cursor_ >= live_from_ && view.last_pose_seq - cursor_ > session().max_poses_behind()) {
-        skipped = view.last_pose_seq - session().max_poses_behind() - cursor_;
-        cursor_ += skipped;
-      }
-      const auto page = session().ReadPoses(cursor_, kPosesPerResponse);
-      if (page.empty()) return false;
-      skipped += page.front().pose_seq - cursor_ - 1;
-      response.set_num_skipped(response.num_skipped() + skipped);
-      cursor_ = page.back().pose_seq;
-      for (const StoredPose& pose : page) {
-        if (IsDue(pose)) *response.add_poses() = ToProto(pose, session().config());
-      }
-    }
-    is_last = view.ended && cursor_ >= view.last_pose_seq;
-    return !response.poses().empty() || response.num_skipped() > 0;
-  }
-
-  bool IsDue(const StoredPose& pose) {
-    int64_t& last_t_us = last_t_us_[pose.object_index];
-    const int64_t t_us = pose.estimate.t_us;
-    if (last_t_us != std::numeric_limits<int64_t>::min() && static_cast<double>(t_us - last_t_us) < min_interval_us_) {
-      return false;
-    }
-    last_t_us = t_us;
-    return true;
-  }
-
-  double min_interval_us_ = 0.0;
-  uint64_t cursor_ = 0;     // number of the last pose that was sent or omitted
-  uint64_t live_from_ = 0;  // number of the last pose that existed when the reader started
-  std::vector<int64_t> last_t_us_;
-};
-
-class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
- public:
-  using WatchReactor::WatchReactor;
-
-  absl::Status Begin(const Caller& caller, const v1::WatchHealthRequest& request) {
-    if (request.has_period()) {
-      period_ = FromProto(request.period());
-      if (period_ < kMinPeriod) {
-        return InvalidField("period", absl::StrCat("is ", absl::FormatDuration(period_), "; at least ",
-                                                   absl::FormatDuration(kMinPeriod), " is required"));
-      }
-    }
-    tenant_ = caller.tenant;
-    health_place_ = quotas().AddHealthWatcher(tenant_);
-    return FindSession(caller, request.session());
-  }
-
- private:
-  bool PickResponse(const WatchView& view, v1::WatchHealthResponse& response, bool& is_last) override
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    is_last = view.ended && final_was_sent_;
-    if (is_last || !(is_due_ || view.ended)) return false;
-    is_due_ = false;
-    final_was_sent_ = view.ended;
-    *response.mutable_health() = ToProto(session().health(), session().config());
-    if (!view.ended) SetAlarm();
-    return true;
-  }
-
-  void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    // A new alarm each time, because the function of the previous one may still be running. A weak reference, because
-    // an alarm holds its function until it is destroyed.
-    alarm_ = std::make_unique<grpc::Alarm>();
-    const absl::Duration period = quotas().HealthPeriod(tenant_, std::min(period_, kLongestPeriod));
-    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period), [weak = weak_from_this()](bool) {
-      if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
-    });
-  }
-
-  void OnAlarm() {
-    const std::lock_guard lock(mutex_);
-    is_due_ = true;
-    Pump();
-  }
-
-  void OnFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { alarm_.reset(); }
-
-  absl::Duration period_ = kDefaultPeriod;
-  std::string tenant_;
-  std::shared_ptr<const void> health_place_;  // among the watchers of health
-  bool is_due_ ABSL_GUARDED_BY(mutex_) = true;
-  bool final_was_sent_ ABSL_GUARDED_BY(mutex_) = false;
-  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
-};
-
+// Starts the reactor of a call. It deletes itself when the call has ended.
 template <typename Reactor, typename Request>
 Reactor* StartWatch(const ServiceContext& services, grpc::CallbackServerContext* context, const Request& request) {
   const auto reactor = std::make_shared<Reactor>(services, context);
   const absl::StatusOr<Caller>& caller = reactor->caller();
   reactor->Start(caller.ok() ? reactor->Begin(*caller, request) : caller.status());
   return reactor.get();
-}
-
-}  // namespace
-
-grpc::ServerWriteReactor<v1::WatchPosesResponse>* StartWatchPoses(const ServiceContext& services,
-                                                                  grpc::CallbackServerContext* context,
-                                                                  const v1::WatchPosesRequest& request) {
-  return StartWatch<WatchPosesReactor>(services, context, request);
-}
-
-grpc::ServerWriteReactor<v1::WatchHealthResponse>* StartWatchHealth(const ServiceContext& services,
-                                                                    grpc::CallbackServerContext* context,
-                                                                    const v1::WatchHealthRequest& request) {
-  return StartWatch<WatchHealthReactor>(services, context, request);
 }
 
 }  // namespace evpose::server

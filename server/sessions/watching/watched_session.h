@@ -13,7 +13,8 @@
 #include "server/sessions/types/pose_log.h"
 #include "server/sessions/types/session_config.h"
 #include "server/sessions/types/session_state.h"
-#include "server/sessions/watchers.h"
+#include "server/sessions/watching/event_images.h"
+#include "server/sessions/watching/watchers.h"
 
 namespace evpose::server {
 
@@ -36,6 +37,8 @@ class WatchedSession {
   // Number of poses by which a live watcher may lag; beyond it, it loses the oldest.
   virtual uint64_t max_poses_behind() const = 0;
   virtual SessionHealth health() const = 0;
+  // Images of the events; null: this server does not track them.
+  virtual std::shared_ptr<EventImages> event_images() const { return nullptr; }
   virtual void AddWatcher(std::weak_ptr<SessionListener> watcher) = 0;
 };
 

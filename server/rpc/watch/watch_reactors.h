@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The methods SessionService.WatchPoses and WatchHealth.
+// The methods SessionService.WatchPoses, WatchHealth and WatchEvents.
 #pragma once
 
 #include <grpcpp/server_context.h>
@@ -17,5 +17,8 @@ grpc::ServerWriteReactor<v1::WatchPosesResponse>* StartWatchPoses(const ServiceC
 grpc::ServerWriteReactor<v1::WatchHealthResponse>* StartWatchHealth(const ServiceContext& services,
                                                                     grpc::CallbackServerContext* context,
                                                                     const v1::WatchHealthRequest& request);
+grpc::ServerWriteReactor<v1::WatchEventsResponse>* StartWatchEvents(const ServiceContext& services,
+                                                                    grpc::CallbackServerContext* context,
+                                                                    const v1::WatchEventsRequest& request);
 
 }  // namespace evpose::server

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "server/sessions/watchers.h"
+#include "server/sessions/watching/watchers.h"
 
 #include <algorithm>
 #include <utility>

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/rpc/model_geometry_reactor.h"
+
+#include <memory>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "core/models/display_geometry.h"
+#include "server/rpc/authentication.h"
+#include "server/rpc/status_mapping.h"
+#include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr uint32_t kMaxFaces = 100'000;
+
+void SetGeometry(const DisplayGeometry& geometry, v1::ModelGeometry& out) {
+  out.mutable_vertices_m()->Reserve(static_cast<int>(3 * geometry.vertices.size()));
+  for (const Eigen::Vector3f& vertex : geometry.vertices) out.mutable_vertices_m()->Add(vertex.begin(), vertex.end());
+  out.mutable_faces()->Reserve(static_cast<int>(3 * geometry.faces.size()));
+  for (const auto& face : geometry.faces) out.mutable_faces()->Add(face.begin(), face.end());
+  out.mutable_edges_m()->Reserve(static_cast<int>(6 * geometry.edges.size()));
+  for (const auto& [p1, p2] : geometry.edges) {
+    out.mutable_edges_m()->Add(p1.begin(), p1.end());
+    out.mutable_edges_m()->Add(p2.begin(), p2.end());
+  }
+  out.set_is_simplified(geometry.is_simplified);
+}
+
+// Loads and simplifies the model on the threads for the preparation of models, in the turn of its tenant.
+class GeometryReactor : public grpc::ServerUnaryReactor {
+ public:
+  GeometryReactor(const ServiceContext& services, const v1::GetModelGeometryRequest& request,
+                  v1::ModelGeometry& response)
+      : services_(services), request_(request), response_(response) {}
+
+  void Start(const absl::StatusOr<Caller>& caller) {
+    if (!caller.ok()) return Finish(ToGrpcStatus(caller.status()));
+    if (request_.max_faces() > kMaxFaces) {
+      return Finish(ToGrpcStatus(InvalidField(
+          "max_faces", absl::StrCat("is ", request_.max_faces(), "; at most ", kMaxFaces, " are returned"))));
+    }
+    // gRPC does not call OnDone() before Finish().
+    services_.pool.preparations().Post(
+        caller->tenant,
+        [this, tenant = caller->tenant](const absl::Status& admitted) {
+          Finish(ToGrpcStatus(admitted.ok() ? OrOutOfMemory([&] { return Answer(tenant); }) : admitted));
+        },
+        cancellation_);
+  }
+
+  // A call that waits is answered in its turn, without work.
+  void OnCancel() override { cancellation_->Cancel(); }
+  void OnDone() override { delete this; }
+
+ private:
+  absl::Status Answer(const std::string& tenant) {
+    std::shared_ptr<const ObjectModel> model;
+    {
+      // The model may be deleted while it is simplified.
+      EVPOSE_ASSIGN_OR_RETURN(const ModelUse use, services_.models.UseStored(tenant, request_.name()));
+      model = use.model;
+    }
+    if (cancellation_->is_cancelled()) return absl::CancelledError("the client cancelled");
+    DisplayLimits limits;
+    if (request_.max_faces() != 0) limits.max_faces = request_.max_faces();
+    SetGeometry(MakeDisplayGeometry(*model, limits), response_);
+    return absl::OkStatus();
+  }
+
+  const ServiceContext services_;
+  const v1::GetModelGeometryRequest& request_;
+  v1::ModelGeometry& response_;
+  const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
+};
+
+}  // namespace
+
+grpc::ServerUnaryReactor* StartGetModelGeometry(const ServiceContext& services, grpc::CallbackServerContext* context,
+                                                const v1::GetModelGeometryRequest& request,
+                                                v1::ModelGeometry& response) {
+  auto* const reactor = new GeometryReactor(services, request, response);
+  reactor->Start(Authenticate(services.authenticator, *context));
+  return reactor;
+}
+
+}  // namespace evpose::server

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// An image of events with the visible edges of the objects, as its watchers share it.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "core/events/event_bitmap.h"
+#include "core/geometry/camera.h"
+#include "core/tracking/outline/object_outline.h"
+
+namespace evpose::server {
+
+// The outlines of the objects of a session at one time. Thread-safe.
+class SessionOutlines {
+ public:
+  struct Outline {
+    uint32_t object_index = 0;
+    ObjectOutline object;
+    std::vector<OutlineSegment> segments;
+  };
+  // `outlines`: without segments, of the objects that have a pose.
+  SessionOutlines(const CameraModel& camera, std::vector<Outline> outlines)
+      : camera_(camera), outlines_(std::move(outlines)) {}
+
+  // With segments. The first call projects the edges, which it then releases.
+  const std::vector<Outline>& Projected() const;
+
+ private:
+  const CameraModel camera_;
+  mutable std::once_flag is_projected_;
+  mutable std::vector<Outline> outlines_;
+};
+
+// EventImage.cells of the API.
+struct EncodedCells {
+  bool is_zlib = false;  // else they are the bytes of the bitmap, and `zlib` is empty
+  std::string zlib;
+};
+
+// The events of an interval of sensor time, in microseconds. Thread-safe once it is shared.
+class EventImage {
+ public:
+  EventImage(int64_t from_t_us, int64_t to_t_us, uint64_t num_events, EventBitmap bitmap,
+             std::shared_ptr<const SessionOutlines> outlines)
+      : from_t_us_(from_t_us),
+        to_t_us_(to_t_us),
+        num_events_(num_events),
+        bitmap_(std::move(bitmap)),
+        outlines_(std::move(outlines)) {}
+
+  int64_t from_t_us() const { return from_t_us_; }
+  int64_t to_t_us() const { return to_t_us_; }
+  uint64_t num_events() const { return num_events_; }
+  const EventBitmap& bitmap() const { return bitmap_; }
+  const std::vector<SessionOutlines::Outline>& outlines() const { return outlines_->Projected(); }
+  // Compressed where that makes them smaller. The first call compresses.
+  const EncodedCells& cells() const;
+
+  // Adds the events of the image that follows, and takes its outlines. To be called before the image is shared.
+  void Append(const EventImage& next);
+  // The events of both. `next` follows `first`.
+  static std::shared_ptr<EventImage> Join(const EventImage& first, const EventImage& next);
+
+ private:
+  int64_t from_t_us_;
+  int64_t to_t_us_;
+  uint64_t num_events_;
+  EventBitmap bitmap_;
+  std::shared_ptr<const SessionOutlines> outlines_;
+  mutable std::once_flag is_encoded_;
+  mutable EncodedCells cells_;
+};
+
+}  // namespace evpose::server

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/sessions/watching/event_images.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace evpose::server {
+namespace {
+
+EventImages::Clock::duration Seconds(double seconds) {
+  return std::chrono::duration_cast<EventImages::Clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+}  // namespace
+
+EventImages::Reader::~Reader() { images_->Close(this); }
+
+std::optional<EventImages::Reader::Taken> EventImages::Reader::Take() {
+  const std::lock_guard lock(images_->mutex_);
+  if (!is_ready_) return std::nullopt;
+  is_ready_ = is_own_ = false;
+  images_->metrics_->event_images.Add();
+  return Taken{std::exchange(image_, nullptr), num_skipped_};
+}
+
+EventImages::EventImages(const SessionConfig& config, std::function<Time()> now, WorkerPool& pool,
+                         std::shared_ptr<ServerMetrics> metrics)
+    : camera_(config.camera),
+      num_objects_(static_cast<uint32_t>(config.objects.size())),
+      now_(std::move(now)),
+      pool_(pool),
+      metrics_(std::move(metrics)),
+      watchers_(std::make_shared<Watchers>(pool)) {}
+
+// The last reference may be released on a thread of gRPC: the lock shows to race detectors that all calls have ended.
+EventImages::~EventImages() { const std::lock_guard lock(mutex_); }
+
+std::unique_ptr<EventImages::Reader> EventImages::Open(int cell_px, double max_rate_hz,
+                                                       std::weak_ptr<SessionListener> listener) {
+  std::unique_ptr<Reader> reader(new Reader(shared_from_this()));
+  reader->cell_px_ = cell_px;
+  reader->period_ = Seconds(1.0 / max_rate_hz);
+  watchers_->Add(std::move(listener));
+  const std::lock_guard lock(mutex_);
+  readers_.push_back(reader.get());
+  UpdateCanvases();
+  // In step with the others, so that they share the images.
+  reader->due_ = Find(cell_px)->due;
+  num_readers_ = static_cast<uint32_t>(readers_.size());
+  return reader;
+}
+
+void EventImages::Close(const Reader* reader) {
+  const std::lock_guard lock(mutex_);
+  std::erase(readers_, reader);
+  num_readers_ = static_cast<uint32_t>(readers_.size());
+  UpdateCanvases();
+  if (!readers_.empty()) return;
+  timer_.reset();
+  latest_ = {};
+  outlines_.reset();
+}
+
+EventImages::Clock::duration EventImages::PeriodOf(const Reader& reader) const {
+  return std::max(reader.period_, Seconds(static_cast<double>(readers_.size()) / kMaxImagesPerS));
+}
+
+EventImages::Canvas* EventImages::Find(int cell_px) {
+  const auto found = std::find_if(canvases_.begin(), canvases_.end(),
+                                  [cell_px](const Canvas& canvas) { return canvas.bitmap.cell_px() == cell_px; });
+  return found == canvases_.end() ? nullptr : &*found;
+}
+
+void EventImages::UpdateCanvases() {
+  std::erase_if(canvases_, [this](const Canvas& canvas) {
+    return std::none_of(readers_.begin(), readers_.end(),
+                        [&canvas](const Reader* reader) { return reader->cell_px_ == canvas.bitmap.cell_px(); });
+  });
+  for (Canvas& canvas : canvases_) canvas.period = Clock::duration::max();
+  for (const Reader* reader : readers_) {
+    Canvas* canvas = Find(reader->cell_px_);
+    if (canvas == nullptr) {
+      canvas =
+          &canvases_.emplace_back(Canvas{.bitmap = EventBitmap({camera_.width_px, camera_.height_px}, reader->cell_px_),
+                                         .period = Clock::duration::max(),
+                                         .due = now_()});
+    }
+    canvas->period = std::min(canvas->period, PeriodOf(*reader));
+  }
+}
+
+void EventImages::Add(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us, const Tracker& tracker) {
+  const Time now = now_();
+  const std::lock_guard lock(mutex_);
+  if (readers_.empty()) return;
+  for (Canvas& canvas : canvases_) {
+    if (!canvas.from_t_us) canvas.from_t_us = from_t_us;
+    canvas.has_news = canvas.has_news || !events.empty() || to_t_us > canvas.to_t_us;
+    canvas.to_t_us = to_t_us;
+    canvas.num_events += events.size();
+    canvas.bitmap.Add(events);
+  }
+  latest_.resize(num_objects_);
+  has_pose_.resize(num_objects_);
+  for (uint32_t i = 0; i < num_objects_; ++i) {
+    latest_[i].object_index = i;
+    has_pose_[i] = tracker.Outline(i, latest_[i].object);
+  }
+  outlines_.reset();
+  MakeDueImages(now);
+  SetTimer(now);
+}
+
+void EventImages::Finish() {
+  const Time now = now_();
+  const std::lock_guard lock(mutex_);
+  for (Canvas& canvas : canvases_) {
+    if (canvas.has_news) MakeImage(canvas, now);
+  }
+  for (Reader* reader : readers_) reader->is_ready_ = reader->image_ != nullptr;
+  watchers_->Notify();
+}
+
+void EventImages::MakeDueImages(Time now) {
+  for (Canvas& canvas : canvases_) {
+    if (!canvas.has_news || now < canvas.due) continue;
+    MakeImage(canvas, now);
+    watchers_->Notify();
+  }
+}
+
+void EventImages::MakeImage(Canvas& canvas, Time now) {
+  EventBitmap empty(canvas.bitmap.sensor(), canvas.bitmap.cell_px());
+  auto image = std::make_shared<EventImage>(*canvas.from_t_us, canvas.to_t_us, canvas.num_events,
+                                            std::exchange(canvas.bitmap, std::move(empty)), Outlines());
+  canvas.from_t_us = canvas.to_t_us;
+  canvas.num_events = 0;
+  canvas.has_news = false;
+  for (Reader* reader : readers_) {
+    if (reader->cell_px_ == image->bitmap().cell_px()) Give(image, canvas, now, *reader);
+  }
+  // A late image delays the next one by half a period at least, and does not change the mean rate.
+  canvas.due = std::max(canvas.due + canvas.period, now + canvas.period / 2);
+}
+
+void EventImages::Give(const std::shared_ptr<EventImage>& image, const Canvas& canvas, Time now, Reader& reader) {
+  // A reader with a lower rate takes the image whose time is nearest to its own.
+  const bool is_due = now + canvas.period / 2 >= reader.due_;
+  if (reader.image_ == nullptr) {
+    reader.image_ = image;
+  } else if (reader.is_own_) {
+    reader.image_->Append(*image);
+  } else {
+    reader.image_ = EventImage::Join(*reader.image_, *image);
+    reader.is_own_ = true;
+  }
+  if (!is_due) return;
+  if (reader.is_ready_) {
+    ++reader.num_skipped_;
+    metrics_->skipped_event_images.Add();
+  }
+  reader.is_ready_ = true;
+  const Clock::duration period = PeriodOf(reader);
+  reader.due_ = std::max(reader.due_ + period, now + period / 2);
+}
+
+void EventImages::SetTimer(Time now) {
+  if (timer_ != nullptr) return;
+  std::optional<Time> next;
+  for (const Canvas& canvas : canvases_) {
+    if (canvas.has_news) next = next ? std::min(*next, canvas.due) : canvas.due;
+  }
+  if (!next) return;
+  timer_ = pool_.PostAfter(absl::FromChrono(std::max(*next - now, Clock::duration::zero())), [weak = weak_from_this()] {
+    if (const auto self = weak.lock()) self->OnTimer();
+  });
+}
+
+void EventImages::OnTimer() {
+  const Time now = now_();
+  const std::lock_guard lock(mutex_);
+  timer_.reset();
+  MakeDueImages(now);
+  SetTimer(now);
+}
+
+std::shared_ptr<const SessionOutlines> EventImages::Outlines() {
+  if (outlines_ == nullptr) {
+    std::vector<SessionOutlines::Outline> outlines;
+    for (size_t i = 0; i < latest_.size(); ++i) {
+      if (has_pose_[i]) outlines.push_back(latest_[i]);
+    }
+    outlines_ = std::make_shared<const SessionOutlines>(camera_, std::move(outlines));
+  }
+  return outlines_;
+}
+
+}  // namespace evpose::server

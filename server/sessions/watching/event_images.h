@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Makes images of the events of a session for its watchers (README.md, section 2).
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/types/span.h"
+#include "core/events/event.h"
+#include "core/events/event_bitmap.h"
+#include "core/tracking/tracker.h"
+#include "server/runtime/worker_pool.h"
+#include "server/sessions/types/session_config.h"
+#include "server/sessions/watching/event_image.h"
+#include "server/sessions/watching/watchers.h"
+#include "server/telemetry/metrics.h"
+
+namespace evpose::server {
+
+// Without watchers it holds no image, and costs its session one comparison for each slice of events. Thread-safe.
+class EventImages : public std::enable_shared_from_this<EventImages> {
+ public:
+  using Clock = std::chrono::steady_clock;
+  using Time = Clock::time_point;
+
+  // Images of a session per second, to all its watchers together. With more watchers each receives fewer: this bounds
+  // the time for which they hold up the session. Enough for 16 with the highest rate, and for 32 with the default.
+  static constexpr double kMaxImagesPerS = 960.0;
+  static constexpr double kMaxRateHz = 60.0;
+
+  EventImages(const SessionConfig& config, std::function<Time()> now, WorkerPool& pool,
+              std::shared_ptr<ServerMetrics> metrics);
+  ~EventImages();
+
+  // One watcher of the images, until it is destroyed.
+  class Reader {
+   public:
+    ~Reader();
+    struct Taken {
+      std::shared_ptr<const EventImage> image;
+      uint64_t num_skipped = 0;  // EventImage.num_skipped of the API
+    };
+    // Returns the newest image; nullopt until one is due. An image that is not taken before the next one is due is
+    // joined with it and counts as skipped.
+    std::optional<Taken> Take();
+
+   private:
+    friend class EventImages;
+    explicit Reader(std::shared_ptr<EventImages> images) : images_(std::move(images)) {}
+
+    const std::shared_ptr<EventImages> images_;
+    // Guarded by the mutex of `images_`.
+    int cell_px_ = 0;
+    Clock::duration period_{};
+    Time due_;
+    std::shared_ptr<EventImage> image_;  // null: no events since the last one
+    bool is_own_ = false;                // no other reader has image_
+    bool is_ready_ = false;              // image_ is due
+    uint64_t num_skipped_ = 0;
+  };
+  // `cell_px` is 1, 2 or 4; `max_rate_hz` is positive and at most kMaxRateHz. `listener` is called when an image is due
+  // and by Notify(), on the pool's low-priority thread.
+  std::unique_ptr<Reader> Open(int cell_px, double max_rate_hz, std::weak_ptr<SessionListener> listener);
+  uint32_t num_readers() const { return num_readers_.load(std::memory_order_relaxed); }
+
+  // The next three functions are for the session. Add() and Finish() are called in its turns.
+  bool is_watched() const { return num_readers() > 0; }
+  // Events that have been tracked, which have advanced the sensor's clock from `from_t_us` to `to_t_us`, and the
+  // tracker after them.
+  void Add(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us, const Tracker& tracker);
+  // There are no more events: everything that waits is due.
+  void Finish();
+  // Calls the listeners of the readers, because the session has ended.
+  void Notify() { watchers_->Notify(); }
+
+ private:
+  // The events since the last image, in cells of one size.
+  struct Canvas {
+    EventBitmap bitmap;
+    std::optional<int64_t> from_t_us;  // absent before the first events
+    int64_t to_t_us = 0;
+    uint64_t num_events = 0;
+    bool has_news = false;
+    Clock::duration period{};  // of the fastest reader
+    Time due;
+  };
+
+  Clock::duration PeriodOf(const Reader& reader) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // To be called after each change of readers_: adds and removes canvases, and sets their periods.
+  void UpdateCanvases() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  Canvas* Find(int cell_px) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Close(const Reader* reader);
+  // Makes images of the canvases that are due, and gives them to their readers.
+  void MakeDueImages(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void MakeImage(Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Give(const std::shared_ptr<EventImage>& image, const Canvas& canvas, Time now, Reader& reader)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Sees to it that what waits becomes an image in time, also without further events.
+  void SetTimer(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void OnTimer();
+  std::shared_ptr<const SessionOutlines> Outlines() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const CameraModel camera_;
+  const uint32_t num_objects_;
+  const std::function<Time()> now_;
+  WorkerPool& pool_;
+  const std::shared_ptr<ServerMetrics> metrics_;
+  const std::shared_ptr<Watchers> watchers_;
+  std::atomic<uint32_t> num_readers_ = 0;
+  mutable std::mutex mutex_;
+  std::vector<Reader*> readers_ ABSL_GUARDED_BY(mutex_);
+  std::vector<Canvas> canvases_ ABSL_GUARDED_BY(mutex_);                  // one for each size of cells that has readers
+  std::vector<SessionOutlines::Outline> latest_ ABSL_GUARDED_BY(mutex_);  // of all objects, so that memory is reused
+  std::vector<bool> has_pose_ ABSL_GUARDED_BY(mutex_);
+  std::shared_ptr<const SessionOutlines> outlines_ ABSL_GUARDED_BY(mutex_);  // of latest_; null: not made yet
+  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace evpose::server
