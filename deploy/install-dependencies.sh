@@ -23,7 +23,7 @@ build_packages=(
 step_packages=(libocct-data-exchange-dev libocct-foundation-dev libocct-modeling-algorithms-dev libocct-modeling-data-dev)
 hdf5_packages=(libhdf5-dev)
 package_packages=("${step_packages[@]}" "${hdf5_packages[@]}" dpkg-dev file python3)
-test_packages=("${package_packages[@]}" clang clang-format clang-tidy codespell haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld openssl python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd)
+test_packages=("${package_packages[@]}" chromium chromium-driver clang clang-format clang-tidy codespell haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld openssl python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-selenium python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool

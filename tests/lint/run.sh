@@ -10,7 +10,7 @@ python3 tests/lint/check_tree.py
 python3 tests/lint/check_includes.py
 python3 tests/lint/proto_lint.py
 # Words that codespell would change: "nees" is a statistic, "fro" and "passtime" are parts of names.
-git ls-files -z ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!tests/data/*/*' ':!*.png' ':!LICENSE' |
+git ls-files -z ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!tests/data/*/*' ':!*.png' ':!*package-lock.json' ':!LICENSE' |
   xargs -0 codespell --ignore-words-list nees,fro,trough,passtime
 # The scripts in tests/container are sourced by its run.sh and are checked together with it.
 git ls-files -z '*.sh' .ci/run ':!tests/container' | xargs -0 shellcheck --external-sources --severity warning

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { duration, seconds, withPrefix } from "../src/format";
+import { COLUMN, ObjectTrack, StateLog, Store } from "../src/store";
+
+const pose = (t_us, state = "tracking", p = [0, 0, 1]) => ({ t_us, seq: t_us / 1000, state, p, q: [1, 0, 0, 0] });
+const INFO = { id: "cube", model: "models/cube", diameter_m: 0.3 };
+
+test("changes of state are kept in the order of their times", () => {
+  const log = new StateLog();
+  log.add(100, "tracking", "");
+  log.add(300, "lost", "contradicted");
+  log.add(200, "degraded", "");
+  log.add(250, "degraded", "few edges");
+  log.add(400, "lost", "");
+  assert.deepEqual(log.changes.map(({ t_us, state, reason }) => [t_us, state, reason]), [
+    [100, "tracking", ""], [200, "degraded", "few edges"], [300, "lost", "contradicted"],
+  ]);
+  assert.deepEqual([50, 100, 299, 300].map((t) => log.indexAt(t)), [-1, 0, 1, 2]);
+});
+
+test("the number of changes is bounded", () => {
+  const log = new StateLog();
+  for (let i = 0; i < 10000; ++i) log.add(i, i % 2 === 0 ? "lost" : "tracking", "");
+  assert.equal(log.changes.length, 2000);
+  assert.equal(log.changes.at(-1).t_us, 9999);
+});
+
+test("a gap between the poses of a recording has no pose", () => {
+  const track = new ObjectTrack(INFO, 0, true);
+  const times = [0, 10, 20, 30, 40, 500, 510].map((ms) => ms * 1000);
+  track.addPoses(times.map((t) => pose(t)));
+  assert.deepEqual(track.log.changes.map(({ t_us, state }) => [t_us, state]), [[0, "tracking"], [40001, "none"], [500000, "tracking"]]);
+  assert.equal(track.rowAt(40000), 4);
+  assert.equal(track.rowAt(200000), -1);
+  assert.equal(track.rowAt(505000), 5);
+});
+
+test("a loss that the gateway reported is not replaced by a gap", () => {
+  const track = new ObjectTrack(INFO, 0, true);
+  track.log.add(41000, "lost", "contradicted");
+  track.addPoses([0, 10, 20, 30, 40, 500, 510].map((ms) => pose(ms * 1000)));
+  assert.deepEqual(track.log.changes.map(({ state }) => state), ["tracking", "lost", "tracking"]);
+});
+
+test("a pose of an unknown state is shown as without state", () => {
+  const track = new ObjectTrack(INFO, 0, false);
+  track.addPoses([pose(1000, "dreaming")]);
+  assert.equal(track.stateAt(1000), "none");
+});
+
+test("the poses of a live session are bounded, and the first one stays the origin", () => {
+  const store = new Store();
+  const camera = { width: 640, height: 480, fx_px: 500, fy_px: 500, cx_px: 320, cy_px: 240 };
+  store.setScene({ type: "scene", session: "s", camera, objects: [INFO], recording: null, has_truth: false });
+  for (let i = 1; i <= 10000; ++i) store.addPoses("cube", [pose(1000 * i, "tracking", [i, 0, 1])], false);
+  const track = store.objects.get("cube");
+  assert.equal(track.poses.length, 4096);
+  assert.equal(track.poses.at(COLUMN.p, 4095), 10000);
+  assert.deepEqual(track.origin, [1, 0, 1]);
+  assert.equal(store.newestUs, 10_000_000);
+  store.addPoses("unknown", [pose(1)], false);
+});
+
+test("numbers are written with their units", () => {
+  assert.deepEqual([8.523e6, 12300, 7, 2.5e9, NaN].map(withPrefix), ["8.52 M", "12.3 k", "7 ", "2.50 G", "–"]);
+  assert.deepEqual([1500, 25000, 2.5e6, 190e6].map(duration), ["1.5 ms", "25 ms", "2.50 s", "3 min 10 s"]);
+  assert.equal(seconds(16000018, 6), "16.000018");
+});

@@ -1,0 +1,270 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The page of evpose view in a browser, against the fake gateway of client/view/page/dev.
+page_test.py FAKE_GATEWAY.mjs DIST [unittest arguments]"""
+
+import shutil
+import sys
+import unittest
+
+from browser import OVERLAY_SCRIPT, STATE_COLOURS, Page, PageServer, require, require_browser
+
+START_US = 16_000_000  # of the fake recording
+STEP_US = 2000
+LEFT, RIGHT, HOME, END = "\ue012", "\ue014", "\ue011", "\ue010"
+
+
+class PageTest(unittest.TestCase):
+    """Each test class has a gateway with these options and a browser; each test loads the page again."""
+
+    OPTIONS = ()
+    BROWSER = ()
+
+    @classmethod
+    def setUpClass(cls):
+        cls.server = PageServer(["node", GATEWAY, "--dist", DIST, *cls.OPTIONS])
+        cls.addClassCleanup(cls.server.stop)
+        cls.page = Page("about:blank", arguments=cls.BROWSER)
+        cls.addClassCleanup(cls.page.close)
+        cls.page.set_theme("dark")
+
+    def load(self, url=None, width=1280, height=720):
+        self.page.resize(width, height)
+        self.page.driver.get("about:blank")
+        self.page.driver.get(url or self.server.url)
+
+    def setUp(self):
+        self.load()
+        self.addCleanup(self.check_silence)
+
+    def check_silence(self):
+        self.assertEqual(self.page.console_errors(), [])
+        self.assertEqual(self.page.foreign_requests(), [])
+        self.assertEqual(self.page.data["errors"], "0")
+
+    def images_drawn(self):
+        return int(self.page.data["imagesDrawn"])
+
+    def wait_for_images(self, count=1):
+        first = self.images_drawn()
+        self.page.wait(lambda: self.images_drawn() >= first + count, f"{count} more images")
+
+    def assert_pose_is_that_of_the_stream(self, t_us=None):
+        shown = self.page.pose
+        sent = self.server.get(f"/test/pose?object={shown['object'].replace(' ', '%20')}&t_us={shown['tUs']}&seq={shown['seq']}")
+        self.assertEqual([float(x) for x in shown["p"].split()], sent["p"])
+        self.assertEqual([float(x) for x in shown["q"].split()], sent["q"])
+        self.assertEqual(shown["state"], sent["state"])
+        if t_us is not None:
+            self.assertEqual(int(shown["tUs"]), t_us)
+
+    def overlay(self, image, index=0):
+        return self.page.run(OVERLAY_SCRIPT, image["segments"][index], STATE_COLOURS[image["outlines"][index]["state"]], 1280)
+
+
+class LivePage(PageTest):
+    OPTIONS = ("--objects", "2")
+
+    def setUp(self):
+        super().setUp()
+        self.wait_for_images()
+
+    def test_shows_the_pose_of_the_stream(self):
+        self.page.wait(lambda: self.page.pose.get("tUs"), "a pose")
+        for _ in range(3):
+            before = self.page.pose["tUs"]
+            self.assert_pose_is_that_of_the_stream()
+            self.page.wait(lambda: self.page.pose["tUs"] not in ("", before), "the next pose")
+
+    def test_acknowledges_every_image(self):
+        self.wait_for_images(10)
+        figures = self.server.get("/test/figures")
+        self.assertLessEqual(figures["images_sent"] - figures["acknowledged"], 2 * figures["connections"])
+
+    def test_connects_again(self):
+        before = self.server.get("/test/figures")["connections"]
+        self.server.get("/test/drop")
+        self.page.wait(lambda: self.server.get("/test/figures")["connections"] > before, "another connection")
+        self.page.wait_for_data(connection="connected")
+        self.wait_for_images(3)
+        self.assertEqual(self.page.data["session"], "sessions/bench-1")
+        # Chromium itself reports the broken WebSocket to the console.
+        self.assertTrue(all("WebSocket" in message for message in self.page.console_errors()))
+
+    def test_refused_key_is_explained(self):
+        for url, connection, text in (
+            (self.server.origin + "/#wrong", "refused", "The key in the address was refused"),
+            (self.server.origin + "/", "no-key", "The address has no key"),
+        ):
+            self.load(url)
+            self.page.wait_for_data(connection=connection)
+            self.assertIn(text, self.page.run("return document.getElementById('connection').textContent"))
+
+    def test_keys(self):
+        self.page.press("?")
+        self.assertTrue(self.page.run("return document.getElementById('help').open"))
+        self.page.press("d")
+        self.assertEqual(self.page.data["theme"], "dark", "the help takes no other key")
+        self.page.press("?")
+        self.assertFalse(self.page.run("return document.getElementById('help').open"))
+        self.page.press("d")
+        self.assertEqual(self.page.data["theme"], "light")
+        self.page.press("d")
+        self.assertEqual(self.page.data["theme"], "dark")
+        self.page.press("2")
+        self.page.wait(lambda: self.page.pose["object"] == "hex nut", "the second object")
+        window = "return document.getElementById('window-select').value"
+        self.assertEqual(self.page.run(window), "33 ms")
+        self.page.press("]", "]", "[")
+        self.assertEqual(self.page.run(window), "50 ms")
+        self.page.press("o")
+        self.wait_for_images(2)
+        self.assertEqual(self.page.run("""const c = document.getElementById('overlay');
+            return c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some((x) => x !== 0)"""), False)
+
+    def test_freezes_while_images_go_on(self):
+        self.page.press(" ")
+        self.page.wait(lambda: "frozen" in self.page.run("return document.getElementById('live-badge').textContent"), "the badge")
+        frozen = self.page.data["imageNumber"]
+        before = self.server.get("/test/figures")["acknowledged"]
+        self.page.wait(lambda: self.server.get("/test/figures")["acknowledged"] > before + 5, "acknowledgements")
+        self.assertEqual(self.page.data["imageNumber"], frozen)
+        self.page.press(" ")
+        self.page.wait(lambda: self.page.data["imageNumber"] != frozen, "the next image")
+
+    def test_fits_into_narrow_and_wide_screens(self):
+        for width, height in ((360, 740), (390, 844), (768, 1024), (1280, 720), (1920, 1080)):
+            self.load(width=width, height=height)
+            self.wait_for_images()
+            self.assertEqual(self.page.run("return document.documentElement.scrollWidth"), width)
+            beyond = self.page.run("""return [...document.querySelectorAll('.panel, header > *, .panel-head > *, .plot, canvas')]
+                .filter((node) => node.offsetParent !== null && node.id !== 'cells' && node.getBoundingClientRect().right > innerWidth + 1)
+                .map((node) => node.id || node.className)""")
+            self.assertEqual(beyond, [], f"{width} x {height}")
+            if width >= 1280:
+                self.assertEqual(self.page.run("return document.documentElement.scrollHeight"), height)
+
+
+class SessionsPage(PageTest):
+    OPTIONS = ("--list",)
+
+    def test_names_are_text_and_a_click_opens(self):
+        rows = "[...document.querySelectorAll('#session-list .session:not(.head)')]"
+        self.page.wait(lambda: self.page.run(f"return {rows}.length") == 3, "three sessions")
+        self.assertEqual(self.page.run(f"return {rows}[2].querySelector('.name').textContent"), "sessions/<b>cell 7</b>")
+        self.page.run(f"{rows}[2].click()")
+        self.page.wait_for_data(session="sessions/<b>cell 7</b>")
+        self.wait_for_images()
+        self.assertEqual(self.page.run("return document.querySelector('b b, #title b')"), None)
+        self.page.press("l")
+        self.page.wait(lambda: self.page.run("return !document.getElementById('chooser').hidden"), "the list")
+
+    def test_fits_into_a_phone(self):
+        self.load(width=360, height=740)
+        self.page.wait(lambda: self.page.run("return document.querySelectorAll('#session-list .session').length") == 4, "the sessions")
+        self.assertEqual(self.page.run("return document.documentElement.scrollWidth"), 360)
+
+
+class RecordingPage(PageTest):
+    OPTIONS = ("--mode", "recording", "--truth")
+
+    def setUp(self):
+        super().setUp()
+        self.wait_for_instant(START_US)
+
+    def wait_for_instant(self, t_us):
+        self.page.wait(lambda: self.page.data.get("instantUs") == str(t_us) and self.page.data.get("imageTUs") == str(t_us), f"the instant {t_us}")
+
+    def scrub(self, t_us):
+        self.page.run(
+            """const scrubber = document.getElementById('scrubber');
+            scrubber.value = arguments[0];
+            for (const type of ['input', 'change']) scrubber.dispatchEvent(new Event(type));""",
+            (t_us - START_US) // 100,
+        )
+        self.wait_for_instant(t_us)
+
+    def test_scrubbing_shows_the_pose_of_the_instant(self):
+        for t_us in (START_US + 1_000_000, START_US + 9_000_100, START_US + 3_300_000):
+            self.scrub(t_us)
+            self.assert_pose_is_that_of_the_stream(t_us - t_us % STEP_US)
+
+    def test_overlay_lies_on_the_segments(self):
+        self.page.press("t")  # the truth would be drawn over the estimate
+        for t_us, state in ((START_US + 1_000_000, "tracking"), (START_US + 4_800_000, "ambiguous"), (START_US + 9_500_000, "tracking")):
+            self.scrub(t_us)
+            image = self.server.get("/test/image")
+            self.assertEqual(image["number"], int(self.page.data["imageNumber"]))
+            index = next(i for i, outline in enumerate(image["outlines"]) if not outline["truth"])
+            self.assertEqual(image["outlines"][index]["state"], state)
+            found = self.overlay(image, index)
+            self.assertGreater(found["points"], 500)
+            # A dotted line has the colour in 2 of 5 px, and round ends.
+            self.assertGreater(found["hits"], (0.97 if state == "tracking" else 0.4) * found["points"])
+            self.assertEqual(found["stray"], 0)
+            self.assertGreater(found["pixels"], 0.5 * found["points"])
+
+    def test_a_lost_object_has_no_overlay_and_a_reason(self):
+        self.page.press("t")
+        self.scrub(START_US + 2_300_000)
+        image = self.server.get("/test/image")
+        self.assertEqual([outline for outline in image["outlines"] if not outline["truth"]], [])
+        self.assertEqual(self.overlay({"segments": [[]], "outlines": [{"state": "tracking"}]})["pixels"], 0)
+        self.page.wait(lambda: "lost" in self.page.run("return document.getElementById('objects').textContent"), "the state")
+        self.assertIn("the events contradict the pose", self.page.run("return document.getElementById('changes').textContent"))
+
+    def test_steps(self):
+        self.page.press(RIGHT)
+        self.wait_for_instant(START_US + STEP_US)
+        self.page.press(RIGHT)
+        self.wait_for_instant(START_US + 2 * STEP_US)
+        self.page.press(LEFT)
+        self.wait_for_instant(START_US + STEP_US)
+        self.assert_pose_is_that_of_the_stream(START_US + STEP_US)
+        self.page.press(END)
+        self.wait_for_instant(START_US + 10_000_000)
+        self.page.press(HOME)
+        self.wait_for_instant(START_US)
+
+    def test_plays_and_pauses(self):
+        self.page.press("-", "-", "-", " ")
+        self.page.wait_for_data(playing="true")
+        self.page.wait(lambda: int(self.page.data["instantUs"]) > START_US, "a later instant")
+        self.page.press(" ")
+        self.page.wait_for_data(playing="false")
+        self.assert_pose_is_that_of_the_stream()
+
+    def test_a_click_into_a_plot_or_the_time_line_shows_that_instant(self):
+        for selector, share in ((".plot-box .u-over", 0.25), ("#timeline", 0.8)):
+            self.page.click(selector, share)
+            low, high = START_US + (share - 0.05) * 1e7, START_US + (share + 0.05) * 1e7
+            self.page.wait(lambda: low < int(self.page.data["imageTUs"]) < high, f"an instant at {share} of the recording")
+
+    def test_keeps_the_instant_after_a_lost_connection(self):
+        self.scrub(START_US + 4_000_000)
+        before, images = self.server.get("/test/figures")["connections"], self.images_drawn()
+        self.server.get("/test/drop")
+        self.page.wait(lambda: self.server.get("/test/figures")["connections"] > before, "another connection")
+        self.page.wait_for_data(connection="connected")
+        # The gateway shows the beginning of the recording first.
+        self.page.wait(lambda: self.images_drawn() > images, "an image of the new connection")
+        self.wait_for_instant(START_US + 4_000_000)
+        self.page.console_errors()
+
+
+class PageWithoutWebGl(PageTest):
+    BROWSER = ("--disable-3d-apis",)
+
+    def test_says_so_and_shows_the_rest(self):
+        self.wait_for_images(3)
+        self.assertEqual(self.page.data["webgl"], "no")
+        self.assertIn("does not start WebGL 2", self.page.run("return document.getElementById('space-message').innerText"))
+        self.page.wait(lambda: self.page.pose.get("tUs"), "a pose")
+        self.assert_pose_is_that_of_the_stream()
+
+
+if __name__ == "__main__":
+    GATEWAY, DIST = sys.argv[1:3]
+    require(shutil.which("node"), "node is missing: deploy/install-dependencies.sh --test installs it")
+    require_browser()
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=2)
