@@ -46,6 +46,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add(kTracking, "replay", "Track the objects in a recording and write their poses", AddReplayCommand);
   add(kTracking, "stream", "Track objects with a live camera and write their poses", AddStreamCommand);
   add(kTracking, "watch", "Print the poses or the health of a session as they arrive", AddWatchCommand);
+  add(kTracking, "view", "Show a session, or a recording with its poses, on a page in the browser", AddViewCommand);
   add(kRecordings, "simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
   add(kRecordings, "info", "Print the contents of a recording", AddInfoCommand);
   add(kRecordings, "doctor", "Check a recording, a live camera or a server for what goes wrong most often",

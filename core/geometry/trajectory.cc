@@ -140,4 +140,18 @@ absl::StatusOr<RigidTransform> Interpolate(const Trajectory& trajectory, int64_t
   return ExpSe3(ratio * screw) * a.camera_from_object;
 }
 
+std::optional<RigidTransform> PoseNear(const Trajectory& trajectory, int64_t t_us, int64_t max_gap_us) {
+  const auto after = std::lower_bound(trajectory.begin(), trajectory.end(), t_us,
+                                      [](const StampedPose& pose, int64_t t) { return pose.t_us < t; });
+  if (trajectory.empty()) return std::nullopt;
+  if (after == trajectory.begin() || after == trajectory.end()) {
+    const StampedPose& nearest = after == trajectory.begin() ? trajectory.front() : trajectory.back();
+    if (std::abs(nearest.t_us - t_us) > max_gap_us) return std::nullopt;
+    return nearest.camera_from_object;
+  }
+  if (after->t_us != t_us && after->t_us - (after - 1)->t_us > max_gap_us) return std::nullopt;
+  const absl::StatusOr<RigidTransform> pose = Interpolate(trajectory, t_us);
+  return pose.ok() ? std::optional(*pose) : std::nullopt;
+}
+
 }  // namespace evpose

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -38,5 +39,8 @@ absl::StatusOr<RigidTransform> ParsePose(const std::string& text);
 // The pose at t_us on the screw motion between the neighbouring samples; at the time of a sample exactly that sample.
 // Errors: OUT_OF_RANGE outside the trajectory.
 absl::StatusOr<RigidTransform> Interpolate(const Trajectory& trajectory, int64_t t_us);
+// Interpolate() between samples that are at most `max_gap_us` apart; before the first and after the last one, that
+// sample if it is at most `max_gap_us` away. Else nullopt.
+std::optional<RigidTransform> PoseNear(const Trajectory& trajectory, int64_t t_us, int64_t max_gap_us);
 
 }  // namespace evpose

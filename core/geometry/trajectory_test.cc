@@ -134,5 +134,23 @@ TEST(Interpolate, SamplesAreExactAndOutsideIsAnError) {
   EXPECT_EQ(Interpolate({}, 0).status().code(), absl::StatusCode::kOutOfRange);
 }
 
+TEST(PoseNear, HasNoPoseInGapsAndFarFromTheEnds) {
+  const Trajectory trajectory = {Pose(10, {0.1, 0, 1}, {0, 0, 0}), Pose(20, {0.2, 0, 1}, {0, 0, 0}),
+                                 Pose(40, {0.4, 0, 1}, {0, 0, 0})};
+  const auto x_at = [&](int64_t t_us) {
+    const std::optional<RigidTransform> pose = PoseNear(trajectory, t_us, 15);
+    return pose ? pose->translation_m.x() : -1.0;
+  };
+  EXPECT_EQ(x_at(10), 0.1);
+  EXPECT_NEAR(x_at(15), 0.15, 1e-14);
+  EXPECT_EQ(x_at(21), -1.0) << "the samples are 20 us apart";
+  EXPECT_EQ(x_at(40), 0.4) << "a sample behind a gap";
+  EXPECT_EQ(x_at(-5), 0.1);
+  EXPECT_EQ(x_at(-6), -1.0);
+  EXPECT_EQ(x_at(55), 0.4);
+  EXPECT_EQ(x_at(56), -1.0);
+  EXPECT_FALSE(PoseNear({}, 0, 15));
+}
+
 }  // namespace
 }  // namespace evpose

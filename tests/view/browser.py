@@ -31,7 +31,7 @@ def require_browser():
         require(False, "python3-selenium is missing: deploy/install-dependencies.sh --test installs it")
 
 
-class Server:
+class PageServer:
     """A process that prints the address of its page in its first lines."""
 
     def __init__(self, command, **options):

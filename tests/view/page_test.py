@@ -7,7 +7,7 @@ import shutil
 import sys
 import unittest
 
-from browser import OVERLAY_SCRIPT, STATE_COLOURS, Page, Server, require, require_browser
+from browser import OVERLAY_SCRIPT, STATE_COLOURS, Page, PageServer, require, require_browser
 
 START_US = 16_000_000  # of the fake recording
 STEP_US = 2000
@@ -22,7 +22,7 @@ class PageTest(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.server = Server(["node", GATEWAY, "--dist", DIST, *cls.OPTIONS])
+        cls.server = PageServer(["node", GATEWAY, "--dist", DIST, *cls.OPTIONS])
         cls.addClassCleanup(cls.server.stop)
         cls.page = Page("about:blank", arguments=cls.BROWSER)
         cls.addClassCleanup(cls.page.close)

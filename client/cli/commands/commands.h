@@ -20,6 +20,7 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context);
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context);
 CommandRunner AddStreamCommand(CLI::App& app, CliContext& context);
 CommandRunner AddTargetCommand(CLI::App& app, CliContext& context);
+CommandRunner AddViewCommand(CLI::App& app, CliContext& context);
 CommandRunner AddWatchCommand(CLI::App& app, CliContext& context);
 // Each of these adds several commands.
 void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runners);

@@ -73,22 +73,6 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   return inputs;
 }
 
-// Returns the pose at t_us, interpolated, or the nearest end of the trajectory if it is close in time.
-std::optional<RigidTransform> PoseAt(const Trajectory& poses, int64_t t_us) {
-  const auto after = std::lower_bound(poses.begin(), poses.end(), t_us,
-                                      [](const StampedPose& pose, int64_t t) { return pose.t_us < t; });
-  const bool is_before_first = after == poses.begin();
-  if (is_before_first || after == poses.end()) {
-    if (poses.empty()) return std::nullopt;
-    const StampedPose& nearest = is_before_first ? poses.front() : poses.back();
-    if (std::abs(nearest.t_us - t_us) > kMaxPoseGapUs) return std::nullopt;
-    return nearest.camera_from_object;
-  }
-  if (after->t_us - (after - 1)->t_us > kMaxPoseGapUs) return std::nullopt;
-  const absl::StatusOr<RigidTransform> pose = Interpolate(poses, t_us);
-  return pose.ok() ? std::optional(*pose) : std::nullopt;
-}
-
 // Passes all events in order to `on_event`, until it returns false or the recording ends.
 absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::StatusOr<bool>(const Event&)>& on_event) {
   EVPOSE_ASSIGN_OR_RETURN(EventReader events,
@@ -107,7 +91,7 @@ absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::Status
 }
 
 void FinishFrame(FramePainter& painter, const Trajectory& poses, int64_t t_us, double window_ms) {
-  const std::optional<RigidTransform> pose = PoseAt(poses, t_us);
+  const std::optional<RigidTransform> pose = PoseNear(poses, t_us, kMaxPoseGapUs);
   painter.DrawModel(pose);
   painter.DrawLegend(t_us, window_ms, pose);
 }

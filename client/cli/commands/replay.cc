@@ -9,10 +9,12 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/commands/page_arguments.h"
 #include "client/cli/common/run_inputs.h"
 #include "client/cli/common/session_run.h"
 #include "client/cli/common/session_start.h"
 #include "client/lib/client_access.h"
+#include "client/view/live_source.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/server.h"
 
@@ -24,6 +26,7 @@ struct ReplayArguments {
   std::string rate = "max";
   std::string time_zero = "sensor";
   bool is_following = false;
+  bool is_viewed = false;
 };
 
 // Parses "max" or a positive factor.
@@ -69,6 +72,7 @@ absl::Status CheckResume(const RunArguments& arguments) {
 absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const double rate, ParseRate(arguments.rate));
   EVPOSE_RETURN_IF_ERROR(CheckResume(arguments.track));
+  if (arguments.is_viewed) EVPOSE_RETURN_IF_ERROR(CheckHasPage());
   TrackOptions options;
   options.clock = context.clock;
   const bool has_server = !arguments.track.server.address.empty();
@@ -87,7 +91,15 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
                                        .skip = run.position().durable},
                                       /*ends_on_error=*/arguments.track.resume.empty()));
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
-  return run.Track(*server.client, options);
+  if (!arguments.is_viewed) return run.Track(*server.client, options);
+  LiveSource source(*server.client, has_server ? arguments.track.server.address : "the server of evpose replay",
+                    run.position().session);
+  PageArguments page;
+  page.is_opened = true;
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> pages, page.Serve(source, context.err, context.err));
+  const absl::Status status = run.Track(*server.client, options);
+  pages->End("the replay has ended");
+  return status;
 }
 
 }  // namespace
@@ -104,6 +116,9 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
             "Time 0 of the pose files: sensor, that of the camera's clock, as evpose info prints it; metavision, the "
             "first time word of a RAW file, from which Metavision counts",
             CLI::IsMember({"sensor", "metavision"}))
+      ->group(kOutputGroup);
+  app.add_flag("--view", arguments->is_viewed,
+               "Show the replay on a page in the browser while it runs, as evpose view; use --rate 1 to watch it")
       ->group(kOutputGroup);
   app.footer(
       "Without --server, the command runs a server in its own process. Times are on the sensor's clock. No pose is "

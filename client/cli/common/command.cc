@@ -109,11 +109,13 @@ CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::s
   return app.add_option(name, names, description)->delimiter(',')->type_name("NAME,...");
 }
 
+bool IsSessionName(absl::string_view text) { return absl::ConsumePrefix(&text, "sessions/") && !text.empty(); }
+
 void AddSessionName(CLI::App& app, std::string& name) {
-  const auto check = [](const std::string& text) -> std::string {
-    absl::string_view id = text;
-    if (absl::ConsumePrefix(&id, "sessions/") && !id.empty()) return "";
-    return "the name of a session has the form sessions/ID; `evpose sessions list` prints the names";
+  const auto check = [](const std::string& text) {
+    return IsSessionName(text)
+               ? ""
+               : "the name of a session has the form sessions/ID; `evpose sessions list` prints the names";
   };
   app.add_option("session", name, "Name of the session, as evpose sessions list prints it: sessions/ID")
       ->required()

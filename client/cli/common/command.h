@@ -69,6 +69,8 @@ CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::s
 // Rewords the status of a model upload, which names fields of the API, for the owner of the file.
 absl::Status ModelError(const std::string& path, const absl::Status& status);
 
+// Whether the text has the form sessions/ID.
+bool IsSessionName(absl::string_view text);
 // Adds the name of a session, sessions/ID, as a required argument; a text of another form is wrong usage.
 void AddSessionName(CLI::App& app, std::string& name);
 // Rewords NOT_FOUND for a session of the command line, which the caller does not want to create.

@@ -21,10 +21,8 @@ struct ReadPoses {
   std::vector<Matrix6d> covariances;  // one for each pose, or none: TUM has no covariances
 };
 
-// A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw and, if present, state, transform and (all of)
-// cov_tx_tx to cov_rz_rz, in any order and among other columns. All other files are TUM. Times must increase. Errors
-// name the path and the line: those of ReadTumTrajectory(), and INVALID_ARGUMENT for a missing column or for poses of
-// several objects.
+// Reads a .csv, .jsonl or TUM file (VisitPoses()). Times must increase. Errors: those of VisitPoses(), and
+// INVALID_ARGUMENT for poses of several objects.
 absl::StatusOr<ReadPoses> ReadPoseFile(const std::string& path);
 absl::StatusOr<ReadPoses> ParsePoseCsv(absl::string_view text, const std::string& name_for_errors);
 // ReadPoseFile() for users of camera_from_object: object_from_camera is inverted, with its covariances. Additional

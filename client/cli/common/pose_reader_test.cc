@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/common/pose_format.h"
+#include "client/cli/common/pose_records.h"
 #include "core/base/output_file.h"
 
 namespace evpose::client {
@@ -115,6 +116,81 @@ TEST(PoseReaderTest, ErrorsNameTheLineAndTheCause) {
   EXPECT_THAT(message(absl::StrCat(Csv({SomePose(5)}), "1,2\n")), HasSubstr("some.csv:3: has 2 fields"));
   EXPECT_THAT(message("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\n1,0,0,0,3,2,x,7\n"), HasSubstr("\"x\" is no number"));
   EXPECT_THAT(message("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\n1,0,1,0,3,2,1,7\n"), HasSubstr("some.csv:2"));
+}
+
+Pose FullPose(int64_t t_us, const std::string& object) {
+  Pose pose = SomePose(t_us, object);
+  pose.seq = 7;
+  pose.state = TrackState::kAmbiguous;
+  pose.explained_ratio = 0.625f;
+  for (int i = 0; i < 6; ++i) pose.twist[i] = 0.1 * i - 0.3;
+  pose.alternatives = {{{ExpSo3({0.0, 0.0, 1.5}), {0.0, 0.25, 2.0}}, -1.5}};
+  return pose;
+}
+
+TEST(PoseRecordsTest, AllThatAFormatStatesIsRead) {
+  const std::vector<Pose> written = {FullPose(5, "cube"), FullPose(5, "book"), FullPose(6, "cube")};
+  for (const auto& [ending, format] : {std::pair{".csv", PoseFormat::kCsv}, {".jsonl", PoseFormat::kJsonLines}}) {
+    const std::string path = (std::filesystem::path(::testing::TempDir()) / "evpose_records").string() + ending;
+    std::string text = PoseHeader(format);
+    for (const Pose& pose : written) text += PoseLine(format, pose);
+    ASSERT_TRUE(WriteFile(path, text).ok());
+    std::vector<Pose> read;
+    const auto facts = VisitPoses(path, [&](Pose pose) {
+      read.push_back(std::move(pose));
+      return absl::OkStatus();
+    });
+    ASSERT_TRUE(facts.ok()) << facts.status();
+    EXPECT_TRUE(facts->has_covariances);
+    ASSERT_EQ(read.size(), written.size());
+    for (size_t i = 0; i < read.size(); ++i) {
+      SCOPED_TRACE(absl::StrCat(path, " ", i));
+      EXPECT_EQ(read[i].object_id, written[i].object_id);
+      EXPECT_EQ(read[i].t_us, written[i].t_us);
+      EXPECT_EQ(read[i].seq, 7u);
+      EXPECT_EQ(read[i].state, TrackState::kAmbiguous);
+      EXPECT_EQ(read[i].explained_ratio, 0.625f);
+      EXPECT_EQ(read[i].twist, written[i].twist);
+      EXPECT_EQ(read[i].covariance, written[i].covariance);
+      ASSERT_EQ(read[i].alternatives.size(), 1u);
+      EXPECT_EQ(read[i].alternatives[0].log_likelihood_ratio, -1.5);
+      EXPECT_EQ(read[i].alternatives[0].camera_from_object.translation_m, Eigen::Vector3d(0.0, 0.25, 2.0));
+    }
+  }
+}
+
+TEST(PoseRecordsTest, TumHasNoObjectAndIsTracking) {
+  const std::string path = (std::filesystem::path(::testing::TempDir()) / "evpose_records.tum").string();
+  ASSERT_TRUE(WriteFile(path, "# object_from_camera, timestamp tx ty tz qx qy qz qw\n0.5 1 2 3 0 0 0 1\n").ok());
+  Pose read;
+  const auto facts = VisitPoses(path, [&](Pose pose) {
+    read = std::move(pose);
+    return absl::OkStatus();
+  });
+  ASSERT_TRUE(facts.ok()) << facts.status();
+  EXPECT_FALSE(facts->has_covariances);
+  EXPECT_EQ(read.t_us, 500'000);
+  EXPECT_EQ(read.object_id, "");
+  EXPECT_EQ(read.state, TrackState::kTracking);
+  EXPECT_EQ(AsCameraFromObject(read, facts->transform, path)->camera_from_object.translation_m,
+            Eigen::Vector3d(-1, -2, -3));
+}
+
+TEST(PoseRecordsTest, ErrorsOfJsonLinesNameLineAndField) {
+  const auto message = [](const std::string& text) {
+    return std::string(
+        VisitJsonPoses(text, "p.jsonl", [](const Pose&) { return absl::OkStatus(); }).status().message());
+  };
+  const std::string pose = R"("translation_m":[1,2,3],"quaternion_xyzw":[0,0,0,1])";
+  EXPECT_EQ(message("{\"t_us\":1," + pose + "}\n"), "");
+  EXPECT_EQ(message("\n[1]\n"), "p.jsonl:2: is no JSON object");
+  EXPECT_EQ(message("{" + pose + "}"), "p.jsonl:1: has no t_us");
+  EXPECT_EQ(message("{\"t_us\":\"1\"," + pose + "}"), "p.jsonl:1: t_us is no number");
+  EXPECT_EQ(message("{\"t_us\":1,\"translation_m\":[1,2],\"quaternion_xyzw\":[0,0,0,1]}"),
+            "p.jsonl:1: translation_m is no list of 3 numbers");
+  EXPECT_EQ(message("{\"t_us\":1}"), "p.jsonl:1: has no translation_m and quaternion_xyzw");
+  EXPECT_EQ(message("{\"t_us\":1," + pose + ",\"covariance_upper\":[1]}"),
+            "p.jsonl:1: covariance_upper is no list of 21 numbers");
 }
 
 }  // namespace

@@ -59,21 +59,9 @@ absl::StatusOr<std::pair<std::string, std::string>> SplitId(const std::string& t
 
 // The objects' names and files, not read yet.
 absl::StatusOr<std::vector<InputObject>> ParseObjects(const RunArguments& arguments) {
+  EVPOSE_ASSIGN_OR_RETURN(const auto ids_and_models, ParseObjectModels(arguments.model, arguments.objects));
   std::vector<InputObject> objects;
-  if (arguments.model.empty() == arguments.objects.empty()) {
-    return UsageError("give --model MODEL, or --object ID=MODEL for each of several objects");
-  }
-  if (!arguments.model.empty()) {
-    objects.push_back({TrackedObject().object_id, arguments.model, {}, {}});
-    return objects;
-  }
-  for (const std::string& text : arguments.objects) {
-    EVPOSE_ASSIGN_OR_RETURN(const auto id_and_model, SplitId(text, "--object"));
-    for (const InputObject& other : objects) {
-      if (other.id == id_and_model.first) return UsageError(absl::StrCat("--object ", other.id, " was given twice"));
-    }
-    objects.push_back({id_and_model.first, id_and_model.second, {}, {}});
-  }
+  for (const auto& [id, model] : ids_and_models) objects.push_back({id, model, {}, {}});
   return objects;
 }
 
@@ -169,6 +157,30 @@ absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>
 
 }  // namespace
 
+absl::StatusOr<std::vector<std::pair<std::string, std::string>>> ParseObjectModels(
+    const std::string& model, const std::vector<std::string>& objects) {
+  if (model.empty() == objects.empty()) {
+    return UsageError("give --model MODEL, or --object ID=MODEL for each of several objects");
+  }
+  if (!model.empty()) return std::vector{std::make_pair(TrackedObject().object_id, model)};
+  std::vector<std::pair<std::string, std::string>> parsed;
+  for (const std::string& text : objects) {
+    EVPOSE_ASSIGN_OR_RETURN(auto id_and_model, SplitId(text, "--object"));
+    for (const auto& [other, unused] : parsed) {
+      if (other == id_and_model.first) return UsageError(absl::StrCat("--object ", other, " was given twice"));
+    }
+    parsed.push_back(std::move(id_and_model));
+  }
+  return parsed;
+}
+
+void AddObjectModels(CLI::App& app, std::string& model, std::vector<std::string>& objects) {
+  AddFile(app, "--model", model, absl::StrCat("Model of the object: ", kModelFormats));
+  app.add_option("--object", objects, "Name and model of one of several objects; to be repeated for each of them")
+      ->type_name("ID=FILE")
+      ->allow_extra_args(false);
+}
+
 std::vector<std::string> RunInputs::object_ids() const {
   std::vector<std::string> ids;
   for (const InputObject& object : objects) ids.push_back(object.id);
@@ -252,10 +264,7 @@ RetainOptions RunArguments::retain() const {
 void RunArguments::AddInputs(CLI::App& app) {
   app.option_defaults()->group(kInputGroup);
   AddFile(app, "recording", recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
-  AddFile(app, "--model", model, absl::StrCat("Model of the object: ", kModelFormats));
-  app.add_option("--object", objects, "Name and model of one of several objects; to be repeated for each of them")
-      ->type_name("ID=FILE")
-      ->allow_extra_args(false);
+  AddObjectModels(app, model, objects);
   AddFile(app, "--camera", camera, kCameraFiles)->required();
   AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it. Default: that of an EVK4");
   reading.AddTo(app);

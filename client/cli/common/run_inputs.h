@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -86,6 +87,13 @@ struct RunInputs {
 
   std::vector<std::string> object_ids() const;
 };
+
+// --model for one object, or --object for each of several.
+void AddObjectModels(CLI::App& app, std::string& model, std::vector<std::string>& objects);
+// Returns ID and path of the models of these options. Errors (usage): none or both options, a text that is not
+// ID=MODEL, an ID that was given twice.
+absl::StatusOr<std::vector<std::pair<std::string, std::string>>> ParseObjectModels(
+    const std::string& model, const std::vector<std::string>& objects);
 
 // Moves the resets that are due at the end of `chunk` from the front of `resets` into the chunk.
 void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk);

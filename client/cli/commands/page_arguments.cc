@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/commands/page_arguments.h"
+
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <thread>
+
+#include "absl/strings/str_cat.h"
+#include "client/view/page_files.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr char kPageGroup[] = "The page";
+
+// Opens an address in the user's browser.
+void OpenInBrowser(const std::string& url, std::ostream& err) {
+  std::string program = "xdg-open";
+  std::string address = url;
+  char* const arguments[] = {program.data(), address.data(), nullptr};
+  pid_t pid = 0;
+  if (posix_spawnp(&pid, program.c_str(), nullptr, nullptr, arguments, environ) != 0) {
+    err << "xdg-open is not installed: open the address in a browser" << std::endl;
+    return;
+  }
+  // It may run as long as the browser.
+  std::thread([pid] { waitpid(pid, nullptr, 0); }).detach();
+}
+
+}  // namespace
+
+void PageArguments::AddTo(CLI::App& app) {
+  CLI::Option* const port_option =
+      app.add_option("--port", port, "Port on 127.0.0.1; default: a free one")->check(CLI::Range(1, 65535));
+  app.add_option("--listen", listen,
+                 "Address to listen on, for containers, whose port is published on 127.0.0.1 of the host only")
+      ->type_name("HOST:PORT")
+      ->excludes(port_option);
+  app.add_option("--allow-host", hosts,
+                 "Another name and port by which browsers may reach the page, as of a reverse proxy with "
+                 "authentication; repeat the option for several")
+      ->type_name("NAME[:PORT]")
+      ->allow_extra_args(false);
+  app.add_flag("--open", is_opened, "Open the page in the browser (xdg-open)");
+  for (const char* const name : {"--port", "--listen", "--allow-host", "--open"}) {
+    app.get_option(name)->group(kPageGroup);
+  }
+}
+
+absl::Status CheckHasPage() {
+  if (!EmbeddedPage().empty()) return absl::OkStatus();
+  return absl::UnimplementedError(
+      "this evpose was built without its page, because node and npm were missing: install nodejs and npm "
+      "(deploy/install-dependencies.sh), and build it again");
+}
+
+absl::StatusOr<std::unique_ptr<PageServer>> PageArguments::Serve(ViewSource& source, std::ostream& out,
+                                                                 std::ostream& err) const {
+  EVPOSE_RETURN_IF_ERROR(CheckHasPage());
+  PageServerOptions options;
+  options.listen = listen.empty() ? absl::StrCat("127.0.0.1:", port) : listen;
+  options.hosts = hosts;
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, PageServer::Start(options, EmbeddedPage(), source));
+  out << server->url() << std::endl;
+  if (is_opened) OpenInBrowser(server->url(), err);
+  return server;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose view: a page in the browser that shows a session or a recording.
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "client/cli/commands/commands.h"
+#include "client/cli/commands/page_arguments.h"
+#include "client/cli/common/model_arguments.h"
+#include "client/cli/common/recording_input.h"
+#include "client/cli/common/run_inputs.h"
+#include "client/view/live_source.h"
+#include "client/view/recording_source.h"
+#include "core/base/status_macros.h"
+#include "core/camera_files/camera_file.h"
+
+namespace evpose::client {
+namespace {
+
+struct ViewArguments {
+  std::string what;  // a recording or a session
+  std::string poses;
+  std::string truth;
+  std::string model;
+  std::vector<std::string> objects;
+  std::string camera;
+  ModelReadingArguments reading;
+  ServerArguments server;
+  PageArguments page;
+};
+
+// Serves the page until the command is interrupted.
+absl::Status ServePage(const ViewArguments& arguments, ViewSource& source, CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> server,
+                          arguments.page.Serve(source, context.out, context.err));
+  while (!context.IsInterrupted()) SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, {});
+  server->End("evpose view was stopped");
+  return absl::OkStatus();
+}
+
+absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
+  EVPOSE_RETURN_IF_ERROR(CheckHasPage());
+  if (!arguments.what.empty() && !IsSessionName(arguments.what)) {
+    return UsageError(absl::StrCat("\"", arguments.what,
+                                   "\" is no session: with --server, give sessions/ID, as "
+                                   "`evpose sessions list` prints it, or nothing"));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
+  if (!arguments.what.empty()) {
+    EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, client->GetSession(arguments.what).status()));
+  }
+  LiveSource source(*client, arguments.server.address, arguments.what);
+  return ServePage(arguments, source, context);
+}
+
+absl::StatusOr<RecordingInputs> ReadInputs(const ViewArguments& arguments, const CliContext& context) {
+  RecordingInputs inputs;
+  inputs.path = arguments.what;
+  EVPOSE_ASSIGN_OR_RETURN(const auto ids_and_models, ParseObjectModels(arguments.model, arguments.objects));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
+  std::vector<std::string> ids;
+  for (const auto& [id, path] : ids_and_models) {
+    EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(path));
+    inputs.objects.push_back({id, std::filesystem::path(path).filename().string(), std::move(model)});
+    ids.push_back(id);
+  }
+  EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadRecordedPoses(arguments.poses, ids));
+  if (!arguments.truth.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.truth, ReadRecordedPoses(arguments.truth, ids));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(
+      inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.what, {.stop = context.is_interrupted}));
+  return inputs;
+}
+
+absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) {
+  EVPOSE_RETURN_IF_ERROR(CheckHasPage());
+  if (arguments.what.empty()) {
+    return UsageError("give --server HOST:PORT, or a recording with --poses, --model and --camera");
+  }
+  for (const auto& [name, value] : {std::pair("--poses", arguments.poses), {"--camera", arguments.camera}}) {
+    if (value.empty()) return UsageError(absl::StrCat("a recording is shown with its poses: give ", name, ", too"));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadInputs(arguments, context));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingSource> source, RecordingSource::Open(std::move(inputs)));
+  return ServePage(arguments, *source, context);
+}
+
+}  // namespace
+
+CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
+  auto arguments = std::make_shared<ViewArguments>();
+  app.add_option("recording", arguments->what,
+                 absl::StrCat("Recording: ", kRecordingFormats,
+                              ". With --server: the session, sessions/ID; default: "
+                              "the list of the sessions"));
+  AddFile(app, "--poses", arguments->poses,
+          "Poses: TUM, .csv or .jsonl; {object} in the name is replaced by the ID of each object");
+  AddFile(app, "--truth", arguments->truth, "True poses, likewise, which are drawn beside");
+  AddObjectModels(app, arguments->model, arguments->objects);
+  AddFile(app, "--camera", arguments->camera, kCameraFiles);
+  arguments->reading.AddTo(app);
+  arguments->page.AddTo(app);
+  arguments->server.AddTo(app, false);
+  for (const char* const name : {"--poses", "--truth", "--model", "--object", "--camera"}) {
+    app.get_option(name)->excludes(app.get_option("--server"));
+  }
+  app.footer(
+      "Prints the address of a page that shows events, edges, poses and states, and serves it until an interrupt. The\n"
+      "address has a key: who has it sees the page. From another machine: ssh -L PORT:127.0.0.1:PORT HOST, with "
+      "--port\n"
+      "PORT. --open passes the address on the command line of the browser, which other users of this machine can "
+      "see.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  timeout 2 evpose view cube/recording.raw --poses cube/truth.tum --model cube/model.obj \\\n"
+      "    --camera cube/camera.yaml || test $? = 124\n"
+      "  timeout 2 evpose view --server 127.0.0.1:50051 || test $? = 124");
+  return [arguments, &context] {
+    const bool is_live = !arguments->server.address.empty();
+    return is_live ? ViewServer(*arguments, context) : ViewRecording(*arguments, context);
+  };
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,337 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/common/pose_records.h"
+
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
+#include "client/cli/common/pose_format.h"
+#include "client/lib/core_types.h"
+#include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/geometry/trajectory.h"
+
+namespace evpose::client {
+namespace {
+
+using Fields = std::vector<absl::string_view>;
+using Index = std::optional<size_t>;
+
+constexpr size_t kMaxPoseFileBytes = size_t{4} << 30;  // more than an hour of poses at 1 kHz with covariances
+constexpr size_t kUpperNumbers = 21;
+constexpr std::array<const char*, 7> kPoseColumns = {"tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"};
+constexpr std::array<const char*, 6> kAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
+constexpr std::array<const char*, 6> kTwistColumns = {"vx_m_per_s",   "vy_m_per_s",   "vz_m_per_s",
+                                                      "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"};
+constexpr size_t kMaxAlternatives = 4;
+
+TrackState StateOfName(absl::string_view name) {
+  for (const TrackState state : {TrackState::kInitializing, TrackState::kTracking, TrackState::kDegraded,
+                                 TrackState::kLost, TrackState::kAmbiguous}) {
+    if (name == std::string(TrackStateName(state))) return state;
+  }
+  return TrackState::kUnknown;
+}
+
+// Of translation and quaternion x y z w.
+absl::StatusOr<Transform> TransformOf(const std::array<double, 7>& v) {
+  EVPOSE_ASSIGN_OR_RETURN(const RigidTransform transform,
+                          MakeRigidTransform({v[0], v[1], v[2]}, Eigen::Quaterniond(v[6], v[3], v[4], v[5])));
+  return FromCore(transform);
+}
+
+// Sets the covariance from its upper triangle, row by row.
+template <typename Number>
+absl::Status SetCovariance(const Number& number, Pose& pose) {
+  size_t next = 0;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = row; column < 6; ++column) {
+      EVPOSE_ASSIGN_OR_RETURN(const double value, number(next++));
+      pose.covariance(row, column) = pose.covariance(column, row) = value;
+    }
+  }
+  return absl::OkStatus();
+}
+
+// The columns of a CSV file.
+class PoseTable {
+ public:
+  static absl::StatusOr<PoseTable> Make(const Fields& header);
+  bool has_covariances() const { return covariance_.size() == kUpperNumbers; }
+  absl::StatusOr<Pose> Read(const Fields& fields) const;
+  std::string TransformName(const Fields& fields) const {
+    return transform_ && fields.size() == count_ ? std::string(fields[*transform_]) : kCameraFromObject;
+  }
+
+ private:
+  static absl::StatusOr<double> Number(absl::string_view text) {
+    double value = 0.0;
+    if (absl::SimpleAtod(text, &value)) return value;
+    return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is no number"));
+  }
+  absl::Status ReadAlternatives(const Fields& fields, Pose& pose) const;
+
+  size_t count_ = 0;
+  size_t t_us_ = 0;
+  std::array<size_t, 7> pose_ = {};
+  std::vector<size_t> covariance_;  // upper triangle row by row
+  std::vector<size_t> twist_;       // 6, or fewer if a column is missing
+  std::array<std::vector<size_t>, kMaxAlternatives> alternatives_;
+  Index object_id_, seq_, state_, explained_, transform_;
+};
+
+Index FindColumn(const Fields& header, absl::string_view name) {
+  const auto found = std::find(header.begin(), header.end(), name);
+  if (found == header.end()) return std::nullopt;
+  return static_cast<size_t>(found - header.begin());
+}
+
+absl::StatusOr<PoseTable> PoseTable::Make(const Fields& header) {
+  const auto needed = [&](absl::string_view name) -> absl::StatusOr<size_t> {
+    if (const Index found = FindColumn(header, name)) return *found;
+    return absl::InvalidArgumentError(
+        absl::StrCat("has no column ", name, "; evpose replay --out writes a CSV that has"));
+  };
+  const auto add = [&](const std::string& name, std::vector<size_t>& columns) {
+    if (const Index found = FindColumn(header, name)) columns.push_back(*found);
+  };
+  PoseTable table;
+  table.count_ = header.size();
+  EVPOSE_ASSIGN_OR_RETURN(table.t_us_, needed("t_us"));
+  for (size_t i = 0; i < kPoseColumns.size(); ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(table.pose_[i], needed(kPoseColumns[i]));
+  }
+  table.object_id_ = FindColumn(header, "object_id");
+  table.seq_ = FindColumn(header, "pose_seq");
+  table.state_ = FindColumn(header, "state");
+  table.explained_ = FindColumn(header, "explained_ratio");
+  table.transform_ = FindColumn(header, "transform");
+  for (const char* const name : kTwistColumns) add(name, table.twist_);
+  for (size_t row = 0; row < kAxes.size(); ++row) {
+    for (size_t column = row; column < kAxes.size(); ++column) {
+      add(absl::StrCat("cov_", kAxes[row], "_", kAxes[column]), table.covariance_);
+    }
+  }
+  for (size_t i = 0; i < kMaxAlternatives; ++i) {
+    for (const char* const name : kPoseColumns) add(absl::StrCat("alt", i + 1, "_", name), table.alternatives_[i]);
+    add(absl::StrCat("alt", i + 1, "_log_likelihood_ratio"), table.alternatives_[i]);
+  }
+  return table;
+}
+
+absl::Status PoseTable::ReadAlternatives(const Fields& fields, Pose& pose) const {
+  constexpr size_t kNumbers = kPoseColumns.size() + 1;
+  for (const std::vector<size_t>& columns : alternatives_) {
+    if (columns.size() != kNumbers || fields[columns[0]].empty()) continue;
+    std::array<double, kPoseColumns.size()> v = {};
+    for (size_t i = 0; i < v.size(); ++i) {
+      EVPOSE_ASSIGN_OR_RETURN(v[i], Number(fields[columns[i]]));
+    }
+    PoseAlternative alternative;
+    EVPOSE_ASSIGN_OR_RETURN(alternative.camera_from_object, TransformOf(v));
+    EVPOSE_ASSIGN_OR_RETURN(alternative.log_likelihood_ratio, Number(fields[columns.back()]));
+    pose.alternatives.push_back(alternative);
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Pose> PoseTable::Read(const Fields& fields) const {
+  if (fields.size() != count_) {
+    return absl::InvalidArgumentError(absl::StrCat("has ", fields.size(), " fields and not ", count_));
+  }
+  Pose pose;
+  pose.state = state_ ? StateOfName(fields[*state_]) : TrackState::kTracking;
+  if (object_id_) pose.object_id = std::string(fields[*object_id_]);
+  if (!absl::SimpleAtoi(fields[t_us_], &pose.t_us)) {
+    return absl::InvalidArgumentError(absl::StrCat("\"", fields[t_us_], "\" is no time in microseconds"));
+  }
+  if (seq_ && !absl::SimpleAtoi(fields[*seq_], &pose.seq)) {
+    return absl::InvalidArgumentError(absl::StrCat("\"", fields[*seq_], "\" is no number of a pose"));
+  }
+  std::array<double, 7> v = {};
+  for (size_t i = 0; i < v.size(); ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(v[i], Number(fields[pose_[i]]));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(pose.camera_from_object, TransformOf(v));
+  if (explained_) {
+    EVPOSE_ASSIGN_OR_RETURN(const double explained, Number(fields[*explained_]));
+    pose.explained_ratio = static_cast<float>(explained);
+  }
+  for (size_t i = 0; twist_.size() == kTwistColumns.size() && i < twist_.size(); ++i) {
+    EVPOSE_ASSIGN_OR_RETURN(pose.twist[static_cast<int>(i)], Number(fields[twist_[i]]));
+  }
+  EVPOSE_RETURN_IF_ERROR(ReadAlternatives(fields, pose));
+  if (!has_covariances()) return pose;
+  EVPOSE_RETURN_IF_ERROR(SetCovariance([&](size_t i) { return Number(fields[covariance_[i]]); }, pose));
+  return pose;
+}
+
+// Reads the fields of a JSON line; a field that is absent keeps its value.
+class JsonFields {
+ public:
+  explicit JsonFields(const nlohmann::json& json) : json_(json) {}
+
+  // `count` numbers. Error: INVALID_ARGUMENT for a field that is present and has another form.
+  absl::StatusOr<std::vector<double>> Numbers(const char* name, size_t count) const {
+    const auto found = json_.find(name);
+    if (found == json_.end()) return std::vector<double>();
+    bool is_right = found->is_array() && found->size() == count;
+    for (size_t i = 0; is_right && i < count; ++i) is_right = (*found)[i].is_number();
+    if (is_right) return found->get<std::vector<double>>();
+    return absl::InvalidArgumentError(absl::StrCat(name, " is no list of ", count, " numbers"));
+  }
+  template <typename Value>
+  absl::Status Number(const char* name, Value& value) const {
+    const auto found = json_.find(name);
+    if (found == json_.end()) return absl::OkStatus();
+    if (!found->is_number()) return absl::InvalidArgumentError(absl::StrCat(name, " is no number"));
+    value = found->get<Value>();
+    return absl::OkStatus();
+  }
+  absl::Status Text(const char* name, std::string& text) const {
+    const auto found = json_.find(name);
+    if (found == json_.end()) return absl::OkStatus();
+    if (!found->is_string()) return absl::InvalidArgumentError(absl::StrCat(name, " is no text"));
+    text = found->get<std::string>();
+    return absl::OkStatus();
+  }
+  absl::StatusOr<Transform> RigidMotion() const {
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> t, Numbers("translation_m", 3));
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> q, Numbers("quaternion_xyzw", 4));
+    if (t.empty() || q.empty()) return absl::InvalidArgumentError("has no translation_m and quaternion_xyzw");
+    return TransformOf({t[0], t[1], t[2], q[0], q[1], q[2], q[3]});
+  }
+
+ private:
+  const nlohmann::json& json_;
+};
+
+absl::Status ReadJsonAlternatives(const nlohmann::json& json, Pose& pose) {
+  const auto list = json.find("alternatives");
+  if (list == json.end()) return absl::OkStatus();
+  if (!list->is_array()) return absl::InvalidArgumentError("alternatives is no list");
+  for (const nlohmann::json& item : *list) {
+    const JsonFields fields(item);
+    PoseAlternative alternative;
+    EVPOSE_ASSIGN_OR_RETURN(alternative.camera_from_object, fields.RigidMotion());
+    EVPOSE_RETURN_IF_ERROR(fields.Number("log_likelihood_ratio", alternative.log_likelihood_ratio));
+    pose.alternatives.push_back(alternative);
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<Pose> ReadJsonPose(absl::string_view line, PoseFileFacts& facts) {
+  const nlohmann::json json = nlohmann::json::parse(line.begin(), line.end(), nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object()) return absl::InvalidArgumentError("is no JSON object");
+  const JsonFields fields(json);
+  Pose pose;
+  if (!json.contains("t_us")) return absl::InvalidArgumentError("has no t_us");
+  EVPOSE_RETURN_IF_ERROR(fields.Number("t_us", pose.t_us));
+  EVPOSE_RETURN_IF_ERROR(fields.Number("pose_seq", pose.seq));
+  EVPOSE_RETURN_IF_ERROR(fields.Text("object_id", pose.object_id));
+  EVPOSE_RETURN_IF_ERROR(fields.Text("transform", facts.transform));
+  EVPOSE_ASSIGN_OR_RETURN(pose.camera_from_object, fields.RigidMotion());
+  std::string state(TrackStateName(TrackState::kTracking));
+  EVPOSE_RETURN_IF_ERROR(fields.Text("state", state));
+  pose.state = StateOfName(state);
+  EVPOSE_RETURN_IF_ERROR(fields.Number("explained_ratio", pose.explained_ratio));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> twist, fields.Numbers("twist", 6));
+  for (size_t i = 0; i < twist.size(); ++i) pose.twist[static_cast<int>(i)] = twist[i];
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> upper, fields.Numbers("covariance_upper", kUpperNumbers));
+  facts.has_covariances = facts.has_covariances || !upper.empty();
+  if (!upper.empty()) {
+    EVPOSE_RETURN_IF_ERROR(SetCovariance([&](size_t i) { return absl::StatusOr<double>(upper[i]); }, pose));
+  }
+  EVPOSE_RETURN_IF_ERROR(ReadJsonAlternatives(json, pose));
+  return pose;
+}
+
+// Calls `visit` for each line that is not empty; its errors get the line's place.
+absl::Status VisitLines(absl::string_view text, const std::string& name,
+                        absl::FunctionRef<absl::Status(absl::string_view)> visit) {
+  int line_number = 0;
+  for (absl::string_view line : absl::StrSplit(text, '\n')) {
+    ++line_number;
+    line = absl::StripSuffix(line, "\r");
+    if (line.empty()) continue;
+    if (const absl::Status status = visit(line); !status.ok()) {
+      return absl::Status(status.code(), absl::StrCat(name, ":", line_number, ": ", status.message()));
+    }
+  }
+  return absl::OkStatus();
+}
+
+// The transform that the first line of a TUM file states; camera_from_object for a file without such a line.
+std::string TransformOfTum(absl::string_view text) {
+  const absl::string_view line = text.substr(0, text.find('\n'));
+  const size_t comma = line.find(',');
+  if (!absl::StartsWith(line, "# ") || comma == absl::string_view::npos) return kCameraFromObject;
+  const absl::string_view name = line.substr(2, comma - 2);
+  const bool is_transform = absl::StrContains(name, "_from_") && !absl::StrContains(name, ' ');
+  return std::string(is_transform ? name : absl::string_view(kCameraFromObject));
+}
+
+}  // namespace
+
+absl::StatusOr<PoseFileFacts> VisitCsvPoses(absl::string_view text, const std::string& name_for_errors,
+                                            PoseVisitor visit) {
+  PoseFileFacts facts{kCameraFromObject};
+  std::optional<PoseTable> table;
+  EVPOSE_RETURN_IF_ERROR(VisitLines(text, name_for_errors, [&](absl::string_view line) -> absl::Status {
+    const Fields fields = absl::StrSplit(line, ',');
+    if (!table) {
+      EVPOSE_ASSIGN_OR_RETURN(table, PoseTable::Make(fields));
+      facts.has_covariances = table->has_covariances();
+      return absl::OkStatus();
+    }
+    EVPOSE_ASSIGN_OR_RETURN(Pose pose, table->Read(fields));
+    facts.transform = table->TransformName(fields);
+    return visit(std::move(pose));
+  }));
+  return facts;
+}
+
+absl::StatusOr<PoseFileFacts> VisitJsonPoses(absl::string_view text, const std::string& name_for_errors,
+                                             PoseVisitor visit) {
+  PoseFileFacts facts{kCameraFromObject};
+  EVPOSE_RETURN_IF_ERROR(VisitLines(text, name_for_errors, [&](absl::string_view line) -> absl::Status {
+    EVPOSE_ASSIGN_OR_RETURN(Pose pose, ReadJsonPose(line, facts));
+    return visit(std::move(pose));
+  }));
+  return facts;
+}
+
+absl::StatusOr<PoseFileFacts> VisitPoses(const std::string& path, PoseVisitor visit) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxPoseFileBytes));
+  if (absl::EndsWith(path, ".csv")) return VisitCsvPoses(text, path, visit);
+  if (absl::EndsWith(path, ".jsonl")) return VisitJsonPoses(text, path, visit);
+  EVPOSE_ASSIGN_OR_RETURN(const Trajectory trajectory, ParseTumTrajectory(text, path));
+  for (const StampedPose& each : trajectory) {
+    Pose pose;
+    pose.t_us = each.t_us;
+    pose.camera_from_object = FromCore(each.camera_from_object);
+    pose.state = TrackState::kTracking;
+    if (const absl::Status status = visit(std::move(pose)); !status.ok()) {
+      return absl::Status(status.code(), absl::StrCat(path, ": ", status.message()));
+    }
+  }
+  return PoseFileFacts{TransformOfTum(text)};
+}
+
+absl::StatusOr<Pose> AsCameraFromObject(const Pose& pose, const std::string& transform, const std::string& path) {
+  if (transform == kCameraFromObject) return pose;
+  // The inverse of the inverse, with its covariance and twist.
+  if (transform == kObjectFromCamera) return PoseFrame::ObjectFromCamera().Apply(pose);
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, ": its poses are ", transform, "; give those of a run without --world-from-camera"));
+}
+
+}  // namespace evpose::client

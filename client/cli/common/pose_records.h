@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Reads files of poses line by line, with all that each format states of a pose.
+#pragma once
+
+#include <string>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "evpose/types.h"
+
+namespace evpose::client {
+
+// What holds for all poses of a file.
+struct PoseFileFacts {
+  std::string transform;         // as the file states it (PoseHeader()), otherwise camera_from_object
+  bool has_covariances = false;  // false: those of the poses are zero
+};
+
+// A pose as the file has it: the field camera_from_object is the file's transform. What the format does not state has
+// the default of Pose, except for the state, which is kTracking; an object ID that is not stated is empty.
+using PoseVisitor = absl::FunctionRef<absl::Status(Pose pose)>;
+
+// Calls `visit` for each pose of a .csv or .jsonl file, or of a TUM file, which all others are, in the order of the
+// file. A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw, and the other columns of PoseHeader() if they
+// are present, in any order and among other columns. Errors name the file and the line: those of ReadFile(), those of
+// `visit`, and INVALID_ARGUMENT for a line that is no pose.
+absl::StatusOr<PoseFileFacts> VisitPoses(const std::string& path, PoseVisitor visit);
+absl::StatusOr<PoseFileFacts> VisitCsvPoses(absl::string_view text, const std::string& name_for_errors,
+                                            PoseVisitor visit);
+absl::StatusOr<PoseFileFacts> VisitJsonPoses(absl::string_view text, const std::string& name_for_errors,
+                                             PoseVisitor visit);
+
+// Returns the pose as camera_from_object if `transform` is that or object_from_camera. Error: INVALID_ARGUMENT with
+// the path for another transform.
+absl::StatusOr<Pose> AsCameraFromObject(const Pose& pose, const std::string& transform, const std::string& path);
+
+}  // namespace evpose::client

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The view of one page on the sessions of a server.
+#pragma once
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "absl/base/thread_annotations.h"
+#include "client/view/session_watch.h"
+#include "client/view/view_source.h"
+#include "evpose/client.h"
+
+namespace evpose::client {
+
+// A thread makes the calls for the page's requests, and a SessionWatch reads the streams of the session that is shown.
+class LiveView : public PageView {
+ public:
+  // `client` must outlive the view. `hello.session` is shown first; empty: the list of the sessions.
+  LiveView(Client& client, const HelloMessage& hello, std::shared_ptr<PageOutbox> outbox);
+  ~LiveView() override;
+
+  absl::Status Handle(const PageRequest& request) override;
+
+ private:
+  // Requests that the thread has not begun to answer; later ones replace earlier ones.
+  struct Pending {
+    bool list = false;
+    std::optional<std::string> session;
+    std::optional<ImageSettings> settings;
+
+    bool IsEmpty() const { return !list && !session && !settings; }
+  };
+
+  void Run(const std::stop_token& stop);
+  void List();
+  void OpenSession(const std::string& name);
+  void SendGeometries(const Session& session, const Scene& scene);
+  void Note(NoticeLevel level, absl::string_view text);
+
+  Client& client_;
+  const std::string server_;
+  const std::shared_ptr<PageOutbox> outbox_;
+  ImageSettings settings_;  // the thread's own
+  std::mutex mutex_;
+  std::condition_variable_any changed_;
+  Pending pending_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<SessionWatch> watch_;  // of the session that is shown; the thread's own
+  std::jthread thread_;
+};
+
+}  // namespace evpose::client

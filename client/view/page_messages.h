@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The messages between the page and the gateway (client/view/README.md, section 3).
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "evpose/types.h"
+
+namespace evpose::client {
+
+// Messages of the page.
+struct KeyRequest {
+  std::string key;
+};
+struct ListRequest {};
+struct OpenRequest {
+  std::string session;
+};
+struct ImageSettings {
+  double window_ms = 10.0;  // duration of the events of an image of a recording, 0.1 to 1000
+  int cell_px = 2;          // width and height of a cell: 1, 2 or 4
+  double rate_hz = 30.0;    // images per second, 1 to 60
+
+  bool operator==(const ImageSettings&) const = default;
+};
+struct AckRequest {
+  uint64_t number = 0;
+};
+struct SeekRequest {
+  int64_t t_us = 0;
+};
+struct PlayRequest {
+  double speed = 1.0;  // seconds of the recording per second, 0.001 to 10
+};
+struct PauseRequest {};
+struct StepRequest {
+  int count = 0;  // poses forwards, or backwards if negative; -10000 to 10000 without 0
+};
+using PageRequest = std::variant<KeyRequest, ListRequest, OpenRequest, ImageSettings, AckRequest, SeekRequest,
+                                 PlayRequest, PauseRequest, StepRequest>;
+
+// Error: INVALID_ARGUMENT naming the field. The text is that of an untrusted sender.
+absl::StatusOr<PageRequest> ParsePageRequest(std::string_view text);
+
+// Messages of the gateway.
+struct HelloMessage {
+  bool is_recording = false;
+  std::string source;   // address of the server, or the file
+  std::string session;  // empty: none was chosen
+};
+struct TimeRange {
+  int64_t from_us = 0;
+  int64_t to_us = 0;
+
+  bool operator==(const TimeRange&) const = default;
+};
+struct SceneObject {
+  std::string id;
+  std::string model;  // a name for people
+  double diameter_m = 0.0;
+};
+struct Scene {
+  std::string session;  // empty for a recording
+  Camera camera;
+  std::vector<SceneObject> objects;
+  std::optional<TimeRange> recording;
+  bool has_truth = false;
+};
+// What the link to a page has carried.
+struct LinkCounts {
+  uint64_t images_sent = 0;
+  uint64_t images_skipped = 0;
+  uint64_t unacknowledged = 0;
+};
+enum class NoticeLevel { kInfo, kError };
+
+std::string ToText(const HelloMessage& hello);
+std::string ToText(const Scene& scene);
+std::string SessionsText(const std::vector<Session>& sessions);
+std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses, bool is_truth);
+std::string StateText(const std::string& object_id, int64_t t_us, TrackState state, const std::string& reason);
+std::string HealthText(const SessionHealth& health, const LinkCounts& link);
+std::string PositionText(int64_t t_us, bool is_playing, double speed);
+std::string RangeText(const TimeRange& range, bool is_complete);
+std::string NoticeText(NoticeLevel level, const std::string& text);
+std::string EndText(const std::string& reason);
+
+// An image of events for a page.
+struct PageImage {
+  EventImage image;
+  int64_t t_us = 0;  // the instant of the outlines
+  // The outlines that are the truth: the last ones of image.outlines.
+  size_t num_truths = 0;
+  // The events of successive images are disjoint: an image that replaces one that was not sent has the events of both.
+  bool is_continuation = false;
+};
+// `skipped` is the number of images that were not sent. The cells are compressed if that makes them smaller.
+std::string ToBinary(const PageImage& image, uint64_t number, uint64_t skipped);
+std::string ToBinary(const SceneObject& object, const ModelGeometry& geometry);
+
+}  // namespace evpose::client

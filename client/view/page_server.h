@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Serves the page and its WebSocket (client/view/README.md, sections 2 and 3).
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
+#include "absl/types/span.h"
+#include "client/view/view_source.h"
+
+namespace evpose::client {
+
+// A file of the page. The views must outlive the server.
+struct PageFile {
+  absl::string_view path;  // "/", "/app.js"
+  absl::string_view content_type;
+  absl::string_view bytes;
+};
+
+struct PageServerOptions {
+  std::string listen = "127.0.0.1:0";  // HOST:PORT; port 0: a free one
+  // Values of the header Host by which the server may be called, beside 127.0.0.1:PORT and localhost:PORT: "name" or
+  // "name:port".
+  std::vector<std::string> hosts;
+  // For a request, for the key, and for the receipt of each message by the page; then the connection is closed.
+  std::chrono::milliseconds timeout{5000};
+};
+
+// One thread, which never waits for a page.
+class PageServer {
+ public:
+  static constexpr size_t kMaxPages = 8;
+  static constexpr size_t kMaxConnections = 64;     // those of pages included
+  static constexpr size_t kMaxMessageBytes = 4096;  // of a message of the page
+  static constexpr size_t kMaxRequestBytes = 8192;  // request line and headers
+
+  // `source` must outlive the server. Errors: INVALID_ARGUMENT for an address that is none; UNAVAILABLE with the
+  // cause if it cannot be listened on; INTERNAL without random numbers.
+  static absl::StatusOr<std::unique_ptr<PageServer>> Start(const PageServerOptions& options,
+                                                           absl::Span<const PageFile> files, ViewSource& source);
+  // Closes all pages and waits for their views.
+  ~PageServer();
+
+  int port() const;
+  // The address with the key. Who has it sees what the pages show.
+  std::string url() const;
+  // Sends `reason` to all pages as the end of the view.
+  void End(const std::string& reason);
+
+ private:
+  class Impl;
+  explicit PageServer(std::unique_ptr<Impl> impl);
+  const std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/view/page_server.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "client/view/page_client_testing.h"
+
+namespace evpose::client {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr PageFile kFiles[] = {{"/", "text/html", "<p>page</p>"}, {"/app.js", "text/javascript", "run();"}};
+
+class PageServerTest : public ::testing::Test {
+ protected:
+  void Serve(PageServerOptions options = {}) {
+    options.timeout = timeout_;
+    auto server = PageServer::Start(options, kFiles, source_);
+    ASSERT_TRUE(server.ok()) << server.status();
+    server_ = std::move(*server);
+    key_ = server_->url().substr(server_->url().find('#') + 1);
+    host_ = absl::StrCat("127.0.0.1:", server_->port());
+  }
+  std::unique_ptr<TestPage> OpenPage() {
+    auto page = std::make_unique<TestPage>(server_->port());
+    page->Send({{"type", "key"}, {"key", key_}});
+    return page;
+  }
+  static PageImage Image(int64_t t_us) {
+    PageImage image;
+    image.t_us = t_us;
+    image.image = {.from_t_us = t_us - 10, .to_t_us = t_us, .cell_px = 2, .width = 4, .height = 4, .num_events = 1};
+    image.image.cells.assign(4, 0);
+    return image;
+  }
+
+  std::chrono::milliseconds timeout_{60'000};
+  TestSource source_;
+  std::unique_ptr<PageServer> server_;
+  std::string key_;
+  std::string host_;
+};
+
+TEST_F(PageServerTest, ServesItsFilesWithHeadersThatKeepOtherSitesOut) {
+  Serve();
+  EXPECT_EQ(server_->url(), absl::StrCat("http://", host_, "/#", key_));
+  EXPECT_EQ(key_.size(), 32u);
+  for (const std::string& host : {host_, absl::StrCat("localhost:", server_->port())}) {
+    const HttpAnswer page = Get(server_->port(), "/?x=1", host);
+    EXPECT_EQ(page.status, 200u);
+    EXPECT_EQ(page.body, "<p>page</p>");
+    EXPECT_EQ(page.headers.at("Content-Type"), "text/html; charset=utf-8");
+    EXPECT_THAT(page.headers.at("Content-Security-Policy"), HasSubstr("default-src 'none'; script-src 'self'"));
+    EXPECT_THAT(page.headers.at("Content-Security-Policy"), HasSubstr("frame-ancestors 'none'"));
+    EXPECT_EQ(page.headers.at("X-Content-Type-Options"), "nosniff");
+    EXPECT_EQ(page.headers.at("Referrer-Policy"), "no-referrer");
+    EXPECT_EQ(page.headers.at("Cross-Origin-Opener-Policy"), "same-origin");
+    EXPECT_EQ(page.headers.at("Cache-Control"), "no-store");
+  }
+  EXPECT_EQ(Get(server_->port(), "/app.js", host_).headers.at("Content-Type"), "text/javascript; charset=utf-8");
+  for (const char* const path : {"/other", "/app.js/", "/../etc/passwd", "/stream", "*"}) {
+    EXPECT_EQ(Get(server_->port(), path, host_).status, 404u) << path;
+  }
+  EXPECT_EQ(Request(server_->port(), absl::StrCat("POST / HTTP/1.1\r\nHost: ", host_, "\r\n\r\n")).status, 405u);
+  const HttpAnswer head = Request(server_->port(), absl::StrCat("HEAD / HTTP/1.1\r\nHost: ", host_, "\r\n\r\n"));
+  EXPECT_EQ(head.status, 200u);
+  EXPECT_EQ(head.body, "");
+}
+
+TEST_F(PageServerTest, OtherHostsAndOriginsAreRefused) {
+  Serve({.hosts = {"View.example:8443"}});
+  for (const char* const host : {"attacker.example", "127.0.0.1", "127.0.0.1:1", "view.example", ""}) {
+    const HttpAnswer answer = Get(server_->port(), "/", host);
+    EXPECT_EQ(answer.status, 403u) << host;
+    EXPECT_THAT(answer.body, HasSubstr("--allow-host"));
+  }
+  EXPECT_EQ(Request(server_->port(), "GET / HTTP/1.1\r\n\r\n").status, 403u);
+  EXPECT_EQ(Get(server_->port(), "/", "view.example:8443").status, 200u);
+  for (const std::string& origin : {std::string("http://attacker.example"), std::string("null"),
+                                    "http://localhost:" + std::to_string(server_->port()), "ftp://" + host_, host_}) {
+    EXPECT_EQ(TestPage(server_->port(), origin).status(), 403u) << origin;
+  }
+  EXPECT_EQ(TestPage(server_->port(), "http://" + host_).status(), 101u);
+  EXPECT_EQ(TestPage(server_->port(), "https://" + host_).status(), 101u) << "behind a proxy with TLS";
+}
+
+TEST_F(PageServerTest, APageWithoutTheKeyIsClosed) {
+  Serve();
+  const std::string almost = key_.substr(0, 31) + (key_.back() == '0' ? '1' : '0');
+  for (const nlohmann::json& message : {nlohmann::json{{"type", "key"}, {"key", almost}},
+                                        {{"type", "key"}, {"key", ""}},
+                                        {{"type", "list"}},
+                                        {{"type", "key"}},
+                                        nlohmann::json::array()}) {
+    TestPage page(server_->port());
+    page.Send(message);
+    const ReceivedMessage answer = page.Read();
+    EXPECT_EQ(answer.type(), "closed") << message;
+    EXPECT_EQ(answer.header["code"], 1008) << message;
+  }
+  EXPECT_EQ(OpenPage()->Read().type(), "hello");
+}
+
+TEST_F(PageServerTest, WrongMessagesCloseThePageWithTheReason) {
+  Serve();
+  const auto answer_to = [&](const std::string& text, bool is_text = true) {
+    const auto page = OpenPage();
+    page->SendText(text, is_text);
+    return page->ReadUntil("closed").header;
+  };
+  EXPECT_EQ(answer_to("{").at("code"), 1008);
+  EXPECT_EQ(answer_to(R"({"type":"open"})").at("reason"), "session is no text");
+  EXPECT_EQ(answer_to(R"({"type":"list"})", false).at("code"), 1008);
+  const std::string long_text(PageServer::kMaxMessageBytes + 1, ' ');
+  EXPECT_EQ(answer_to(R"({"type":"list"})" + long_text).at("type"), "closed");
+  // Requests of more than the limit are not read.
+  EXPECT_EQ(Get(server_->port(), "/", host_ + "\r\nX: " + std::string(PageServer::kMaxRequestBytes, 'x')).status, 0u);
+  source_.WaitForViews(0);
+}
+
+TEST_F(PageServerTest, RequestsReachTheView) {
+  Serve();
+  const auto page = OpenPage();
+  page->Send({{"type", "settings"}, {"window_ms", 5}, {"cell_px", 4}, {"rate_hz", 60}});
+  page->Send({{"type", "seek"}, {"t_us", 1234567}});
+  EXPECT_EQ(std::get<ImageSettings>(source_.WaitForRequest(0)), (ImageSettings{5.0, 4, 60.0}));
+  EXPECT_EQ(std::get<SeekRequest>(source_.WaitForRequest(1)).t_us, 1234567);
+}
+
+TEST_F(PageServerTest, TwoImagesAreUnacknowledgedAndTheNewestWaits) {
+  Serve();
+  const auto page = OpenPage();
+  const std::shared_ptr<PageOutbox> outbox = source_.WaitForPage(0);
+  ASSERT_EQ(page->Read().type(), "hello");
+  for (const int64_t t_us : {100, 200}) {
+    outbox->SetImage(Image(t_us));
+    const ReceivedMessage image = page->Read();
+    ASSERT_EQ(image.type(), "image");
+    EXPECT_EQ(image.header["t_us"], t_us);
+  }
+  EXPECT_FALSE(outbox->WantsImage());
+  for (const int64_t t_us : {300, 400, 500}) outbox->SetImage(Image(t_us));
+  outbox->AddNote(NoticeText(NoticeLevel::kInfo, "behind the images"));
+  EXPECT_EQ(page->Read().type(), "notice") << "no third image";
+  page->Send({{"type", "ack"}, {"number", 1}});
+  const ReceivedMessage image = page->Read();
+  EXPECT_EQ(image.header["number"], 3);
+  EXPECT_EQ(image.header["t_us"], 500);
+  EXPECT_EQ(image.header["skipped"], 2);
+  page->Send({{"type", "ack"}, {"number", 1'000'000}});  // no such image
+  outbox->SetImage(Image(600));
+  EXPECT_EQ(page->Read().header["number"], 4);
+}
+
+TEST_F(PageServerTest, AStalledPageHoldsUpNoOtherAndIsClosed) {
+  timeout_ = std::chrono::milliseconds(300);
+  Serve();
+  const auto stalled = OpenPage();
+  const auto other = OpenPage();
+  // More than the buffers of the sockets take.
+  auto frames = std::make_shared<PageOutbox::Prepared>();
+  for (int i = 0; i < 64; ++i) frames->push_back({std::string(1 << 20, ' ')});
+  source_.WaitForPage(0)->Add(frames);
+  const std::shared_ptr<PageOutbox> outbox = source_.WaitForPage(1);
+  ASSERT_EQ(other->Read().type(), "hello");
+  for (int i = 1; i <= 20; ++i) {
+    outbox->SetImage(Image(i));
+    ASSERT_EQ(other->Read().header["t_us"], i);
+    other->Send({{"type", "ack"}, {"number", i}});
+  }
+  source_.WaitForViews(1);
+  outbox->SetImage(Image(21));
+  EXPECT_EQ(other->Read().header["t_us"], 21);
+}
+
+TEST_F(PageServerTest, TheNinthPageIsRefusedUntilAnotherLeaves) {
+  Serve();
+  std::vector<std::unique_ptr<TestPage>> pages;
+  for (size_t i = 0; i < PageServer::kMaxPages; ++i) {
+    pages.push_back(OpenPage());
+    ASSERT_EQ(pages.back()->Read().type(), "hello");
+  }
+  const ReceivedMessage refused = OpenPage()->Read();
+  EXPECT_EQ(refused.header["code"], 1013);
+  EXPECT_THAT(refused.header["reason"].get<std::string>(), HasSubstr("8 pages are open"));
+  pages.front()->Disconnect();
+  source_.WaitForViews(PageServer::kMaxPages - 1);
+  // The place is free a moment after the view has ended.
+  while (true) {
+    const ReceivedMessage answer = OpenPage()->Read();
+    if (answer.type() == "hello") break;
+    ASSERT_EQ(answer.header["code"], 1013);
+  }
+}
+
+TEST_F(PageServerTest, IdleConnectionsMakeRoomForPages) {
+  Serve();
+  const auto page = OpenPage();
+  ASSERT_EQ(page->Read().type(), "hello");
+  boost::asio::io_context context;
+  std::vector<boost::asio::ip::tcp::socket> idle;
+  for (size_t i = 0; i < 2 * PageServer::kMaxConnections; ++i) {
+    idle.emplace_back(context).connect(
+        {boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(server_->port())});
+  }
+  EXPECT_EQ(Get(server_->port(), "/", host_).status, 200u);
+  source_.WaitForPage(0)->AddNote(NoticeText(NoticeLevel::kInfo, "still there"));
+  EXPECT_EQ(page->Read().type(), "notice");
+}
+
+TEST_F(PageServerTest, TheEndReachesThePages) {
+  Serve();
+  const auto page = OpenPage();
+  ASSERT_EQ(page->Read().type(), "hello");
+  server_->End("that was all");
+  EXPECT_EQ(page->Read().header["reason"], "that was all");
+  std::thread reader([&] { EXPECT_EQ(page->Read().header["code"], 1001); });
+  server_.reset();
+  reader.join();
+  source_.WaitForViews(0);
+}
+
+TEST_F(PageServerTest, AddressesThatCannotBeUsedAreErrors) {
+  EXPECT_EQ(PageServer::Start({.listen = "127.0.0.1"}, kFiles, source_).status().code(),
+            absl::StatusCode::kInvalidArgument);
+  Serve();
+  const absl::Status status = PageServer::Start({.listen = host_}, kFiles, source_).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(status.message(), HasSubstr(host_));
+}
+
+}  // namespace
+}  // namespace evpose::client

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/view/page_site.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "server/runtime/random_name.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr int kHttpPort = 80;  // browsers leave it out
+
+}  // namespace
+
+PageSite::PageSite(absl::Span<const PageFile> files, int port, const std::vector<std::string>& hosts, std::string key)
+    : files_(files.begin(), files.end()), key_(std::move(key)) {
+  for (const char* const name : {"127.0.0.1", "localhost"}) {
+    hosts_.push_back(absl::StrCat(name, ":", port));
+    if (port == kHttpPort) hosts_.emplace_back(name);
+  }
+  for (const std::string& host : hosts) hosts_.push_back(absl::AsciiStrToLower(host));
+}
+
+absl::Status PageSite::CheckHost(absl::string_view host) const {
+  if (std::find(hosts_.begin(), hosts_.end(), absl::AsciiStrToLower(host)) != hosts_.end()) return absl::OkStatus();
+  return absl::PermissionDeniedError(absl::StrCat("this page is served as ", absl::StrJoin(hosts_, ", "),
+                                                  " only; evpose view --allow-host NAME:PORT permits another name\n"));
+}
+
+absl::Status PageSite::CheckOrigin(absl::string_view origin, absl::string_view host) const {
+  for (const char* const scheme : {"http://", "https://"}) {
+    if (absl::AsciiStrToLower(origin) == absl::AsciiStrToLower(absl::StrCat(scheme, host))) return absl::OkStatus();
+  }
+  return absl::PermissionDeniedError("only the page of this server may open its stream\n");
+}
+
+bool PageSite::IsKey(absl::string_view key) const { return server::SecretsEqual(key, key_); }
+
+const PageFile* PageSite::Find(absl::string_view target) const {
+  const absl::string_view path = target.substr(0, target.find('?'));
+  const auto found =
+      std::find_if(files_.begin(), files_.end(), [path](const PageFile& file) { return file.path == path; });
+  return found == files_.end() ? nullptr : &*found;
+}
+
+std::vector<std::pair<std::string, std::string>> PageSite::Headers(absl::string_view host) const {
+  // Not all browsers count the WebSocket of the same host as 'self'.
+  const std::string policy =
+      absl::StrCat("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' ",
+                   "ws://", host, " wss://", host, "; frame-ancestors 'none'; base-uri 'none'; form-action 'none'");
+  return {{"Content-Security-Policy", policy},
+          {"X-Content-Type-Options", "nosniff"},
+          {"Referrer-Policy", "no-referrer"},
+          {"Cross-Origin-Opener-Policy", "same-origin"},
+          {"Cross-Origin-Resource-Policy", "same-origin"},
+          {"Cache-Control", "no-store"}};
+}
+
+}  // namespace evpose::client

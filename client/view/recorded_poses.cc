@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/view/recorded_poses.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "client/cli/common/pose_format.h"
+#include "client/cli/common/pose_records.h"
+#include "client/lib/core_types.h"
+#include "core/base/status_macros.h"
+
+namespace evpose::client {
+namespace {
+
+constexpr size_t kPosesPerFrame = 256;
+
+template <typename Item>
+void KeepEverySecond(std::vector<Item>& items) {
+  size_t kept = 0;
+  for (size_t i = 0; i < items.size(); i += 2) std::swap(items[kept++], items[i]);
+  items.resize(kept);
+}
+
+// Adds the poses of a file to those of its objects.
+absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::string>& object_ids,
+                             std::map<std::string, RecordedPoses>& poses) {
+  std::optional<std::string> only_id;  // that the file uses
+  PoseFileFacts facts;
+  const auto add = [&](Pose pose) -> absl::Status {
+    if (!only_id) only_id = pose.object_id;
+    const bool is_only = object_ids.size() == 1 && pose.object_id == *only_id;
+    const auto found = poses.find(is_only ? object_ids[0] : pose.object_id);
+    if (found != poses.end()) return found->second.Add(pose);
+    return absl::InvalidArgumentError(absl::StrCat("holds a pose of the object \"", pose.object_id,
+                                                   "\", but the objects are ", absl::StrJoin(object_ids, ", "),
+                                                   ": give --object ID=MODEL for each object of the file"));
+  };
+  // The transform is known at the end; it is the same for all poses of a file.
+  EVPOSE_ASSIGN_OR_RETURN(facts, VisitPoses(path, add));
+  if (facts.transform == kCameraFromObject) return absl::OkStatus();
+  EVPOSE_RETURN_IF_ERROR(AsCameraFromObject(Pose(), facts.transform, path).status());
+  for (auto& [id, each] : poses) each = RecordedPoses();
+  return VisitPoses(path,
+                    [&](const Pose& pose) -> absl::Status {
+                      EVPOSE_ASSIGN_OR_RETURN(Pose camera_pose, AsCameraFromObject(pose, facts.transform, path));
+                      return add(std::move(camera_pose));
+                    })
+      .status();
+}
+
+}  // namespace
+
+absl::Status RecordedPoses::Add(const Pose& pose) {
+  if (!trajectory_.empty() && pose.t_us <= trajectory_.back().t_us) {
+    return absl::InvalidArgumentError("its time does not increase");
+  }
+  if (trajectory_.size() % stride_ == 0) sent_.push_back(pose);
+  if (sent_.size() > kMaxSent) {
+    KeepEverySecond(sent_);
+    stride_ *= 2;
+  }
+  trajectory_.push_back({pose.t_us, ToCore(pose.camera_from_object)});
+  states_.push_back(pose.state);
+  return absl::OkStatus();
+}
+
+TrackState RecordedPoses::StateAt(int64_t t_us) const {
+  const auto after = std::upper_bound(trajectory_.begin(), trajectory_.end(), t_us,
+                                      [](int64_t t, const StampedPose& pose) { return t < pose.t_us; });
+  return states_[after == trajectory_.begin() ? 0 : static_cast<size_t>(after - trajectory_.begin()) - 1];
+}
+
+void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, PageOutbox::Prepared& frames) const {
+  size_t num_states = 0;
+  const auto add_state = [&](int64_t t_us, TrackState state, const std::string& reason) {
+    if (num_states++ < kMaxStates) frames.push_back({StateText(object_id, t_us, state, reason)});
+  };
+  for (size_t i = 0; i < trajectory_.size() && !is_truth; ++i) {
+    const int64_t t_us = trajectory_[i].t_us;
+    const int64_t gap_us = i == 0 ? 0 : t_us - trajectory_[i - 1].t_us;
+    if (gap_us > kMaxGapUs) {
+      add_state(trajectory_[i - 1].t_us, TrackState::kLost,
+                absl::StrFormat("no pose for %.3f s", static_cast<double>(gap_us) * 1e-6));
+    }
+    if (i == 0 || gap_us > kMaxGapUs || states_[i] != states_[i - 1]) add_state(t_us, states_[i], "");
+  }
+  for (size_t first = 0; first < sent_.size(); first += kPosesPerFrame) {
+    frames.push_back({PosesText(object_id, absl::MakeConstSpan(sent_).subspan(first, kPosesPerFrame), is_truth)});
+  }
+}
+
+absl::StatusOr<std::map<std::string, RecordedPoses>> ReadRecordedPoses(const std::string& path,
+                                                                       const std::vector<std::string>& object_ids) {
+  std::map<std::string, RecordedPoses> poses;
+  for (const auto& [id, name] : PoseFiles::Paths(path, object_ids)) {
+    const std::vector<std::string> ids = id.empty() ? object_ids : std::vector<std::string>{id};
+    std::map<std::string, RecordedPoses> of_file;
+    for (const std::string& each : ids) of_file[each];
+    EVPOSE_RETURN_IF_ERROR(ReadFileOfPoses(name, ids, of_file));
+    poses.merge(of_file);
+  }
+  return poses;
+}
+
+}  // namespace evpose::client

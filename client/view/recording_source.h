@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The source of a recording with its poses: seeking, steps and play.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "client/view/recorded_events.h"
+#include "client/view/recorded_poses.h"
+#include "client/view/view_source.h"
+#include "core/association/visible_edges.h"
+#include "core/events/recording_reader.h"
+#include "core/geometry/camera.h"
+#include "core/models/object_model.h"
+
+namespace evpose::client {
+
+struct RecordingObject {
+  std::string id;
+  std::string model_name;
+  ObjectModel model;
+};
+
+struct RecordingInputs {
+  std::string path;
+  std::unique_ptr<RecordingReader> reader;  // of the path
+  CameraModel camera;
+  std::vector<RecordingObject> objects;
+  std::map<std::string, RecordedPoses> poses;  // by object
+  std::map<std::string, RecordedPoses> truth;  // empty: none
+};
+
+// Everything that all pages share.
+class RecordingSource : public ViewSource {
+ public:
+  // Errors: those of RecordedEvents::Open().
+  static absl::StatusOr<std::unique_ptr<RecordingSource>> Open(RecordingInputs inputs);
+  ~RecordingSource() override;
+
+  std::unique_ptr<PageView> Open(std::shared_ptr<PageOutbox> outbox) override;
+
+  const RecordingInputs& inputs() const { return inputs_; }
+  RecordedEvents& events() const { return *events_; }
+  const std::vector<std::unique_ptr<const ModelEdges>>& edges() const { return edges_; }  // of the objects
+  const std::vector<int64_t>& pose_times_us() const { return pose_times_us_; }            // of all objects, in order
+  Scene scene() const;
+  // Geometries and poses.
+  const std::shared_ptr<const PageOutbox::Prepared>& frames() const { return frames_; }
+
+ private:
+  explicit RecordingSource(RecordingInputs inputs);
+
+  RecordingInputs inputs_;
+  std::unique_ptr<RecordedEvents> events_;
+  std::vector<std::unique_ptr<const ModelEdges>> edges_;
+  std::vector<int64_t> pose_times_us_;
+  std::shared_ptr<const PageOutbox::Prepared> frames_;
+};
+
+}  // namespace evpose::client

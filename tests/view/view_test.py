@@ -1,0 +1,286 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""`evpose view` in a browser: a simulated recording with its poses, and live sessions of a server.
+view_test.py --bin DIRECTORY_OF_THE_BUILD [--picture FILE] [unittest arguments]; --picture keeps a screenshot of the recording."""
+
+import argparse
+import http.client
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from browser import STATE_COLOURS, Page, PageServer, require, require_browser
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "adversary"))
+import server  # reads --bin
+
+START_US = 16_000_000  # evpose simulate --start
+DURATION_S = 2
+# Of the cells with events: the share that is within RADIUS_PX of the overlay, and of the overlay moved by SHIFT_PX.
+EVENTS_SCRIPT = """
+const [colour, radius, shift] = arguments;
+const cells = document.getElementById('cells'), overlay = document.getElementById('overlay');
+const events = cells.getContext('2d').getImageData(0, 0, cells.width, cells.height).data;
+const lines = overlay.getContext('2d').getImageData(0, 0, overlay.width, overlay.height).data;
+const scale = overlay.width / cells.width;
+const isColoured = (x, y) => {
+  const i = 4 * (y * overlay.width + x);
+  return lines[i + 3] > 200 && colour.every((value, k) => Math.abs(lines[i + k] - value) < 40);
+};
+const share = (moved) => {
+  let total = 0, near = 0;
+  for (let y = 0; y < cells.height; ++y) for (let x = 0; x < cells.width; ++x) {
+    const i = 4 * (y * cells.width + x);
+    if (events[i] === 0x10 && events[i + 1] === 0x15) continue;
+    ++total;
+    const cx = (x + 0.5) * scale + moved, cy = (y + 0.5) * scale + moved;
+    search: for (let v = -radius; v <= radius; ++v) for (let u = -radius; u <= radius; ++u) {
+      const px = Math.floor(cx + u), py = Math.floor(cy + v);
+      if (px < 0 || py < 0 || px >= overlay.width || py >= overlay.height || !isColoured(px, py)) continue;
+      ++near;
+      break search;
+    }
+  }
+  return total === 0 ? 0 : near / total;
+};
+return [share(0), share(shift)];
+"""
+
+
+def evpose(*arguments, **options):
+    return subprocess.run([server.EVPOSE, *map(str, arguments)], check=True, capture_output=True, text=True, **options)
+
+
+def read_poses(path):
+    with open(path, encoding="utf-8") as file:
+        return [json.loads(line) for line in file]
+
+
+def shown_pose(page):
+    """The pose that the page shows, as a line of `replay --out FILE.jsonl`; None if there is none."""
+    data = page.pose
+    if not data.get("tUs"):
+        return None
+    w, x, y, z = map(float, data["q"].split())
+    return {
+        "t_us": int(data["tUs"]),
+        "pose_seq": int(data["seq"]),
+        "translation_m": [float(value) for value in data["p"].split()],
+        "quaternion_xyzw": [x, y, z, w],
+        "state": data["state"].upper(),
+    }
+
+
+class ViewTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        scratch = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(scratch.cleanup)
+        cls.dir = scratch.name
+        evpose("simulate", "--object", "cube", "--camera", "vga", "--duration", DURATION_S, "--noise", 0.1, "--out", f"{cls.dir}/cube")
+        cls.inputs = ["--model", f"{cls.dir}/cube/model.obj", "--camera", f"{cls.dir}/cube/camera.yaml"]
+        cls.recording = f"{cls.dir}/cube/recording.raw"
+        cls.poses_file = f"{cls.dir}/poses.jsonl"
+        evpose("replay", cls.recording, *cls.inputs, "--out", cls.poses_file)
+        cls.poses = read_poses(cls.poses_file)
+
+    def open_page(self, url):
+        page = Page("about:blank")
+        self.addCleanup(page.close)
+        page.set_theme("dark")
+        page.driver.get(url)
+        return page
+
+    def serve_page(self, *arguments):
+        gateway = PageServer([server.EVPOSE, "view", *arguments])
+        self.addCleanup(gateway.stop)
+        return gateway
+
+    def assert_is_sent(self, shown):
+        sent = next(pose for pose in self.poses if pose["pose_seq"] == shown["pose_seq"])
+        self.assertEqual(shown, {name: sent[name] for name in shown})
+
+    def assert_silent(self, page):
+        self.assertEqual(page.console_errors(), [])
+        self.assertEqual(page.foreign_requests(), [])
+        self.assertEqual(page.data["errors"], "0")
+
+
+class RecordingView(ViewTest):
+    def setUp(self):
+        self.gateway = self.serve_page(
+            self.recording, *self.inputs, "--poses", self.poses_file, "--truth", f"{self.dir}/cube/truth.tum"
+        )
+        self.page = self.open_page(self.gateway.url)
+        self.page.wait(lambda: int(self.page.data.get("imageNumber", 0)) > 0, "the first image")
+
+    def scrub(self, t_us):
+        before = int(self.page.data["imagesDrawn"])
+        self.page.run(
+            """const [low, high, t] = arguments;
+            const scrubber = document.getElementById('scrubber');
+            scrubber.value = Math.round(scrubber.max * (t - low) / (high - low));
+            for (const type of ['input', 'change']) scrubber.dispatchEvent(new Event(type));""",
+            START_US, START_US + DURATION_S * 1e6, t_us,
+        )
+        self.page.wait(lambda: int(self.page.data["imagesDrawn"]) > before and self.page.data["imageTUs"] == self.page.data["instantUs"], "the instant")
+        return int(self.page.data["instantUs"])
+
+    def test_overlay_lies_on_the_events_and_poses_are_those_of_the_file(self):
+        self.page.press("t")
+        self.page.run("const select = document.getElementById('window-select'); select.value = '5 ms'; select.dispatchEvent(new Event('change'))")
+        for share in (0.2, 0.5, 0.9):
+            instant = self.scrub(START_US + share * DURATION_S * 1e6)
+            self.assertLess(abs(instant - START_US - share * DURATION_S * 1e6), 20000)
+            shown = shown_pose(self.page)
+            self.assert_is_sent(shown)
+            self.assertEqual(shown["t_us"], max(pose["t_us"] for pose in self.poses if pose["t_us"] <= instant))
+            near, shifted = self.page.run(EVENTS_SCRIPT, STATE_COLOURS["tracking"], 3, 40)
+            print(f"at {instant} us: {100 * near:.0f} % of the cells with events are within 3 px of the overlay, {100 * shifted:.0f} % of it moved by 40 px")
+            self.assertGreater(near, 0.7)
+            self.assertLess(shifted, 0.5 * near)
+        self.assert_silent(self.page)
+
+    def test_steps_from_pose_to_pose(self):
+        self.scrub(START_US + 1e6)
+        first = shown_pose(self.page)
+        self.page.press("\ue014")
+        self.page.wait(lambda: shown_pose(self.page)["pose_seq"] == first["pose_seq"] + 1, "the next pose")
+        self.assert_is_sent(shown_pose(self.page))
+        self.page.press("\ue012")
+        self.page.wait(lambda: shown_pose(self.page) == first, "the former pose")
+        self.assert_silent(self.page)
+
+    def test_picture(self):
+        self.page.press("t")
+        self.scrub(START_US + 0.8 * DURATION_S * 1e6)
+        self.page.wait(lambda: self.page.run("return document.querySelectorAll('.u-over').length") >= 5, "the plots")
+        picture = PICTURE or f"{self.dir}/view.png"
+        self.page.driver.save_screenshot(picture)
+        self.assertGreater(os.path.getsize(picture), 20000)
+
+    def test_other_hosts_origins_and_keys_are_refused(self):
+        address = self.gateway.origin.removeprefix("http://")
+
+        def status(path, **headers):
+            connection = http.client.HTTPConnection(address)
+            connection.putrequest("GET", path, skip_host=True)
+            for name, value in {"Host": address, **headers}.items():
+                connection.putheader(name.replace("_", "-"), value)
+            connection.endheaders()
+            response = connection.getresponse()
+            connection.close()
+            return response.status, response.headers
+
+        code, headers = status("/")
+        self.assertEqual(code, 200)
+        self.assertIn("default-src 'none'", headers["Content-Security-Policy"])
+        self.assertNotIn("unsafe", headers["Content-Security-Policy"])
+        self.assertEqual(status("/", Host="rebound.example")[0] // 100, 4)
+        self.assertEqual(status("/etc/passwd")[0], 404)
+        upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13", "Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
+        self.assertEqual(status("/stream", Origin=self.gateway.origin, **upgrade)[0], 101)
+        self.assertEqual(status("/stream", Origin="http://evil.example", **upgrade)[0] // 100, 4)
+        self.assertEqual(status("/stream", **upgrade)[0] // 100, 4)
+        page = self.open_page(self.gateway.origin + "/#" + 32 * "0")
+        page.wait_for_data(connection="refused")
+        self.assertEqual(page.data.get("session"), None)
+
+
+class LiveView(ViewTest):
+    def setUp(self):
+        scratch = tempfile.TemporaryDirectory()
+        self.addCleanup(scratch.cleanup)
+        self.scratch = pathlib.Path(scratch.name)
+        self.server = server.Server("--log-level", "error", "--shutdown-timeout", "1", directory=self.scratch, store="sqlite")
+        # Started again, it has the same address.
+        self.server.command[self.server.command.index("127.0.0.1:0")] = self.server.address
+        self.addCleanup(lambda: self.server.kill())
+        self.gateway = self.serve_page("--server", self.server.address)
+
+    def replay(self, rate):
+        """Sends the recording in the background, at this multiple of real time."""
+        self.out = self.scratch / "out.jsonl"
+        process = subprocess.Popen(
+            [server.EVPOSE, "replay", self.recording, *self.inputs, "--server", self.server.address, "--rate", str(rate), "--out", self.out],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )
+        self.addCleanup(process.wait)
+        self.addCleanup(process.kill)
+        return process
+
+    def open_session(self, page):
+        row = "document.querySelector('#session-list .session:not(.head)')"
+        page.wait(lambda: page.run(f"return {row} !== null"), "a session in the list")
+        page.run(f"{row}.click()")
+        page.wait(lambda: int(page.data["imagesDrawn"]) > 0, "the first image")
+
+    def wait_for_images(self, page, count):
+        before = int(page.data["imagesDrawn"])
+        page.wait(lambda: int(page.data["imagesDrawn"]) >= before + count, f"{count} more images")
+
+    def assert_same_poses(self, replay):
+        self.assertEqual(replay.wait(), 0)
+        self.assertEqual(read_poses(self.out), self.poses)
+
+    def test_shows_the_poses_of_the_stream(self):
+        page = self.open_page(self.gateway.url)
+        replay = self.replay(0.1)
+        self.open_session(page)
+        samples = []
+        for _ in range(5):
+            self.wait_for_images(page, 4)
+            shown = shown_pose(page)
+            if shown:
+                samples.append(shown)
+        self.assert_same_poses(replay)
+        self.assertGreater(len(samples), 2)
+        for shown in samples:
+            self.assert_is_sent(shown)
+        self.assert_silent(page)
+
+    def test_survives_a_killed_server(self):
+        page = self.open_page(self.gateway.url)
+        replay = self.replay(0.1)
+        self.open_session(page)
+        self.wait_for_images(page, 4)
+        session = page.data["session"]
+        self.server.kill()
+        before = int(page.data["imageTUs"])
+        self.server.start()
+        page.wait(lambda: int(page.data["imageTUs"]) > before, "images of the server that was started again")
+        self.wait_for_images(page, 4)
+        self.assertEqual(page.data["session"], session)
+        self.assert_same_poses(replay)
+        self.assert_silent(page)
+
+    def test_a_suspended_page_delays_nobody(self):
+        suspended = self.open_page(self.gateway.url)
+        page = self.open_page(self.gateway.url)
+        replay = self.replay(0.1)
+        self.open_session(suspended)
+        self.open_session(page)
+        suspended.suspend()
+        try:
+            self.wait_for_images(page, 40)
+        finally:
+            suspended.resume()
+        self.wait_for_images(suspended, 4)
+        self.assert_same_poses(replay)
+        self.assert_silent(page)
+        self.assert_silent(suspended)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--picture")
+    options, rest = parser.parse_known_args()
+    PICTURE = options.picture
+    require_browser()
+    answer = subprocess.run([server.EVPOSE, "view", "--server", "127.0.0.1:1", "--connect-timeout", "0.001"], capture_output=True, text=True, check=False)
+    require("without its page" not in answer.stderr, "evpose was built without its page, because node or npm was missing")
+    unittest.main(argv=[sys.argv[0], *rest], verbosity=2)
