@@ -7,8 +7,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "client/cli/common/progress.h"
 #include "client/cli/common/table_cell.h"
+#include "client/cli/console/progress.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/first_pose/event_trials.h"
 #include "core/numerics/statistics.h"

@@ -14,7 +14,7 @@
 #include "client/bench/bench.h"
 #include "client/bench/bench_first_pose_output.h"
 #include "client/bench/bench_models_output.h"
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/simulation/simulator.h"

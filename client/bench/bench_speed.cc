@@ -14,7 +14,7 @@
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/bench/service_bench.h"
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/speed/speed_bench.h"

@@ -9,7 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/synthetic/synthetic_bench.h"

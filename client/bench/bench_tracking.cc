@@ -11,7 +11,7 @@
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/bench/bench_tracking_output.h"
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/tracking/tracking_bench.h"

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "client/cli/common/cli_context.h"
 #include "client/cli/common/command.h"
+#include "client/cli/console/cli_context.h"
 
 namespace evpose::client {
 

@@ -15,7 +15,7 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/recording_input.h"
-#include "client/cli/common/wait_message.h"
+#include "client/cli/console/wait_message.h"
 #include "client/containers/event_file_writer.h"
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"

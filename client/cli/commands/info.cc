@@ -9,7 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/recording_input.h"
-#include "client/cli/common/wait_message.h"
+#include "client/cli/console/wait_message.h"
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"

@@ -14,7 +14,7 @@
 #include "absl/strings/str_join.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"

@@ -18,7 +18,7 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
-#include "client/cli/common/wait_message.h"
+#include "client/cli/console/wait_message.h"
 #include "client/lib/server_address.h"
 #include "client/lib/status_details.h"
 #include "core/base/status_macros.h"

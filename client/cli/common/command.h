@@ -17,7 +17,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include "client/cli/common/cli_context.h"
+#include "client/cli/console/cli_context.h"
 #include "core/base/output_file.h"
 #include "core/command_line/help_page.h"
 #include "core/events/event.h"

@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/common/command.h"
-#include "client/cli/common/wait_message.h"
+#include "client/cli/console/wait_message.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "server/runtime/client_text.h"

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "client/cli/common/cli_context.h"
+#include "client/cli/console/cli_context.h"
 #include "core/models/object_model.h"
 #include "evpose/client.h"
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "client/cli/common/command.h"
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 #include "core/events/event_reader.h"
 #include "core/events/recording_reader.h"
 

@@ -11,7 +11,7 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/recording_input.h"
-#include "client/cli/common/wait_message.h"
+#include "client/cli/console/wait_message.h"
 #include "client/lib/core_types.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"

@@ -8,7 +8,7 @@
 #include <string>
 #include <thread>
 
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 #include "evpose/client.h"
 
 namespace evpose::client {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/wait_message.h"
+#include "client/cli/console/wait_message.h"
 
 #include <gtest/gtest.h>
 

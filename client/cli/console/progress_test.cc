@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/cli/common/progress.h"
+#include "client/cli/console/progress.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

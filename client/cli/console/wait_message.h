@@ -7,7 +7,7 @@
 #include <string>
 #include <thread>
 
-#include "client/cli/common/cli_context.h"
+#include "client/cli/console/cli_context.h"
 
 namespace evpose::client {
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "absl/time/time.h"
-#include "client/cli/common/cli_context.h"
+#include "client/cli/console/cli_context.h"
 
 namespace evpose::client {
 
