@@ -2,6 +2,7 @@
 
 // evpose-help-files: writes the manual pages and the shell completion of evpose and evpose-server to a directory,
 // during the build.
+#include <algorithm>
 #include <filesystem>
 #include <iostream>
 #include <string>
@@ -23,8 +24,12 @@ namespace {
 constexpr int kUserCommands = 1;
 constexpr int kAdministration = 8;
 
+// The commands `evpose server` would have a page with the name of that of the program, which man would find first.
+bool HasPage(const CLI::App& command) { return command.get_parent() == nullptr || command.get_name() != "server"; }
+
 std::string Reference(const CLI::App& command, int section) {
-  return absl::StrCat(ManPageName(DescribeCommand(command)), "(", section, ")");
+  const int in = HasPage(command) ? section : kAdministration;
+  return absl::StrCat(ManPageName(DescribeCommand(command)), "(", in, ")");
 }
 
 // The pages of the command above and of those below.
@@ -42,9 +47,12 @@ absl::Status WriteProgram(const CLI::App& program, int section, const std::strin
   const std::filesystem::path pages = directory / absl::StrCat("man", section);
   std::filesystem::create_directories(pages);
   for (const CLI::App* const command : AllCommands(program)) {
+    if (!HasPage(*command)) continue;
     const HelpPage page = DescribeCommand(*command);
     std::vector<std::string> see_also = Neighbours(*command, section);
-    if (command == &program) see_also.push_back(other);
+    if (command == &program && std::find(see_also.begin(), see_also.end(), other) == see_also.end()) {
+      see_also.push_back(other);
+    }
     EVPOSE_RETURN_IF_ERROR(WriteFile((pages / absl::StrCat(ManPageName(page), ".", section)).string(),
                                      FormatManPage(page, section, ThisBuild().version, see_also)));
   }

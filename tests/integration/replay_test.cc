@@ -245,9 +245,10 @@ TEST_F(ReplayTest, ReportsWhyNoPoseWasFound) {
   const CliResult get = Run({"sessions", "get", session, "--server", address_});
   EXPECT_THAT(get.out, HasSubstr("\nobject: too few events"));
   const CliResult watch = Run({"watch", session, "--server", address_});
-  ASSERT_EQ(watch.status, 0) << watch.err;
+  EXPECT_EQ(watch.status, 1);
   EXPECT_EQ(watch.out, "");
   EXPECT_THAT(watch.err, HasSubstr("object: INITIALIZING (WAITING_FOR_EVENTS): too few events"));
+  EXPECT_THAT(watch.err, HasSubstr(session + ": the session has ended without a pose; object: INITIALIZING"));
   const nlohmann::json object = Run({"sessions", "get", session, "--server", address_, "--json"}).Json()["objects"][0];
   EXPECT_EQ(object["initialization"], "WAITING_FOR_EVENTS");
   EXPECT_THAT(std::string(object["detail"]), HasSubstr("too few events"));

@@ -17,11 +17,11 @@ double Gain(uint64_t now, uint64_t before) { return now > before ? static_cast<d
 // Describes the rates between two polls.
 std::string Describe(const SessionHealth& now, const SessionHealth& before, absl::Duration elapsed) {
   const double seconds = absl::ToDoubleSeconds(elapsed);
-  std::string text = absl::StrFormat("%.2f Mev/s  %d poses  %.0f poses/s",
-                                     Gain(now.decoded_events, before.decoded_events) * 1e-6 / seconds, now.poses,
-                                     Gain(now.poses, before.poses) / seconds);
-  if (const std::string pace = DescribePace(now); !pace.empty()) absl::StrAppend(&text, "  ", pace);
+  std::string text = absl::StrFormat("%d poses", now.poses);
   for (const ObjectHealth& object : now.objects) absl::StrAppend(&text, "  ", DescribeState(object));
+  absl::StrAppendFormat(&text, "  %.0f poses/s  %.2f Mev/s", Gain(now.poses, before.poses) / seconds,
+                        Gain(now.decoded_events, before.decoded_events) * 1e-6 / seconds);
+  if (const std::string pace = DescribePace(now); !pace.empty()) absl::StrAppend(&text, "  ", pace);
   return text;
 }
 

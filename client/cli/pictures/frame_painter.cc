@@ -51,7 +51,7 @@ double FramePainter::RelativeHeight() const { return static_cast<double>(image_.
 
 void FramePainter::DrawModel(const std::optional<RigidTransform>& camera_from_object) {
   if (!camera_from_object) return;
-  const int thickness = std::max(1, static_cast<int>(std::lround(RelativeHeight())));
+  const int thickness = std::max(1, static_cast<int>(RelativeHeight()));
   for (const TrackedLine& line : visible_.At(*camera_from_object)) {
     std::vector<cv::Point> points;
     for (int i = 0; i <= kSamplesPerSegment; ++i) {
