@@ -54,8 +54,8 @@ class RollbackTest : public RpcTest {
     Use(server_->InProcessChannel());
   }
 
-  // Attaches, sends the chunk `seq` with 10 ms of events, and ends the stream. Returns its poses, 9 of the first chunk and
-  // 10 of each later one, when they are stored. The token of `session` is then the new one.
+  // Attaches, sends the chunk `seq` with 10 ms of events, and ends the stream. Returns its poses, 9 of the first chunk
+  // and 10 of each later one, when they are stored. The token of `session` is then the new one.
   std::vector<std::string> Feed(CreatedSession& session, uint64_t seq, uint64_t last_pose_seq) {
     RawTrack track(*sessions_);
     EXPECT_TRUE(track.Attach(session.name(), session.resume_token(), last_pose_seq));
