@@ -17,9 +17,8 @@ constexpr FirstStep kFirstSteps[] = {
      "evpose simulate --object cube --camera vga --duration 0.5 --out cube"},
     {"Find and track the object in a recording:",
      "evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum"},
-    {"See the events with the object at the poses found:",
-     "evpose render cube/recording.raw --poses cube/poses.tum --model cube/model.obj --camera cube/camera.yaml "
-     "--out cube/poses.png"}};
+    {"See the events with the object at the poses found, on a page in the browser:",
+     "evpose view cube/recording.raw --poses cube/poses.tum --model cube/model.obj --camera cube/camera.yaml"}};
 
 }  // namespace
 

@@ -14,7 +14,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr char kPageGroup[] = "The page";
+constexpr char kPageGroup[] = "Page";
 
 // Opens an address in the user's browser.
 void OpenInBrowser(const std::string& url, std::ostream& err) {
@@ -33,21 +33,20 @@ void OpenInBrowser(const std::string& url, std::ostream& err) {
 }  // namespace
 
 void PageArguments::AddTo(CLI::App& app) {
-  CLI::Option* const port_option =
-      app.add_option("--port", port, "Port on 127.0.0.1; default: a free one")->check(CLI::Range(1, 65535));
+  app.option_defaults()->group(kPageGroup);
+  CLI::Option* const port_option = app.add_option("--port", port, "Port on 127.0.0.1. Default: a free one")
+                                       ->type_name("PORT")
+                                       ->check(CLI::Range(1, 65535));
   app.add_option("--listen", listen,
                  "Address to listen on, for containers, whose port is published on 127.0.0.1 of the host only")
       ->type_name("HOST:PORT")
       ->excludes(port_option);
   app.add_option("--allow-host", hosts,
                  "Another name and port by which browsers may reach the page, as of a reverse proxy with "
-                 "authentication; repeat the option for several")
+                 "authentication. May be repeated")
       ->type_name("NAME[:PORT]")
       ->allow_extra_args(false);
   app.add_flag("--open", is_opened, "Open the page in the browser (xdg-open)");
-  for (const char* const name : {"--port", "--listen", "--allow-host", "--open"}) {
-    app.get_option(name)->group(kPageGroup);
-  }
 }
 
 absl::Status CheckHasPage() {

@@ -93,13 +93,14 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
 
 CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ViewArguments>();
+  app.option_defaults()->group(kInputGroup);
   app.add_option("recording", arguments->what,
                  absl::StrCat("Recording: ", kRecordingFormats,
-                              ". With --server: the session, sessions/ID; default: "
-                              "the list of the sessions"));
+                              ". With --server: the session, sessions/ID; without it, the page lists the sessions"))
+      ->type_name("FILE|SESSION");
   AddFile(app, "--poses", arguments->poses,
-          "Poses: TUM, .csv or .jsonl; {object} in the name is replaced by the ID of each object");
-  AddFile(app, "--truth", arguments->truth, "True poses, likewise, which are drawn beside");
+          "Poses: .tum, .csv or .jsonl; {object} in the name stands for the ID of each object");
+  AddFile(app, "--truth", arguments->truth, "True poses in the same formats, which are drawn beside the others");
   AddObjectModels(app, arguments->model, arguments->objects);
   AddFile(app, "--camera", arguments->camera, kCameraFiles);
   arguments->reading.AddTo(app);
@@ -109,11 +110,11 @@ CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
     app.get_option(name)->excludes(app.get_option("--server"));
   }
   app.footer(
-      "Prints the address of a page that shows events, edges, poses and states, and serves it until an interrupt. The\n"
-      "address has a key: who has it sees the page. From another machine: ssh -L PORT:127.0.0.1:PORT HOST, with "
-      "--port\n"
-      "PORT. --open passes the address on the command line of the browser, which other users of this machine can "
-      "see.\n\n"
+      "Prints the address of a page that shows events, edges, poses and states, and serves it until an interrupt. The "
+      "address has a key: everybody who has it can see the page. From another machine: ssh -L PORT:127.0.0.1:PORT "
+      "HOST, "
+      "with --port PORT. --open passes the address on the command line of the browser, which other users of this "
+      "machine can see.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  timeout 2 evpose view cube/recording.raw --poses cube/truth.tum --model cube/model.obj \\\n"
