@@ -159,7 +159,7 @@ TEST_F(PageServerTest, TwoImagesAreUnacknowledgedAndTheNewestWaits) {
 }
 
 TEST_F(PageServerTest, AStalledPageHoldsUpNoOtherAndIsClosed) {
-  timeout_ = std::chrono::milliseconds(300);
+  timeout_ = std::chrono::milliseconds(2'000);
   Serve();
   const auto stalled = OpenPage();
   const auto other = OpenPage();

@@ -117,9 +117,8 @@ CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
       "machine can see.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  timeout 2 evpose view cube/recording.raw --poses cube/truth.tum --model cube/model.obj \\\n"
-      "    --camera cube/camera.yaml || test $? = 124\n"
-      "  timeout 2 evpose view --server 127.0.0.1:50051 || test $? = 124");
+      "  evpose view cube/recording.raw --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml\n"
+      "  evpose view --server 127.0.0.1:50051");
   return [arguments, &context] {
     const bool is_live = !arguments->server.address.empty();
     return is_live ? ViewServer(*arguments, context) : ViewRecording(*arguments, context);

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// evpose view as a command: its errors, its address and its end. The page itself is tested in tests/view.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "absl/strings/str_cat.h"
+#include "client/view/page_files.h"
+#include "server/rpc/server.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::ContainsRegex;
+using ::testing::HasSubstr;
+
+class ViewCommandTest : public CliTest {
+ protected:
+  void SetUp() override {
+    CliTest::SetUp();
+    if (client::EmbeddedPage().empty()) GTEST_SKIP() << "built without the page: node or npm was missing";
+  }
+  // Runs a command that serves a page, reads its address, and interrupts it.
+  CliResult ServeAndInterrupt(const std::string& command) const {
+    return RunShell("mkfifo address\n" + command +
+                    " >address &\nread -r line <address\necho \"$line\"\nkill -TERM $!\nwait $!\n");
+  }
+};
+
+TEST_F(ViewCommandTest, ARecordingIsServedUntilAnInterrupt) {
+  SimulateCube(0.02);
+  const CliResult result = ServeAndInterrupt(
+      "evpose view cube/recording.raw --poses cube/truth.tum --truth cube/truth.tum --model cube/model.obj --camera "
+      "cube/camera.yaml");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, ContainsRegex("^http://127.0.0.1:[0-9]+/#[0-9a-f]{32}\n$"));
+}
+
+TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
+  const auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string address = absl::StrCat("127.0.0.1:", (*server)->port());
+  const CliResult result = ServeAndInterrupt("evpose view --server " + address);
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("http://127.0.0.1:"));
+  const CliResult missing = Run({"view", "sessions/none", "--server", address});
+  EXPECT_EQ(missing.status, 1);
+  EXPECT_THAT(missing.err, HasSubstr("sessions/none does not exist"));
+}
+
+TEST_F(ViewCommandTest, WrongUseNamesTheOption) {
+  EXPECT_EQ(Run({"view"}).status, 2);
+  EXPECT_THAT(Run({"view"}).err, HasSubstr("give --server HOST:PORT, or a recording"));
+  EXPECT_THAT(Run({"view", "a.raw", "--camera", "c.yaml", "--model", "m.obj"}).err, HasSubstr("give --poses, too"));
+  EXPECT_THAT(Run({"view", "a.raw", "--poses", "p.csv", "--model", "m.obj"}).err, HasSubstr("give --camera, too"));
+  EXPECT_THAT(Run({"view", "a.raw", "--server", "127.0.0.1:1"}).err, HasSubstr("\"a.raw\" is no session"));
+  EXPECT_EQ(Run({"view", "--server", "127.0.0.1:1", "--poses", "p.csv"}).status, 2);
+  EXPECT_EQ(Run({"view", "a.raw", "--port", "1", "--listen", "127.0.0.1:1"}).status, 2);
+}
+
+TEST_F(ViewCommandTest, FilesThatCannotBeReadAreNamed) {
+  SimulateCube(0.02);
+  const auto view = [&](const std::string& recording, const std::string& poses) {
+    return Run({"view", Path(recording), "--poses", Path(poses), "--model", Path("cube/model.obj"), "--camera",
+                Path("cube/camera.yaml")});
+  };
+  EXPECT_THAT(view("other.raw", "cube/truth.tum").err, HasSubstr(Path("other.raw")));
+  EXPECT_THAT(view("cube/recording.raw", "other.tum").err, HasSubstr(Path("other.tum")));
+  WriteText("bad.jsonl", "{}\n");
+  EXPECT_THAT(view("cube/recording.raw", "bad.jsonl").err, HasSubstr(Path("bad.jsonl") + ":1: has no t_us"));
+}
+
+}  // namespace
+}  // namespace evpose
