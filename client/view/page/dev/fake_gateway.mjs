@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A gateway that plays a synthetic scene, for developing the page and for its tests (tests/view/page_test.py).
 //   node dev/fake_gateway.mjs [--mode live|recording] [--objects 1..3] [--list] [--truth] [--noise EVENTS_PER_IMAGE] [--port PORT]
-// It prints the address of the page. The tests ask it, by HTTP, for what it sent: /test/image, /test/pose, /test/figures; and
-// let it close all connections: /test/drop.
+// It prints the address of the page. The tests ask it, by HTTP, for what it sent: /test/image, /test/pose, /test/figures; let
+// it send a text or a damaged message to all pages: /test/text, /test/damage; and let it close all connections: /test/drop.
 import { readFile } from "node:fs/promises";
 import { createServer } from "node:http";
 import { dirname, join } from "node:path";
@@ -241,6 +241,12 @@ function answerTest(url) {
     }
     case "/test/drop":
       for (const viewer of viewers) viewer.peer.destroy();
+      return {};
+    case "/test/text":
+      for (const viewer of viewers) viewer.peer.sendText(JSON.parse(url.searchParams.get("message")));
+      return {};
+    case "/test/damage":
+      for (const viewer of viewers) viewer.peer.sendBinary(Buffer.from([9, 0, 0, 0, 1, 2, 3]));
       return {};
     default: return undefined;
   }

@@ -167,7 +167,7 @@ export class App implements Receiver {
       case "position": this.store.position = message; break;
       case "range": this.store.setRange(message); break;
       case "notice": this.notice(message.level, message.text); break;
-      case "end": this.notice("info", message.reason); break;
+      case "end": this.store.ended = message.reason; break;
     }
     this.requestFrame();
   }
@@ -272,7 +272,6 @@ export class App implements Receiver {
   }
 
   private notice(level: "info" | "error", text: string): void {
-    this.store.addNotice(level, text);
     const node = element("div", `notice ${level}`, text);
     const notices = byId("notices", HTMLElement);
     notices.append(node);
@@ -357,7 +356,8 @@ export class App implements Receiver {
     const badge = byId("live-badge", HTMLElement);
     badge.hidden = false;
     badge.classList.toggle("frozen", this.isFrozen);
-    setText(badge, this.isFrozen ? "frozen, space goes on" : this.store.isRecording ? "recording" : "live");
+    const mode = this.store.isRecording ? "recording" : "live";
+    setText(badge, this.isFrozen ? "frozen, space goes on" : this.store.ended === null ? mode : `ended: ${this.store.ended}`);
   }
 
   /** The state of the page for tests: attributes of the root element, which README.md lists. */

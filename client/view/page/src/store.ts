@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page knows about the session: poses, states and health, in series of bounded length.
 import type { Alternative, Health, Hello, ObjectHealth, Pose, Position, Scene, ReadRange, SceneObject, SessionRow, StateChange, TrackState } from "./protocol";
-import { pushBounded, Series } from "./ring";
+import { Series } from "./ring";
 import { ContinuousRotation } from "./rotation";
 
 /** Columns of ObjectTrack.poses. */
@@ -30,7 +30,6 @@ const LIVE_POSES = 4096;
 const RECORDED_POSES = 20480;
 const MAX_CHANGES = 2000;
 const MAX_HEALTH = 1200;
-const MAX_NOTICES = 50;
 const MAX_OBJECTS = 64;
 const MIN_LIVE_SPAN_US = 5e6;
 /** A recording has a gap where poses are further apart than this and than ten times their median distance. */
@@ -133,11 +132,6 @@ function gapThreshold(poses: readonly Pose[]): number {
   return Math.max(MIN_GAP_US, 10 * (distances[distances.length >> 1] ?? 0));
 }
 
-export interface StoredNotice {
-  level: "info" | "error";
-  text: string;
-}
-
 export class Store {
   hello: Hello | null = null;
   sessions: SessionRow[] = [];
@@ -150,7 +144,8 @@ export class Store {
   position: Position | null = null;
   /** How far the recording has been read; null for live sessions. */
   range: ReadRange | null = null;
-  notices: StoredNotice[] = [];
+  /** Why the session ended; null while it goes on. */
+  ended: string | null = null;
   /** Counts changes of what plots and lists show. */
   version = 0;
 
@@ -162,6 +157,7 @@ export class Store {
     // After a lost connection to a live session, what was received before it is still right.
     const isSame = !scene.recording && this.scene?.session === scene.session && JSON.stringify(this.scene.objects) === JSON.stringify(scene.objects);
     this.scene = scene;
+    this.ended = null;
     ++this.version;
     if (isSame) return;
     this.objects = new Map(scene.objects.slice(0, MAX_OBJECTS).map((info, i) => [info.id, new ObjectTrack(info, i, scene.recording !== null)]));
@@ -210,10 +206,6 @@ export class Store {
       if (track) track.health = object;
     }
     ++this.version;
-  }
-
-  addNotice(level: "info" | "error", text: string): void {
-    pushBounded(this.notices, { level, text }, MAX_NOTICES);
   }
 
   /** Begin of the time that live plots show: at most `spanS` before the newest time, and not long before the first pose. */
