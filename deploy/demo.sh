@@ -63,3 +63,5 @@ run "$bin/client/cli/evpose" render "$out/cube/recording.raw" --poses "$out/mixt
   --window-ms 30 -o "$out/picture.png"
 echo "trajectory: $out/mixture.tum"
 echo "picture:    $out/picture.png"
+# The recording with its poses on a page in the browser, if this build has the page (node and npm).
+echo "to see it:  $bin/client/cli/evpose view $out/cube/recording.raw --poses $out/mixture.tum --truth $out/cube/truth.tum ${inputs[*]} --open"

@@ -16,7 +16,7 @@ build_packages=(
   libopencv-calib3d-dev libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev libopencv-videoio-dev
   libminizip-dev libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
-  libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev libzstd-dev nlohmann-json3-dev prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
+  libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev libzstd-dev nlohmann-json3-dev nodejs npm prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
   zlib1g-dev
 )
 # OpenCASCADE: 180 MB with its dependencies.
@@ -48,9 +48,18 @@ header_dir=/usr/local/include/pcl-1.13
 
 is_installed() { [[ $(dpkg-query -W -f='${db:Status-Status}' "$1" 2>/dev/null) == installed ]]; }
 
+# node and npm may come from another source: nodejs of nodesource contains npm, and conflicts with Debian's package npm.
+has_program() {
+  case $1 in
+    nodejs) command -v node >/dev/null ;;
+    npm) command -v npm >/dev/null ;;
+    *) false ;;
+  esac
+}
+
 missing=()
 for package in "${wanted[@]}"; do
-  is_installed "$package" || missing+=("$package")
+  is_installed "$package" || has_program "$package" || missing+=("$package")
 done
 needs_headers=()
 [[ -d $header_dir ]] || is_installed libpcl-dev || needs_headers=("${header_packages[@]}")

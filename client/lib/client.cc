@@ -220,6 +220,17 @@ absl::StatusOr<std::vector<ModelInfo>> Client::ListModels() {
   return models;
 }
 
+absl::StatusOr<ModelGeometry> Client::GetModelGeometry(const std::string& name, uint32_t max_faces) {
+  v1::GetModelGeometryRequest request;
+  request.set_name(name);
+  request.set_max_faces(max_faces);
+  EVPOSE_ASSIGN_OR_RETURN(const v1::ModelGeometry message,
+                          impl_->Unary(&Impl::Endpoint::models, &Models::GetModelGeometry, request));
+  absl::StatusOr<ModelGeometry> geometry = FromProto(message);
+  if (geometry.ok()) return geometry;
+  return absl::InternalError(absl::StrCat(impl_->endpoint().name, ": ", geometry.status().message()));
+}
+
 absl::Status Client::DeleteModel(const std::string& name) {
   v1::DeleteModelRequest request;
   request.set_name(name);

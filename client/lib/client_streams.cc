@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The streams of a client: Track with ResetPose, WatchPoses and WatchHealth.
+// The streams of a client: Track with ResetPose, WatchPoses, WatchHealth and WatchEvents.
 #include <grpcpp/client_context.h>
 
 #include <memory>
@@ -23,12 +23,14 @@ template <typename Response>
 using ResponseReader = std::unique_ptr<grpc::ClientReaderInterface<Response>>;
 
 // Reads a stream of responses until the session has ended, also after it has moved to another server, to which the
-// present `request` is sent. An error of `handle(response)` means that the response is invalid, and cancels the call.
+// present `request` is sent. A server that does not track the events names no other, so that all are asked. An error of
+// `handle(response)` means that the response is invalid, and cancels the call.
 template <typename Impl, typename Request, typename Response, typename Handle>
 absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method)(grpc::ClientContext*, const Request&),
                    const Request& request, const Handle& handle, const std::stop_token& stop) {
+  size_t num_others = 0;  // servers that do not track the events
   while (true) {
-    const auto& endpoint = impl.endpoint();
+    const auto& endpoint = impl.endpoints[(impl.current + num_others) % impl.endpoints.size()];
     grpc::ClientContext context;
     const ResponseReader<Response> reader = (*endpoint.sessions.*method)(&context, request);
     const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
@@ -38,7 +40,14 @@ absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method
     if (!invalid.ok()) context.TryCancel();
     const absl::Status status = FromGrpc(reader->Finish(), endpoint.name);
     if (!invalid.ok()) return absl::InternalError(absl::StrCat(endpoint.name, ": ", invalid.message()));
-    if (ReasonOf(status) != v1::FENCED || stop.stop_requested()) return status;
+    if (stop.stop_requested()) return status;
+    if (ReasonOf(status) == v1::EVENTS_ELSEWHERE && num_others + 1 < impl.endpoints.size()) {
+      ++num_others;
+    } else if (ReasonOf(status) == v1::FENCED) {
+      num_others = 0;
+    } else {
+      return status;
+    }
   }
 }
 
@@ -130,6 +139,23 @@ absl::Status Client::WatchHealth(const std::string& session, absl::Duration peri
     return absl::OkStatus();
   };
   return Watch(*impl_, &Sessions::WatchHealth, request, handle, stop);
+}
+
+absl::Status Client::WatchEvents(const std::string& session, const WatchEventsOptions& options,
+                                 const EventsCallback& on_image, std::stop_token stop) {
+  if (options.cell_px != 1 && options.cell_px != 2 && options.cell_px != 4) {
+    return absl::InvalidArgumentError(absl::StrCat("cell_px: is ", options.cell_px, "; it must be 1, 2 or 4"));
+  }
+  v1::WatchEventsRequest request;
+  request.set_session(session);
+  request.set_cell_px(static_cast<uint32_t>(options.cell_px));
+  request.set_max_rate_hz(options.max_rate_hz);
+  const auto handle = [&](const v1::WatchEventsResponse& response) -> absl::Status {
+    EVPOSE_ASSIGN_OR_RETURN(EventImage image, FromProto(response.image()));
+    on_image(std::move(image));
+    return absl::OkStatus();
+  };
+  return Watch(*impl_, &Sessions::WatchEvents, request, handle, stop);
 }
 
 }  // namespace evpose::client

@@ -64,14 +64,6 @@ std::optional<ContinuousSymmetry> SymmetryFromProto(const v1::Model& message) {
                             FromProto(symmetry.centre_m()), FromProto(symmetry.axis()), symmetry.is_flippable()};
 }
 
-absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message) {
-  const v1::Quaternion& q = message.rotation();
-  EVPOSE_ASSIGN_OR_RETURN(
-      const RigidTransform transform,
-      MakeRigidTransform(FromProto(message.translation_m()), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z())));
-  return FromCore(transform);
-}
-
 v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {
   const Eigen::Quaterniond q = Transform{rotation}.Quaternion();
   v1::Quaternion message;
@@ -344,6 +336,14 @@ absl::StatusOr<Session> FromProto(const v1::CreateSessionResponse& message) {
   EVPOSE_ASSIGN_OR_RETURN(Session session, FromProto(message.session()));
   session.resume_token = message.resume_token();
   return session;
+}
+
+absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message) {
+  const v1::Quaternion& q = message.rotation();
+  EVPOSE_ASSIGN_OR_RETURN(
+      const RigidTransform transform,
+      MakeRigidTransform(FromProto(message.translation_m()), Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z())));
+  return FromCore(transform);
 }
 
 absl::StatusOr<Pose> FromProto(const v1::Pose& message) {

@@ -15,6 +15,7 @@
 #include "evpose/types.h"
 #include "evpose/v1/admin_service.pb.h"
 #include "evpose/v1/error_reason.pb.h"
+#include "evpose/v1/event_image.pb.h"
 #include "evpose/v1/model_service.pb.h"
 #include "evpose/v1/session_service.pb.h"
 #include "evpose/v1/track.pb.h"
@@ -45,10 +46,13 @@ v1::LogLevel ToProto(LogLevel level);
 LogLevel FromProto(v1::LogLevel level);  // kOff for a level of a later server
 ModelInfo FromProto(const v1::Model& message);
 SessionHealth FromProto(const v1::SessionHealth& message);
-// Errors of these three: INTERNAL naming the field that violates the API.
+// Errors of these six: INTERNAL naming the field that violates the API.
 absl::StatusOr<Session> FromProto(const v1::Session& message);
 absl::StatusOr<Session> FromProto(const v1::CreateSessionResponse& message);  // with the resume token
+absl::StatusOr<Transform> FromProto(const v1::RigidTransform& message);
 absl::StatusOr<Pose> FromProto(const v1::Pose& message);
+absl::StatusOr<EventImage> FromProto(const v1::EventImage& message);  // with unpacked cells
+absl::StatusOr<ModelGeometry> FromProto(const v1::ModelGeometry& message);
 // Returns nullopt for a kind of a later server.
 std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message);
 

@@ -21,8 +21,6 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kPieceBytes = size_t{64} * 1024;
-// Between two positions: decoding it takes some milliseconds.
-constexpr uint64_t kSpacingBytes = 256 * 1024;
 // A bag with more losses is decoded across the further ones, with some wrong events behind each.
 constexpr size_t kMaxLosses = 1'000'000;
 
@@ -49,7 +47,8 @@ bool IsRegularFile(int file) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<RecordedEvents>> RecordedEvents::Open(const std::string& path,
-                                                                     std::unique_ptr<RecordingReader> reader) {
+                                                                     std::unique_ptr<RecordingReader> reader,
+                                                                     const RecordedEventsOptions& options) {
   const RecordingHeader& header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<EventDecoder> decoder, MakeEventDecoder(header.encoding, header.geometry));
   // The data of a RAW or DAT file are its bytes after the header.
@@ -61,20 +60,21 @@ absl::StatusOr<std::unique_ptr<RecordedEvents>> RecordedEvents::Open(const std::
   }
   const uint64_t data_offset = is_direct ? header.size_bytes : 0;
   std::unique_ptr<RecordedEvents> events(
-      new RecordedEvents(std::move(reader), std::move(decoder), file, data_offset, !is_direct));
+      new RecordedEvents(std::move(reader), std::move(decoder), file, data_offset, !is_direct, options));
   events->thread_ = std::jthread([self = events.get()](const std::stop_token& stop) { self->ReadAll(stop); });
   return events;
 }
 
 RecordedEvents::RecordedEvents(std::unique_ptr<RecordingReader> reader, std::unique_ptr<EventDecoder> decoder, int file,
-                               uint64_t data_offset, bool is_own)
+                               uint64_t data_offset, bool is_own, const RecordedEventsOptions& options)
     : reader_(std::move(reader)),
       header_(reader_->header()),
       decoder_(std::move(decoder)),
       file_(file),
       data_offset_(data_offset),
       is_own_(is_own),
-      spacing_bytes_(kSpacingBytes) {}
+      max_positions_(options.max_positions),
+      spacing_bytes_(options.spacing_bytes) {}
 
 RecordedEvents::~RecordedEvents() {
   thread_ = {};
@@ -119,7 +119,7 @@ void RecordedEvents::AddPosition(uint64_t offset) {
   decoder_->SaveState(writer);
   const int64_t latest_us = progress_.has_events ? progress_.range.to_us : std::numeric_limits<int64_t>::min();
   positions_.push_back({offset, latest_us, writer.Take()});
-  if (positions_.size() <= kMaxPositions) return;
+  if (positions_.size() <= max_positions_) return;
   size_t kept = 0;
   for (size_t i = 0; i < positions_.size(); i += 2) positions_[kept++] = std::move(positions_[i]);
   positions_.resize(kept);

@@ -21,18 +21,21 @@
 
 namespace evpose::client {
 
+struct RecordedEventsOptions {
+  uint64_t spacing_bytes = 256 * 1024;     // between two positions: decoding it takes some milliseconds
+  size_t max_positions = size_t{1} << 15;  // beyond it every second one is removed, and the spacing doubled
+};
+
 // A thread reads the recording once from its beginning, and keeps positions from which a decoder can continue; what it
 // has read so far can be accessed meanwhile. The bytes of a RAW or DAT file are read from that file, those of other
 // recordings are kept in a temporary file. Thread-safe.
 class RecordedEvents {
  public:
-  // Positions that are kept; beyond it every second one is removed.
-  static constexpr size_t kMaxPositions = size_t{1} << 15;
-
   // `path` is the file of `reader`. Errors: UNAVAILABLE if the file cannot be opened again, or no temporary file can be
   // created; those of MakeEventDecoder().
   static absl::StatusOr<std::unique_ptr<RecordedEvents>> Open(const std::string& path,
-                                                              std::unique_ptr<RecordingReader> reader);
+                                                              std::unique_ptr<RecordingReader> reader,
+                                                              const RecordedEventsOptions& options = {});
   ~RecordedEvents();
 
   SensorGeometry geometry() const { return header_.geometry; }
@@ -62,7 +65,7 @@ class RecordedEvents {
   };
 
   RecordedEvents(std::unique_ptr<RecordingReader> reader, std::unique_ptr<EventDecoder> decoder, int file,
-                 uint64_t data_offset, bool is_own);
+                 uint64_t data_offset, bool is_own, const RecordedEventsOptions& options);
   void ReadAll(const std::stop_token& stop);
   // Appends the bytes that were read to the temporary file.
   absl::Status Keep(absl::Span<const uint8_t> bytes) const;
@@ -78,6 +81,7 @@ class RecordedEvents {
   const int file_;
   const uint64_t data_offset_;  // of the data in the file
   const bool is_own_;           // the file is the temporary one
+  const size_t max_positions_;
   mutable std::mutex mutex_;
   Progress progress_ ABSL_GUARDED_BY(mutex_);
   uint64_t read_bytes_ ABSL_GUARDED_BY(mutex_) = 0;

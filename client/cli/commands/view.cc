@@ -56,7 +56,7 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
   return ServePage(arguments, source, context);
 }
 
-absl::StatusOr<RecordingInputs> ReadInputs(const ViewArguments& arguments, const CliContext& context) {
+absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, const CliContext& context) {
   RecordingInputs inputs;
   inputs.path = arguments.what;
   EVPOSE_ASSIGN_OR_RETURN(const auto ids_and_models, ParseObjectModels(arguments.model, arguments.objects));
@@ -84,7 +84,7 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
   for (const auto& [name, value] : {std::pair("--poses", arguments.poses), {"--camera", arguments.camera}}) {
     if (value.empty()) return UsageError(absl::StrCat("a recording is shown with its poses: give ", name, ", too"));
   }
-  EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadInputs(arguments, context));
+  EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadViewInputs(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingSource> source, RecordingSource::Open(std::move(inputs)));
   return ServePage(arguments, *source, context);
 }

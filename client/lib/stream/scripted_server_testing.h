@@ -44,9 +44,14 @@ class ScriptedService final : public v1::SessionService::Service {
                            grpc::ServerWriter<v1::WatchHealthResponse>* writer) override {
     return watch_health(*request, *writer);
   }
+  grpc::Status WatchEvents(grpc::ServerContext*, const v1::WatchEventsRequest* request,
+                           grpc::ServerWriter<v1::WatchEventsResponse>* writer) override {
+    return watch_events(*request, *writer);
+  }
   std::function<grpc::Status(ServerStream&)> script;
   std::function<grpc::Status(const v1::WatchPosesRequest&, grpc::ServerWriter<v1::WatchPosesResponse>&)> watch_poses;
   std::function<grpc::Status(const v1::WatchHealthRequest&, grpc::ServerWriter<v1::WatchHealthResponse>&)> watch_health;
+  std::function<grpc::Status(const v1::WatchEventsRequest&, grpc::ServerWriter<v1::WatchEventsResponse>&)> watch_events;
 };
 
 inline v1::TrackResponse Attached(uint64_t limit_bytes, uint32_t max_chunk_bytes = 1 << 20) {
