@@ -95,7 +95,7 @@ class LivePage(PageTest):
 
     def test_refused_key_is_explained(self):
         for url, connection, text in (
-            (self.server.origin + "/#wrong", "refused", "The key in the address was refused"),
+            (self.server.origin + "/#wrong", "refused", "This page was refused"),
             (self.server.origin + "/", "no-key", "The address has no key"),
         ):
             self.load(url)

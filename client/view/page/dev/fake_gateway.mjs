@@ -111,7 +111,7 @@ class Viewer {
     const names = ["bench-1", "a session with a long name that does not fit in its column at all", "<b>cell 7</b>"];
     this.peer.sendText({
       type: "sessions",
-      sessions: names.map((name, i) => ({ name: `sessions/${name}`, state: ["receiving", "waiting", "ended"][i], objects: OBJECTS.map(({ id }) => id), recv: `${12.5 * i + 3} MB` })),
+      sessions: names.map((name, i) => ({ name: `sessions/${name}`, state: ["receiving", "waiting", "ended"][i], objects: OBJECTS.map(({ id }) => id), recv: `2026-11-26 10:0${i}:17` })),
     });
   }
 
@@ -221,8 +221,8 @@ class Viewer {
     const now = nowUs();
     this.peer.sendText({
       type: "health", t_us: now, event_rate_hz: 2.1e6 + 6e5 * Math.sin(now / 2e6), latency_ms: { p50: 1.05 + 0.2 * Math.sin(now / 1e6), p99: 1.9 + 0.5 * Math.sin(now / 7e5) },
-      queue_ms: 0.4, dropped: 0, decode_faults: 0, link: { ...figures, unacknowledged: this.open.size },
-      objects: OBJECTS.map(({ id }, index) => ({ id, state: stateAt(index, now).state, detail: stateAt(index, now).reason, explained: 0.86 })),
+      pose_rate_hz: 1000, real_time_ratio: 0.16, dropped: 0, skipped: 0, decode_faults: 0, link: { ...figures, unacknowledged: this.open.size },
+      objects: OBJECTS.map(({ id }, index) => ({ id, state: stateAt(index, now).state, detail: stateAt(index, now).reason, explained: 0.86, losses: 0 })),
     });
   }
 }

@@ -27,7 +27,8 @@ const STATUS_TEXT: Record<Status, string> = {
   connecting: "connecting",
   connected: "connected",
   retrying: "connection lost, trying again",
-  refused: "The key in the address was refused: open the address that evpose view printed last.",
+  full: "Too many pages are open: this one tries again.",
+  refused: "This page was refused: open the address that evpose view printed last.",
   "no-key": "The address has no key: open the whole address that evpose view printed, with the part after #.",
 };
 
@@ -99,7 +100,7 @@ export class App implements Receiver {
     this.data["webgl"] = this.space.works ? "yes" : "no";
     this.data["imagesDrawn"] = "0";
     this.data["errors"] = "0";
-    this.onStatus("connecting");
+    this.onStatus("connecting", "");
     this.connection.open();
     setInterval(() => {
       if (!byId("chooser", HTMLElement).hidden) this.connection.send({ type: "list" });
@@ -148,10 +149,11 @@ export class App implements Receiver {
 
   // Receiver.
 
-  onStatus(status: Status): void {
+  onStatus(status: Status, reason: string): void {
     this.data["connection"] = status;
     const node = byId("connection", HTMLElement);
     setText(node, STATUS_TEXT[status]);
+    node.title = reason;
     node.classList.toggle("bad", status !== "connected" && status !== "connecting");
     if (status === "retrying" && this.store.isRecording) this.resumeUs = this.instantUs;
   }

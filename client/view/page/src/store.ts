@@ -138,8 +138,8 @@ export class Store {
   scene: Scene | null = null;
   objects = new Map<string, ObjectTrack>();
   selected = "";
-  /** t, events per second, latency p50 and p99 (ms), age of the queue (ms). */
-  healthSeries = new Series(5, MAX_HEALTH);
+  /** t, events per second, latency p50 and p99 (ms). */
+  healthSeries = new Series(4, MAX_HEALTH);
   health: Health | null = null;
   position: Position | null = null;
   /** How far the recording has been read; null for live sessions. */
@@ -162,7 +162,7 @@ export class Store {
     if (isSame) return;
     this.objects = new Map(scene.objects.slice(0, MAX_OBJECTS).map((info, i) => [info.id, new ObjectTrack(info, i, scene.recording !== null)]));
     if (!this.objects.has(this.selected)) this.selected = scene.objects[0]?.id ?? "";
-    this.healthSeries = new Series(5, MAX_HEALTH);
+    this.healthSeries = new Series(4, MAX_HEALTH);
     this.health = null;
     this.range = scene.recording ? { type: "range", ...scene.recording, complete: false } : null;
     this.position = scene.recording ? { type: "position", t_us: scene.recording.from_us, playing: false, speed: 1 } : null;
@@ -200,7 +200,7 @@ export class Store {
 
   addHealth(health: Health): void {
     this.health = health;
-    this.healthSeries.push([health.t_us, health.event_rate_hz, health.latency_ms.p50, health.latency_ms.p99, health.queue_ms]);
+    this.healthSeries.push([health.t_us, health.event_rate_hz, health.latency_ms.p50, health.latency_ms.p99]);
     for (const object of health.objects) {
       const track = this.objects.get(object.id);
       if (track) track.health = object;
