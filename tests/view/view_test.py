@@ -155,6 +155,18 @@ class RecordingView(ViewTest):
         self.page.wait(lambda: shown_pose(self.page) == first, "the former pose")
         self.assert_silent(self.page)
 
+    def test_plays_to_the_end(self):
+        self.page.press("\ue011")
+        self.page.wait(lambda: int(self.page.data["imageTUs"]) < START_US + 20000, "the beginning")
+        images, start_ms = self.page.run("return [Number(document.documentElement.dataset.imagesDrawn), performance.now()]")
+        self.page.press(" ")
+        self.page.wait(lambda: int(self.page.data["imageTUs"]) > START_US + DURATION_S * 1e6 - 50000, "the end")
+        end_images, end_ms = self.page.run("return [Number(document.documentElement.dataset.imagesDrawn), performance.now()]")
+        print(f"played {DURATION_S} s at 1x: {1000 * (end_images - images) / (end_ms - start_ms):.1f} images/s in {end_ms - start_ms:.0f} ms")
+        self.page.wait_for_data(playing="false")
+        self.assertGreater(end_images - images, 2)
+        self.assert_silent(self.page)
+
     def test_picture(self):
         self.page.press("t")
         self.scrub(START_US + 0.8 * DURATION_S * 1e6)
