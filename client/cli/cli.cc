@@ -26,7 +26,7 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add("replay", "Send a recording to a server and write the poses that it returns", AddReplayCommand);
   add("stream", "Send the events of a live camera to a server", AddStreamCommand);
   add("info", "Print the contents of a recording", AddInfoCommand);
-  add("doctor", "Check a recording, a live camera or a server for what goes wrong most often", AddDoctorCommand);
+  add("doctor", "Check a recording or a live camera for what goes wrong most often", AddDoctorCommand);
   add("convert", "Write the events of a recording in another format", AddConvertCommand);
   add("simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
   add("evaluate", "Compare estimated trajectories with the truth", AddEvaluateCommand);
