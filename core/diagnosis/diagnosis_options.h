@@ -30,11 +30,11 @@ struct DiagnosisOptions {
   double hot_ratio = 8.0;
   // Share of the events that are noise. In simulation (deploy/sensors/README.md) 83 % noise increase errors by a third,
   // and five times the events of the object have to be transferred.
-  Limits noise_share = {0.5, 0.9};
-  // Share of the events that the flicker of a lamp causes. In simulation, a lamp that flickers by 10 % causes a tenth
-  // of the events and costs nothing; one of 30 % causes five sixths and costs a factor of four. The search for a first
-  // pose removes such events itself (core/detection/flicker_filter.h).
-  Limits flicker_share = {0.2, 0.6};
+  Limits noise_share = {0.6, 0.9};
+  // Share of the events in time with the flicker of a lamp. In simulation, a lamp that flickers by 5 % gives up to 0.6
+  // and one of 10 % up to 0.8, which costs nothing; one of 20 % gives 0.97 and more, and one of 30 % costs a factor of
+  // four. The search for a first pose removes such events itself (core/detection/flicker_filter.h).
+  Limits flicker_share = {0.6, 0.85};
   // Hertz: slower changes of the light are those of motion. Lamps at the mains flicker at 100 or 120 Hz, dimmed ones
   // and screens at 50 and more.
   double min_flicker_hz = 45.0;
@@ -43,13 +43,13 @@ struct DiagnosisOptions {
   double min_coherence = 0.8;
   // Parts of the image, of 8 x 8, among which a line of the spectrum is distributed: one part may show a machine.
   double min_flicker_parts = 3.0;
-  // Ratio of the ON and OFF events for the same change of the light, or its inverse. The thresholds have the same
-  // ratio. Edges of both directions are then displaced differently from the profile's (core/estimation/README.md,
-  // section 3).
-  Limits polarity_ratio = {1.6, 3.0};
+  // Ratio of the ON and OFF events, or its inverse. If the light of most pixels returns to what it was, the thresholds
+  // have the same ratio; what does not return makes up to 1.6 in simulated recordings of half a second with equal
+  // thresholds, and 2.2 in real ones. Edges of both directions are then displaced differently from the profile's.
+  Limits polarity_ratio = {2.5, 4.0};
   // Pixels: standard deviation of the blur of edges, by lens, pixel and bandwidth. In simulation, 1 px instead of 0.5
-  // px makes the error four times as large, 2 px seventeen times; the limits are the geometric means of these.
-  Limits blur_px = {0.8, 1.4};
+  // px makes the error four times as large, 2 px seventeen times; the limits lie between these.
+  Limits blur_px = {0.9, 1.4};
   // Share of the pixels in areas without events.
   Limits dead_share = {1e-4, 0.1};
   // Pixels per second: the search for a first pose needs a motion of some 6 px, within its second of events. Slower

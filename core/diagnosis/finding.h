@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The result of one check of a recording, a camera, a model or a server.
+// The result of one check of a recording, a camera or a model.
 #pragma once
 
 #include <optional>

@@ -104,10 +104,8 @@ PixelRuns::Blur PixelRuns::MeasureBlur() const {
   for (const uint64_t count : blurs_) blur.num_passages += count;
   const auto n = static_cast<double>(blur.num_passages);
   const double variance = sums_.slope_slope - sums_.slope * sums_.slope / n;
-  // Without different speeds nothing contradicts the blur.
-  if (variance > kMinLogVariance * n) {
-    blur.exponent = (sums_.slope_duration - sums_.slope * sums_.duration / n) / variance;
-  }
+  blur.has_speeds = variance > kMinLogVariance * n;
+  if (blur.has_speeds) blur.exponent = (sums_.slope_duration - sums_.slope * sums_.duration / n) / variance;
   uint64_t below = 0;
   for (int bin = 0; bin < kBlurBins; ++bin) {
     const uint64_t count = blurs_[static_cast<size_t>(bin)];

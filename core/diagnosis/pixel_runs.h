@@ -30,6 +30,7 @@ class PixelRuns {
     // The duration of a passage is proportional to the time per pixel to this power: 1 for edges that are blurred in
     // the image, 0 for light that changes in place, as on a screen, or for slow pixels.
     double exponent = 1.0;
+    bool has_speeds = false;  // the edges move at different speeds, which `exponent` needs
   };
   Blur MeasureBlur() const;
 

@@ -15,9 +15,9 @@ namespace {
 constexpr size_t kMaxPlaces = 10;
 constexpr char kSettings[] = " (deploy/sensors/README.md)";
 
-// Events for the ratio of the thresholds, and passages for the blur: ratio and median then vary by a few percent.
+// Events for the ratio of the thresholds, and passages for the blur: ratio and median then vary by less than a tenth.
 constexpr double kMinPolarityEvents = 1000.0;
-constexpr uint64_t kMinPassages = 200;
+constexpr uint64_t kMinPassages = 60;
 // Between the exponents of blurred edges and of light that changes in place.
 constexpr double kMinBlurExponent = 0.5;
 
@@ -306,16 +306,16 @@ Finding RecordingDiagnosis::CheckFocus(const Shares& shares) const {
                       absl::StrCat(Counted(blur.num_passages, "passage"),
                                    " of an edge with three events of a pixel; the median needs ", kMinPassages));
   }
-  if (blur.exponent < kMinBlurExponent) {
+  if (!blur.has_speeds) {
+    return NotChecked("focus", "all edges move at one speed, as on a screen that is drawn line by line");
+  }
+  if (blur.median_px > options_.blur_px.advice && blur.exponent < kMinBlurExponent) {
     return NotChecked("focus",
-                      absl::StrFormat("the light changes in place, or pixels are slow: the durations of passages "
-                                      "do not follow the speed (exponent %.2f)",
-                                      blur.exponent));
+                      "edges are wide in time, whatever their speed: the pixels are slow, not the lens blurred");
   }
   Finding finding = Named("focus");
   Judge(blur.median_px, options_.blur_px, "px", finding);
-  finding.text = absl::StrFormat("edges are blurred by %.2f px (standard deviation; exponent %.2f)", blur.median_px,
-                                 blur.exponent);
+  finding.text = absl::StrFormat("edges are blurred by %.2f px (standard deviation)", blur.median_px);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy = absl::StrCat(
         "focus the lens at the distance of the object, with a smaller aperture and more light; raise bias_fo if edges "

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose doctor: checks a recording, a live camera or a server for what goes wrong most often.
+// evpose doctor: checks a recording or a live camera for what goes wrong most often.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -41,14 +41,6 @@ struct DoctorArguments {
   bool is_pipe() const { return recording == "-"; }
 };
 
-// What the report says about a recording, and what the checks of a server compare with.
-struct ExaminedRecording {
-  RecordingHeader header;
-  StreamFacts facts;
-  int64_t duration_us = 0;
-  double busy_bytes_per_s = 0.0;  // in the busiest tenth of the time
-};
-
 // Reads a recording into its diagnosis.
 class RecordingExamination {
  public:
@@ -58,7 +50,6 @@ class RecordingExamination {
   absl::Status Read(const std::optional<CameraModel>& camera);
   // Appends the findings, those of the camera and the model if they were given among them.
   absl::Status Report(const std::optional<CameraModel>& camera, DoctorReport& report) const;
-  [[maybe_unused]] ExaminedRecording Facts() const;
 
  private:
   // True when the events of --start and --duration, or of a live pipe, have been read.
@@ -143,15 +134,6 @@ void RecordingExamination::ShowProgress(ProgressLine& progress, uint64_t data_by
                                        1e-6 * static_cast<double>(diagnosis_->num_events())));
 }
 
-ExaminedRecording RecordingExamination::Facts() const {
-  ExaminedRecording examined{header_, facts_, diagnosis_->duration_us(), 0.0};
-  const double bytes_per_event =
-      static_cast<double>(facts_.data_bytes) / std::max<double>(1.0, static_cast<double>(facts_.counts.cd_events));
-  examined.busy_bytes_per_s =
-      bytes_per_event * diagnosis_->motion().busy_events_in_20_ms * 1e6 / MotionSamples::kSlice_us;
-  return examined;
-}
-
 absl::Status RecordingExamination::Report(const std::optional<CameraModel>& camera, DoctorReport& report) const {
   const std::string encoding(EncodingName(header_.encoding));
   report.subjects.push_back(absl::StrFormat(
@@ -215,6 +197,15 @@ CommandRunner AddDoctorCommand(CLI::App& app, CliContext& context) {
                  "Seconds that are examined; default: the rest of a file, 5 of a pipe")
       ->check(AboveZero());
   app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  app.footer(
+      "Checks decoding, clock, event rate, motion, noise, hot and dead pixels, flicker, polarities and focus of a\n"
+      "recording, or of a live camera whose RAW data come through a pipe (-), and the sizes of camera and model. Each\n"
+      "check is ok, advice, a problem, or was not made, with the measured quantity, its limit, the places and the "
+      "remedy.\n"
+      "Exit status: 0 no problem; 1 a problem was found, or the recording cannot be read; 2 wrong usage.\n\n"
+      "Example:\n"
+      "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
+      "  evpose doctor cube/recording.raw --model cube/model.obj --camera cube/camera.yaml");
   return [arguments, &context] { return RunDoctor(*arguments, context); };
 }
 
