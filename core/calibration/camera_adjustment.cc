@@ -17,7 +17,8 @@ namespace evpose {
 namespace {
 
 constexpr int kNumPose = 6;
-constexpr double kSpeedUnit = 1e-3;  // of kEdgeShiftRate
+constexpr double kFewestBlocks = 3.0;  // for a standard error
+constexpr double kSpeedUnit = 1e-3;    // of kEdgeShiftRate
 
 // The distorted point of (x, y), the map of core/geometry/lens_models.h; `d` are the coefficients.
 template <typename T>
@@ -73,6 +74,84 @@ struct SampleCost {
   }
 };
 
+// The distances of the parameters from their prior, in its standard deviations; zero for those that are not free.
+struct PriorCost {
+  const CalibrationPrior* prior;
+  FreeParameters free;
+
+  template <typename T>
+  bool operator()(const T* parameters, T* residuals) const {
+    for (int i = 0; i < kNumCalibrationParameters; ++i) {
+      residuals[i] =
+          free[i] ? std::sqrt(prior->dispersion) * (parameters[i] - prior->mean[i]) / prior->sigma[i] : T(0.0);
+    }
+    return true;
+  }
+};
+
+// Derivative of the distorted radius by the undistorted one; of a fisheye lens, by the angle to the axis.
+template <typename T>
+T RadialSlope(LensModel lens_model, const T* d, double at) {
+  const double s = at * at;
+  if (lens_model == LensModel::kFisheye) {
+    return 1.0 + s * (3.0 * d[0] + s * (5.0 * d[1] + s * (7.0 * d[2] + s * 9.0 * d[3])));
+  }
+  const T above = 1.0 + s * (d[0] + s * (d[1] + s * d[4]));
+  const T above_slope = 2.0 * s * (d[0] + s * (2.0 * d[1] + s * 3.0 * d[4]));
+  if (lens_model != LensModel::kRational) return above + above_slope;
+  const T below = 1.0 + s * (d[5] + s * (d[6] + s * d[7]));
+  const T below_slope = 2.0 * s * (d[5] + s * (2.0 * d[6] + s * 3.0 * d[7]));
+  return (above + above_slope - above * below_slope / below) / below;
+}
+
+constexpr double kMinRadialSlope = 0.1;
+constexpr int kSlopeRadii = 12;
+
+// Penalty for radial distortion that hardly increases: parts of the image without samples would have a lens that maps
+// two directions to one pixel.
+struct SlopeCost {
+  LensModel lens_model;
+  std::array<double, kSlopeRadii> radii;
+
+  template <typename T>
+  bool operator()(const T* parameters, T* residuals) const {
+    constexpr double kSigma = 0.001;
+    for (int i = 0; i < kSlopeRadii; ++i) {
+      const T missing = kMinRadialSlope - RadialSlope(lens_model, parameters + kDistortion, radii[i]);
+      residuals[i] = missing > 0.0 ? missing / kSigma : T(0.0);
+    }
+    return true;
+  }
+};
+
+// Radii, or angles, up to that of the corner that is farthest from the centre.
+std::array<double, kSlopeRadii> RadiiOfImage(const CalibrationParameters& parameters,
+                                             const AdjustmentOptions& options) {
+  constexpr double kStep = 0.005, kMaxAngle = 1.5, kMaxRadius = 8.0;  // to 86 and 83 degrees off the axis
+  double corner = 0.0;
+  for (const double x : {0.0, options.width_px - 1.0}) {
+    for (const double y : {0.0, options.height_px - 1.0}) {
+      corner = std::max(corner, std::hypot((x - parameters[kCentreX]) / parameters[kFocal],
+                                           (y - parameters[kCentreY]) / (parameters[kFocal] * parameters[kAspect])));
+    }
+  }
+  const double limit = parameters.lens_model == LensModel::kFisheye ? kMaxAngle : kMaxRadius;
+  double distorted = 0.0, at = 0.0;
+  for (; distorted < corner && at < limit; at += kStep) {
+    const double slope = RadialSlope(parameters.lens_model, parameters.values.data() + kDistortion, at);
+    distorted += kStep * std::max(slope, kMinRadialSlope);
+  }
+  std::array<double, kSlopeRadii> radii;
+  for (int i = 0; i < kSlopeRadii; ++i) radii[i] = at * (i + 1) / kSlopeRadii;
+  return radii;
+}
+
+using BlockKey = std::pair<int, int64_t>;
+
+BlockKey BlockOf(const CalibrationInterval& interval, int64_t block_us) {
+  return {interval.recording, interval.t_us / block_us};
+}
+
 SampleCost CostOf(LensModel lens_model, const LineSample& sample, const RigidTransform& pose) {
   return {lens_model, &sample, pose.rotation * sample.point, pose.translation_m};
 }
@@ -102,6 +181,21 @@ SampleRow RowOf(const LineSample& sample, const RigidTransform& pose, const Cali
   row.parameters = residual.v.head<kNumCalibrationParameters>();
   row.pose = residual.v.tail<kNumPose>();
   return row;
+}
+
+// The inverse of the rows and columns of free parameters; zero elsewhere.
+CalibrationCovariance InverseOfFree(CalibrationCovariance matrix, const FreeParameters& free) {
+  for (int i = 0; i < kNumCalibrationParameters; ++i) {
+    if (free[i]) continue;
+    matrix.row(i).setZero();
+    matrix.col(i).setZero();
+    matrix(i, i) = 1.0;
+  }
+  CalibrationCovariance inverse = matrix.ldlt().solve(CalibrationCovariance::Identity());
+  for (int i = 0; i < kNumCalibrationParameters; ++i) {
+    if (!free[i]) inverse(i, i) = 0.0;
+  }
+  return inverse;
 }
 
 }  // namespace
@@ -201,6 +295,16 @@ absl::Status AdjustCamera(absl::Span<const LineSample> samples, const FreeParame
     order->AddElementToGroup(change, 0);
   }
   order->AddElementToGroup(parameters.values.data(), 1);
+  if (adjustment_options.prior) {
+    using Cost = ceres::AutoDiffCostFunction<PriorCost, kNumCalibrationParameters, kNumCalibrationParameters>;
+    problem.AddResidualBlock(new Cost(new PriorCost{&*adjustment_options.prior, free}), nullptr,
+                             parameters.values.data());
+  }
+  if (adjustment_options.width_px > 0) {
+    using Cost = ceres::AutoDiffCostFunction<SlopeCost, kSlopeRadii, kNumCalibrationParameters>;
+    const auto radii = RadiiOfImage(parameters, adjustment_options);
+    problem.AddResidualBlock(new Cost(new SlopeCost{parameters.lens_model, radii}), nullptr, parameters.values.data());
+  }
   std::vector<int> fixed;
   for (int i = 0; i < kNumCalibrationParameters; ++i) {
     if (!free[i]) fixed.push_back(i);
@@ -226,13 +330,19 @@ absl::Status AdjustCamera(absl::Span<const LineSample> samples, const FreeParame
   return absl::OkStatus();
 }
 
+int NumBlocks(absl::Span<const LineSample> samples, absl::Span<const CalibrationInterval> intervals, int64_t block_us) {
+  std::set<BlockKey> blocks;
+  for (const LineSample& sample : samples) blocks.insert(BlockOf(intervals[sample.interval], block_us));
+  return static_cast<int>(blocks.size());
+}
+
 AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeParameters& free,
                                const AdjustmentOptions& options, const CalibrationParameters& parameters,
                                absl::Span<const CalibrationInterval> intervals) {
   using Vector = Eigen::Matrix<double, kNumCalibrationParameters, 1>;
   AdjustmentErrors errors;
   CalibrationCovariance curvature = CalibrationCovariance::Zero();
-  std::map<std::pair<int, int64_t>, Vector> gradients;
+  std::map<BlockKey, Vector> gradients;
   double weights = 0.0, squares = 0.0;
   // Samples are in the order of their intervals.
   for (size_t begin = 0; begin < samples.size();) {
@@ -254,8 +364,7 @@ AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeP
       rows.push_back(row);
     }
     const Eigen::Matrix<double, kNumPose, kNumCalibrationParameters> eliminated = of_pose.ldlt().solve(mixed);
-    auto [gradient, is_new] =
-        gradients.try_emplace({interval.recording, interval.t_us / options.block_us}, Vector::Zero());
+    auto [gradient, is_new] = gradients.try_emplace(BlockOf(interval, options.block_us), Vector::Zero());
     for (const SampleRow& row : rows) {
       const Vector reduced = row.parameters - eliminated.transpose() * row.pose;
       curvature += row.weight * reduced * reduced.transpose();
@@ -265,20 +374,28 @@ AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeP
   }
   errors.rms_px = std::sqrt(squares / std::max(weights, 1e-12));
   errors.num_blocks = static_cast<int>(gradients.size());
-  CalibrationCovariance scatter = CalibrationCovariance::Zero();
+  CalibrationCovariance scatter = CalibrationCovariance::Zero(), of_prior = CalibrationCovariance::Zero();
   for (const auto& [block, gradient] : gradients) scatter += gradient * gradient.transpose();
   int num_free = 0;
   for (int i = 0; i < kNumCalibrationParameters; ++i) {
     num_free += free[i];
-    if (!free[i]) curvature(i, i) = 1.0;
+    if (free[i] && options.prior) of_prior(i, i) = options.prior->dispersion / std::pow(options.prior->sigma[i], 2);
   }
   const double blocks = errors.num_blocks;
-  if (blocks <= num_free) {
-    errors.covariance.setConstant(std::numeric_limits<double>::infinity());
+  if (blocks < kFewestBlocks || num_free == 0) {
+    if (num_free > 0) errors.covariance.setConstant(std::numeric_limits<double>::infinity());
     return errors;
   }
-  const CalibrationCovariance inverse = curvature.ldlt().solve(CalibrationCovariance::Identity());
-  errors.covariance = blocks / (blocks - num_free) * inverse * scatter * inverse;
+  const CalibrationCovariance inverse = InverseOfFree(curvature + of_prior, free);
+  errors.bound = inverse;
+  errors.dispersion =
+      std::max(1.0, blocks / (blocks - 1.0) * (inverse * scatter).trace() / (inverse * curvature).trace());
+  if (blocks < 2.0 * num_free) {
+    errors.covariance = errors.dispersion * inverse;
+  } else {
+    const CalibrationCovariance middle = blocks / (blocks - num_free) * scatter + errors.dispersion * of_prior;
+    errors.covariance = inverse * middle * inverse;
+  }
   return errors;
 }
 

@@ -6,6 +6,8 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
+#include <optional>
 #include <string_view>
 #include <vector>
 
@@ -62,6 +64,14 @@ Eigen::Matrix<double, 2, kNumCalibrationParameters> ProjectionJacobian(const Cal
 // The pixel of a bearing.
 Eigen::Vector2d ProjectBearing(const CalibrationParameters& parameters, const Eigen::Vector2d& bearing);
 
+// What is known about the parameters without data: independent values with one standard deviation each.
+struct CalibrationPrior {
+  CalibrationParameters mean;
+  std::array<double, kNumCalibrationParameters> sigma = {};
+  // AdjustmentErrors::dispersion: the prior counts as much more as samples overstate their information.
+  double dispersion = 1.0;
+};
+
 struct AdjustmentOptions {
   // Standard errors of a residual above which its weight is reduced (Huber).
   double robust_sigmas = 2.0;
@@ -69,6 +79,11 @@ struct AdjustmentOptions {
   // Microseconds of a recording whose samples may have common errors, because they are of the same edges on the same
   // pixels: the time in which the object moves by its own size.
   int64_t block_us = 500'000;
+  // Keeps parameters that the data hardly determine where they are known to be; nullopt: all values are as likely.
+  std::optional<CalibrationPrior> prior;
+  // Size of the image, in which the radial distortion has to increase; zero: it may have any form.
+  int width_px = 0;
+  int height_px = 0;
 };
 
 // Minimises equation (3) of the README over the free parameters and the poses of the intervals that have samples.
@@ -78,11 +93,19 @@ absl::Status AdjustCamera(absl::Span<const LineSample> samples, const FreeParame
                           absl::Span<CalibrationInterval> intervals);
 
 struct AdjustmentErrors {
-  // Covariance by equation (6) of the README; zero for parameters that are not free.
+  // Covariance by equation (6) of the README, or by (7) if there are less than twice as many blocks as free
+  // parameters; infinite for less than three blocks; zero for parameters that are not free.
   CalibrationCovariance covariance = CalibrationCovariance::Zero();
+  // The same if the errors of samples were independent: the bound of Cramer and Rao.
+  CalibrationCovariance bound = CalibrationCovariance::Zero();
+  // Mean ratio of the variance of the blocks' gradients to that of independent samples, at least 1.
+  double dispersion = 1.0;
   double rms_px = 0.0;  // of the residuals of the samples, those of reduced weight included in proportion
   int num_blocks = 0;
 };
+// Parts of the recordings, of `block_us`, that have samples.
+int NumBlocks(absl::Span<const LineSample> samples, absl::Span<const CalibrationInterval> intervals, int64_t block_us);
+
 // Errors of the result of AdjustCamera() with the same arguments.
 AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeParameters& free,
                                const AdjustmentOptions& options, const CalibrationParameters& parameters,

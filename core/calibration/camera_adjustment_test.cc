@@ -3,11 +3,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
 
 #include "core/calibration/calibration_target.h"
+#include "core/calibration/event_displacement.h"
 #include "core/models/object_model.h"
 #include "core/numerics/random.h"
 
@@ -149,6 +151,109 @@ TEST(CameraAdjustment, ParametersThatAreNotFreeStay) {
   EXPECT_EQ(parameters[kAspect], 1.0);
   const AdjustmentErrors errors = ComputeErrors(made.samples, free, {}, parameters, made.intervals);
   EXPECT_EQ(errors.covariance(kDistortion + 4, kDistortion + 4), 0.0);
+}
+
+AdjustmentOptions WithPrior(double sigma_of_k3) {
+  AdjustmentOptions options;
+  CalibrationPrior& prior = options.prior.emplace();
+  prior.mean = {};
+  prior.mean[kFocal] = TrueCamera().fx_px;
+  prior.mean[kAspect] = 1.0;
+  prior.mean[kCentreX] = 639.5;
+  prior.mean[kCentreY] = 359.5;
+  prior.sigma.fill(0.3);
+  prior.sigma[kFocal] = 200.0;
+  prior.sigma[kCentreX] = prior.sigma[kCentreY] = 40.0;
+  prior.sigma[kDistortion + 4] = sigma_of_k3;
+  return options;
+}
+
+TEST(CameraAdjustment, PriorKeepsWhatTheDataDoNotDetermine) {
+  const FreeParameters free = AllParameters(LensModel::kBrown);
+  double error[2], k3[2];
+  for (const bool is_narrow : {false, true}) {
+    const AdjustmentOptions options = WithPrior(is_narrow ? 1e-4 : 0.3);
+    MadeSamples made = Make(0.6, 3);
+    CalibrationParameters parameters;
+    Disturb(made, parameters);
+    ASSERT_TRUE(AdjustCamera(made.samples, free, options, parameters, absl::MakeSpan(made.intervals)).ok());
+    const AdjustmentErrors errors = ComputeErrors(made.samples, free, options, parameters, made.intervals);
+    error[is_narrow] = std::sqrt(errors.covariance(kDistortion + 4, kDistortion + 4));
+    k3[is_narrow] = parameters[kDistortion + 4];
+    EXPECT_NEAR(parameters[kFocal], TrueCamera().fx_px, 4.5 * std::sqrt(errors.covariance(kFocal, kFocal)));
+    // The samples of a block have common errors, which the bound leaves out.
+    EXPECT_GT(errors.dispersion, 1.1);
+    EXPECT_LT(errors.bound(kFocal, kFocal), errors.covariance(kFocal, kFocal));
+  }
+  EXPECT_GT(error[0], 1e-3);
+  EXPECT_LT(error[1], 2e-4);
+  EXPECT_LT(std::abs(k3[1]), 5e-4);
+}
+
+TEST(CameraAdjustment, FewBlocksHaveOneDispersion) {
+  FreeParameters free = AllParameters(LensModel::kBrown);
+  MadeSamples made = Make(0.6, 4);
+  const CalibrationCovariance all = ComputeErrors(made.samples, free, {}, TrueParameters(), made.intervals).covariance;
+  std::erase_if(made.samples, [](const LineSample& sample) { return sample.interval >= 40; });
+  EXPECT_EQ(NumBlocks(made.samples, made.intervals, AdjustmentOptions().block_us), 10);
+  const AdjustmentErrors few = ComputeErrors(made.samples, free, {}, TrueParameters(), made.intervals);
+  EXPECT_EQ(few.num_blocks, 10);
+  // A sixth of the data.
+  const double ratio = std::sqrt(few.covariance(kFocal, kFocal) / all(kFocal, kFocal));
+  EXPECT_GT(ratio, 1.2);
+  EXPECT_LT(ratio, 5.0);
+  EXPECT_NEAR(few.covariance(kFocal, kFocal), few.dispersion * few.bound(kFocal, kFocal), 1e-9);
+}
+
+// Samples in the middle of the image alone, and a start that maps two directions to one pixel.
+TEST(CameraAdjustment, RadialDistortionIncreasesUpToTheCorners) {
+  FreeParameters free = {};
+  free[kDistortion] = free[kDistortion + 1] = free[kDistortion + 4] = true;
+  const auto smallest_slope = [](const CalibrationParameters& parameters) {
+    double smallest = 1.0;
+    for (double r = 0.01; r < 0.71; r += 0.01) {
+      const double slope =
+          ProjectBearing(parameters, {r + 1e-4, 0.0}).x() - ProjectBearing(parameters, {r - 1e-4, 0.0}).x();
+      smallest = std::min(smallest, slope / (2e-4 * parameters[kFocal]));
+    }
+    return smallest;
+  };
+  double slopes[2];
+  for (const bool is_limited : {false, true}) {
+    MadeSamples made = Make(0.6, 8);
+    // Errors that a lens with a falling distortion explains, in the samples of the middle.
+    std::erase_if(made.samples,
+                  [](const LineSample& sample) { return (sample.pixel - Vector2d(643.5, 356.5)).norm() > 250.0; });
+    for (LineSample& sample : made.samples) {
+      const Vector2d radius = (sample.pixel - Vector2d(643.5, 356.5)) / 1030.0;
+      sample.pixel -= 1030.0 * 3.0 * radius.squaredNorm() * radius;
+    }
+    AdjustmentOptions options;
+    if (is_limited) {
+      options.width_px = 1280;
+      options.height_px = 720;
+    }
+    CalibrationParameters parameters = TrueParameters();
+    ASSERT_TRUE(AdjustCamera(made.samples, free, options, parameters, absl::MakeSpan(made.intervals)).ok());
+    slopes[is_limited] = smallest_slope(parameters);
+  }
+  EXPECT_LT(slopes[0], 0.0);
+  EXPECT_GT(slopes[1], 0.05);
+}
+
+TEST(EventDisplacement, LinesThatAreNearTogetherAreDisplacedTogether) {
+  Random random(5);
+  constexpr double kShiftPx = 0.35, kCompanions[] = {1.8, 4.0};
+  std::vector<double> distances;
+  for (int i = 0; i < 4000; ++i) {
+    const double line = i % 3 == 0 ? 0.0 : kCompanions[i % 3 - 1];
+    distances.push_back(line + kShiftPx + 0.5 * random.Normal());
+  }
+  for (int i = 0; i < 400; ++i) distances.push_back(random.Uniform(-2.0, 6.0));
+  const EventDisplacement fit = FitDisplacement(distances, 4.0, 0.0, ExpTable(), kCompanions);
+  EXPECT_NEAR(fit.mean_px, kShiftPx, 0.03);
+  EXPECT_NEAR(fit.spread_px, 0.5, 0.05);
+  EXPECT_NEAR(fit.num_events, 4000.0, 200.0);
 }
 
 TEST(CameraAdjustment, TooFewBlocksHaveNoStandardError) {

@@ -29,23 +29,42 @@ constexpr double kRationalPrior = 1.0;      //
 constexpr double kTangentialPrior = 0.005;  // p1, p2
 constexpr double kEdgeShiftPriorPx = 0.3;   // at rest, and its change at 1000 px/s
 constexpr double kMaxErrorToPrior = 0.5;
-// Duration of the part of the first recording on which the focal lengths of the start are tried.
+// Time for which the first recording is tracked with each of the focal lengths of the start.
 constexpr int64_t kTrialUs = 2'500'000;
+// The longest search for the object in it.
+constexpr int64_t kMaxTrialUs = 60'000'000;
+// Standard errors need so many parts of the recordings; their duration is halved until there are as many, or until it
+// is that of an interval.
+constexpr int kWantedBlocks = 16;
+constexpr int kMinBlocks = 3;
+constexpr int64_t kMinBlockUs = 15'000;
 // Focal lengths of the start, of the width of the image: from 80 to 24 degrees; neighbours differ by a factor that the
 // adjustment bridges.
 constexpr double kTrialFocal[] = {0.6, 0.85, 1.2, 1.7, 2.4};
+// The same of a guess that is 20 % off.
+constexpr double kTrialOfGuess[] = {1.0, 0.83, 1.2};
+// Wide lenses are also tried with a usual distortion k1, k2: without it, a line near the border of the image may be
+// 10 px from its events. The distorted radius increases everywhere.
+constexpr double kBarrel[] = {-0.3, 0.1};
 
 class Calibrator {
  public:
   Calibrator(absl::Span<const std::string> recordings, const RecordingOpener& open,
              std::shared_ptr<const ObjectModel> model, SensorGeometry sensor, const CameraCalibrationOptions& options,
              const CalibrationProgress& on_progress)
-      : recordings_(recordings), open_(open), model_(std::move(model)), options_(options), on_progress_(on_progress) {
+      : recordings_(recordings),
+        open_(open),
+        model_(std::move(model)),
+        options_(options),
+        on_progress_(on_progress),
+        adjustment_(options.adjustment) {
     const TrackerOptions tracker_options;
     edges_ = std::make_unique<ModelEdges>(*model_, tracker_options.visibility, tracker_options.elements);
     camera_.width_px = sensor.width_px;
     camera_.height_px = sensor.height_px;
     SetParameters(DefaultParameters(1.0 * sensor.width_px), camera_);
+    adjustment_.width_px = sensor.width_px;
+    adjustment_.height_px = sensor.height_px;
   }
 
   absl::StatusOr<CameraCalibration> Run();
@@ -61,12 +80,15 @@ class Calibrator {
     parameters[kCentreY] = 0.5 * (camera_.height_px - 1);
     return parameters;
   }
+  std::vector<CalibrationParameters> Starts() const;
   absl::Status FindStart();
   absl::StatusOr<Intervals> Track(int round);
   // Samples and adjusts, `times` times.
   absl::Status Adjust(const FreeParameters& free, int times, Intervals& intervals);
   absl::Status AdjustDetermined(Intervals& intervals);
   double SigmaOfPrior(int parameter) const;
+  void SetPrior(double focal_px);
+  absl::Status SetBlocks(const Intervals& intervals);
   double LargestMotionPx(const CalibrationParameters& from, const CalibrationParameters& to) const;
   absl::Status CompareHalves(const Intervals& intervals, CameraCalibration& result);
   void Describe(const Intervals& intervals, CameraCalibration& result) const;
@@ -81,14 +103,36 @@ class Calibrator {
   std::unique_ptr<const ModelEdges> edges_;
   CameraModel camera_;
   CalibrationParameters parameters_ = {};
+  double start_focal_px_ = 0.0;
   FreeParameters free_ = {};
   AdjustmentErrors errors_;
+  AdjustmentOptions adjustment_;
   std::vector<LineSample> samples_;
   std::vector<std::string> warnings_;
 };
 
+void Calibrator::SetPrior(double focal_px) {
+  start_focal_px_ = focal_px;
+  CalibrationPrior& prior = adjustment_.prior.emplace();
+  prior.mean = DefaultParameters(focal_px);
+  for (int i = 0; i < kNumCalibrationParameters; ++i) prior.sigma[i] = SigmaOfPrior(i);
+}
+
+// Shortens the blocks until there are enough of them.
+absl::Status Calibrator::SetBlocks(const Intervals& intervals) {
+  int64_t& block_us = adjustment_.block_us;
+  block_us = options_.adjustment.block_us;
+  while (NumBlocks(samples_, intervals, block_us) < kWantedBlocks && block_us / 2 >= kMinBlockUs) block_us /= 2;
+  const int blocks = NumBlocks(samples_, intervals, block_us);
+  if (blocks >= kMinBlocks) return absl::OkStatus();
+  return absl::FailedPreconditionError(absl::StrFormat(
+      "the lines of the target are measured in %d parts of %.3f s while it is tracked and moves, and %d are needed: "
+      "record longer, with the target moving by its own width in a second or faster",
+      blocks, 1e-6 * static_cast<double>(block_us), kMinBlocks));
+}
+
 double Calibrator::SigmaOfPrior(int parameter) const {
-  if (parameter == kFocal) return kFocalPrior * parameters_[kFocal];
+  if (parameter == kFocal) return kFocalPrior * start_focal_px_;
   if (parameter == kAspect) return kAspectPrior;
   if (parameter < kDistortion) return kCentrePrior * camera_.width_px;
   if (parameter >= kEdgeShift) return kEdgeShiftPriorPx;
@@ -108,34 +152,45 @@ absl::Status Calibrator::Adjust(const FreeParameters& free, int times, Intervals
     RemoveWeakIntervals(samples_);
     if (samples_.empty()) return absl::OkStatus();
     // With the expected errors, then with those that the residuals show.
-    EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, options_.adjustment, parameters_, absl::MakeSpan(intervals)));
+    EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, adjustment_, parameters_, absl::MakeSpan(intervals)));
     ScaleErrors(parameters_, intervals, absl::MakeSpan(samples_));
-    EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, options_.adjustment, parameters_, absl::MakeSpan(intervals)));
+    EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, adjustment_, parameters_, absl::MakeSpan(intervals)));
   }
   SetParameters(parameters_, camera_);
   return camera_.CheckView();
 }
 
+std::vector<CalibrationParameters> Calibrator::Starts() const {
+  std::vector<CalibrationParameters> starts;
+  const double unit_px = options_.focal_px.value_or(camera_.width_px);
+  for (const double ratio : options_.focal_px ? absl::MakeConstSpan(kTrialOfGuess) : absl::MakeConstSpan(kTrialFocal)) {
+    starts.push_back(DefaultParameters(ratio * unit_px));
+    if (options_.lens_model == LensModel::kFisheye || ratio * unit_px > camera_.width_px) continue;
+    starts.push_back(starts.back());
+    std::copy(std::begin(kBarrel), std::end(kBarrel), starts.back().values.begin() + kDistortion);
+  }
+  return starts;
+}
+
 // Tries several focal lengths, and keeps the one whose adjusted lines fit best.
 absl::Status Calibrator::FindStart() {
-  if (options_.focal_px) {
-    parameters_ = DefaultParameters(*options_.focal_px);
-    SetParameters(parameters_, camera_);
-    return camera_.CheckView();
-  }
   struct Trial {
     CalibrationParameters parameters = {};
     size_t num_samples = 0;
     double rms_px = 0.0;
   };
   std::vector<Trial> trials;
-  for (const double ratio : kTrialFocal) {
-    on_progress_(0.2 * static_cast<double>(trials.size()) / std::size(kTrialFocal),
-                 absl::StrFormat("focal length of %.0f px tried", ratio * camera_.width_px));
+  const std::vector<CalibrationParameters> starts = Starts();
+  for (const CalibrationParameters& start : starts) {
+    on_progress_(0.2 * static_cast<double>(trials.size()) / static_cast<double>(starts.size()),
+                 absl::StrFormat("focal length of %.0f px tried", start[kFocal]));
     Trial& trial = trials.emplace_back();
-    parameters_ = DefaultParameters(ratio * camera_.width_px);
+    SetPrior(options_.focal_px.value_or(start[kFocal]));
+    parameters_ = start;
     SetParameters(parameters_, camera_);
-    TrackedRecordingOptions tracked{.sensor = options_.sensor, .max_duration_us = kTrialUs, .max_intervals = 150};
+    if (!camera_.CheckView().ok()) continue;
+    TrackedRecordingOptions tracked{
+        .sensor = options_.sensor, .max_duration_us = kMaxTrialUs, .max_tracked_us = kTrialUs, .max_intervals = 150};
     EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> recording, open_(recordings_[0]));
     EVPOSE_ASSIGN_OR_RETURN(Intervals intervals,
                             CollectIntervals(*recording, 0, model_, camera_, tracked, [](double) {}));
@@ -143,8 +198,7 @@ absl::Status Calibrator::FindStart() {
     free[kFocal] = free[kDistortion] = free[kEdgeShift] = true;
     samples_.clear();
     if (!Adjust(free, 2, intervals).ok() || samples_.empty()) continue;
-    trial = {parameters_, samples_.size(),
-             ComputeErrors(samples_, free, options_.adjustment, parameters_, intervals).rms_px};
+    trial = {parameters_, samples_.size(), ComputeErrors(samples_, free, adjustment_, parameters_, intervals).rms_px};
   }
   size_t most = 0;
   for (const Trial& trial : trials) most = std::max(most, trial.num_samples);
@@ -154,12 +208,14 @@ absl::Status Calibrator::FindStart() {
     if (best == nullptr || trial.rms_px < best->rms_px) best = &trial;
   }
   if (best == nullptr) {
-    return absl::FailedPreconditionError(absl::StrFormat(
-        "%s: the object was not found in its first %.1f s with any focal length; give --focal-mm or --fov, and record "
-        "the whole target moving in view from the start",
-        recordings_[0], 1e-6 * kTrialUs));
+    return absl::FailedPreconditionError(
+        absl::StrFormat("%s: in its first %.0f s, the object was not found moving by more than %.0f px/s with any "
+                        "focal length that was "
+                        "tried; give --focal-mm or --fov, and record the whole target moving in view from the start",
+                        recordings_[0], 1e-6 * kMaxTrialUs, options_.samples.min_speed_px_per_s));
   }
   parameters_ = best->parameters;
+  SetPrior(options_.focal_px.value_or(parameters_[kFocal]));
   SetParameters(parameters_, camera_);
   return absl::OkStatus();
 }
@@ -187,16 +243,11 @@ absl::StatusOr<Calibrator::Intervals> Calibrator::Track(int round) {
 // Frees all parameters; then fixes, one after the other, those that the data do not determine.
 absl::Status Calibrator::AdjustDetermined(Intervals& intervals) {
   free_ = AllParameters(options_.lens_model);
-  const CalibrationParameters defaults = DefaultParameters(parameters_[kFocal]);
   while (true) {
     EVPOSE_RETURN_IF_ERROR(Adjust(free_, 2, intervals));
-    errors_ = ComputeErrors(samples_, free_, options_.adjustment, parameters_, intervals);
-    if (const int needed = static_cast<int>(std::count(free_.begin(), free_.end(), true)) + 1;
-        errors_.num_blocks < needed) {
-      return absl::FailedPreconditionError(absl::StrFormat(
-          "the target is tracked in %d parts of %.1f s, and %d are needed: record longer, or more recordings",
-          errors_.num_blocks, 1e-6 * static_cast<double>(options_.adjustment.block_us), needed));
-    }
+    EVPOSE_RETURN_IF_ERROR(SetBlocks(intervals));
+    errors_ = ComputeErrors(samples_, free_, adjustment_, parameters_, intervals);
+    adjustment_.prior->dispersion = errors_.dispersion;
     int worst = -1;
     double worst_ratio = kMaxErrorToPrior;
     for (int i = 0; i < kNumCalibrationParameters; ++i) {
@@ -206,14 +257,15 @@ absl::Status Calibrator::AdjustDetermined(Intervals& intervals) {
       worst = i;
     }
     if (worst < 0) return absl::OkStatus();
-    if (worst == kFocal || samples_.empty()) {
+    if (worst == kFocal && !options_.focal_px) {
       return absl::FailedPreconditionError(absl::StrFormat(
           "the recordings do not determine the focal length (%.0f +- %.0f px): record the target tilted to all sides "
-          "by 30 degrees and more, near enough to fill a third of the image, while it moves",
+          "by 30 degrees and more, near enough to fill a third of the image, while it moves; or give --fov or "
+          "--focal-mm, which is then kept",
           parameters_[kFocal], std::sqrt(errors_.covariance(kFocal, kFocal))));
     }
     free_[worst] = false;
-    parameters_[worst] = defaults[worst];
+    parameters_[worst] = adjustment_.prior->mean[worst];
   }
 }
 
@@ -247,16 +299,21 @@ absl::Status Calibrator::CompareHalves(const Intervals& intervals, CameraCalibra
   for (int half = 0; half < 2; ++half) {
     std::vector<LineSample> samples;
     for (const LineSample& sample : samples_) {
-      if (intervals[sample.interval].t_us / options_.adjustment.block_us % 2 == half) samples.push_back(sample);
+      if (intervals[sample.interval].t_us / adjustment_.block_us % 2 == half) samples.push_back(sample);
     }
     halves[half] = parameters_;
     Intervals poses;
     for (const CalibrationInterval& interval : intervals) {
-      poses.push_back(
-          {interval.recording, interval.t_us, interval.duration_us, interval.camera_from_object, interval.twist, {}});
+      poses.push_back({interval.recording,
+                       interval.t_us,
+                       interval.duration_us,
+                       interval.camera_from_object,
+                       interval.twist,
+                       false,
+                       {}});
     }
     if (samples.empty()) continue;
-    EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples, free_, options_.adjustment, halves[half], absl::MakeSpan(poses)));
+    EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples, free_, adjustment_, halves[half], absl::MakeSpan(poses)));
   }
   result.uncertainties = Places();
   for (ProjectionUncertainty& place : result.uncertainties) {
@@ -297,7 +354,7 @@ void Calibrator::Describe(const Intervals& intervals, CameraCalibration& result)
   for (int i = 0; i < kNumCalibrationParameters; ++i) {
     if (!all[i]) continue;
     result.parameters.push_back({std::string(CalibrationParameterName(options_.lens_model, i)), parameters_[i],
-                                 std::sqrt(errors_.covariance(i, i)), free_[i]});
+                                 std::sqrt(errors_.covariance(i, i)), std::sqrt(errors_.bound(i, i)), free_[i]});
   }
 }
 
@@ -309,6 +366,12 @@ void Calibrator::AddWarnings(CameraCalibration& result) const {
         "the recordings do not determine %s, which stays at %g: record the target in all parts of the image, tilted to "
         "all sides",
         parameter.name, parameter.value));
+  }
+  if (adjustment_.block_us < options_.adjustment.block_us) {
+    result.warnings.push_back(absl::StrFormat(
+        "the target is tracked for so short a time that the standard errors are from parts of %.3f s; errors that last "
+        "longer, as those of the model, are not in them: record at least 20 s in all",
+        1e-6 * static_cast<double>(adjustment_.block_us)));
   }
   for (const ProjectionUncertainty& place : result.uncertainties) {
     // The difference of two independent halves has twice the standard deviation of the whole.

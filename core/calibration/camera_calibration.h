@@ -42,6 +42,7 @@ struct CalibratedParameter {
   std::string name;
   double value = 0.0;
   double standard_error = 0.0;
+  double bound = 0.0;     // the standard error if all errors were independent (Cramer and Rao)
   bool is_fitted = true;  // false: the data do not determine it, and it has its default
 };
 

@@ -15,8 +15,10 @@ struct EventDisplacement {
 };
 
 // Returns the component of the edge in a mixture with uniform clutter (core/estimation/README.md, section 1) of signed
-// distances within +- gate_px, estimated as in the tracker. The iteration starts at `start_px`.
+// distances within +- gate_px, estimated as in the tracker. The iteration starts at `start_px`. With `companions_px`,
+// the edge is several parallel ones with equally many events: at 0 and at these distances, displaced together; gate_px
+// is then half of the width in which there are events.
 EventDisplacement FitDisplacement(absl::Span<const double> distances_px, double gate_px, double start_px,
-                                  const ExpTable& table);
+                                  const ExpTable& table, absl::Span<const double> companions_px = {});
 
 }  // namespace evpose

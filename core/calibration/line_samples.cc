@@ -13,7 +13,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kMinPieces = 6.0;  // of a line
+constexpr double kMinPieces = 6.0, kMinPiecesIfSparse = 3.0;  // of a line
 constexpr int kCellPx = 8;
 constexpr size_t kMaxPieces = 2000;  // bounds the work of a model with many lines
 constexpr double kStepS = 1e-5;      // of the difference quotient of velocities: far below a pixel
@@ -43,7 +43,7 @@ bool LineSampler::ProjectPoint(const RigidTransform& pose, const Vector3d& point
   return true;
 }
 
-void LineSampler::AddPieces(const TrackedLine& line, const CalibrationInterval& interval) {
+void LineSampler::AddPieces(const TrackedLine& line, double pieces_per_line, const CalibrationInterval& interval) {
   const RigidTransform& pose = interval.camera_from_object;
   Vector2d first, last;
   if (!ProjectPoint(pose, line.p1, first) || !ProjectPoint(pose, line.p2, last)) {
@@ -54,7 +54,7 @@ void LineSampler::AddPieces(const TrackedLine& line, const CalibrationInterval& 
   // Short lines have shorter pieces: those near the ends are too near to other lines to be used.
   const double length_px = (last - first).norm();
   const int count = static_cast<int>(
-      std::ceil(length_px / std::clamp(length_px / kMinPieces, options_.min_piece_px, options_.piece_px)));
+      std::ceil(length_px / std::clamp(length_px / pieces_per_line, options_.min_piece_px, options_.piece_px)));
   RigidTransform later = pose;
   later.translation_m += kStepS * interval.twist.head<3>();
   later.rotation = ExpSo3(kStepS * interval.twist.tail<3>()) * pose.rotation;
@@ -81,11 +81,29 @@ void LineSampler::AddPieces(const TrackedLine& line, const CalibrationInterval& 
   }
 }
 
+bool LineSampler::AddCompanion(const Piece& other, Piece& piece) const {
+  constexpr double kMaxTurn = 0.1;      // sine of the angle: 2 px over a piece of 20 px
+  constexpr double kSamePlacePx = 1.0;  // successive pieces of one line have nearly the same distance
+  const double across = other.normal.dot(piece.normal);
+  const double turn = other.along.dot(piece.normal);
+  if (std::abs(turn) > kMaxTurn || std::abs(across) < 0.5) return false;
+  const double distance_px = other.normal.dot(other.middle - piece.middle) / across;
+  if (std::abs(distance_px) >= 3.0 * options_.min_gate_px) return false;
+  const double along_px = piece.along.dot(other.middle - piece.middle);
+  // Beyond its end there are no events of the other one.
+  if (std::abs(along_px) > other.half_px + piece.half_px) return true;
+  for (const double known_px : piece.companions_px) {
+    if (std::abs(known_px - distance_px) < kSamePlacePx) return true;
+  }
+  piece.companions_px.push_back(distance_px);
+  return true;
+}
+
 void LineSampler::SetGates() {
   for (Piece& piece : pieces_) {
     double clear_px = 3.0 * options_.gate_px;
     for (const Piece& other : pieces_) {
-      if (other.line == piece.line) continue;
+      if (other.line == piece.line || AddCompanion(other, piece)) continue;
       // A farther piece cannot be within the clearance.
       if ((other.middle - piece.middle).norm() > clear_px + piece.half_px + other.half_px) continue;
       for (const Vector2d& point : {piece.begin, piece.middle, piece.end}) {
@@ -93,7 +111,7 @@ void LineSampler::SetGates() {
       }
       clear_px = std::min(clear_px, DistanceToSegment(other.middle, piece.begin, piece.end));
     }
-    piece.gate_px = clear_px / 3.0;
+    piece.gate_px = piece.companions_px.empty() ? clear_px / 3.0 : std::min(clear_px / 3.0, options_.min_gate_px);
     const bool is_used =
         piece.gate_px >= options_.min_gate_px && std::abs(piece.normal_speed_px_s) >= options_.min_speed_px_per_s;
     if (!is_used) piece.gate_px = 0.0;
@@ -102,7 +120,10 @@ void LineSampler::SetGates() {
 
 void LineSampler::EnterCells(int index) {
   const Piece& piece = pieces_[index];
-  const double reach_px = options_.gate_px + 2.0;  // and the motion within the interval
+  double reach_px = options_.gate_px + 2.0;  // and the motion within the interval
+  for (const double distance_px : piece.companions_px) {
+    reach_px = std::max(reach_px, options_.gate_px + 2.0 + std::abs(distance_px));
+  }
   const Vector2d low = piece.begin.cwiseMin(piece.end), high = piece.begin.cwiseMax(piece.end);
   const auto cell = [](double px, int count) { return std::clamp(static_cast<int>(px) / kCellPx, 0, count - 1); };
   for (int row = cell(low.y() - reach_px, rows_); row <= cell(high.y() + reach_px, rows_); ++row) {
@@ -114,12 +135,12 @@ void LineSampler::EnterCells(int index) {
   }
 }
 
-void LineSampler::MakePieces(const CalibrationInterval& interval) {
+void LineSampler::MakePieces(double pieces_per_line, const CalibrationInterval& interval) {
   for (const int cell : used_cells_) cells_[cell].clear();
   used_cells_.clear();
   pieces_.clear();
   for (const TrackedLine& line : visible_.At(interval.camera_from_object)) {
-    if (!line.is_element) AddPieces(line, interval);
+    if (!line.is_element) AddPieces(line, pieces_per_line, interval);
   }
   SetGates();
   for (size_t i = 0; i < pieces_.size(); ++i) {
@@ -139,32 +160,45 @@ void LineSampler::AddEvent(const Event& event, double tau_s) {
     const double position = along / piece.half_px;
     const double distance =
         offset.dot(piece.normal) - tau_s * piece.normal_speed_px_s - piece.bow_px * position * position;
-    if (std::abs(distance) > piece.gate_px) continue;
+    const bool is_near = std::abs(distance) <= piece.gate_px ||
+                         std::any_of(piece.companions_px.begin(), piece.companions_px.end(), [&](double companion_px) {
+                           return std::abs(distance - companion_px) <= piece.gate_px;
+                         });
+    if (!is_near) continue;
     piece.distances_px.push_back(distance);
     piece.polarity[event.polarity != 0] += 1.0;
-    return;
+    if (piece.companions_px.empty()) return;
   }
 }
 
-void LineSampler::Finish(Piece& piece, int index, std::vector<LineSample>& samples) const {
-  if (static_cast<double>(piece.distances_px.size()) < options_.min_events) return;
+void LineSampler::Finish(Piece& piece, double min_events, int index, std::vector<LineSample>& samples) const {
+  if (static_cast<double>(piece.distances_px.size()) < min_events) return;
   std::vector<double>& distances = piece.distances_px;
-  const double median = UpperMedian(distances);
-  const EventDisplacement fit = FitDisplacement(distances, piece.gate_px, median, table_);
-  if (fit.num_events < options_.min_events || std::abs(fit.mean_px) > piece.gate_px) return;
+  const std::vector<double>& companions = piece.companions_px;
+  const double together = 1.0 + static_cast<double>(companions.size());
+  double half_width_px = piece.gate_px, start_px = 0.0;
+  if (companions.empty()) {
+    start_px = UpperMedian(distances);
+  } else {
+    const auto [first, last] = std::minmax_element(companions.begin(), companions.end());
+    half_width_px += 0.5 * (std::max(0.0, *last) - std::min(0.0, *first));
+  }
+  const EventDisplacement fit = FitDisplacement(distances, half_width_px, start_px, table_, companions);
+  if (fit.num_events < min_events || std::abs(fit.mean_px) > piece.gate_px) return;
   LineSample sample;
   sample.interval = index;
   sample.line = piece.line;
   sample.point = piece.point;
   sample.pixel = piece.middle + fit.mean_px * piece.normal;
   sample.normal = piece.normal;
-  sample.num_events = fit.num_events;
-  sample.sigma_px = std::sqrt(fit.spread_px * fit.spread_px * options_.events_per_information / fit.num_events +
+  // The same events are in the samples of all lines that are measured together.
+  sample.num_events = fit.num_events / together;
+  sample.sigma_px = std::sqrt(fit.spread_px * fit.spread_px * options_.events_per_information / sample.num_events +
                               options_.model_error_px * options_.model_error_px);
   const double kappa = (piece.polarity[1] - piece.polarity[0]) / (piece.polarity[1] + piece.polarity[0]);
   // The motion of a bright surface over a dark one makes pixels brighter.
   const double side = kappa * piece.normal_speed_px_s;
-  if (std::abs(kappa) >= options_.min_kappa) sample.dark_side = side > 0.0 ? 1.0 : -1.0;
+  if (companions.empty() && std::abs(kappa) >= options_.min_kappa) sample.dark_side = side > 0.0 ? 1.0 : -1.0;
   sample.motion = piece.normal_speed_px_s > 0.0 ? 1.0 : -1.0;
   sample.speed_px_per_s = std::abs(piece.normal_speed_px_s);
   // The length of the piece, until SetDensities().
@@ -173,12 +207,21 @@ void LineSampler::Finish(Piece& piece, int index, std::vector<LineSample>& sampl
 }
 
 void LineSampler::Sample(const CalibrationInterval& interval, int index, std::vector<LineSample>& samples) {
-  MakePieces(interval);
+  const size_t first = samples.size();
+  SampleWith(kMinPieces, options_.min_events, interval, index, samples);
+  if (static_cast<int>(samples.size() - first) >= options_.min_samples) return;
+  samples.resize(first);
+  SampleWith(kMinPiecesIfSparse, options_.min_events_if_sparse, interval, index, samples);
+}
+
+void LineSampler::SampleWith(double pieces_per_line, double min_events, const CalibrationInterval& interval, int index,
+                             std::vector<LineSample>& samples) {
+  MakePieces(pieces_per_line, interval);
   for (const Event& event : interval.events) {
     AddEvent(event, 1e-6 * static_cast<double>(event.t_us - interval.t_us));
   }
   const size_t first = samples.size();
-  for (Piece& piece : pieces_) Finish(piece, index, samples);
+  for (Piece& piece : pieces_) Finish(piece, min_events, index, samples);
   SetDensities(1e-6 * static_cast<double>(interval.duration_us), absl::MakeSpan(samples).subspan(first));
 }
 

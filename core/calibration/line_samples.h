@@ -24,6 +24,7 @@ struct CalibrationInterval {
   int64_t duration_us = 0;  // of the events
   RigidTransform camera_from_object;
   Vector6d twist = Vector6d::Zero();  // as PoseEstimate::twist
+  bool is_degraded = false;           // the tracker doubts the pose; with a wrong camera it always does
   std::vector<Event> events;
 };
 
@@ -47,7 +48,8 @@ struct LineSampleOptions {
   // Largest distance, pixels, of the events of a line from its expected position; at most a third of the distance to
   // the nearest other line, so that the events of that line are outside.
   double gate_px = 4.0;
-  // Smallest such distance at which a piece is used, pixels: three standard deviations of the events.
+  // Smallest such distance at which a piece is used, pixels: three standard deviations of the events. Lines that are
+  // nearer than three times as much and parallel to the piece are measured together with it.
   double min_gate_px = 2.0;
   // Length of the pieces, pixels: the lens bends them by less than 0.05 px, and they have enough events.
   double piece_px = 20.0;
@@ -55,6 +57,10 @@ struct LineSampleOptions {
   double min_piece_px = 6.0;
   // Smallest number of events of a piece, for their mean.
   double min_events = 12.0;
+  // For intervals with so few events that they have less than `min_samples` otherwise: pieces that are at least a
+  // third of their line, and this number of events.
+  int min_samples = 24;
+  double min_events_if_sparse = 6.0;
   // Smallest normal speed, px/s: a slower line has too few events to be distinguished from noise.
   double min_speed_px_per_s = 20.0;
   // Correlated events that count as one, and error of the model of an edge, pixels, as in sensor_calibration.h.
@@ -84,17 +90,24 @@ class LineSampler {
     double normal_speed_px_s = 0.0;  // along the normal
     double along_speed_px_s = 0.0;
     double gate_px = 0.0;
+    // Distances along the normal from this line to those that are so near and so nearly parallel that their events are
+    // measured together with its own.
+    std::vector<double> companions_px;
     std::vector<double> distances_px;
     double polarity[2] = {0.0, 0.0};
   };
 
-  void MakePieces(const CalibrationInterval& interval);
-  void AddPieces(const TrackedLine& line, const CalibrationInterval& interval);
+  void SampleWith(double pieces_per_line, double min_events, const CalibrationInterval& interval, int index,
+                  std::vector<LineSample>& samples);
+  void MakePieces(double pieces_per_line, const CalibrationInterval& interval);
+  void AddPieces(const TrackedLine& line, double pieces_per_line, const CalibrationInterval& interval);
   bool ProjectPoint(const RigidTransform& pose, const Eigen::Vector3d& point, Eigen::Vector2d& pixel) const;
   void SetGates();
+  // True if `other` is so near and parallel to `piece` that it is measured together with it: among its companions.
+  bool AddCompanion(const Piece& other, Piece& piece) const;
   void EnterCells(int index);
   void AddEvent(const Event& event, double tau_s);
-  void Finish(Piece& piece, int index, std::vector<LineSample>& samples) const;
+  void Finish(Piece& piece, double min_events, int index, std::vector<LineSample>& samples) const;
   // Sets the density of the events of the samples of one interval.
   void SetDensities(double duration_s, absl::Span<LineSample> samples) const;
 

@@ -18,6 +18,10 @@ namespace {
 // Called for each piece of a recording with its events and the estimates that they complete.
 using OnPiece = absl::FunctionRef<void(absl::Span<const Event>, absl::Span<const PoseEstimate>)>;
 
+bool HasPose(const PoseEstimate& estimate) {
+  return estimate.state == TrackState::kTracking || estimate.state == TrackState::kDegraded;
+}
+
 absl::Status TrackPieces(RecordingReader& recording, std::shared_ptr<const ObjectModel> model,
                          const CameraModel& camera, const TrackedRecordingOptions& options,
                          RecordingProgress on_progress, OnPiece on_piece) {
@@ -26,7 +30,7 @@ absl::Status TrackPieces(RecordingReader& recording, std::shared_ptr<const Objec
   tracker_options.sensor = options.sensor;
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Tracker> tracker,
                           Tracker::Create(std::move(model), camera, tracker_options, std::nullopt));
-  std::optional<int64_t> first_us;
+  std::optional<int64_t> first_us, found_us;
   std::vector<PoseEstimate> estimates;
   while (true) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
@@ -39,7 +43,9 @@ absl::Status TrackPieces(RecordingReader& recording, std::shared_ptr<const Objec
     on_piece(piece, estimates);
     const int64_t elapsed_us = piece.back().t_us - *first_us;
     on_progress(1e-6 * static_cast<double>(elapsed_us));
+    if (!found_us && std::any_of(estimates.begin(), estimates.end(), HasPose)) found_us = elapsed_us;
     if (elapsed_us >= options.max_duration_us) break;
+    if (found_us && elapsed_us - *found_us >= options.max_tracked_us) break;
   }
   estimates.clear();
   tracker->Finish(estimates);
@@ -72,7 +78,12 @@ class IntervalCollector {
         std::find_if(recent_.begin(), recent_.end(), [keep_us](const Event& event) { return event.t_us >= keep_us; });
     recent_.erase(recent_.begin(), first);
   }
-  std::vector<CalibrationInterval> Finish() { return std::move(intervals_); }
+  std::vector<CalibrationInterval> Finish() {
+    const auto is_degraded = [](const CalibrationInterval& interval) { return interval.is_degraded; };
+    const auto degraded = static_cast<size_t>(std::count_if(intervals_.begin(), intervals_.end(), is_degraded));
+    if (2 * degraded <= intervals_.size()) std::erase_if(intervals_, is_degraded);
+    return std::move(intervals_);
+  }
 
  private:
   struct Pending {
@@ -94,7 +105,7 @@ class IntervalCollector {
   }
 
   void Consider(const PoseEstimate& estimate) {
-    if (estimate.state != TrackState::kTracking || estimate.t_us < next_us_) return;
+    if (!HasPose(estimate) || estimate.t_us < next_us_) return;
     // Slow motion is seen for a window's length; below a quarter of the motion, the events cover too few positions
     // between two pixels.
     constexpr double kMinUs = 500.0, kMaxUs = 20'000.0, kMinMotion = 0.25;
@@ -109,6 +120,7 @@ class IntervalCollector {
     pending.interval.duration_us = 2 * half_us;
     pending.interval.camera_from_object = estimate.camera_from_object;
     pending.interval.twist = estimate.twist;
+    pending.interval.is_degraded = estimate.state == TrackState::kDegraded;
     pending_.push_back(std::move(pending));
     next_us_ = estimate.t_us + std::max(spacing_us_, 2 * half_us);
   }
@@ -130,8 +142,11 @@ class IntervalCollector {
     if (static_cast<int>(intervals_.size()) <= options_.max_intervals) return;
     for (size_t i = 1; 2 * i < intervals_.size(); ++i) intervals_[i] = std::move(intervals_[2 * i]);
     intervals_.resize((intervals_.size() + 1) / 2);
-    spacing_us_ *= 2;
+    spacing_us_ = std::max(2 * spacing_us_, kMinSpacingWhenFullUs);
   }
+
+  // A recording that fills the list at first gives one interval for each 20 ms afterwards.
+  static constexpr int64_t kMinSpacingWhenFullUs = 20'000;
 
   const int recording_;
   const TrackedRecordingOptions options_;
@@ -140,7 +155,7 @@ class IntervalCollector {
   std::vector<Event> recent_;
   std::deque<Pending> pending_;
   std::vector<CalibrationInterval> intervals_;
-  int64_t spacing_us_ = 10'000;
+  int64_t spacing_us_ = 1'000;
   int64_t next_us_ = std::numeric_limits<int64_t>::min();
 };
 

@@ -24,6 +24,8 @@ struct TrackedRecordingOptions {
   SensorProfile sensor;
   // Ends after so many microseconds of the recording.
   int64_t max_duration_us = std::numeric_limits<int64_t>::max();
+  // Ends so many microseconds after the object was found.
+  int64_t max_tracked_us = std::numeric_limits<int64_t>::max();
   // Largest number of intervals of CollectIntervals(): 300 give each parameter of a lens some thousand independent
   // measurements. When there are more, every other one is dropped, and later ones are as far apart.
   int max_intervals = 300;
@@ -40,7 +42,8 @@ absl::StatusOr<Trajectory> TrackRecording(RecordingReader& recording, std::share
                                           const CameraModel& camera, const TrackedRecordingOptions& options,
                                           RecordingProgress on_progress);
 
-// Reads the recording likewise. Returns intervals, in order of time, while the object is TRACKING and moves; `index` is
+// Reads the recording likewise. Returns intervals, in order of time, while the object is TRACKING and moves, or also
+// while it is DEGRADED if it is so most of the time, as with a camera that is far from the true one; `index` is
 // their CalibrationInterval::recording. Errors: the same.
 absl::StatusOr<std::vector<CalibrationInterval>> CollectIntervals(RecordingReader& recording, int index,
                                                                   std::shared_ptr<const ObjectModel> model,

@@ -16,7 +16,8 @@ Json CameraCalibrationJson(const CameraCalibration& calibration) {
   for (const CalibratedParameter& parameter : calibration.parameters) {
     parameters[parameter.name] = {
         {"value", parameter.value},
-        {"standard_error", parameter.is_fitted ? Json(parameter.standard_error) : Json(nullptr)}};
+        {"standard_error", parameter.is_fitted ? Json(parameter.standard_error) : Json(nullptr)},
+        {"bound", parameter.is_fitted ? Json(parameter.bound) : Json(nullptr)}};
   }
   Json places = Json::array();
   for (const ProjectionUncertainty& place : calibration.uncertainties) {
@@ -49,9 +50,10 @@ void PrintCameraCalibration(const CameraCalibration& calibration, std::ostream& 
   out << absl::StrFormat("%d x %d px, %d intervals, %d positions of line pieces from %.0f events, %d rounds\n",
                          calibration.camera.width_px, calibration.camera.height_px, calibration.num_intervals,
                          calibration.num_samples, calibration.num_events, calibration.num_rounds);
+  out << "value, standard error, and its bound, that of independent errors\n";
   for (const CalibratedParameter& parameter : calibration.parameters) {
     out << absl::StrFormat("%-16s %11.5g", parameter.name, parameter.value)
-        << (parameter.is_fitted ? absl::StrFormat(" +- %.2g\n", parameter.standard_error)
+        << (parameter.is_fitted ? absl::StrFormat(" +- %-9.2g %.2g\n", parameter.standard_error, parameter.bound)
                                 : std::string("  not determined\n"));
   }
   out << absl::StrFormat("residuals of the positions, rms: %.3f px\n", calibration.rms_px);
