@@ -186,23 +186,30 @@ absl::Status RunDoctor(const DoctorArguments& arguments, CliContext& context) {
 
 CommandRunner AddDoctorCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<DoctorArguments>();
-  AddFile(app, "recording", arguments->recording, kRecordingFormats);
-  CLI::Option* model = AddFile(app, "--model", arguments->model, "Model file, whose size is compared with the events");
+  app.option_defaults()->group(kInputGroup);
+  AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats));
+  CLI::Option* model =
+      AddFile(app, "--model", arguments->model, "Model of the object, whose size is compared with the events");
   CLI::Option* camera = AddFile(app, "--camera", arguments->camera, kCameraFiles);
   model->needs(camera);
   arguments->reading.AddTo(app, model);
-  AddOption(app, "--start", arguments->start_s, "Seconds after the first event at which the examination begins",
-            CLI::Range(0.0, 1e9));
+  AddOption(app, "--start", arguments->start_s, "Time after the first event at which the examination begins",
+            CLI::Range(0.0, 1e9))
+      ->type_name("SECONDS");
   app.add_option("--duration", arguments->duration_s,
-                 "Seconds that are examined; default: the rest of a file, 5 of a pipe")
+                 "Time that is examined. Default: the rest of a file, 5 s of a pipe")
+      ->type_name("SECONDS")
       ->check(AboveZero());
-  app.add_flag("--json", arguments->is_json, "One JSON object on standard output");
+  AddJson(app, arguments->is_json);
   app.footer(
-      "Checks decoding, clock, event rate, motion, noise, hot and dead pixels, flicker, polarities and focus of a\n"
-      "recording, or of a live camera whose RAW data come through a pipe (-), and the sizes of camera and model. Each\n"
+      "Checks decoding, clock, event rate, motion, noise, hot and dead pixels, flicker, polarities and focus of a "
+      "recording, or of a live camera whose RAW data come through a pipe (-), and the sizes of camera and model. Each "
       "check is ok, advice, a problem, or was not made, with the measured quantity, its limit, the places and the "
-      "remedy.\n"
-      "Exit status: 0 no problem; 1 a problem was found, or the recording cannot be read; 2 wrong usage.\n\n"
+      "remedy.\n\n"
+      "Exit status:\n"
+      "  0  No problem was found\n"
+      "  1  A problem was found, or the recording cannot be read\n"
+      "  2  Wrong usage\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose doctor cube/recording.raw --model cube/model.obj --camera cube/camera.yaml");
