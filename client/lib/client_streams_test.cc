@@ -111,6 +111,68 @@ TEST_F(WatchTest, HealthIsDeliveredUntilTheSessionEnds) {
   EXPECT_EQ(requests[0].period().nanos(), 500'000'000);
 }
 
+v1::EventImage EmptyImage() {
+  v1::EventImage image;
+  image.set_cell_px(4);
+  image.set_width(5);
+  image.set_height(1);
+  image.set_encoding(v1::EventImage::ENCODING_PACKED);
+  image.set_cells(std::string(2, '\0'));
+  return image;
+}
+
+TEST_F(WatchTest, ImagesOfEventsAreDeliveredAfterTheFenceAgain) {
+  std::vector<v1::WatchEventsRequest> requests;
+  service_.watch_events = [&](const v1::WatchEventsRequest& request, auto& writer) {
+    requests.push_back(request);
+    v1::WatchEventsResponse response;
+    *response.mutable_image() = EmptyImage();
+    response.mutable_image()->set_num_events(10 * requests.size());
+    writer.Write(response);
+    return requests.size() == 1 ? Fenced() : grpc::Status::OK;
+  };
+  std::vector<uint64_t> num_events;
+  const absl::Status status =
+      client_->WatchEvents("sessions/1", {.cell_px = 4, .max_rate_hz = 12.5},
+                           [&](const EventImage& image) { num_events.push_back(image.num_events); });
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_THAT(num_events, ElementsAre(10, 20));
+  ASSERT_EQ(requests.size(), 2u);
+  for (const v1::WatchEventsRequest& request : requests) {
+    EXPECT_EQ(request.session(), "sessions/1");
+    EXPECT_EQ(request.cell_px(), 4u);
+    EXPECT_EQ(request.max_rate_hz(), 12.5);
+  }
+}
+
+TEST_F(WatchTest, ImagesThatCannotBeDeliveredAreErrors) {
+  const auto ignore = [](const EventImage&) {};
+  service_.watch_events = [](const v1::WatchEventsRequest&, auto& writer) {
+    v1::WatchEventsResponse response;
+    *response.mutable_image() = EmptyImage();
+    response.mutable_image()->set_width(100);
+    writer.Write(response);
+    return grpc::Status::OK;
+  };
+  absl::Status status = client_->WatchEvents("sessions/1", {}, ignore);
+  EXPECT_EQ(status.code(), absl::StatusCode::kInternal);
+  EXPECT_THAT(status.message(), HasSubstr("test server: image: its size and that of its cells contradict each other"));
+  service_.watch_events = [](const v1::WatchEventsRequest&, auto&) {
+    return WithReason(grpc::StatusCode::FAILED_PRECONDITION, "EVENT_IMAGES_OFF");
+  };
+  status = client_->WatchEvents("sessions/1", {}, ignore);
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(status.message(), HasSubstr("EVENT_IMAGES_OFF"));
+  // The only server of this client does not track the events.
+  service_.watch_events = [](const v1::WatchEventsRequest&, auto&) {
+    return WithReason(grpc::StatusCode::FAILED_PRECONDITION, "EVENTS_ELSEWHERE");
+  };
+  EXPECT_EQ(client_->WatchEvents("sessions/1", {}, ignore).code(), absl::StatusCode::kFailedPrecondition);
+  status = client_->WatchEvents("sessions/1", {.cell_px = 3}, ignore);
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(status.message(), HasSubstr("cell_px: is 3"));
+}
+
 TEST_F(WatchTest, HealthOfAnUnknownSessionIsAnError) {
   service_.watch_health = [](const v1::WatchHealthRequest&, auto&) {
     return grpc::Status(grpc::StatusCode::NOT_FOUND, "sessions/2: there is no such session");

@@ -2,6 +2,7 @@
 
 // Tests evpose-server as a process: output, exit statuses and signals.
 #include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -14,7 +15,9 @@
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 #include "core/base/environment_testing.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 #include "server/http/http_client_testing.h"
 #include "server/program/program_testing.h"
 #include "server/stores/redis/redis_testing.h"
@@ -92,6 +95,7 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--store", "redis://localhost", "--store-max-bytes", "2000000"}, "set maxmemory in Redis instead"},
       {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT"},
       {{"--store", "redis://:one@localhost", "--store-password-file", "p"}, "has a password already"},
+      {{"--event-images", "perhaps"}, "--event-images"},
       {{"--log-level", "loud"}, "--log-level"},
       {{"--log-format", "xml"}, "--log-format"},
       {{"--metrics-listen", "9464"}, "--metrics-listen: address \"9464\" has no port; give HOST:PORT"},
@@ -154,6 +158,23 @@ TEST(ProgramTest, ThreadsThatCannotBeCreatedAreOneLine) {
               testing::MatchesRegex("evpose-server: only [0-9]+ of 1056 threads [^\n]*fewer --workers[^\n]*\n"));
 }
 #endif
+
+TEST(ProgramTest, ImagesOfEventsCanBeSwitchedOff) {
+  const auto watch_unknown = [](std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--listen", "127.0.0.1:0", "--store", "memory"});
+    Program program(arguments);
+    const std::string address(absl::StripPrefix(program.ReadLine(), "listening on "));
+    const auto sessions = v1::SessionService::NewStub(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()));
+    grpc::ClientContext context;
+    v1::WatchEventsRequest request;
+    request.set_session("sessions/unknown");
+    return sessions->WatchEvents(&context, request)->Finish();
+  };
+  EXPECT_EQ(watch_unknown({}).error_code(), grpc::StatusCode::NOT_FOUND);
+  const grpc::Status off = watch_unknown({"--event-images=false"});
+  EXPECT_EQ(off.error_code(), grpc::StatusCode::FAILED_PRECONDITION);
+  EXPECT_THAT(off.error_message(), testing::HasSubstr("started with --event-images=false"));
+}
 
 TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
   Program maker({"--new-token", "lab"});

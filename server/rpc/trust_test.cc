@@ -31,7 +31,7 @@ std::vector<std::string> MethodsOfTheApi() {
   return methods;
 }
 
-std::string Health(const std::shared_ptr<grpc::Channel>& channel) {
+std::string HealthOver(const std::shared_ptr<grpc::Channel>& channel) {
   grpc::ClientContext context;
   grpc::health::v1::HealthCheckResponse response;
   return Describe(grpc::health::v1::Health::NewStub(channel)->Check(&context, {}, &response));
@@ -51,7 +51,7 @@ TEST_F(TokensTest, EveryMethodOfTheApiRequiresAToken) {
 
 TEST_F(TokensTest, HealthNeedsNoTokenAndReflectionIsDisabled) {
   const auto nobody = OpenChannel(server_->port(), "");
-  EXPECT_EQ(Health(nobody), "OK");
+  EXPECT_EQ(HealthOver(nobody), "OK");
   const std::string reflection = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
   EXPECT_EQ(Describe(CallWithEmptyMessage(nobody, reflection)), "UNIMPLEMENTED");
   EXPECT_EQ(Describe(CallWithEmptyMessage(channel_, reflection)), "UNIMPLEMENTED");
@@ -66,7 +66,7 @@ TEST_F(TokensTest, OnlyAnOperatorDrains) {
         v1::AdminService::NewStub(OpenChannel(server_->port(), token.token))->Drain(&context, request, &response));
   };
   EXPECT_EQ(drain(lab_), "PERMISSION_DENIED NOT_OPERATOR");
-  EXPECT_EQ(Health(channel_), "OK");
+  EXPECT_EQ(HealthOver(channel_), "OK");
   (void)CreateSession();  // succeeds, because the server is not draining
   EXPECT_EQ(drain(operator_), "OK");
 }

@@ -250,8 +250,9 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
   families.AddCounter("evpose_event_images_skipped_total",
                       "Images of events that were replaced by later ones, because their reader was too slow.",
                       metrics.skipped_event_images);
-  families.Begin("evpose_stream_ends_total", MetricType::Counter,
-                 "Streams that have ended, by kind and status code. track: events; watch: poses, health or images of events.");
+  families.Begin(
+      "evpose_stream_ends_total", MetricType::Counter,
+      "Streams that have ended, by kind and status code. track: events; watch: poses, health or images of events.");
   for (size_t kind = 0; kind < kStreamKinds.size(); ++kind) {
     for (int i = 0; i < kNumStatusCodes; ++i) {
       const auto code = static_cast<absl::StatusCode>(i);

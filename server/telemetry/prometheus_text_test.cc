@@ -135,6 +135,8 @@ TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
           absl::StrCat("evpose_authentication_failures_total{reason=\"", name, "\"}"));
   }
   count(metrics.quota_delays, "evpose_quota_delays_total");
+  count(metrics.event_images, "evpose_event_images_total");
+  count(metrics.skipped_event_images, "evpose_event_images_skipped_total");
   expected["evpose_out_of_memory_total"] = 0.0;  // of the process
   const std::pair<ConnectionRefusal, const char*> refusals[] = {
       {ConnectionRefusal::kMaxConnections, "max_connections"},
@@ -213,6 +215,7 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   state.max_session_memory_bytes = 13;
   state.num_tokens = 0;
   state.store_bytes = 12;
+  state.sessions.image_watchers = 14;
   state.connections = 12;
   state.listening = absl::UnavailableError("secret");
   state.readiness = absl::UnavailableError("secret");
@@ -229,6 +232,7 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_objects{state=\"lost\"}"), 8.0);
   EXPECT_EQ(parsed.At("evpose_queue_bytes"), 9.0);
   EXPECT_EQ(parsed.At("evpose_queue_age_seconds"), 1.5);
+  EXPECT_EQ(parsed.At("evpose_event_image_watchers"), 14.0);
   EXPECT_EQ(parsed.At("evpose_max_sessions"), 10.0);
   EXPECT_EQ(parsed.At("evpose_workers"), 11.0);
   EXPECT_EQ(parsed.At("evpose_session_memory_bytes"), 12.0);

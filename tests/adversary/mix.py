@@ -38,7 +38,7 @@ OPTIONS = {
     "--attach-timeout": 2, "--stream-idle-timeout": 3, "--session-expiry": 3, "--max-streams": 200,
     "--max-connections": 400, "--max-connections-per-peer": 200,
 }
-UNARY = ["CreateSession", "GetSession", "ListSessions", "DeleteSession", "GetModel", "ListModels", "DeleteModel", "GetServerInfo",
+UNARY = ["CreateSession", "GetSession", "ListSessions", "DeleteSession", "GetModel", "GetModelGeometry", "ListModels", "DeleteModel", "GetServerInfo",
          "Drain", "SetLogLevel", "Check"]
 NUMBERS = [0, -1, 1, 7, 4096, 4097, 2**31 - 1, 1e-300, 1e300, float("nan"), float("inf"), -float("inf")]
 
@@ -185,8 +185,11 @@ class Adversary(threading.Thread):
         """Watchers of which most read nothing."""
         created = self._create(api)
         for _ in range(self._random.randrange(1, 20)):
-            name = self._random.choice(["WatchHealth", "WatchPoses"])
-            more = {"period": {"nanos": self._random.choice([0, 1, 10_000_000])}} if name == "WatchHealth" else {}
+            name = self._random.choice(["WatchEvents", "WatchHealth", "WatchPoses"])
+            more = {"WatchEvents": {"cell_px": self._random.choice([0, 1, 2, 3, 4, 2**32 - 1]),
+                                    "max_rate_hz": self._random.choice([60.0, 1e-300, self._number()])},
+                    "WatchHealth": {"period": {"nanos": self._random.choice([0, 1, 10_000_000])}},
+                    "WatchPoses": {}}[name]
             self._hold(api.watch(name, session=created.session.name, **more).cancel)
 
     def act_upload(self, api):

@@ -22,12 +22,12 @@ def is_unauthenticated(api):
 
 class TokenTest(server.AdversaryTest):
     def withdraw(self, remaining):
-        """Removes all tokens except those of `remaining` while mallory has a Track and two Watch streams open."""
+        """Removes all tokens except those of `remaining` while mallory has a Track and three Watch streams open."""
         running = self.serve(tenants=("alice", "mallory"))
         mallory, alice = client(self, running, "mallory"), client(self, running, "alice")
         created = mallory.create(mallory.upload(CUBE).name)
         stream, _ = mallory.attach(created)
-        watchers = [mallory.watch(name, session=created.session.name) for name in ("WatchHealth", "WatchPoses")]
+        watchers = [mallory.watch(name, session=created.session.name) for name in ("WatchHealth", "WatchPoses", "WatchEvents")]
         next(watchers[0])
         server.write_tokens(self.directory / "tokens", remaining)
         server.poll(lambda: is_unauthenticated(mallory), "a refused call")
