@@ -22,7 +22,7 @@ if ! cmp -s "$source/package-lock.json" "$copy/node_modules/.installed-lock"; th
   (cd "$copy" && npm ci --ignore-scripts --no-audit --no-fund --prefer-offline --loglevel=error)
   cp "$source/package-lock.json" "$copy/node_modules/.installed-lock"
 fi
-rm -rf "$copy/src" "$copy/test" "$copy/dev"
+rm -rf "${copy:?}/src" "${copy:?}/test" "${copy:?}/dev"
 cp -r "$source/src" "$source/test" "$source/dev" "$copy"
 cp "$source/package.json" "$source/build.mjs" "$source/tsconfig.json" "$source/eslint.config.js" "$copy"
 cd "$copy"

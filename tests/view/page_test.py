@@ -3,9 +3,11 @@
 """The page of evpose view in a browser, against the fake gateway of client/view/page/dev.
 page_test.py FAKE_GATEWAY.mjs DIST [unittest arguments]"""
 
+import json
 import shutil
 import sys
 import unittest
+import urllib.parse
 
 from browser import OVERLAY_SCRIPT, STATE_COLOURS, Page, PageServer, require, require_browser
 
@@ -93,12 +95,32 @@ class LivePage(PageTest):
 
     def test_refused_key_is_explained(self):
         for url, connection, text in (
-            (self.server.origin + "/#wrong", "refused", "The key in the address was refused"),
+            (self.server.origin + "/#wrong", "refused", "This page was refused"),
             (self.server.origin + "/", "no-key", "The address has no key"),
         ):
             self.load(url)
             self.page.wait_for_data(connection=connection)
             self.assertIn(text, self.page.run("return document.getElementById('connection').textContent"))
+
+    def send(self, message):
+        self.server.get("/test/text?message=" + urllib.parse.quote(json.dumps(message)))
+
+    def text(self, element):
+        return self.page.run("return document.getElementById(arguments[0]).textContent", element)
+
+    def test_shows_notices_and_the_end(self):
+        self.send({"type": "notice", "level": "error", "text": "the server <i>does not</i> answer"})
+        self.page.wait(lambda: "the server <i>does not</i> answer" in self.text("notices"), "the notice")
+        self.send({"type": "end", "reason": "the client closed the session"})
+        self.page.wait(lambda: self.text("live-badge") == "ended: the client closed the session", "the end")
+
+    def test_a_damaged_message_is_reported_and_the_next_ones_are_shown(self):
+        self.server.get("/test/damage")
+        self.page.wait_for_data(errors="1")
+        self.page.wait(lambda: "a binary message of the gateway is damaged" in self.text("notices"), "the notice")
+        self.wait_for_images(3)
+        self.load()
+        self.wait_for_images()
 
     def test_keys(self):
         self.page.press("?")

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A gateway that plays a synthetic scene, for developing the page and for its tests (tests/view/page_test.py).
 //   node dev/fake_gateway.mjs [--mode live|recording] [--objects 1..3] [--list] [--truth] [--noise EVENTS_PER_IMAGE] [--port PORT]
-// It prints the address of the page. The tests ask it, by HTTP, for what it sent: /test/image, /test/pose, /test/figures; and
-// let it close all connections: /test/drop.
+// It prints the address of the page. The tests ask it, by HTTP, for what it sent: /test/image, /test/pose, /test/figures; let
+// it send a text or a damaged message to all pages: /test/text, /test/damage; and let it close all connections: /test/drop.
 import { readFile } from "node:fs/promises";
 import { createServer } from "node:http";
 import { dirname, join } from "node:path";
@@ -111,7 +111,7 @@ class Viewer {
     const names = ["bench-1", "a session with a long name that does not fit in its column at all", "<b>cell 7</b>"];
     this.peer.sendText({
       type: "sessions",
-      sessions: names.map((name, i) => ({ name: `sessions/${name}`, state: ["receiving", "waiting", "ended"][i], objects: OBJECTS.map(({ id }) => id), recv: `${12.5 * i + 3} MB` })),
+      sessions: names.map((name, i) => ({ name: `sessions/${name}`, state: ["receiving", "waiting", "ended"][i], objects: OBJECTS.map(({ id }) => id), recv: `2026-11-26 10:0${i}:17` })),
     });
   }
 
@@ -221,8 +221,8 @@ class Viewer {
     const now = nowUs();
     this.peer.sendText({
       type: "health", t_us: now, event_rate_hz: 2.1e6 + 6e5 * Math.sin(now / 2e6), latency_ms: { p50: 1.05 + 0.2 * Math.sin(now / 1e6), p99: 1.9 + 0.5 * Math.sin(now / 7e5) },
-      queue_ms: 0.4, dropped: 0, decode_faults: 0, link: { ...figures, unacknowledged: this.open.size },
-      objects: OBJECTS.map(({ id }, index) => ({ id, state: stateAt(index, now).state, detail: stateAt(index, now).reason, explained: 0.86 })),
+      pose_rate_hz: 1000, real_time_ratio: 0.16, dropped: 0, skipped: 0, decode_faults: 0, link: { ...figures, unacknowledged: this.open.size },
+      objects: OBJECTS.map(({ id }, index) => ({ id, state: stateAt(index, now).state, detail: stateAt(index, now).reason, explained: 0.86, losses: 0 })),
     });
   }
 }
@@ -241,6 +241,12 @@ function answerTest(url) {
     }
     case "/test/drop":
       for (const viewer of viewers) viewer.peer.destroy();
+      return {};
+    case "/test/text":
+      for (const viewer of viewers) viewer.peer.sendText(JSON.parse(url.searchParams.get("message")));
+      return {};
+    case "/test/damage":
+      for (const viewer of viewers) viewer.peer.sendBinary(Buffer.from([9, 0, 0, 0, 1, 2, 3]));
       return {};
     default: return undefined;
   }

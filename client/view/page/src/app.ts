@@ -27,7 +27,8 @@ const STATUS_TEXT: Record<Status, string> = {
   connecting: "connecting",
   connected: "connected",
   retrying: "connection lost, trying again",
-  refused: "The key in the address was refused: open the address that evpose view printed last.",
+  full: "Too many pages are open: this one tries again.",
+  refused: "This page was refused: open the address that evpose view printed last.",
   "no-key": "The address has no key: open the whole address that evpose view printed, with the part after #.",
 };
 
@@ -99,7 +100,7 @@ export class App implements Receiver {
     this.data["webgl"] = this.space.works ? "yes" : "no";
     this.data["imagesDrawn"] = "0";
     this.data["errors"] = "0";
-    this.onStatus("connecting");
+    this.onStatus("connecting", "");
     this.connection.open();
     setInterval(() => {
       if (!byId("chooser", HTMLElement).hidden) this.connection.send({ type: "list" });
@@ -148,10 +149,11 @@ export class App implements Receiver {
 
   // Receiver.
 
-  onStatus(status: Status): void {
+  onStatus(status: Status, reason: string): void {
     this.data["connection"] = status;
     const node = byId("connection", HTMLElement);
     setText(node, STATUS_TEXT[status]);
+    node.title = reason;
     node.classList.toggle("bad", status !== "connected" && status !== "connecting");
     if (status === "retrying" && this.store.isRecording) this.resumeUs = this.instantUs;
   }
@@ -167,7 +169,7 @@ export class App implements Receiver {
       case "position": this.store.position = message; break;
       case "range": this.store.setRange(message); break;
       case "notice": this.notice(message.level, message.text); break;
-      case "end": this.notice("info", message.reason); break;
+      case "end": this.store.ended = message.reason; break;
     }
     this.requestFrame();
   }
@@ -272,7 +274,6 @@ export class App implements Receiver {
   }
 
   private notice(level: "info" | "error", text: string): void {
-    this.store.addNotice(level, text);
     const node = element("div", `notice ${level}`, text);
     const notices = byId("notices", HTMLElement);
     notices.append(node);
@@ -357,7 +358,8 @@ export class App implements Receiver {
     const badge = byId("live-badge", HTMLElement);
     badge.hidden = false;
     badge.classList.toggle("frozen", this.isFrozen);
-    setText(badge, this.isFrozen ? "frozen, space goes on" : this.store.isRecording ? "recording" : "live");
+    const mode = this.store.isRecording ? "recording" : "live";
+    setText(badge, this.isFrozen ? "frozen, space goes on" : this.store.ended === null ? mode : `ended: ${this.store.ended}`);
   }
 
   /** The state of the page for tests: attributes of the root element, which README.md lists. */

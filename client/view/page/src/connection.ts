@@ -2,18 +2,20 @@
 // The WebSocket to the gateway: sends the key, tries again after a lost connection.
 import { decodeBinary, type EventImage, type Geometry, type Request, type TextMessage } from "./protocol";
 
-export type Status = "connecting" | "connected" | "retrying" | "refused" | "no-key";
+export type Status = "connecting" | "connected" | "retrying" | "full" | "refused" | "no-key";
 
 export interface Receiver {
-  onStatus(status: Status): void;
+  /** `reason` is that of the gateway, or empty. */
+  onStatus(status: Status, reason: string): void;
   onMessage(message: TextMessage): void;
   onImage(image: EventImage): void;
   onGeometry(geometry: Geometry): void;
   onError(text: string): void;
 }
 
-/** The close code with which the gateway refuses a key. */
+/** The close codes of a page that is refused (wrong key, wrong message), and of one beyond the number that may be open. */
 const POLICY_VIOLATION = 1008;
+const TRY_AGAIN_LATER = 1013;
 const FIRST_RETRY_MS = 300;
 const MAX_RETRY_MS = 5000;
 
@@ -28,7 +30,7 @@ export class Connection {
 
   open(): void {
     if (this.key === "") {
-      this.receiver.onStatus("no-key");
+      this.receiver.onStatus("no-key", "");
       return;
     }
     const address = new URL("stream", location.href);
@@ -45,8 +47,8 @@ export class Connection {
     });
     socket.addEventListener("close", (event) => {
       this.socket = null;
-      if (event.code === POLICY_VIOLATION) this.receiver.onStatus("refused");
-      else this.retry();
+      if (event.code === POLICY_VIOLATION) this.receiver.onStatus("refused", event.reason);
+      else this.retry(event.code === TRY_AGAIN_LATER ? "full" : "retrying", event.reason);
     });
   }
 
@@ -55,8 +57,8 @@ export class Connection {
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(request));
   }
 
-  private retry(): void {
-    this.receiver.onStatus("retrying");
+  private retry(status: Status, reason: string): void {
+    this.receiver.onStatus(status, reason);
     setTimeout(() => {
       this.open();
     }, this.retryMs);
@@ -69,7 +71,7 @@ export class Connection {
         const message = JSON.parse(data) as TextMessage;
         if (message.type === "hello") {
           this.retryMs = FIRST_RETRY_MS;
-          this.receiver.onStatus("connected");
+          this.receiver.onStatus("connected", "");
         }
         this.receiver.onMessage(message);
         return;

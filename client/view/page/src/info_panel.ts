@@ -105,8 +105,8 @@ export class InfoPanel {
     if (health) {
       rows.push(["event rate", `${withPrefix(health.event_rate_hz)}ev/s`, ""]);
       rows.push(["latency", `${fixed(health.latency_ms.p50, 1)} ms`, `p99 ${fixed(health.latency_ms.p99, 1)}`]);
-      rows.push(["queue", `${fixed(health.queue_ms, 1)} ms`, ""]);
-      rows.push(["dropped", `${withPrefix(health.dropped).trim()} events`, `${withPrefix(health.decode_faults).trim()} faults`]);
+      rows.push(["poses", `${fixed(health.pose_rate_hz, 0)} /s`, `load ${fixed(100 * health.real_time_ratio, 0)} %`]);
+      rows.push(["unused events", withPrefix(health.dropped + health.skipped).trim(), `${withPrefix(health.decode_faults).trim()} faults`]);
     }
     rows.push(["image", `${withPrefix(figures.imageEvents)}ev`, `${fixed(figures.imageSpanUs / 1000, 1)} ms`]);
     rows.push(["display", `${fixed(figures.framesPerSecond, 0)} /s`, `${figures.imagesSkipped} skipped`]);

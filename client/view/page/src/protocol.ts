@@ -95,6 +95,7 @@ export interface ObjectHealth {
   state: string;
   detail: string;
   explained: number;
+  losses: number;
 }
 
 export interface Health {
@@ -102,8 +103,12 @@ export interface Health {
   t_us: number;
   event_rate_hz: number;
   latency_ms: { p50: number; p99: number };
-  queue_ms: number;
+  pose_rate_hz: number;
+  /** Processing time divided by sensor time; above 1 the session falls behind. */
+  real_time_ratio: number;
+  /** Events that were not used. */
   dropped: number;
+  skipped: number;
   decode_faults: number;
   link: { images_sent: number; images_skipped: number; unacknowledged: number };
   objects: ObjectHealth[];

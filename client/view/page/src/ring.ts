@@ -67,9 +67,3 @@ export class Series {
     return row < this.length && this.at(0, row) === time ? row : row - 1;
   }
 }
-
-/** Appends to a list and removes its oldest elements beyond `capacity`. */
-export function pushBounded<T>(list: T[], item: T, capacity: number): void {
-  list.push(item);
-  if (list.length > capacity) list.splice(0, list.length - capacity);
-}

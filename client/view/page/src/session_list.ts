@@ -19,7 +19,7 @@ export class SessionList {
       this.root.replaceChildren(element("div", "empty", `The server ${source} has no session. Start one with evpose replay or evpose stream; it appears here.`));
       return;
     }
-    const head = element("div", "session head", ...["session", "state", "objects", "received"].map((text, i) => element("span", i > 1 ? "minor" : "", text)));
+    const head = element("div", "session head", ...["session", "state", "objects", "created"].map((text, i) => element("span", i > 1 ? "minor" : "", text)));
     const rows = sessions.slice(0, MAX_SHOWN).map((session) => this.row(session));
     if (sessions.length > MAX_SHOWN) rows.push(element("div", "empty", `and ${sessions.length - MAX_SHOWN} more: give the name of one to evpose view`));
     this.root.replaceChildren(head, ...rows);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page knows about the session: poses, states and health, in series of bounded length.
 import type { Alternative, Health, Hello, ObjectHealth, Pose, Position, Scene, ReadRange, SceneObject, SessionRow, StateChange, TrackState } from "./protocol";
-import { pushBounded, Series } from "./ring";
+import { Series } from "./ring";
 import { ContinuousRotation } from "./rotation";
 
 /** Columns of ObjectTrack.poses. */
@@ -30,7 +30,6 @@ const LIVE_POSES = 4096;
 const RECORDED_POSES = 20480;
 const MAX_CHANGES = 2000;
 const MAX_HEALTH = 1200;
-const MAX_NOTICES = 50;
 const MAX_OBJECTS = 64;
 const MIN_LIVE_SPAN_US = 5e6;
 /** A recording has a gap where poses are further apart than this and than ten times their median distance. */
@@ -133,24 +132,20 @@ function gapThreshold(poses: readonly Pose[]): number {
   return Math.max(MIN_GAP_US, 10 * (distances[distances.length >> 1] ?? 0));
 }
 
-export interface StoredNotice {
-  level: "info" | "error";
-  text: string;
-}
-
 export class Store {
   hello: Hello | null = null;
   sessions: SessionRow[] = [];
   scene: Scene | null = null;
   objects = new Map<string, ObjectTrack>();
   selected = "";
-  /** t, events per second, latency p50 and p99 (ms), age of the queue (ms). */
-  healthSeries = new Series(5, MAX_HEALTH);
+  /** t, events per second, latency p50 and p99 (ms). */
+  healthSeries = new Series(4, MAX_HEALTH);
   health: Health | null = null;
   position: Position | null = null;
   /** How far the recording has been read; null for live sessions. */
   range: ReadRange | null = null;
-  notices: StoredNotice[] = [];
+  /** Why the session ended; null while it goes on. */
+  ended: string | null = null;
   /** Counts changes of what plots and lists show. */
   version = 0;
 
@@ -162,11 +157,12 @@ export class Store {
     // After a lost connection to a live session, what was received before it is still right.
     const isSame = !scene.recording && this.scene?.session === scene.session && JSON.stringify(this.scene.objects) === JSON.stringify(scene.objects);
     this.scene = scene;
+    this.ended = null;
     ++this.version;
     if (isSame) return;
     this.objects = new Map(scene.objects.slice(0, MAX_OBJECTS).map((info, i) => [info.id, new ObjectTrack(info, i, scene.recording !== null)]));
     if (!this.objects.has(this.selected)) this.selected = scene.objects[0]?.id ?? "";
-    this.healthSeries = new Series(5, MAX_HEALTH);
+    this.healthSeries = new Series(4, MAX_HEALTH);
     this.health = null;
     this.range = scene.recording ? { type: "range", ...scene.recording, complete: false } : null;
     this.position = scene.recording ? { type: "position", t_us: scene.recording.from_us, playing: false, speed: 1 } : null;
@@ -204,16 +200,12 @@ export class Store {
 
   addHealth(health: Health): void {
     this.health = health;
-    this.healthSeries.push([health.t_us, health.event_rate_hz, health.latency_ms.p50, health.latency_ms.p99, health.queue_ms]);
+    this.healthSeries.push([health.t_us, health.event_rate_hz, health.latency_ms.p50, health.latency_ms.p99]);
     for (const object of health.objects) {
       const track = this.objects.get(object.id);
       if (track) track.health = object;
     }
     ++this.version;
-  }
-
-  addNotice(level: "info" | "error", text: string): void {
-    pushBounded(this.notices, { level, text }, MAX_NOTICES);
   }
 
   /** Begin of the time that live plots show: at most `spanS` before the newest time, and not long before the first pose. */
