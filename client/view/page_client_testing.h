@@ -26,7 +26,7 @@ namespace evpose::client {
 
 // A binary message, or a text message as its header.
 struct ReceivedMessage {
-  nlohmann::json header;
+  nlohmann::json header = nlohmann::json::object();
   std::vector<std::string> sections;
 
   std::string type() const { return header.value("type", ""); }
