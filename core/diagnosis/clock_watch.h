@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Time stamps: gaps, steps back and forward, and the values that they take (README.md, section 8).
+// Time stamps: gaps, steps back and forward, and the values that they take (core/diagnosis/README.md, section 8).
 #pragma once
 
 #include <array>

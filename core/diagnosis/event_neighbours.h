@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The share of noise: events without neighbours (README.md, section 2).
+// The share of noise: events without neighbours (core/diagnosis/README.md, section 2).
 #pragma once
 
 #include <array>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Flicker of the light: a line in the spectrum of the signed event rate that all parts of the image have in common
-// (README.md, section 3).
+// (core/diagnosis/README.md, section 3).
 #pragma once
 
 #include <array>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Event rate, speed of the edges and extent of the moving region over the time of a recording (README.md, section 5).
+// Event rate, speed of the edges and extent of the moving region over the time of a recording
+// (core/diagnosis/README.md, section 5).
 #pragma once
 
 #include <cstdint>

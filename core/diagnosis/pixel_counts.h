@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Pixels that emit too many events or none, from the number of events of each pixel (README.md, sections 1 and 7).
+// Pixels that emit too many events or none, from the number of events of each pixel (core/diagnosis/README.md, section
+// 1, and section 7).
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Runs: the consecutive events of one polarity of a pixel, as the passage of an edge produces them. Their numbers give
-// the ratio of the thresholds, their durations the blur of edges (README.md, sections 4 and 6).
+// the ratio of the thresholds, their durations the blur of edges (core/diagnosis/README.md, section 4, and section 6).
 #pragma once
 
 #include <array>

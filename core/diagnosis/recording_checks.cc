@@ -23,7 +23,7 @@ constexpr double kMinBlurExponent = 0.5;
 
 std::string Seconds(int64_t t_us) { return absl::StrFormat("%.6f s", 1e-6 * static_cast<double>(t_us)); }
 
-std::string Percent(double share) { return absl::StrFormat("%.2g %%", 100.0 * share); }
+std::string Percent(double share) { return absl::StrFormat("%.3g %%", 100.0 * share); }
 
 Finding Named(const char* check) {
   Finding finding;

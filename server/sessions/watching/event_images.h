@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Makes images of the events of a session for its watchers (README.md, section 1).
+// Makes images of the events of a session for its watchers (server/sessions/watching/README.md, section 1).
 #pragma once
 
 #include <atomic>
