@@ -128,6 +128,7 @@ TEST_F(RollbackTest, AWriterThatCannotSendAgainEndsTheSession) {
   server_.reset();
   replicated_->Replace(replica);
   Start();
+  UploadCube();  // the models of a store in memory end with it
   session = as_stored;
   CreatedSession other = session;
   other.set_resume_token("guessed");
