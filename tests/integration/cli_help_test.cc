@@ -116,7 +116,9 @@ TEST_F(CliTest, TheFirstStepsWorkAsPrinted) {
     const bool is_page = command.find("evpose view") != std::string::npos;
     const CliResult result = RunShell(is_page ? absl::StrCat("timeout 2 ", command, " || test $? = 124") : command);
     EXPECT_EQ(result.status, 0) << command << "\n" << result.err;
-    if (is_page) EXPECT_THAT(result.out, HasSubstr("http://127.0.0.1:"));
+    if (is_page) {
+      EXPECT_THAT(result.out, HasSubstr("http://127.0.0.1:"));
+    }
   }
 }
 
