@@ -83,7 +83,8 @@ await_images() {
 declare -A builds
 build_images() {
   local context=$work/context since=$SECONDS target
-  local arguments=(--file "$context/deploy/Dockerfile" --build-arg "VERSION=$version" --build-arg "REVISION=$revision"
+  # Without the page of evpose view, whose packages are not on the Debian mirror, the only host that the build needs then.
+  local arguments=(--file "$context/deploy/Dockerfile" --build-arg "VERSION=$version" --build-arg "REVISION=$revision" --build-arg EVPOSE_VIEW=OFF
     ${LANG+--build-arg "LANG=$LANG"} "$context")
   mkdir "$context"
   # The files of the work tree with uncommitted changes, including the Dockerfile.

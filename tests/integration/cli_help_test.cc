@@ -38,6 +38,9 @@ std::vector<std::string> IndentedCommands(std::string text) {
   return commands;
 }
 
+// The error of `evpose view` in a build without node.
+constexpr char kWithoutPage[] = "built without its page";
+
 // Returns the commands below "Example:".
 std::vector<std::string> Examples(const std::string& help) {
   const size_t begin = help.find("\nExample:\n");
@@ -96,6 +99,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
       absl::StrAppend(&script, absl::StrReplaceAll(example, {{kDefaultAddress, address}}), "\n");
     }
     const CliResult result = RunShell(script);
+    if (result.err.find(kWithoutPage) != std::string::npos) continue;
     EXPECT_EQ(result.status, 0) << script << "\n" << result.err;
   }
   EXPECT_TRUE(std::filesystem::exists(Path("cube/poses.tum")));
@@ -112,9 +116,10 @@ TEST_F(CliTest, TheFirstStepsWorkAsPrinted) {
   EXPECT_EQ(commands.size(), 3u);
   EXPECT_THAT(first.err, HasSubstr("evpose --help lists all commands"));
   for (const std::string& command : commands) {
-    // The page is served until the command is ended.
+    // The page is served until the command is ended; a build without node has none.
     const bool is_page = command.find("evpose view") != std::string::npos;
     const CliResult result = RunShell(is_page ? absl::StrCat("timeout 2 ", command, " || test $? = 124") : command);
+    if (is_page && result.err.find(kWithoutPage) != std::string::npos) continue;
     EXPECT_EQ(result.status, 0) << command << "\n" << result.err;
     if (is_page) {
       EXPECT_THAT(result.out, HasSubstr("http://127.0.0.1:"));

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Checks and builds the page of evpose view in a copy of client/view/page: types, style, bundle, unit tests, size.
 #   page_check.sh SOURCE COPY
-# Exit status 77, with the reason, if node or npm is missing.
+# Exit status 77, with the reason, if node or npm is missing, or if the registry of npm cannot be reached.
 set -euo pipefail
 
 source=$1
@@ -19,7 +19,11 @@ fi
 mkdir -p "$copy"
 if ! cmp -s "$source/package-lock.json" "$copy/node_modules/.installed-lock"; then
   cp "$source/package.json" "$source/package-lock.json" "$source/.npmrc" "$copy"
-  (cd "$copy" && npm ci --ignore-scripts --no-audit --no-fund --prefer-offline --loglevel=error)
+  (cd "$copy" && npm ci --ignore-scripts --no-audit --no-fund --prefer-offline --loglevel=error) || {
+    npm ping >/dev/null 2>&1 && exit 1
+    echo "skipped: the registry of npm cannot be reached" >&2
+    exit 77
+  }
   cp "$source/package-lock.json" "$copy/node_modules/.installed-lock"
 fi
 rm -rf "${copy:?}/src" "${copy:?}/test" "${copy:?}/dev"

@@ -52,8 +52,8 @@ void PageArguments::AddTo(CLI::App& app) {
 absl::Status CheckHasPage() {
   if (!EmbeddedPage().empty()) return absl::OkStatus();
   return absl::UnimplementedError(
-      "this evpose was built without its page, because node and npm were missing: install nodejs and npm "
-      "(deploy/install-dependencies.sh), and build it again");
+      "this evpose was built without its page: install nodejs and npm (deploy/install-dependencies.sh), and build it "
+      "again with cmake -DEVPOSE_VIEW=ON, which names what is missing");
 }
 
 absl::StatusOr<std::unique_ptr<PageServer>> PageArguments::Serve(ViewSource& source, std::ostream& out,
