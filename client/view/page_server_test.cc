@@ -84,10 +84,10 @@ TEST_F(PageServerTest, OtherHostsAndOriginsAreRefused) {
   EXPECT_EQ(Get(server_->port(), "/", "view.example:8443").status, 200u);
   for (const std::string& origin : {std::string("http://attacker.example"), std::string("null"),
                                     "http://localhost:" + std::to_string(server_->port()), "ftp://" + host_, host_}) {
-    EXPECT_EQ(TestPage(server_->port(), origin).status(), 403u) << origin;
+    EXPECT_EQ(OpenStream(server_->port(), host_, origin).status, 403u) << origin;
   }
-  EXPECT_EQ(TestPage(server_->port(), "http://" + host_).status(), 101u);
-  EXPECT_EQ(TestPage(server_->port(), "https://" + host_).status(), 101u) << "behind a proxy with TLS";
+  EXPECT_EQ(OpenStream(server_->port(), host_, "http://" + host_).status, 101u);
+  EXPECT_EQ(OpenStream(server_->port(), host_, "https://" + host_).status, 101u) << "behind a proxy with TLS";
 }
 
 TEST_F(PageServerTest, APageWithoutTheKeyIsClosed) {

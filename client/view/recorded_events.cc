@@ -120,8 +120,8 @@ void RecordedEvents::AddPosition(uint64_t offset) {
   const int64_t latest_us = progress_.has_events ? progress_.range.to_us : std::numeric_limits<int64_t>::min();
   positions_.push_back({offset, latest_us, writer.Take()});
   if (positions_.size() <= max_positions_) return;
-  size_t kept = 0;
-  for (size_t i = 0; i < positions_.size(); i += 2) positions_[kept++] = std::move(positions_[i]);
+  size_t kept = 1;  // the first position stays
+  for (size_t i = 2; i < positions_.size(); i += 2) positions_[kept++] = std::move(positions_[i]);
   positions_.resize(kept);
   spacing_bytes_ *= 2;
 }
