@@ -23,20 +23,21 @@ if [[ -x $build/client/convert_step/evpose-convert-step ]]; then
   package=$(echo "$work"/packages/evpose-convert-step_*.deb)
   dpkg-deb --extract "$package" "$work/root"
   [[ $(dpkg-deb --field "$package" Depends) == *libocct* ]] || fail "evpose-convert-step does not name its libraries"
-  "$work/root/usr/bin/evpose-convert-step" --help | grep -q '^Usage: ' || fail "evpose-convert-step does not run"
+  [[ $("$work/root/usr/bin/evpose-convert-step" --help) == *"Usage: "* ]] || fail "evpose-convert-step does not run"
 fi
 # Only where HDF5 is installed.
 if [[ -x $build/client/convert_hdf5/evpose-hdf5 ]]; then
   package=$(echo "$work"/packages/evpose-hdf5_*.deb)
   dpkg-deb --extract "$package" "$work/root"
   [[ $(dpkg-deb --field "$package" Depends) == *libhdf5* ]] || fail "evpose-hdf5 does not name its libraries"
-  "$work/root/usr/bin/evpose-hdf5" --help | grep -q '^Usage: ' || fail "evpose-hdf5 does not run"
+  [[ $("$work/root/usr/bin/evpose-hdf5" --help) == *"Usage: "* ]] || fail "evpose-hdf5 does not run"
 fi
 if [[ -d $build/client/python/evpose ]]; then
   package=$(echo "$work"/packages/python3-evpose_*_all.deb)
   dpkg-deb --extract "$package" "$work/root"
   [[ $(dpkg-deb --field "$package" Depends) == *python3-grpcio* ]] || fail "python3-evpose does not name its libraries"
-  dpkg-deb --ctrl-tarfile "$package" | tar -t | grep -qx ./postinst || fail "python3-evpose does not compile its modules"
+  dpkg-deb --control "$package" "$work/control"
+  [[ -f $work/control/postinst ]] || fail "python3-evpose does not compile its modules"
   PYTHONPATH=$work/root/usr/lib/python3/dist-packages /usr/bin/python3 -c 'import evpose; evpose.TrackState' || fail "python3-evpose cannot be imported"
 fi
 version=$(dpkg-deb --field "$work"/packages/evpose-server_*.deb Version)
