@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cstdlib>
 #include <filesystem>
@@ -69,7 +70,9 @@ class CompletionTest : public ::testing::Test {
   std::vector<std::string> texts_;
   bool flag_ = false;
   CLI::App app_{"A tool", "tool"};
-  const std::filesystem::path directory_ = std::filesystem::path(::testing::TempDir()) / "evpose_completion_test";
+  // Cases run in parallel processes.
+  const std::filesystem::path directory_ =
+      std::filesystem::path(::testing::TempDir()) / absl::StrCat("evpose_completion_test_", getpid());
 };
 
 TEST_F(CompletionTest, BashCompletesCommandsAndOptions) {

@@ -18,7 +18,7 @@ namespace evpose {
 struct CliResult {
   int status = -1;
   std::string out;
-  std::string err;
+  std::string err;  // without the lines "waiting for ...", which depend on the speed of the machine
 
   nlohmann::json Json() const;
 };
