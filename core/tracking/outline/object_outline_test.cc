@@ -77,14 +77,17 @@ std::vector<Event> EventsBehind(const CameraModel& lens, const ObjectModel& mode
   return events;
 }
 
-// Tracks events in pieces of 1000, with or without asking for the outline after each.
+// Few enough for ten outlines of an object that is small in the image.
+constexpr size_t kPieceEvents = 250;
+
+// Tracks events in pieces, with or without asking for the outline after each.
 Outlined TrackOutlined(const std::shared_ptr<const ObjectModel>& model, const CameraModel& camera,
                        const RigidTransform& start, const Vector6d& twist, bool asks) {
   const std::vector<Event> events = EventsBehind(camera, *model, ConstantTwist(start, twist));
   const auto tracker = Tracker::Create(model, camera, WithoutInitialization(), start).value();
   Outlined run;
-  for (size_t at = 0; at < events.size(); at += 1000) {
-    tracker->AddEvents(absl::MakeConstSpan(events).subspan(at, 1000), run.estimates);
+  for (size_t at = 0; at < events.size(); at += kPieceEvents) {
+    tracker->AddEvents(absl::MakeConstSpan(events).subspan(at, kPieceEvents), run.estimates);
     ObjectOutline outline;
     if (asks && tracker->Outline(0, outline)) run.outlines.push_back(outline);
   }
