@@ -126,7 +126,7 @@ class McapTest(unittest.TestCase):
             for each in (pose["message"], twist["message"]):
                 self.assertEqual(each["header"]["frame_id"], frame)
                 stamp = each["header"]["stamp"]
-                self.assertEqual(stamp["sec"] * 1_000_000_000 + stamp["nsec"], time_ns)
+                self.assertEqual(stamp["sec"] * 1_000_000_000 + stamp["nanosec"], time_ns)
             body = pose["message"]["pose"]
             self.assertEqual(bits(vector(body["pose"]["position"])), bits(line["translation_m"]))
             self.assertEqual(bits(vector(body["pose"]["orientation"], "xyzw")), bits(line["quaternion_xyzw"]))
