@@ -131,8 +131,13 @@ class Evt3Decoder final : public WordDecoder {
     while (index < count) {
       const uint32_t word = LoadWord<uint16_t>(words + 2 * index);
       if (kHasRow && runs_ != nullptr && (word & kNotAddress) == 0 && row < height) {
-        Evt3Run run = {width, height,     state_.clock.base_us(), mark_due_us, t_us - state_.clock.base_us(),
-                       row,   state_.base};
+        Evt3Run run = {.width_px = width,
+                       .height_px = height,
+                       .base_us = state_.clock.base_us(),
+                       .mark_due_us = mark_due_us,
+                       .low_us = t_us - state_.clock.base_us(),
+                       .row = row,
+                       .base = state_.base};
         const size_t num_words = runs_->evt3(words + 2 * index, count - index, run, cursor, sink_.limit());
         index += num_words;
         row = run.row;
