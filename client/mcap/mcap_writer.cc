@@ -15,8 +15,8 @@ namespace {
 
 constexpr int kZstdLevel = 1;  // higher levels save some percent for several times the time
 
-// QoS of a publisher in the form of rosbag2, whose versions all read the numbers: keep last, reliable; zero durations
-// mean the defaults.
+// The quality of service of a publisher, as rosbag2 stores it: keep the last messages, deliver reliably; zero durations
+// mean the defaults. The values are numbers, because older versions of rosbag2 do not read their names.
 std::string QosProfile(bool is_latched) {
   constexpr char kZero[] = "\n    sec: 0\n    nsec: 0\n";
   return absl::StrCat("- history: 1\n  depth: ", is_latched ? 1 : 10,

@@ -178,7 +178,8 @@ TEST(McapWriter, AFileCutAtAnyByteHasItsCompleteChunks) {
     ASSERT_TRUE(WriteFile(path, std::string_view(bytes).substr(0, size)).ok());
     std::vector<SkippedParts> skipped;
     const std::vector<TestMessage> messages = ReadMessages(path, &skipped);
-    uint64_t num_complete = 0;  // messages, whose times are their numbers in milliseconds
+    // Number of messages in the complete chunks. The time of message i is i milliseconds.
+    uint64_t num_complete = 0;
     for (size_t i = 0; i < chunks.size() && chunks[i].begin + chunks[i].length <= size; ++i) {
       num_complete = i + 1 < chunks.size() ? chunks[i + 1].start_ns / 1'000'000 : all.size();
     }
