@@ -282,6 +282,7 @@ TEST_F(EventImagesTest, OutlinesAreProjectedAtTheNewestPose) {
   EXPECT_EQ(outline.segments[0].kind, EdgeKind::kContour);
   EXPECT_NEAR(outline.segments[0].p1_px.x(), 40.0, 1e-4);
   EXPECT_NEAR(outline.segments[0].p2_px.x(), 60.0, 1e-4);
+  EXPECT_EQ(outline.object.edges.capacity(), 0u) << "they are released";
   tracker_.has_pose = false;
   AddAfter(kFrameUs, 1);
   EXPECT_TRUE(reader->Take()->image->outlines().empty());
