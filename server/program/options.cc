@@ -141,7 +141,7 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-transport-bytes", options.max_transport_bytes,
                  "Bytes of memory of gRPC for connections and calls; beyond it, connections are read later or closed")
       ->type_name("BYTES");
-  app.add_option("--max-streams", options.max_streams, "Streams of events, poses and health at a time");
+  app.add_option("--max-streams", options.max_streams, "Streams of events, poses, health and images at a time");
   app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
                  "Calls at a time on one connection; further calls wait at the client");
   app.add_option("--max-model-bytes", options.max_model_bytes, "Bytes of one model file")->type_name("BYTES");
@@ -182,8 +182,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "Bytes of all model files of the tenant and of what was derived from them")
       ->type_name("BYTES");
   app.add_option("--tenant-max-streams", options.tenant.max_streams,
-                 "Streams of events, poses and health at a time, of all sessions of the tenant");
-  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "Readers of poses and health at a time");
+                 "Streams of events, poses, health and images at a time, of all sessions of the tenant");
+  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "Readers of poses, health and images at a time");
   app.add_option("--tenant-max-uploads", options.tenant.max_uploads, "Uploads of models at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
                  "Bytes of events per second; the server reads faster streams more slowly. Default: 0")
