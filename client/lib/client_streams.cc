@@ -120,8 +120,8 @@ absl::Status Client::WatchPoses(const std::string& session, const WatchPosesOpti
   request.set_after_pose_seq(options.after_pose_seq);
   if (options.max_rate_hz) request.set_max_rate_hz(*options.max_rate_hz);
   const auto handle = [&](const v1::WatchPosesResponse& response) -> absl::Status {
-    if (response.has_continues_after_pose_seq() && options.on_rolled_back) {
-      options.on_rolled_back(response.continues_after_pose_seq());
+    if (response.has_continues_after_pose_seq()) {
+      if (options.on_rolled_back) options.on_rolled_back(response.continues_after_pose_seq());
       if (response.poses().empty() && response.num_skipped() == 0) return absl::OkStatus();
     }
     std::vector<Pose> poses;

@@ -34,11 +34,9 @@ constexpr char kNotes[] =
     "The files of Access are read again when they change. A limit of a tenant that is 0 means that only the limits of "
     "the server apply; with tokens or client certificates its default is half of the server's limit, otherwise 0.\n\n"
     "With port 0 a free port is chosen. When the server is ready it prints \"listening on HOST:PORT\" on standard "
-    "output "
-    "and, with --metrics-listen, a second line, \"metrics on HOST:PORT\"; its log goes to standard error. After "
-    "SIGTERM "
-    "or SIGINT the server waits for --shutdown-notice, lets clients finish for up to --shutdown-timeout, and ends; a "
-    "second signal ends it at once.\n\n"
+    "output and, with --metrics-listen, a second line, \"metrics on HOST:PORT\"; its log goes to standard error. "
+    "After SIGTERM or SIGINT the server waits for --shutdown-notice, lets clients finish for up to "
+    "--shutdown-timeout, and ends; a second signal ends it at once.\n\n"
     "Exit status:\n"
     "  0  The server was asked to end, and has ended\n"
     "  1  Failure; its cause and remedy are on standard error\n"
@@ -143,7 +141,7 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-transport-bytes", options.max_transport_bytes,
                  "Bytes of memory of gRPC for connections and calls; beyond it, connections are read later or closed")
       ->type_name("BYTES");
-  app.add_option("--max-streams", options.max_streams, "Streams of events, poses and health at a time");
+  app.add_option("--max-streams", options.max_streams, "Streams of events, poses, health and images at a time");
   app.add_option("--max-calls-per-connection", options.max_calls_per_connection,
                  "Calls at a time on one connection; further calls wait at the client");
   app.add_option("--max-model-bytes", options.max_model_bytes, "Bytes of one model file")->type_name("BYTES");
@@ -184,8 +182,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "Bytes of all model files of the tenant and of what was derived from them")
       ->type_name("BYTES");
   app.add_option("--tenant-max-streams", options.tenant.max_streams,
-                 "Streams of events, poses and health at a time, of all sessions of the tenant");
-  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "Readers of poses and health at a time");
+                 "Streams of events, poses, health and images at a time, of all sessions of the tenant");
+  app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "Readers of poses, health and images at a time");
   app.add_option("--tenant-max-uploads", options.tenant.max_uploads, "Uploads of models at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
                  "Bytes of events per second; the server reads faster streams more slowly. Default: 0")

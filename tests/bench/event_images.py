@@ -39,13 +39,13 @@ def messages():
 def watch(address, session, cell_px, rate_hz, results):
     api = messages()
     request = api.WatchEventsRequest(session=session, cell_px=cell_px, max_rate_hz=rate_hz)
-    images = num_bytes = skipped = events = 0
+    images = num_bytes = skipped = 0
     with grpc.insecure_channel(address) as channel:
         call = channel.unary_stream(SERVICE + "WatchEvents", api.WatchEventsRequest.SerializeToString, lambda data: data)(request)
         for data in call:
             image = api.WatchEventsResponse.FromString(data).image
-            images, num_bytes, skipped, events = images + 1, num_bytes + len(data), image.num_skipped, events + image.num_events
-    results.put({"images": images, "bytes": num_bytes, "skipped": skipped, "events": events})
+            images, num_bytes, skipped = images + 1, num_bytes + len(data), image.num_skipped
+    results.put({"images": images, "bytes": num_bytes, "skipped": skipped})
 
 
 def cpu_s(process):
@@ -53,15 +53,16 @@ def cpu_s(process):
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def wait_for_session(address):
+def wait_for_session(address, replay):
     api = messages()
     with grpc.insecure_channel(address) as channel:
         call = channel.unary_unary(SERVICE + "ListSessions", api.ListSessionsRequest.SerializeToString, api.ListSessionsResponse.FromString)
-        while True:
+        while replay.poll() is None:
             sessions = call(api.ListSessionsRequest()).sessions
             if sessions:
                 return sessions[0].name
             time.sleep(0.01)
+    raise RuntimeError("evpose replay has failed")
 
 
 def measure(arguments, scene, num_watchers):
@@ -74,7 +75,7 @@ def measure(arguments, scene, num_watchers):
         replay = subprocess.Popen([arguments.replay, "replay", scene / "recording.raw", "--model", scene / "model.obj", "--camera",
                                    scene / "camera.yaml", "--init-pose", " ".join(first), "--server", address, "--rate", "1"],
                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        session = wait_for_session(address)
+        session = wait_for_session(address, replay)
         results = multiprocessing.Queue()
         watchers = [multiprocessing.Process(target=watch, args=(address, session, arguments.cell_px, arguments.rate, results))
                     for _ in range(num_watchers)]

@@ -37,10 +37,9 @@ EncodedCells Encode(absl::Span<const uint8_t> bytes) {
 
 const std::vector<SessionOutlines::Outline>& SessionOutlines::Projected() const {
   std::call_once(is_projected_, [this] {
-    for (Outline& outline : outlines_) {
-      outline.segments = ProjectOutline(camera_, outline.object);
-      outline.object.edges = {};
-    }
+    for (Outline& outline : outlines_) outline.segments = ProjectOutline(camera_, outline.object);
+    // Afterwards, because the next call projects all of them again if this one has no memory. `= {}` would keep it.
+    for (Outline& outline : outlines_) outline.object.edges = std::vector<ObjectOutline::Edge>();
   });
   return outlines_;
 }

@@ -7,8 +7,11 @@
 namespace evpose::server {
 namespace {
 
-EventImages::Clock::duration Seconds(double seconds) {
-  return std::chrono::duration_cast<EventImages::Clock::duration>(std::chrono::duration<double>(seconds));
+constexpr double kLongestPeriodS = 365.0 * 24.0 * 3600.0;  // so that the sums with times are in range
+
+EventImages::Clock::duration Period(double seconds) {
+  const std::chrono::duration<double> period(std::min(seconds, kLongestPeriodS));
+  return std::chrono::duration_cast<EventImages::Clock::duration>(period);
 }
 
 }  // namespace
@@ -39,22 +42,27 @@ std::unique_ptr<EventImages::Reader> EventImages::Open(int cell_px, double max_r
                                                        std::weak_ptr<SessionListener> listener) {
   std::unique_ptr<Reader> reader(new Reader(shared_from_this()));
   reader->cell_px_ = cell_px;
-  reader->period_ = Seconds(1.0 / max_rate_hz);
+  reader->period_ = Period(1.0 / max_rate_hz);
   watchers_->Add(std::move(listener));
+  const Time now = now_();
   const std::lock_guard lock(mutex_);
   readers_.push_back(reader.get());
-  UpdateCanvases();
+  UpdateCanvases(now);
   // In step with the others, so that they share the images.
   reader->due_ = Find(cell_px)->due;
+  // The timer may have been set for a slower reader.
+  timer_.reset();
+  SetTimer(now);
   num_readers_ = static_cast<uint32_t>(readers_.size());
   return reader;
 }
 
 void EventImages::Close(const Reader* reader) {
+  const Time now = now_();
   const std::lock_guard lock(mutex_);
   std::erase(readers_, reader);
   num_readers_ = static_cast<uint32_t>(readers_.size());
-  UpdateCanvases();
+  UpdateCanvases(now);
   if (!readers_.empty()) return;
   timer_.reset();
   latest_ = {};
@@ -62,7 +70,7 @@ void EventImages::Close(const Reader* reader) {
 }
 
 EventImages::Clock::duration EventImages::PeriodOf(const Reader& reader) const {
-  return std::max(reader.period_, Seconds(static_cast<double>(readers_.size()) / kMaxImagesPerS));
+  return std::max(reader.period_, Period(static_cast<double>(readers_.size()) / kMaxImagesPerS));
 }
 
 EventImages::Canvas* EventImages::Find(int cell_px) {
@@ -71,7 +79,7 @@ EventImages::Canvas* EventImages::Find(int cell_px) {
   return found == canvases_.end() ? nullptr : &*found;
 }
 
-void EventImages::UpdateCanvases() {
+void EventImages::UpdateCanvases(Time now) {
   std::erase_if(canvases_, [this](const Canvas& canvas) {
     return std::none_of(readers_.begin(), readers_.end(),
                         [&canvas](const Reader* reader) { return reader->cell_px_ == canvas.bitmap.cell_px(); });
@@ -83,10 +91,12 @@ void EventImages::UpdateCanvases() {
       canvas =
           &canvases_.emplace_back(Canvas{.bitmap = EventBitmap({camera_.width_px, camera_.height_px}, reader->cell_px_),
                                          .period = Clock::duration::max(),
-                                         .due = now_()});
+                                         .due = now});
     }
     canvas->period = std::min(canvas->period, PeriodOf(*reader));
   }
+  // A reader does not wait for the period of slower ones.
+  for (Canvas& canvas : canvases_) canvas.due = std::min(canvas.due, now + canvas.period);
 }
 
 void EventImages::Add(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us, const Tracker& tracker) {

@@ -95,7 +95,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
 
   Clock::duration PeriodOf(const Reader& reader) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // To be called after each change of readers_: adds and removes canvases, and sets their periods.
-  void UpdateCanvases() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void UpdateCanvases(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Canvas* Find(int cell_px) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Close(const Reader* reader);
   // Makes images of the canvases that are due, and gives them to their readers.

@@ -189,6 +189,42 @@ TEST_F(EventImagesTest, NoReaderReceivesMoreThanItsRate) {
   for (const uint64_t count : events) EXPECT_GT(count, 9800u) << "all but those that still wait";
 }
 
+TEST_F(EventImagesTest, AQuickReaderDoesNotWaitForASlowOne) {
+  const auto slow = images_->Open(2, 0.001, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(slow->Take().has_value());
+  const auto quick = images_->Open(2, 25.0, listener_);
+  AddAfter(kFrameUs, 2);
+  ASSERT_TRUE(quick->Take().has_value());
+  EXPECT_FALSE(slow->Take().has_value());
+}
+
+// What waits for the slow reader's image, when the events have stopped.
+TEST_F(EventImagesTest, AQuickReaderDoesNotWaitForTheTimerOfASlowOne) {
+  const auto slow = images_->Open(2, 0.001, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(slow->Take().has_value());
+  AddAfter(1000, 2);  // sets the timer
+  const auto quick = images_->Open(2, 25.0, listener_);
+  clock_us_ += 2 * kFrameUs;
+  std::optional<EventImages::Reader::Taken> taken;
+  while (!taken) {
+    listener_->calls.acquire();
+    taken = quick->Take();
+  }
+  EXPECT_EQ(taken->image->num_events(), 1u);
+}
+
+TEST_F(EventImagesTest, ARateMayBeArbitrarilySmall) {
+  const auto reader = images_->Open(2, 1e-300, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(reader->Take().has_value());
+  AddAfter(3'600'000'000, 2);
+  EXPECT_FALSE(reader->Take().has_value());
+  images_->Finish();
+  EXPECT_EQ(reader->Take()->image->num_events(), 1u);
+}
+
 TEST_F(EventImagesTest, ManyReadersShareTheRateOfTheSession) {
   std::vector<std::unique_ptr<EventImages::Reader>> readers;
   for (int i = 0; i < 96; ++i) readers.push_back(images_->Open(4, 60.0, listener_));
@@ -246,6 +282,7 @@ TEST_F(EventImagesTest, OutlinesAreProjectedAtTheNewestPose) {
   EXPECT_EQ(outline.segments[0].kind, EdgeKind::kContour);
   EXPECT_NEAR(outline.segments[0].p1_px.x(), 40.0, 1e-4);
   EXPECT_NEAR(outline.segments[0].p2_px.x(), 60.0, 1e-4);
+  EXPECT_EQ(outline.object.edges.capacity(), 0u) << "they are released";
   tracker_.has_pose = false;
   AddAfter(kFrameUs, 1);
   EXPECT_TRUE(reader->Take()->image->outlines().empty());

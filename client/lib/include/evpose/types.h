@@ -301,7 +301,7 @@ struct ModelGeometry {
   std::vector<Eigen::Vector3f> vertices_m;
   std::vector<std::array<uint32_t, 3>> faces;           // numbers of vertices, counter-clockwise seen from outside
   std::vector<std::array<Eigen::Vector3f, 2>> edges_m;  // straight lines, and the chords of curved edges
-  bool is_simplified = false;                           // the mesh had more triangles than were requested
+  bool is_simplified = false;                           // the mesh was simplified, or edges were left out
 };
 
 struct GoAway {
