@@ -24,7 +24,8 @@ namespace {
 constexpr int kUserCommands = 1;
 constexpr int kAdministration = 8;
 
-// The commands `evpose server` would have a page with the name of that of the program, which man would find first.
+// `evpose server` has no page: its name would be evpose-server, and man would display it instead of the page of the
+// program evpose-server.
 bool HasPage(const CLI::App& command) { return command.get_parent() == nullptr || command.get_name() != "server"; }
 
 std::string Reference(const CLI::App& command, int section) {

@@ -15,8 +15,6 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kBytesPerIndexEntry = 16;  // time and position of a message
-
 // The records of a summary, in groups by their op.
 class Summary {
  public:
@@ -191,7 +189,7 @@ class IndexReader {
     McapChunk& chunk = index_.chunks.back();
     chunk.message_indexes[channel] = begin;
     chunk.message_index_length += McapRecord::kHeadBytes + content.size();
-    index_.num_messages[channel] += num_bytes / kBytesPerIndexEntry;
+    index_.num_messages[channel] += num_bytes / kMcapIndexEntryBytes;
     return absl::OkStatus();
   }
 

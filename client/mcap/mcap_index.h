@@ -3,6 +3,7 @@
 // What a reader needs to find messages in an MCAP file (https://mcap.dev/spec): the contents of its summary.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -13,6 +14,8 @@
 #include "client/mcap/byte_writer.h"
 
 namespace evpose::client {
+
+inline constexpr size_t kMcapIndexEntryBytes = 16;  // of a Message Index record: time and position of a message
 
 // A chunk of messages and the records with the positions of its messages behind it. Positions are from the start of the
 // file, lengths include the head of the record.

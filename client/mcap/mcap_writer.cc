@@ -56,14 +56,18 @@ void McapWriter::Append(std::string_view bytes) {
   size_ += bytes.size();
 }
 
+void McapWriter::AppendRecord(uint8_t op, std::string_view content) {
+  ByteWriter record;
+  PutRecord(op, content, record);
+  Append(record.bytes());
+}
+
 void McapWriter::WriteHeader() {
   ByteWriter content;
   content.PutString("ros2");
   content.PutString(options_.library);
-  ByteWriter record;
-  PutRecord(McapRecord::kHeader, content.bytes(), record);
   Append(kMcapMagic);
-  Append(record.bytes());
+  AppendRecord(McapRecord::kHeader, content.bytes());
 }
 
 void McapWriter::ReadTopics() {
@@ -85,10 +89,9 @@ void McapWriter::AddMetadata(const std::string& name, const std::map<std::string
   ByteWriter content;
   content.PutString(name);
   PutStrings(values, content);
-  ByteWriter record;
-  PutRecord(McapRecord::kMetadata, content.bytes(), record);
-  index_.metadata.push_back({.begin = size_, .length = record.size(), .name = name, .values = values});
-  Append(record.bytes());
+  const uint64_t begin = size_;
+  AppendRecord(McapRecord::kMetadata, content.bytes());
+  index_.metadata.push_back({.begin = begin, .length = size_ - begin, .name = name, .values = values});
 }
 
 uint16_t McapWriter::AddSchema(const McapTopic& topic) {
@@ -99,10 +102,8 @@ uint16_t McapWriter::AddSchema(const McapTopic& topic) {
   content.PutString(topic.type);
   content.PutString("ros2msg");
   content.PutString(topic.definition);
-  ByteWriter record;
-  PutRecord(McapRecord::kSchema, content.bytes(), record);
   index_.schemas.emplace_back(content.bytes());
-  Append(record.bytes());
+  AppendRecord(McapRecord::kSchema, content.bytes());
   return known->second;
 }
 
@@ -117,10 +118,8 @@ uint16_t McapWriter::AddTopic(const McapTopic& topic) {
   content.PutString(topic.name);
   content.PutString("cdr");
   PutStrings({{"offered_qos_profiles", QosProfile(topic.is_latched)}}, content);
-  ByteWriter record;
-  PutRecord(McapRecord::kChannel, content.bytes(), record);
   index_.channels.emplace_back(content.bytes());
-  Append(record.bytes());
+  AppendRecord(McapRecord::kChannel, content.bytes());
   return known->second;
 }
 
@@ -183,17 +182,16 @@ void McapWriter::EndChunk() {
   for (auto& [channel, messages] : positions_) {
     // Messages of several sources come in turns, so that their times may step back.
     std::stable_sort(messages.begin(), messages.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-    ByteWriter content, record;
+    ByteWriter content;
     content.Put(channel);
-    content.Put(static_cast<uint32_t>(messages.size() * 16));
+    content.Put(static_cast<uint32_t>(messages.size() * kMcapIndexEntryBytes));
     for (const auto& [time_ns, position] : messages) {
       content.Put(time_ns);
       content.Put(position);
     }
-    PutRecord(McapRecord::kMessageIndex, content.bytes(), record);
     chunk.message_indexes[channel] = size_;
     index_.num_messages[channel] += messages.size();
-    Append(record.bytes());
+    AppendRecord(McapRecord::kMessageIndex, content.bytes());
   }
   chunk.message_index_length = size_ - indexes_begin;
   index_.chunks.push_back(std::move(chunk));

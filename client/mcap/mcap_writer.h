@@ -69,6 +69,7 @@ class McapWriter {
  private:
   McapWriter(OutputFile file, const McapWriterOptions& options);
   void Append(std::string_view bytes);
+  void AppendRecord(uint8_t op, std::string_view content);
   void WriteHeader();
   uint16_t AddSchema(const McapTopic& topic);
   void ReadTopics();  // those of a continued file

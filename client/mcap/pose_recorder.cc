@@ -107,6 +107,8 @@ void PoseRecorder::WriteConstants() {
 uint64_t PoseRecorder::LogTime(int64_t t_us) {
   const int64_t sensor_ns = 1000 * std::clamp(t_us, -kLatestNs / 1000, kLatestNs / 1000);
   if (!epoch_ns_) epoch_ns_ = options_.epoch_ns ? *options_.epoch_ns : absl::ToUnixNanos(options_.now()) - sensor_ns;
+  // The recording or the continued file may state any number; the bound is that of the line above.
+  epoch_ns_ = std::clamp(*epoch_ns_, -2 * kLatestNs, 2 * kLatestNs);
   if (writer_.index().metadata.empty()) {
     writer_.AddMetadata(
         kMetadataName,

@@ -170,6 +170,20 @@ TEST(PoseRecorder, TimesAreLimitedToThoseOfRos) {
               ElementsAre(0, 0, 1000, 2'147'483'647'000'000'000));
 }
 
+TEST(PoseRecorder, AnyEpochOfARecordingIsAccepted) {
+  const std::string path = RecordingPath("epoch_limits");
+  for (const auto& [epoch_ns, expected_ns] :
+       std::map<int64_t, uint64_t>{{std::numeric_limits<int64_t>::min(), 0},
+                                   {std::numeric_limits<int64_t>::max(), 2'147'483'647'000'000'000}}) {
+    auto recorder = PoseRecorder::Open(path, OnePart(epoch_ns));
+    ASSERT_TRUE(recorder.ok());
+    AddPose(**recorder, PoseAt(1000, TrackState::kTracking));
+    AddPose(**recorder, PoseAt(-1000, TrackState::kTracking));
+    ASSERT_TRUE((*recorder)->Commit().ok());
+    EXPECT_THAT(TimesOf(OfTopic(ReadMessages(path), "/evpose/part/pose")), ElementsAre(expected_ns, expected_ns));
+  }
+}
+
 TEST(PoseRecorder, ContinuesWithTheEpochAndTheSceneOfTheFile) {
   const std::string path = RecordingPath("continued");
   absl::Time now = absl::FromUnixSeconds(1'700'000'000);

@@ -19,7 +19,7 @@
 namespace evpose {
 namespace {
 
-// An exclusion by an option that excludes more options than this is described once, by that option.
+// If an option excludes more options than this, its description states so, and the facts of both sides do not.
 constexpr size_t kMaxShownExclusions = 3;
 
 // "1e+06" is printed as "1000000".

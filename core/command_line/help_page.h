@@ -83,7 +83,7 @@ struct HelpPage {
 
 // Reads the footer as text in which single line feeds are spaces and empty lines end a paragraph. Indented lines are
 // entries, "  TERM  TEXT", continued by lines with a deeper indentation. The entries below "Exit status:" and the lines
-// below "Example:" at the end have fields of their own. Without the former, the exit statuses are those of the project.
+// below "Example:" at the end have fields of their own. Without "Exit status:", the exit statuses are the project's.
 HelpPage DescribeCommand(const CLI::App& command);
 
 // "evpose sessions list"

@@ -10,8 +10,9 @@
 
 namespace evpose {
 
-// Returns the name that differs least from `word`: by at most a third of its characters inserted, removed, replaced or
-// exchanged with the next one, or by the end that `word` lacks. Returns an empty text if there is none.
+// Returns the name that differs least from `word`: at most a third of its characters, or one in a short word, are
+// inserted, removed, replaced or exchanged with the next one, or `word` is the beginning of the name. Returns an empty
+// text if there is no such name.
 std::string NearestName(absl::string_view word, const std::vector<std::string>& names);
 
 }  // namespace evpose

@@ -427,10 +427,9 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   arguments->hand_eye.AddTo(app);
   app.footer(
       "Without --camera, the camera is estimated from recordings of a moving object with straight edges, best the "
-      "sheet "
-      "of evpose target. Tilt it to all sides, and bring it into all parts of the image, near and far. The result is "
-      "as "
-      "good as the standard errors and the difference of the halves state; small residuals alone prove nothing.\n\n"
+      "sheet of evpose target. Tilt it to all sides, and bring it into all parts of the image, near and far. The "
+      "result is as good as the standard errors and the difference of the halves state; small residuals alone prove "
+      "nothing.\n\n"
       "With --camera, the profile alone is estimated. The object should move back and forth, slowly and fast, and have "
       "edges of several contrasts. An offset between the clocks of the truth and of the sensor cannot be distinguished "
       "from latency. Evaluate a profile on recordings to which it was not fitted.\n\n"

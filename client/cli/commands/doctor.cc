@@ -164,7 +164,6 @@ absl::Status RecordingExamination::Report(const std::optional<CameraModel>& came
 }
 
 absl::Status RunDoctor(const DoctorArguments& arguments, CliContext& context) {
-  if (arguments.recording.empty()) return UsageError("give a RECORDING, or - for standard input");
   if (arguments.is_pipe() && arguments.start_s > 0.0)
     return UsageError("--start: standard input has no beginning to count from");
   std::optional<CameraModel> camera;
@@ -187,7 +186,7 @@ absl::Status RunDoctor(const DoctorArguments& arguments, CliContext& context) {
 CommandRunner AddDoctorCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<DoctorArguments>();
   app.option_defaults()->group(kInputGroup);
-  AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats));
+  AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
   CLI::Option* model =
       AddFile(app, "--model", arguments->model, "Model of the object, whose size is compared with the events");
   CLI::Option* camera = AddFile(app, "--camera", arguments->camera, kCameraFiles);

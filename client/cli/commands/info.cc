@@ -171,9 +171,8 @@ CommandRunner AddInfoCommand(CLI::App& app, CliContext& context) {
   AddJson(app, arguments->is_json);
   app.footer(
       "The SHA-256 covers the events as packed little-endian records: t as 64 bits (microseconds on the sensor's "
-      "clock), "
-      "x and y as 16 bits each, and the polarity as 8 bits. It includes events outside the sensor whose address can be "
-      "decoded.\n\n"
+      "clock), x and y as 16 bits each, and the polarity as 8 bits. It includes events outside the sensor whose "
+      "address can be decoded.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose info cube/recording.raw --json");

@@ -264,8 +264,7 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
       100.0 * summary.contour_share);
   out << absl::StrFormat(
       "observable   standard deviation at the outline after %.0f events, px, median of the views / worst: least "
-      "certain "
-      "motion %.2f / %.2f\n",
+      "certain motion %.2f / %.2f\n",
       options.events, summary.weakest.median_px, summary.weakest.worst_px);
   for (int motion = 0; motion < 6; ++motion) {
     const Deviation& deviation = summary.by_motion[motion];

@@ -244,8 +244,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
       ->type_name("HZ");
   app.footer(
       "ON events are blue, OFF events red, the visible edges of the model green. Pictures of small sensors are "
-      "enlarged "
-      "by a whole factor, to a height of at least 480 pixels.\n\n"
+      "enlarged by a whole factor, to a height of at least 480 pixels.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose render cube/recording.raw --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "

@@ -130,8 +130,7 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   app.option_defaults()->group(kTrackingGroup);
   AddOption(app, "--overload", arguments->overload,
             "What happens when the server cannot keep up. block: standard input is read more slowly, and no event is "
-            "skipped; "
-            "latest: old events are skipped and counted",
+            "skipped; latest: old events are skipped and counted",
             CLI::IsMember({"block", "latest"}));
   app.add_option("--max-lag", arguments->max_lag_s,
                  "Age at which --overload latest skips events. Default: chosen by the server")

@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_replace.h"
 #include "absl/time/time.h"
+#include "client/cli/common/pose_columns.h"
 #include "client/lib/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
@@ -19,7 +20,6 @@ namespace evpose::client {
 namespace {
 
 constexpr char kObjectPlaceholder[] = "{object}";
-constexpr char kTransformKey[] = "transform";
 
 // Visits the upper triangle row by row.
 template <typename Visit>
@@ -31,9 +31,6 @@ void VisitUpper(const Eigen::Matrix<double, 6, 6>& matrix, const Visit& visit) {
 
 std::string StateName(const Pose& pose) { return std::string(TrackStateName(pose.state)); }
 
-// As many as the API has at most; the columns of absent ones are empty.
-constexpr size_t kAlternativesInCsv = 4;
-
 // The translation and the quaternion [x y z w].
 std::array<double, 7> Numbers(const Transform& transform) {
   const Eigen::Vector3d& t = transform.translation_m;
@@ -44,18 +41,15 @@ std::array<double, 7> Numbers(const Transform& transform) {
 std::string CsvHeader(const PoseFrame& frame) {
   std::string line =
       "pose_seq,object_id,t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw,state,num_events,explained_ratio,residual_rms_px";
-  for (const char* name : {"vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"}) {
-    absl::StrAppend(&line, ",", name);
-  }
-  constexpr std::array<const char*, 6> kAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
+  for (const char* const name : kTwistColumns) absl::StrAppend(&line, ",", name);
   VisitUpper(Eigen::Matrix<double, 6, 6>::Zero(), [&](int row, int column, double) {
-    absl::StrAppend(&line, ",cov_", kAxes[static_cast<size_t>(row)], "_", kAxes[static_cast<size_t>(column)]);
+    absl::StrAppend(&line, ",cov_", kCovarianceAxes[static_cast<size_t>(row)], "_",
+                    kCovarianceAxes[static_cast<size_t>(column)]);
   });
   absl::StrAppend(&line, ",num_alternatives");
   for (size_t i = 1; i <= kAlternativesInCsv; ++i) {
-    for (const char* name : {"tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw", "log_likelihood_ratio"}) {
-      absl::StrAppend(&line, ",alt", i, "_", name);
-    }
+    for (const char* const name : kPoseColumns) absl::StrAppend(&line, ",alt", i, "_", name);
+    absl::StrAppend(&line, ",alt", i, "_", kLikelihoodColumn);
   }
   if (!frame.is_default()) absl::StrAppend(&line, ",", kTransformKey);
   return line + "\n";

@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "client/cli/common/pose_columns.h"
 #include "client/cli/common/pose_format.h"
 #include "client/lib/core_types.h"
 #include "core/base/output_file.h"
@@ -27,11 +28,6 @@ using Index = std::optional<size_t>;
 
 constexpr size_t kMaxPoseFileBytes = size_t{4} << 30;  // more than an hour of poses at 1 kHz with covariances
 constexpr size_t kUpperNumbers = 21;
-constexpr std::array<const char*, 7> kPoseColumns = {"tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"};
-constexpr std::array<const char*, 6> kAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
-constexpr std::array<const char*, 6> kTwistColumns = {"vx_m_per_s",   "vy_m_per_s",   "vz_m_per_s",
-                                                      "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"};
-constexpr size_t kMaxAlternatives = 4;
 
 TrackState StateOfName(absl::string_view name) {
   for (const TrackState state : {TrackState::kInitializing, TrackState::kTracking, TrackState::kDegraded,
@@ -84,7 +80,7 @@ class PoseTable {
   std::array<size_t, 7> pose_ = {};
   std::vector<size_t> covariance_;  // upper triangle row by row
   std::vector<size_t> twist_;       // 6, or fewer if a column is missing
-  std::array<std::vector<size_t>, kMaxAlternatives> alternatives_;
+  std::array<std::vector<size_t>, kAlternativesInCsv> alternatives_;
   Index object_id_, seq_, state_, explained_, transform_;
 };
 
@@ -113,16 +109,16 @@ absl::StatusOr<PoseTable> PoseTable::Make(const Fields& header) {
   table.seq_ = FindColumn(header, "pose_seq");
   table.state_ = FindColumn(header, "state");
   table.explained_ = FindColumn(header, "explained_ratio");
-  table.transform_ = FindColumn(header, "transform");
+  table.transform_ = FindColumn(header, kTransformKey);
   for (const char* const name : kTwistColumns) add(name, table.twist_);
-  for (size_t row = 0; row < kAxes.size(); ++row) {
-    for (size_t column = row; column < kAxes.size(); ++column) {
-      add(absl::StrCat("cov_", kAxes[row], "_", kAxes[column]), table.covariance_);
+  for (size_t row = 0; row < kCovarianceAxes.size(); ++row) {
+    for (size_t column = row; column < kCovarianceAxes.size(); ++column) {
+      add(absl::StrCat("cov_", kCovarianceAxes[row], "_", kCovarianceAxes[column]), table.covariance_);
     }
   }
-  for (size_t i = 0; i < kMaxAlternatives; ++i) {
+  for (size_t i = 0; i < kAlternativesInCsv; ++i) {
     for (const char* const name : kPoseColumns) add(absl::StrCat("alt", i + 1, "_", name), table.alternatives_[i]);
-    add(absl::StrCat("alt", i + 1, "_log_likelihood_ratio"), table.alternatives_[i]);
+    add(absl::StrCat("alt", i + 1, "_", kLikelihoodColumn), table.alternatives_[i]);
   }
   return table;
 }
@@ -237,7 +233,7 @@ absl::StatusOr<Pose> ReadJsonPose(absl::string_view line, PoseFileFacts& facts) 
   EVPOSE_RETURN_IF_ERROR(fields.Number("t_us", pose.t_us));
   EVPOSE_RETURN_IF_ERROR(fields.Number("pose_seq", pose.seq));
   EVPOSE_RETURN_IF_ERROR(fields.Text("object_id", pose.object_id));
-  EVPOSE_RETURN_IF_ERROR(fields.Text("transform", facts.transform));
+  EVPOSE_RETURN_IF_ERROR(fields.Text(kTransformKey, facts.transform));
   EVPOSE_ASSIGN_OR_RETURN(pose.camera_from_object, fields.RigidMotion());
   std::string state(TrackStateName(TrackState::kTracking));
   EVPOSE_RETURN_IF_ERROR(fields.Text("state", state));

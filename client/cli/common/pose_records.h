@@ -22,8 +22,8 @@ struct PoseFileFacts {
 // the default of Pose, except for the state, which is kTracking; an object ID that is not stated is empty.
 using PoseVisitor = absl::FunctionRef<absl::Status(Pose pose)>;
 
-// Calls `visit` for each pose of a .csv or .jsonl file, or of a TUM file, which all others are, in the order of the
-// file. A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw, and the other columns of PoseHeader() if they
+// Calls `visit` for each pose in the order of the file, which is read as TUM unless its name ends in .csv or .jsonl.
+// A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw, and the other columns of PoseHeader() if they
 // are present, in any order and among other columns. Errors name the file and the line: those of ReadFile(), those of
 // `visit`, and INVALID_ARGUMENT for a line that is no pose.
 absl::StatusOr<PoseFileFacts> VisitPoses(const std::string& path, PoseVisitor visit);

@@ -127,7 +127,9 @@ absl::Status SessionRun::Open() {
 
 absl::Status SessionRun::OpenPoses() {
   std::optional<int64_t> epoch_ns;  // of live events: when they arrive
-  if (!arguments_.is_live) epoch_ns = 1000 * inputs_.reader->header().time_offset_us;
+  // Saturates: a recording may state any number.
+  if (!arguments_.is_live)
+    epoch_ns = absl::ToInt64Nanoseconds(absl::Microseconds(inputs_.reader->header().time_offset_us));
   EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(),
                                                   {.frame = inputs_.frame,
                                                    .epoch_ns = arguments_.recording_options.EpochNs(epoch_ns),

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The names of the columns that a CSV file of poses has by number, for its writer and its reader.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace evpose::client {
+
+inline constexpr std::array<const char*, 7> kPoseColumns = {"tx_m", "ty_m", "tz_m", "qx", "qy", "qz", "qw"};
+inline constexpr std::array<const char*, 6> kTwistColumns = {"vx_m_per_s",   "vy_m_per_s",   "vz_m_per_s",
+                                                             "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"};
+// The columns of the covariance are cov_A_B, for the upper triangle row by row.
+inline constexpr std::array<const char*, 6> kCovarianceAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
+// The columns of alternative N are altN_NAME, with the names of kPoseColumns and this one.
+inline constexpr char kLikelihoodColumn[] = "log_likelihood_ratio";
+// As many as the API has at most; the columns of absent ones are empty.
+inline constexpr size_t kAlternativesInCsv = 4;
+// Of a file whose poses are not camera_from_object. JSON lines have a field with this name.
+inline constexpr char kTransformKey[] = "transform";
+
+}  // namespace evpose::client
