@@ -411,10 +411,9 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--model", arguments->models,
                  absl::StrCat("Model of the object, one for all recordings or one for each: ", kModelFormats))
       ->type_name("FILE");
-  app.add_option("--camera", arguments->cameras,
-                 absl::StrCat(kCameraFiles,
-                              "; one for all recordings or one for each. Without it, the camera is "
-                              "estimated"))
+  app.add_option(
+         "--camera", arguments->cameras,
+         absl::StrCat(kCameraFiles, "; one for all recordings or one for each. Without it, the camera is estimated"))
       ->type_name("FILE");
   app.add_option("--truth", arguments->truths,
                  "True poses on the sensor's clock, TUM, for each recording. Without them, the object is tracked")
@@ -427,10 +426,9 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   arguments->hand_eye.AddTo(app);
   app.footer(
       "Without --camera, the camera is estimated from recordings of a moving object with straight edges, best the "
-      "sheet "
-      "of evpose target. Tilt it to all sides, and bring it into all parts of the image, near and far. The result is "
-      "as "
-      "good as the standard errors and the difference of the halves state; small residuals alone prove nothing.\n\n"
+      "sheet of evpose target. Tilt it to all sides, and bring it into all parts of the image, near and far. The "
+      "result is as good as the standard errors and the difference of the halves state; small residuals alone prove "
+      "nothing.\n\n"
       "With --camera, the profile alone is estimated. The object should move back and forth, slowly and fast, and have "
       "edges of several contrasts. An offset between the clocks of the truth and of the sensor cannot be distinguished "
       "from latency. Evaluate a profile on recordings to which it was not fitted.\n\n"
