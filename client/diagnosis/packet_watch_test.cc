@@ -9,7 +9,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// Packets of `period_ms` for two seconds, from a camera whose events arrive at `ratio` times its speed.
+// Adds packets of `period_ms` for two seconds of sensor time. In each second of the host, the events of `ratio` seconds
+// of sensor time arrive.
 PacketWatch Watch(int period_ms, double ratio) {
   PacketWatch watch;
   const absl::Time begin = absl::UnixEpoch();

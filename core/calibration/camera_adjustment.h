@@ -93,8 +93,8 @@ absl::Status AdjustCamera(absl::Span<const LineSample> samples, const FreeParame
                           absl::Span<CalibrationInterval> intervals);
 
 struct AdjustmentErrors {
-  // Covariance by equation (6) of the README, or by (7) if there are less than twice as many blocks as free
-  // parameters; infinite for less than three blocks; zero for parameters that are not free.
+  // Covariance by equation (6) of the README, or by (6a) if there are fewer than twice as many blocks as free
+  // parameters; infinite for fewer than three blocks; zero for parameters that are not free.
   CalibrationCovariance covariance = CalibrationCovariance::Zero();
   // The same if the errors of samples were independent: the bound of Cramer and Rao.
   CalibrationCovariance bound = CalibrationCovariance::Zero();

@@ -210,8 +210,8 @@ absl::Status Calibrator::FindStart() {
   if (best == nullptr) {
     return absl::FailedPreconditionError(
         absl::StrFormat("%s: in its first %.0f s, the object was not found moving by more than %.0f px/s with any "
-                        "focal length that was "
-                        "tried; give --focal-mm or --fov, and record the whole target moving in view from the start",
+                        "focal length that was tried; give --focal-mm or --fov, and record the whole target moving in "
+                        "view from the start",
                         recordings_[0], 1e-6 * kMaxTrialUs, options_.samples.min_speed_px_per_s));
   }
   parameters_ = best->parameters;
@@ -304,13 +304,11 @@ absl::Status Calibrator::CompareHalves(const Intervals& intervals, CameraCalibra
     halves[half] = parameters_;
     Intervals poses;
     for (const CalibrationInterval& interval : intervals) {
-      poses.push_back({interval.recording,
-                       interval.t_us,
-                       interval.duration_us,
-                       interval.camera_from_object,
-                       interval.twist,
-                       false,
-                       {}});
+      poses.push_back({.recording = interval.recording,
+                       .t_us = interval.t_us,
+                       .duration_us = interval.duration_us,
+                       .camera_from_object = interval.camera_from_object,
+                       .twist = interval.twist});
     }
     if (samples.empty()) continue;
     EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples, free_, adjustment_, halves[half], absl::MakeSpan(poses)));

@@ -17,7 +17,7 @@ class ClockWatch {
   // Events in the order of the stream.
   void Add(absl::Span<const Event> events);
 
-  // A time without events, in which the event rates before and after it make events certain.
+  // A time without events, although at the event rates before and after it there would certainly be some.
   struct Gap {
     int64_t begin_us = 0;
     int64_t duration_us = 0;
@@ -29,8 +29,8 @@ class ClockWatch {
     uint64_t num_steps_back = 0;
     int64_t largest_step_back_us = 0;
     int64_t largest_step_back_at_us = 0;
-    // The step of which nearly all differences between time stamps are multiples; 1 for a clock of microseconds; 0 with
-    // too few events.
+    // Nearly all differences between time stamps are multiples of this step. 1 for a clock of microseconds; 0 with too
+    // few events.
     int64_t time_step_us = 0;
   };
   static constexpr size_t kMaxListed = 5;

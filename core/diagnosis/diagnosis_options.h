@@ -17,16 +17,16 @@ struct Range {
 };
 
 struct DiagnosisOptions {
-  // Largest probability that one check reports a defect that is none, where a statistical model gives it. With some
-  // 20 checks the user sees one false report in 50,000 recordings; the models are approximations, so that less is not
-  // credible.
+  // Largest probability of a false report, for each check that has a statistical model. With some 20 checks the user
+  // sees one false report in 50,000 recordings. The models are approximations, so that a smaller probability would not
+  // be credible.
   double false_alarm_probability = 1e-6;
 
   // Share of the events that come from hot pixels. A percent has no effect on poses, but costs the link that much; a
   // tenth is as much as the events of an edge at low speed.
   Limits hot_share = {0.01, 0.1};
-  // A hot pixel has this many times the events of the median pixel around it, beyond chance: a pixel at the turning
-  // point of an edge has about three times those of its neighbours.
+  // A hot pixel has, beyond chance, this many times the upper quartile of the events of the pixels around it: a pixel
+  // at the turning point of an edge has about three times the events of its neighbours.
   double hot_ratio = 8.0;
   // Share of the events that are noise. In simulation (deploy/sensors/README.md) 83 % noise increase errors by a third,
   // and five times the events of the object have to be transferred.

@@ -33,7 +33,7 @@ class EventNeighbours {
 
   const SensorGeometry geometry_;
   const size_t stride_;
-  std::vector<int64_t> last_us_;  // of each pixel, with a frame of one pixel; kNever without an event
+  std::vector<int64_t> last_us_;  // of each pixel, with a frame of one pixel; kNeverHadEvent without one
   std::array<uint64_t, kNumBins + 1> ages_ = {};
   uint64_t num_events_ = 0;
 };

@@ -25,13 +25,13 @@ struct Finding {
   Verdict verdict = Verdict::kOk;
   std::string text;             // what was measured; for kNotChecked the reason
   std::optional<double> value;  // the measured quantity, in `unit`
-  std::optional<double> limit;  // beyond which the verdict is not kOk; the one that was passed otherwise
+  std::optional<double> limit;  // that `value` has passed; for kOk the one of kAdvice
   std::string unit;
   std::vector<std::string> places;  // times and pixels, the worst first
   std::string remedy;               // empty for kOk
 };
 
-// A quantity of which larger values are worse.
+// The limits of a quantity; larger values are worse.
 struct Limits {
   double advice = 0.0;
   double problem = 0.0;

@@ -10,7 +10,7 @@
 namespace evpose {
 namespace {
 
-// Events of a part of the image, in a segment, whose spectrum is more than chance.
+// Least number of events of a part of the image in a segment: with fewer, the spectrum is chance.
 constexpr double kMinPartEvents = 50.0;
 // Parts of the image that have events.
 constexpr size_t kMinParts = 3;

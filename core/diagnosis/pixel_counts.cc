@@ -54,8 +54,8 @@ std::vector<PixelCounts::HotPixel> PixelCounts::FindHot(const DiagnosisOptions& 
           if (u != x || v != y) around.push_back(At(u, v));
         }
       }
-      // The larger quartile, because an edge covers a part of the surroundings only.
-      const double usual = options.hot_ratio * (UpperQuantile(around, 0.75) + 1.0 / options.hot_ratio);
+      // The upper quartile, because an edge covers a part of the surroundings only.
+      const double usual = options.hot_ratio * UpperQuantile(around, 0.75) + 1.0;
       if (IsImprobable(count, usual, probability)) hot.push_back({x, y, count});
     }
   }

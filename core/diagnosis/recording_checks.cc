@@ -54,8 +54,7 @@ Finding RecordingDiagnosis::CheckDecoding(const StreamFacts& facts) const {
     finding.remedy =
         counts.invalid_words() > 0
             ? "bytes were lost or changed: copy the file again, lower the event rate to that of the link, or record to "
-              "a "
-              "faster disk"
+              "a faster disk"
             : "the size of the sensor in the header, or of --camera, is smaller than that of the recording";
   }
   return finding;
@@ -98,8 +97,7 @@ Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock) const {
   if (!clock.gaps.empty() && finding.remedy.empty()) {
     finding.remedy = absl::StrCat(
         "data were lost: the link, the recorder or the event rate control could not keep up, or the shutter of a lamp "
-        "was "
-        "closed; lower the event rate",
+        "was closed; lower the event rate",
         kSettings);
   }
   return finding;
@@ -131,8 +129,7 @@ Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, 
     finding.places.push_back(absl::StrCat("largest rate at ", Seconds(motion.busiest_us)));
     finding.remedy = absl::StrCat(
         "raise the thresholds (bias_diff_on, bias_diff_off), use a region of interest or a plain background, and set "
-        "the "
-        "event rate control to the rate of the link",
+        "the event rate control to the rate of the link",
         kSettings);
     return finding;
   }
@@ -145,8 +142,7 @@ Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, 
                                                    1e-3 * *finding.value, 1e-3 * *finding.limit));
     finding.remedy = absl::StrCat(
         "more events from the object: lower thresholds (bias_diff_on, bias_diff_off), more light and contrast, a "
-        "faster "
-        "motion, or a longer lens",
+        "faster motion, or a longer lens",
         kSettings);
   }
   return finding;
@@ -213,8 +209,7 @@ Finding RecordingDiagnosis::CheckHotPixels() const {
   if (finding.verdict != Verdict::kOk) {
     finding.remedy =
         "mask these pixels in the camera (Metavision: digital event mask, or active pixel detection), and let the "
-        "sensor "
-        "warm up before";
+        "sensor warm up before";
   }
   return finding;
 }

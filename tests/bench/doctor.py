@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detections and false alarms of evpose doctor on simulated recordings.
 
-Each defect is simulated on several sensors and with several seeds; the table has the share of the recordings in which its check reports advice
-or a problem, and the number of problems that other checks report. Needs a release build; about 10 minutes.
+Each defect is simulated on several sensors and with several seeds; the table has the number of recordings in which its check reports advice
+or a problem, and the problems and the advice that other checks report. Needs a release build; about 10 minutes.
 """
 import argparse
 import json

@@ -411,10 +411,9 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.add_option("--model", arguments->models,
                  absl::StrCat("Model of the object, one for all recordings or one for each: ", kModelFormats))
       ->type_name("FILE");
-  app.add_option("--camera", arguments->cameras,
-                 absl::StrCat(kCameraFiles,
-                              "; one for all recordings or one for each. Without it, the camera is "
-                              "estimated"))
+  app.add_option(
+         "--camera", arguments->cameras,
+         absl::StrCat(kCameraFiles, "; one for all recordings or one for each. Without it, the camera is estimated"))
       ->type_name("FILE");
   app.add_option("--truth", arguments->truths,
                  "True poses on the sensor's clock, TUM, for each recording. Without them, the object is tracked")

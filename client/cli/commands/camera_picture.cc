@@ -85,8 +85,8 @@ class CameraPicture {
   cv::Mat image_;
 };
 
-// The angle between neighbouring lines: the largest of these of which at least three fit into half of the diagonal
-// field of view.
+// Returns the angle between neighbouring lines: the largest step of the list for which half of the diagonal field of
+// view has at least three lines.
 double StepDegrees(const CameraModel& camera) {
   const double half_px = 0.5 * std::hypot(camera.width_px, camera.height_px);
   const double half_view = std::atan(half_px / camera.MaxFocalPx()) / kRadiansPerDegree;

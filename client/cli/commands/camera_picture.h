@@ -3,8 +3,7 @@
 // The picture of `evpose camera`.
 #pragma once
 
-#include <cstdint>
-#include <vector>
+#include <string>
 
 #include "absl/status/statusor.h"
 #include "core/geometry/camera.h"

@@ -3,9 +3,8 @@
 // The report of evpose calibrate about a camera.
 #pragma once
 
-#include <cstdint>
 #include <ostream>
-#include <vector>
+#include <string>
 
 #include "absl/status/statusor.h"
 #include "client/cli/common/command.h"

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -48,14 +49,13 @@ class RecordingExamination {
       : arguments_(arguments), context_(context) {}
 
   absl::Status Read(const std::optional<CameraModel>& camera);
-  // Appends the findings, those of the camera and the model if they were given among them.
+  // Appends the findings of the events, and those of the camera and of the model if these were given.
   absl::Status Report(const std::optional<CameraModel>& camera, DoctorReport& report) const;
 
  private:
   // True when the events of --start and --duration, or of a live pipe, have been read.
   bool IsComplete() const { return is_complete_ || (deadline_ && SystemClock().Now() >= *deadline_); }
   void AddPiece(absl::Span<const Event> events);
-  void ShowProgress(ProgressLine& progress, uint64_t data_bytes, int64_t size_bytes) const;
 
   const DoctorArguments& arguments_;
   CliContext& context_;
@@ -63,6 +63,7 @@ class RecordingExamination {
   PacketWatch packets_;
   RecordingHeader header_;
   StreamFacts facts_;
+  std::vector<SkippedParts> skipped_;
   std::optional<int64_t> t_begin_us_;   // of the part that is examined
   std::optional<absl::Time> deadline_;  // of a live pipe
   bool is_complete_ = false;
@@ -94,15 +95,16 @@ absl::Status RecordingExamination::Read(const std::optional<CameraModel>& camera
   while (!IsComplete()) {
     const absl::Time before = SystemClock().Now();
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
-    if (!has_piece) break;
     if (context_.IsInterrupted() && !arguments_.is_pipe())
       return absl::CancelledError("interrupted: nothing was diagnosed");
+    if (!has_piece) break;
     const auto& piece = events.decoded().events;
     const absl::Time now = SystemClock().Now();
     if (arguments_.is_pipe() && !piece.empty()) packets_.Add(now, now - before, piece.back().t_us);
     AddPiece(piece);
-    ShowProgress(progress, events.data_bytes(), reader.data_size_bytes());
+    ShowReading(events, reader, progress);
   }
+  skipped_ = reader.skipped();
   facts_ = {events.counts(), events.data_bytes(), WordBytes(header_.encoding), 0};
   if (!arguments_.is_pipe() && !is_complete_) facts_.truncated_bytes = events.pending_bytes();
   return absl::OkStatus();
@@ -126,20 +128,13 @@ void RecordingExamination::AddPiece(absl::Span<const Event> events) {
   diagnosis_->Add(selected_);
 }
 
-void RecordingExamination::ShowProgress(ProgressLine& progress, uint64_t data_bytes, int64_t size_bytes) const {
-  const double ratio = size_bytes > 0 ? static_cast<double>(data_bytes) / static_cast<double>(size_bytes) : -1.0;
-  const std::string share = ratio < 0.0 ? "" : absl::StrFormat("%3.0f %%, ", 100.0 * ratio);
-  progress.Show(ratio, absl::StrFormat("examined %s%.2f s, %.1f Mev", share,
-                                       1e-6 * static_cast<double>(diagnosis_->duration_us()),
-                                       1e-6 * static_cast<double>(diagnosis_->num_events())));
-}
-
 absl::Status RecordingExamination::Report(const std::optional<CameraModel>& camera, DoctorReport& report) const {
   const std::string encoding(EncodingName(header_.encoding));
   report.subjects.push_back(absl::StrFormat(
       "%s: %s %dx%d, %d events in %.3f s", arguments_.is_pipe() ? "standard input" : arguments_.recording,
       header_.container.empty() ? encoding : header_.container, header_.geometry.width_px, header_.geometry.height_px,
       diagnosis_->num_events(), 1e-6 * static_cast<double>(diagnosis_->duration_us())));
+  if (!skipped_.empty()) report.subjects.push_back("left out: " + DescribeSkipped(skipped_));
   for (Finding& finding : diagnosis_->Findings(facts_)) report.findings.push_back(std::move(finding));
   if (arguments_.is_pipe()) {
     report.findings.push_back(packets_.CheckPeriod({}));

@@ -17,7 +17,7 @@
 namespace evpose::client {
 
 struct Aedat4Header {
-  std::optional<FrameFormat> compression;  // of the packets, each of which is one frame; nullopt if there is none
+  std::optional<FrameFormat> compression;  // each packet is one frame of this format; nullopt: not compressed
   int event_stream = 0;                    // the first stream of events
   std::optional<int> trigger_stream;       // the first stream of triggers of the same camera
   int num_event_streams = 1;

@@ -52,8 +52,8 @@ class AedatDecoder {
 // AEDAT 2.0: records of an address and a time, big-endian. `layout` must be known.
 std::unique_ptr<AedatDecoder> MakeAedat2Decoder(Aedat2Layout layout, SensorGeometry geometry);
 
-// Guesses the layout of a recording whose header names no sensor: kDvs128 if the addresses of all `records` have at
-// most 16 bits, otherwise kUnknown.
+// Guesses the layout from records, for a header without the name of a sensor: kDvs128 if all addresses have at most 16
+// bits, otherwise kUnknown.
 Aedat2Layout GuessAedat2Layout(absl::Span<const uint8_t> records);
 
 // AEDAT 3.1: packets of records of one type, little-endian. Only those of the camera that sends the first polarity

@@ -15,7 +15,7 @@ using ::testing::SizeIs;
 
 class FrameDecompressorTest : public testing::TestWithParam<FrameFormat> {
  protected:
-  // A frame whose content is `size` bytes of `value`.
+  // Compresses `size` bytes, all equal to `value`, to one frame.
   static std::vector<uint8_t> Frame(size_t size, uint8_t value) {
     const std::vector<uint8_t> content(size, value);
     const bool is_lz4 = GetParam() == FrameFormat::kLz4;
