@@ -45,8 +45,9 @@ def run(make_node, name):
         rclpy.spin(node)
     except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
         pass
-    node.stop()
-    thread.join()
+    finally:  # also after an error in a callback: the thread would keep the process
+        node.stop()
+        thread.join()
     for error in failures:
         if not isinstance(error, evpose.EvposeError):
             raise error

@@ -32,6 +32,9 @@ class FakeRos:
     def publish(self, topic, message):
         self.published[topic].append(sent(message))
 
+    def spin(self, node):
+        self.is_down.wait()
+
     def run(self, module):
         """Runs the node of this module up to its end."""
         with mock.patch.dict(sys.modules, self.modules()):
@@ -66,7 +69,7 @@ class FakeRos:
         executors = types.SimpleNamespace(ExternalShutdownException=RuntimeError)
         qos = types.SimpleNamespace(qos_profile_sensor_data=10, QoSProfile=dict, QoSHistoryPolicy=mock.Mock(), QoSReliabilityPolicy=mock.Mock())
         return {
-            "rclpy": types.SimpleNamespace(init=lambda: None, spin=lambda node: ros.is_down.wait(), try_shutdown=ros.is_down.set,
+            "rclpy": types.SimpleNamespace(init=lambda: None, spin=lambda node: ros.spin(node), try_shutdown=ros.is_down.set,
                                            ok=lambda: not ros.is_down.is_set(), executors=executors),
             "rclpy.node": types.SimpleNamespace(Node=Node), "rclpy.qos": qos,
             "builtin_interfaces": types.SimpleNamespace(), "tf2_ros": types.SimpleNamespace(TransformBroadcaster=TransformBroadcaster),

@@ -81,8 +81,8 @@ bool Outbox::HasRoomFor(const OutgoingChunk& chunk) const {
 
 absl::Status Outbox::Append(OutgoingChunk chunk, std::stop_token stop) {
   std::unique_lock lock(mutex_);
-  if (!HasRoomFor(chunk) && GoesToSpool(chunk)) DropRetained(/*all=*/true);
   is_waiting_ = !HasRoomFor(chunk);
+  if (is_waiting_) DropDurable();  // retained chunks in the spool give way
   const bool has_room = changed_.wait(lock, stop, [&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return HasRoomFor(chunk); });
   is_waiting_ = false;
   if (!has_room) return absl::CancelledError("stopped");

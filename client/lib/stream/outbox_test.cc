@@ -282,6 +282,22 @@ TEST_F(OutboxTest, SpooledChunksAreRetainedAndChunksInMemoryFollowThem) {
   EXPECT_EQ(outbox_->FirstSeq(), 22u);
 }
 
+TEST_F(OutboxTest, RetainedChunksGiveWayInAFullSpool) {
+  OutboxOptions options;
+  options.memory_bytes = 1;
+  options.spool = SpoolThere(false);
+  Open(options);
+  for (int i = 0; i < 15; ++i) ASSERT_TRUE(Append(1 << 20).ok());
+  outbox_->Forget(1);
+  EXPECT_EQ(outbox_->FirstSeq(), 1u);
+  auto next = std::async(std::launch::async, [this] { return Append(3 << 20); });
+  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  EXPECT_EQ(outbox_->FirstSeq(), 2u);
+  EXPECT_EQ(outbox_->Get(1, stop_.get_token()).status().code(), absl::StatusCode::kDataLoss);
+  outbox_->Forget(3);
+  EXPECT_TRUE(next.get().ok());
+}
+
 TEST_F(OutboxTest, OptionsAreChecked) {
   OutboxOptions options;
   options.memory_bytes = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A client whose stream breaks and is re-established, against a server with a script for each stream.
+// Fixture for tests of reconnection: each stream that the client opens is served by a script of its own.
 #pragma once
 
 #include <gmock/gmock.h>

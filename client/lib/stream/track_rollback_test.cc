@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A server whose store has lost its last writes, and requests chunks again that it had reported as durable.
+// Tests of the client after the server's store has lost its last writes: the server requests chunks again that it had
+// reported as durable.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

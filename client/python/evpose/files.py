@@ -16,7 +16,7 @@ PathLike = Union[str, pathlib.Path]
 
 # A camera file or a sensor profile is a page of text; the limit bounds the work on another file.
 _MAX_TEXT_BYTES = 100_000
-# Shortens values in errors: a page of YAML aliases can make a list whose text exceeds any memory.
+# Shortens values in error messages: by YAML aliases, a small file can describe a list that is too large to print.
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 2
 
@@ -44,7 +44,8 @@ def read_yaml(path: PathLike, what: str = "") -> Any:
         raise InvalidArgumentError(f"{path}: cannot be read: {error}") from None
     try:
         return json.loads(text) if text.lstrip().startswith("{") else next(iter(yaml.safe_load_all(text)), None)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    # LookupError and AttributeError: PyYAML, for a value that contradicts its tag, such as !!int ''.
+    except (yaml.YAMLError, ValueError, RecursionError, LookupError, AttributeError) as error:
         raise InvalidArgumentError(f"{path}: neither YAML nor JSON: {error}") from None
 
 

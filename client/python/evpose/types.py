@@ -96,8 +96,9 @@ class TrackedObject:
 class SensorProfile:
     """Constants of a sensor and its lens; the defaults are those of an EVK4. `evpose calibrate` measures them.
 
-    uncertainty   how well the others are known: 1 for a sensor that was not calibrated, 0.3 as `evpose calibrate` leaves it, 0
-                  exactly. It affects the covariance of the poses only.
+    uncertainty   standard deviation of the errors of the other constants, relative to the spread among sensors: 1 for a sensor
+                  that was not calibrated, 0.3 after `evpose calibrate`, 0 for exact constants. It affects the covariance of
+                  the poses only.
     """
 
     pixel_noise_px: float = 0.8

@@ -26,7 +26,7 @@ camera_matrix: {rows: 3, cols: 3, data: [600.5, 0, 319.5, 0, 601, 239.5, 0, 0, 1
 distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 1e-5, 0.001, -0.002, 0]}
 """
-# Lists whose text has 2^40 numbers.
+# Nested lists of YAML aliases: printed in full, a40 would have 2^41 numbers.
 ALIASES = "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 41))
 
 
@@ -121,6 +121,9 @@ class CameraTest(InputTest):
                 ("image_width: 640", ALIASES + "image_width: *a40", "image_width: [[[...], [...]], [[...], [...]]] is not a number"),
                 ("-0.1,", "x,", "distortion_coefficients: 'x' is not a number"),
                 ("image_width: 640", "{", "neither YAML nor JSON"),
+                ("image_width: 640", "image_width: !!int ''", "neither YAML nor JSON"),
+                ("image_width: 640", "image_width: !!bool 640", "neither YAML nor JSON"),
+                ("image_width: 640", "image_width: !!timestamp 640", "neither YAML nor JSON"),
                 (CAMERA_INFO, "text", "it has no keys"),
                 (CAMERA_INFO, " " * 100_001, "larger than 100000 bytes"),
                 (CAMERA_INFO, "\x00", "camera.yaml")):

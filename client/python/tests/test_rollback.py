@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The stream against a server whose store has lost its last writes, and requests chunks again that it had reported as durable."""
+"""Tests of Track after the server's store has lost its last writes: the server requests chunks again that it had reported as durable."""
 
 import threading
 import unittest

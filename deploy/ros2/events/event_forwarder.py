@@ -20,7 +20,7 @@ from evpose_node import connect, run
 
 _PARAMETERS = {"server": "127.0.0.1:50051", "token_file": "", "tls_ca": "", "tls_certificate": "", "tls_key": "", "camera": "", "model": "",
                "object_id": "object", "metres_per_unit": 1.0, "overload": "latest", "memory_bytes": 64 << 20, "keep_session": False}
-# Packets of some milliseconds each wait in ROS while Python is busy; more would be old.
+# Depth of the queue of ROS 2, in packets of some milliseconds each, while Python is busy. A deeper queue would deliver old events.
 _QUEUED_PACKETS = 1000
 
 

@@ -5,11 +5,14 @@ stand-ins for rclpy and event_camera_msgs."""
 
 import ast
 import dataclasses
+import importlib
 import pathlib
 import sys
 import tempfile
 import threading
+import types
 import unittest
+from unittest import mock
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parents[2] / "client/python/tests")]
@@ -213,6 +216,23 @@ class NodeTest(SceneTest):
                                   ({"camera": "/no-such-file"}, "/no-such-file"), ({"token_file": "/no-such-token"}, "/no-such-token")):
             with self.assertRaisesRegex(SystemExit, f"evpose_events: .*{words}"):
                 self.run_node([], **parameters)
+
+
+class RunTest(unittest.TestCase):
+    def test_an_error_in_a_callback_ends_the_work(self):
+        def spin(node):
+            raise ZeroDivisionError("in a callback")
+
+        ros = FakeRos({}, print)
+        ros.spin = spin
+        is_stopped = threading.Event()
+        self.addCleanup(is_stopped.set)
+        node = types.SimpleNamespace(work=is_stopped.wait, stop=is_stopped.set)
+        with mock.patch.dict(sys.modules, ros.modules()):
+            run = importlib.import_module("evpose_node").run
+            with self.assertRaisesRegex(ZeroDivisionError, "in a callback"):
+                run(lambda: node, "node")
+        self.assertTrue(is_stopped.is_set())
 
 
 class ReadmeTest(unittest.TestCase):

@@ -76,7 +76,8 @@ absl::Status StreamGate::CheckAttach(absl::string_view token_digest, uint64_t la
 }
 
 absl::Status StreamGate::CheckFirstSeq(absl::string_view token_digest, uint64_t first_seq) const {
-  if (first_seq <= next_seq_ || has_ended() || !IsDigestGood(token_digest, lifecycle())) return absl::OkStatus();
+  if (!closed_.ok() || has_ended() || first_seq <= next_seq_) return absl::OkStatus();
+  if (!IsDigestGood(token_digest, lifecycle())) return absl::OkStatus();
   return WithReason(
       absl::DataLossError(absl::StrCat(
           "the store has lost the chunks of ", options_.session, " from ", next_seq_,

@@ -65,8 +65,8 @@ class StreamGate {
   // Errors: the status of Close; PERMISSION_DENIED (WRONG_TOKEN); INVALID_ARGUMENT: the client claims to have seen a
   // pose that the session, which has made `num_poses`, cannot have sent.
   absl::Status CheckAttach(absl::string_view token_digest, uint64_t last_pose_seq, uint64_t num_poses) const;
-  // Errors: DATA_LOSS (ROLLED_BACK) if a client with a good token can send items from `first_seq` on only, but the
-  // session expects an earlier one. 0: it does not say.
+  // Errors: DATA_LOSS (ROLLED_BACK) if the session is open and expects an item before `first_seq`, the first one that
+  // the client can still send (0: unknown). A wrong token and a closed session are left to CheckAttach.
   absl::Status CheckFirstSeq(absl::string_view token_digest, uint64_t first_seq) const;
   // After CheckAttach. Fences the stream before. `queued_bytes`: of earlier streams. The token with `token_digest`
   // stays valid until the stream sends its first item. Returns the number of the stream.

@@ -90,6 +90,16 @@ TEST_F(StreamGateTest, AttachChecksTokenAndPosition) {
   EXPECT_EQ(gate_.CheckAttach(TokenDigest("guess"), 0, 0).code(), absl::StatusCode::kNotFound);
 }
 
+TEST_F(StreamGateTest, OnlyItsClientCanReportLostItems) {
+  StreamGate gate = MakeGate({.lifecycle = {.token_digest = TokenDigest("first")}, .processed_seq = 4});
+  EXPECT_TRUE(gate.CheckFirstSeq(TokenDigest("first"), 0).ok());
+  EXPECT_TRUE(gate.CheckFirstSeq(TokenDigest("first"), 5).ok());
+  EXPECT_TRUE(gate.CheckFirstSeq(TokenDigest("guessed"), 6).ok());
+  EXPECT_EQ(ReasonOf(gate.CheckFirstSeq(TokenDigest("first"), 6)), "ROLLED_BACK");
+  ASSERT_TRUE(gate.Close(absl::NotFoundError("deleted")));
+  EXPECT_TRUE(gate.CheckFirstSeq(TokenDigest("first"), 6).ok()) << "CheckAttach() states why the session is closed";
+}
+
 TEST_F(StreamGateTest, AStreamFencesTheOneBefore) {
   const uint64_t first = Attach(gate_);
   EXPECT_EQ(first, 1u);

@@ -97,7 +97,7 @@ struct Shared {
   RedisClient client;
 };
 
-// Of kRedisCommit and kRedisDelete.
+// Converts the reply of kRedisCommit or kRedisDelete.
 absl::Status WriteOutcome(const absl::StatusOr<RedisReply>& reply, absl::string_view name, uint64_t fencing_number) {
   EVPOSE_RETURN_IF_ERROR(reply.status());
   const std::string word = RedisText(reply->get());
