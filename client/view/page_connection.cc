@@ -142,7 +142,10 @@ absl::Status PageConnection::OpenPage(const PageRequest& request) {
 void PageConnection::Pump() {
   if (is_writing_ || close_ || is_finished_) return;
   std::optional<PageOutbox::Frame> frame = outbox_->Next();
-  if (!frame) return;
+  if (!frame) {
+    if (is_ending_) Close(websocket::close_code::going_away, "evpose view has ended");
+    return;
+  }
   frame_ = std::move(*frame);
   is_writing_ = true;
   socket_->binary(frame_.is_binary);
@@ -170,7 +173,10 @@ void PageConnection::SendClose() {
 
 void PageConnection::Shutdown() {
   if (is_finished_) return;
-  if (socket_ && socket_->is_open()) return Close(websocket::close_code::going_away, "evpose view has ended");
+  if (view_ != nullptr) {
+    is_ending_ = true;
+    return Pump();
+  }
   if (http_) http_->close();
   if (socket_) beast::get_lowest_layer(*socket_).close();
 }

@@ -37,7 +37,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   void Start();
   bool has_page() const { return view_ != nullptr; }
   PageOutbox* outbox() { return outbox_.get(); }
-  // Ends the connection: that of a page with the close code "going away".
+  // Ends the connection: that of a page with the close code "going away", after the frames that wait in its outbox.
   void Shutdown();
   // The view, if the server ends before the connection.
   std::unique_ptr<PageView> TakeView() { return std::move(view_); }
@@ -52,7 +52,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   void Read();
   void HandleMessage();
   absl::Status OpenPage(const PageRequest& request);
-  // Sends the next frame unless one is being sent.
+  // Sends the next frame unless one is being sent; without a frame, closes a connection that is ending.
   void Pump();
   void Close(uint16_t code, const std::string& reason);
   void SendClose();
@@ -75,6 +75,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   PageOutbox::Frame frame_;  // that is being sent
   std::optional<boost::beast::websocket::close_reason> close_;
   bool is_writing_ = false;
+  bool is_ending_ = false;
   bool is_finished_ = false;
 };
 

@@ -49,6 +49,7 @@ void PageOutbox::StartScene(const Scene& scene) {
     latest_[Latest::kScene] = ToText(scene);
     latest_.erase(Latest::kRange);
     latest_.erase(Latest::kPosition);
+    latest_.erase(Latest::kEnd);
     health_.reset();
     notes_.clear();
     prepared_.clear();

@@ -52,8 +52,8 @@ TEST_F(PageOutboxTest, TheSceneIsBeforeAllThatBelongsToIt) {
   outbox_.SetHealth({});
   outbox_.AddPoses({PoseAt(1)});
   outbox_.SetImage(ImageOf({0}, 0, 1, false));
-  outbox_.Set(Latest::kEnd, EndText("end"));
   outbox_.StartScene({});
+  outbox_.Set(Latest::kEnd, EndText("end"));
   outbox_.AddPoses({PoseAt(2)});
   outbox_.SetHealth({});
   outbox_.SetImage(ImageOf({0}, 1, 2, false));
@@ -63,6 +63,13 @@ TEST_F(PageOutboxTest, TheSceneIsBeforeAllThatBelongsToIt) {
   EXPECT_EQ(calls_, 11);
   EXPECT_THAT(TakeTypes(), ElementsAre("hello", "scene", "position", "notice", "image", "poses", "health", "end"));
   EXPECT_FALSE(outbox_.Next());
+}
+
+TEST_F(PageOutboxTest, TheEndOfTheFormerSceneIsNotSent) {
+  outbox_.StartScene({});
+  outbox_.Set(Latest::kEnd, EndText("the former session has ended"));
+  outbox_.StartScene({});
+  EXPECT_THAT(TakeTypes(), ElementsAre("scene"));
 }
 
 TEST_F(PageOutboxTest, TheNewestOfAKindReplacesTheOthers) {

@@ -226,6 +226,19 @@ TEST_F(PageServerTest, TheEndReachesThePages) {
   source_.WaitForViews(0);
 }
 
+TEST_F(PageServerTest, TheEndIsSentBeforeThePageIsClosed) {
+  Serve();
+  const auto page = OpenPage();
+  ASSERT_EQ(page->Read().type(), "hello");
+  std::thread reader([&] {
+    EXPECT_EQ(page->Read().header["reason"], "that was all");
+    EXPECT_EQ(page->Read().header["code"], 1001);
+  });
+  server_->End("that was all");
+  server_.reset();
+  reader.join();
+}
+
 TEST_F(PageServerTest, AddressesThatCannotBeUsedAreErrors) {
   EXPECT_EQ(PageServer::Start({.listen = "127.0.0.1"}, kFiles, source_).status().code(),
             absl::StatusCode::kInvalidArgument);

@@ -67,8 +67,9 @@ void RecordingView::AddTracks() {
 absl::Status RecordingView::Handle(const PageRequest& request) {
   const std::lock_guard lock(mutex_);
   if (const auto* settings = std::get_if<ImageSettings>(&request)) {
-    is_to_show_ = is_to_show_ || !(*settings == settings_);
+    if (*settings == settings_) return absl::OkStatus();
     settings_ = *settings;
+    GoTo(is_playing_ ? PlayedUs() : t_us_);
   } else if (const auto* seek = std::get_if<SeekRequest>(&request)) {
     is_playing_ = false;
     GoTo(seek->t_us);
@@ -185,14 +186,13 @@ PageImage RecordingView::MakeImage(int64_t t_us, const ImageSettings& settings) 
 }
 
 void RecordingView::OnProgress() {
+  const std::lock_guard lock(mutex_);
+  // Read and sent with the lock, so that the constructor and the thread that reads the recording send ranges in order.
   const RecordedEvents::Progress progress = source_.events().progress();
-  {
-    const std::lock_guard lock(mutex_);
-    changed_.notify_one();
-    const Clock::time_point now = Clock::now();
-    if (!progress.is_complete && now - range_sent_at_ < kRangePeriod) return;
-    range_sent_at_ = now;
-  }
+  changed_.notify_one();
+  const Clock::time_point now = Clock::now();
+  if (!progress.is_complete && now - range_sent_at_ < kRangePeriod) return;
+  range_sent_at_ = now;
   outbox_->Set(PageOutbox::Latest::kRange, RangeText(progress.range, progress.is_complete));
   if (!progress.status.ok()) {
     outbox_->AddNote(NoticeText(NoticeLevel::kError, std::string(progress.status.message())));

@@ -261,6 +261,18 @@ TEST_F(RecordingViewTest, APauseStaysAtTheInstant) {
   EXPECT_EQ(reader_.ReadUntil("image").header["t_us"], t_us) << "other settings show the same instant again";
 }
 
+TEST_F(RecordingViewTest, OtherSettingsDoNotMoveAPlayBack) {
+  Open();
+  Seek(kBeginUs);
+  ASSERT_TRUE(view_->Handle(PlayRequest{0.001}).ok());
+  int64_t played_us = kBeginUs;
+  while (played_us == kBeginUs) played_us = reader_.ReadUntil("image").header["t_us"];
+  ASSERT_TRUE(view_->Handle(ImageSettings{10.0, 4, 30.0}).ok());
+  ReceivedMessage image = reader_.ReadUntil("image");
+  while (image.header["cell_px"] != 4) image = reader_.ReadUntil("image");
+  EXPECT_GE(image.header["t_us"], played_us);
+}
+
 TEST_F(RecordingViewTest, RequestsForASessionAreRefused) {
   Open();
   EXPECT_EQ(view_->Handle(OpenRequest{"sessions/1"}).code(), absl::StatusCode::kInvalidArgument);
