@@ -111,9 +111,9 @@ void SessionWatch::WatchEvents(const std::stop_token& stop, const ImageSettings&
     page_image.is_continuation = true;
     outbox_->SetImage(std::move(page_image));
   };
-  // WatchHealth() reports lost connections.
+  // WatchHealth() reports lost connections. A server that is stopped ends its calls with CANCELLED.
   const auto on_error = [&](const absl::Status& status) {
-    if (absl::IsUnavailable(status) || noted == status.message()) return;
+    if (absl::IsUnavailable(status) || absl::IsCancelled(status) || noted == status.message()) return;
     noted = std::string(status.message());
     outbox_->AddNote(NoticeText(NoticeLevel::kError, absl::StrCat("no events are shown: ", noted)));
   };
