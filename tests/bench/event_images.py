@@ -42,9 +42,13 @@ def watch(address, session, cell_px, rate_hz, results):
     images = num_bytes = skipped = 0
     with grpc.insecure_channel(address) as channel:
         call = channel.unary_stream(SERVICE + "WatchEvents", api.WatchEventsRequest.SerializeToString, lambda data: data)(request)
-        for data in call:
-            image = api.WatchEventsResponse.FromString(data).image
-            images, num_bytes, skipped = images + 1, num_bytes + len(data), image.num_skipped
+        try:
+            for data in call:
+                image = api.WatchEventsResponse.FromString(data).image
+                images, num_bytes, skipped = images + 1, num_bytes + len(data), image.num_skipped
+        except grpc.RpcError as error:
+            if error.code() != grpc.StatusCode.NOT_FOUND:  # replay deletes its session at the end
+                raise
     results.put({"images": images, "bytes": num_bytes, "skipped": skipped})
 
 
