@@ -1,0 +1,149 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Measures the page of `evpose view` in a headless Chromium: its start, its frame rate, and its delay behind the events.
+
+usage: view_page.py [--bin build/release] [--seconds 8] [--noise HERTZ] [--repetitions 5]
+
+A server tracks a cube that a simulated EVK4 sees, with noise in every pixel: about 10 Mev/s, which `evpose stream` receives through a pipe
+at the pace of the sensor. Server, client, gateway and browser share the machine. The figures are wall-clock times: run it on an idle
+machine with a release build.
+
+Printed are: the time from the start of `evpose view SESSION` to the first image that the page has drawn, in a browser that is already open;
+images drawn per second, with the plots; the delay from the newest event of an image to the frame that shows it, median and 95 % quantile;
+and whether the session kept up with the sensor. Events are written to the pipe in blocks of 4.096 ms, at whose end the pace is exact.
+"""
+import argparse
+import pathlib
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+import numpy
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "tests/view")]
+from browser import Page, PageServer, require_browser  # noqa: E402
+
+TIME_HIGH = 0x8  # type of the EVT3 word with bits 12 to 23 of the time
+BLOCK_US = 4096
+# Notes for each drawn image its newest event (sensor time, us) and the wall-clock time of the frame (ms since 1970).
+RECORD = """
+window.drawn = [];
+new MutationObserver(() => {
+  const data = document.documentElement.dataset;
+  const last = window.drawn.at(-1);
+  if (data.imageNumber && (!last || last[0] !== data.imageNumber))
+    window.drawn.push([data.imageNumber, Number(data.imageToUs), performance.timeOrigin + performance.now()]);
+}).observe(document, { attributes: true, subtree: true, attributeFilter: ["data-image-number"] });
+"""
+
+
+def blocks(path):
+    """The header of a RAW EVT3 file, and its blocks of BLOCK_US with the sensor time of their end, us."""
+    data = path.read_bytes()
+    begin = data.index(b"% end\n") + len(b"% end\n")
+    words = numpy.frombuffer(data[begin:], dtype="<u2")
+    at = numpy.flatnonzero(words >> 12 == TIME_HIGH)
+    high = (words[at] & 0xFFF).astype(numpy.int64)
+    high += 4096 * numpy.cumsum(numpy.concatenate([[0], numpy.diff(high) < 0]))
+    first = numpy.flatnonzero(numpy.concatenate([[True], numpy.diff(high) > 0]))  # time words may be repeated
+    ends = numpy.append(at[first][1:], len(words))
+    begins = at[first]
+    return data[: begin + 2 * begins[0]], [(words[a:b].tobytes(), (int(t) + 1) * BLOCK_US) for a, b, t in zip(begins, ends, high[first])]
+
+
+class Sensor(threading.Thread):
+    """Writes a recording to a pipe at the pace of the sensor."""
+
+    def __init__(self, path, pipe):
+        super().__init__(daemon=True)
+        self.header, self.blocks = blocks(path)
+        self.pipe = pipe
+        self.late_s = 0.0
+        self.begin_s = None  # wall-clock time of sensor time 0
+
+    def run(self):
+        self.pipe.write(self.header)
+        self.begin_s = time.time() - self.blocks[0][1] * 1e-6
+        for words, end_us in self.blocks:
+            due_s = self.begin_s + end_us * 1e-6
+            time.sleep(max(0.0, due_s - time.time()))
+            self.pipe.write(words)
+            self.pipe.flush()
+            self.late_s = max(self.late_s, time.time() - due_s)
+        self.pipe.close()
+
+
+def session_of(evpose, address):
+    """Waits for the one session of the server."""
+    while True:
+        said = subprocess.run([evpose, "sessions", "list", "--server", address], capture_output=True, text=True, check=True).stdout
+        names = [word for word in said.split() if word.startswith("sessions/")]
+        if names:
+            return names[0]
+
+
+def measure(evpose, scene, address, page):
+    stream = subprocess.Popen([evpose, "stream", "-", "--model", scene / "model.obj", "--camera", scene / "camera.yaml", "--server", address],
+                              stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    sensor = Sensor(scene / "recording.raw", stream.stdin)
+    sensor.start()
+    session = session_of(evpose, address)
+    begin_s = time.time()
+    gateway = PageServer([evpose, "view", session, "--server", address])
+    try:
+        page.driver.get(gateway.url)
+        sensor.join()
+        drawn = page.run("return window.drawn")
+        page.driver.get("about:blank")
+    finally:
+        gateway.stop()
+    if stream.wait() != 0:
+        raise RuntimeError("evpose stream has failed")
+    frames_s = [wall_ms * 1e-3 for _, _, wall_ms in drawn]
+    delays_ms = [(wall_ms * 1e-3 - sensor.begin_s - to_us * 1e-6) * 1e3 for _, to_us, wall_ms in drawn]
+    return {
+        "first_s": frames_s[0] - begin_s,
+        "rate_hz": (len(drawn) - 1) / (frames_s[-1] - frames_s[0]),
+        "delay_ms": statistics.median(delays_ms),
+        "delay_95_ms": statistics.quantiles(delays_ms, n=20)[-1],
+        "late_ms": sensor.late_s * 1e3,
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release")
+    parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--noise", type=float, default=11.5, help="events per second of a dark pixel")
+    parser.add_argument("--repetitions", type=int, default=5)
+    arguments = parser.parse_args()
+    require_browser()
+    binaries = arguments.bin.resolve()
+    evpose = binaries / "client/cli/evpose"
+    page = Page("about:blank")
+    page.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": RECORD})
+    with tempfile.TemporaryDirectory() as folder:
+        scene = pathlib.Path(folder)
+        made = subprocess.run([evpose, "simulate", "--object", "cube", "--camera", "evk4", "--duration", str(arguments.seconds),
+                               "--background-activity", str(arguments.noise), "--out", scene], check=True, capture_output=True, text=True)
+        print(made.stdout[made.stdout.index("("):made.stdout.index("Mev/s")] + "Mev/s)")
+        print(f"{'first image s':>14}{'images/s':>10}{'delay ms':>10}{'95 %':>8}{'sensor late ms':>16}")
+        for _ in range(arguments.repetitions):
+            server = subprocess.Popen([binaries / "server/evpose-server", "--store", "memory", "--listen", "127.0.0.1:0", "--log-level",
+                                       "off", "--max-session-cpu", "0"], stdout=subprocess.PIPE, text=True)
+            try:
+                figures = measure(evpose, scene, server.stdout.readline().split()[-1], page)
+            finally:
+                server.kill()
+                server.wait()
+            print(f"{figures['first_s']:14.2f}{figures['rate_hz']:10.1f}{figures['delay_ms']:10.1f}{figures['delay_95_ms']:8.1f}"
+                  f"{figures['late_ms']:16.1f}", flush=True)
+    page.driver.quit()
+
+
+if __name__ == "__main__":
+    main()
