@@ -198,6 +198,33 @@ CalibrationCovariance InverseOfFree(CalibrationCovariance matrix, const FreePara
   return inverse;
 }
 
+// Equations (6) and (6a): `curvature` is A, and `scatter` the sum over errors.num_blocks blocks.
+void SetCovariance(const FreeParameters& free, const std::optional<CalibrationPrior>& prior,
+                   const CalibrationCovariance& curvature, const CalibrationCovariance& scatter,
+                   AdjustmentErrors& errors) {
+  CalibrationCovariance of_prior = CalibrationCovariance::Zero();
+  int num_free = 0;
+  for (int i = 0; i < kNumCalibrationParameters; ++i) {
+    num_free += free[i];
+    if (free[i] && prior) of_prior(i, i) = prior->dispersion / std::pow(prior->sigma[i], 2);
+  }
+  const double blocks = errors.num_blocks;
+  if (blocks < kFewestBlocks || num_free == 0) {
+    if (num_free > 0) errors.covariance.setConstant(std::numeric_limits<double>::infinity());
+    return;
+  }
+  const CalibrationCovariance inverse = InverseOfFree(curvature + of_prior, free);
+  errors.bound = inverse;
+  errors.dispersion =
+      std::max(1.0, blocks / (blocks - 1.0) * (inverse * scatter).trace() / (inverse * curvature).trace());
+  if (blocks < 2.0 * num_free) {
+    errors.covariance = errors.dispersion * inverse;
+  } else {
+    const CalibrationCovariance middle = blocks / (blocks - num_free) * scatter + errors.dispersion * of_prior;
+    errors.covariance = inverse * middle * inverse;
+  }
+}
+
 }  // namespace
 
 std::string_view CalibrationParameterName(LensModel lens_model, int parameter) {
@@ -374,28 +401,9 @@ AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeP
   }
   errors.rms_px = std::sqrt(squares / std::max(weights, 1e-12));
   errors.num_blocks = static_cast<int>(gradients.size());
-  CalibrationCovariance scatter = CalibrationCovariance::Zero(), of_prior = CalibrationCovariance::Zero();
+  CalibrationCovariance scatter = CalibrationCovariance::Zero();
   for (const auto& [block, gradient] : gradients) scatter += gradient * gradient.transpose();
-  int num_free = 0;
-  for (int i = 0; i < kNumCalibrationParameters; ++i) {
-    num_free += free[i];
-    if (free[i] && options.prior) of_prior(i, i) = options.prior->dispersion / std::pow(options.prior->sigma[i], 2);
-  }
-  const double blocks = errors.num_blocks;
-  if (blocks < kFewestBlocks || num_free == 0) {
-    if (num_free > 0) errors.covariance.setConstant(std::numeric_limits<double>::infinity());
-    return errors;
-  }
-  const CalibrationCovariance inverse = InverseOfFree(curvature + of_prior, free);
-  errors.bound = inverse;
-  errors.dispersion =
-      std::max(1.0, blocks / (blocks - 1.0) * (inverse * scatter).trace() / (inverse * curvature).trace());
-  if (blocks < 2.0 * num_free) {
-    errors.covariance = errors.dispersion * inverse;
-  } else {
-    const CalibrationCovariance middle = blocks / (blocks - num_free) * scatter + errors.dispersion * of_prior;
-    errors.covariance = inverse * middle * inverse;
-  }
+  SetCovariance(free, options.prior, curvature, scatter, errors);
   return errors;
 }
 

@@ -16,7 +16,7 @@ LARGE_FOLDERS = {}
 MAX_FILE_LINES = 500
 # Exceptions, with their own maximum: tests of one service with one fixture, whose cases are read one by one.
 LARGE_FILES = {"server/rpc/server_test.cc": 560, "server/rpc/track_test.cc": 540, "server/sessions/session_restore_test.cc": 520}
-SOURCE = re.compile(r"\.(h|cc|proto|sh|py)$")
+SOURCE = re.compile(r"\.(h|cc|proto|sh|py|ts|mjs|css|html|cmake)$")
 SHARED_DATA = "../" + "shared"
 SHARED_DATA_FILE = "CMakeLists.txt"
 LICENCE = "SPDX-License-Identifier: Apache-2.0"

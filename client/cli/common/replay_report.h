@@ -50,6 +50,10 @@ struct ReplayReport {
   Json ToJson() const;
 
  private:
+  // The parts of Print(): input and connection; models and objects; pose files.
+  void PrintInput(std::ostream& stream) const;
+  void PrintObjects(std::ostream& stream) const;
+  void PrintFiles(std::ostream& stream) const;
   // Returns a line about an object that has no confirmed pose at the end; empty if it has one.
   std::string WhyNoPose(const ObjectHealth& object) const;
   // Returns the prefix of a line about one of several objects; empty for a single object.

@@ -233,6 +233,9 @@ class TrackHealth {
   bool HasPower(const LineStatistics& line, double credited_ratio) const;
   // Standard deviations by which near events would exceed chance at the right pose.
   double PowerSigma(const LineStatistics& line, double credited_ratio) const;
+  // Lines without power alone may have it together: the share of the excess of the right pose that they have, which is
+  // the share of them that is supported; 0 if their excess is not significant.
+  double PooledShare(const LineStatistics& pooled, double credited_ratio) const;
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;
   // Whether the line's motion should have produced at least `events` events and significantly more than `noise`.
