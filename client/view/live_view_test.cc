@@ -17,7 +17,7 @@
 #include "client/view/live_source.h"
 #include "client/view/outbox_reader_testing.h"
 #include "client/view/recordings_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "server/rpc/server.h"
 
