@@ -34,7 +34,7 @@ struct McapWriterOptions {
 struct McapTopic {
   std::string name;
   std::string type;         // "geometry_msgs/msg/PoseStamped"
-  std::string definition;   // of the type, with those that it contains (ros2msg)
+  std::string definition;   // definition of the type, with those that it contains (ros2msg)
   bool is_latched = false;  // late subscribers receive the last message (QoS transient local)
 };
 
@@ -78,7 +78,7 @@ class McapWriter {
 
   OutputFile file_;
   McapWriterOptions options_;
-  uint64_t size_ = 0;  // of the file
+  uint64_t size_ = 0;  // size of the file
   McapIndex index_;
   std::map<std::string, uint16_t, std::less<>> schemas_;   // by type
   std::map<std::string, uint16_t, std::less<>> channels_;  // by topic

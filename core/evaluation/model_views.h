@@ -32,8 +32,8 @@ struct ModelView {
   RigidTransform camera_from_object;
   std::vector<TrackedLine> elements;  // visible edge elements, object frame
   bool has_more = false;              // edges that the limits of lines and elements leave out
-  double length_px = 0.0;             // of all elements
-  double contour_px = 0.0;            // of the occluding contours among them
+  double length_px = 0.0;             // length of all elements
+  double contour_px = 0.0;            // length of the occluding contours among them
   // Standard deviation, pixels, by which the outline of the object moves along the least certain direction of motion;
   // directions of a continuous symmetry are excepted. Infinite if the elements do not determine it.
   double weakest_px = 0.0;

@@ -115,7 +115,7 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
     memory.max_bytes += views.size() * table_bytes;
     return memory;
   }
-  constexpr uint64_t kStateEventBytes = 8;  // of a window, with its time as a difference
+  constexpr uint64_t kStateEventBytes = 8;  // size of an event of a window, with its time as a difference
   const auto num_pixels = static_cast<uint64_t>(camera.width_px) * static_cast<uint64_t>(camera.height_px);
   const auto search_events = static_cast<uint64_t>(options.initialization.max_events);
   const uint64_t num_cells = TileGrid(camera).num_cells();

@@ -39,7 +39,7 @@ struct ConvertArguments {
 
 struct ConvertedEvents {
   EventFileHeader header;
-  std::string format;  // of the recording
+  std::string format;  // name of the format of the recording
   DecodeCounts counts;
   std::vector<SkippedParts> skipped;
   uint64_t num_events = 0;    // written

@@ -32,7 +32,7 @@ struct RecordingInfo {
   std::vector<SkippedParts> skipped;
   int64_t metavision_zero_us = 0;  // FirstTimeWord
   uint64_t on_events = 0;
-  int64_t t_first_us = 0;  // of the first and the last event in the stream; meaningless without events
+  int64_t t_first_us = 0;  // times of the first and the last event in the stream; meaningless without events
   int64_t t_last_us = 0;
   uint64_t data_bytes = 0;
   int truncated_bytes = 0;

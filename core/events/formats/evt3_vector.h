@@ -13,7 +13,7 @@
 
 namespace evpose {
 
-inline constexpr uint32_t kEvt3MaskPixels = 32;  // of the three masks
+inline constexpr uint32_t kEvt3MaskPixels = 32;  // number of pixels of the three masks
 
 // What the last VECT_BASE_X has set; each three masks advance x.
 struct Evt3VectorBase {

@@ -20,7 +20,7 @@ struct ModelRunInputs {
   std::shared_ptr<const ObjectModel> model;
   SimulationOptions simulation;
   Trajectory truth;
-  std::string directory;  // of the recording (tracking_recordings.h); empty: it is not stored
+  std::string directory;  // directory of the recording (tracking_recordings.h); empty: it is not stored
 };
 
 // Errors: those of LoadObjectModel().

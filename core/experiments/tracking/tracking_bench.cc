@@ -176,7 +176,7 @@ class BlockRunner {
   const TrackingBenchProgress& on_progress_;
   TrackingBenchBlock block_;
   uint64_t num_events_ = 0;
-  double begin_ = 0.0;  // of the present run, as shares of the whole work
+  double begin_ = 0.0;  // begin of the present run, as a share of the whole work
   double end_ = 0.0;
   std::string text_;
 };

@@ -174,7 +174,7 @@ void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLi
 void TrackHealth::AddEvent(const NearEvent& event, WindowLine& line, Sector& sector) {
   // Excess of the right pose per event below which an event carries no evidence: the cell is narrower than the spread.
   constexpr double kLeastExcess = 0.1;
-  constexpr double kLeastCellPx = 1e-3;  // of an event on two lines at the same place
+  constexpr double kLeastCellPx = 1e-3;  // width of the cell of an event on two lines at the same place
   const double share = OwnShare(event.distance_px, event.competing);
   const double cell_px = std::max(event.cell_px, kLeastCellPx);
   const double near_px = NearPx(cell_px);
