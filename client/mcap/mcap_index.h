@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a reader needs to find messages in an MCAP file (https://mcap.dev/spec): the contents of its summary.
+// The summary of an MCAP file (https://mcap.dev/spec), by which a reader finds messages.
 #pragma once
 
 #include <cstddef>

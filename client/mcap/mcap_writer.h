@@ -63,7 +63,7 @@ class McapWriter {
   // Completes the file. The last call.
   absl::Status Commit();
 
-  // What the file has, without the messages of the present chunk.
+  // The index of the file, without the messages of the present chunk.
   const McapIndex& index() const { return index_; }
 
  private:

@@ -47,7 +47,7 @@ struct DeficitCounts {
   }
 };
 
-// What the absence of events near a line means, if the line moves across itself.
+// The conclusion from the absence of events near a line that moves across itself.
 enum class Expectation : uint8_t {
   kEvents,   // the estimate is wrong: a straight line, or a curve that has shown events or has a high contrast
   kPerhaps,  // nothing yet for the motion: a contour against a background that may be as bright as the object

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tracker sees of a model from all sides, and how well a pose can be known there
+// The edges of a model that the tracker uses in views from all sides, and how well they determine the pose there
 // (core/evaluation/README.md).
 #pragma once
 

@@ -104,7 +104,7 @@ class JunctionCloser {
 
  private:
   using Ends = std::array<uint32_t, 2>;  // ends of an edge, the lower one first
-  // What the removal of flat triangles does at an edge.
+  // The effect of the removal of flat triangles at an edge.
   struct RemovedAt {
     bool is_split = false;        // a triangle with this longest side was removed
     uint32_t apex = 0;            // its third vertex
@@ -293,7 +293,8 @@ class JunctionCloser {
     for (const EdgeUse& edge : edges) vertices.insert(vertices.end(), {edge.low, edge.high});
     std::sort(vertices.begin(), vertices.end());
     vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-    // What cannot end within the limit is not begun: for a million triangles without neighbours it would take seconds.
+    // A search that cannot end within the limit is not begun: for a million triangles without neighbours it would take
+    // seconds.
     if (vertices.size() * BoxTree::LeastNodes(edges.size()) > nodes_left_) {
       report_.is_complete = report_.is_searched = false;
       return;

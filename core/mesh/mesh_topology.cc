@@ -102,7 +102,7 @@ size_t RemoveMarked(const std::vector<bool>& remove, std::vector<T>& items) {
 
 // --- Orientation
 
-// What is beyond a side of a triangle: one other triangle, or an edge of another number of triangles.
+// The neighbour across a side of a triangle: one other triangle, or an edge of another number of triangles.
 struct Neighbour {
   enum class Link : uint8_t { kSameWinding, kOtherWinding, kEdge };
   uint32_t index = 0;  // index of the triangle or of the edge

@@ -19,7 +19,7 @@ struct ScreenVertex {
   float light = 0.0f;          // 1 is white paint under full light
 };
 
-// What is rendered; the other members have indices of `vertices`.
+// The mesh that is rendered; the other members have indices of `vertices`.
 struct ScreenMesh {
   absl::Span<const ScreenVertex> vertices;
   absl::Span<const std::array<uint32_t, 3>>

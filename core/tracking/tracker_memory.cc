@@ -35,7 +35,7 @@ constexpr uint64_t kTemplateSearchPixelBytes = 2;
 constexpr uint64_t kTrackBytes = 440u << 10;
 // A visible line or element in a hypothesis: image lines with their Jacobians and sums, twice the capacity.
 constexpr uint64_t kTrackLineBytes = 2200;
-// What a hypothesis learns of an edge curve.
+// Statistics of a hypothesis about an edge curve.
 constexpr uint64_t kTrackCurveBytes = 700;
 // A visible line or element in the past states of an object, which other objects need: 96 bytes in at most 400 windows
 // of the search's memory; and the bytes of it that are saved.

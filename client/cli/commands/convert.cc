@@ -182,7 +182,7 @@ void PrintConverted(const ConvertArguments& arguments, const EventFileFormat& fo
   out << "sha256     " << converted.sha256 << "\n";
 }
 
-// What of the recording is not in the file.
+// Reports the parts of the recording that are not in the file.
 void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converted, CliContext& context) {
   std::vector<SkippedParts> lost = converted.skipped;
   const DecodeCounts& counts = converted.counts;

@@ -116,7 +116,7 @@ std::string DescribeSizeSource(const std::string& path, const RecordingHeader& h
   return " (not stated: the smallest known sensor that contains all events)";
 }
 
-// Where the clocks of other programs have their zero.
+// Prints the zeros of the clocks of other programs.
 void PrintTimeZeros(const RecordingInfo& info, std::ostream& out) {
   if (info.counts.cd_events > 0) {
     out << absl::StrFormat(

@@ -44,7 +44,7 @@ def _lines(prefix: bytes) -> tuple[list[str], int]:
 
 
 class _Statements:
-    """What the lines of a header state, each with its line for errors."""
+    """The statements of a header, each with the number of its line for errors."""
 
     def __init__(self) -> None:
         self.values: dict[str, tuple[str, int]] = {}

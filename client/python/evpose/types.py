@@ -33,7 +33,7 @@ class TrackState(enum.IntEnum):
 
 
 class Overload(enum.IntEnum):
-    """What happens when events arrive faster than they are tracked: the client waits, or old events are dropped."""
+    """Policy for events that arrive faster than they are tracked: the client waits, or old events are dropped."""
 
     BLOCK = 1
     LATEST = 2
@@ -51,7 +51,7 @@ class Estimator(enum.IntEnum):
 
 
 class Surface(enum.IntEnum):
-    """What the facets of a model's mesh stand for: a smooth surface, or themselves."""
+    """Meaning of the facets of a model's mesh: they approximate a smooth surface, or are the faces of the object."""
 
     SMOOTH = 1
     AS_IS = 2
@@ -314,7 +314,7 @@ class TrackSummary:
 
 @dataclasses.dataclass(frozen=True)
 class SessionConfig:
-    """What a session is created from."""
+    """Configuration of a new session."""
 
     encoding: Encoding
     camera: Camera

@@ -15,7 +15,7 @@
 
 namespace evpose {
 
-// What is tracked, and the simulation.
+// The model that is tracked, and the simulated recording.
 struct ModelRunInputs {
   std::shared_ptr<const ObjectModel> model;
   SimulationOptions simulation;

@@ -166,7 +166,7 @@ class TrackHealth {
 
   static constexpr int kNumSectors = 8;
 
-  // What the last Test() with a result found for each curve, by TrackedLine::curve. Not part of the state.
+  // Result of the last Test() with a result for each curve, by TrackedLine::curve. Not part of the state.
   absl::Span<const CurveResult> curve_results() const { return curve_results_; }
 
  private:
