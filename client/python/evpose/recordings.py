@@ -21,6 +21,8 @@ _CONTROL = re.compile(rb"[\x00-\x08\x0a-\x1f\x7f]")
 
 
 class Header(NamedTuple):
+    """The header of a RAW or DAT file. size_bytes is that of the header, after which the words begin."""
+
     encoding: Encoding
     width_px: Optional[int]  # None: not stated
     height_px: Optional[int]
@@ -205,6 +207,7 @@ class Recording:
                 return
 
     def close(self) -> None:
+        """Closes the file."""
         if self.path != "-":
             self._file.close()
 
