@@ -205,7 +205,7 @@ std::string EncodeImage(const RosHeader& header, std::string_view format, std::s
 
 std::string EncodeOutlines(uint64_t stamp_ns, const std::vector<ObjectOutline>& outlines) {
   constexpr uint8_t kLineList = 4;
-  constexpr double kThicknessPx = 1.5;
+  constexpr double kThicknessPx = 1.5;  // width of the lines in a viewer
   CdrWriter out;
   out.PutCount(0);  // circles
   out.PutCount(outlines.size());

@@ -105,7 +105,7 @@ class Fields {
   const Json& json_;
 };
 
-constexpr size_t kMaxNameBytes = 256;
+constexpr size_t kMaxNameBytes = 256;  // names of sessions and models are shorter
 
 absl::StatusOr<PageRequest> ParseSettings(const Fields& fields) {
   ImageSettings settings;

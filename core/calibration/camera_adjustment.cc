@@ -104,6 +104,8 @@ T RadialSlope(LensModel lens_model, const T* d, double at) {
   return (above + above_slope - above * below_slope / below) / below;
 }
 
+// Least derivative of the distorted radius (README, section 4), and the number of radii up to the farthest corner at
+// which it is tested.
 constexpr double kMinRadialSlope = 0.1;
 constexpr int kSlopeRadii = 12;
 
@@ -115,7 +117,7 @@ struct SlopeCost {
 
   template <typename T>
   bool operator()(const T* parameters, T* residuals) const {
-    constexpr double kSigma = 0.001;
+    constexpr double kSigma = 0.001;  // a hundredth of the least slope, so that the penalty acts as a bound
     for (int i = 0; i < kSlopeRadii; ++i) {
       const T missing = kMinRadialSlope - RadialSlope(lens_model, parameters + kDistortion, radii[i]);
       residuals[i] = missing > 0.0 ? missing / kSigma : T(0.0);
@@ -294,6 +296,7 @@ Eigen::Matrix<double, 2, kNumCalibrationParameters> ProjectionJacobian(const Cal
 }
 
 void RemoveWeakIntervals(std::vector<LineSample>& samples) {
+  // Twice the six unknowns of a pose, which three lines determine.
   constexpr size_t kMinSamples = 12, kMinLines = 3;
   std::map<int, std::pair<size_t, std::set<int>>> intervals;
   for (const LineSample& sample : samples) {
@@ -422,6 +425,7 @@ std::vector<double> ResidualsPx(absl::Span<const LineSample> samples, const Cali
 
 void ScaleErrors(const CalibrationParameters& parameters, absl::Span<const CalibrationInterval> intervals,
                  absl::Span<LineSample> samples) {
+  // Classes of speed (README, section 3); the scale of 50 residuals is known to about a tenth.
   constexpr size_t kBins = 12, kMinInBin = 50;
   const std::vector<double> residuals_px = ResidualsPx(samples, parameters, intervals);
   std::vector<size_t> order(samples.size());

@@ -130,7 +130,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       return InvalidField("header.sha256",
                           absl::StrCat("has ", header.sha256().size(), " bytes; a SHA-256 has ", kSha256Bytes));
     }
-    constexpr size_t kMaxFileNameBytes = 255;
+    constexpr size_t kMaxFileNameBytes = 255;  // as file systems have
     if (header.file_name().size() > kMaxFileNameBytes || !IsPlainText(header.file_name())) {
       return InvalidField("header.file_name", absl::StrCat("has more than ", kMaxFileNameBytes,
                                                            " bytes, or characters that are not printable"));

@@ -115,7 +115,7 @@ class BlockRunner {
 
  private:
   void CompareWithPublished(TrackingBenchRow& row) const {
-    constexpr double kMostRatio = 0.5;
+    constexpr double kMostRatio = 0.5;  // the target: at most half of the error of the published method
     for (const TrackingBenchRow& other : block_.rows) {
       if (other.estimator != "static-mm" || other.summary.overall.losses > 0) continue;
       const double ratio = row.summary.overall.evaluation.position_rmse_of_depth /
