@@ -39,8 +39,8 @@ constexpr uint64_t kTrackLineBytes = 2200;
 constexpr uint64_t kTrackCurveBytes = 700;
 // A visible line or element in the past states of an object, which other objects need: 96 bytes in at most 400 windows
 // of the search's memory; and the bytes of it that are saved.
-constexpr uint64_t kPastLineBytes = 400 * 96;
-constexpr uint64_t kStatePastLineBytes = 400 * 70;
+constexpr uint64_t kPastLineBytes = uint64_t{400} * 96;
+constexpr uint64_t kStatePastLineBytes = uint64_t{400} * 70;
 // A triangle in the search tree (SurfaceTables), and a line or a vertex with a triangle in a model.
 constexpr uint64_t kTreeTriangleBytes = 160;
 constexpr uint64_t kModelLineBytes = 400;
