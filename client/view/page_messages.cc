@@ -206,7 +206,7 @@ absl::StatusOr<PageRequest> ParsePageRequest(std::string_view text) {
   }
   if (type == "pause") return PauseRequest{};
   if (type == "step") return ParseStep(fields);
-  return absl::InvalidArgumentError("type is none of this contract");
+  return absl::InvalidArgumentError("type is unknown (client/view/README.md, section 3)");
 }
 
 std::string ToText(const HelloMessage& hello) {
