@@ -361,7 +361,7 @@ class ServiceBench {
   const SpeedProgress& on_progress_;
   double begin_ratio_ = 0.0;
   std::map<std::string, Input> inputs_;  // by scene
-  const Input* input_ = nullptr;         // of the current part
+  const Input* input_ = nullptr;         // the input of the current part
 
   BenchServer server_;
   SessionConfig config_;

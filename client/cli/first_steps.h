@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What `evpose` prints without a command: the commands with which a newcomer begins.
+// The text that `evpose` prints without a command: the commands with which a newcomer begins.
 #pragma once
 
 #include <cstddef>

@@ -21,7 +21,7 @@ inline constexpr uint64_t kMaxMessageBytes = uint64_t{64} << 20;
 struct BagTopic {
   std::string name;      // "/event_camera/events"
   std::string type;      // "event_camera_msgs/msg/EventPacket"
-  std::string encoding;  // of its messages: "cdr"
+  std::string encoding;  // encoding of its messages: "cdr"
 };
 
 // The messages of one topic, in the order in which they were stored.

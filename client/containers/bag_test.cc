@@ -13,7 +13,7 @@
 #include "client/containers/containers_testing.h"
 #include "client/containers/mcap_records.h"
 #include "client/containers/ros_messages.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/events/recording_reader.h"
 
 namespace evpose::client {

@@ -45,7 +45,7 @@ bool IsPolarity(double value) { return value == 0.0 || value == 1.0 || value == 
 
 struct LayoutFit {
   size_t num_fitting = 0;  // rows that can be events
-  size_t backsteps = 0;    // of their times
+  size_t backsteps = 0;    // number of steps back of their times
 };
 
 LayoutFit CheckLayout(const ColumnLayout& layout, absl::Span<const TableRow> rows) {

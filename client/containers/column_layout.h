@@ -22,7 +22,7 @@ struct ColumnLayout {
 
   // The names of the columns in their order: "t x y p".
   std::string Describe() const;
-  int num_columns() const;  // that a row needs
+  int num_columns() const;  // number of columns that a row must have
 
   friend bool operator==(const ColumnLayout&, const ColumnLayout&) = default;
 };

@@ -19,15 +19,15 @@ namespace evpose::client {
 struct ContainerFile {
   std::string name;   // for errors
   std::string path;   // empty for a stream: standard input, a pipe
-  std::string topic;  // of FILE#topic; empty if none was given
+  std::string topic;  // topic of FILE#topic; empty if none was given
   // The bytes from the beginning; the only ones that can be read of a stream. A reader that opens `path` itself
   // destroys it.
   std::unique_ptr<ByteSource> bytes;
-  std::optional<SensorGeometry> geometry;  // that of the caller's camera, for files that state none
+  std::optional<SensorGeometry> geometry;  // size of the sensor of the caller's camera, for files that state none
 };
 
 struct ContainerFormat {
-  std::string_view name;  // of the format, for errors
+  std::string_view name;  // name of the format, for errors
   // Whether the file that begins with `prefix` has this format; `prefix` has up to kSniffedBytes bytes, or kStreamBytes
   // of a stream.
   bool (*matches)(std::string_view prefix);

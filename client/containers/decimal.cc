@@ -6,7 +6,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr int kMaxDigits = 18;        // of a result; 10^18 fits int64_t
+constexpr int kMaxDigits = 18;        // number of digits of a result; 10^18 fits int64_t
 constexpr int kMaxExponent = 10'000;  // beyond it a result is 0 or too large
 
 bool IsDigit(char c) { return c >= '0' && c <= '9'; }

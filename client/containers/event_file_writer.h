@@ -43,7 +43,7 @@ class EventFileChecker {
 
 struct EventFileFormat {
   std::string_view name;    // for the command line: "raw"
-  std::string_view suffix;  // of files: ".raw"
+  std::string_view suffix;  // suffix of file names: ".raw"
   std::string_view title;   // for users: "RAW EVT3"
   bool has_triggers;
   // Errors: INVALID_ARGUMENT for a sensor that the format cannot address.

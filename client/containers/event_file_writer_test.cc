@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "client/containers/containers_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
 namespace {

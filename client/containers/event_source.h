@@ -45,7 +45,7 @@ class EventSource {
   // Returns false at the end. A damaged part is skipped and counted. Errors: those of RecordingReader::Read().
   virtual absl::StatusOr<bool> Next(std::vector<SourceEvent>& events) = 0;
 
-  // What Next() has left out so far.
+  // The parts that Next() has left out so far.
   virtual std::vector<SkippedParts> skipped() const = 0;
 };
 

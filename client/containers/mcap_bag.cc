@@ -17,7 +17,7 @@ namespace {
 // At the end of a complete file: the footer (op, length, three fields) and the magic.
 constexpr int64_t kFooterBytes = 1 + 8 + 20;
 
-constexpr size_t kMaxNameBytes = 4096;  // of a type or a topic; bounds the memory for damaged files
+constexpr size_t kMaxNameBytes = 4096;  // length of the name of a type or a topic; bounds the memory for damaged files
 
 // The schemas and channels of records.
 class ChannelTable {

@@ -67,9 +67,9 @@ class McapRecords {
 
   std::unique_ptr<ByteSource> bytes_;
   std::string head_;     // op and length of a record
-  std::string content_;  // of a record of the file
+  std::string content_;  // content of a record of the file
   FrameDecompressor decompressor_;
-  std::string_view chunk_rest_;  // of the records of a chunk, in `content_` or `decompressor_`
+  std::string_view chunk_rest_;  // rest of the records of a chunk, in `content_` or `decompressor_`
   bool at_end_ = false;
   uint64_t num_truncated_ = 0;
   uint64_t num_large_ = 0;

@@ -17,7 +17,7 @@ namespace {
 
 constexpr size_t kMaxNpyHeaderBytes = size_t{64} * 1024;
 constexpr size_t kMaxItemBytes = 4096;
-constexpr int kMaxDepth = 8;  // of a literal
+constexpr int kMaxDepth = 8;  // nesting of sequences in a literal; the header of an array has three levels
 
 // A literal of Python: a string, a word or number, or a sequence (tuple, list, dictionary of keys and values).
 struct Literal {

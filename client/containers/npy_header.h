@@ -26,7 +26,7 @@ struct NpyField {
 
 struct NpyNumber {
   bool is_integer = false;
-  int64_t integer = 0;    // of kinds 'i', 'u', 'b'; the largest int64_t for larger numbers
+  int64_t integer = 0;    // value of a number of kind 'i', 'u' or 'b'; the largest int64_t for larger numbers
   double floating = 0.0;  // the same as floating point, or the number of kind 'f'
 };
 

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "client/containers/containers_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/events/recording_writer.h"
 #include "tests/data/test_data.h"
 

@@ -32,8 +32,8 @@ absl::Status DatabaseError(const std::string& path, sqlite3* database) {
 }
 
 absl::StatusOr<Database> OpenDatabase(const std::string& path) {
-  // "immutable" leaves no files beside the bag, also in a folder that cannot be written. With a journal, whose pages
-  // the file needs, SQLite has to manage it.
+  // With "immutable" SQLite creates no files beside the bag, so that a folder without write permission suffices. A bag
+  // with a write-ahead log is not immutable, because its latest pages are in the log.
   std::error_code error;
   const bool has_journal = std::filesystem::exists(path + "-wal", error);
   std::string uri =

@@ -56,7 +56,7 @@ Hdf5Handle IndexRowType();
 
 // Turns off the library's reports on standard error; errors are taken from LibraryError().
 void SilenceLibrary();
-// What the library says about the last call that failed: ": ..." or nothing.
+// The library's description of the error of the last call that failed, ": ...", or an empty text.
 std::string LibraryError();
 
 }  // namespace evpose::client

@@ -13,7 +13,7 @@
 #include "client/containers/hdf5_source.h"
 #include "client/containers/open_recording.h"
 #include "client/convert_hdf5/hdf5_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::client {

@@ -9,7 +9,7 @@
 
 #include "client/containers/hdf5/ecf_codec.h"
 #include "client/convert_hdf5/hdf5_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
 namespace {

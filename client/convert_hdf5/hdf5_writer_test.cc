@@ -7,7 +7,7 @@
 #include <filesystem>
 
 #include "client/convert_hdf5/hdf5_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
 namespace {

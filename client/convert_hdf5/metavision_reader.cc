@@ -107,10 +107,10 @@ class MetavisionReader final : public Hdf5Reader {
   Hdf5Column events_;
   std::optional<Hdf5Column> triggers_;
   uint64_t next_event_ = 0;
-  uint64_t next_trigger_ = 0;  // that has not been read
+  uint64_t next_trigger_ = 0;  // index of the first trigger that has not been read
   std::vector<CdRow> rows_;
   std::vector<TriggerRow> trigger_rows_;
-  size_t trigger_ = 0;  // of these, that has not been moved
+  size_t trigger_ = 0;  // index of the first of these that has not been moved
   int64_t last_us_ = -1;
 };
 

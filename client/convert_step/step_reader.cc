@@ -132,7 +132,7 @@ absl::StatusOr<RawMesh> Triangulate(const TopoDS_Shape& shape, const StepOptions
   const double deflection = options.deflection_ratio * std::sqrt(box.SquareExtent());
   const BRepMesh_IncrementalMesh mesher(shape, deflection, /*isRelative=*/false, options.turn_rad);
   RawMesh mesh;
-  TopTools_DataMapOfShapeInteger first_points;  // of the faces
+  TopTools_DataMapOfShapeInteger first_points;  // index of the first point of each face
   for (TopExp_Explorer faces(shape, TopAbs_FACE); faces.More(); faces.Next()) {
     first_points.Bind(faces.Current(), static_cast<int>(mesh.points.size()));
     AppendFace(TopoDS::Face(faces.Current()), mesh);

@@ -14,7 +14,7 @@ namespace {
 // A read that waited longer waited for the camera, not for the other process.
 constexpr absl::Duration kLeastWait = absl::Microseconds(200);
 constexpr size_t kMaxPeriods = 65'536;  // bounds memory
-constexpr size_t kMinPeriods = 10;
+constexpr size_t kMinPeriods = 10;      // fewer have no reliable median
 
 }  // namespace
 

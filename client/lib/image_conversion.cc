@@ -21,7 +21,7 @@ absl::Status GeometryError(absl::string_view what) { return absl::InternalError(
 
 // The cells of an image of this size, unpacked.
 absl::StatusOr<std::vector<uint8_t>> CellsFromProto(const v1::EventImage& message) {
-  constexpr uint32_t kMaxSide = 4096;  // of a camera, pixels
+  constexpr uint32_t kMaxSide = 4096;  // longest side of a camera's image, pixels
   if (message.width() == 0 || message.width() > kMaxSide || message.height() == 0 || message.height() > kMaxSide) {
     return ImageError(absl::StrCat("it has ", message.width(), " x ", message.height(), " cells"));
   }

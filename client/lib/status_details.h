@@ -11,9 +11,9 @@
 namespace evpose::client {
 
 struct StatusDetails {
-  std::string reason;       // of ErrorInfo, for example "FENCED"; empty for errors of the network
+  std::string reason;       // reason of ErrorInfo, for example "FENCED"; empty for errors of the network
   std::string field;        // first field of BadRequest, for example "attach.last_pose_seq"
-  absl::Duration retry_in;  // of RetryInfo; zero: none
+  absl::Duration retry_in;  // delay of RetryInfo; zero: none
 };
 
 void SetDetails(absl::Status& status, const StatusDetails& details);

@@ -16,7 +16,7 @@ absl::Status PoseReset::Validate() const {
   if (!camera_from_object.translation_m.allFinite() || !camera_from_object.rotation.allFinite()) {
     return absl::InvalidArgumentError("camera_from_object: every number must be finite");
   }
-  constexpr double kTolerance = 1e-3;  // that of a quaternion's norm in the API
+  constexpr double kTolerance = 1e-3;  // difference of a quaternion's norm from 1 that the API accepts
   if (!camera_from_object.rotation.isUnitary(kTolerance) || camera_from_object.rotation.determinant() < 0.0) {
     return absl::InvalidArgumentError("camera_from_object: the matrix is not a rotation");
   }

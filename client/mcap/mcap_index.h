@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a reader needs to find messages in an MCAP file (https://mcap.dev/spec): the contents of its summary.
+// The summary of an MCAP file (https://mcap.dev/spec), by which a reader finds messages.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,8 @@
 
 namespace evpose::client {
 
-inline constexpr size_t kMcapIndexEntryBytes = 16;  // of a Message Index record: time and position of a message
+inline constexpr size_t kMcapIndexEntryBytes =
+    16;  // size of an entry of a Message Index record: time and position of a message
 
 // A chunk of messages and the records with the positions of its messages behind it. Positions are from the start of the
 // file, lengths include the head of the record.

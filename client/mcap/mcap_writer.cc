@@ -141,7 +141,7 @@ void McapWriter::Write(uint16_t channel, uint64_t log_time_ns, std::string_view 
   fields.Put(channel);
   fields.Put(sequence_[channel]++);
   fields.Put(log_time_ns);
-  fields.Put(log_time_ns);  // of publication
+  fields.Put(log_time_ns);  // time of publication
   records_.Put<uint8_t>(McapRecord::kMessage);
   records_.Put(static_cast<uint64_t>(fields.size() + message.size()));
   records_.PutBytes(fields.bytes());

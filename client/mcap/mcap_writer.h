@@ -34,7 +34,7 @@ struct McapWriterOptions {
 struct McapTopic {
   std::string name;
   std::string type;         // "geometry_msgs/msg/PoseStamped"
-  std::string definition;   // of the type, with those that it contains (ros2msg)
+  std::string definition;   // definition of the type, with those that it contains (ros2msg)
   bool is_latched = false;  // late subscribers receive the last message (QoS transient local)
 };
 
@@ -63,7 +63,7 @@ class McapWriter {
   // Completes the file. The last call.
   absl::Status Commit();
 
-  // What the file has, without the messages of the present chunk.
+  // The index of the file, without the messages of the present chunk.
   const McapIndex& index() const { return index_; }
 
  private:
@@ -78,7 +78,7 @@ class McapWriter {
 
   OutputFile file_;
   McapWriterOptions options_;
-  uint64_t size_ = 0;  // of the file
+  uint64_t size_ = 0;  // size of the file
   McapIndex index_;
   std::map<std::string, uint16_t, std::less<>> schemas_;   // by type
   std::map<std::string, uint16_t, std::less<>> channels_;  // by topic

@@ -81,7 +81,7 @@ class PoseRecorder {
   std::mutex mutex_;
   McapWriter writer_;
   const PoseRecorderOptions options_;
-  std::map<std::string, std::string> names_;  // of the recorded objects in topics
+  std::map<std::string, std::string> names_;  // names of the recorded objects in topics
   std::optional<int64_t> epoch_ns_;
   struct Constant {
     std::string topic;

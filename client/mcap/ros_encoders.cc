@@ -181,7 +181,7 @@ std::string EncodeCamera(const RosHeader& header, const Camera& camera) {
 
 std::string EncodeModel(std::string_view object_frame, const ModelGeometry& geometry) {
   constexpr int32_t kLineList = 5, kTriangleList = 11;
-  constexpr double kLineWidth = 0.004;  // of the model's size
+  constexpr double kLineWidth = 0.004;  // width of the lines, relative to the model's size
   std::vector<Eigen::Vector3f> corners, ends;
   for (const auto& face : geometry.faces) {
     for (const uint32_t vertex : face) corners.push_back(geometry.vertices_m[vertex]);
@@ -205,7 +205,7 @@ std::string EncodeImage(const RosHeader& header, std::string_view format, std::s
 
 std::string EncodeOutlines(uint64_t stamp_ns, const std::vector<ObjectOutline>& outlines) {
   constexpr uint8_t kLineList = 4;
-  constexpr double kThicknessPx = 1.5;
+  constexpr double kThicknessPx = 1.5;  // width of the lines in a viewer
   CdrWriter out;
   out.PutCount(0);  // circles
   out.PutCount(outlines.size());

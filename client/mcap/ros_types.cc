@@ -15,7 +15,7 @@ namespace {
 
 struct RosType {
   std::string_view name;
-  std::string_view fields;  // of the .msg file, without comments
+  std::string_view fields;  // content of the .msg file, without comments
 };
 
 // ros2/common_interfaces, ros2/rcl_interfaces and ros2/geometry2 (Humble to Jazzy), foxglove/foxglove-sdk.

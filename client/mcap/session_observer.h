@@ -20,7 +20,7 @@
 namespace evpose::client {
 
 struct SessionObserverOptions {
-  Camera camera;                // of the session
+  Camera camera;                // camera of the session
   int event_cell_px = 0;        // size of the cells of the images; 0: no images
   bool records_states = false;  // changes of state that the health shows; otherwise the caller records those of notices
   // Sensor time at which the clock of the recorded times is 0, microseconds.

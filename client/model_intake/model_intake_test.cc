@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "core/base/output_file.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/models/mesh_message.h"

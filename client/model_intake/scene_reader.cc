@@ -175,7 +175,7 @@ absl::StatusOr<Scene> ReadScene(const std::string& path, SceneFormat format, siz
       return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", importer.GetErrorString()));
     }
     return SceneCollector(*scene, max_triangles).Collect(SceneImages(*scene, path));
-  } catch (const std::exception& error) {  // of Assimp or OpenCV
+  } catch (const std::exception& error) {  // exceptions of Assimp and OpenCV
     return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", error.what()));
   }
 }

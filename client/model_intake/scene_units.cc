@@ -47,7 +47,7 @@ std::optional<std::string> Attribute(absl::string_view xml, absl::string_view el
 absl::Status CheckOffIsComplete(absl::string_view contents) {
   LineReader lines(contents);
   std::vector<absl::string_view> words;
-  std::vector<int64_t> counts;  // of points, faces and edges
+  std::vector<int64_t> counts;  // numbers of points, faces and edges
   int64_t elements = 0;
   while (const std::optional<absl::string_view> line = lines.Next()) {
     SplitWords(line->substr(0, line->find('#')), words);

@@ -6,7 +6,7 @@
 #include <fstream>
 #include <string>
 
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 

@@ -132,7 +132,7 @@ class EdgeLinker {
   }
 
   const Gradients gradients_;
-  cv::Mat number_of_;  // of the edge point of each pixel
+  cv::Mat number_of_;  // number of the edge point of each pixel
   std::vector<EdgePoint> points_;
 };
 

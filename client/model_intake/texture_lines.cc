@@ -147,7 +147,7 @@ class SegmentGrid {
   const size_t columns_, rows_;
   std::vector<std::vector<size_t>> cells_;
   std::vector<Segment> segments_;
-  std::vector<uint64_t> last_query_;  // of each segment
+  std::vector<uint64_t> last_query_;  // number of the latest query that visited each segment
   uint64_t query_ = 0;
 };
 

@@ -9,7 +9,7 @@
 #include "client/model_intake/model_intake.h"
 #include "client/model_intake/texture_edges.h"
 #include "core/base/output_file.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/models/mesh_message.h"

@@ -21,7 +21,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr off_t kMaxErrorBytes = off_t{64} * 1024;  // of the end of its standard error, of which the last line is used
+constexpr off_t kMaxErrorBytes =
+    off_t{64} * 1024;  // size of the end of its standard error, of which the last line is used
 
 // The last line that is not empty, without the name of the program at its beginning.
 std::string LastLine(absl::string_view text, absl::string_view program) {

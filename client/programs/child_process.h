@@ -44,7 +44,7 @@ class ChildProcess {
 
   const std::string name_;
   pid_t pid_;          // -1 after the end
-  absl::Status end_;   // of Wait()
+  absl::Status end_;   // result of Wait()
   const int channel_;  // a socket: its standard input and output
   const int errors_;   // a file in memory: its standard error
 };

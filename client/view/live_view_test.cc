@@ -17,7 +17,7 @@
 #include "client/view/live_source.h"
 #include "client/view/outbox_reader_testing.h"
 #include "client/view/recordings_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "server/rpc/server.h"
 
@@ -147,7 +147,7 @@ TEST_F(LiveViewTest, ShowsASessionFromTheList) {
     ASSERT_NE(type, "end") << message.header;
     messages[type] = std::move(message);
   }
-  EXPECT_EQ(messages["geometry"].sections.at(1).size(), 12u * 3u * sizeof(uint32_t));
+  EXPECT_EQ(messages["geometry"].sections.at(1).size(), 12 * (3 * sizeof(uint32_t)));
   EXPECT_EQ(messages["poses"].header["object"], "cube");
   EXPECT_GT(messages["image"].header["events"], 0);
   EXPECT_EQ(messages["image"].header["width"], kTestSensor.width_px / 2);

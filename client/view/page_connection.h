@@ -72,7 +72,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   boost::beast::http::response<boost::beast::http::string_body> response_;
   std::shared_ptr<PageOutbox> outbox_;
   std::unique_ptr<PageView> view_;
-  PageOutbox::Frame frame_;  // that is being sent
+  PageOutbox::Frame frame_;  // the frame that is being sent
   std::optional<boost::beast::websocket::close_reason> close_;
   bool is_writing_ = false;
   bool is_ending_ = false;

@@ -105,7 +105,7 @@ class Fields {
   const Json& json_;
 };
 
-constexpr size_t kMaxNameBytes = 256;
+constexpr size_t kMaxNameBytes = 256;  // names of sessions and models are shorter
 
 absl::StatusOr<PageRequest> ParseSettings(const Fields& fields) {
   ImageSettings settings;
@@ -206,7 +206,7 @@ absl::StatusOr<PageRequest> ParsePageRequest(std::string_view text) {
   }
   if (type == "pause") return PauseRequest{};
   if (type == "step") return ParseStep(fields);
-  return absl::InvalidArgumentError("type is none of this contract");
+  return absl::InvalidArgumentError("type is unknown (client/view/README.md, section 3)");
 }
 
 std::string ToText(const HelloMessage& hello) {

@@ -74,7 +74,7 @@ struct Scene {
   std::optional<TimeRange> recording;
   bool has_truth = false;
 };
-// What the link to a page has carried.
+// Counters of the connection to a page.
 struct LinkCounts {
   uint64_t images_sent = 0;
   uint64_t images_skipped = 0;

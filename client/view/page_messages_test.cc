@@ -48,7 +48,7 @@ TEST(PageRequestTest, ErrorsNameTheField) {
   EXPECT_EQ(error("[1"), "the message is no JSON object");
   EXPECT_EQ(error(std::string(4000, '[')), "the message is no JSON object");
   EXPECT_EQ(error("{}"), "type is no text");
-  EXPECT_EQ(error(R"({"type":"other"})"), "type is none of this contract");
+  EXPECT_EQ(error(R"({"type":"other"})"), "type is unknown (client/view/README.md, section 3)");
   EXPECT_EQ(error(R"({"type":"key"})"), "key is no text");
   EXPECT_EQ(error(R"({"type":"open","session":")" + std::string(300, 's') + R"("})"),
             "session is longer than 256 bytes");

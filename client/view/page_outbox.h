@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What waits to be sent to one page. It is bounded: of images and of values that replace each other the newest waits,
-// and what there is more of is thinned.
+// The messages that wait to be sent to one page. Their number is bounded: a newer image, and a newer value of the same
+// kind, replaces the one that waits; beyond their limits every second pose and the oldest state changes are removed.
 #pragma once
 
 #include <cstddef>

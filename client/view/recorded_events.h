@@ -22,8 +22,8 @@
 namespace evpose::client {
 
 struct RecordedEventsOptions {
-  uint64_t spacing_bytes = 256 * 1024;     // between two positions: decoding it takes some milliseconds
-  size_t max_positions = size_t{1} << 15;  // beyond it every second one is removed, and the spacing doubled
+  uint64_t spacing_bytes = uint64_t{256} * 1024;  // between two positions: decoding it takes some milliseconds
+  size_t max_positions = size_t{1} << 15;         // beyond it every second one is removed, and the spacing doubled
 };
 
 // A thread reads the recording once from its beginning, and keeps positions from which a decoder can continue; what it

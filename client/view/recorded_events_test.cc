@@ -11,7 +11,7 @@
 
 #include "client/containers/open_recording.h"
 #include "client/view/recordings_testing.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/events/event_reader.h"
 
 namespace evpose::client {

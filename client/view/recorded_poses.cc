@@ -29,7 +29,7 @@ absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::str
                              std::map<std::string, RecordedPoses>& poses) {
   std::optional<std::string> only_id;  // that the file uses
   PoseFileFacts facts;
-  const auto add = [&](Pose pose) -> absl::Status {
+  const auto add = [&](const Pose& pose) -> absl::Status {
     if (!only_id) only_id = pose.object_id;
     const bool is_only = object_ids.size() == 1 && pose.object_id == *only_id;
     const auto found = poses.find(is_only ? object_ids[0] : pose.object_id);

@@ -20,9 +20,9 @@ class RecordedPoses {
  public:
   // Longest time between two poses that is interpolated; in a longer one the object was lost.
   static constexpr int64_t kMaxGapUs = 50'000;
-  // Poses that are sent to a page, with all that is known of them; of more, every second, fourth ... one is kept.
+  // Most poses that are sent to a page with all their fields; of a longer recording, every second, fourth, ... pose.
   static constexpr size_t kMaxSent = 20'000;
-  // State changes that are sent to a page; the later ones are not.
+  // Most state changes that are sent to a page; later ones are left out.
   static constexpr size_t kMaxStates = 4096;
 
   // Error: INVALID_ARGUMENT if its time does not follow that of the pose before.

@@ -37,7 +37,7 @@ class RecordingView : public PageView {
     VisibleEdges edges;
     bool is_truth = false;
   };
-  // What is to be shown next.
+  // The next image, and how it was requested.
   struct Work {
     std::optional<int64_t> t_us;  // nullopt: the view ends
     ImageSettings settings;

@@ -18,7 +18,7 @@
 #include "client/view/page_client_testing.h"
 #include "client/view/recordings_testing.h"
 #include "core/base/output_file.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 
 namespace evpose::client {

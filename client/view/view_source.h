@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a page shows: a source, and its view for each page.
+// A source of sessions or of a recording, and its view for each page.
 #pragma once
 
 #include <memory>

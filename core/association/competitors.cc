@@ -141,7 +141,7 @@ bool Competitors::Explains(const Observation& event) const {
 
 bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const {
   std::vector<TrackedLine> visible;
-  std::vector<int> place_of(lines.size(), -1);  // of elements: index in `visible`
+  std::vector<int> place_of(lines.size(), -1);  // index in `visible` of each element
   std::vector<const Body*> before;
   bool hides = false;
   for (size_t k = 0; k < lines.size(); ++k) {

@@ -200,7 +200,7 @@ class ArcJoiner {
   const EdgeElementOptions& options_;
   const std::vector<EdgeElement>& elements_;
   const std::vector<TrackedLine>& lines_;
-  std::vector<int> arc_of_;  // of each element: index of its arc; -1: not joined yet
+  std::vector<int> arc_of_;  // index of the arc of each element; -1: not joined yet
 };
 
 }  // namespace

@@ -98,7 +98,7 @@ std::shared_ptr<const ModelEdges> MakeModelEdges(std::shared_ptr<const ObjectMod
 }
 
 std::vector<ModelEdges::FacePlane> ModelEdges::FindFacePlanes() const {
-  constexpr double kSamePlane = 1e-3;  // of the normals, and relative to the diameter of the model
+  constexpr double kSamePlane = 1e-3;  // difference of the normals, and distance relative to the diameter of the model
   std::vector<FacePlane> faces;
   std::vector<Eigen::AlignedBox3d> boxes(model_.surface.regions.size());
   for (size_t i = 0; i < model_.surface.region_of.size(); ++i) {

@@ -54,7 +54,7 @@ class ModelEdges {
   struct FacePlane {
     Eigen::Vector3d normal;  // outward, unit
     Eigen::Vector3d point;   // the middle of its widest face
-    double width_m = 0.0;    // of this face
+    double width_m = 0.0;    // width of this face
   };
   // The widest face first, at most kMaxFacePlanes.
   const std::vector<FacePlane>& face_planes() const { return face_planes_; }
@@ -83,7 +83,7 @@ class ModelEdges {
   const EdgeElementExtractor elements_;
   std::vector<int> lines_;
   int num_curves_ = 0;
-  std::vector<FlatFaces> flat_faces_;  // of ObjectModel::curves
+  std::vector<FlatFaces> flat_faces_;  // the flat faces at each of ObjectModel::curves
   std::vector<FacePlane> face_planes_;
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
 };
@@ -137,7 +137,7 @@ class VisibleEdges {
   const ModelEdges& edges_;
   std::optional<RigidTransform> computed_at_;
   std::optional<RigidTransform> extracted_at_;  // only for models with elements or many lines
-  int level_ = -1;                              // of detail; negative before the first extraction
+  int level_ = -1;                              // level of detail; negative before the first extraction
   std::vector<int> chosen_;                     // straight lines that are tested
   std::vector<bool> facing_;
   std::vector<bool> facing_now_;
@@ -147,7 +147,7 @@ class VisibleEdges {
   bool has_more_lines_ = false;
   bool has_more_elements_ = false;
   std::vector<EdgeElement> elements_;  // as extracted and joined to arcs, by TrackedLine::curve
-  std::vector<TrackedLine> joined_;    // of elements_; previous and next are indices into joined_
+  std::vector<TrackedLine> joined_;    // lines of elements_; previous and next are indices into joined_
   std::vector<TrackedLine> lines_;     // the visible parts of segments_, then the elements
 };
 

@@ -26,9 +26,9 @@ struct AssociatedEvents {
   absl::Span<const Observation> events;
   const LineEvents* sorted = nullptr;  // the same events by line; never null in the input of an estimator
   NearShares shares;                   // other than one if the events were downsampled
-  double duration_s = 0.0;             // of the window
+  double duration_s = 0.0;             // duration of the window
   double background_per_px2 = 0.0;     // expected background events per square pixel in this time
-  absl::Span<const LineCell> cells;    // of the lines; empty: no line is near another
+  absl::Span<const LineCell> cells;    // cells of the lines; empty: no line is near another
 };
 
 // Reuses its memory from window to window. Learns the background rate and the usual ratio of the polarities, so that

@@ -33,7 +33,7 @@ absl::Status CheckAuthorities(const PemFile& authorities);
 // for a certificate that is not valid at `now`.
 absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::Time now);
 
-// What a server checks of a client's certificate after TLS has verified its signatures.
+// The fields of a client's certificate that a server checks after TLS has verified the signatures.
 struct ClientCertificate {
   std::vector<std::string> common_names;  // all CNs of the subject, UTF-8
   absl::Time not_after;

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <string>
 
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose {
 namespace {

@@ -104,6 +104,8 @@ T RadialSlope(LensModel lens_model, const T* d, double at) {
   return (above + above_slope - above * below_slope / below) / below;
 }
 
+// Least derivative of the distorted radius (README, section 4), and the number of radii up to the farthest corner at
+// which it is tested.
 constexpr double kMinRadialSlope = 0.1;
 constexpr int kSlopeRadii = 12;
 
@@ -115,7 +117,7 @@ struct SlopeCost {
 
   template <typename T>
   bool operator()(const T* parameters, T* residuals) const {
-    constexpr double kSigma = 0.001;
+    constexpr double kSigma = 0.001;  // a hundredth of the least slope, so that the penalty acts as a bound
     for (int i = 0; i < kSlopeRadii; ++i) {
       const T missing = kMinRadialSlope - RadialSlope(lens_model, parameters + kDistortion, radii[i]);
       residuals[i] = missing > 0.0 ? missing / kSigma : T(0.0);
@@ -198,6 +200,33 @@ CalibrationCovariance InverseOfFree(CalibrationCovariance matrix, const FreePara
   return inverse;
 }
 
+// Equations (6) and (6a): `curvature` is A, and `scatter` the sum over errors.num_blocks blocks.
+void SetCovariance(const FreeParameters& free, const std::optional<CalibrationPrior>& prior,
+                   const CalibrationCovariance& curvature, const CalibrationCovariance& scatter,
+                   AdjustmentErrors& errors) {
+  CalibrationCovariance of_prior = CalibrationCovariance::Zero();
+  int num_free = 0;
+  for (int i = 0; i < kNumCalibrationParameters; ++i) {
+    num_free += free[i];
+    if (free[i] && prior) of_prior(i, i) = prior->dispersion / std::pow(prior->sigma[i], 2);
+  }
+  const double blocks = errors.num_blocks;
+  if (blocks < kFewestBlocks || num_free == 0) {
+    if (num_free > 0) errors.covariance.setConstant(std::numeric_limits<double>::infinity());
+    return;
+  }
+  const CalibrationCovariance inverse = InverseOfFree(curvature + of_prior, free);
+  errors.bound = inverse;
+  errors.dispersion =
+      std::max(1.0, blocks / (blocks - 1.0) * (inverse * scatter).trace() / (inverse * curvature).trace());
+  if (blocks < 2.0 * num_free) {
+    errors.covariance = errors.dispersion * inverse;
+  } else {
+    const CalibrationCovariance middle = blocks / (blocks - num_free) * scatter + errors.dispersion * of_prior;
+    errors.covariance = inverse * middle * inverse;
+  }
+}
+
 }  // namespace
 
 std::string_view CalibrationParameterName(LensModel lens_model, int parameter) {
@@ -267,6 +296,7 @@ Eigen::Matrix<double, 2, kNumCalibrationParameters> ProjectionJacobian(const Cal
 }
 
 void RemoveWeakIntervals(std::vector<LineSample>& samples) {
+  // Twice the six unknowns of a pose, which three lines determine.
   constexpr size_t kMinSamples = 12, kMinLines = 3;
   std::map<int, std::pair<size_t, std::set<int>>> intervals;
   for (const LineSample& sample : samples) {
@@ -374,28 +404,9 @@ AdjustmentErrors ComputeErrors(absl::Span<const LineSample> samples, const FreeP
   }
   errors.rms_px = std::sqrt(squares / std::max(weights, 1e-12));
   errors.num_blocks = static_cast<int>(gradients.size());
-  CalibrationCovariance scatter = CalibrationCovariance::Zero(), of_prior = CalibrationCovariance::Zero();
+  CalibrationCovariance scatter = CalibrationCovariance::Zero();
   for (const auto& [block, gradient] : gradients) scatter += gradient * gradient.transpose();
-  int num_free = 0;
-  for (int i = 0; i < kNumCalibrationParameters; ++i) {
-    num_free += free[i];
-    if (free[i] && options.prior) of_prior(i, i) = options.prior->dispersion / std::pow(options.prior->sigma[i], 2);
-  }
-  const double blocks = errors.num_blocks;
-  if (blocks < kFewestBlocks || num_free == 0) {
-    if (num_free > 0) errors.covariance.setConstant(std::numeric_limits<double>::infinity());
-    return errors;
-  }
-  const CalibrationCovariance inverse = InverseOfFree(curvature + of_prior, free);
-  errors.bound = inverse;
-  errors.dispersion =
-      std::max(1.0, blocks / (blocks - 1.0) * (inverse * scatter).trace() / (inverse * curvature).trace());
-  if (blocks < 2.0 * num_free) {
-    errors.covariance = errors.dispersion * inverse;
-  } else {
-    const CalibrationCovariance middle = blocks / (blocks - num_free) * scatter + errors.dispersion * of_prior;
-    errors.covariance = inverse * middle * inverse;
-  }
+  SetCovariance(free, options.prior, curvature, scatter, errors);
   return errors;
 }
 
@@ -414,6 +425,7 @@ std::vector<double> ResidualsPx(absl::Span<const LineSample> samples, const Cali
 
 void ScaleErrors(const CalibrationParameters& parameters, absl::Span<const CalibrationInterval> intervals,
                  absl::Span<LineSample> samples) {
+  // Classes of speed (README, section 3); the scale of 50 residuals is known to about a tenth.
   constexpr size_t kBins = 12, kMinInBin = 50;
   const std::vector<double> residuals_px = ResidualsPx(samples, parameters, intervals);
   std::vector<size_t> order(samples.size());

@@ -64,7 +64,7 @@ Eigen::Matrix<double, 2, kNumCalibrationParameters> ProjectionJacobian(const Cal
 // The pixel of a bearing.
 Eigen::Vector2d ProjectBearing(const CalibrationParameters& parameters, const Eigen::Vector2d& bearing);
 
-// What is known about the parameters without data: independent values with one standard deviation each.
+// Prior of the parameters, without data: independent values with one standard deviation each.
 struct CalibrationPrior {
   CalibrationParameters mean;
   std::array<double, kNumCalibrationParameters> sigma = {};

@@ -19,8 +19,8 @@ namespace {
 
 using Eigen::Vector2d;
 
-// What is known about a lens and sensor without data, one standard deviation: a parameter whose standard error is not
-// below half of it is not determined.
+// Prior of the parameters of a lens and sensor, without data, one standard deviation: a parameter whose standard error
+// is not below half of it is not determined.
 constexpr double kFocalPrior = 0.2;         // of the focal length: the tolerance of tracking
 constexpr double kAspectPrior = 0.01;       // pixels are square
 constexpr double kCentrePrior = 0.03;       // of the width: how far lenses are off the middle of their sensors

@@ -184,7 +184,7 @@ bool Collector::IsAlone(const Eigen::Vector2d& foot_px, const ImageLine& other, 
 
 // The largest gate at which half of the line is alone; the smallest one if there is none.
 double Collector::GateOf(size_t line) const {
-  constexpr int kParts = 8;
+  constexpr int kParts = 8;  // places along the line at which its distance from the other lines is measured
   for (double gate_px = options_.gate_px; kGatesAlone * gate_px > kAlonePx; gate_px -= 0.5) {
     int alone = 0;
     for (int part = 0; part < kParts; ++part) {

@@ -15,7 +15,7 @@
 
 namespace evpose {
 
-// What is fixed to the moving part of the reference: the tool of a robot, or a tracked marker.
+// The body that is fixed to the moving part of the reference (the tool of a robot, or a tracked marker).
 enum class HandEyeMount {
   kAuto,    // the one with the smaller residuals
   kBeside,  // the object; the camera stands beside the robot ("eye to hand")

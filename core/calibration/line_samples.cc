@@ -13,10 +13,10 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kMinPieces = 6.0, kMinPiecesIfSparse = 3.0;  // of a line
-constexpr int kCellPx = 8;
+constexpr double kMinPieces = 6.0, kMinPiecesIfSparse = 3.0;  // number of pieces of a line
+constexpr int kCellPx = 8;           // side of the cells in which the pieces near an event are looked up
 constexpr size_t kMaxPieces = 2000;  // bounds the work of a model with many lines
-constexpr double kStepS = 1e-5;      // of the difference quotient of velocities: far below a pixel
+constexpr double kStepS = 1e-5;      // step of the difference quotient of velocities: far below a pixel
 
 double DistanceToSegment(const Vector2d& point, const Vector2d& begin, const Vector2d& end) {
   const Vector2d side = end - begin;

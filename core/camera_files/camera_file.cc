@@ -65,7 +65,7 @@ absl::StatusOr<CameraFile> ParseCameraFile(const std::string& text, const std::s
   absl::StatusOr<CameraFile> result;
   try {
     result = Parse(text, file, selection);
-  } catch (const std::exception& e) {  // of yaml-cpp, for a tree whose nodes are not what their keys promise
+  } catch (const std::exception& e) {  // exceptions of yaml-cpp, for a tree whose nodes are not what their keys promise
     return absl::InvalidArgumentError(absl::StrCat(file, ": not a camera file: ", e.what()));
   }
   if (!result.ok()) return result;

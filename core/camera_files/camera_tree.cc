@@ -216,7 +216,7 @@ absl::Status TakeCameraMatrix(const CameraFields& fields, const std::string& key
 
 absl::Status TakeImageSize(const CameraFields& fields, const std::string& key, const std::vector<double>& size,
                            CameraModel& camera) {
-  constexpr double kMaxSide = 1e6;  // of a number that fits; CameraModel::Validate() has the limit of a camera
+  constexpr double kMaxSide = 1e6;  // fits int; CameraModel::Validate() has the limit of a camera
   const auto is_whole = [](double side) { return side >= 0.0 && side <= kMaxSide && side == static_cast<int>(side); };
   if (size.size() != 2 || !is_whole(size[0]) || !is_whole(size[1])) {
     return fields.Error(key, "is not [width, height], whole numbers of pixels");

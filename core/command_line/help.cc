@@ -17,6 +17,7 @@
 namespace evpose {
 namespace {
 
+// Columns: a narrower terminal breaks words, longer lines are hard to read.
 constexpr size_t kMinWidth = 40;
 constexpr size_t kDefaultWidth = 80;
 constexpr size_t kMaxWidth = 100;

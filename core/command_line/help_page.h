@@ -20,7 +20,7 @@ inline constexpr char kOutageGroup[] = "While the server is away";
 inline constexpr char kGeneralGroup[] = "General";
 inline constexpr char kResearchGroup[] = "Research";
 
-// What a shell completes.
+// The kind of a value, by which a shell completes it.
 enum class ValueKind { kText, kFile, kDirectory };
 
 // An option or a positional argument.

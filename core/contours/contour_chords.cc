@@ -79,7 +79,7 @@ void AppendRun(const ElementView& view, const Rims& rims, const RimChain& rim_ch
 }  // namespace
 
 int ImageOctant(const Eigen::Vector2d& direction) {
-  constexpr double kTan = 0.41421356237309503;  // of 22.5 degrees
+  constexpr double kTan = 0.41421356237309503;  // tangent of 22.5 degrees
   const double x = std::abs(direction.x()), y = std::abs(direction.y());
   const bool is_left = direction.x() < 0.0, is_down = direction.y() < 0.0;
   if (y < kTan * x) return is_left ? 4 : 0;

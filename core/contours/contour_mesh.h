@@ -75,7 +75,7 @@ class ContourMesh {
 
   const ObjectModel& model_;
   uint32_t num_regions_ = 0;
-  std::vector<uint32_t> region_number_;  // of each region of the model among the curved ones
+  std::vector<uint32_t> region_number_;  // number of each region of the model among the curved ones
   std::vector<Triangle> triangles_;
   std::vector<std::array<uint32_t, 3>> corners_of_;  // those of `triangles_`, without gaps for the search
   std::vector<Eigen::Vector3d> points_;

@@ -34,7 +34,7 @@ class CurveLevels {
   // Integrals along a curve from its first point to each of its points.
   struct Integral {
     double length_m = 0.0;
-    Eigen::Vector3d position = Eigen::Vector3d::Zero();  // of the position over the length
+    Eigen::Vector3d position = Eigen::Vector3d::Zero();  // integral of the position over the length
   };
 
   EdgeElement MakeChord(size_t curve, uint32_t first, uint32_t last) const;

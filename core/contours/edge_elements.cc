@@ -13,7 +13,7 @@
 namespace evpose {
 namespace {
 
-constexpr int kOctants = 8;
+constexpr int kOctants = 8;  // arcs of 45 degrees of the image normal (EdgeElement::curve)
 // A level is kept while the size of a pixel is beyond its step by less than this factor.
 constexpr double kLevelHysteresis = 1.1;
 // Lower bound of the depth of the object's centre, relative to the diameter, for a centre at or behind the camera.

@@ -48,7 +48,7 @@ class FacetContours {
   }
 
   const ObjectModel& model_;
-  std::array<std::vector<double>, 3> normals_;  // of the triangles, by coordinate
+  std::array<std::vector<double>, 3> normals_;  // normals of the triangles, by coordinate
   std::vector<double> heights_m_;               // normal . point
 };
 

@@ -23,7 +23,7 @@ template <typename Vector>
 void FindCutErrors(absl::Span<const Vector> points, double stop_at, std::vector<double>& errors) {
   struct Chord {
     size_t first, last;
-    double error;  // of the cut that made the chord
+    double error;  // error of the cut that made the chord
     int depth;
   };
   constexpr int kMaxCuts = 40;

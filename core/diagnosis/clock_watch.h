@@ -33,7 +33,7 @@ class ClockWatch {
     // few events.
     int64_t time_step_us = 0;
   };
-  static constexpr size_t kMaxListed = 5;
+  static constexpr size_t kMaxListed = 5;  // gaps that a report can show
   Result Measure() const;
 
   // Shortest time without events that is examined.

@@ -26,7 +26,7 @@ class EventNeighbours {
   double NoiseShare(int64_t duration_us) const;
 
  private:
-  static constexpr int kStepsPerOctave = 4;
+  static constexpr int kStepsPerOctave = 4;              // bins of the ages, logarithmic: a step is at most a quarter
   static constexpr int kNumBins = 30 * kStepsPerOctave;  // to 2^30 us
   static int BinOf(int64_t age_us);
   static double LowerEdge_us(int bin);

@@ -10,6 +10,7 @@
 namespace evpose {
 namespace {
 
+// Pixels around a pixel with which it is compared: a square of 5 x 5.
 constexpr int kHotRadius = 2;
 
 // Median number of events of the pixels around a dead area, and expected noise events inside it: a camera in which

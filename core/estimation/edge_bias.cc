@@ -63,7 +63,7 @@ EdgeOffsets EdgeBias::ExpectedOffsets(const Profile& profile, int half) const {
 }
 
 void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const {
-  size_t curve = profiles_.size();  // that of `offsets`, which the elements of a curve share
+  size_t curve = profiles_.size();  // curve of `offsets`, which the elements of a curve share
   std::array<EdgeOffsets, 2> offsets;
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);

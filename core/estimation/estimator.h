@@ -47,7 +47,7 @@ struct DeficitCounts {
   }
 };
 
-// What the absence of events near a line means, if the line moves across itself.
+// The conclusion from the absence of events near a line that moves across itself.
 enum class Expectation : uint8_t {
   kEvents,   // the estimate is wrong: a straight line, or a curve that has shown events or has a high contrast
   kPerhaps,  // nothing yet for the motion: a contour against a background that may be as bright as the object
@@ -59,9 +59,9 @@ struct WindowInput : AssociatedEvents {
   bool is_confirmed = false;  // the pose before this window is that of a confirmed track; otherwise no correction for
                               // flicker is applied
   absl::Span<const TrackedLine> lines;
-  absl::Span<const ImageLine> image_lines;              // of `lines` at the predicted state; empty: not computed yet
-  absl::Span<const DeficitCounts> past_deficit_counts;  // of `lines`, from earlier windows; empty: none
-  absl::Span<const Expectation> expectations;           // of `lines`; empty: kEvents for all
+  absl::Span<const ImageLine> image_lines;  // image of `lines` at the predicted state; empty: not computed yet
+  absl::Span<const DeficitCounts> past_deficit_counts;  // counts of `lines`, from earlier windows; empty: none
+  absl::Span<const Expectation> expectations;           // expectation of each of `lines`; empty: kEvents for all
 
   Expectation ExpectationOf(size_t line) const {
     return expectations.empty() ? Expectation::kEvents : expectations[line];

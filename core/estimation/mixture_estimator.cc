@@ -399,7 +399,7 @@ class MixtureEstimator : public WindowEstimator {
   double displacement_factor_ = 1.0;
   // Background events of the window that are attributed to a line, per pixel of its length.
   double noise_per_px_ = 0.0;
-  double final_gate_px_ = 0.0;  // of the last pass of the last fit
+  double final_gate_px_ = 0.0;  // gate of the last pass of the last fit
   double moved_px_ = 0.0;       // by which lines_ moved since all of them were projected
   MixturePass pass_;
   std::vector<ImageLine> lines_;

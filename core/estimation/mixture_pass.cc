@@ -55,7 +55,7 @@ struct MixturePass::GroupSums {
   std::array<LineSums::LaneProducts, 3> products = {};
   Lanes num_gated = {};
   std::array<Lanes, 2> beside = {};       // clutter, by side
-  std::array<Lanes, 2> half_weight = {};  // of the whole line, and of its second half
+  std::array<Lanes, 2> half_weight = {};  // weight of the whole line, and of its second half
   std::array<Lanes, 2> turns = {};        // likewise
   Lanes ambiguous_px2 = {};
   Lanes squares_px2 = {};

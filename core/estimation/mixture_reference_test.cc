@@ -140,6 +140,30 @@ class MixtureReference : public ::testing::TestWithParam<int> {
   std::vector<Observation> events_;
 };
 
+void SolveToRounding(ceres::Problem& problem) {
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.trust_region_strategy_type = ceres::DOGLEG;
+  options.function_tolerance = 1e-18;
+  options.gradient_tolerance = 0.0;
+  options.parameter_tolerance = 0.0;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+}
+
+// The covariance of a solved problem, for a left perturbation of the state; `x` is the solution.
+Matrix12d CovarianceAt(ceres::Problem& problem, const Vector12d& x) {
+  ceres::CRSMatrix sparse;
+  problem.Evaluate({}, nullptr, nullptr, nullptr, &sparse);
+  const Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 12, Eigen::RowMajor>> rows(sparse.values.data(),
+                                                                                    sparse.num_rows, 12);
+  // Converts from the tangent space at the difference to the left perturbation of the state.
+  Matrix12d left_from_difference = Matrix12d::Identity();
+  left_from_difference.block<3, 3>(3, 3) = LeftJacobianSo3(x.segment<3>(3));
+  return left_from_difference * (rows.transpose() * rows).inverse() * left_from_difference.transpose();
+}
+
 INSTANTIATE_TEST_SUITE_P(Windows, MixtureReference, ::testing::Range(1, 9));
 
 TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
@@ -172,15 +196,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   const Matrix12d root = information.llt().matrixU();
   problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PriorResidual, 12, 12>(new PriorResidual{root}), nullptr,
                            x.data());
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.trust_region_strategy_type = ceres::DOGLEG;
-  options.function_tolerance = 1e-18;
-  options.gradient_tolerance = 0.0;
-  options.parameter_tolerance = 0.0;
-  options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  SolveToRounding(problem);
 
   MotionState state = predicted_;
   Matrix12d hessian;
@@ -201,15 +217,7 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
   const Vector12d sigmas_found = hessian.inverse().diagonal().cwiseSqrt();
   EXPECT_LT((found - x).cwiseQuotient(sigmas_found).cwiseAbs().maxCoeff(), 1e-3);
 
-  ceres::CRSMatrix sparse;
-  problem.Evaluate({}, nullptr, nullptr, nullptr, &sparse);
-  const Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 12, Eigen::RowMajor>> rows(sparse.values.data(),
-                                                                                    sparse.num_rows, 12);
-  // Converts from the tangent space at the difference to the left perturbation of the state.
-  Matrix12d left_from_difference = Matrix12d::Identity();
-  left_from_difference.block<3, 3>(3, 3) = LeftJacobianSo3(x.segment<3>(3));
-  const Matrix12d expected =
-      left_from_difference * (rows.transpose() * rows).inverse() * left_from_difference.transpose();
+  const Matrix12d expected = CovarianceAt(problem, x);
   const Vector12d sigmas = expected.diagonal().cwiseSqrt().cwiseInverse();
   const Matrix12d difference = sigmas.asDiagonal() * (hessian.inverse() - expected) * sigmas.asDiagonal();
   EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-5);

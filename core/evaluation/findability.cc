@@ -195,7 +195,7 @@ class FindabilityPredictor {
   HalfTurnTwin Compare(const Eigen::Vector3d& axis, const std::vector<SampledEdge>& samples,
                        std::vector<SampledEdge> twin) const {
     // The twin would be shifted by the search: its centre of rotation is not that of its outline.
-    constexpr double kReach = 0.08;  // of the object's size
+    constexpr double kReach = 0.08;  // relative to the object's size
     ShiftOnto(samples, kReach * options_.views.object_px, options_.same_rad, twin);
     const size_t differing = CountDiffering(samples, twin, options_) + CountDiffering(twin, samples, options_);
     const size_t all = samples.size() + twin.size();

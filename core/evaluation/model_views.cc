@@ -113,7 +113,7 @@ std::vector<Eigen::Vector3d> EvenDirections(int count) {
 }
 
 absl::Status ModelViewOptions::Validate() const {
-  constexpr int kMaxViews = 10'000;
+  constexpr int kMaxViews = 10'000;  // two degrees apart; bounds the time
   EVPOSE_RETURN_IF_ERROR(CheckRange("num_views", num_views, 1, kMaxViews));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("object_px", object_px));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("events", events));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tracker sees of a model from all sides, and how well a pose can be known there
+// The edges of a model that the tracker uses in views from all sides, and how well they determine the pose there
 // (core/evaluation/README.md).
 #pragma once
 
@@ -32,8 +32,8 @@ struct ModelView {
   RigidTransform camera_from_object;
   std::vector<TrackedLine> elements;  // visible edge elements, object frame
   bool has_more = false;              // edges that the limits of lines and elements leave out
-  double length_px = 0.0;             // of all elements
-  double contour_px = 0.0;            // of the occluding contours among them
+  double length_px = 0.0;             // length of all elements
+  double contour_px = 0.0;            // length of the occluding contours among them
   // Standard deviation, pixels, by which the outline of the object moves along the least certain direction of motion;
   // directions of a continuous symmetry are excepted. Infinite if the elements do not determine it.
   double weakest_px = 0.0;

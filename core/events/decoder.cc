@@ -14,7 +14,7 @@ namespace {
 struct EncodingTraits {
   std::string_view name;
   int word_bytes;
-  int num_addresses;  // of rows and of columns
+  int num_addresses;  // number of rows and of columns
   std::unique_ptr<EventDecoder> (*make_decoder)(SensorGeometry geometry, OutsideSensor outside);
 };
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/events/decoder.h"
 #include "core/numerics/random.h"
 

@@ -8,11 +8,12 @@
 namespace evpose {
 namespace {
 
-DistortedPoint DistortBrown(const Distortion& d, const Eigen::Vector2d& p) {
+// The point after a radial factor and the tangential distortion d[2], d[3] of p; `radial_slope` times x or y is the
+// derivative of the factor. The point is regular only if the factor is (`is_defined`).
+DistortedPoint DistortRadially(const Distortion& d, const Eigen::Vector2d& p, double radial, double radial_slope,
+                               bool is_defined) {
   const double x = p.x(), y = p.y();
   const double r2 = x * x + y * y;
-  const double radial = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
-  const double radial_slope = 2.0 * (d[0] + r2 * (2.0 * d[1] + r2 * 3.0 * d[4]));  // d(radial)/dx = slope * x
   const double xx = radial + radial_slope * x * x + 2.0 * d[2] * y + 6.0 * d[3] * x;
   const double xy = radial_slope * x * y + 2.0 * d[2] * x + 2.0 * d[3] * y;  // symmetric
   const double yy = radial + radial_slope * y * y + 6.0 * d[2] * y + 2.0 * d[3] * x;
@@ -21,28 +22,26 @@ DistortedPoint DistortBrown(const Distortion& d, const Eigen::Vector2d& p) {
           xx,
           xy,
           yy,
-          xx > 0.0 && xx * yy - xy * xy > 0.0};
+          is_defined && xx > 0.0 && xx * yy - xy * xy > 0.0};
+}
+
+DistortedPoint DistortBrown(const Distortion& d, const Eigen::Vector2d& p) {
+  const double r2 = p.x() * p.x() + p.y() * p.y();
+  const double radial = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
+  const double radial_slope = 2.0 * (d[0] + r2 * (2.0 * d[1] + r2 * 3.0 * d[4]));
+  return DistortRadially(d, p, radial, radial_slope, true);
 }
 
 DistortedPoint DistortRational(const Distortion& d, const Eigen::Vector2d& p) {
-  const double x = p.x(), y = p.y();
-  const double r2 = x * x + y * y;
+  const double r2 = p.x() * p.x() + p.y() * p.y();
   const double above = 1.0 + r2 * (d[0] + r2 * (d[1] + r2 * d[4]));
   const double below = 1.0 + r2 * (d[5] + r2 * (d[6] + r2 * d[7]));
   const double radial = above / below;
   const double above_slope = d[0] + r2 * (2.0 * d[1] + r2 * 3.0 * d[4]);
   const double below_slope = d[5] + r2 * (2.0 * d[6] + r2 * 3.0 * d[7]);
   const double radial_slope = 2.0 * (above_slope - radial * below_slope) / below;
-  const double xx = radial + radial_slope * x * x + 2.0 * d[2] * y + 6.0 * d[3] * x;
-  const double xy = radial_slope * x * y + 2.0 * d[2] * x + 2.0 * d[3] * y;
-  const double yy = radial + radial_slope * y * y + 6.0 * d[2] * y + 2.0 * d[3] * x;
   // Behind a pole of the radial factor the image appears a second time.
-  return {{x * radial + 2.0 * d[2] * x * y + d[3] * (r2 + 2.0 * x * x),
-           y * radial + d[2] * (r2 + 2.0 * y * y) + 2.0 * d[3] * x * y},
-          xx,
-          xy,
-          yy,
-          below > 0.0 && xx > 0.0 && xx * yy - xy * xy > 0.0};
+  return DistortRadially(d, p, radial, radial_slope, below > 0.0);
 }
 
 // The distorted radius at a distance r from the centre, and its derivative by r.

@@ -64,8 +64,8 @@ Vector6d Difference(const RigidTransform& to, const RigidTransform& from);
 // Perturbations, covariances and twists of transforms that are derived from another one (README, section 5): the matrix
 // J with which a perturbation xi of X becomes J xi, to first order, of the derived transform. A covariance P becomes
 // J P J^T and a twist V becomes J V.
-Matrix6d JacobianOfProduct(const Eigen::Matrix3d& left_rotation);  // of A X, A constant with this rotation
-Matrix6d JacobianOfInverse(const RigidTransform& transform);       // of X^-1, at X = transform
+Matrix6d JacobianOfProduct(const Eigen::Matrix3d& left_rotation);  // Jacobian of A X, A constant with this rotation
+Matrix6d JacobianOfInverse(const RigidTransform& transform);       // Jacobian of X^-1, at X = transform
 
 // Angle of a^-1 b in radians, [0, pi].
 double RotationAngle(const Eigen::Matrix3d& a, const Eigen::Matrix3d& b);

@@ -13,7 +13,7 @@ constexpr int kDeterminingLines = 3;  // their six equations determine a pose
 // Upper bound of the number of poses with three given matches (Dhome et al., "Determination of the attitude of 3D
 // objects from a single perspective view", PAMI 1989).
 constexpr double kMaxPosesOfThree = 8.0;
-constexpr double kMinSidePx = 1.0;  // of the region of the segments, against a division by zero
+constexpr double kMinSidePx = 1.0;  // side of the region of the segments, against a division by zero
 
 // The region of the segments: its area, and the mean length of a random chord of it (area pi / perimeter).
 struct Region {

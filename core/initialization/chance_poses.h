@@ -11,7 +11,7 @@
 
 namespace evpose {
 
-// What a pose explains.
+// The segments that a pose explains.
 struct ExplainedSegments {
   // Number of distinct model lines that segments are matched with: pieces of one edge are no independent evidence.
   int num_lines = 0;

@@ -299,7 +299,7 @@ class CreaseFinder {
   const double diameter_m_;
   const std::vector<ExactSegment> exact_segments_;
   std::vector<MeshEdge> edges_;
-  std::vector<EdgeClass> classes_;  // of `edges_`
+  std::vector<EdgeClass> classes_;  // class of each of `edges_`
   std::vector<PathStep> path_;
   int64_t work_ = kMaxWork;
 };

@@ -81,7 +81,7 @@ class ChainFinder {
 
 // Several edges of a chain in one direction.
 struct ChainSegment {
-  size_t first_edge = 0;  // of the chain
+  size_t first_edge = 0;  // index of the first edge of the chain
   size_t end_edge = 0;
   Eigen::Vector3d along = Eigen::Vector3d::Zero();  // unit
   double length_m = 0.0;

@@ -24,7 +24,7 @@ constexpr size_t kMaxUsesOfJoint = 8;
 // errors leave no such side.
 std::pair<uint32_t, double> ExitOf(const FacetGraph& graph, uint32_t entry, const Eigen::Vector3d& point,
                                    const Eigen::Vector3d& direction) {
-  constexpr double kParallel = 1e-12;
+  constexpr double kParallel = 1e-12;  // rounding error of a direction along the side
   uint32_t exit = FacetGraph::kNone;
   double distance_m = 0.0;
   for (uint32_t offset = 1; offset < 3; ++offset) {

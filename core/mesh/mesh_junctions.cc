@@ -103,8 +103,8 @@ class JunctionCloser {
   }
 
  private:
-  using Ends = std::array<uint32_t, 2>;  // of an edge, the lower one first
-  // What the removal of flat triangles does at an edge.
+  using Ends = std::array<uint32_t, 2>;  // ends of an edge, the lower one first
+  // The effect of the removal of flat triangles at an edge.
   struct RemovedAt {
     bool is_split = false;        // a triangle with this longest side was removed
     uint32_t apex = 0;            // its third vertex
@@ -293,7 +293,8 @@ class JunctionCloser {
     for (const EdgeUse& edge : edges) vertices.insert(vertices.end(), {edge.low, edge.high});
     std::sort(vertices.begin(), vertices.end());
     vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-    // What cannot end within the limit is not begun: for a million triangles without neighbours it would take seconds.
+    // A search that cannot end within the limit is not begun: for a million triangles without neighbours it would take
+    // seconds.
     if (vertices.size() * BoxTree::LeastNodes(edges.size()) > nodes_left_) {
       report_.is_complete = report_.is_searched = false;
       return;
@@ -406,10 +407,10 @@ class JunctionCloser {
   const double tolerance_m_;
   RawMesh& mesh_;
   size_t splits_left_;  // triangles that may be added
-  size_t nodes_left_;   // of the search
+  size_t nodes_left_;   // number of nodes that the search may still visit
   std::vector<EdgeUse> uses_;
-  std::vector<Ends> flat_edges_;       // of the triangles without area, sorted
-  std::vector<RemovedAt> removed_at_;  // of `flat_edges_`
+  std::vector<Ends> flat_edges_;       // edges of the triangles without area, sorted
+  std::vector<RemovedAt> removed_at_;  // what is removed at each of `flat_edges_`
   std::vector<Insertion> insertions_;
   bool is_late_ = false;
   bool has_junctions_ = false;  // the last round has found some

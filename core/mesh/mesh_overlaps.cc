@@ -332,7 +332,7 @@ class OverlapRemover {
       if (first == nullptr) return;
       if (rest % 2 != 0 || (rest == 0 && AreOnOneSide(uses))) open.push_back(first->triangle);
     });
-    std::vector<bool> must_stay(mesh_.triangles.size(), true);  // of a body without other faces than walls
+    std::vector<bool> must_stay(mesh_.triangles.size(), true);  // true for a body without other faces than walls
     for (uint32_t t = 0; t < remove.size(); ++t) {
       if (!is_wall_[t] && !remove[t]) must_stay[bodies.Find(t)] = false;
     }
@@ -404,7 +404,7 @@ class OverlapRemover {
   const double tolerance_m_;
   const absl::Span<const uint32_t> shell_of_;
   RawMesh& mesh_;
-  std::vector<Eigen::Vector3d> normals_;  // of the triangles, unit
+  std::vector<Eigen::Vector3d> normals_;  // normals of the triangles, unit
   std::vector<uint32_t> other_shells_;
   std::vector<std::pair<uint32_t, uint32_t>> pairs_;
   std::vector<bool> is_copy_;    // covered by triangles with the same winding that are no copies

@@ -102,12 +102,12 @@ size_t RemoveMarked(const std::vector<bool>& remove, std::vector<T>& items) {
 
 // --- Orientation
 
-// What is beyond a side of a triangle: one other triangle, or an edge of another number of triangles.
+// The neighbour across a side of a triangle: one other triangle, or an edge of another number of triangles.
 struct Neighbour {
   enum class Link : uint8_t { kSameWinding, kOtherWinding, kEdge };
-  uint32_t index = 0;  // of the triangle or of the edge
+  uint32_t index = 0;  // index of the triangle or of the edge
   Link link = Link::kEdge;
-  bool is_forward = false;  // of an edge: the triangle goes from its lower to its higher vertex
+  bool is_forward = false;  // true if the triangle goes from the lower to the higher vertex of the edge
 };
 
 class Orienter {
@@ -216,7 +216,7 @@ class Orienter {
       volume += state_[t] == State::kTurn ? -part : part;
       magnitude += std::abs(part);
     }
-    constexpr double kRounding = 1e-9;  // of some million additions in double precision
+    constexpr double kRounding = 1e-9;  // rounding error of some million additions in double precision
     return std::abs(volume) > kRounding * magnitude ? volume : 0.0;
   }
 

@@ -97,7 +97,7 @@ struct Revolution {
   Eigen::Vector3d point;
   Eigen::Vector3d axis;
   double radius = 0.0;
-  double angle_rad = 0.0;  // of a cone; 0 for a cylinder
+  double angle_rad = 0.0;  // half angle of a cone; 0 for a cylinder
 };
 
 enum class RevolutionKind : uint8_t { kCylinder, kCone };

@@ -28,7 +28,8 @@ constexpr float kMaxNormalDifference2 = 1e-6f;
 constexpr std::array<double, 4> kLimitsOfMean = {1.0, 0.5, 0.2, 0.08};
 // Attempts for the whole mesh, each with smaller limits.
 constexpr int kErrorAttempts = 2;
-constexpr double kNextLimit = 0.8;  // of the next attempt, times allowed / largest distance
+constexpr double kNextLimit = 0.8;  // limit of the next attempt, times allowed / largest distance
+// Removed vertices whose distance from the result is measured: bounds the time, at a few per mille of a dense mesh.
 constexpr size_t kErrorSamples = 4096;
 // Height of a triangle relative to its longest side below which it is a line.
 constexpr double kMinReducedHeight = 1e-7;
@@ -277,11 +278,11 @@ class RegionSimplifier {
 
   const RawMesh& mesh_;
   const SmoothSurface& surface_;
-  std::vector<uint32_t> index_;  // of a point in `vertices_`
+  std::vector<uint32_t> index_;  // index of a point in `vertices_`
   std::vector<Vertex> vertices_;
-  std::vector<uint32_t> cell_index_;  // of a vertex among those of a cell
+  std::vector<uint32_t> cell_index_;  // index of a vertex among those of a cell
   std::vector<uint32_t> removed_;     // vertices of the region, in all passes so far
-  size_t first_limit_ = 0;            // of kLimitsOfMean, where the last cell succeeded
+  size_t first_limit_ = 0;            // index in kLimitsOfMean with which the last cell succeeded
   Eigen::AlignedBox3d box_;
 };
 

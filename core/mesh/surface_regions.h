@@ -24,7 +24,7 @@ struct CreaseOptions {
 // An edge of the mesh at which the surface turns or ends.
 struct MeshEdge {
   std::array<uint32_t, 2> ends;       // indices of points, ascending
-  std::vector<uint32_t> triangles;    // that have it as a side
+  std::vector<uint32_t> triangles;    // the triangles that have it as a side
   EdgeKind kind = EdgeKind::kCrease;  // kCrease or kBoundary
   double turn_rad = 0.0;              // angle between the normals of the first two triangles; 0 for a boundary
 };

@@ -57,7 +57,7 @@ class TriangleBvh {
   struct Mesh {
     absl::Span<const Eigen::Vector3d> vertices;
     absl::Span<const std::array<uint32_t, 3>> triangles;
-    absl::Span<const Eigen::Vector3d> centres;  // of the triangles, times three
+    absl::Span<const Eigen::Vector3d> centres;  // centres of the triangles, times three
   };
   // Calls `visit` with each triangle within the radius and its squared distance, until it returns true.
   template <typename Visit>
@@ -72,7 +72,7 @@ class TriangleBvh {
   std::vector<Triangle> triangles_;  // in leaf order
   std::vector<Node> nodes_;          // depth first
   std::vector<Leaf> leaves_;
-  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();  // of the box of all triangles
+  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();  // centre of the box of all triangles
   double extent_m_ = 0.0;                             // largest distance of a coordinate from the centre
 };
 

@@ -11,7 +11,10 @@
 namespace evpose {
 namespace {
 
+// Three points determine a circle; the others show whether the curve is one.
 constexpr size_t kMinCirclePoints = 5;
+// Largest distance of a point from the circle, relative to the height of the arc: a flat arc must be as round as a
+// ring.
 constexpr double kMaxRelativeCircleDistance = 0.02;
 // Keeps the equations regular for collinear points, relative to their trace.
 constexpr double kCircleDamping = 1e-13;

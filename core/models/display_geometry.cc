@@ -17,7 +17,7 @@ constexpr uint32_t kMaxTrianglesAtVertex = 256;
 // A result with more triangles than this times the target is replaced by that of the grid.
 constexpr double kNearTarget = 1.1;
 // The error of a drawing is not limited, only its size.
-constexpr float kAnyError = 1.0f;  // of the extent of the mesh
+constexpr float kAnyError = 1.0f;  // relative to the extent of the mesh
 
 using Faces = std::vector<std::array<uint32_t, 3>>;
 

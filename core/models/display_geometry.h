@@ -28,7 +28,7 @@ struct DisplayGeometry {
 struct DisplayLimits {
   size_t max_faces = 20'000;
   size_t max_edges = 50'000;          // the longest ones stay
-  size_t max_mesh_bytes = 2'400'000;  // of vertices and faces
+  size_t max_mesh_bytes = 2'400'000;  // size of vertices and faces
 };
 
 // A mesh with more triangles than the limits allow is simplified by meshoptimizer: along the surface where that takes

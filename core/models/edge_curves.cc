@@ -101,7 +101,7 @@ void AddSurfaceEdges(const RawMesh& mesh, const SurfaceEdges& edges, ObjectModel
           CurveOf(chain, CurveThrough(chain, mesh, model.diameter_m, max_inserted, circle), mesh, edges));
     }
     std::vector<uint32_t> others;
-    std::vector<EdgeEnds> ends;  // of `others`
+    std::vector<EdgeEnds> ends;  // ends of `others`
     for (uint32_t e = 0; e < edges.edges.size(); ++e) {
       if (exact.is_straight[e] || exact.is_curved[e]) continue;
       others.push_back(e);

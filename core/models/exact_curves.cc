@@ -13,7 +13,7 @@ namespace {
 // A segment that is an edge of the surface.
 struct SeenSegment {
   ExactSegment segment;
-  uint32_t edge;  // of the surface
+  uint32_t edge;  // index of the edge of the surface
 };
 
 // In the order along the exact edges.

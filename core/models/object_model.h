@@ -51,7 +51,7 @@ struct ObjectModel {
   std::vector<std::array<uint32_t, 3>> triangles;  // counter-clockwise seen from outside
   std::vector<ModelLine> lines;                    // straight edges
   std::vector<EdgeCurve> curves;                   // curved edges
-  SmoothSurface surface;                           // of `triangles`; empty if no region is curved
+  SmoothSurface surface;                           // surface of `triangles`; empty if no region is curved
   // Of a model whose facets are those of the object: the edges between two facets that are no lines and at which the
   // surface turns outward. Where one of the facets faces the camera, the edge is an occluding contour. Side s of
   // triangle t, from its corner s to the next one, has the number 3 t + s; each edge is given by both of its sides.

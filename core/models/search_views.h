@@ -34,8 +34,8 @@ struct SearchViews {
   using Templates = std::vector<std::vector<EdgeSample>>;
   using LineViews = std::vector<std::vector<ViewLine>>;
 
-  Templates templates;  // of TemplateModel
-  LineViews lines;      // of SearchModel
+  Templates templates;  // views of TemplateModel
+  LineViews lines;      // views of SearchModel
 };
 
 }  // namespace evpose

@@ -12,7 +12,7 @@ namespace evpose {
 
 // Moments of a surface. Coordinates are relative to `centroid` and divided by `radius_m`.
 struct SurfaceMoments {
-  Eigen::Vector3d centroid = Eigen::Vector3d::Zero();  // of the area, object frame, metres
+  Eigen::Vector3d centroid = Eigen::Vector3d::Zero();  // centroid of the area, object frame, metres
   double radius_m = 0.0;                               // root mean square distance of the area from it; 0: no area
   Eigen::Matrix<double, 6, 6> slippage = Eigen::Matrix<double, 6, 6>::Zero();  // equation (4)
 };
@@ -21,7 +21,7 @@ SurfaceMoments MomentsOf(const ObjectModel& model);
 
 // An axis about which a rotation moves the surface least.
 struct SlippageAxis {
-  Eigen::Vector3d point;      // of the axis, in the coordinates of the moments
+  Eigen::Vector3d point;      // a point of the axis, in the coordinates of the moments
   Eigen::Vector3d direction;  // unit
   // Root mean square of the speed at which rotations move the surface out of itself, relative to the angular velocity
   // and `radius_m`, in increasing order: about `direction` and about the other two principal axes.

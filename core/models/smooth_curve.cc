@@ -51,7 +51,7 @@ Bend BendThrough(const Eigen::Vector3d& p, const Eigen::Vector3d& q, const Eigen
 
 // The point of the arc at the fraction t of its angle.
 Eigen::Vector3d PointOfArc(const Eigen::Vector3d& p, const Eigen::Vector3d& q, const Bend& bend, double t) {
-  constexpr double kStraight = 1e-9;
+  constexpr double kStraight = 1e-9;  // radians; below it the arc is its chord to rounding
   const Eigen::Vector3d chord = q - p;
   const double half = bend.norm();
   if (half < kStraight) return p + t * chord;

@@ -100,7 +100,8 @@ std::vector<Vector3d> PointsAtRadius(const std::vector<Vector3d>& points, double
 // Returns the point with the fewest others at its distance from the centre, among those with a large lever: the
 // distance from the centre, or from an axis, over which the point determines a rotation.
 size_t RarestPoint(const std::vector<Vector3d>& points, const std::vector<double>& lever_m, double tolerance_m) {
-  constexpr double kFarEnough = 0.3;  // of the largest lever; a shorter one magnifies errors more than three times
+  constexpr double kFarEnough =
+      0.3;  // relative to the largest lever; a shorter one magnifies errors more than three times
   std::vector<double> radii;
   for (const Vector3d& point : points) radii.push_back(point.norm());
   std::sort(radii.begin(), radii.end());

@@ -49,7 +49,7 @@ class CentredSegments {
 
   Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
   std::vector<ModelLine> segments_;  // relative to the centre
-  std::vector<Origin> origins_;      // of each segment
+  std::vector<Origin> origins_;      // origin of each segment
   std::vector<std::vector<Eigen::Vector3d>> outlines_;
   double cell_m_;
   std::vector<std::pair<uint64_t, uint32_t>> grid_;  // cell of the midpoint, segment; sorted

@@ -18,7 +18,7 @@ double MadScale(std::vector<double>& values) {
 
 double TukeyScale(absl::Span<const double> residuals, double start) {
   constexpr int kMaxIterations = 50;            // a bound only: Newton's method converges quadratically
-  constexpr double kRelativeTolerance = 1e-10;  // of the mean of rho
+  constexpr double kRelativeTolerance = 1e-10;  // relative to the mean of rho
   double sigma = start;
   double low = 0.0, high = std::numeric_limits<double>::infinity();  // the bracket of the solution
   for (int k = 0; k < kMaxIterations && !residuals.empty(); ++k) {

@@ -54,7 +54,7 @@ std::array<double, 2> DownsampleByClass(size_t max_count, const std::array<doubl
   // Every item is written, and the position advances only past those that stay: a branch on it could not be predicted.
   // Hence one place more than `max_count`.
   if (kept.data() != items.data()) kept.resize(max_count + 1);
-  size_t seen = 0;  // of class 1
+  size_t seen = 0;  // number of items of class 1 so far
   std::array<size_t, 2> written = {};
   size_t write = 0;
   for (size_t read = 0; read < items.size(); ++read) {

@@ -8,7 +8,6 @@
 //   SelectNth             index n                                            reorders, O(n) on average
 //   UpperMedian           index size / 2: the larger middle value of an even number            the same
 //   UpperQuantile         index floor(q size): UpperMedian() for q = 1/2                       the same
-//   LowerQuantile         index floor(q (size - 1)): the smaller middle value                  the same
 //   NearestQuantile       index q (size - 1), rounded                        of sorted values, O(1)
 //   InterpolatedQuantile  linear between the two values beside q (size - 1)                    the same
 //
@@ -47,12 +46,6 @@ T UpperMedian(std::vector<T>& values) {
 template <typename T>
 T UpperQuantile(std::vector<T>& values, double q) {
   return SelectNth(values, std::min(values.size() - 1, static_cast<size_t>(q * static_cast<double>(values.size()))));
-}
-
-// For latencies under load: no rounding up, so that q = 1 alone is the largest value.
-template <typename T>
-T LowerQuantile(std::vector<T>& values, double q) {
-  return SelectNth(values, static_cast<size_t>(q * static_cast<double>(values.size() - 1)));
 }
 
 // For several percentiles of one sorted list, each a value that was measured.

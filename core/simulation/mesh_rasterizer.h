@@ -19,10 +19,11 @@ struct ScreenVertex {
   float light = 0.0f;          // 1 is white paint under full light
 };
 
-// What is rendered; the other members have indices of `vertices`.
+// The mesh that is rendered; the other members have indices of `vertices`.
 struct ScreenMesh {
   absl::Span<const ScreenVertex> vertices;
-  absl::Span<const std::array<uint32_t, 3>> triangles;  // of either winding; depth and light are linear on each
+  absl::Span<const std::array<uint32_t, 3>>
+      triangles;  // triangles of either winding; depth and light are linear on each
   // The segments at which the light or the depth may be discontinuous: borders, creases and contours of the surface.
   absl::Span<const std::array<uint32_t, 2>> edges;
 };

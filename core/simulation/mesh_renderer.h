@@ -55,12 +55,12 @@ class MeshRenderer {
   std::vector<Vertex> vertices_;
   std::vector<std::array<uint32_t, 3>> triangles_;  // indices of vertices_
   std::vector<Edge> edges_;
-  size_t first_strip_vertex_ = 0;  // of the painted lines, which are last
-  size_t first_strip_ = 0;         // of their triangles
+  size_t first_strip_vertex_ = 0;  // first vertex of the painted lines, which are last
+  size_t first_strip_ = 0;         // first of their triangles
   double lift_m_ = 0.0;            // by which these are drawn nearer to the camera than the surface
   bool is_closed_ = false;
   std::vector<ScreenVertex> screen_;  // vertices_ in the image
-  std::vector<bool> faces_camera_;    // of triangles_
+  std::vector<bool> faces_camera_;    // whether each of triangles_ faces the camera
   std::vector<std::array<uint32_t, 3>> seen_triangles_;
   std::vector<std::array<uint32_t, 2>> seen_edges_;  // contours, borders and creases
   MeshRasterizer rasterizer_;

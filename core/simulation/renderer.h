@@ -62,7 +62,7 @@ class SceneRenderer {
   PixelRect image_;
   CoverageRasterizer rasterizer_;
   GaussianBlur blur_;
-  std::unique_ptr<MeshRenderer> mesh_;  // of SceneOptions::model
+  std::unique_ptr<MeshRenderer> mesh_;  // renderer of SceneOptions::model
   std::vector<float> background_;       // without the lens, under full light
   std::vector<float> edgeless_;         // the same without the moving edge; empty if there is none
   std::vector<float> sharp_;            // the image without the lens

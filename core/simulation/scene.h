@@ -36,7 +36,8 @@ struct BackgroundOptions {
   // A straight border, beyond which the background has another shade, oscillates behind the object, as a door or the
   // edge of a table. The contrast of the object's outlines changes as it passes.
   bool has_moving_edge = false;
-  double edge_reflectance = 0.4;       // of the other side: three times the background's, within the range of the faces
+  double edge_reflectance =
+      0.4;  // reflectance of the other side: three times the background's, within the range of the faces
   double edge_speed_px_per_s = 500.0;  // mean; faster than the standard objects
   double edge_tilt_ratio = 0.2;        // dx / dy: not parallel to the pixels' columns
 

@@ -15,8 +15,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr size_t kMaxTriangles = 2'000'000;
-constexpr int kMaxPasses = 14;  // each halves the edges: the longest edge becomes 16384 times shorter
+constexpr size_t kMaxTriangles = 2'000'000;  // bounds the memory
+constexpr int kMaxPasses = 14;               // each halves the edges: the longest edge becomes 16384 times shorter
 constexpr uint32_t kNoPoint = ~0u;
 
 // One side of an edge: the edge from corner k to corner k + 1 of a triangle, as 3 triangle + k.
@@ -191,7 +191,7 @@ class Subdivider {
 // Appends a strip about the line from `begin` to `end` on a face with this normal.
 void AddStrip(const Vector3d& begin, const Vector3d& end, const Vector3d& normal, double width_m, double max_part_m,
               SmoothMesh& mesh) {
-  constexpr double kMaxParts = 1000.0;
+  constexpr double kMaxParts = 1000.0;  // bounds the number of triangles of a line
   const Vector3d along = end - begin;
   const Vector3d across = 0.5 * width_m * normal.cross(along).normalized();
   const int num_parts = static_cast<int>(std::clamp(std::ceil(along.norm() / max_part_m), 1.0, kMaxParts));

@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/simulation/describe.h"
 #include "core/simulation/objects.h"
 #include "core/simulation/simulate_testing.h"

@@ -13,6 +13,7 @@
 namespace evpose {
 namespace {
 
+// Side of the cells in which events are counted: a moving edge has many events in each cell that it crosses.
 constexpr int kCellPx = 8;
 // The density of a cell exceeds that of the noise, the median over all cells, by this many standard deviations of a
 // Poisson count.

@@ -116,7 +116,7 @@ bool Hypotheses::HasWonAgainst(const RigidTransform& camera_from_object) const {
 }
 
 bool Hypotheses::LooksLike(const RigidTransform& a, const RigidTransform& b) const {
-  constexpr size_t kMaxPoints = 64;
+  constexpr size_t kMaxPoints = 64;  // vertices that are compared: enough for the mean of their distances
   const RigidTransform other = NearestEquivalent(b, *context_.model, a);
   const std::vector<Eigen::Vector3d>& vertices = context_.model->vertices;
   const size_t step = vertices.size() / kMaxPoints + 1;

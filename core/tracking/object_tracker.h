@@ -153,8 +153,8 @@ class ObjectTracker {
   TurnedFaceDetector turned_faces_;
   int64_t next_rivals_us_ = 0;
   int rival_rounds_left_ = 0;
-  int next_rival_ = 0;                                                   // of the present round
-  Hypotheses::RivalPrior rival_prior_ = Hypotheses::RivalPrior::kEqual;  // of the present round
+  int next_rival_ = 0;  // number of the next rival of the present round
+  Hypotheses::RivalPrior rival_prior_ = Hypotheses::RivalPrior::kEqual;  // prior of the rivals of the present round
   // A pose was published before this window, so that the other objects take this one into account.
   bool was_published_ = false;
 };

@@ -73,7 +73,7 @@ struct InitializationReport {
   SearchCounts searches;
   int extent_px = 0;  // extent of the region of the events (EventExtentPx) in the latest search without enough lines
   int num_poses = 0;  // poses that are being followed: tested, compared, or published
-  LossCause loss_cause = LossCause::kNone;  // of the latest loss
+  LossCause loss_cause = LossCause::kNone;  // cause of the latest loss
   int64_t lost_at_us = 0;                   // its sensor time
 
   static void VisitState(auto& archive, auto& self) {

@@ -132,7 +132,7 @@ void PoseTrack::Learn(const WindowInput& input, const WindowFit& fit) {
   }
   if (phase_ != TrackPhase::kConfirmed || fit.line_events.empty()) return;
   activity_.Add(context_.camera, input, image_lines_, fit.line_events);
-  // What the window shows counts for its test.
+  // The events of the window count for its own test.
   for (size_t k = 0; k < expectations_.size(); ++k) expectations_[k] = activity_.Of(input.lines[k]);
 }
 

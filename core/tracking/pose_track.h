@@ -34,7 +34,7 @@ struct TrackContext {
   CameraModel camera;
   std::shared_ptr<const CameraTables> tables;
   TrackerOptions options;
-  std::shared_ptr<const ModelEdges> edges;  // of `model`
+  std::shared_ptr<const ModelEdges> edges;  // edges of `model`
   std::shared_ptr<PhaseReporter> phase_reporter = std::make_shared<PhaseReporter>();
   BoundingSphere sphere = BoundingSphereOf(*model);  // object frame
 };
@@ -162,7 +162,7 @@ class PoseTrack {
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
   std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
-  std::vector<Expectation> expectations_;           // of the lines of the window; empty without elements
+  std::vector<Expectation> expectations_;           // expectation of each line of the window; empty without elements
   WindowFit fit_;
   WindowFit second_fit_;
 };

@@ -31,7 +31,7 @@ void SetRivalCovariance(const MotionState& from, double focal_px, const InitialP
 struct Moments {
   double measure = 0.0;  // length or area
   Vector3d first = Vector3d::Zero();
-  Matrix3d second = Matrix3d::Zero();  // of x x^T
+  Matrix3d second = Matrix3d::Zero();  // sum of x x^T
 
   void AddSegment(const Vector3d& p, const Vector3d& q) {
     const double length = (q - p).norm();

@@ -51,7 +51,7 @@ class TurnedFaceDetector {
 
   const ModelEdges& edges_;
   const double inclined_sine_;
-  std::vector<Side> sides_;  // of the planes
+  std::vector<Side> sides_;  // sides of the planes
 };
 
 // The rigid motions and directions of a model from which rivals of any pose follow.

@@ -35,12 +35,12 @@ constexpr uint64_t kTemplateSearchPixelBytes = 2;
 constexpr uint64_t kTrackBytes = 440u << 10;
 // A visible line or element in a hypothesis: image lines with their Jacobians and sums, twice the capacity.
 constexpr uint64_t kTrackLineBytes = 2200;
-// What a hypothesis learns of an edge curve.
+// Statistics of a hypothesis about an edge curve.
 constexpr uint64_t kTrackCurveBytes = 700;
 // A visible line or element in the past states of an object, which other objects need: 96 bytes in at most 400 windows
 // of the search's memory; and the bytes of it that are saved.
-constexpr uint64_t kPastLineBytes = 400 * 96;
-constexpr uint64_t kStatePastLineBytes = 400 * 70;
+constexpr uint64_t kPastLineBytes = uint64_t{400} * 96;
+constexpr uint64_t kStatePastLineBytes = uint64_t{400} * 70;
 // A triangle in the search tree (SurfaceTables), and a line or a vertex with a triangle in a model.
 constexpr uint64_t kTreeTriangleBytes = 160;
 constexpr uint64_t kModelLineBytes = 400;
@@ -115,7 +115,7 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
     memory.max_bytes += views.size() * table_bytes;
     return memory;
   }
-  constexpr uint64_t kStateEventBytes = 8;  // of a window, with its time as a difference
+  constexpr uint64_t kStateEventBytes = 8;  // size of an event of a window, with its time as a difference
   const auto num_pixels = static_cast<uint64_t>(camera.width_px) * static_cast<uint64_t>(camera.height_px);
   const auto search_events = static_cast<uint64_t>(options.initialization.max_events);
   const uint64_t num_cells = TileGrid(camera).num_cells();

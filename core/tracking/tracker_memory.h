@@ -15,8 +15,8 @@ namespace evpose {
 struct TrackerOptions;
 
 struct TrackerMemory {
-  uint64_t max_bytes = 0;        // of the tracker and its camera's tables, without its models, whatever its events are
-  uint64_t max_state_bytes = 0;  // that Tracker::SaveState() writes
+  uint64_t max_bytes = 0;  // memory of the tracker and its camera's tables, without its models, whatever its events are
+  uint64_t max_state_bytes = 0;  // size of what Tracker::SaveState() writes
 };
 
 // Returns an estimate that the tracker does not exceed, also after noise in every pixel and with as many hypotheses of

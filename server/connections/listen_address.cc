@@ -79,7 +79,7 @@ absl::StatusOr<std::vector<tcp::acceptor>> ListenOn(asio::io_context& context, c
   }
   std::vector<tcp::acceptor> acceptors;
   for (tcp::endpoint& endpoint : endpoints) {
-    if (is_wildcard && !acceptors.empty()) break;  // that of IPv6 accepts IPv4, too
+    if (is_wildcard && !acceptors.empty()) break;  // the acceptor of IPv6 accepts IPv4, too
     if (!acceptors.empty()) endpoint.port(acceptors.front().local_endpoint().port());
     tcp::acceptor acceptor(context);
     Listen(endpoint, acceptor, error);

@@ -26,7 +26,7 @@ class ModelLimits {
     uint64_t max_store_bytes = 512ull << 20;
     uint64_t max_tenant_bytes = 512ull << 20;  // the same for one tenant
     uint32_t max_uploads = 64;                 // under way at a time
-    uint32_t max_tenant_uploads = 64;          // of one tenant
+    uint32_t max_tenant_uploads = 64;          // number of uploads of one tenant
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
 

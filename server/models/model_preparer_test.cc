@@ -6,7 +6,7 @@
 #include <fstream>
 #include <thread>
 
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/initialization/search_views.h"
 #include "core/models/cube_files_testing.h"
 #include "gmock/gmock.h"

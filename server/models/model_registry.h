@@ -39,10 +39,10 @@ struct ModelInfo {
   uint32_t num_symmetries = 1;
   std::optional<ContinuousSymmetry> continuous_symmetry;
   double diameter_m = 0.0;
-  std::string sha256_hex;  // of the file's bytes
+  std::string sha256_hex;  // digest of the file's bytes
   std::vector<std::string> notices;
   absl::Time create_time;
-  std::string file_name;  // of the first upload; may be empty
+  std::string file_name;  // file name of the first upload; may be empty
 };
 
 // Returns "models/{id}"; the id is defined at Model.name in the API.
@@ -121,7 +121,7 @@ class ModelRegistry {
   using Key = std::pair<std::string, std::string>;  // tenant, name
   struct Entry {
     ModelInfo info;
-    uint64_t stored_bytes = 0;  // of the file and of what was derived from it
+    uint64_t stored_bytes = 0;  // size of the file and of what was derived from it
     bool is_current = false;    // prepared by this version; otherwise the counts in `info` are missing
     std::shared_ptr<const void> use = std::make_shared<const char>();
     std::weak_ptr<const ObjectModel> model;  // empty while no session uses it

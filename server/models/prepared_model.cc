@@ -155,7 +155,7 @@ std::string EncodePreparedModel(const ObjectModel& model) {
 }
 
 std::string EncodePreparedViews(const SearchViews& views) {
-  PreparedModel stored;  // of two encodings in succession, the fields are merged
+  PreparedModel stored;  // protobuf merges the fields of two encodings in succession
   *stored.mutable_views() = ToStored(views);
   return stored.SerializeAsString();
 }

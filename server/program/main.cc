@@ -182,6 +182,12 @@ std::string ProgramBeside(const std::string& name) {
   return (std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / name).string();
 }
 
+void LogReady(const std::string& address, const StoreOptions& store) {
+  const BuildVersion build = ThisBuild();
+  Log(LogLevel::kInfo, "server_ready",
+      {{"address", address}, {"store", StoreForLog(store)}, {"version", build.version}, {"commit", build.commit}});
+}
+
 int Serve(const ProgramOptions& options) {
   AllowAllDescriptors();
   KeepMemoryReserve();
@@ -222,12 +228,7 @@ int Serve(const ProgramOptions& options) {
     const absl::Status written = WritePortFile(options.port_file, (*server)->port());
     if (!written.ok()) return Fail(kFailed, std::string(written.message()));
   }
-  const BuildVersion build = ThisBuild();
-  Log(LogLevel::kInfo, "server_ready",
-      {{"address", listening_on},
-       {"store", StoreForLog(server_options.store)},
-       {"version", build.version},
-       {"commit", build.commit}});
+  LogReady(listening_on, server_options.store);
   Announce(options, listening_on, pages->get());
 
   const int signal_number = WaitForEndSignal();

@@ -173,6 +173,9 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--listener-timeout", arguments.listener_timeout_s,
                  "Time after which a server that does not accept its own connections ends with status 1")
       ->type_name("SECONDS");
+}
+
+void DefineTenantLimits(CLI::App& app, ServerOptions& options) {
   app.option_defaults()->group("Limits of each tenant");
   app.add_option("--tenant-max-sessions", options.tenant.max_sessions, "Sessions at a time");
   app.add_option("--tenant-max-session-memory", options.tenant.max_session_memory,
@@ -238,6 +241,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   DefineAccess(app, arguments);
   DefineSurvival(app, arguments);
   DefineLimits(app, arguments);
+  DefineTenantLimits(app, options);
 }
 
 // Describes an error of ServerOptions::Validate() with the command-line option that sets the invalid field. An error of

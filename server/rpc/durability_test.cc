@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "server/rpc/server_testing.h"
 #include "server/sessions/store_testing.h"
 #include "server/stores/memory/memory_store.h"

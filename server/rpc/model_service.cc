@@ -130,7 +130,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       return InvalidField("header.sha256",
                           absl::StrCat("has ", header.sha256().size(), " bytes; a SHA-256 has ", kSha256Bytes));
     }
-    constexpr size_t kMaxFileNameBytes = 255;
+    constexpr size_t kMaxFileNameBytes = 255;  // as file systems have
     if (header.file_name().size() > kMaxFileNameBytes || !IsPlainText(header.file_name())) {
       return InvalidField("header.file_name", absl::StrCat("has more than ", kMaxFileNameBytes,
                                                            " bytes, or characters that are not printable"));
@@ -227,7 +227,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   uint64_t size_bytes_ = 0;
   uint64_t received_bytes_ = 0;
   const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
-  absl::Time deadline_;                         // of the last byte of the file
+  absl::Time deadline_;                         // time by which the last byte of the file must arrive
   std::unique_ptr<ModelLimits::Upload> place_;  // counts bytes_
   std::vector<uint8_t> bytes_;
   std::unique_ptr<KnownFile> known_;  // not null: the file is known, and bytes_ stays empty

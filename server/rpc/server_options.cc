@@ -25,6 +25,7 @@ namespace {
 
 // Where the server listens and how many threads it has.
 absl::Status CheckServing(const ServerOptions& options) {
+  // Above the cores of any machine, and above the work that a store and preparations can do at a time.
   constexpr int kMaxWorkers = 1024;
   constexpr int kMaxSlowThreads = 64;
   if (!options.listen_address.empty()) {
@@ -42,7 +43,7 @@ absl::Status CheckServing(const ServerOptions& options) {
 
 // The preparation, size and number of models.
 absl::Status CheckModels(const ServerOptions& options) {
-  constexpr uint32_t kMaxCpuSeconds = 3600;
+  constexpr uint32_t kMaxCpuSeconds = 3600;             // the largest meshes take seconds
   constexpr uint64_t kMinPreparationBytes = 64u << 20;  // libraries and a small model
   if (!options.model_preparer.empty() && access(options.model_preparer.c_str(), X_OK) != 0) {
     return InvalidField("model_preparer", absl::StrCat(options.model_preparer, " cannot be run: install it there"));
@@ -119,6 +120,7 @@ absl::Status CheckStreams(const ServerOptions& options) {
 }
 
 absl::Status CheckTimes(const ServerOptions& options) {
+  // A busy machine delays the connections of the check by less than a second.
   constexpr absl::Duration kMinListenerTimeout = absl::Seconds(1);
   for (const auto& [field, duration] :
        {std::pair("attach_timeout", options.attach_timeout), std::pair("upload_timeout", options.upload_timeout),

@@ -20,7 +20,7 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kMaxRequestIdBytes = 128;
+constexpr size_t kMaxRequestIdBytes = 128;  // as the API states; a UUID has 36
 
 absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const Caller& caller,
                                                 const v1::CreateSessionRequest& request) {

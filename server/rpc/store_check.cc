@@ -56,7 +56,7 @@ void StoreCheck::Ask() {
   });
   const std::lock_guard lock(mutex_);
   if (is_stopped_) return;
-  if (IsOutOfMemory(health)) return Arm();  // that says nothing about the store
+  if (IsOutOfMemory(health)) return Arm();  // a failed allocation says nothing about the store
   if (usage.has_value()) usage_ = usage;
   const bool has_changed = health.ok() != answer_.ok();
   answer_ = health;

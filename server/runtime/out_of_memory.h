@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What happens when an allocation fails: the call or the session for which it was made ends, and the process goes on.
+// Handling of failed allocations: the call or the session for which it was made ends, and the process goes on.
 // The standard library reports it by an exception, which these guards turn into a status.
 #pragma once
 

@@ -69,7 +69,7 @@ absl::Status SlowExecutor::Admission(const Item& item) {
 }
 
 void SlowExecutor::Run(const std::string& tenant, Item item) {
-  setpriority(PRIO_PROCESS, 0, kNice);  // of this thread; raising the number is always permitted
+  setpriority(PRIO_PROCESS, 0, kNice);  // the priority of this thread; raising the number is always permitted
   RunUnlessOutOfMemory([this, &item] { item.work(Admission(item)); });
   item = {};  // what the work holds is released before the next item of the tenant
   const std::lock_guard lock(mutex_);

@@ -16,7 +16,7 @@ namespace evpose::server {
 // Bounds of the processor time, in processor seconds per second; 0: no bound.
 struct CpuLimits {
   double session = 0.0;
-  double tenant = 0.0;  // of all sessions of a tenant together
+  double tenant = 0.0;  // processor seconds per second of all sessions of a tenant together
 };
 
 // The processor time that a session or a tenant uses.
@@ -46,7 +46,7 @@ struct TenantShare {
 
 struct SessionShare {
   std::shared_ptr<TenantShare> tenant;
-  CpuMeter::Time received_at{};               // of the oldest data that wait
+  CpuMeter::Time received_at{};               // time of the oldest data that wait
   double used_s = 0.0;                        // as TenantShare::used_s, among the sessions of the tenant
   std::chrono::nanoseconds since_drained{0};  // processor time since no data waited
   CpuMeter::Time drained_at{};                // no data waited then for the last time

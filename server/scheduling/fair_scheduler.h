@@ -29,7 +29,7 @@ class SessionTurns : private SessionShare, public std::enable_shared_from_this<S
  public:
   struct Use {
     double cpu_per_s = 0.0;  // processor seconds per second, averaged with a time constant of one second
-    double limit = 0.0;      // of cpu_per_s; 0: none
+    double limit = 0.0;      // bound of cpu_per_s; 0: none
   };
 
   // Runs `step` in a turn of the session. At most one step may wait; the step that runs may post the next one, which
@@ -108,7 +108,7 @@ class FairScheduler {
   const size_t num_places_;
   const boost::asio::any_io_executor executor_;  // empty: own threads
   mutable std::mutex mutex_;
-  std::condition_variable idle_;  // of the threads without a turn
+  std::condition_variable idle_;  // notifies the threads without a turn
   FairQueue queue_ ABSL_GUARDED_BY(mutex_);
   std::deque<SessionTurns*> begun_ ABSL_GUARDED_BY(mutex_);  // have a place, but no thread yet
   size_t num_running_ ABSL_GUARDED_BY(mutex_) = 0;           // places in use

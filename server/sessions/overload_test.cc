@@ -326,26 +326,18 @@ TEST_F(LiveTest, TheLastGapIsReportedBeforeTheEnd) {
   EXPECT_EQ(dropped[0].to_t_us, health.t_us);
 }
 
-// Eight replays with full queues and one live camera, on one thread.
-TEST(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
-  constexpr int kBusy = 8;
-  constexpr size_t kChunks = 100;
-  std::vector<int> slices;  // the session of each slice, in their order
-  std::function<void()> on_slice = [] {};
-  std::vector<std::unique_ptr<Load>> loads;
-  // The processor time of a slice is that of a turn, and the only time that passes.
-  std::atomic<int64_t> cpu_ms = 0;
-  const auto now = [&] { return SteadyTime(std::chrono::hours(1) + std::chrono::milliseconds(cpu_ms.load())); };
-  const auto cpu_now = [&] { return std::chrono::milliseconds(cpu_ms.load()); };
-  WorkerPool pool(1, 1, {.now = now, .cpu_now = cpu_now});  // outlives the store
-  const std::unique_ptr<Store> store = MakeMemoryStore();
-  std::vector<std::shared_ptr<Session>> sessions;
-  const auto add_session = [&](int index) {
-    Load& load = *loads.emplace_back(std::make_unique<Load>());
-    load.pass_time = [&, index](int64_t) {
-      ++cpu_ms;
-      slices.push_back(index);
-      on_slice();
+// Sessions on one thread. The processor time of a slice is that of a turn, and the only time that passes.
+class WorkerFairnessTest : public ::testing::Test {
+ protected:
+  SteadyTime Now() const { return SteadyTime(std::chrono::hours(1) + std::chrono::milliseconds(cpu_ms_.load())); }
+
+  // Attaches to a new session, whose slices are recorded as `index`; returns the stream.
+  uint64_t AddSession(int index) {
+    Load& load = *loads_.emplace_back(std::make_unique<Load>());
+    load.pass_time = [this, index](int64_t) {
+      ++cpu_ms_;
+      slices_.push_back(index);
+      on_slice_();
     };
     Session::Parts parts;
     parts.name = "sessions/" + std::to_string(index);
@@ -356,39 +348,55 @@ TEST(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
     };
     parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, make_tracker).value();
     parts.resume_token = "first";
-    parts.clocks = {.wall = [] { return absl::UnixEpoch(); }, .steady = now};
+    parts.clocks = {.wall = [] { return absl::UnixEpoch(); }, .steady = [this] { return Now(); }};
     parts.beginning.lifecycle = {.token_digest = TokenDigest("first"), .detached_at = absl::UnixEpoch()};
-    parts.lease = store->CreateSession({.name = parts.name}, "").value();
-    sessions.push_back(Session::Start(std::move(parts), pool));
-    return sessions.back()->Attach("first", 0, {}).value().stream;
-  };
+    parts.lease = store_->CreateSession({.name = parts.name}, "").value();
+    sessions_.push_back(Session::Start(std::move(parts), pool_));
+    return sessions_.back()->Attach("first", 0, {}).value().stream;
+  }
+
+  std::vector<int> slices_;  // the session of each slice, in their order
+  std::function<void()> on_slice_ = [] {};
+  std::vector<std::unique_ptr<Load>> loads_;
+  std::atomic<int64_t> cpu_ms_ = 0;
+  // Outlives the store.
+  WorkerPool pool_{
+      1, 1, {.now = [this] { return Now(); }, .cpu_now = [this] { return std::chrono::milliseconds(cpu_ms_.load()); }}};
+  const std::unique_ptr<Store> store_ = MakeMemoryStore();
+  std::vector<std::shared_ptr<Session>> sessions_;
+};
+
+// Eight replays with full queues and one live camera.
+TEST_F(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
+  constexpr int kBusy = 8;
+  constexpr size_t kChunks = 100;
   // 16 KiB, one millisecond: one slice, and one call of the tracker.
   const std::string slice = Flat64(std::vector<Event>(2048, {500, 9, 9, 1}));
   std::binary_semaphore go(0);
-  pool.AddSession("")->Post([&go] { go.acquire(); }, SteadyTime());
+  pool_.AddSession("")->Post([&go] { go.acquire(); }, SteadyTime());
   for (int i = 0; i < kBusy; ++i) {
-    const uint64_t stream = add_session(i);
+    const uint64_t stream = AddSession(i);
     for (uint64_t seq = 1; seq <= kChunks; ++seq) {
-      ASSERT_TRUE(sessions[i]->PushEvents(stream, {.seq = seq, .payload = slice}).ok());
+      ASSERT_TRUE(sessions_[i]->PushEvents(stream, {.seq = seq, .payload = slice}).ok());
     }
   }
   // A chunk of the camera arrives in every 7th slice after those in which the replays showed that they are replays.
   constexpr size_t kBegin = 100;
-  const uint64_t camera = add_session(kBusy);
+  const uint64_t camera = AddSession(kBusy);
   uint64_t camera_seq = 0;
-  on_slice = [&] {
-    if (slices.size() < kBegin || slices.size() % 7 != 0 || slices.size() > 700 || slices.back() == kBusy) return;
-    ASSERT_TRUE(sessions[kBusy]->PushEvents(camera, {.seq = ++camera_seq, .payload = slice}).ok());
+  on_slice_ = [&] {
+    if (slices_.size() < kBegin || slices_.size() % 7 != 0 || slices_.size() > 700 || slices_.back() == kBusy) return;
+    ASSERT_TRUE(sessions_[kBusy]->PushEvents(camera, {.seq = ++camera_seq, .payload = slice}).ok());
   };
   go.release();
-  pool.Join();
-  ASSERT_EQ(slices.size(), kChunks * kBusy + camera_seq);
+  pool_.Join();
+  ASSERT_EQ(slices_.size(), kChunks * kBusy + camera_seq);
   ASSERT_GT(camera_seq, 50u);
   std::vector<int> replays;
-  for (size_t i = kBegin; i < slices.size(); ++i) {
-    if (slices[i] != kBusy) replays.push_back(slices[i]);
-    if (i % 7 == 0 && i <= 700 && slices[i - 1] != kBusy) {
-      EXPECT_EQ(slices[i], kBusy) << "slice " << i;
+  for (size_t i = kBegin; i < slices_.size(); ++i) {
+    if (slices_[i] != kBusy) replays.push_back(slices_[i]);
+    if (i % 7 == 0 && i <= 700 && slices_[i - 1] != kBusy) {
+      EXPECT_EQ(slices_[i], kBusy) << "slice " << i;
     }
   }
   for (size_t round = 0; round + 1 < 60; ++round) {

@@ -100,7 +100,7 @@ class SessionPipeline {
   std::string configuration_;  // digest of the configuration and models to which a state belongs
   std::unique_ptr<EventDecoder> decoder_;
   std::unique_ptr<Tracker> tracker_;
-  std::vector<TrackState> reported_states_;  // of the objects
+  std::vector<TrackState> reported_states_;  // reported state of each object
   DecodedEvents decoded_;                    // a member so that its memory is reused
   int64_t first_t_us_ = -1;
   int64_t now_us_ = -1;

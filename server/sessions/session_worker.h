@@ -102,20 +102,20 @@ class SessionWorker {
   const SessionConfig& config_;
   const Options options_;
   std::unique_ptr<SessionPipeline> pipeline_;
-  PipelineOutput output_;  // of the slice
+  PipelineOutput output_;  // output of the slice
   std::optional<WorkItem> item_;
   size_t item_offset_ = 0;
-  size_t slice_bytes_;  // of the next slice, at most
+  size_t slice_bytes_;  // size of the next slice, at most
   DecodeCounts counts_before_item_;
-  ChunkTriggers triggers_;  // of the item so far
+  ChunkTriggers triggers_;  // triggers of the item so far
   uint64_t next_pose_seq_ = 1;
   OverloadGate overload_;
   bool must_drop_ = false;            // the events of the slice
-  EventGap dropped_now_;              // of the slice
-  std::optional<EventsDropped> gap_;  // that ended before the slice
+  EventGap dropped_now_;              // gap of the slice
+  std::optional<EventsDropped> gap_;  // the gap that ended before the slice
   std::chrono::steady_clock::duration processing_time_{0};
-  std::vector<float> explained_ratios_;   // of the objects' latest poses
-  std::vector<uint32_t> earlier_losses_;  // of the objects, before the present tracker was created
+  std::vector<float> explained_ratios_;   // explained ratio of each object's latest pose
+  std::vector<uint32_t> earlier_losses_;  // losses of each object before the present tracker was created
 };
 
 }  // namespace evpose::server

@@ -50,7 +50,7 @@ class TenantQuotas {
 
  private:
   struct Bucket {
-    double bytes = 0.0;  // that may arrive now; negative: excess to be waited for
+    double bytes = 0.0;  // bytes that may arrive now; negative: excess to be waited for
     absl::Time filled_at;
   };
   using Counts = std::map<std::string, uint32_t>;  // by tenant, no zeros

@@ -17,7 +17,7 @@ struct StoreOptions {
   // in the form of ParseRedisAddress().
   std::string store = "memory";
   std::string data_dir;              // used by "sqlite"
-  uint64_t max_bytes = 64ull << 30;  // of sessions in memory, or of the SQLite file; Redis has a limit of its own
+  uint64_t max_bytes = 64ull << 30;  // size of sessions in memory, or of the SQLite file; Redis has a limit of its own
 };
 
 // Errors: INVALID_ARGUMENT for an unknown kind of store; those of OpenSqliteStore(), ParseRedisAddress() and

@@ -36,7 +36,7 @@ class LogLimiter {
 
  private:
   struct Bucket {
-    double lines = 0.0;  // that may be written now
+    double lines = 0.0;  // number of lines that may be written now
     absl::Time filled_at;
     uint64_t suppressed = 0;
   };

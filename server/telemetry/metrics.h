@@ -98,7 +98,7 @@ enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed, kR
 // Sums over all sessions since the process started. Events and poses that are processed again after a restart or a move
 // count again.
 struct ServerMetrics {
-  Counter received_bytes;  // of chunks, without those that the session already had
+  Counter received_bytes;  // bytes of chunks, without those that the session already had
   Counter decoded_events;
   OneFor<DropReason, 3> skipped_events;  // as SessionHealth::skipped_events
   Counter events_before_time;            // this one and the next three: as DecodeCounts
@@ -107,7 +107,7 @@ struct ServerMetrics {
   Counter broken_vectors;
   Counter poses;
   Counter track_losses;
-  Counter reinitializations;  // of objects that were lost before
+  Counter reinitializations;  // searches for objects that were lost before
   OneFor<TrackPhase, kNumTrackPhases, OneFor<TrackPhase, kNumTrackPhases>> track_transitions;  // [from][to]
   OneFor<ObjectPhase, kNumObjectPhases, OneFor<ObjectPhase, kNumObjectPhases>> object_transitions;
   Counter reattaches;
@@ -115,9 +115,9 @@ struct ServerMetrics {
 
   DurationHistogram turn_time;            // processor time of a session's turn on a worker
   DurationHistogram pose_latency;         // from a chunk's receipt to each of its poses
-  DurationHistogram decode_time;          // of a slice of a chunk
-  DurationHistogram track_time;           // of a slice of a chunk, without initialization
-  DurationHistogram initialization_time;  // of a step with a search for poses
+  DurationHistogram decode_time;          // time to decode a slice of a chunk
+  DurationHistogram track_time;           // time to track a slice of a chunk, without initialization
+  DurationHistogram initialization_time;  // time of a step with a search for poses
   Counter processing_ns;                  // time of workers for decoding and tracking
   Counter sensor_time_us;                 // processed sensor time
 
@@ -130,7 +130,7 @@ struct ServerMetrics {
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 
   Counter event_images;          // images of events that watchers have taken
-  Counter skipped_event_images;  // that were replaced by later ones, because a watcher was too slow
+  Counter skipped_event_images;  // images that were replaced by later ones, because a watcher was too slow
 
   OneFor<ConnectionRefusal, 3> connection_refusals;
 

@@ -57,105 +57,136 @@ std::string TransitionSeries(const char* kind, std::string_view from, std::strin
                       "\",to=\"", absl::AsciiStrToLower(std::string(to)), "\"}");
 }
 
-TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
-  ServerMetrics metrics;
-  uint64_t next = 0;
-  std::map<std::string, double> expected;
-  const auto count = [&](Counter& counter, const std::string& series, uint64_t unit = 1) {
-    counter.Add(++next * unit);
-    expected[series] = static_cast<double>(next);
-  };
-  count(metrics.received_bytes, "evpose_received_bytes_total");
-  count(metrics.decoded_events, "evpose_events_decoded_total");
-  count(metrics.skipped_events[DropReason::kLag], "evpose_events_skipped_total{reason=\"lag\"}");
-  count(metrics.skipped_events[DropReason::kMemory], "evpose_events_skipped_total{reason=\"memory\"}");
-  count(metrics.skipped_events[DropReason::kReader], "evpose_events_skipped_total{reason=\"reader\"}");
-  count(metrics.events_before_time, "evpose_events_dropped_total{reason=\"before_time\"}");
-  count(metrics.events_outside_sensor, "evpose_events_dropped_total{reason=\"outside_sensor\"}");
-  count(metrics.unknown_words, "evpose_invalid_words_total{reason=\"unknown\"}");
-  count(metrics.broken_vectors, "evpose_invalid_words_total{reason=\"broken_vector\"}");
-  count(metrics.poses, "evpose_poses_total");
-  count(metrics.track_losses, "evpose_track_losses_total");
-  count(metrics.reinitializations, "evpose_reinitializations_total");
-  for (int from = 0; from < kNumObjectPhases; ++from) {
-    for (int to = 0; to < kNumObjectPhases; ++to) {
-      if (!IsTransition<ObjectPhase, ObjectInput>(from, to, kNumObjectInputs)) continue;
-      const auto before = static_cast<ObjectPhase>(from), after = static_cast<ObjectPhase>(to);
-      count(metrics.object_transitions[before][after],
-            TransitionSeries("object", ObjectPhaseName(before), ObjectPhaseName(after)));
-    }
-  }
-  for (int from = 0; from < kNumTrackPhases; ++from) {
-    for (int to = 0; to < kNumTrackPhases; ++to) {
-      if (!IsTransition<TrackPhase, TrackInput>(from, to, kNumTrackInputs)) continue;
-      const auto before = static_cast<TrackPhase>(from), after = static_cast<TrackPhase>(to);
-      count(metrics.track_transitions[before][after],
-            TransitionSeries("track", TrackPhaseName(before), TrackPhaseName(after)));
-    }
-  }
-  count(metrics.reattaches, "evpose_reattaches_total");
-  count(metrics.falls_behind, "evpose_falls_behind_total");
-  count(metrics.processing_ns, "evpose_processing_seconds_total", 1'000'000'000);
-  count(metrics.sensor_time_us, "evpose_sensor_seconds_total", 1'000'000);
-  count(metrics.checkpoint_failures[CheckpointFailure::kStoreAway],
-        "evpose_checkpoint_failures_total{reason=\"store_away\"}");
-  count(metrics.checkpoint_failures[CheckpointFailure::kStoreFull],
-        "evpose_checkpoint_failures_total{reason=\"store_full\"}");
-  count(metrics.checkpoint_failures[CheckpointFailure::kFenced], "evpose_checkpoint_failures_total{reason=\"fenced\"}");
-  count(metrics.checkpoint_failures[CheckpointFailure::kRolledBack],
-        "evpose_checkpoint_failures_total{reason=\"rolled_back\"}");
-  count(metrics.checkpoint_failures[CheckpointFailure::kStoreFailed],
-        "evpose_checkpoint_failures_total{reason=\"store_failed\"}");
-  for (int i = 0; i <= 16; ++i) {
-    const auto code = static_cast<absl::StatusCode>(i);
-    const std::string label = absl::StrCat("code=\"", absl::StatusCodeToString(code), "\"}");
-    count(metrics.stream_ends[StreamKind::kTrack][code],
-          absl::StrCat("evpose_stream_ends_total{stream=\"track\",", label));
-    count(metrics.stream_ends[StreamKind::kWatch][code],
-          absl::StrCat("evpose_stream_ends_total{stream=\"watch\",", label));
-  }
-  const std::pair<QuotaLimit, const char*> limits[] = {{QuotaLimit::kMaxSessions, "max_sessions"},
-                                                       {QuotaLimit::kMaxStreams, "max_streams"},
-                                                       {QuotaLimit::kMaxModelStoreBytes, "max_model_store_bytes"},
-                                                       {QuotaLimit::kTenantSessions, "tenant_sessions"},
-                                                       {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
-                                                       {QuotaLimit::kTenantWatchers, "tenant_watchers"},
-                                                       {QuotaLimit::kSessionMemory, "session_memory"},
-                                                       {QuotaLimit::kTenantSessionMemory, "tenant_session_memory"},
-                                                       {QuotaLimit::kTenantStreams, "tenant_streams"},
-                                                       {QuotaLimit::kMaxUploads, "max_uploads"},
-                                                       {QuotaLimit::kTenantUploads, "tenant_uploads"}};
-  for (const auto& [limit, name] : limits) {
-    count(metrics.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
-  }
-  const std::pair<AuthenticationFailure, const char*> failures[] = {
-      {AuthenticationFailure::kNoToken, "no_token"},
-      {AuthenticationFailure::kBadToken, "bad_token"},
-      {AuthenticationFailure::kBadCertificate, "bad_certificate"}};
-  for (const auto& [failure, name] : failures) {
-    count(metrics.authentication_failures[failure],
-          absl::StrCat("evpose_authentication_failures_total{reason=\"", name, "\"}"));
-  }
-  count(metrics.quota_delays, "evpose_quota_delays_total");
-  count(metrics.event_images, "evpose_event_images_total");
-  count(metrics.skipped_event_images, "evpose_event_images_skipped_total");
-  expected["evpose_out_of_memory_total"] = 0.0;  // of the process
-  const std::pair<ConnectionRefusal, const char*> refusals[] = {
-      {ConnectionRefusal::kMaxConnections, "max_connections"},
-      {ConnectionRefusal::kMaxPerPeer, "max_connections_per_peer"},
-      {ConnectionRefusal::kDescriptors, "descriptors"}};
-  for (const auto& [refusal, name] : refusals) {
-    count(metrics.connection_refusals[refusal], absl::StrCat("evpose_connections_refused_total{limit=\"", name, "\"}"));
+// Gives each counter another value, and keeps the series in which it must appear.
+class CounterSeries {
+ public:
+  CounterSeries() {
+    CountWork();
+    CountTransitions();
+    CountStreams();
+    CountRefusals();
   }
 
-  const ParsedMetrics parsed = ParseMetrics(PrometheusText(metrics, ServerState(), kBuild));
-  for (const auto& [series, value] : expected) EXPECT_NEAR(parsed.At(series), value, 1e-9 * value) << series;
-  size_t num_counters = 0;
-  for (const auto& [series, value] : parsed.values) {
-    num_counters += parsed.types.count(series.substr(0, series.find('{'))) == 1 &&
-                    parsed.types.at(series.substr(0, series.find('{'))) == "counter";
+  const ServerMetrics& metrics() const { return metrics_; }
+  const std::map<std::string, double>& expected() const { return expected_; }
+
+ private:
+  void Count(Counter& counter, const std::string& series, uint64_t unit = 1) {
+    counter.Add(++next_ * unit);
+    expected_[series] = static_cast<double>(next_);
   }
-  EXPECT_EQ(num_counters, expected.size()) << "this test does not cover a counter";
+
+  void CountWork() {
+    Count(metrics_.received_bytes, "evpose_received_bytes_total");
+    Count(metrics_.decoded_events, "evpose_events_decoded_total");
+    Count(metrics_.skipped_events[DropReason::kLag], "evpose_events_skipped_total{reason=\"lag\"}");
+    Count(metrics_.skipped_events[DropReason::kMemory], "evpose_events_skipped_total{reason=\"memory\"}");
+    Count(metrics_.skipped_events[DropReason::kReader], "evpose_events_skipped_total{reason=\"reader\"}");
+    Count(metrics_.events_before_time, "evpose_events_dropped_total{reason=\"before_time\"}");
+    Count(metrics_.events_outside_sensor, "evpose_events_dropped_total{reason=\"outside_sensor\"}");
+    Count(metrics_.unknown_words, "evpose_invalid_words_total{reason=\"unknown\"}");
+    Count(metrics_.broken_vectors, "evpose_invalid_words_total{reason=\"broken_vector\"}");
+    Count(metrics_.poses, "evpose_poses_total");
+    Count(metrics_.track_losses, "evpose_track_losses_total");
+    Count(metrics_.reinitializations, "evpose_reinitializations_total");
+    Count(metrics_.reattaches, "evpose_reattaches_total");
+    Count(metrics_.falls_behind, "evpose_falls_behind_total");
+    Count(metrics_.processing_ns, "evpose_processing_seconds_total", 1'000'000'000);
+    Count(metrics_.sensor_time_us, "evpose_sensor_seconds_total", 1'000'000);
+    Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreAway],
+          "evpose_checkpoint_failures_total{reason=\"store_away\"}");
+    Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreFull],
+          "evpose_checkpoint_failures_total{reason=\"store_full\"}");
+    Count(metrics_.checkpoint_failures[CheckpointFailure::kFenced],
+          "evpose_checkpoint_failures_total{reason=\"fenced\"}");
+    Count(metrics_.checkpoint_failures[CheckpointFailure::kRolledBack],
+          "evpose_checkpoint_failures_total{reason=\"rolled_back\"}");
+    Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreFailed],
+          "evpose_checkpoint_failures_total{reason=\"store_failed\"}");
+    Count(metrics_.quota_delays, "evpose_quota_delays_total");
+    Count(metrics_.event_images, "evpose_event_images_total");
+    Count(metrics_.skipped_event_images, "evpose_event_images_skipped_total");
+    expected_["evpose_out_of_memory_total"] = 0.0;  // of the process
+  }
+
+  void CountTransitions() {
+    for (int from = 0; from < kNumObjectPhases; ++from) {
+      for (int to = 0; to < kNumObjectPhases; ++to) {
+        if (!IsTransition<ObjectPhase, ObjectInput>(from, to, kNumObjectInputs)) continue;
+        const auto before = static_cast<ObjectPhase>(from), after = static_cast<ObjectPhase>(to);
+        Count(metrics_.object_transitions[before][after],
+              TransitionSeries("object", ObjectPhaseName(before), ObjectPhaseName(after)));
+      }
+    }
+    for (int from = 0; from < kNumTrackPhases; ++from) {
+      for (int to = 0; to < kNumTrackPhases; ++to) {
+        if (!IsTransition<TrackPhase, TrackInput>(from, to, kNumTrackInputs)) continue;
+        const auto before = static_cast<TrackPhase>(from), after = static_cast<TrackPhase>(to);
+        Count(metrics_.track_transitions[before][after],
+              TransitionSeries("track", TrackPhaseName(before), TrackPhaseName(after)));
+      }
+    }
+  }
+
+  void CountStreams() {
+    for (int i = 0; i <= 16; ++i) {
+      const auto code = static_cast<absl::StatusCode>(i);
+      const std::string label = absl::StrCat("code=\"", absl::StatusCodeToString(code), "\"}");
+      Count(metrics_.stream_ends[StreamKind::kTrack][code],
+            absl::StrCat("evpose_stream_ends_total{stream=\"track\",", label));
+      Count(metrics_.stream_ends[StreamKind::kWatch][code],
+            absl::StrCat("evpose_stream_ends_total{stream=\"watch\",", label));
+    }
+  }
+
+  void CountRefusals() {
+    const std::pair<QuotaLimit, const char*> limits[] = {{QuotaLimit::kMaxSessions, "max_sessions"},
+                                                         {QuotaLimit::kMaxStreams, "max_streams"},
+                                                         {QuotaLimit::kMaxModelStoreBytes, "max_model_store_bytes"},
+                                                         {QuotaLimit::kTenantSessions, "tenant_sessions"},
+                                                         {QuotaLimit::kTenantModelBytes, "tenant_model_bytes"},
+                                                         {QuotaLimit::kTenantWatchers, "tenant_watchers"},
+                                                         {QuotaLimit::kSessionMemory, "session_memory"},
+                                                         {QuotaLimit::kTenantSessionMemory, "tenant_session_memory"},
+                                                         {QuotaLimit::kTenantStreams, "tenant_streams"},
+                                                         {QuotaLimit::kMaxUploads, "max_uploads"},
+                                                         {QuotaLimit::kTenantUploads, "tenant_uploads"}};
+    for (const auto& [limit, name] : limits) {
+      Count(metrics_.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
+    }
+    const std::pair<AuthenticationFailure, const char*> failures[] = {
+        {AuthenticationFailure::kNoToken, "no_token"},
+        {AuthenticationFailure::kBadToken, "bad_token"},
+        {AuthenticationFailure::kBadCertificate, "bad_certificate"}};
+    for (const auto& [failure, name] : failures) {
+      Count(metrics_.authentication_failures[failure],
+            absl::StrCat("evpose_authentication_failures_total{reason=\"", name, "\"}"));
+    }
+    const std::pair<ConnectionRefusal, const char*> refusals[] = {
+        {ConnectionRefusal::kMaxConnections, "max_connections"},
+        {ConnectionRefusal::kMaxPerPeer, "max_connections_per_peer"},
+        {ConnectionRefusal::kDescriptors, "descriptors"}};
+    for (const auto& [refusal, name] : refusals) {
+      Count(metrics_.connection_refusals[refusal],
+            absl::StrCat("evpose_connections_refused_total{limit=\"", name, "\"}"));
+    }
+  }
+
+  ServerMetrics metrics_;
+  uint64_t next_ = 0;
+  std::map<std::string, double> expected_;
+};
+
+TEST(PrometheusTextTest, EveryCounterHasItsOwnSeries) {
+  const CounterSeries series;
+  const ParsedMetrics parsed = ParseMetrics(PrometheusText(series.metrics(), ServerState(), kBuild));
+  for (const auto& [name, value] : series.expected()) EXPECT_NEAR(parsed.At(name), value, 1e-9 * value) << name;
+  size_t num_counters = 0;
+  for (const auto& [name, value] : parsed.values) {
+    num_counters += parsed.types.count(name.substr(0, name.find('{'))) == 1 &&
+                    parsed.types.at(name.substr(0, name.find('{'))) == "counter";
+  }
+  EXPECT_EQ(num_counters, series.expected().size()) << "this test does not cover a counter";
 }
 
 TEST(PrometheusTextTest, LargeCountsKeepTheirDigits) {

@@ -122,9 +122,6 @@ class Camera:
         command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
 
-    def is_running(self):
-        return self.process.poll() is None
-
     def runs(self):
         """Waits for the end, and returns the runs."""
         out, _ = self.process.communicate()

@@ -18,7 +18,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/numerics/statistics.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
@@ -133,7 +133,7 @@ struct RoundResult {
 };
 
 double Percentile(std::vector<float>& values, double share) {
-  return values.empty() ? 0.0 : LowerQuantile(values, share);
+  return values.empty() ? 0.0 : UpperQuantile(values, share);
 }
 
 // A stream whose client writes events and never reads the poses.

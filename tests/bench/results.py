@@ -328,7 +328,7 @@ def machine():
 
 
 def output_of(arguments):
-    """What the command prints as JSON. `bench speed`, `bench models` and `bench real` write it to a file."""
+    """Returns the JSON that the command prints. `bench speed`, `bench models` and `bench real` write it to a file."""
     program = EVPOSE if arguments[0] == "evpose" else os.path.join(ROOT, arguments[0])
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "table.json")

@@ -12,7 +12,7 @@
 namespace evpose::bench {
 namespace {
 
-constexpr double kCubeEdgeM = 0.2;  // of server::kCubeObj
+constexpr double kCubeEdgeM = 0.2;  // edge of server::kCubeObj
 
 RigidTransform CubeAt(double t_s) {
   // The cube swings back and forth, so that the scene may have any duration.

@@ -16,7 +16,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr int kMaxPieces = 100;  // of an archive that inflates to a large array
+constexpr int kMaxPieces = 100;  // number of pieces of an archive that inflates to a large array
 
 void ReadRecording(const std::string& path) {
   const auto reader = OpenRecording(path);

@@ -30,7 +30,7 @@ namespace {
 struct Shared {
   std::string session;
   std::string token;  // the newest
-  int64_t t_us = 0;   // of the newest event
+  int64_t t_us = 0;   // time of the newest event
   uint64_t max_seq_sent = 0;
 };
 

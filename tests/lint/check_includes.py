@@ -13,7 +13,7 @@ import sys
 INCLUDE = re.compile(r'^#include "([^"]+)"', re.M)
 SUBDIRECTORY = re.compile(r"^\s*add_subdirectory\((\S+)\)", re.M)
 PUBLIC_HEADERS = "client/lib/include"  # of "evpose/client.h"
-IS_TEST = re.compile(r"_(test|testing|fuzz|benchmark)\.(h|cc)$|_for_test\.h$")
+IS_TEST = re.compile(r"_(test|testing|fuzz|benchmark)\.(h|cc)$")
 
 
 @functools.lru_cache(maxsize=None)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the tree of tracked files: licence lines, sizes of folders, of files and of the README, and whether every document,
-section, heading, equation and path that is cited exists. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
+"""Checks the tree of tracked files: licence lines, sizes of folders, of files and of the README, the READMEs of the libraries, and
+whether every document, section, heading, equation and path that is cited exists. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections
 import os
@@ -16,12 +16,12 @@ LARGE_FOLDERS = {}
 MAX_FILE_LINES = 500
 # Exceptions, with their own maximum: tests of one service with one fixture, whose cases are read one by one.
 LARGE_FILES = {"server/rpc/server_test.cc": 560, "server/rpc/track_test.cc": 540, "server/sessions/session_restore_test.cc": 520}
-SOURCE = re.compile(r"\.(h|cc|proto|sh|py)$")
+SOURCE = re.compile(r"\.(h|cc|proto|sh|py|ts|mjs|css|html|cmake)$")
 SHARED_DATA = "../" + "shared"
 SHARED_DATA_FILE = "CMakeLists.txt"
 LICENCE = "SPDX-License-Identifier: Apache-2.0"
 NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|cmake|yaml|yml|cfg|service|in)|CMakeLists\.txt|Dockerfile|suppressions\.txt|/uncounted\.txt|^\.ci/run)$")
-DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,? sections? (\d+)(?: and (\d+))?|,? equations? \((\d+)\))?")
+DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,?\s+sections?\s+(\d+)(?:\s+and\s+(\d+))?|,?\s+equations?\s+\((\d+)\))?")
 PATH = re.compile(r"(?<![\w/.$}{-])((?:core|server|client|proto|deploy|tests)/[\w/.-]*\w\.(?:h|cc|sh|py|proto|yaml|cfg|yml|txt))(?![\w/*])")
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 HEADING = re.compile(r"^#{1,6} +(.*?) *#*$", re.M)
@@ -106,6 +106,18 @@ def check_size(file, text, findings):
         findings.append(f"{file}: {lines} lines; at most {limit} are allowed: split the file")
 
 
+def check_library_readmes(files, findings):
+    """Each folder of a library below core, server and client has a README, which the README above lists."""
+    for top in ("core", "server", "client"):
+        with open(f"{top}/README.md", encoding="utf-8") as f:
+            listed = f.read()
+        for folder in sorted({f.split("/")[1] for f in files if f.startswith(f"{top}/") and f.count("/") > 1}):
+            if f"{top}/{folder}/README.md" not in files:
+                findings.append(f"{top}/{folder}: README.md is missing")
+            elif f"({folder}/README.md)" not in listed:
+                findings.append(f"{top}/README.md:1: {folder}/README.md is not listed")
+
+
 def main():
     files = tracked_files()
     findings = []
@@ -114,6 +126,7 @@ def main():
         limit = LARGE_FOLDERS.get(folder, MAX_FOLDER_FILES)
         if count > limit:
             findings.append(f"{folder}: {count} files; at most {limit} are allowed: split the folder")
+    check_library_readmes(files, findings)
     for file in files:
         if not os.path.isfile(file):
             continue

@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Static checks of the tree, a few seconds: format and order of includes, citations and sizes, layers, style of the API,
-# spelling, shell scripts. Debian has no linter for Dockerfiles.
+# Static checks of the tree, a few seconds: format and order of includes, citations, READMEs, sizes of files and functions,
+# layers, style of the API, spelling, shell scripts. Debian has no linter for Dockerfiles.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 git ls-files -z '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
 python3 tests/lint/check_tree.py
+python3 tests/lint/check_functions.py
 python3 tests/lint/check_includes.py
 python3 tests/lint/proto_lint.py
 # Words that codespell would change: "nees" is a statistic, "fro" and "passtime" are parts of names.

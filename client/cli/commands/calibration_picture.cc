@@ -37,6 +37,7 @@ struct Bin {
 // Returns bins of as many passages each.
 std::vector<Bin> BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile,
                        double (*key)(const EdgePassage&)) {
+  // Points of a curve, and passages whose mean a point shows at least.
   constexpr size_t kBins = 16;
   constexpr size_t kMinInBin = 8;
   std::sort(passages.begin(), passages.end(),

@@ -80,7 +80,8 @@ void PrintCamera(const std::string& path, const CameraFile& file, std::ostream& 
                          ViewBetween(camera, {0.0, 0.0}, {right, bottom}));
 }
 
-// What makes a tracker refuse the camera is an error; the principal point of a crop may lie outside the image.
+// A property for which a tracker refuses the camera is an error, not a warning. The principal point of a crop may lie
+// outside the image.
 absl::Status CheckCamera(const std::string& path, const CameraModel& camera, std::ostream& err) {
   const bool is_inside = camera.cx_px >= -0.5 && camera.cx_px <= camera.width_px - 0.5 && camera.cy_px >= -0.5 &&
                          camera.cy_px <= camera.height_px - 0.5;

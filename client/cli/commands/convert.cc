@@ -39,7 +39,7 @@ struct ConvertArguments {
 
 struct ConvertedEvents {
   EventFileHeader header;
-  std::string format;  // of the recording
+  std::string format;  // name of the format of the recording
   DecodeCounts counts;
   std::vector<SkippedParts> skipped;
   uint64_t num_events = 0;    // written
@@ -182,7 +182,7 @@ void PrintConverted(const ConvertArguments& arguments, const EventFileFormat& fo
   out << "sha256     " << converted.sha256 << "\n";
 }
 
-// What of the recording is not in the file.
+// Reports the parts of the recording that are not in the file.
 void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converted, CliContext& context) {
   std::vector<SkippedParts> lost = converted.skipped;
   const DecodeCounts& counts = converted.counts;

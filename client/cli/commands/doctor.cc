@@ -64,8 +64,8 @@ class RecordingExamination {
   RecordingHeader header_;
   StreamFacts facts_;
   std::vector<SkippedParts> skipped_;
-  std::optional<int64_t> t_begin_us_;   // of the part that is examined
-  std::optional<absl::Time> deadline_;  // of a live pipe
+  std::optional<int64_t> t_begin_us_;   // begin of the part that is examined
+  std::optional<absl::Time> deadline_;  // end of the examination of a live pipe, host's clock
   bool is_complete_ = false;
   std::vector<Event> selected_;
 };

@@ -44,7 +44,7 @@ struct EvaluateArguments {
 struct Row {
   std::string name;
   Evaluation evaluation;
-  std::optional<Consistency> consistency;  // of estimates with covariances
+  std::optional<Consistency> consistency;  // present for an estimate with covariances
   int nees_degrees_of_freedom = 6;
   size_t num_ambiguous = 0;  // AMBIGUOUS poses of a CSV
   std::optional<HandEye> alignment;

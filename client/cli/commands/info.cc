@@ -32,7 +32,7 @@ struct RecordingInfo {
   std::vector<SkippedParts> skipped;
   int64_t metavision_zero_us = 0;  // FirstTimeWord
   uint64_t on_events = 0;
-  int64_t t_first_us = 0;  // of the first and the last event in the stream; meaningless without events
+  int64_t t_first_us = 0;  // times of the first and the last event in the stream; meaningless without events
   int64_t t_last_us = 0;
   uint64_t data_bytes = 0;
   int truncated_bytes = 0;
@@ -116,7 +116,7 @@ std::string DescribeSizeSource(const std::string& path, const RecordingHeader& h
   return " (not stated: the smallest known sensor that contains all events)";
 }
 
-// Where the clocks of other programs have their zero.
+// Prints the zeros of the clocks of other programs.
 void PrintTimeZeros(const RecordingInfo& info, std::ostream& out) {
   if (info.counts.cd_events > 0) {
     out << absl::StrFormat(

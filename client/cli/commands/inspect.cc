@@ -104,8 +104,8 @@ struct Deviation {
 struct ViewSummary {
   double mean_elements = 0.0;
   size_t max_elements = 0;
-  double contour_share = 0.0;          // of the visible length
-  Deviation weakest;                   // of the least certain motion
+  double contour_share = 0.0;          // share of contours in the visible length
+  Deviation weakest;                   // standard deviation of the least certain motion
   std::array<Deviation, 6> by_motion;  // ModelView::deviation_px
   size_t num_unobservable = 0;
   std::vector<Eigen::Vector3d> limited;  // directions of the views with more edges than are used, from the object

@@ -25,7 +25,7 @@ struct TwinSummary {
 
 struct FindabilitySummary {
   size_t num_findable = 0;
-  double median_px = 0.0;  // of the smallest sizes of the views from which the object can be found
+  double median_px = 0.0;  // median of the smallest sizes of the views from which the object can be found
   double worst_px = 0.0;
   size_t num_thin = 0;  // views with less than FindabilityOptions::min_edge_px of edges
   std::vector<TwinSummary> twins;

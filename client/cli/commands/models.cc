@@ -63,7 +63,7 @@ void PrintModel(const ModelInfo& model, std::ostream& out) {
                          model.diameter_m, model.file_name.empty() ? "-" : model.file_name);
 }
 
-// What the preparation found.
+// The results of the preparation.
 void PrintDetails(const ModelInfo& model, std::ostream& out) {
   out << absl::StrFormat("file         %s, %s\n", model.file_name.empty() ? "without a name" : model.file_name,
                          Counted(model.size_bytes, "byte"));

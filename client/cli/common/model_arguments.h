@@ -18,7 +18,7 @@ namespace evpose::client {
 struct ModelUpload {
   std::string bytes;
   UploadOptions options;
-  std::vector<std::string> notices;  // of the conversion
+  std::vector<std::string> notices;  // notices of the conversion
 };
 
 struct ModelReadingArguments {

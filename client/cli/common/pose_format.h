@@ -130,7 +130,7 @@ class PoseFiles {
   PoseFrame frame_;
   // By object; "" for a single file.
   std::map<std::string, OutputFile> files_;
-  std::map<std::string, std::unique_ptr<PoseRecorder>> recorders_;  // of .mcap
+  std::map<std::string, std::unique_ptr<PoseRecorder>> recorders_;  // the recorders of .mcap files
 };
 
 }  // namespace evpose::client

@@ -12,7 +12,7 @@
 
 namespace evpose::client {
 
-// What holds for all poses of a file.
+// The properties that all poses of a file share.
 struct PoseFileFacts {
   std::string transform;         // as the file states it (PoseHeader()), otherwise camera_from_object
   bool has_covariances = false;  // false: those of the poses are zero

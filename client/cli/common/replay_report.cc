@@ -76,7 +76,7 @@ double ReplayReport::MegaEventsPerSecond() const {
   return seconds > 0.0 ? static_cast<double>(summary.health.decoded_events) * 1e-6 / seconds : 0.0;
 }
 
-void ReplayReport::Print(std::ostream& stream) const {
+void ReplayReport::PrintInput(std::ostream& stream) const {
   const SessionHealth& health = summary.health;
   stream << recording << ": " << EncodingName(header.encoding) << " " << header.geometry.width_px << "x"
          << header.geometry.height_px << ", " << summary.sent_bytes << " bytes in " << summary.sent_chunks
@@ -105,6 +105,9 @@ void ReplayReport::Print(std::ostream& stream) const {
   if (decode_faults_ > 0) {
     stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
   }
+}
+
+void ReplayReport::PrintObjects(std::ostream& stream) const {
   for (const Model& model : models) {
     // The scale of a model cannot be observed: the translations of the poses scale with it.
     stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
@@ -116,22 +119,31 @@ void ReplayReport::Print(std::ostream& stream) const {
     }
     stream << "\n";
   }
-  for (const ObjectHealth& object : health.objects) {
+  for (const ObjectHealth& object : summary.health.objects) {
     if (models.size() > 1) {
       stream << object.object_id << ": " << TrackStateName(object.state) << "  losses " << object.losses << "\n";
     }
     if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
   }
-  if (!session.empty()) stream << "session: " << session << "\n";
-  if (!files.empty()) {
-    stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses";
-    if (ambiguous_poses_ > 0) {
-      stream << ", of which " << ambiguous_poses_ << " are AMBIGUOUS: a .tum file does not have them, .csv and .jsonl "
-             << "files have them with their alternatives";
-    }
-    if (transform != kCameraFromObject) stream << ", " << transform;
-    stream << "\n";
+}
+
+void ReplayReport::PrintFiles(std::ostream& stream) const {
+  if (files.empty()) return;
+  stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses";
+  if (ambiguous_poses_ > 0) {
+    stream << ", of which " << ambiguous_poses_ << " are AMBIGUOUS: a .tum file does not have them, .csv and .jsonl "
+           << "files have them with their alternatives";
   }
+  if (transform != kCameraFromObject) stream << ", " << transform;
+  stream << "\n";
+}
+
+void ReplayReport::Print(std::ostream& stream) const {
+  const SessionHealth& health = summary.health;
+  PrintInput(stream);
+  PrintObjects(stream);
+  if (!session.empty()) stream << "session: " << session << "\n";
+  PrintFiles(stream);
   if (health.real_time_ratio > 1.0) {
     stream << absl::StrFormat(
         "slower than real time: the server needed %.2f s for a second of events; for a live camera, use a server with "

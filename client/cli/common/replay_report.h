@@ -21,17 +21,17 @@ namespace evpose::client {
 struct ReplayReport {
   std::string recording;
   std::string out;                            // empty: poses were not written
-  std::string transform = kCameraFromObject;  // that of the poses in them
+  std::string transform = kCameraFromObject;  // name of the transform of the poses in `out`
   std::vector<std::string> files;             // pose files; `out` may be the pattern of their names
   std::string session;                        // empty: the session was deleted
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;
   size_t truncated_bytes = 0;                       // incomplete word at the end of the recording
-  std::optional<absl::Duration> host_minus_sensor;  // of --clock-log
+  std::optional<absl::Duration> host_minus_sensor;  // difference of the clocks, with --clock-log
   std::vector<SkippedParts> skipped;                // RecordingReader::skipped()
   bool is_interrupted = false;
-  int outages = 0;  // of the connection
+  int outages = 0;  // number of interruptions of the connection
   absl::Duration away_for;
   struct Model {
     std::string object_id;
@@ -40,7 +40,7 @@ struct ReplayReport {
     double diameter_m = 0.0;
     std::optional<ContinuousSymmetry> continuous_symmetry;
   };
-  std::vector<Model> models;  // of the objects, in their order
+  std::vector<Model> models;  // the models of the objects, in their order
 
   void Add(const Notice& notice);
   void Add(const Pose& pose);
@@ -50,11 +50,15 @@ struct ReplayReport {
   Json ToJson() const;
 
  private:
+  // The parts of Print(): input and connection; models and objects; pose files.
+  void PrintInput(std::ostream& stream) const;
+  void PrintObjects(std::ostream& stream) const;
+  void PrintFiles(std::ostream& stream) const;
   // Returns a line about an object that has no confirmed pose at the end; empty if it has one.
   std::string WhyNoPose(const ObjectHealth& object) const;
   // Returns the prefix of a line about one of several objects; empty for a single object.
   std::string NameOf(const std::string& object_id) const;
-  uint32_t Losses() const;  // of all objects
+  uint32_t Losses() const;  // sum over all objects
   Json ObjectsJson() const;
   double MegaEventsPerSecond() const;
 

@@ -9,7 +9,7 @@
 #include <string>
 
 #include "core/base/output_file.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
 namespace {

@@ -31,7 +31,7 @@ struct RunArguments {
   std::string sensor;
   ServerArguments server;
   std::string out;
-  RecordingArguments recording_options;  // of an `out` in .mcap
+  RecordingArguments recording_options;  // options of an `out` in .mcap
   std::string clock_log;                 // empty: none
   std::vector<std::string> init_poses;
   std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"

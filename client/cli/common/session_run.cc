@@ -126,7 +126,7 @@ absl::Status SessionRun::Open() {
 }
 
 absl::Status SessionRun::OpenPoses() {
-  std::optional<int64_t> epoch_ns;  // of live events: when they arrive
+  std::optional<int64_t> epoch_ns;  // absent for live events: the time at which they arrive counts
   // Saturates: a recording may state any number.
   if (!arguments_.is_live)
     epoch_ns = absl::ToInt64Nanoseconds(absl::Microseconds(inputs_.reader->header().time_offset_us));

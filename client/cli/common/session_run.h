@@ -89,7 +89,7 @@ class SessionRun {
   int64_t last_pose_us_ = 0;
   std::unique_ptr<EventFeed> feed_;
   bool ends_on_error_ = false;
-  absl::Status source_status_;  // of a source that ends on errors; owned by the feed's thread until the summary
+  absl::Status source_status_;  // status of a source that ends on errors; owned by the feed's thread until the summary
   std::unique_ptr<SessionProgress> progress_;
   std::unique_ptr<SessionObserver> observer_;
   ConnectionMessages connection_;

@@ -63,7 +63,9 @@ absl::StatusOr<std::unique_ptr<TransportSink>> TransportSink::Start() {
   builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
   builder.RegisterService(sink->service_.get());
   sink->server_ = builder.BuildAndStart();
-  if (sink->server_ == nullptr || port == 0) return absl::UnavailableError("no port of 127.0.0.1 can be had");
+  if (sink->server_ == nullptr || port == 0) {
+    return absl::UnavailableError("the server of the benchmark cannot listen on 127.0.0.1: no port is free");
+  }
   const std::string address = absl::StrCat("127.0.0.1:", port);
   sink->client_ = ClientAccess::OverChannel(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()), address);
   return sink;

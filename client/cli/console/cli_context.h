@@ -19,7 +19,7 @@ struct CliContext {
   std::ostream& out;
   std::ostream& err;
   bool is_err_terminal = false;  // true: progress is a line that is rewritten; false: progress is printed line by line
-  size_t err_columns = 80;       // of that terminal
+  size_t err_columns = 80;       // width of that terminal
   Clock* clock = nullptr;        // paces a replay; nullptr: the machine's clock
   // Returns true when the command must finish the work in progress and stop. It is called often, from several threads.
   std::function<bool()> is_interrupted;

@@ -23,7 +23,7 @@ constexpr int kSubPixelBits = 4;        // OpenCV draws at 1/16 px
 
 // Pictures have at least this height, at which the text has the height of a line of a page.
 constexpr int kLeastHeight = 480;
-constexpr double kTextScale = 0.38;  // of OpenCV's font, at that height
+constexpr double kTextScale = 0.38;  // factor of OpenCV's font size, at that height
 constexpr int kMargin = 8;
 
 }  // namespace

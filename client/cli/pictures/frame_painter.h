@@ -36,7 +36,7 @@ class FramePainter {
   int scale() const { return scale_; }
 
  private:
-  double RelativeHeight() const;  // that of the picture, in units of 480 px
+  double RelativeHeight() const;  // height of the picture, in units of 480 px
   void DrawText(const std::string& text, int line);
 
   const CameraModel& camera_;

@@ -10,7 +10,7 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kPacketHeaderBytes = 28;
-constexpr size_t kAedat3RecordBytes = 8;  // of polarity and special events
+constexpr size_t kAedat3RecordBytes = 8;  // size of polarity and special events
 constexpr int kSpecialPacket = 0;
 constexpr int kPolarityPacket = 1;
 
@@ -130,7 +130,7 @@ class Aedat3Decoder final : public AedatDecoder {
   RecordBuffer<kAedat3RecordBytes> record_buffer_;
   std::optional<int> source_;
   PacketHeader packet_;
-  int64_t rest_bytes_ = 0;  // of the packet
+  int64_t rest_bytes_ = 0;  // bytes of the packet that have not arrived
   bool is_taken_ = false;
   bool is_lost_ = false;
 };

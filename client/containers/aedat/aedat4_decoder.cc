@@ -12,7 +12,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kStreamHeaderBytes = 8;  // of a packet: number of the stream, size
+constexpr size_t kStreamHeaderBytes = 8;  // head of a packet: number of the stream, size
 constexpr size_t kEventBytes = 16;        // t i64, x i16, y i16, on, three bytes of padding
 constexpr size_t kPacketSizePrefixBytes = 4;
 constexpr size_t kTableElementBytes = 4;

@@ -21,10 +21,10 @@ struct Aedat4Header {
   int event_stream = 0;                    // the first stream of events
   std::optional<int> trigger_stream;       // the first stream of triggers of the same camera
   int num_event_streams = 1;
-  SensorGeometry geometry;  // of the stream of events; zero if not stated
+  SensorGeometry geometry;  // size of the sensor of the stream of events; zero if not stated
   std::string source;       // the name of the camera; empty if not stated
   size_t size_bytes = 0;    // offset in the file of the first packet
-  int64_t data_bytes = -1;  // of all packets; -1 until the end of the file
+  int64_t data_bytes = -1;  // size of all packets; -1 until the end of the file
 };
 
 // Parses the header, which follows the first line of `prefix`. nullopt if it may continue beyond `prefix` and

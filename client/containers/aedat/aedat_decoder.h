@@ -21,11 +21,11 @@ struct AedatCounts {
   uint64_t imu_samples = 0;      // AEDAT 2.0; later versions have them in packets of their own
   uint64_t image_samples = 0;    // AEDAT 2.0
   uint64_t other_records = 0;    // marks other than edges of a trigger input
-  uint64_t other_packets = 0;    // of frames, inertial measurements and other cameras
+  uint64_t other_packets = 0;    // packets of frames, inertial measurements and other cameras
   uint64_t outside_sensor = 0;   // events with an address beyond the sensor
   uint64_t invalid_events = 0;   // marked as invalid, or with a time that is negative or too large
   uint64_t damaged_packets = 0;  // packets that cannot be decoded
-  uint64_t lost_bytes = 0;       // of an unfinished record at the end, or after a damaged header of a packet
+  uint64_t lost_bytes = 0;       // bytes of an unfinished record at the end, or after a damaged header of a packet
 
   friend bool operator==(const AedatCounts&, const AedatCounts&) = default;
 };

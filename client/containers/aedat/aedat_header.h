@@ -22,7 +22,7 @@ struct AedatHeader {
   AedatVersion version = AedatVersion::k2;
   std::string sensor;                            // as named; empty if the header names none
   Aedat2Layout layout = Aedat2Layout::kUnknown;  // AEDAT 2.0
-  SensorGeometry geometry;                       // of the named sensor; zero if it is not known
+  SensorGeometry geometry;                       // size of the named sensor; zero if it is not known
   size_t size_bytes = 0;                         // offset of the first byte of data
 };
 

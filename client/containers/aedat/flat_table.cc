@@ -8,7 +8,7 @@ namespace {
 
 constexpr size_t kIdentifierBytes = 4;
 constexpr size_t kOffsetBytes = 4;
-constexpr size_t kFieldBytes = 2;         // of the offset of a field
+constexpr size_t kFieldBytes = 2;         // size of the offset of a field
 constexpr size_t kFieldsHeaderBytes = 4;  // two sizes before these offsets
 
 bool Contains(absl::Span<const uint8_t> buffer, size_t position, size_t bytes) {

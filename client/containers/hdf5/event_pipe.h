@@ -22,7 +22,7 @@ struct PipeHeader {
   friend bool operator==(const PipeHeader&, const PipeHeader&) = default;
 };
 
-// What was lost in a damaged file, up to now.
+// Numbers of events and triggers that were lost in a damaged file, up to now.
 struct PipeLosses {
   uint64_t events = 0;    // in chunks that cannot be read
   uint64_t triggers = 0;  // likewise

@@ -15,7 +15,7 @@
 #include "client/lib/status_details.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
 namespace {

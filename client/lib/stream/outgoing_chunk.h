@@ -17,7 +17,7 @@ inline constexpr uint64_t kWordBytes = 8;
 struct OutgoingChunk {
   FeedPoint end;               // the position after it; end.seq is its number
   bool discontinuity = false;  // bytes were lost before it
-  uint32_t crc32c = 0;         // of the payload
+  uint32_t crc32c = 0;         // checksum of the payload
   std::string payload;         // events; for a reset the message v1::TrackRequest::ResetPose without its number
   bool is_reset = false;       // a reset has no bytes in FeedPoint::bytes
 };

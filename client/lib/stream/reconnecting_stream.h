@@ -72,7 +72,7 @@ class ReconnectingStream {
   std::string auth_token_;      // at the start of the last attempt
   // Earlier tokens, the latest first. A store that has lost the last attaches knows one of these.
   std::deque<std::string> older_tokens_;
-  size_t token_age_ = 0;  // of the next attempt: 0 the current token, 1 the previous one, then older_tokens_
+  size_t token_age_ = 0;  // token of the next attempt: 0 the current one, 1 the previous one, then older_tokens_
   bool attaches_without_count_ = false;
 };
 

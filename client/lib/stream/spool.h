@@ -64,7 +64,7 @@ class Spool {
   struct Record;
   struct Cursor {
     uint64_t seq = 0;
-    uint64_t offset = 0;  // of the chunk `seq` in its segment
+    uint64_t offset = 0;  // position of the chunk `seq` in its segment
   };
 
   explicit Spool(const SpoolOptions& options) : options_(options) {}

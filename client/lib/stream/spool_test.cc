@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
 namespace {

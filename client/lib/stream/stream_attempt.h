@@ -72,7 +72,7 @@ class StreamAttempt {
   Uplink uplink_;
   AttemptOutcome outcome_;
   uint64_t next_pose_seq_ = 1;                // on this stream
-  std::map<std::string, int64_t> last_t_us_;  // of the poses of each object on this stream
+  std::map<std::string, int64_t> last_t_us_;  // time of the latest pose of each object on this stream
   uint64_t first_processed_seq_ = 0;
   bool is_left_ = false;
   bool timed_out_ = false;

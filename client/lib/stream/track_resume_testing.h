@@ -122,7 +122,7 @@ class TrackResumeTest : public TrackTest {
 
   FakeClock clock_;
   TrackOptions options_;
-  std::vector<StreamScript> scripts_;  // of the streams, in their order
+  std::vector<StreamScript> scripts_;  // scripts of the streams, in their order
   std::vector<TrackPosition> positions_;
   std::mutex mutex_;
   std::vector<v1::TrackRequest::Attach> attaches_;

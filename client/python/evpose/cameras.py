@@ -55,6 +55,7 @@ class Camera:
             raise InvalidArgumentError("camera: distortion: every number must be finite")
 
     def to_proto(self) -> Any:
+        """Returns the camera as a message of the API."""
         # The API has all five coefficients of the Brown model or none.
         distortion = (*self.distortion, 0.0) if self.lens_model == "brown" and len(self.distortion) == 4 else self.distortion
         return geometry_pb2.CameraModel(

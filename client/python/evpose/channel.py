@@ -74,9 +74,11 @@ class TokenSource:
 
     @property
     def is_renewed(self) -> bool:
+        """Whether the token is read again before every call, so that it may change."""
         return self._renew is not None
 
     def get(self) -> str:
+        """Returns the current token, empty if there is none."""
         if self._renew is not None:
             try:
                 renewed = self._renew()
@@ -89,6 +91,7 @@ class TokenSource:
             return self._token
 
     def metadata(self) -> Optional[list[tuple[str, str]]]:
+        """Returns the metadata of a call with the current token, None without a token."""
         token = self.get()
         return [("authorization", f"Bearer {token}")] if token else None
 
@@ -123,6 +126,8 @@ class Endpoint:
 
     @staticmethod
     def open(address: str, tls: Optional[Tls], token: TokenSource) -> Endpoint:
+        """Opens a channel, which connects when it is first used. Raises InvalidArgumentError, and FailedPreconditionError for a token
+        that would be sent unencrypted to another machine."""
         host, _ = parse_address(address)
         if token.get() and tls is None and not _is_loopback(host):
             raise FailedPreconditionError(f"{address}: the token would travel through the network in clear: connect with tls=Tls(...)")

@@ -54,6 +54,7 @@ class Client:
         return self._servers.endpoints[self._servers.current]
 
     def close(self) -> None:
+        """Ends all calls and closes the connections."""
         for endpoint in self._servers.endpoints:
             endpoint.channel.close()
 
@@ -64,6 +65,7 @@ class Client:
         self.close()
 
     def server_info(self) -> ServerInfo:
+        """Returns version, limits and load of the server. Raises EvposeError."""
         return server_from_message(self._endpoint.call(
             _ADMIN + "GetServerInfo", admin_service_pb2.GetServerInfoRequest(), admin_service_pb2.ServerInfo, self._timeout_s))
 
@@ -100,14 +102,17 @@ class Client:
         return model_from_message(message)
 
     def get_model(self, name: str) -> Model:
+        """Returns a model by its name, "models/{id}". Raises NotFoundError."""
         request = model_service_pb2.GetModelRequest(name=name)
         return model_from_message(self._endpoint.call(_MODELS + "GetModel", request, model_service_pb2.Model, self._timeout_s))
 
     def list_models(self) -> list[Model]:
+        """Returns the models of this client's tenant. Raises EvposeError."""
         pages = self._pages(_MODELS + "ListModels", model_service_pb2.ListModelsRequest(), model_service_pb2.ListModelsResponse)
         return [model_from_message(message) for page in pages for message in page.models]
 
     def delete_model(self, name: str) -> None:
+        """Deletes a model. Raises NotFoundError, and FailedPreconditionError while a session uses it."""
         request = model_service_pb2.DeleteModelRequest(name=name)
         self._endpoint.call(_MODELS + "DeleteModel", request, empty_pb2.Empty, self._timeout_s)
 
@@ -129,10 +134,12 @@ class Client:
         return Session(self._servers, self.get_session(name), "", self._timeout_s)
 
     def get_session(self, name: str) -> SessionInfo:
+        """Returns the state of a session by its name, "sessions/{id}". Raises NotFoundError."""
         request = session_service_pb2.GetSessionRequest(name=name)
         return session_from_message(self._endpoint.call(SESSIONS + "GetSession", request, session_pb2.Session, self._timeout_s))
 
     def list_sessions(self) -> list[SessionInfo]:
+        """Returns the sessions of this client's tenant. Raises EvposeError."""
         pages = self._pages(SESSIONS + "ListSessions", session_service_pb2.ListSessionsRequest(), session_service_pb2.ListSessionsResponse)
         return [session_from_message(message) for page in pages for message in page.sessions]
 

@@ -12,6 +12,7 @@ from evpose.v1 import admin_service_pb2, geometry_pb2, session_pb2, track_pb2
 
 
 def seconds(duration: Any) -> float:
+    """Returns a google.protobuf.Duration in seconds."""
     return float(duration.seconds + 1e-9 * duration.nanos)
 
 
@@ -54,6 +55,7 @@ def _object_health(message: Any) -> ObjectHealth:
 
 
 def health_from_message(message: Any) -> Health:
+    """Converts a SessionHealth."""
     return Health(
         t_us=message.t_us, received_bytes=message.received_bytes, processed_bytes=message.processed_bytes,
         decoded_events=message.decoded_events, dropped_events=message.dropped_events, invalid_words=message.invalid_words,
@@ -67,6 +69,7 @@ def health_from_message(message: Any) -> Health:
 
 
 def session_from_message(message: Any) -> SessionInfo:
+    """Converts a Session."""
     config = message.config
     is_known = config.encoding in (int(each) for each in Encoding)
     return SessionInfo(
@@ -76,6 +79,7 @@ def session_from_message(message: Any) -> SessionInfo:
 
 
 def model_from_message(message: Any) -> Model:
+    """Converts a Model."""
     symmetry = ""
     if message.HasField("continuous_symmetry"):
         symmetry = _name(geometry_pb2.ContinuousSymmetry.Kind, message.continuous_symmetry.kind, "KIND_").lower()
@@ -86,6 +90,7 @@ def model_from_message(message: Any) -> Model:
 
 
 def server_from_message(message: Any) -> ServerInfo:
+    """Converts a ServerInfo."""
     return ServerInfo(
         version=message.version, commit=message.commit, store=_name(admin_service_pb2.StoreKind, message.store, "STORE_KIND_").lower(),
         active_sessions=message.active_sessions, max_sessions=message.max_sessions, max_chunk_bytes=message.max_chunk_bytes,

@@ -122,11 +122,13 @@ class Transform:
         return m
 
     def to_proto(self) -> Any:
+        """Returns the transform as a message of the API."""
         x, y, z = self.translation_m.tolist()
         return geometry_pb2.RigidTransform(translation_m={"x": x, "y": y, "z": z}, rotation=rotation_to_proto(self.quaternion_xyzw))
 
 
 def rotation_to_proto(quaternion_xyzw: npt.ArrayLike) -> Any:
+    """Returns a quaternion x y z w as a message of the API."""
     x, y, z, w = np.asarray(quaternion_xyzw, dtype=np.float64).tolist()
     return geometry_pb2.Quaternion(x=x, y=y, z=z, w=w)
 

@@ -84,6 +84,7 @@ class Pose:
 
     @property
     def camera_from_object(self) -> Transform:
+        """The pose as a transform: x_camera = camera_from_object * x_object."""
         return Transform(self.translation_m, self.quaternion_xyzw)
 
 

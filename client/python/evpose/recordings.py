@@ -21,6 +21,8 @@ _CONTROL = re.compile(rb"[\x00-\x08\x0a-\x1f\x7f]")
 
 
 class Header(NamedTuple):
+    """The header of a RAW or DAT file. size_bytes is that of the header, after which the words begin."""
+
     encoding: Encoding
     width_px: Optional[int]  # None: not stated
     height_px: Optional[int]
@@ -44,7 +46,7 @@ def _lines(prefix: bytes) -> tuple[list[str], int]:
 
 
 class _Statements:
-    """What the lines of a header state, each with its line for errors."""
+    """The statements of a header, each with the number of its line for errors."""
 
     def __init__(self) -> None:
         self.values: dict[str, tuple[str, int]] = {}
@@ -205,6 +207,7 @@ class Recording:
                 return
 
     def close(self) -> None:
+        """Closes the file."""
         if self.path != "-":
             self._file.close()
 

@@ -34,6 +34,7 @@ class Session:
 
     @property
     def name(self) -> str:
+        """The name of the session, "sessions/{id}"."""
         return self._info.name
 
     @property
@@ -43,6 +44,7 @@ class Session:
 
     @property
     def encoding(self) -> Optional[Encoding]:
+        """The encoding of the session's events; None for an encoding of a later version."""
         return self._info.encoding
 
     def track(self, events: EventSource, options: TrackOptions = TrackOptions()) -> Track:

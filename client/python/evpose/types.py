@@ -33,7 +33,7 @@ class TrackState(enum.IntEnum):
 
 
 class Overload(enum.IntEnum):
-    """What happens when events arrive faster than they are tracked: the client waits, or old events are dropped."""
+    """Policy for events that arrive faster than they are tracked: the client waits, or old events are dropped."""
 
     BLOCK = 1
     LATEST = 2
@@ -51,7 +51,7 @@ class Estimator(enum.IntEnum):
 
 
 class Surface(enum.IntEnum):
-    """What the facets of a model's mesh stand for: a smooth surface, or themselves."""
+    """Meaning of the facets of a model's mesh: they approximate a smooth surface, or are the faces of the object."""
 
     SMOOTH = 1
     AS_IS = 2
@@ -83,6 +83,7 @@ class TrackedObject:
     reference_quaternion_xyzw: Optional[Matrix] = None  # selects among the poses of a symmetric object; None: the identity
 
     def to_proto(self) -> Any:
+        """Returns a message of the API."""
         message = session_pb2.TrackedObject(
             object_id=self.object_id, model=self.model.name if isinstance(self.model, Model) else self.model)
         if self.initial_camera_from_object is not None:
@@ -235,6 +236,8 @@ class ConnectionChange:
 
 @dataclasses.dataclass(frozen=True)
 class ObjectHealth:
+    """The state of one object of a session."""
+
     object_id: str
     state: TrackState
     losses: int
@@ -285,11 +288,14 @@ class SessionInfo:
 
     @property
     def object_ids(self) -> tuple[str, ...]:
+        """The IDs of the objects, in the order of the configuration."""
         return tuple(object_id for object_id, _ in self.objects)
 
 
 @dataclasses.dataclass(frozen=True)
 class ServerInfo:
+    """Version, limits and load of a server."""
+
     version: str
     commit: str
     store: str  # "memory", "sqlite" or "redis"
@@ -314,7 +320,7 @@ class TrackSummary:
 
 @dataclasses.dataclass(frozen=True)
 class SessionConfig:
-    """What a session is created from."""
+    """Configuration of a new session."""
 
     encoding: Encoding
     camera: Camera
@@ -325,6 +331,7 @@ class SessionConfig:
     sensor: SensorProfile = SensorProfile()
 
     def to_proto(self) -> Any:
+        """Returns a message of the API."""
         message: Any = session_pb2.SessionConfig()
         message.encoding = int(self.encoding)
         message.camera.CopyFrom(self.camera.to_proto())

@@ -139,7 +139,7 @@ double ConstraintOfAlpha(const P3lConstraint& first, const P3lConstraint& second
 }
 
 std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imaginary_ratio) {
-  constexpr double kVanishes = 1e-13;  // of the largest coefficient: some hundred roundings
+  constexpr double kVanishes = 1e-13;  // relative to the largest coefficient: some hundred roundings
   Eigen::Index degree = coefficients.size() - 1;
   const double largest = coefficients.cwiseAbs().maxCoeff();
   while (degree > 0 && !(std::abs(coefficients[degree]) > kVanishes * largest)) --degree;

@@ -12,7 +12,7 @@ namespace evpose {
 struct PosePrior {
   RigidTransform camera_from_object;
   double rotation_rad = 0.0;       // radians, of each component of the axis-angle vector
-  double translation_ratio = 0.0;  // of each coordinate, relative to the depth
+  double translation_ratio = 0.0;  // standard deviation of each coordinate, relative to the depth
 
   // Draws a pose. The offset has the components of Perturb().
   RigidTransform Draw(Random& random) const {

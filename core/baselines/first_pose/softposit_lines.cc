@@ -85,7 +85,7 @@ std::optional<SoftPosit::Projection> SoftPosit::Project(const RigidTransform& po
 
 // Rows: segments and a slack; columns: model lines and a slack. Except for the slacks, rows and columns sum to 1.
 Eigen::MatrixXd SoftPosit::SoftAssignment(const Projection& projection, double beta) const {
-  constexpr int kMaxSweeps = 30;       // of the order of the bound of the paper; later sweeps have no effect
+  constexpr int kMaxSweeps = 30;       // about the bound of the paper; later sweeps have no effect
   constexpr double kConverged = 1e-3;  // largest change of an assignment in a sweep
   const Eigen::Index rows = static_cast<Eigen::Index>(segments_.size());
   const Eigen::Index columns = static_cast<Eigen::Index>(model_.lines.size());

@@ -116,6 +116,25 @@ class Evt3Decoder final : public WordDecoder {
     }
   }
 
+  // Decodes a run of words with vector instructions and returns their number. Inlined, so that the variables of Run()
+  // stay in registers.
+  [[gnu::always_inline]] size_t DecodeRun(const uint8_t* words, size_t count, int64_t mark_due_us, uint32_t& row,
+                                          int64_t& t_us, Event*& cursor) {
+    Evt3Run run = {.width_px = width_,
+                   .height_px = height_,
+                   .base_us = state_.clock.base_us(),
+                   .mark_due_us = mark_due_us,
+                   .low_us = t_us - state_.clock.base_us(),
+                   .row = row,
+                   .base = state_.base};
+    const size_t num_words = runs_->evt3(words, count, run, cursor, sink_.limit());
+    row = run.row;
+    state_.base = run.base;
+    t_us = run.base_us + run.low_us;
+    if (cursor >= sink_.limit()) cursor = sink_.Flush(cursor);
+    return num_words;
+  }
+
   // Decodes from word `index` on and returns the index of the first word that is not decoded. Without a row (kHasRow
   // false) it stops after the first ADDR_Y.
   template <bool kHasRow>
@@ -131,19 +150,8 @@ class Evt3Decoder final : public WordDecoder {
     while (index < count) {
       const uint32_t word = LoadWord<uint16_t>(words + 2 * index);
       if (kHasRow && runs_ != nullptr && (word & kNotAddress) == 0 && row < height) {
-        Evt3Run run = {.width_px = width,
-                       .height_px = height,
-                       .base_us = state_.clock.base_us(),
-                       .mark_due_us = mark_due_us,
-                       .low_us = t_us - state_.clock.base_us(),
-                       .row = row,
-                       .base = state_.base};
-        const size_t num_words = runs_->evt3(words + 2 * index, count - index, run, cursor, sink_.limit());
+        const size_t num_words = DecodeRun(words + 2 * index, count - index, mark_due_us, row, t_us, cursor);
         index += num_words;
-        row = run.row;
-        state_.base = run.base;
-        t_us = run.base_us + run.low_us;
-        if (cursor >= sink_.limit()) cursor = sink_.Flush(cursor);
         if (num_words > 0) continue;
       }
       if ((word & kNotAddress) != 0) {

@@ -13,9 +13,9 @@
 
 namespace evpose {
 
-inline constexpr uint32_t kEvt3MaskPixels = 32;  // of the three masks
+inline constexpr uint32_t kEvt3MaskPixels = 32;  // number of pixels of the three masks
 
-// What the last VECT_BASE_X has set; each three masks advance x.
+// The position and polarity that the last VECT_BASE_X has set; each three masks advance x.
 struct Evt3VectorBase {
   bool is_set = false;
   uint32_t x = 0;

@@ -124,7 +124,7 @@ class EventSink {
 
   DecodedEvents* out_ = nullptr;
   size_t room_ = kRoom;
-  Event* begin_ = nullptr;        // of the events that are not flushed
+  Event* begin_ = nullptr;        // the first event that is not flushed
   const Event* limit_ = nullptr;  // room remains after it for the events of a word or of a block of a run
   uint64_t num_events_ = 0;
   uint64_t events_at_mark_ = 0;

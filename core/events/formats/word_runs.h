@@ -34,7 +34,7 @@ struct Evt2Run {
   uint32_t height_px = 0;
   int64_t base_us = 0;      // time of the current TIME_HIGH, a multiple of 64
   int64_t mark_due_us = 0;  // a TIME_HIGH ends the run if this time may have been reached
-  int64_t low_us = 0;       // of the last event, [0, 63]
+  int64_t low_us = 0;       // low bits of the time of the last event, [0, 63]
 };
 
 // Decodes words while they are plain and `cursor` is below `limit`; updates `run` and `cursor` and returns the number
@@ -43,7 +43,7 @@ struct Evt2Run {
 // writable.
 template <typename Run>
 using DecodeRunOf = size_t (*)(const uint8_t* words, size_t count, Run& run, Event*& cursor, const Event* limit);
-inline constexpr size_t kMaxRunBlock = 16;  // that of EVT3 and EVT2 with AVX-512
+inline constexpr size_t kMaxRunBlock = 16;  // words of the largest block, that of EVT3 and EVT2 with AVX-512
 
 struct WordRuns {
   DecodeRunOf<Evt3Run> evt3;

@@ -277,7 +277,7 @@ struct Evt3State256 {
 // The fields of EVT2.1 words, one in each 64-bit lane.
 struct Evt21Fields {
   __m256i low;
-  __m256i x;  // of the only pixel of the mask
+  __m256i x;  // column of the only pixel of the mask
   __m256i y;
   __m256i type;
   __m256i has_one_pixel;

@@ -42,7 +42,7 @@ struct EventTrial {
   // Time of the last event before the first TRACKING pose was reported; -1: none.
   int64_t t_first_pose_us = -1;
   bool is_first_right = false;
-  double reprojection_px = 0.0;  // of the first pose: mean over the end points of the visible lines, pixels
+  double reprojection_px = 0.0;  // error of the first pose: mean over the end points of the visible lines, pixels
   int64_t wrong_us = 0;          // longest interval with wrong poses
   uint64_t attempts = 0;         // searches for the pose
 
@@ -62,8 +62,8 @@ struct EventTrialSummary {
   int num_right = 0;                  // starts with a right first pose in time
   int num_wrong = 0;                  // starts with a wrong first pose
   int num_none = 0;                   // starts without a pose
-  double first_pose_median_ms = 0.0;  // of the reported first poses; NaN if there are none
-  double reprojection_mean_px = 0.0;  // of the right first poses, in time or not; NaN if there are none
+  double first_pose_median_ms = 0.0;  // median of the reported first poses; NaN if there are none
+  double reprojection_mean_px = 0.0;  // mean of the right first poses, in time or not; NaN if there are none
   int64_t longest_wrong_us = 0;
 };
 EventTrialSummary Summarize(absl::Span<const EventTrial> trials);

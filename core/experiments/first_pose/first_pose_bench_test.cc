@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "core/base/output_file.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/experiments/frustum_testing.h"
 
 namespace evpose {

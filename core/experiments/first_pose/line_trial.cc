@@ -22,6 +22,7 @@
 namespace evpose {
 namespace {
 
+// Range of the distances of the object, relative to its size.
 constexpr double kMinDistanceOfSize = 3.0;
 constexpr double kMaxDistanceOfSize = 5.0;
 // Pixels between the object and the border of the image: noisy end points stay inside.

@@ -33,7 +33,7 @@ struct SpeedRow {
   std::string part;
   std::string what;             // the encoding; "lines x1" or "lines x16"; otherwise equal to `part`
   std::string scene;            // SpeedScene::name
-  double rate_mev_per_s = 0.0;  // of the recording, million events per second of sensor time
+  double rate_mev_per_s = 0.0;  // rate of the recording, million events per second of sensor time
   uint64_t num_events = 0;      // estimate: events passed to the estimator
   uint64_t num_bytes = 0;       // decode
   double seconds = 0.0;         // processor time of one thread, the minimum

@@ -19,7 +19,7 @@ namespace evpose {
 struct BenchModel {
   std::string name;
   std::string path;              // the file that is prepared and tracked
-  double metres_per_unit = 1.0;  // of that file
+  double metres_per_unit = 1.0;  // unit of that file
   // File in metres with the surface that is rendered, in the same object frame; empty: `path`.
   std::string reference_path;
 };
@@ -29,7 +29,7 @@ struct ModelBenchOptions {
   // [1, 1000]; seeds 1, 2, ... determine attitude, motion, pixels and noise. The background is plain for odd seeds and
   // textured for even ones.
   int num_seeds = 3;
-  int64_t duration_us = 1'500'000;  // of a recording, microseconds
+  int64_t duration_us = 1'500'000;  // duration of a recording, microseconds
   double noise_ratio = 0.05;        // share of the events that are noise, as in the other benchmarks
   std::string camera = "evk4";      // name of a simulated camera
   // Directory of the recordings, with a subdirectory for each run, to use them again. Empty: none is stored.
@@ -66,10 +66,10 @@ struct ModelBenchRow {
   std::string error;
   double preparation_s = 0.0;  // processor time from the file to the model
   double diameter_m = 0.0;
-  size_t triangles = 0;  // of the prepared model
+  size_t triangles = 0;  // number of triangles of the prepared model
   size_t lines = 0;      // straight edges
   size_t curves = 0;     // curved edges
-  size_t regions = 0;    // of the smooth surface
+  size_t regions = 0;    // number of regions of the smooth surface
   // "none", the number of rotations of a discrete symmetry, "axis", "sphere".
   std::string symmetry;
   double mean_elements = 0.0;  // visible lines and edge elements at poses of the first run
@@ -105,7 +105,7 @@ class OutlineUncertainty {
  private:
   const ObjectModel& model_;
   double focal_px_;
-  Eigen::Vector3d centre_;  // of the box about the model, object frame
+  Eigen::Vector3d centre_;  // centre of the box about the model, object frame
 };
 
 }  // namespace evpose

@@ -15,12 +15,12 @@
 
 namespace evpose {
 
-// What is tracked, and the simulation.
+// The model that is tracked, and the simulated recording.
 struct ModelRunInputs {
   std::shared_ptr<const ObjectModel> model;
   SimulationOptions simulation;
   Trajectory truth;
-  std::string directory;  // of the recording (tracking_recordings.h); empty: it is not stored
+  std::string directory;  // directory of the recording (tracking_recordings.h); empty: it is not stored
 };
 
 // Errors: those of LoadObjectModel().

@@ -17,7 +17,7 @@ namespace evpose {
 
 struct RealBenchOptions {
   std::string directory;           // ReadRealDirectory()
-  std::vector<std::string> names;  // of the recordings; empty: all
+  std::vector<std::string> names;  // names of the recordings; empty: all
   // [1, 1000] start times of each recording, evenly spread over its first three quarters, so that even the last run has
   // a quarter of the recording.
   int num_starts = 20;
@@ -39,8 +39,8 @@ struct RealBenchOptions {
 struct RealSummary {
   int num_found = 0;
   int num_wrong = 0;              // number of runs in which the first TRACKING pose is wrong
-  double median_wait_s = 0.0;     // of the runs that are found
-  double worst_wait_s = 0.0;      // of the same
+  double median_wait_s = 0.0;     // median of the runs that are found
+  double worst_wait_s = 0.0;      // the longest of the same
   double median_compute_s = 0.0;  // processor time until TRACKING, of the same
   double compute_ratio = 0.0;     // processor time / sensor time of all runs
   double longest_wrong_s = 0.0;   // the longest of all runs

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "core/base/output_file.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose {

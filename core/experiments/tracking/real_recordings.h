@@ -17,14 +17,14 @@ namespace evpose {
 
 // An object that is recorded, with the camera of its folder.
 struct RealObject {
-  std::string name;  // of the first folder with this model file
+  std::string name;  // name of the first folder with this model file
   std::string model_path;
   CameraModel camera;
   std::shared_ptr<const ObjectModel> model;
 };
 
 struct RealRecording {
-  std::string name;  // of the folder; with the name of the file if the folder has several recordings
+  std::string name;  // name of the folder; with the name of the file if the folder has several recordings
   std::string events_path;
   SensorGeometry geometry;  // as the recording states
   int object = -1;          // index into RealDirectory::objects; -1: none of the objects is in view

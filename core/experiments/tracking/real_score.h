@@ -53,7 +53,7 @@ struct RealRun {
   double tracking_s = 0.0;  // time for which TRACKING was reported
   double wrong_s = 0.0;     // time for which TRACKING was reported with a wrong pose, and the longest such time
   double longest_wrong_s = 0.0;
-  double median_error_px = std::numeric_limits<double>::quiet_NaN();  // of all reported poses
+  double median_error_px = std::numeric_limits<double>::quiet_NaN();  // median error of all reported poses
   double p95_error_px = std::numeric_limits<double>::quiet_NaN();
   uint64_t losses = 0;
 

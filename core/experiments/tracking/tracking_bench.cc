@@ -115,7 +115,7 @@ class BlockRunner {
 
  private:
   void CompareWithPublished(TrackingBenchRow& row) const {
-    constexpr double kMostRatio = 0.5;
+    constexpr double kMostRatio = 0.5;  // the target: at most half of the error of the published method
     for (const TrackingBenchRow& other : block_.rows) {
       if (other.estimator != "static-mm" || other.summary.overall.losses > 0) continue;
       const double ratio = row.summary.overall.evaluation.position_rmse_of_depth /
@@ -176,7 +176,7 @@ class BlockRunner {
   const TrackingBenchProgress& on_progress_;
   TrackingBenchBlock block_;
   uint64_t num_events_ = 0;
-  double begin_ = 0.0;  // of the present run, as shares of the whole work
+  double begin_ = 0.0;  // begin of the present run, as a share of the whole work
   double end_ = 0.0;
   std::string text_;
 };

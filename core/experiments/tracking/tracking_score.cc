@@ -14,10 +14,13 @@ namespace evpose {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+// Event rate above which poses come at the full rate, hertz, and the share of missing poses that is tolerated.
 constexpr double kBusyHz = 0.3e6;
 constexpr double kFullRateHz = 1000.0;
 constexpr double kRateTolerance = 0.02;
+// Time that the first pose may take, which is ignored.
 constexpr int64_t kStartUs = 50'000;
+// Share of the length of the lines that is in the image of an object in view.
 constexpr double kInViewRatio = 0.25;
 
 bool IsInView(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object) {

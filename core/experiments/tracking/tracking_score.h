@@ -49,7 +49,7 @@ struct TrackingScore {
   uint64_t losses = 0;
   double first_pose_ms = 0.0;     // sensor time until the first good pose; NaN if there is none
   double full_rate_ratio = 0.0;   // EventRate::ShareAtFullPoseRate
-  std::vector<double> nees;       // of all published poses
+  std::vector<double> nees;       // NEES of all published poses
   double wrong_tracking_s = 0.0;  // TRACKING was reported without a good pose
   double longest_wrong_tracking_s = 0.0;
   double right_untracked_s = 0.0;       // a good pose was reported with another state than TRACKING
@@ -68,7 +68,7 @@ struct TrackingSummary {
   // Means over the runs, NaN if a run has no pose; sums of the losses and of the times with a wrong pose or state; the
   // maximum of the largest errors and of the longest time. The number of poses and the lists are not set.
   TrackingScore overall;
-  Consistency consistency;  // of the poses of all runs
+  Consistency consistency;  // consistency of the poses of all runs
   // The worst run's coverage, position_rmse_of_depth, rotation_median_rad and rotation_p95_rad, each by itself. Other
   // members are not set.
   Evaluation worst;

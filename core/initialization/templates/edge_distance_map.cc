@@ -9,6 +9,7 @@
 namespace evpose {
 namespace {
 
+// Margin of the map on each side of the box, relative to its longer side: a box may lack a part of the object.
 constexpr double kMarginOfBox = 0.25;
 // A cell is not smaller: edge points are known to a few tenths of a pixel.
 constexpr double kLeastMapCellPx = 0.5;

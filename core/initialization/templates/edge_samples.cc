@@ -27,7 +27,7 @@ void SampleVisibleEdges(const ModelEdges& edges, const CameraModel& camera, cons
   }
   if (!(total > 0.0)) return;
   const double spacing = total / count;
-  double next = 0.5 * spacing;  // of the accumulated weight
+  double next = 0.5 * spacing;  // accumulated weight at which the next sample is taken
   for (size_t k = 0; k < lines.size(); ++k) {
     const Eigen::Vector3d extent = lines[k].p2 - lines[k].p1;
     for (; next < weights[k]; next += spacing) {

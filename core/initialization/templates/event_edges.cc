@@ -98,7 +98,7 @@ struct EdgePlane {
   Vector3d mean;
   Vector2d normal;
   double slowness = 0.0;  // normal . (u, v) + slowness s is constant on the plane
-  double variance = 0.0;  // of the events about it, px^2
+  double variance = 0.0;  // variance of the events about it, px^2
 };
 
 // Cofactors of a symmetric matrix: a multiple of the projection to the eigenvector of the smallest eigenvalue is their

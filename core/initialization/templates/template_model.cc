@@ -80,7 +80,7 @@ VisibilityOptions TemplateVisibilityOptions() {
 
 EdgeElementOptions TemplateElementOptions() {
   EdgeElementOptions options;
-  options.sagitta_px = 0.5;  // of a cell of the distance maps
+  options.sagitta_px = 0.5;  // half a cell of the distance maps
   options.max_elements = 96;
   return options;
 }

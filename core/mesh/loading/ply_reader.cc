@@ -47,7 +47,7 @@ absl::StatusOr<const PlyType*> PlyTypeFromWord(absl::string_view word, int64_t l
 
 struct PlyProperty {
   const PlyType* type = nullptr;
-  const PlyType* count_type = nullptr;  // of a list only
+  const PlyType* count_type = nullptr;  // type of the count, for a list only
   std::string name;
 
   bool is_list() const { return count_type != nullptr; }

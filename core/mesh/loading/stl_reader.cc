@@ -78,7 +78,7 @@ absl::StatusOr<RawMesh> ReadAsciiStl(absl::string_view text, ElementCounter coun
   LineReader lines(text);
   std::vector<absl::string_view> words;
   bool in_solid = false;
-  size_t step = 0;  // of the lines of a facet
+  size_t step = 0;  // number of the line within a facet
   while (const std::optional<absl::string_view> line = lines.Next()) {
     SplitWords(*line, words);
     if (words.empty()) continue;

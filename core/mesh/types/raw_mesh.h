@@ -27,7 +27,7 @@ struct ExactEdge {
   enum class Shape : uint8_t { kLine, kCircle, kFree };
   Shape shape = Shape::kFree;
   bool is_smooth = false;  // the faces continue each other: nothing is seen of the edge
-  EdgeCircle circle;       // of a kCircle
+  EdgeCircle circle;       // the circle of a kCircle
   // Indices of points along the edge, at least two; the first one again at the end of a ring. Between those that are
   // vertices of triangles may be others, which only lie on the edge.
   std::vector<uint32_t> points;

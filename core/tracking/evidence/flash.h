@@ -51,7 +51,7 @@ class FlashDetector {
  private:
   const FlashOptions options_;
   ByPolarity counts_ = {};  // fading out over memory_us
-  int64_t left_us_ = 0;     // of hold_us
+  int64_t left_us_ = 0;     // rest of hold_us
 };
 
 }  // namespace evpose

@@ -174,7 +174,7 @@ void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLi
 void TrackHealth::AddEvent(const NearEvent& event, WindowLine& line, Sector& sector) {
   // Excess of the right pose per event below which an event carries no evidence: the cell is narrower than the spread.
   constexpr double kLeastExcess = 0.1;
-  constexpr double kLeastCellPx = 1e-3;  // of an event on two lines at the same place
+  constexpr double kLeastCellPx = 1e-3;  // width of the cell of an event on two lines at the same place
   const double share = OwnShare(event.distance_px, event.competing);
   const double cell_px = std::max(event.cell_px, kLeastCellPx);
   const double near_px = NearPx(cell_px);
@@ -425,6 +425,11 @@ double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const
   return static_cast<double>((line.along.array() >= least).count()) / places;
 }
 
+double TrackHealth::PooledShare(const LineStatistics& pooled, double credited_ratio) const {
+  const bool is_significant = ExcessSigma(pooled) >= options_.significance_sigma;
+  return is_significant ? pooled.excess / std::max(pooled.excess, RightExcess(pooled, credited_ratio)) : 0.0;
+}
+
 HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) {
   using Kind = HealthResult::Kind;
   const double credited_ratio = CreditedNoiseRatio();
@@ -432,8 +437,7 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
   LineStatistics total, pooled;
   double supported_length = 0.0, testable_length = 0.0, present_length = 0.0, contradicting_length = 0.0;
   double pooled_length = 0.0;
-  int pooled_lines = 0;
-  int decided_lines = 0;
+  int pooled_lines = 0, decided_lines = 0;
   for (size_t k = 0; k < statistics_.size(); ++k) {
     YieldPoint(k);
     CurveResult& curve = curve_results_[k];
@@ -462,12 +466,9 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
       pooled_lines += line.lines;
     }
   }
-  if (ExcessSigma(pooled) >= options_.significance_sigma) {
-    // Lines that have no power alone have it together: their share of the excess of the right pose is supported.
-    const double share = pooled.excess / std::max(pooled.excess, RightExcess(pooled, credited_ratio));
-    supported_length += share * pooled_length;
-    result.supported_lines += static_cast<int>(share * pooled_lines);
-  }
+  const double pooled_share = PooledShare(pooled, credited_ratio);
+  supported_length += pooled_share * pooled_length;
+  result.supported_lines += static_cast<int>(pooled_share * pooled_lines);
   result.sigma = ExcessSigma(total);
   result.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;
   result.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
@@ -478,12 +479,12 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
   const bool has_excess = result.sigma > options_.significance_sigma &&
                           total.excess >= options_.min_excess_ratio * RightExcess(total, credited_ratio);
   const bool has_lines = result.supported_lines >= min_supported_lines;
-  if (has_excess && has_lines && result.support_ratio >= sure_support_ratio) {
-    result.kind = result.missing_sectors > options_.max_missing_sectors ? Kind::kDoubtful : Kind::kSupported;
-  } else if (has_excess && has_lines && result.support_ratio >= min_support_ratio) {
-    result.kind = decided_ratio < sure_support_ratio ? Kind::kDoubtful : Kind::kOpen;
-  } else if (!has_excess) {
+  if (!has_excess) {
     result.kind = HasPower(total, credited_ratio) ? Kind::kUnsupported : Kind::kOpen;
+  } else if (has_lines && result.support_ratio >= sure_support_ratio) {
+    result.kind = result.missing_sectors > options_.max_missing_sectors ? Kind::kDoubtful : Kind::kSupported;
+  } else if (has_lines && result.support_ratio >= min_support_ratio) {
+    result.kind = decided_ratio < sure_support_ratio ? Kind::kDoubtful : Kind::kOpen;
   } else if (decided_lines >= min_supported_lines && (!has_lines || decided_ratio < min_support_ratio)) {
     result.kind = Kind::kUnsupported;
   }

@@ -166,7 +166,7 @@ class TrackHealth {
 
   static constexpr int kNumSectors = 8;
 
-  // What the last Test() with a result found for each curve, by TrackedLine::curve. Not part of the state.
+  // Result of the last Test() with a result for each curve, by TrackedLine::curve. Not part of the state.
   absl::Span<const CurveResult> curve_results() const { return curve_results_; }
 
  private:
@@ -177,20 +177,20 @@ class TrackHealth {
   struct WindowLine {            // a straight line or a curve
     int curve = 0;               // TrackedLine::curve
     int lines = 1;               // LineStatistics::lines
-    double places_per_px = 0.0;  // of LineStatistics::along
+    double places_per_px = 0.0;  // number of places of LineStatistics::along per pixel
     std::array<PolarityCounts, 2> of = {};
     Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   };
   struct Place {
     size_t window_line = 0;          // index into window_lines_
     double begin_px = 0.0;           // length of the elements before this one in their curve
-    std::array<int, 2> sector = {};  // of the first and the second half
+    std::array<int, 2> sector = {};  // sectors of the first and the second half
   };
   // Events of one of the eight sectors of the outline, as seen from its centre.
   struct Sector {
     double expected = 0.0;  // lower bound of the events that the motion should have produced
     double observed = 0.0;  // events of the lines, beyond those of clutter
-    double variance = 0.0;  // of `observed`
+    double variance = 0.0;  // variance of `observed`
 
     bool IsMissing(const HealthOptions& options) const;
     static void VisitState(auto& archive, auto& self) {
@@ -233,6 +233,9 @@ class TrackHealth {
   bool HasPower(const LineStatistics& line, double credited_ratio) const;
   // Standard deviations by which near events would exceed chance at the right pose.
   double PowerSigma(const LineStatistics& line, double credited_ratio) const;
+  // Lines without power alone may have it together: the share of the excess of the right pose that they have, which is
+  // the share of them that is supported; 0 if their excess is not significant.
+  double PooledShare(const LineStatistics& pooled, double credited_ratio) const;
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;
   // Whether the line's motion should have produced at least `events` events and significantly more than `noise`.
@@ -258,7 +261,7 @@ class TrackHealth {
   static constexpr int kCellSteps = 32;
   std::array<std::array<double, kCellSteps + 1>, kSpreadSteps + 1> near_probability_;
   double testable_information_ = 0.0;
-  int spread_step_ = 0;                     // that of the window
+  int spread_step_ = 0;                     // spread step of the window
   std::vector<LineStatistics> statistics_;  // since the last test result
   // The same from earlier test results, fading out over memory_us: the event deficit of a line becomes significant
   // only over many windows, each of which expects too few events.
@@ -271,8 +274,8 @@ class TrackHealth {
   std::array<Sector, kNumSectors> sectors_;
   std::array<Sector, kNumSectors> window_sectors_;  // those of the window
   std::vector<WindowLine> window_lines_;
-  std::vector<Place> places_;         // of each line of the window
-  std::vector<Lanes> distance_px_;    // of events in several gates; infinite beyond the ends of the line
+  std::vector<Place> places_;         // place of each line of the window
+  std::vector<Lanes> distance_px_;    // distances of events in several gates; infinite beyond the ends of the line
   std::vector<Lanes> cell_px_;        // for the nearest line of an event: width of its cell on the side of the event
   std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event; indexed like distance_px_
   std::vector<uint16_t> line_of_;     // index of the line, by index of the EventLanes

@@ -32,7 +32,7 @@ struct LineStatistics {
   // Multiplies the counts by `kept_ratio`, then adds `other`.
   void Add(const LineStatistics& other, double kept_ratio = 1.0);
 
-  static constexpr int kMaxLines = 8;  // of a circle
+  static constexpr int kMaxLines = 8;  // number of lines of a circle
 
   // Most lines of a large model have no counts; one flag is stored for each of these.
   static void VisitState(auto& archive, auto& self) {

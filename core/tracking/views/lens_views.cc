@@ -75,7 +75,7 @@ struct Side {
 // farther. At least as large as the sensor, because events are tested against the size; the image then reaches farther
 // on the side where the lens does.
 Side SideOf(int sensor_px, double focal_px, double to_low, double to_high) {
-  constexpr int kMaxSidePx = 4096;  // of a valid camera
+  constexpr int kMaxSidePx = 4096;  // longest side of a valid camera
   const double low_px = focal_px * Tangent(std::min(to_low, kReach));
   const double high_px = focal_px * Tangent(std::min(to_high, kReach));
   const int size_px = std::clamp(static_cast<int>(std::ceil(low_px + high_px)), sensor_px, kMaxSidePx);

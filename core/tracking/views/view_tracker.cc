@@ -262,7 +262,7 @@ class ViewedObject {
   }
 
   const ObjectToTrack object_;
-  const Eigen::Vector3d centre_;  // of the object, in its frame
+  const Eigen::Vector3d centre_;  // centre of the object, in its frame
   const uint32_t index_;
   const std::vector<View>& views_;
   const TrackerOptions& options_;

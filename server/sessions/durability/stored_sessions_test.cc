@@ -11,7 +11,7 @@
 #include <filesystem>
 
 #include "absl/strings/str_split.h"
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session_manager.h"

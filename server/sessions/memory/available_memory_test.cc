@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "core/base/temporary_directory.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::server {
 namespace {

@@ -37,7 +37,7 @@ struct MemoryBudget::Part {
   std::shared_ptr<MemoryBudget> budget;
   std::string tenant;
   uint64_t bytes = 0;
-  std::shared_ptr<const ObjectModel> model;   // of a part that sessions share
+  std::shared_ptr<const ObjectModel> model;   // the model of a part that sessions share
   std::vector<std::shared_ptr<Part>> shared;  // those of a session
 };
 

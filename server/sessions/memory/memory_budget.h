@@ -33,7 +33,7 @@ class MemoryBudget : public std::enable_shared_from_this<MemoryBudget> {
  public:
   struct Options {
     uint64_t max_bytes = std::numeric_limits<uint64_t>::max();
-    uint64_t max_tenant_bytes = std::numeric_limits<uint64_t>::max();  // of each tenant
+    uint64_t max_tenant_bytes = std::numeric_limits<uint64_t>::max();  // memory of the sessions of each tenant
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
   };
   static std::shared_ptr<MemoryBudget> Create(Options options) {

@@ -43,8 +43,8 @@ class ByteCredit {
  private:
   const uint64_t credit_bytes_;
   const OverloadPolicy policy_;
-  uint64_t received_bytes_ = 0;   // of this stream
-  uint64_t processed_bytes_ = 0;  // of this stream, including repeated chunks, which are dropped
+  uint64_t received_bytes_ = 0;   // bytes of this stream
+  uint64_t processed_bytes_ = 0;  // bytes of this stream, including repeated chunks, which are dropped
   uint64_t earlier_bytes_ = 0;    // queued by earlier streams
 };
 

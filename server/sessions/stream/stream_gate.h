@@ -41,8 +41,8 @@ class StreamGate {
     SessionLifecycle lifecycle;
     absl::Time detached_at;          // used if a stream is attached according to the record: its server has ended
     std::string resume_token;        // empty: unknown, because the store has only its digest
-    uint64_t processed_seq = 0;      // of the checkpoint
-    bool has_ended = false;          // of the checkpoint
+    uint64_t processed_seq = 0;      // number of the last chunk in the checkpoint
+    bool has_ended = false;          // whether the checkpoint includes the end of the session
     uint64_t max_seen_pose_seq = 0;  // the client may have seen poses up to this one that are not made again yet
   };
   StreamGate(Options options, Start start);
@@ -112,13 +112,13 @@ class StreamGate {
   GateState state_;
   absl::Status closed_;
   uint64_t stream_ = 0;
-  absl::Time detached_at_;  // of the last detachment
+  absl::Time detached_at_;  // time of the last detachment
   std::string resume_token_;
   std::string token_digest_;
   std::string previous_token_digest_;  // empty: no longer valid
   uint64_t num_renewals_ = 0;
   uint64_t lifecycle_number_ = 0;
-  uint64_t taken_lifecycle_ = 0;   // of the record that TakeChangedLifecycle returned last
+  uint64_t taken_lifecycle_ = 0;   // number of the record that TakeChangedLifecycle returned last
   uint64_t attach_lifecycle_ = 0;  // the number of the record with which the latest stream attached
   uint64_t next_seq_ = 1;
   uint64_t sent_pose_seq_ = 0;

@@ -29,7 +29,7 @@ struct WorkItem {
   SteadyTime received_at;
   std::variant<EventChunk, PoseReset, EndOfInput> what;
 
-  uint64_t bytes() const;  // of the payload
+  uint64_t bytes() const;  // size of the payload
   uint64_t seq() const;    // 0 for the end, which has none
   bool is_end() const { return std::holds_alternative<EndOfInput>(what); }
 };

@@ -23,7 +23,7 @@ namespace evpose::server {
 struct ObjectHealth {
   TrackState state = TrackState::kInitializing;
   uint32_t losses = 0;
-  float explained_ratio = 0.0f;  // of the latest pose
+  float explained_ratio = 0.0f;  // explained ratio of the latest pose
   InitializationReport initialization;
 };
 struct ProcessingHealth {
@@ -82,7 +82,7 @@ struct SessionTotals {
 // Ownership record: the token that a client needs to attach, and the time since when no stream has been attached.
 // Committed whenever a stream attaches or detaches.
 struct SessionLifecycle {
-  std::string token_digest;           // of the resume token: SHA-256, hex; the token itself is not stored
+  std::string token_digest;           // digest of the resume token: SHA-256, hex; the token itself is not stored
   std::string previous_token_digest;  // empty: the previous token is no longer valid
   uint64_t num_attaches = 0;
   std::optional<absl::Time> detached_at;  // absent while a stream is attached

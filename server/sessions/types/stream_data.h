@@ -58,7 +58,7 @@ struct SessionAck {
   uint64_t processed_seq = 0;
   uint64_t durable_seq = 0;
   uint64_t send_limit_bytes = 0;
-  uint64_t last_pose_seq = 0;  // of the chunks up to processed_seq
+  uint64_t last_pose_seq = 0;  // number of the last pose of the chunks up to processed_seq
 
   friend bool operator==(const SessionAck&, const SessionAck&) = default;
 };

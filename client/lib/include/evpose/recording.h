@@ -32,7 +32,7 @@ class Recording {
   ~Recording();
 
   EventEncoding encoding() const;
-  int width_px() const;  // of the sensor, from the header
+  int width_px() const;  // width of the sensor, from the header
   int height_px() const;
 
   // Returns the next chunk; empty bytes at the end. Errors: DATA_LOSS or UNAVAILABLE naming path and offset.

@@ -48,11 +48,12 @@ class TrackPosition:
     max_piece_bytes: int = 0
 
     def to_json(self) -> str:
+        """Returns the position as JSON, for from_json(). It contains secrets."""
         return json.dumps(dataclasses.asdict(self))
 
     @staticmethod
     def from_json(text: str) -> TrackPosition:
-        """Raises InvalidArgumentError."""
+        """Returns the position that to_json() has written. Raises InvalidArgumentError."""
         try:
             data: dict[str, Any] = json.loads(text)
             data["durable"] = FeedPoint(*map(int, data["durable"]))
@@ -72,6 +73,8 @@ class Callbacks:
 
 @dataclasses.dataclass
 class AttemptOptions:
+    """The parts of TrackOptions and of the state of a Track that one attempt needs."""
+
     resume_token: str
     attach_after_pose: int  # repeated poses up to TrackPosition.last_pose_seq are dropped
     leaves_on_go_away: bool  # the session can be continued at another server or later

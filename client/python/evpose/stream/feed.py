@@ -16,7 +16,7 @@ from evpose.stream.outbox import Chunk, FeedPoint, Outbox, RetainOptions, make_c
 from evpose.types import Discontinuity, PoseReset
 from evpose.v1 import track_pb2
 
-# What a source of events yields: encoded events, arrays of events (FLAT64), and marks between them.
+# The items of a source of events: encoded events, arrays of events (FLAT64), and marks between them.
 EventItem = Union[bytes, bytearray, memoryview, "npt.NDArray[Any]", PoseReset, Discontinuity]
 EventSource = Iterable[EventItem]
 

@@ -40,6 +40,7 @@ class Clock:
     """The clock of the machine; tests have another one."""
 
     def now(self) -> float:
+        """Returns a time in seconds that only advances."""
         return time.monotonic()
 
     def wait(self, seconds: float, stop: threading.Event) -> bool:
@@ -62,10 +63,13 @@ class Backoff:
         return delay
 
     def reset(self) -> None:
+        """Begins again with the first delay."""
         self._delay = self._options.first_delay_s
 
 
 class Advice(enum.Enum):
+    """The reaction to the error with which a stream ended."""
+
     TRY_AGAIN = enum.auto()
     TRY_OTHER_SERVER = enum.auto()  # this server does not have the session; another one may
     TRY_OTHER_TOKEN = enum.auto()  # the server may know the previous token

@@ -3,7 +3,6 @@
 // that repeat every 12 s. Everything is a function of the time, so that an instant looks the same each time.
 
 export const CAMERA = { width: 1280, height: 720, fx_px: 1700, fy_px: 1700, cx_px: 640, cy_px: 360 };
-export const PERIOD_US = 12_000_000;
 
 const PRISM_SIDES = 6;
 

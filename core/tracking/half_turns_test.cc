@@ -55,9 +55,9 @@ std::vector<Event> CardEvents(const ObjectModel& card, int64_t duration_us) {
   return MakeIdealEvents(card, kCamera, ConstantTwist(kStart, kCardTwist), options);
 }
 
-class TwinsTest : public ::testing::Test {
+class HalfTurnsTest : public ::testing::Test {
  protected:
-  TwinsTest() {
+  HalfTurnsTest() {
     auto edges = std::make_shared<const ModelEdges>(*card_, options_.visibility, options_.elements);
     context_ = std::make_unique<TrackContext>(
         TrackContext{card_, kCamera, MakeCameraTables(kCamera).value(), options_, std::move(edges)});
@@ -88,7 +88,7 @@ class TwinsTest : public ::testing::Test {
   std::unique_ptr<TrackContext> context_;
 };
 
-TEST_F(TwinsTest, TheRightHalfTurnWinsWithinAFewWindows) {
+TEST_F(HalfTurnsTest, TheRightHalfTurnWinsWithinAFewWindows) {
   for (const bool right_first : {true, false}) {
     Hypotheses hypotheses(*context_);
     hypotheses.Add(StateOf(right_first ? kStart : kStart * kHalfTurn));
@@ -102,7 +102,7 @@ TEST_F(TwinsTest, TheRightHalfTurnWinsWithinAFewWindows) {
   }
 }
 
-TEST_F(TwinsTest, APoseThatIsFollowedOrRejectedDoesNotJoinAgain) {
+TEST_F(HalfTurnsTest, APoseThatIsFollowedOrRejectedDoesNotJoinAgain) {
   Hypotheses hypotheses(*context_);
   hypotheses.Add(StateOf(kStart));
   hypotheses.Add(StateOf(kStart * kHalfTurn));
@@ -127,7 +127,7 @@ TEST_F(TwinsTest, APoseThatIsFollowedOrRejectedDoesNotJoinAgain) {
   EXPECT_TRUE(joins(pose * MakePose({0.0, 0.02, 0.0}, {0.0, 0.0, 0.0})));
 }
 
-TEST_F(TwinsTest, AnUnlikelyRivalIsUndecidedOnlyIfTheEventsPreferIt) {
+TEST_F(HalfTurnsTest, AnUnlikelyRivalIsUndecidedOnlyIfTheEventsPreferIt) {
   TrackerOptions undecided = options_;
   undecided.initialization.decision_sigma = 1e6;
   const TrackContext context{card_, kCamera, context_->tables, undecided, context_->edges};
@@ -141,7 +141,7 @@ TEST_F(TwinsTest, AnUnlikelyRivalIsUndecidedOnlyIfTheEventsPreferIt) {
   }
 }
 
-TEST_F(TwinsTest, AContourBesideItsPlaceIsNoEvidenceForThePoseWithoutIt) {
+TEST_F(HalfTurnsTest, AContourBesideItsPlaceIsNoEvidenceForThePoseWithoutIt) {
   // A frame that looks the same after half a turn about its middle, and a torus at one of its ends, whose tube is 2 mm
   // (2 px) thicker in the model. The lines of the frame, which both poses share, fit within half a pixel.
   constexpr double kMiddleM = 0.06;
@@ -195,14 +195,14 @@ CardRun Track(const std::shared_ptr<const ObjectModel>& card, const std::optiona
   return run;
 }
 
-TEST(TwinsTrackerTest, AFoundPoseIsTrackedOnlyOnceItsHalfTurnIsRejected) {
+TEST(HalfTurnsTrackerTest, AFoundPoseIsTrackedOnlyOnceItsHalfTurnIsRejected) {
   const CardRun run = Track(Card(0.002), std::nullopt);
   EXPECT_EQ(run.turned_tracking, 0);
   EXPECT_GT(run.tracking, 50);
   EXPECT_TRUE(run.ends_right);
 }
 
-TEST(TwinsTrackerTest, AGivenPoseExcludesItsHalfTurnUntilTheEventsContradict) {
+TEST(HalfTurnsTrackerTest, AGivenPoseExcludesItsHalfTurnUntilTheEventsContradict) {
   const CardRun right = Track(Card(0.0005), kStart);
   EXPECT_EQ(right.turned_tracking, 0);
   EXPECT_EQ(right.ambiguous, 0);
