@@ -46,7 +46,7 @@ Session::Session(Parts parts, WorkerPool& pool)
       committer_(std::make_shared<SessionCommitter>(log_, std::move(parts.lease), PersistedAt(parts.beginning), pool,
                                                     limits_.backoff, metrics_)),
       watchers_(std::make_shared<Watchers>(pool)),
-      images_(std::make_shared<EventImages>(config_, clocks_.steady, pool, metrics_)),
+      images_(std::make_shared<EventImages>(config_, parts.tenant, clocks_.steady, pool, metrics_)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       turns_(pool.AddSession(parts.tenant)),
       worker_(config_, {clocks_.steady, metrics_, log_, images_}, std::move(parts.pipeline),

@@ -4,10 +4,33 @@
 #include <gtest/gtest.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <atomic>
+#include <cstdlib>
+#include <new>
 #include <semaphore>
 #include <string>
 #include <vector>
+
+namespace {
+
+// Large allocations of this thread until one fails; negative: none does.
+thread_local int allocations_before_failure = -1;
+constexpr size_t kLargeAllocationBytes = 1000;  // smaller than the bitmap of a small session with cells of one pixel
+
+}  // namespace
+
+// All forms, because sanitizers compare the functions that allocate and free.
+void* operator new(size_t size) {
+  if (size >= kLargeAllocationBytes && allocations_before_failure >= 0 && allocations_before_failure-- == 0) {
+    throw std::bad_alloc();
+  }
+  void* const block = std::malloc(std::max<size_t>(size, 1));
+  if (block == nullptr) throw std::bad_alloc();
+  return block;
+}
+void operator delete(void* block) noexcept { std::free(block); }
+void operator delete(void* block, size_t) noexcept { std::free(block); }
 
 namespace evpose::server {
 namespace {
@@ -80,7 +103,7 @@ class EventImagesTest : public testing::Test {
   const std::shared_ptr<ServerMetrics> metrics_ = std::make_shared<ServerMetrics>();
   WorkerPool pool_{1};
   const std::shared_ptr<EventImages> images_ = std::make_shared<EventImages>(
-      SmallSession(), [this] { return EventImages::Time(std::chrono::microseconds(clock_us_.load())); }, pool_,
+      SmallSession(), "", [this] { return EventImages::Time(std::chrono::microseconds(clock_us_.load())); }, pool_,
       metrics_);
 };
 
@@ -286,6 +309,52 @@ TEST_F(EventImagesTest, OutlinesAreProjectedAtTheNewestPose) {
   tracker_.has_pose = false;
   AddAfter(kFrameUs, 1);
   EXPECT_TRUE(reader->Take()->image->outlines().empty());
+}
+
+TEST_F(EventImagesTest, WithoutMemoryForAnImageTheNextOneHasItsEvents) {
+  const auto reader = images_->Open(1, 25.0, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(reader->Take().has_value());
+  allocations_before_failure = 0;
+  AddAfter(kFrameUs, 2);
+  EXPECT_EQ(allocations_before_failure, -1) << "an allocation failed";
+  EXPECT_FALSE(reader->Take().has_value());
+  AddAfter(kFrameUs, 3);
+  const auto taken = reader->Take();
+  ASSERT_TRUE(taken.has_value());
+  EXPECT_TRUE(reader->status().ok());
+  EXPECT_EQ(taken->image->from_t_us(), 1000);
+  EXPECT_EQ(taken->image->num_events(), 2u);
+  for (const int x : {2, 3}) EXPECT_EQ(CellOf(taken->image->bitmap(), x, 0), 1);
+}
+
+TEST_F(EventImagesTest, WithoutMemoryForAJoinedImageOnlyItsReaderFails) {
+  const auto slow = images_->Open(1, 25.0, listener_);
+  const auto quick = images_->Open(1, 25.0, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(quick->Take().has_value());
+  allocations_before_failure = 1;  // the first one is the image
+  AddAfter(kFrameUs, 2);
+  EXPECT_EQ(allocations_before_failure, -1);
+  EXPECT_EQ(slow->status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_TRUE(quick->status().ok());
+  EXPECT_EQ(quick->Take()->image->num_events(), 1u);
+  AddAfter(kFrameUs, 3);
+  EXPECT_EQ(quick->Take()->image->num_events(), 1u) << "the images go on";
+}
+
+TEST_F(EventImagesTest, WithoutMemoryForTheLastImageItsReadersFail) {
+  const auto reader = images_->Open(1, 25.0, listener_);
+  const auto of_other_cells = images_->Open(2, 25.0, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(reader->Take() && of_other_cells->Take());
+  AddAfter(1000, 2);
+  allocations_before_failure = 0;
+  images_->Finish();
+  allocations_before_failure = -1;
+  EXPECT_FALSE(reader->status().ok());
+  EXPECT_TRUE(of_other_cells->status().ok());
+  EXPECT_EQ(of_other_cells->Take()->image->num_events(), 1u);
 }
 
 TEST_F(EventImagesTest, CellsAreCompressedWhereThatMakesThemSmaller) {
