@@ -4,38 +4,18 @@
 #include <gtest/gtest.h>
 #include <zlib.h>
 
-#include <algorithm>
 #include <atomic>
-#include <cstdlib>
-#include <new>
 #include <semaphore>
 #include <string>
 #include <vector>
 
-namespace {
-
-// Large allocations of this thread until one fails; negative: none does.
-thread_local int allocations_before_failure = -1;
-constexpr size_t kLargeAllocationBytes = 1000;  // smaller than the bitmap of a small session with cells of one pixel
-
-}  // namespace
-
-// All forms, because sanitizers compare the functions that allocate and free.
-void* operator new(size_t size) {
-  if (size >= kLargeAllocationBytes && allocations_before_failure >= 0 && allocations_before_failure-- == 0) {
-    throw std::bad_alloc();
-  }
-  void* const block = std::malloc(std::max<size_t>(size, 1));
-  if (block == nullptr) throw std::bad_alloc();
-  return block;
-}
-void operator delete(void* block) noexcept { std::free(block); }
-void operator delete(void* block, size_t) noexcept { std::free(block); }
+#include "server/runtime/failing_allocations_testing.h"
 
 namespace evpose::server {
 namespace {
 
-constexpr int64_t kFrameUs = 40'000;  // of 25 Hz
+constexpr int64_t kFrameUs = 40'000;            // of 25 Hz
+constexpr size_t kLargeAllocationBytes = 1000;  // smaller than the bitmap of SmallSession() with cells of one pixel
 
 // Its only object has a pose and one edge, from x = -0.1 m to `now_us` micrometres.
 class OutlineTracker : public Tracker {
@@ -315,9 +295,9 @@ TEST_F(EventImagesTest, WithoutMemoryForAnImageTheNextOneHasItsEvents) {
   const auto reader = images_->Open(1, 25.0, listener_);
   AddAfter(1000, 1);
   ASSERT_TRUE(reader->Take().has_value());
-  allocations_before_failure = 0;
+  ThisThreadsFailingAllocation() = {0, kLargeAllocationBytes};
   AddAfter(kFrameUs, 2);
-  EXPECT_EQ(allocations_before_failure, -1) << "an allocation failed";
+  EXPECT_EQ(ThisThreadsFailingAllocation().successes_before, -1) << "an allocation failed";
   EXPECT_FALSE(reader->Take().has_value());
   AddAfter(kFrameUs, 3);
   const auto taken = reader->Take();
@@ -333,9 +313,9 @@ TEST_F(EventImagesTest, WithoutMemoryForAJoinedImageOnlyItsReaderFails) {
   const auto quick = images_->Open(1, 25.0, listener_);
   AddAfter(1000, 1);
   ASSERT_TRUE(quick->Take().has_value());
-  allocations_before_failure = 1;  // the first one is the image
+  ThisThreadsFailingAllocation() = {1, kLargeAllocationBytes};  // the first one is the image
   AddAfter(kFrameUs, 2);
-  EXPECT_EQ(allocations_before_failure, -1);
+  EXPECT_EQ(ThisThreadsFailingAllocation().successes_before, -1);
   EXPECT_EQ(slow->status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_TRUE(quick->status().ok());
   EXPECT_EQ(quick->Take()->image->num_events(), 1u);
@@ -349,9 +329,9 @@ TEST_F(EventImagesTest, WithoutMemoryForTheLastImageItsReadersFail) {
   AddAfter(1000, 1);
   ASSERT_TRUE(reader->Take() && of_other_cells->Take());
   AddAfter(1000, 2);
-  allocations_before_failure = 0;
+  ThisThreadsFailingAllocation() = {0, kLargeAllocationBytes};
   images_->Finish();
-  allocations_before_failure = -1;
+  EXPECT_EQ(ThisThreadsFailingAllocation().successes_before, -1);
   EXPECT_FALSE(reader->status().ok());
   EXPECT_TRUE(of_other_cells->status().ok());
   EXPECT_EQ(of_other_cells->Take()->image->num_events(), 1u);
