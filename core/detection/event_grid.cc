@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/yield_point.h"
+
 namespace evpose {
 namespace {
 
@@ -22,6 +24,7 @@ double DistanceToSegment(const Eigen::Vector2d& point, const Eigen::Vector2d& p1
 
 EventGrid::EventGrid(const std::vector<StretchEvent>& events, std::array<bool, 2> is_polarity) {
   if (events.empty()) return;
+  YieldPoint();
   double high_u = low_u_px_ = events[0].u_px, high_v = low_v_px_ = events[0].v_px;
   for (const StretchEvent& event : events) {
     low_u_px_ = std::min<double>(low_u_px_, event.u_px);
@@ -34,6 +37,7 @@ EventGrid::EventGrid(const std::vector<StretchEvent>& events, std::array<bool, 2
   const auto cell = [this](const StretchEvent& event) { return Row(event.v_px) * columns_ + Column(event.u_px); };
   begin_.assign(static_cast<size_t>(columns_) * rows_ + 1, 0);
   for (const StretchEvent& event : events) begin_[cell(event) + 1] += is_polarity[event.polarity] ? 1 : 0;
+  YieldPoint();
   for (size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1];
   std::vector<int32_t> next(begin_.begin(), begin_.end() - 1);
   sorted_.resize(begin_.back());

@@ -92,13 +92,15 @@ double StretchSelector::MedianSpeed(absl::Span<const PixelEvent> events) {
   const int64_t t_origin_us = events.front().t_us;
   tick_us_ = 1 + (events.back().t_us - t_origin_us) / LastTimes::kNever;
   last_.Clear();
-  for (const PixelEvent& event : events) {
-    const int pixel = PixelIndex(event);
-    if (pixel >= 0) last_.Set(KeyOf(event, pixel), Ticks(event, t_origin_us));
+  for (size_t k = 0; k < events.size(); ++k) {
+    YieldPoint(k);
+    const int pixel = PixelIndex(events[k]);
+    if (pixel >= 0) last_.Set(KeyOf(events[k], pixel), Ticks(events[k], t_origin_us));
   }
   std::vector<double> times_us;
   const size_t stride = std::max<size_t>(1, events.size() / kMaxSpeedSamples);
   for (size_t i = events.size() % stride; i < events.size(); i += stride) {
+    YieldPoint(times_us.size());
     const int pixel = PixelIndex(events[i]);
     if (pixel < 0) continue;
     const double time_us = SweepTime(events[i], pixel, t_origin_us);
@@ -120,11 +122,15 @@ void StretchSelector::RemoveIsolated(std::vector<StretchEvent>& events, double p
     }
     return static_cast<size_t>(key % kCellSlots);
   };
-  for (const StretchEvent& event : events) {
-    uint8_t& count = cell_counts_[slot(event)];
+  for (size_t k = 0; k < events.size(); ++k) {
+    YieldPoint(k);
+    uint8_t& count = cell_counts_[slot(events[k])];
     if (count < kMinCellEvents) ++count;
   }
-  std::erase_if(events, [&](const StretchEvent& event) { return cell_counts_[slot(event)] < kMinCellEvents; });
+  std::erase_if(events, [&, k = size_t{0}](const StretchEvent& event) mutable {
+    YieldPoint(k++);
+    return cell_counts_[slot(event)] < kMinCellEvents;
+  });
 }
 
 absl::Span<const PixelEvent> StretchSelector::SelectSpan(absl::Span<const PixelEvent> events, double& speed_px_per_s) {
@@ -153,7 +159,9 @@ EventStretch StretchSelector::Select(absl::Span<const PixelEvent> events) {
   YieldPoint();
   const absl::Span<const PixelEvent> taken = From(stretch.t_begin_us, usable);
   SelectionSampler bounded(taken.size(), kMaxInputRatio * static_cast<size_t>(options_.max_events));
-  for (const PixelEvent& event : taken) {
+  for (size_t k = 0; k < taken.size(); ++k) {
+    YieldPoint(k);
+    const PixelEvent& event = taken[k];
     if (!bounded.TakesNext() || PixelIndex(event) < 0) continue;
     stretch.events.push_back(
         {event.u_px, event.v_px,

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 
+#include "core/base/yield_point.h"
+
 namespace evpose {
 namespace {
 
@@ -35,7 +37,10 @@ absl::Span<const PixelEvent> FlickerFilter::Remove(absl::Span<const PixelEvent> 
   if (events.empty()) return kept_;
   const int64_t t_begin_us = events.front().t_us;
   slices_.assign(SliceOf(events.back(), t_begin_us) + 1, Counts{});
-  for (const PixelEvent& event : events) ++slices_[SliceOf(event, t_begin_us)][event.polarity != 0];
+  for (size_t k = 0; k < events.size(); ++k) {
+    YieldPoint(k);
+    ++slices_[SliceOf(events[k], t_begin_us)][events[k].polarity != 0];
+  }
   std::array<double, 2> total = {kFewEvents, kFewEvents};
   for (const Counts& slice : slices_) {
     for (int polarity = 0; polarity < 2; ++polarity) total[polarity] += static_cast<double>(slice[polarity]);
@@ -45,7 +50,9 @@ absl::Span<const PixelEvent> FlickerFilter::Remove(absl::Span<const PixelEvent> 
     samples_.emplace_back(slice[0], NumKept(slice[0], slice[1], total[0] / total[1]));
     samples_.emplace_back(slice[1], NumKept(slice[1], slice[0], total[1] / total[0]));
   }
-  for (const PixelEvent& event : events) {
+  for (size_t k = 0; k < events.size(); ++k) {
+    YieldPoint(k);
+    const PixelEvent& event = events[k];
     const size_t sample = 2 * SliceOf(event, t_begin_us) + (event.polarity != 0 ? 1 : 0);
     if (samples_[sample].TakesNext()) kept_.push_back(event);
   }

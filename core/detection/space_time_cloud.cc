@@ -27,12 +27,16 @@ uint64_t CellKey(const Eigen::Vector3f& point, double cell_px) {
 std::vector<Eigen::Vector3f> SpaceTimePoints(const EventStretch& stretch, uint8_t polarity, double px_per_s,
                                              double cell_px, int max_points) {
   std::vector<std::pair<uint64_t, Eigen::Vector3f>> keyed;
-  for (const StretchEvent& event : stretch.events) {
+  for (size_t k = 0; k < stretch.events.size(); ++k) {
+    YieldPoint(k);
+    const StretchEvent& event = stretch.events[k];
     if (event.polarity != polarity) continue;
     const Eigen::Vector3f point(event.u_px, event.v_px, static_cast<float>(px_per_s) * event.tau_s);
     keyed.emplace_back(CellKey(point, cell_px), point);
   }
+  YieldPoint();
   std::stable_sort(keyed.begin(), keyed.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  YieldPoint();
   std::vector<Eigen::Vector3f> means;
   for (size_t i = 0; i < keyed.size();) {
     Eigen::Vector3f sum = Eigen::Vector3f::Zero();
@@ -68,7 +72,10 @@ NeighbourTable::NeighbourTable(const std::vector<Eigen::Vector3f>& points, doubl
   };
   std::vector<int32_t> square_begin(static_cast<size_t>(columns) * rows + 1, 0);
   for (const Eigen::Vector3f& point : points) ++square_begin[square(point) + 1];
-  for (size_t i = 1; i < square_begin.size(); ++i) square_begin[i] += square_begin[i - 1];
+  for (size_t i = 1; i < square_begin.size(); ++i) {
+    YieldPoint(i);
+    square_begin[i] += square_begin[i - 1];
+  }
   std::vector<std::pair<Eigen::Vector3f, int32_t>> sorted(points.size());
   std::vector<int32_t> next(square_begin.begin(), square_begin.end() - 1);
   for (size_t i = 0; i < points.size(); ++i) sorted[next[square(points[i])]++] = {points[i], static_cast<int32_t>(i)};

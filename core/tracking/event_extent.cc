@@ -56,7 +56,9 @@ class CellMap {
   int FindRegions() {
     std::vector<int> sorted = counts_;
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+    YieldPoint();
     std::nth_element(sorted.begin(), middle, sorted.end());
+    YieldPoint();
     const double least = *middle + 1.0 + kSignificanceSigma * std::sqrt(*middle + 1.0);
     std::vector<bool> is_above(counts_.size());
     for (size_t cell = 0; cell < counts_.size(); ++cell) is_above[cell] = counts_[cell] >= least;
@@ -122,12 +124,14 @@ int EventExtentPx(absl::Span<const PixelEvent> events, int width_px, int height_
       LargestRegion(events, map, num_regions, static_cast<size_t>(width_px) * static_cast<size_t>(height_px));
   if (largest < 0) return 0;
   std::vector<PixelEvent> inside;
-  for (const PixelEvent& event : events) {
-    if (map.Contains(event) && map.RegionOf(event) == largest) inside.push_back(event);
+  for (size_t k = 0; k < events.size(); ++k) {
+    YieldPoint(k);
+    if (map.Contains(events[k]) && map.RegionOf(events[k]) == largest) inside.push_back(events[k]);
   }
   const size_t num_boxes = std::clamp<size_t>(inside.size() / kBoxEvents, 1, kMaxBoxes);
   std::vector<float> sides;
   for (size_t box = 0; box < num_boxes; ++box) {
+    YieldPoint();
     std::array<std::vector<float>, 2> positions;
     for (size_t k = box * inside.size() / num_boxes; k < (box + 1) * inside.size() / num_boxes; ++k) {
       positions[0].push_back(inside[k].u_px);

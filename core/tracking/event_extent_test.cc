@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "core/base/yield_point.h"
 #include "core/numerics/random.h"
 
 namespace evpose {
@@ -54,6 +55,25 @@ TEST(EventExtent, IsZeroInNoiseAndForDefectivePixels) {
   for (int k = 0; k < 300; ++k) events.push_back({6000 + k, 33.5f, 44.5f, 1});
   EXPECT_EQ(EventExtentPx(events, kWidthPx, kHeightPx), 0);
   EXPECT_EQ(EventExtentPx({}, kWidthPx, kHeightPx), 0);
+}
+
+class YieldCounter : public Yielder {
+ public:
+  void Yield() override { ++count; }
+  size_t count = 0;
+};
+
+// A search after a long wait has many events.
+TEST(EventExtent, YieldsInEachPassOverTheEvents) {
+  Random random(3);
+  std::vector<PixelEvent> events = EvenEvents(3000, random);
+  AddSquare(90.0, 45.0, 60'000, random, events);
+  YieldCounter yields;
+  {
+    const ScopedYielder scope(yields);
+    EXPECT_GT(EventExtentPx(events, kWidthPx, kHeightPx), 0);
+  }
+  EXPECT_GE(yields.count, 3 * events.size() / 64);
 }
 
 TEST(EventExtent, IgnoresEventsOutsideTheImage) {

@@ -157,7 +157,7 @@ void AllowAllDescriptors() {
 }
 
 // The threads of the server beside its workers and those for slow work: those of gRPC, the store and the pages.
-constexpr int kOtherThreads = 28;
+constexpr int kOtherThreads = 29;
 
 absl::Status CheckThreads(const ServerOptions& options) {
   const int cores = static_cast<int>(std::thread::hardware_concurrency());
@@ -190,7 +190,7 @@ void LogReady(const std::string& address, const StoreOptions& store) {
 
 int Serve(const ProgramOptions& options) {
   AllowAllDescriptors();
-  KeepMemoryReserve();
+  PrepareForOutOfMemory();
   ServerOptions server_options = options.server;
   server_options.tenant = EffectiveTenantLimits(server_options);
   if (HasTenants(server_options)) LogTenantLimits(server_options.tenant);

@@ -39,16 +39,20 @@ grpc::ServerUnaryReactor* AnswerUnary(Authenticator& authenticator, grpc::Callba
 }
 
 // Runs `answer()`, which finishes the call, on the pool's threads for slow work, because it may wait for the store and
-// must block neither gRPC's threads nor the workers. A call that was cancelled before its turn, or that the shutdown
-// ends, is finished without it.
+// must block neither gRPC's threads nor the workers. A call that was cancelled before its turn, that the shutdown ends,
+// or for which there is no memory, is finished without it.
 template <typename Answer>
 void PostCall(WorkerPool& pool, const std::string& tenant, grpc::CallbackServerContext* context,
               grpc::ServerUnaryReactor* reactor, Answer answer) {
-  pool.slow().Post(tenant, [context, reactor, answer = std::move(answer)](const absl::Status& admitted) {
-    if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
-    if (context->IsCancelled()) return reactor->Finish(grpc::Status::CANCELLED);
-    answer();
+  const absl::Status posted = OrOutOfMemory([&] {
+    pool.slow().Post(tenant, [context, reactor, answer = std::move(answer)](const absl::Status& admitted) {
+      if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
+      if (context->IsCancelled()) return reactor->Finish(grpc::Status::CANCELLED);
+      answer();
+    });
+    return absl::OkStatus();
   });
+  if (!posted.ok()) reactor->Finish(ToGrpcStatus(posted));
 }
 
 // As AnswerUnary(), but runs `answer` with PostCall().

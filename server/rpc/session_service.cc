@@ -37,13 +37,13 @@ absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const 
 // durable. If the store does not respond, the call fails instead of waiting without limit.
 void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store,
                    v1::CreateSessionResponse& response, grpc::ServerUnaryReactor& reactor) {
-  if (!session.ok()) return reactor.Finish(ToGrpcStatus(session.status()));
-  *response.mutable_session() = ToProto((*session)->Describe());
-  response.set_resume_token((*session)->resume_token());
-  if (!response.resume_token().empty()) return reactor.Finish(grpc::Status::OK);
-  if (const absl::Status status = FromStore(store.CheckHealth()); !status.ok()) {
-    return reactor.Finish(ToGrpcStatus(status));
-  }
+  const absl::Status status = OrOutOfMemory([&]() -> absl::Status {
+    EVPOSE_RETURN_IF_ERROR(session.status());
+    *response.mutable_session() = ToProto((*session)->Describe());
+    response.set_resume_token((*session)->resume_token());
+    return response.resume_token().empty() ? FromStore(store.CheckHealth()) : absl::OkStatus();
+  });
+  if (!status.ok() || !response.resume_token().empty()) return reactor.Finish(ToGrpcStatus(status));
   (*session)->RenewToken([&response, &reactor](const absl::StatusOr<std::string>& token) {
     if (token.ok()) response.set_resume_token(*token);
     reactor.Finish(ToGrpcStatus(token.status()));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/status_mapping.h"
 
+#include <new>
 #include <string>
 
 #include "google/rpc/error_details.pb.h"
@@ -41,12 +42,7 @@ void AddDetails(const ErrorDetails& details, const std::string& message, google:
   }
 }
 
-}  // namespace
-
-grpc::Status ToGrpcStatus(const absl::Status& status) {
-  if (status.ok()) return grpc::Status::OK;
-  // Both enumerations have the same canonical values.
-  const auto code = static_cast<grpc::StatusCode>(status.code());
+grpc::Status WithDetails(grpc::StatusCode code, const absl::Status& status) {
   const std::string message(status.message());
   google::rpc::Status details;
   AddDetails(GetErrorDetails(status), message, details);
@@ -54,6 +50,19 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
   details.set_code(code);
   details.set_message(message);
   return grpc::Status(code, message, details.SerializeAsString());
+}
+
+}  // namespace
+
+grpc::Status ToGrpcStatus(const absl::Status& status) noexcept {
+  if (status.ok()) return grpc::Status::OK;
+  // Both enumerations have the same canonical values.
+  const auto code = static_cast<grpc::StatusCode>(status.code());
+  try {
+    return WithDetails(code, status);
+  } catch (const std::bad_alloc&) {
+    return grpc::Status(code, "");
+  }
 }
 
 }  // namespace evpose::server

@@ -10,7 +10,8 @@
 namespace evpose::server {
 
 // Adds the details that the status has (server/runtime/errors.h): BadRequest with the invalid field, ErrorInfo with the
-// reason, QuotaFailure and RetryInfo for limits.
-grpc::Status ToGrpcStatus(const absl::Status& status);
+// reason, QuotaFailure and RetryInfo for limits. If memory is exhausted, only the code remains, so that a call that
+// ends for this reason is finished.
+grpc::Status ToGrpcStatus(const absl::Status& status) noexcept;
 
 }  // namespace evpose::server

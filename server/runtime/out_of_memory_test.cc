@@ -33,12 +33,12 @@ TEST(OutOfMemory, OtherResultsAreReturnedUnchanged) {
   EXPECT_EQ(OutOfMemoryCount(), before);
 }
 
-TEST(OutOfMemory, WithAReserveAnAllocationIsNotTriedAgain) {
-  KeepMemoryReserve();
-  for (int i = 0; i < 3; ++i) {  // with the reserve, without it, and after it has been refilled
-    if (i == 2) RefillMemoryReserve();
-    EXPECT_THROW(std::get_new_handler()(), std::bad_alloc) << i;
-  }
+TEST(OutOfMemory, GuardsAreCountedPerThread) {
+  const auto depth_inside = [] { return absl::StatusOr<int>(memory_guard_depth); };
+  EXPECT_EQ(memory_guard_depth, 0);
+  EXPECT_EQ(*OrOutOfMemory([&] { return OrOutOfMemory(depth_inside); }), 2);
+  EXPECT_FALSE(OrOutOfMemory([]() -> absl::Status { throw std::bad_alloc(); }).ok());
+  EXPECT_EQ(memory_guard_depth, 0) << "also after a failure";
 }
 
 }  // namespace

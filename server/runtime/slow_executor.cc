@@ -26,9 +26,9 @@ void SlowExecutor::Post(const std::string& tenant, Work work, std::shared_ptr<Ca
   const std::lock_guard lock(mutex_);
   Item item = {std::move(work), std::move(cancellation)};
   if (is_stopped_) return Reject(std::move(item));
-  std::deque<Item>& queue = queues_[tenant];
-  queue.push_back(std::move(item));
-  if (queue.size() == 1 && !running_.contains(tenant)) turns_.push_back(tenant);
+  Queue& queue = queues_[tenant];
+  if (queue.waiting.empty() && !queue.has_thread) queue.turn = ++last_turn_;
+  queue.waiting.push_back(std::move(item));
   Dispatch();
 }
 
@@ -41,25 +41,44 @@ void SlowExecutor::PostOwn(absl::AnyInvocable<void()> work) {
 void SlowExecutor::Stop() {
   const std::lock_guard lock(mutex_);
   is_stopped_ = true;
-  for (const auto& [tenant, cancellation] : running_) cancellation->Cancel();
   for (auto& [tenant, queue] : queues_) {
-    for (Item& item : queue) Reject(std::move(item));
+    if (queue.running != nullptr) queue.running->Cancel();
+    for (Item& item : queue.waiting) Reject(std::move(item));
+    queue.waiting.clear();
   }
-  queues_.clear();
-  turns_.clear();
+}
+
+SlowExecutor::Queues::iterator SlowExecutor::FindNext() {
+  auto next = queues_.end();
+  for (auto queue = queues_.begin(); queue != queues_.end(); ++queue) {
+    if (queue->second.has_thread || queue->second.waiting.empty()) continue;
+    if (next == queues_.end() || queue->second.turn < next->second.turn) next = queue;
+  }
+  return next;
 }
 
 void SlowExecutor::Dispatch() {
-  while (!turns_.empty() && running_.size() < max_running_) {
-    const std::string tenant = std::move(turns_.front());
-    turns_.pop_front();
-    const auto queue = queues_.find(tenant);
-    Item item = std::move(queue->second.front());
-    queue->second.pop_front();
-    if (queue->second.empty()) queues_.erase(queue);
-    running_[tenant] = item.cancellation;
-    boost::asio::post(threads_, [this, tenant, item = std::move(item)]() mutable { Run(tenant, std::move(item)); });
+  while (num_running_ < max_running_) {
+    const auto next = FindNext();
+    if (next == queues_.end()) return;
+    const absl::Status posted = OrOutOfMemory([this, next] {
+      boost::asio::post(threads_, [this, next] { Run(next); });
+      return absl::OkStatus();
+    });
+    if (!posted.ok()) return;
+    next->second.has_thread = true;
+    ++num_running_;
   }
+}
+
+SlowExecutor::Item SlowExecutor::TakeItem(Queues::iterator queue) {
+  const std::lock_guard lock(mutex_);
+  std::deque<Item>& waiting = queue->second.waiting;
+  if (waiting.empty()) return {};
+  Item item = std::move(waiting.front());
+  waiting.pop_front();
+  queue->second.running = item.cancellation;
+  return item;
 }
 
 absl::Status SlowExecutor::Admission(const Item& item) {
@@ -68,13 +87,17 @@ absl::Status SlowExecutor::Admission(const Item& item) {
   return item.cancellation->is_cancelled() ? absl::CancelledError("the call was cancelled") : absl::OkStatus();
 }
 
-void SlowExecutor::Run(const std::string& tenant, Item item) {
+void SlowExecutor::Run(Queues::iterator queue) {
   setpriority(PRIO_PROCESS, 0, kNice);  // the priority of this thread; raising the number is always permitted
-  RunUnlessOutOfMemory([this, &item] { item.work(Admission(item)); });
-  item = {};  // what the work holds is released before the next item of the tenant
+  if (Item item = TakeItem(queue); item.work != nullptr) {
+    RunUnlessOutOfMemory([this, &item] { item.work(Admission(item)); });
+  }  // what the work holds is released before the next item of the tenant
   const std::lock_guard lock(mutex_);
-  running_.erase(tenant);
-  if (queues_.contains(tenant)) turns_.push_back(tenant);
+  --num_running_;
+  queue->second.running.reset();
+  queue->second.has_thread = false;
+  queue->second.turn = ++last_turn_;
+  if (queue->second.waiting.empty()) queues_.erase(queue);
   Dispatch();
 }
 

@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <boost/asio/any_io_executor.hpp>
+#include <cstdint>
 #include <deque>
 #include <map>
 #include <memory>
@@ -41,10 +42,11 @@ class SlowExecutor {
 
   // Runs at most `max_running` items at a time on `threads`, which must outlive this object.
   SlowExecutor(boost::asio::any_io_executor threads, int max_running)
-      : threads_(std::move(threads)), max_running_(static_cast<size_t>(max_running)) {}
+      : threads_(std::move(threads)), max_running_(max_running) {}
   // Locks, so that ThreadSanitizer sees that all calls precede the destruction.
   ~SlowExecutor() { const std::lock_guard lock(mutex_); }
 
+  // Throws std::bad_alloc if there is no memory for the item, which is then not called.
   void Post(const std::string& tenant, Work work,
             std::shared_ptr<Cancellation> cancellation = std::make_shared<Cancellation>());
   // Work of the server itself, which has a queue like a tenant. It is omitted after Stop().
@@ -58,19 +60,30 @@ class SlowExecutor {
     Work work;
     std::shared_ptr<Cancellation> cancellation;
   };
+  struct Queue {
+    std::deque<Item> waiting;  // the first one may be about to run
+    std::shared_ptr<Cancellation> running;
+    bool has_thread = false;  // an item runs, or is about to
+    uint64_t turn = 0;
+  };
+  using Queues = std::map<std::string, Queue>;
 
+  // Gives a thread to each queue whose turn it is. Without memory for that, the next call does.
   void Dispatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  Queues::iterator FindNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The item that is about to run; without `work` if Stop() has rejected it.
+  Item TakeItem(Queues::iterator queue);
+  void Run(Queues::iterator queue);
   absl::Status Admission(const Item& item);
-  void Run(const std::string& tenant, Item item);
   void Reject(Item item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const boost::asio::any_io_executor threads_;
-  const size_t max_running_;
+  const int max_running_;
   std::mutex mutex_;
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  std::map<std::string, std::deque<Item>> queues_ ABSL_GUARDED_BY(mutex_);  // by tenant; none is empty
-  std::deque<std::string> turns_ ABSL_GUARDED_BY(mutex_);  // tenants with a queue and without a running item
-  std::map<std::string, std::shared_ptr<Cancellation>> running_ ABSL_GUARDED_BY(mutex_);  // by tenant
+  Queues queues_ ABSL_GUARDED_BY(mutex_);  // by tenant; removed when they are empty and have no thread
+  int num_running_ ABSL_GUARDED_BY(mutex_) = 0;
+  uint64_t last_turn_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 
 }  // namespace evpose::server

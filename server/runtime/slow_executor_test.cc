@@ -6,6 +6,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/failing_allocations_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -92,6 +93,35 @@ TEST_F(SlowExecutorTest, StopRejectsWorkThatAThreadHasNotBegun) {
   threads_.run();
   EXPECT_THAT(ran_, IsEmpty());
   EXPECT_THAT(rejected_, ElementsAre("a1 UNAVAILABLE DRAINING"));
+}
+
+// Whichever allocation fails, an item is refused or run, and the one after it is run.
+TEST_F(SlowExecutorTest, WithoutMemoryAnItemIsRefusedOrRunAndTheNextOneIsRun) {
+  FailingAllocation& failing = ThisThreadsFailingAllocation();
+  const std::string tenant = "a name that does not fit into the string itself";
+  int num_refused = 0;
+  bool has_failed = true;
+  for (int number = 0; has_failed; ++number) {
+    ran_.clear();
+    const auto cancellation = std::make_shared<Cancellation>();
+    SlowExecutor::Work work = Note("first");
+    bool is_refused = false;
+    failing.successes_before = number;
+    try {
+      slow_.Post(tenant, std::move(work), cancellation);
+    } catch (const std::bad_alloc&) {
+      is_refused = true;
+    }
+    has_failed = failing.successes_before < 0;
+    failing.successes_before = -1;
+    num_refused += is_refused;
+    Post(tenant, "second");
+    threads_.restart();
+    threads_.run();
+    EXPECT_EQ(ran_, is_refused ? std::vector<std::string>({"second"}) : std::vector<std::string>({"first", "second"}))
+        << number;
+  }
+  EXPECT_GT(num_refused, 0);
 }
 
 }  // namespace

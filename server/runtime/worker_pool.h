@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The threads that decode and track for all sessions (server/scheduling), threads for slow work, one for timers, and
-// one for low-priority work.
+// The threads that decode and track for all sessions (server/scheduling), threads for slow work, one for timers, one
+// for low-priority work, and one for images of events.
 #pragma once
 
 #include <boost/asio/any_io_executor.hpp>
@@ -31,6 +31,7 @@ class WorkerPool {
     boost::asio::any_io_executor work;          // PostAfter() and the turns of sessions
     boost::asio::any_io_executor slow;          // slow() and preparations()
     boost::asio::any_io_executor low_priority;  // PostLowPriority()
+    boost::asio::any_io_executor images;        // images()
   };
 
   // `slow_threads`: number of threads for each of slow() and preparations(). With two, another tenant's item is delayed
@@ -40,12 +41,14 @@ class WorkerPool {
         on_(threads_->executors()),
         slow_(on_.slow, slow_threads),
         preparations_(on_.slow, slow_threads),
+        images_(on_.images, 1),
         scheduler_(num_workers, std::move(options)) {}
   // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
   explicit WorkerPool(Executors executors, FairScheduler::Options options = {})
       : on_(std::move(executors)),
         slow_(on_.slow, 1),
         preparations_(on_.slow, 1),
+        images_(on_.images, 1),
         scheduler_(on_.work, std::move(options)) {}
   // Work that has not started is discarded.
   ~WorkerPool() {
@@ -65,6 +68,9 @@ class WorkerPool {
   SlowExecutor& slow() { return slow_; }
   // For the preparation of models, which takes seconds. It has its own threads, so that slow() never waits for it.
   SlowExecutor& preparations() { return preparations_; }
+  // For images of events, whose compression takes milliseconds. It has its own thread, so that poses do not wait for
+  // images, and its tenants take turns.
+  SlowExecutor& images() { return images_; }
   // For many short tasks that may wait for work of higher priority, such as sending poses to watchers. One thread runs
   // them.
   template <typename Work>
@@ -81,15 +87,18 @@ class WorkerPool {
     threads_->timers.join();
     scheduler_.Join();
     threads_->low_priority.join();
+    threads_->images.join();
   }
 
  private:
   struct Threads {
     explicit Threads(int num_slow) : slow(static_cast<size_t>(num_slow)) {}
-    Executors executors() { return {timers.get_executor(), slow.get_executor(), low_priority.get_executor()}; }
+    Executors executors() {
+      return {timers.get_executor(), slow.get_executor(), low_priority.get_executor(), images.get_executor()};
+    }
     // A step that still runs may post work; it is dropped.
     void Stop() {
-      for (boost::asio::thread_pool* pool : {&timers, &slow, &low_priority}) {
+      for (boost::asio::thread_pool* pool : {&timers, &slow, &low_priority, &images}) {
         pool->stop();
         pool->join();
       }
@@ -98,12 +107,14 @@ class WorkerPool {
     boost::asio::thread_pool timers{1};
     boost::asio::thread_pool slow;
     boost::asio::thread_pool low_priority{1};
+    boost::asio::thread_pool images{1};
   };
 
   const std::unique_ptr<Threads> threads_;  // null: the caller's executors are used
   const Executors on_;
   SlowExecutor slow_;
   SlowExecutor preparations_;
+  SlowExecutor images_;
   FairScheduler scheduler_;  // is destroyed before the executors, to which its steps post
 };
 

@@ -46,7 +46,7 @@ Session::Session(Parts parts, WorkerPool& pool)
       committer_(std::make_shared<SessionCommitter>(log_, std::move(parts.lease), PersistedAt(parts.beginning), pool,
                                                     limits_.backoff, metrics_)),
       watchers_(std::make_shared<Watchers>(pool)),
-      images_(std::make_shared<EventImages>(config_, clocks_.steady, pool, metrics_)),
+      images_(std::make_shared<EventImages>(config_, parts.tenant, clocks_.steady, pool, metrics_)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
       turns_(pool.AddSession(parts.tenant)),
       worker_(config_, {clocks_.steady, metrics_, log_, images_}, std::move(parts.pipeline),
@@ -82,6 +82,11 @@ bool Session::IsTokenGood(absl::string_view resume_token) const {
   const std::string digest = TokenDigest(resume_token);
   const std::lock_guard lock(mutex_);
   return IsDigestGood(digest, gate_.lifecycle());
+}
+
+bool Session::IsBehind(uint64_t first_seq) const {
+  const std::lock_guard lock(mutex_);
+  return gate_.next_seq() < first_seq;
 }
 
 std::optional<absl::Time> Session::expire_time() const {

@@ -1,11 +1,12 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Measures the latency of a live camera beside other sessions of the same server: alone, beside replays as fast as the server takes them,
-and beside two sessions with 16 objects of a model with 4096 lines and as many triangles, up to 100 000, as the server admits.
+beside two sessions with 16 objects of a model with 4096 lines and as many triangles, up to 100 000, as the server admits, and beside two with
+16 objects of a curved body of 100 000 triangles.
 
 Prints for each case the latency from the receipt of a chunk to its poses, the time that the camera's recording took, the longest turn of a
 session on a worker (the upper bound of its bucket), and whether the poses of the camera are those without neighbours, to the bit. Needs a
-release build, and no other load on the machine.
+release build, python3-numpy, and no other load on the machine.
 """
 import argparse
 import contextlib
@@ -21,7 +22,10 @@ import threading
 import time
 import urllib.request
 
+import model_preparation
+
 SENSOR_SECONDS = 10
+CURVED_TRIANGLES = 100_000
 LARGE_CHUNK_BYTES = 262144
 
 
@@ -150,9 +154,15 @@ def main():
         expensive = os.path.join(scratch, "expensive.obj")
         triangles = write_admitted_model(options, scratch, expensive)
         replay = ["--model", cube, "--chunk-bytes", str(LARGE_CHUNK_BYTES)]
-        objects = [argument for i in range(16) for argument in ("--object", f"o{i}={expensive}")]
+        curved = os.path.join(scratch, "curved.stl")
+        model_preparation.blob(CURVED_TRIANGLES, curved)
+
+        def objects(model):
+            return [argument for i in range(16) for argument in ("--object", f"o{i}={model}")]
+
         cases = [("alone", []), (f"beside {options.replays} replays", [replay] * options.replays),
-                 (f"beside 2 sessions, 16 objects of {triangles} triangles", [objects] * 2)]
+                 (f"beside 2 sessions, 16 objects of {triangles} triangles", [objects(expensive)] * 2),
+                 (f"beside 2 sessions, 16 curved objects of {CURVED_TRIANGLES}", [objects(curved)] * 2)]
         print(f"{'camera':<52} {'p50':>8} {'p99':>8} {'took':>8} {'longest turn':>13}  poses")
         reference = None
         for name, neighbours in cases:

@@ -164,9 +164,10 @@ class StepwiseServer : private server::Drainer {
 
   absl::Time now_ = absl::FromUnixSeconds(1'700'000'000);
   server::SteadyTime steady_now_;
-  std::array<Worker, kNumWorkers> workers_;  // workers of the pool, store, slow work, low-priority work
+  std::array<Worker, kNumWorkers> workers_;  // workers of the pool, store, slow work, low-priority work and images
   server::WorkerPool pool_{
-      server::WorkerPool::Executors{workers_[0].executor(), workers_[2].executor(), workers_[3].executor()},
+      server::WorkerPool::Executors{workers_[0].executor(), workers_[2].executor(), workers_[3].executor(),
+                                    workers_[3].executor()},
       {.cpu_now = [] { return std::chrono::nanoseconds(0); }}};  // the order of the sessions is that of receipt
   StepwiseStore store_{workers_[1]};
   const std::unique_ptr<server::ModelRegistry> models_ =

@@ -5,6 +5,7 @@
 #include <zstd.h>
 
 #include <algorithm>
+#include <bit>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
@@ -14,6 +15,15 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kFirstContentBytes = size_t{64} * 1024;
+// The decompressor keeps a window of the content in memory. Every decoder should support 8 MiB (RFC 8878, section
+// 3.1.1.1.2), and frames whose size was not known when they were begun have one, also with little content.
+constexpr int kUsualWindowLog = 23;
+constexpr int kMaxWindowLog = 27;  // without an option, programs decompress no larger ones
+
+int WindowLogFor(size_t max_bytes) {
+  const auto log = static_cast<int>(std::bit_width(std::max<size_t>(max_bytes, 1) - 1));  // rounded up
+  return std::clamp(log, kUsualWindowLog, kMaxWindowLog);
+}
 
 absl::Status DamagedFrame(absl::string_view what) {
   return absl::DataLossError(absl::StrCat("a compressed frame is damaged: ", what));
@@ -59,6 +69,7 @@ FrameDecompressor& FrameDecompressor::operator=(FrameDecompressor&& other) noexc
 absl::Status FrameDecompressor::Append(FrameFormat format, absl::Span<const uint8_t>& bytes, size_t max_bytes) {
   LZ4F_resetDecompressionContext(contexts_->lz4);
   ZSTD_DCtx_reset(contexts_->zstd, ZSTD_reset_session_only);
+  ZSTD_DCtx_setParameter(contexts_->zstd, ZSTD_d_windowLogMax, WindowLogFor(max_bytes));
   while (true) {
     // A byte beyond the limit tells a longer content from one of exactly this size.
     if (size_ == content_.size()) {

@@ -6,6 +6,9 @@
 #include <lz4frame.h>
 #include <zstd.h>
 
+#include <memory>
+#include <vector>
+
 namespace evpose::client {
 namespace {
 
@@ -67,6 +70,35 @@ TEST_P(FrameDecompressorTest, EveryTruncationIsDamage) {
     decompressor.Clear();
     EXPECT_EQ(decompressor.Append(GetParam(), rest, 1000).code(), absl::StatusCode::kDataLoss) << size;
   }
+}
+
+// Begins a frame without its size, as programs that read from a pipe do, so that its header has the whole window.
+std::vector<uint8_t> FrameWithWindow(int window_log, size_t size) {
+  const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), ZSTD_freeCCtx);
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_windowLog, window_log);
+  const std::vector<uint8_t> content(size, 5);
+  std::vector<uint8_t> frame(ZSTD_compressBound(size));
+  ZSTD_outBuffer output = {frame.data(), frame.size(), 0};
+  ZSTD_inBuffer input = {content.data(), content.size(), 0};
+  ZSTD_compressStream2(context.get(), &output, &input, ZSTD_e_continue);
+  ZSTD_compressStream2(context.get(), &output, &input, ZSTD_e_end);
+  frame.resize(output.pos);
+  return frame;
+}
+
+TEST(FrameDecompressorWindowTest, TheWindowIsBoundedByTheContentAndByTheUsualSize) {
+  const auto code = [](int window_log, size_t max_bytes) {
+    const std::vector<uint8_t> frame = FrameWithWindow(window_log, 1000);
+    absl::Span<const uint8_t> rest = frame;
+    FrameDecompressor decompressor;
+    return decompressor.Append(FrameFormat::kZstd, rest, max_bytes).code();
+  };
+  EXPECT_EQ(code(23, 1000), absl::StatusCode::kOk);
+  EXPECT_EQ(code(24, 1000), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(code(25, size_t{32} << 20), absl::StatusCode::kOk);
+  EXPECT_EQ(code(26, size_t{32} << 20), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(code(26, (size_t{32} << 20) + 1), absl::StatusCode::kOk);
+  EXPECT_EQ(code(27, size_t{1} << 40), absl::StatusCode::kOk);
 }
 
 INSTANTIATE_TEST_SUITE_P(Formats, FrameDecompressorTest, testing::Values(FrameFormat::kLz4, FrameFormat::kZstd));

@@ -17,6 +17,12 @@ constexpr uint64_t kOverheadBytes = 128;
 
 uint64_t SizeInMemory(const OutgoingChunk& chunk) { return chunk.payload.size() + kOverheadBytes; }
 
+// Size of the chunks after the first position, up to the second one.
+uint64_t SizeBetween(uint64_t from_seq, uint64_t from_bytes, const FeedPoint& to) {
+  const uint64_t num_chunks = to.seq - std::min(from_seq, to.seq);
+  return to.bytes - std::min(from_bytes, to.bytes) + num_chunks * kOverheadBytes;
+}
+
 }  // namespace
 
 absl::Status RetainOptions::Validate() const {
@@ -114,7 +120,7 @@ void Outbox::AddDurable(OutgoingChunk chunk) {
     const std::lock_guard lock(mutex_);
     const FeedPoint end = chunk.end;
     const uint64_t begin_bytes = end.bytes - (chunk.is_reset ? 0 : chunk.payload.size());
-    const bool is_close = begin_.bytes - std::min(begin_.bytes, begin_bytes) <= options_.retain.max_bytes;
+    const bool is_close = SizeBetween(end.seq - 1, begin_bytes, begin_) <= options_.retain.max_bytes;
     if (is_close && options_.retain.duration > absl::ZeroDuration()) {
       memory_.push_back(std::make_shared<const OutgoingChunk>(std::move(chunk)));
       ++num_durable_in_memory_;
@@ -201,7 +207,7 @@ void Outbox::DropRetained(bool all) {
   const absl::Time now = marks_.empty() ? absl::InfinitePast() : Now();
   const auto is_dropped = [&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
     return all || marks_.front().durable_at + options_.retain.duration <= now ||
-           durable_.bytes - std::min(forgotten_.bytes, durable_.bytes) > options_.retain.max_bytes;
+           SizeBetween(forgotten_.seq, forgotten_.bytes, durable_) > options_.retain.max_bytes;
   };
   while (!marks_.empty() && is_dropped()) {
     forgotten_ = marks_.front();

@@ -248,7 +248,7 @@ TEST_F(OutboxTest, DurableChunksAreRetainedForATime) {
 
 TEST_F(OutboxTest, TheRetainedBytesAreBounded) {
   OutboxOptions options;
-  options.retain = {.duration = absl::Hours(1), .max_bytes = 100};
+  options.retain = {.duration = absl::Hours(1), .max_bytes = 4 * (24 + 128) + 100};
   Open(options);
   for (uint64_t seq = 1; seq <= 100; ++seq) {
     ASSERT_TRUE(Append(24).ok());
@@ -256,6 +256,17 @@ TEST_F(OutboxTest, TheRetainedBytesAreBounded) {
     EXPECT_EQ(outbox_->FirstSeq(), seq < 4 ? 1 : seq - 3);
   }
   EXPECT_EQ(LetterOf(97), 's');
+}
+
+TEST_F(OutboxTest, EmptyChunksCountAmongTheRetainedBytes) {
+  OutboxOptions options;
+  options.retain = {.duration = absl::Hours(1), .max_bytes = 1000};
+  Open(options);
+  for (uint64_t seq = 1; seq <= 100; ++seq) {
+    ASSERT_TRUE(Append(0).ok());
+    outbox_->Forget(seq);
+  }
+  EXPECT_EQ(outbox_->FirstSeq(), 94u) << "7 times 128 bytes";
 }
 
 TEST_F(OutboxTest, SpooledChunksAreRetainedAndChunksInMemoryFollowThem) {
@@ -370,10 +381,10 @@ TEST(EventFeedTest, RetainsTheChunksBeforeThePosition) {
   const auto all = ReadFeed({}, 10, 1, status);
   FeedOptions options;
   options.skip = all[11].end;
-  options.outbox.retain.max_bytes = 60;
+  options.outbox.retain.max_bytes = 60 + 5 * 128;
   EXPECT_TRUE(ReadFeed(options, 10, 7, status).empty());
   EXPECT_EQ(GetDetails(status).reason, "ROLLED_BACK");
-  const auto rest = ReadFeed(options, 10, 8, status);  // 12 chunks are 144 bytes; the last five of them 56
+  const auto rest = ReadFeed(options, 10, 8, status);  // 12 chunks have 144 bytes; the last five of them 56
   ASSERT_TRUE(status.ok()) << status;
   ASSERT_EQ(rest.size(), all.size() - 7);
   for (size_t i = 0; i < rest.size(); ++i) EXPECT_EQ(rest[i].payload, all[7 + i].payload);

@@ -380,7 +380,7 @@ class RetryTest(InputTest):
 
     def test_durable_chunks_are_retained_for_a_time_and_up_to_a_size(self):
         now = [0.0]
-        outbox = Outbox(1, FeedPoint(), RetainOptions(duration_s=5.0, max_bytes=24), lambda: now[0])
+        outbox = Outbox(1, FeedPoint(), RetainOptions(duration_s=5.0, max_bytes=3 * (8 + 512)), lambda: now[0])
         point = FeedPoint()
         for seq in range(1, 6):
             chunk = make_chunk(point, bytes([seq]) * 8)

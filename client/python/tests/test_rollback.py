@@ -95,7 +95,7 @@ class RollbackTest(unittest.TestCase):
 
         durable = make_chunk(make_chunk(FeedPoint(), A).end, B).end
         position = evpose.TrackPosition("sessions/1", "token0", durable=durable, max_piece_bytes=16)
-        retain = evpose.RetainOptions(max_bytes=16)
+        retain = evpose.RetainOptions(max_bytes=16 + 512)
         self.assertEqual(list(self.serve(takes_the_second).track(source(), position, retain=retain)), [])
         is_attached.clear()
         scripted = ScriptedServer(takes_the_first, is_told)

@@ -50,19 +50,29 @@ struct PixelSums {
   std::array<EventSums, 2> by_polarity;
 };
 
-// The pixels with events, and the index of each in a grid.
+// The pixels with events, and the index of each in a grid. Only tiles of the grid with events have memory, so that
+// memory and time depend on the events and little on the size of the sensor.
 class ActivePixels {
  public:
   explicit ActivePixels(SensorGeometry sensor)
       : width_(sensor.width_px + 2 * kPlaneReach),
         height_(sensor.height_px + 2 * kPlaneReach),
-        index_(static_cast<size_t>(width_) * height_, kNone) {}
+        columns_((width_ >> kTileBits) + 1),
+        tile_of_(static_cast<size_t>(columns_) * ((height_ >> kTileBits) + 1), kEmptyTile),
+        tiles_(1) {
+    tiles_[kEmptyTile].fill(kNone);
+  }
 
   void Add(const StretchEvent& event, double time_scale_px_per_s) {
     const int u = static_cast<int>(std::floor(event.u_px + 0.5f)), v = static_cast<int>(std::floor(event.v_px + 0.5f));
     // The border of the grid is empty, so that each pixel has all neighbours.
     if (u < 0 || v < 0 || u >= width_ - 2 * kPlaneReach || v >= height_ - 2 * kPlaneReach) return;
-    uint16_t& index = index_[Place(u, v)];
+    uint32_t& tile = tile_of_[TileAt(u + kPlaneReach, v + kPlaneReach)];
+    if (tile == kEmptyTile) {
+      tile = static_cast<uint32_t>(tiles_.size());
+      tiles_.emplace_back().fill(kNone);
+    }
+    uint16_t& index = tiles_[tile][PlaceInTile(u + kPlaneReach, v + kPlaneReach)];
     if (index == kNone) {
       if (pixels_.size() == kNone) return;
       index = static_cast<uint16_t>(pixels_.size());
@@ -76,9 +86,10 @@ class ActivePixels {
   EventSums Around(const PixelSums& pixel, int polarity) const {
     EventSums sums;
     for (int dv = -kPlaneReach; dv <= kPlaneReach; ++dv) {
-      const uint16_t* row = &index_[Place(pixel.u - kPlaneReach, pixel.v + dv)];
-      for (int i = 0; i <= 2 * kPlaneReach; ++i) {
-        if (row[i] != kNone) sums.Add(pixels_[row[i]].by_polarity[polarity]);
+      const int v = pixel.v + kPlaneReach + dv;
+      for (int u = pixel.u; u <= pixel.u + 2 * kPlaneReach; ++u) {
+        const uint16_t index = tiles_[tile_of_[TileAt(u, v)]][PlaceInTile(u, v)];
+        if (index != kNone) sums.Add(pixels_[index].by_polarity[polarity]);
       }
     }
     return sums;
@@ -86,11 +97,22 @@ class ActivePixels {
 
  private:
   static constexpr uint16_t kNone = std::numeric_limits<uint16_t>::max();
-  size_t Place(int u, int v) const { return static_cast<size_t>(v + kPlaneReach) * width_ + u + kPlaneReach; }
+  static constexpr uint32_t kEmptyTile = 0;
+  static constexpr int kTileBits = 3;
+  static constexpr int kTileMask = (1 << kTileBits) - 1;
+  using Tile = std::array<uint16_t, size_t{1} << (2 * kTileBits)>;
+
+  // `u` and `v` count from the border.
+  size_t TileAt(int u, int v) const { return static_cast<size_t>(v >> kTileBits) * columns_ + (u >> kTileBits); }
+  static size_t PlaceInTile(int u, int v) {
+    return static_cast<size_t>(v & kTileMask) << kTileBits | static_cast<size_t>(u & kTileMask);
+  }
 
   int width_;
   int height_;
-  std::vector<uint16_t> index_;
+  int columns_;                    // of tiles
+  std::vector<uint32_t> tile_of_;  // index in tiles_
+  std::vector<Tile> tiles_;        // the first one is empty
   std::vector<PixelSums> pixels_;
 };
 

@@ -49,6 +49,12 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
   }
 
  private:
+  // Images are compressed on their own thread, and not on gRPC's.
+  void Continue() override {
+    services().pool.images().Post(tenant_,
+                                  [self = shared_from_this()](const absl::Status&) { self->OnSessionChanged(); });
+  }
+
   absl::Status OnFound() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const std::shared_ptr<EventImages> images = session().event_images();
     if (images == nullptr) {
@@ -78,6 +84,7 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
 
   bool PickResponse(const WatchView& view, v1::WatchEventsResponse& response, bool& is_last) override
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (reader_ != nullptr) Fail(reader_->status());
     const auto taken = reader_ == nullptr ? std::nullopt : reader_->Take();
     // The images of a session are all due before it has ended.
     is_last = view.ended && !taken.has_value();

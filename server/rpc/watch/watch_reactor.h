@@ -58,7 +58,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     is_writing_ = false;
     response_ = Response();  // releases the memory of the poses, which Clear() would keep
     if (!ok) Fail(absl::CancelledError("the client has disconnected"));
-    Pump();
+    Continue();
   }
 
   void OnCancel() override {
@@ -126,6 +126,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   virtual bool PickResponse(const WatchView& view, Response& response, bool& is_last)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) = 0;
   virtual void OnFinish() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {}
+  // After a write, on a thread of gRPC. Pumps at once, or later on another thread.
+  virtual void Continue() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { Pump(); }
 
   void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (is_finished_ || is_writing_) return;

@@ -63,7 +63,9 @@ class EventImage {
   // Compressed where that makes them smaller. The first call compresses.
   const EncodedCells& cells() const;
 
-  // Adds the events of the image that follows, and takes its outlines. To be called before the image is shared.
+  // The next two are to be called before the image is shared.
+  void SwapBitmap(EventBitmap& bitmap) { std::swap(bitmap_, bitmap); }
+  // Adds the events of the image that follows, and takes its outlines.
   void Append(const EventImage& next);
   // The events of both. `next` follows `first`.
   static std::shared_ptr<EventImage> Join(const EventImage& first, const EventImage& next);

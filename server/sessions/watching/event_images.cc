@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "server/runtime/out_of_memory.h"
+
 namespace evpose::server {
 namespace {
 
@@ -26,14 +28,19 @@ std::optional<EventImages::Reader::Taken> EventImages::Reader::Take() {
   return Taken{std::exchange(image_, nullptr), num_skipped_};
 }
 
-EventImages::EventImages(const SessionConfig& config, std::function<Time()> now, WorkerPool& pool,
-                         std::shared_ptr<ServerMetrics> metrics)
+absl::Status EventImages::Reader::status() const {
+  const std::lock_guard lock(images_->mutex_);
+  return failure_;
+}
+
+EventImages::EventImages(const SessionConfig& config, const std::string& tenant, std::function<Time()> now,
+                         WorkerPool& pool, std::shared_ptr<ServerMetrics> metrics)
     : camera_(config.camera),
       num_objects_(static_cast<uint32_t>(config.objects.size())),
       now_(std::move(now)),
       pool_(pool),
       metrics_(std::move(metrics)),
-      watchers_(std::make_shared<Watchers>(pool)) {}
+      watchers_(std::make_shared<Watchers>(pool, tenant)) {}
 
 // The last reference may be released on a thread of gRPC: the lock shows to race detectors that all calls have ended.
 EventImages::~EventImages() { const std::lock_guard lock(mutex_); }
@@ -125,7 +132,11 @@ void EventImages::Finish() {
   const Time now = now_();
   const std::lock_guard lock(mutex_);
   for (Canvas& canvas : canvases_) {
-    if (canvas.has_news) MakeImage(canvas, now);
+    if (!canvas.has_news) continue;
+    const absl::Status made = TryToMakeImage(canvas, now);
+    for (Reader* reader : readers_) {
+      if (reader->cell_px_ == canvas.bitmap.cell_px()) reader->failure_.Update(made);
+    }
   }
   for (Reader* reader : readers_) reader->is_ready_ = reader->image_ != nullptr;
   watchers_->Notify();
@@ -134,23 +145,33 @@ void EventImages::Finish() {
 void EventImages::MakeDueImages(Time now) {
   for (Canvas& canvas : canvases_) {
     if (!canvas.has_news || now < canvas.due) continue;
-    MakeImage(canvas, now);
-    watchers_->Notify();
+    if (TryToMakeImage(canvas, now).ok()) watchers_->Notify();
   }
 }
 
+absl::Status EventImages::TryToMakeImage(Canvas& canvas, Time now) {
+  return OrOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    MakeImage(canvas, now);
+    return absl::OkStatus();
+  });
+}
+
 void EventImages::MakeImage(Canvas& canvas, Time now) {
-  EventBitmap empty(canvas.bitmap.sensor(), canvas.bitmap.cell_px());
+  // A late image delays the next one by half a period at least, and does not change the mean rate.
+  canvas.due = std::max(canvas.due + canvas.period, now + canvas.period / 2);
   auto image = std::make_shared<EventImage>(*canvas.from_t_us, canvas.to_t_us, canvas.num_events,
-                                            std::exchange(canvas.bitmap, std::move(empty)), Outlines());
+                                            EventBitmap(canvas.bitmap.sensor(), canvas.bitmap.cell_px()), Outlines());
+  image->SwapBitmap(canvas.bitmap);  // after the allocations: if one fails, the next image has these events
   canvas.from_t_us = canvas.to_t_us;
   canvas.num_events = 0;
   canvas.has_news = false;
   for (Reader* reader : readers_) {
-    if (reader->cell_px_ == image->bitmap().cell_px()) Give(image, canvas, now, *reader);
+    if (reader->cell_px_ != image->bitmap().cell_px()) continue;
+    reader->failure_.Update(OrOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+      Give(image, canvas, now, *reader);
+      return absl::OkStatus();
+    }));
   }
-  // A late image delays the next one by half a period at least, and does not change the mean rate.
-  canvas.due = std::max(canvas.due + canvas.period, now + canvas.period / 2);
 }
 
 void EventImages::Give(const std::shared_ptr<EventImage>& image, const Canvas& canvas, Time now, Reader& reader) {

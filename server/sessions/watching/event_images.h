@@ -10,9 +10,11 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "core/events/event.h"
 #include "core/events/event_bitmap.h"
@@ -36,7 +38,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   static constexpr double kMaxImagesPerS = 960.0;
   static constexpr double kMaxRateHz = 60.0;
 
-  EventImages(const SessionConfig& config, std::function<Time()> now, WorkerPool& pool,
+  EventImages(const SessionConfig& config, const std::string& tenant, std::function<Time()> now, WorkerPool& pool,
               std::shared_ptr<ServerMetrics> metrics);
   ~EventImages();
 
@@ -51,6 +53,8 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
     // Returns the newest image; nullopt until one is due. An image that is not taken before the next one is due is
     // joined with it and counts as skipped.
     std::optional<Taken> Take();
+    // RESOURCE_EXHAUSTED (OUT_OF_MEMORY) if events are missing, because there was no memory for joining their images.
+    absl::Status status() const;
 
    private:
     friend class EventImages;
@@ -64,10 +68,11 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
     std::shared_ptr<EventImage> image_;  // null: no events since the last one
     bool is_own_ = false;                // no other reader has image_
     bool is_ready_ = false;              // image_ is due
+    absl::Status failure_;
     uint64_t num_skipped_ = 0;
   };
   // `cell_px` is 1, 2 or 4; `max_rate_hz` is positive and at most kMaxRateHz. `listener` is called when an image is due
-  // and by Notify(), on the pool's low-priority thread.
+  // and by Notify(), on the pool's thread for images.
   std::unique_ptr<Reader> Open(int cell_px, double max_rate_hz, std::weak_ptr<SessionListener> listener);
   uint32_t num_readers() const { return num_readers_.load(std::memory_order_relaxed); }
 
@@ -100,6 +105,8 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   void Close(const Reader* reader);
   // Makes images of the canvases that are due, and gives them to their readers.
   void MakeDueImages(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Error: OUT_OF_MEMORY; the canvas then keeps its events. A reader that lacks memory of its own fails alone.
+  absl::Status TryToMakeImage(Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void MakeImage(Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Give(const std::shared_ptr<EventImage>& image, const Canvas& canvas, Time now, Reader& reader)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

@@ -9,10 +9,13 @@
 #include <string>
 #include <vector>
 
+#include "server/runtime/failing_allocations_testing.h"
+
 namespace evpose::server {
 namespace {
 
-constexpr int64_t kFrameUs = 40'000;  // of 25 Hz
+constexpr int64_t kFrameUs = 40'000;            // of 25 Hz
+constexpr size_t kLargeAllocationBytes = 1000;  // smaller than the bitmap of SmallSession() with cells of one pixel
 
 // Its only object has a pose and one edge, from x = -0.1 m to `now_us` micrometres.
 class OutlineTracker : public Tracker {
@@ -80,7 +83,7 @@ class EventImagesTest : public testing::Test {
   const std::shared_ptr<ServerMetrics> metrics_ = std::make_shared<ServerMetrics>();
   WorkerPool pool_{1};
   const std::shared_ptr<EventImages> images_ = std::make_shared<EventImages>(
-      SmallSession(), [this] { return EventImages::Time(std::chrono::microseconds(clock_us_.load())); }, pool_,
+      SmallSession(), "", [this] { return EventImages::Time(std::chrono::microseconds(clock_us_.load())); }, pool_,
       metrics_);
 };
 
@@ -286,6 +289,52 @@ TEST_F(EventImagesTest, OutlinesAreProjectedAtTheNewestPose) {
   tracker_.has_pose = false;
   AddAfter(kFrameUs, 1);
   EXPECT_TRUE(reader->Take()->image->outlines().empty());
+}
+
+TEST_F(EventImagesTest, WithoutMemoryForAnImageTheNextOneHasItsEvents) {
+  const auto reader = images_->Open(1, 25.0, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(reader->Take().has_value());
+  ThisThreadsFailingAllocation() = {0, kLargeAllocationBytes};
+  AddAfter(kFrameUs, 2);
+  EXPECT_EQ(ThisThreadsFailingAllocation().successes_before, -1) << "an allocation failed";
+  EXPECT_FALSE(reader->Take().has_value());
+  AddAfter(kFrameUs, 3);
+  const auto taken = reader->Take();
+  ASSERT_TRUE(taken.has_value());
+  EXPECT_TRUE(reader->status().ok());
+  EXPECT_EQ(taken->image->from_t_us(), 1000);
+  EXPECT_EQ(taken->image->num_events(), 2u);
+  for (const int x : {2, 3}) EXPECT_EQ(CellOf(taken->image->bitmap(), x, 0), 1);
+}
+
+TEST_F(EventImagesTest, WithoutMemoryForAJoinedImageOnlyItsReaderFails) {
+  const auto slow = images_->Open(1, 25.0, listener_);
+  const auto quick = images_->Open(1, 25.0, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(quick->Take().has_value());
+  ThisThreadsFailingAllocation() = {1, kLargeAllocationBytes};  // the first one is the image
+  AddAfter(kFrameUs, 2);
+  EXPECT_EQ(ThisThreadsFailingAllocation().successes_before, -1);
+  EXPECT_EQ(slow->status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_TRUE(quick->status().ok());
+  EXPECT_EQ(quick->Take()->image->num_events(), 1u);
+  AddAfter(kFrameUs, 3);
+  EXPECT_EQ(quick->Take()->image->num_events(), 1u) << "the images go on";
+}
+
+TEST_F(EventImagesTest, WithoutMemoryForTheLastImageItsReadersFail) {
+  const auto reader = images_->Open(1, 25.0, listener_);
+  const auto of_other_cells = images_->Open(2, 25.0, listener_);
+  AddAfter(1000, 1);
+  ASSERT_TRUE(reader->Take() && of_other_cells->Take());
+  AddAfter(1000, 2);
+  ThisThreadsFailingAllocation() = {0, kLargeAllocationBytes};
+  images_->Finish();
+  EXPECT_EQ(ThisThreadsFailingAllocation().successes_before, -1);
+  EXPECT_FALSE(reader->status().ok());
+  EXPECT_TRUE(of_other_cells->status().ok());
+  EXPECT_EQ(of_other_cells->Take()->image->num_events(), 1u);
 }
 
 TEST_F(EventImagesTest, CellsAreCompressedWhereThatMakesThemSmaller) {

@@ -7,13 +7,6 @@
 #include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
-namespace {
-
-// Watchers that are called in one task of the low-priority thread: each may serialize a page of poses.
-constexpr size_t kWatchersPerTurn = 16;
-
-}  // namespace
-
 void Watchers::Add(std::weak_ptr<SessionListener> watcher) {
   const std::lock_guard lock(mutex_);
   // A session may not change for a long time while watchers come and go.
@@ -29,7 +22,6 @@ void Watchers::Notify() {
   if (is_in_round_) {
     has_changed_again_ = true;
   } else if (!watchers_.empty()) {
-    is_in_round_ = true;
     Post();
   }
 }
@@ -44,7 +36,17 @@ void Watchers::RemoveDestroyed() {
 }
 
 void Watchers::Post() {
-  pool_.PostLowPriority([self = shared_from_this()] { self->CallSome(); });
+  const auto turn = [self = shared_from_this()] { self->CallSome(); };
+  const absl::Status posted = OrOutOfMemory([this, &turn] {
+    if (tenant_.has_value()) {
+      pool_.images().Post(*tenant_, [turn](const absl::Status&) { turn(); });
+    } else {
+      pool_.PostLowPriority(turn);
+    }
+    return absl::OkStatus();
+  });
+  is_in_round_ = posted.ok();
+  if (!is_in_round_) next_ = 0;
 }
 
 void Watchers::CallSome() {
@@ -55,14 +57,15 @@ void Watchers::CallSome() {
   if (next_ < watchers_.size()) return Post();
   next_ = 0;
   RemoveDestroyed();
-  is_in_round_ = std::exchange(has_changed_again_, false) && !watchers_.empty();
-  if (is_in_round_) Post();
+  is_in_round_ = false;
+  if (std::exchange(has_changed_again_, false) && !watchers_.empty()) Post();
 }
 
-std::vector<std::shared_ptr<SessionListener>> Watchers::NextOnes() {
+absl::InlinedVector<std::shared_ptr<SessionListener>, Watchers::kWatchersPerTurn> Watchers::NextOnes() {
   const std::lock_guard lock(mutex_);
-  std::vector<std::shared_ptr<SessionListener>> ones;
-  const size_t end = std::min(next_ + kWatchersPerTurn, watchers_.size());
+  absl::InlinedVector<std::shared_ptr<SessionListener>, kWatchersPerTurn> ones;
+  const size_t count = tenant_.has_value() ? kImagesPerTurn : kWatchersPerTurn;
+  const size_t end = std::min(next_ + count, watchers_.size());
   for (; next_ < end; ++next_) {
     if (auto watcher = watchers_[next_].lock()) ones.push_back(std::move(watcher));
   }

@@ -6,9 +6,13 @@
 #include <cstddef>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/container/inlined_vector.h"
 #include "server/runtime/worker_pool.h"
 
 namespace evpose::server {
@@ -21,12 +25,16 @@ class SessionListener {
   virtual void OnSessionChanged() = 0;
 };
 
-// Thread-safe. The cost of a change for the session does not depend on the number of watchers: the pool's low-priority
-// thread calls them, a few at a time, so that the watchers of other sessions have their turn. Changes during a round
-// through the watchers cause one more round after it.
+// Thread-safe. The cost of a change for the session does not depend on the number of watchers: a thread of the pool
+// calls them, a few at a time, so that the watchers of other sessions have their turn. Changes during a round through
+// the watchers cause one more round after it.
 class Watchers : public std::enable_shared_from_this<Watchers> {
  public:
+  // Calls the watchers on the low-priority thread.
   explicit Watchers(WorkerPool& pool) : pool_(pool) {}
+  // For images of events, which take milliseconds: calls the watchers in the turns of their tenant
+  // (WorkerPool::images).
+  Watchers(WorkerPool& pool, std::string tenant) : pool_(pool), tenant_(std::move(tenant)) {}
   // The lock shows to race detectors that all calls have ended.
   ~Watchers() { const std::lock_guard lock(mutex_); }
 
@@ -37,12 +45,18 @@ class Watchers : public std::enable_shared_from_this<Watchers> {
   size_t size() const;  // includes destroyed watchers until the next round, or until memory would grow
 
  private:
+  // Watchers that are called in one task of the thread. Each may serialize a page of poses, or compress an image.
+  static constexpr size_t kWatchersPerTurn = 16;
+  static constexpr size_t kImagesPerTurn = 1;
+
   void RemoveDestroyed() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Posts the next turn of a round. Without memory for it, the round ends, and the next change begins another one.
   void Post() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void CallSome();
-  std::vector<std::shared_ptr<SessionListener>> NextOnes();
+  absl::InlinedVector<std::shared_ptr<SessionListener>, kWatchersPerTurn> NextOnes();
 
   WorkerPool& pool_;
+  const std::optional<std::string> tenant_;  // of images
   mutable std::mutex mutex_;
   std::vector<std::weak_ptr<SessionListener>> watchers_ ABSL_GUARDED_BY(mutex_);
   bool is_in_round_ ABSL_GUARDED_BY(mutex_) = false;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <atomic>
 #include <semaphore>
+#include <thread>
 #include <vector>
 
 namespace evpose::server {
@@ -21,7 +22,7 @@ class CountingWatcher : public SessionListener {
   int calls() const { return calls_; }
 
  private:
-  std::vector<const CountingWatcher*>* const order_;  // written by the low-priority thread only
+  std::vector<const CountingWatcher*>* const order_;  // written by one thread only
   std::atomic<int> calls_ = 0;
 };
 
@@ -69,6 +70,47 @@ TEST_F(WatchersTest, AFewWatchersDoNotWaitForManyOfAnotherSession) {
   LetGo();
   ASSERT_EQ(order.size(), 1001u);
   EXPECT_LE(std::find(order.begin(), order.end(), lone.get()) - order.begin(), 32);
+}
+
+TEST_F(WatchersTest, PosesDoNotWaitForImages) {
+  const auto images = std::make_shared<Watchers>(pool_, "mallory");
+  const auto poses = std::make_shared<Watchers>(pool_);
+  const auto of_images = std::make_shared<CountingWatcher>(), of_poses = std::make_shared<CountingWatcher>();
+  images->Add(of_images);
+  poses->Add(of_poses);
+  pool_.images().Post("mallory", [this](const absl::Status&) {  // compresses a large image
+    held_.release();
+    go_.acquire();
+  });
+  held_.acquire();
+  images->Notify();
+  poses->Notify();
+  while (of_poses->calls() == 0) std::this_thread::yield();
+  EXPECT_EQ(of_images->calls(), 0);
+  LetGo();
+  EXPECT_EQ(of_images->calls(), 1);
+}
+
+TEST_F(WatchersTest, ImagesOfATenantDoNotWaitForManyOfAnother) {
+  std::vector<const CountingWatcher*> order;
+  std::vector<std::shared_ptr<Watchers>> sessions;
+  std::vector<std::shared_ptr<CountingWatcher>> all;
+  for (int i = 0; i < 20; ++i) {
+    sessions.push_back(std::make_shared<Watchers>(pool_, "mallory"));
+    for (int j = 0; j < 10; ++j) sessions.back()->Add(all.emplace_back(std::make_shared<CountingWatcher>(&order)));
+  }
+  sessions.push_back(std::make_shared<Watchers>(pool_, "alice"));
+  const auto lone = std::make_shared<CountingWatcher>(&order);
+  sessions.back()->Add(lone);
+  pool_.images().Post("bob", [this](const absl::Status&) {
+    held_.release();
+    go_.acquire();
+  });
+  held_.acquire();
+  for (const auto& session : sessions) session->Notify();
+  LetGo();
+  ASSERT_EQ(order.size(), 201u);
+  EXPECT_LE(std::find(order.begin(), order.end(), lone.get()) - order.begin(), 1);
 }
 
 TEST_F(WatchersTest, RemovesDestroyedWatchers) {

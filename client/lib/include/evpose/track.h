@@ -100,7 +100,8 @@ struct RetryOptions {
 // spool. When an earlier one is requested, Track() fails with DATA_LOSS and the reason ROLLED_BACK.
 struct RetainOptions {
   absl::Duration duration = absl::Seconds(5);  // from the report; zero: none is kept
-  uint64_t max_bytes = 64ull << 20;            // of payload; the earliest chunks are dropped beyond it
+  // Payload, and 128 bytes for each chunk; the earliest chunks are dropped beyond it.
+  uint64_t max_bytes = 64ull << 20;
 
   // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;

@@ -45,6 +45,11 @@ def make_chunk(point: FeedPoint, payload: bytes, discontinuity: bool = False, re
     return Chunk(FeedPoint(point.seq + 1, point.bytes + size, digest), payload, crc, discontinuity, reset)
 
 
+def _size_between(seq: int, num_bytes: int, point: FeedPoint) -> int:
+    """Returns the size of the chunks after chunk `seq`, up to which there are `num_bytes` of payload, up to `point`."""
+    return point.bytes - num_bytes + (point.seq - seq) * _OVERHEAD_BYTES
+
+
 @dataclasses.dataclass(frozen=True)
 class RetainOptions:
     """How long chunks are kept after the server has reported them as durable.
@@ -53,7 +58,7 @@ class RetainOptions:
     requests them again. When an earlier one is requested, the stream ends with DataLossError and the reason ROLLED_BACK.
 
     duration_s   from the report; 0: none is kept
-    max_bytes    of payload; the earliest chunks are dropped beyond it
+    max_bytes    payload, and 512 bytes for each chunk; the earliest chunks are dropped beyond it
     """
 
     duration_s: float = 5.0
@@ -92,7 +97,7 @@ class Outbox:
         self._has_reached_begin = begin.seq == 0
         self._retained: collections.deque[Chunk] = collections.deque()  # durable; the numbers of _chunks follow
         self._marks: collections.deque[_Mark] = collections.deque()  # of the retained chunks
-        self._forgotten_bytes = 0  # up to the first retained chunk
+        self._forgotten = 0, 0  # number and bytes up to the first retained chunk
         self._chunks: collections.deque[Chunk] = collections.deque()
         self._size = 0
         self._last = begin
@@ -130,10 +135,11 @@ class Outbox:
         """Adds a chunk up to `begin`, in the order of the numbers. It is retained if it is close to `begin`."""
         with self.changed:
             start_bytes = chunk.end.bytes - (0 if chunk.reset is not None else len(chunk.payload))
-            if self._retain.duration_s > 0.0 and self._begin.bytes - start_bytes <= self._retain.max_bytes:
+            size = _size_between(chunk.end.seq - 1, start_bytes, self._begin)
+            if self._retain.duration_s > 0.0 and size <= self._retain.max_bytes:
                 self._retained.append(chunk)
             else:
-                self._forgotten_bytes = chunk.end.bytes
+                self._forgotten = chunk.end.seq, chunk.end.bytes
             self._has_reached_begin = chunk.end.seq >= self._begin.seq
             if self._has_reached_begin:
                 self._marks.append(_Mark(chunk.end.seq, chunk.end.bytes, self._now()))
@@ -203,11 +209,11 @@ class Outbox:
 
     def _drop_retained(self) -> None:
         oldest = self._now() - self._retain.duration_s
-        forgotten_seq = 0
         while self._marks and (self._marks[0].durable_at <= oldest
-                               or self._durable.bytes - self._forgotten_bytes > self._retain.max_bytes):
-            forgotten_seq, self._forgotten_bytes, _ = self._marks.popleft()
-        while self._retained and self._retained[0].end.seq <= forgotten_seq:
+                               or _size_between(*self._forgotten, self._durable) > self._retain.max_bytes):
+            mark = self._marks.popleft()
+            self._forgotten = mark.seq, mark.bytes
+        while self._retained and self._retained[0].end.seq <= self._forgotten[0]:
             self._retained.popleft()
 
     def _first_seq(self) -> int:

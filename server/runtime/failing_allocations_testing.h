@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Allocations that fail when a test wants it: a program that links this replaces operator new.
+#pragma once
+
+#include <cstddef>
+
+namespace evpose::server {
+
+// Of the allocations of a thread that have at least `min_bytes`, as many succeed, then one fails. Negative: none fails,
+// as after the one that failed.
+struct FailingAllocation {
+  int successes_before = -1;
+  size_t min_bytes = 1;
+};
+FailingAllocation& ThisThreadsFailingAllocation();
+
+}  // namespace evpose::server
