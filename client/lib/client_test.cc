@@ -14,6 +14,7 @@
 
 #include "absl/strings/escaping.h"
 #include "client/lib/client_access.h"
+#include "client/lib/stalled_server_testing.h"
 #include "core/numerics/hash.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
@@ -200,67 +201,22 @@ TEST(SessionsTest, ASessionWithoutANameViolatesTheProtocol) {
   EXPECT_EQ(session.status().message(), "test server: the server violates the protocol: the new session has no name");
 }
 
-// Does not answer a call before it is cancelled, and requests `stop` when a call has arrived.
-class StalledServer final : public v1::ModelService::CallbackService, public v1::SessionService::CallbackService {
- public:
-  StalledServer() {
-    grpc::ServerBuilder builder;
-    builder.RegisterService(static_cast<v1::ModelService::CallbackService*>(this));
-    builder.RegisterService(static_cast<v1::SessionService::CallbackService*>(this));
-    server_ = builder.BuildAndStart();
-    client_ = ClientAccess::OverChannel(server_->InProcessChannel({}), "test server");
-  }
-  // The status of `call(client, stop)`.
-  template <typename Call>
-  absl::Status StatusOf(const Call& call) {
-    stop_ = std::stop_source();
-    return call(*client_, stop_.get_token()).status();
-  }
-
- private:
-  class Reactor final : public grpc::ServerUnaryReactor {
-   public:
-    void OnCancel() override { Finish(grpc::Status::CANCELLED); }
-    void OnDone() override { delete this; }
-  };
-  grpc::ServerUnaryReactor* Stall() {
-    auto* const reactor = new Reactor;
-    stop_.request_stop();
-    return reactor;
-  }
-  grpc::ServerUnaryReactor* GetModel(grpc::CallbackServerContext*, const v1::GetModelRequest*, v1::Model*) override {
-    return Stall();
-  }
-  grpc::ServerUnaryReactor* GetModelGeometry(grpc::CallbackServerContext*, const v1::GetModelGeometryRequest*,
-                                             v1::ModelGeometry*) override {
-    return Stall();
-  }
-  grpc::ServerUnaryReactor* GetSession(grpc::CallbackServerContext*, const v1::GetSessionRequest*,
-                                       v1::Session*) override {
-    return Stall();
-  }
-  grpc::ServerUnaryReactor* ListSessions(grpc::CallbackServerContext*, const v1::ListSessionsRequest*,
-                                         v1::ListSessionsResponse*) override {
-    return Stall();
-  }
-
-  std::stop_source stop_;
-  std::unique_ptr<grpc::Server> server_;
-  std::unique_ptr<Client> client_;
-};
-
 TEST(StopTest, ARequestCancelsACallThatIsNotAnswered) {
-  StalledServer stalled;
+  std::stop_source stop;
+  StalledServer stalled([&](const std::string&) { stop.request_stop(); });
   using Stop = const std::stop_token&;
-  EXPECT_EQ(stalled.StatusOf([](Client& client, Stop stop) { return client.GetModel("models/1", stop); }).code(),
-            absl::StatusCode::kCancelled);
-  EXPECT_EQ(
-      stalled.StatusOf([](Client& client, Stop stop) { return client.GetModelGeometry("models/1", 0, stop); }).code(),
-      absl::StatusCode::kCancelled);
-  EXPECT_EQ(stalled.StatusOf([](Client& client, Stop stop) { return client.GetSession("sessions/1", stop); }).code(),
-            absl::StatusCode::kCancelled);
-  EXPECT_EQ(stalled.StatusOf([](Client& client, Stop stop) { return client.ListSessions(stop); }).code(),
-            absl::StatusCode::kCancelled);
+  const auto code_of = [&](const auto& call) {
+    stop = std::stop_source();
+    return call(stalled.client(), stop.get_token()).status().code();
+  };
+  for (const absl::StatusCode code : {
+           code_of([](Client&client, Stop token) { return client.GetModel("models/1", token); }),
+           code_of([](Client&client, Stop token) { return client.GetModelGeometry("models/1", 0, token); }),
+           code_of([](Client&client, Stop token) { return client.GetSession("sessions/1", token); }),
+           code_of([](Client&client, Stop token) { return client.ListSessions(token); }),
+       }) {
+    EXPECT_EQ(code, absl::StatusCode::kCancelled);
+  }
 }
 
 class FakeAdmin : public v1::AdminService::Service {
