@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <boost/asio/read_until.hpp>
+#include <boost/asio/write.hpp>
 #include <string>
 #include <vector>
 
@@ -21,9 +23,10 @@ class PageServerTest : public ::testing::Test {
  protected:
   void Serve(PageServerOptions options = {}) {
     options.timeout = timeout_;
-    auto server = PageServer::Start(options, kFiles, source_);
+    auto server = PageServer::Listen(options, kFiles);
     ASSERT_TRUE(server.ok()) << server.status();
     server_ = std::move(*server);
+    server_->Serve(source_);
     key_ = server_->url().substr(server_->url().find('#') + 1);
     host_ = absl::StrCat("127.0.0.1:", server_->port());
   }
@@ -239,11 +242,28 @@ TEST_F(PageServerTest, TheEndIsSentBeforeThePageIsClosed) {
   reader.join();
 }
 
+TEST_F(PageServerTest, APageThatComesBeforeTheSourceWaitsForIt) {
+  auto server = PageServer::Listen({.timeout = timeout_}, kFiles);
+  ASSERT_TRUE(server.ok()) << server.status();
+  server_ = std::move(*server);
+  boost::asio::io_context context;
+  boost::asio::ip::tcp::socket socket(context);
+  socket.connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(server_->port())});
+  const std::string request = absl::StrCat("GET /app.js HTTP/1.1\r\nHost: 127.0.0.1:", server_->port(), "\r\n\r\n");
+  boost::asio::write(socket, boost::asio::buffer(request));
+  server_->Serve(source_);
+  std::string answer;
+  boost::system::error_code error;
+  boost::asio::read_until(socket, boost::asio::dynamic_buffer(answer), "run();", error);
+  EXPECT_FALSE(error) << error.message() << ": " << answer;
+  // Nothing was served.
+  EXPECT_TRUE(PageServer::Listen({}, kFiles).ok());
+}
+
 TEST_F(PageServerTest, AddressesThatCannotBeUsedAreErrors) {
-  EXPECT_EQ(PageServer::Start({.listen = "127.0.0.1"}, kFiles, source_).status().code(),
-            absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(PageServer::Listen({.listen = "127.0.0.1"}, kFiles).status().code(), absl::StatusCode::kInvalidArgument);
   Serve();
-  const absl::Status status = PageServer::Start({.listen = host_}, kFiles, source_).status();
+  const absl::Status status = PageServer::Listen({.listen = host_}, kFiles).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(status.message(), HasSubstr(host_));
 }

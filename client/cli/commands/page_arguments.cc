@@ -56,16 +56,18 @@ absl::Status CheckHasPage() {
       "again with cmake -DEVPOSE_VIEW=ON, which names what is missing");
 }
 
-absl::StatusOr<std::unique_ptr<PageServer>> PageArguments::Serve(ViewSource& source, std::ostream& out,
-                                                                 std::ostream& err) const {
+absl::StatusOr<std::unique_ptr<PageServer>> PageArguments::Listen() const {
   EVPOSE_RETURN_IF_ERROR(CheckHasPage());
   PageServerOptions options;
   options.listen = listen.empty() ? absl::StrCat("127.0.0.1:", port) : listen;
   options.hosts = hosts;
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, PageServer::Start(options, EmbeddedPage(), source));
-  out << server->url() << std::endl;
-  if (is_opened) OpenInBrowser(server->url(), err);
-  return server;
+  return PageServer::Listen(options, EmbeddedPage());
+}
+
+void PageArguments::Serve(PageServer& server, ViewSource& source, std::ostream& out, std::ostream& err) const {
+  server.Serve(source);
+  out << server.url() << std::endl;
+  if (is_opened) OpenInBrowser(server.url(), err);
 }
 
 }  // namespace evpose::client

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -33,9 +34,9 @@ struct ViewArguments {
 };
 
 // Serves the page until the command is interrupted.
-absl::Status ServePage(const ViewArguments& arguments, ViewSource& source, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> server,
-                          arguments.page.Serve(source, context.out, context.err));
+absl::Status ServePage(const ViewArguments& arguments, std::unique_ptr<PageServer> server, ViewSource& source,
+                       CliContext& context) {
+  arguments.page.Serve(*server, source, context.out, context.err);
   while (!context.IsInterrupted()) SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, {});
   server->End("evpose view was stopped");
   return absl::OkStatus();
@@ -48,12 +49,13 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
                                    "\" is no session: with --server, give sessions/ID, as "
                                    "`evpose sessions list` prints it, or nothing"));
   }
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, arguments.page.Listen());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   if (!arguments.what.empty()) {
     EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, client->GetSession(arguments.what).status()));
   }
   LiveSource source(*client, arguments.server.address, arguments.what);
-  return ServePage(arguments, source, context);
+  return ServePage(arguments, std::move(server), source, context);
 }
 
 absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, const CliContext& context) {
@@ -84,9 +86,10 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
   for (const auto& [name, value] : {std::pair("--poses", arguments.poses), {"--camera", arguments.camera}}) {
     if (value.empty()) return UsageError(absl::StrCat("a recording is shown with its poses: give ", name, ", too"));
   }
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, arguments.page.Listen());
   EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadViewInputs(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingSource> source, RecordingSource::Open(std::move(inputs)));
-  return ServePage(arguments, *source, context);
+  return ServePage(arguments, std::move(server), *source, context);
 }
 
 }  // namespace
