@@ -51,6 +51,30 @@ TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
   EXPECT_THAT(missing.err, HasSubstr("sessions/none does not exist"));
 }
 
+TEST_F(ViewCommandTest, AReplayOpensItsPageAndHasTheSamePoses) {
+  SimulateCube(0.05);
+  const std::string replay = "evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out ";
+  const CliResult result = RunShell(
+      "mkdir browser\nprintf '#!/bin/sh\\necho \"$1\" >opened\\n' >browser/xdg-open\nchmod +x browser/xdg-open\nmkfifo "
+      "opened\n" +
+      replay + "poses.csv >/dev/null\nPATH=\"$PWD/browser:$PATH\" " + replay +
+      "viewed.csv --view >/dev/null &\nread -r line <opened\necho \"$line\"\nwait $!\n");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, ContainsRegex("^http://127.0.0.1:[0-9]+/#[0-9a-f]{32}\n$"));
+  EXPECT_THAT(result.err, HasSubstr(result.out)) << "it is printed, too";
+  EXPECT_GT(ReadText("poses.csv").size(), 1000u);
+  EXPECT_EQ(ReadText("viewed.csv"), ReadText("poses.csv"));
+}
+
+TEST_F(ViewCommandTest, APortThatIsTakenIsNamedBeforeFilesAreRead) {
+  const auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const CliResult result = Run({"view", "other.raw", "--poses", "p.csv", "--model", "m.obj", "--camera", "c.yaml",
+                                "--port", absl::StrCat((*server)->port())});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr(absl::StrCat("127.0.0.1:", (*server)->port())));
+}
+
 TEST_F(ViewCommandTest, WrongUseNamesTheOption) {
   EXPECT_EQ(Run({"view"}).status, 2);
   EXPECT_THAT(Run({"view"}).err, HasSubstr("give --server HOST:PORT, or a recording"));
