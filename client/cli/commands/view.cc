@@ -13,6 +13,7 @@
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/recording_input.h"
 #include "client/cli/common/run_inputs.h"
+#include "client/cli/console/stop_on_interrupt.h"
 #include "client/view/live_source.h"
 #include "client/view/recording_source.h"
 #include "core/base/status_macros.h"
@@ -52,7 +53,10 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, arguments.page.Listen());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   if (!arguments.what.empty()) {
-    EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, client->GetSession(arguments.what).status()));
+    StopOnInterrupt interrupt(context);
+    const absl::Status status = client->GetSession(arguments.what, interrupt.stop().get_token()).status();
+    if (interrupt.stop().stop_requested()) return absl::OkStatus();
+    EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, status));
   }
   LiveSource source(*client, arguments.server.address, arguments.what);
   return ServePage(arguments, std::move(server), source, context);
