@@ -53,7 +53,7 @@ absl::StatusOr<std::unique_ptr<RecordedEvents>> RecordedEvents::Open(const std::
   const RecordingHeader& header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<EventDecoder> decoder, MakeEventDecoder(header.encoding, header.geometry));
   // The data of a RAW or DAT file are its bytes after the header.
-  int file = path == "-" || !header.container.empty() ? -1 : open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  int file = path == "-" || !header.container.empty() ? -1 : open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   const bool is_direct = file >= 0 && IsRegularFile(file);
   if (!is_direct) {
     if (file >= 0) close(file);

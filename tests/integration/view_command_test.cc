@@ -39,6 +39,16 @@ TEST_F(ViewCommandTest, ARecordingIsServedUntilAnInterrupt) {
   EXPECT_THAT(result.out, ContainsRegex("^http://127.0.0.1:[0-9]+/#[0-9a-f]{32}\n$"));
 }
 
+TEST_F(ViewCommandTest, ARecordingWithoutPosesIsServedWithAWarning) {
+  SimulateCube(0.02);
+  WriteText("none.tum", "# timestamp tx ty tz qx qy qz qw\n");
+  const CliResult result = ServeAndInterrupt(
+      "evpose view cube/recording.raw --poses none.tum --model cube/model.obj --camera cube/camera.yaml");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("http://127.0.0.1:"));
+  EXPECT_EQ(result.err, "evpose view: none.tum: has no pose: the events are shown alone\n");
+}
+
 TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
   const auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();

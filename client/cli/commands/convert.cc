@@ -206,6 +206,8 @@ void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converte
 
 absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) {
   const absl::StatusOr<EventFileFormat> format = ChooseEventFileFormat(arguments.to, arguments.out);
+  if (arguments.out == "-")
+    return UsageError("out: a recording is not written to standard output: give the name of a file");
   EVPOSE_RETURN_IF_ERROR(AsUsageError(format.status()));
   if (CanBeReadTwice(arguments.recording)) EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));

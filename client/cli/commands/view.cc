@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose view: a page in the browser that shows a session or a recording.
+#include <algorithm>
 #include <filesystem>
+#include <future>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -62,21 +65,35 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
   return ServePage(arguments, std::move(server), source, context);
 }
 
+using PosesByObject = std::map<std::string, RecordedPoses>;
+
+// What the page shows without a pose is not wrong, but seldom meant.
+void WarnWithoutPoses(const std::string& path, const PosesByObject& poses, std::ostream& err) {
+  const auto is_empty = [](const auto& of_object) { return of_object.second.trajectory().empty(); };
+  if (std::all_of(poses.begin(), poses.end(), is_empty)) {
+    err << "evpose view: " << path << ": has no pose: the events are shown alone" << std::endl;
+  }
+}
+
 absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, const CliContext& context) {
   RecordingInputs inputs;
   inputs.path = arguments.what;
   EVPOSE_ASSIGN_OR_RETURN(const auto ids_and_models, ParseObjectModels(arguments.model, arguments.objects));
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   std::vector<std::string> ids;
+  for (const auto& [id, path] : ids_and_models) ids.push_back(id);
+  // Long files of poses and large models take about the same time.
+  std::future<absl::StatusOr<PosesByObject>> poses =
+      std::async(std::launch::async, [&] { return ReadRecordedPoses(arguments.poses, ids); });
   for (const auto& [id, path] : ids_and_models) {
     EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(path));
     inputs.objects.push_back({id, std::filesystem::path(path).filename().string(), std::move(model)});
-    ids.push_back(id);
   }
-  EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadRecordedPoses(arguments.poses, ids));
   if (!arguments.truth.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.truth, ReadRecordedPoses(arguments.truth, ids));
   }
+  EVPOSE_ASSIGN_OR_RETURN(inputs.poses, poses.get());
+  WarnWithoutPoses(arguments.poses, inputs.poses, context.err);
   EVPOSE_ASSIGN_OR_RETURN(
       inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.what, {.stop = context.is_interrupted}));
   return inputs;
