@@ -386,7 +386,8 @@ TEST(RecordedPosesTest, ManyPosesAreThinnedForThePage) {
   poses.AppendFrames("object", /*is_truth=*/true, frames);
   std::vector<int64_t> sent;
   for (const PageOutbox::Frame& frame : frames) {
-    for (const nlohmann::json& pose : ParseFrame(frame.bytes, false).header["poses"]) sent.push_back(pose["t_us"]);
+    const ReceivedMessage message = ParseFrame(frame.bytes, false);
+    for (const nlohmann::json& pose : message.header["poses"]) sent.push_back(pose["t_us"]);
   }
   EXPECT_LE(sent.size(), RecordedPoses::kMaxSent);
   EXPECT_GE(sent.size(), RecordedPoses::kMaxSent / 2);
