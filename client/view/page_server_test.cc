@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/view/page_client_testing.h"
+#include "client/view/pending_source.h"
 
 namespace evpose::client {
 namespace {
@@ -258,6 +259,30 @@ TEST_F(PageServerTest, APageThatComesBeforeTheSourceWaitsForIt) {
   EXPECT_FALSE(error) << error.message() << ": " << answer;
   // Nothing was served.
   EXPECT_TRUE(PageServer::Listen({}, kFiles).ok());
+}
+
+TEST(PendingSourceTest, PagesAreShownTheSourceWhenItIsThere) {
+  TestSource source;
+  PendingSource pending({.is_recording = true, .source = "a.raw"}, "reading poses.csv");
+  const auto early = std::make_shared<PageOutbox>([] {});
+  const auto gone = std::make_shared<PageOutbox>([] {});
+  const std::unique_ptr<PageView> view = pending.Open(early);
+  pending.Open(gone).reset();
+  const ReceivedMessage hello = ParseFrame(early->Next()->bytes, false);
+  EXPECT_EQ(hello.header["mode"], "recording");
+  EXPECT_EQ(hello.header["source"], "a.raw");
+  EXPECT_EQ(ParseFrame(early->Next()->bytes, false).header["text"], "reading poses.csv");
+  EXPECT_TRUE(view->Handle(ImageSettings{20.0, 1, 10.0}).ok());
+  EXPECT_TRUE(view->Handle(ImageSettings{20.0, 4, 10.0}).ok());
+  EXPECT_TRUE(view->Handle(SeekRequest{5}).ok()) << "there is nothing to move";
+  pending.Provide(source);
+  EXPECT_EQ(source.WaitForPage(0), early);
+  EXPECT_EQ(ParseFrame(early->Next()->bytes, false).header["source"], "test");
+  EXPECT_EQ(std::get<ImageSettings>(source.WaitForRequest(0)), (ImageSettings{20.0, 4, 10.0}));
+  EXPECT_TRUE(view->Handle(SeekRequest{6}).ok());
+  EXPECT_EQ(std::get<SeekRequest>(source.WaitForRequest(1)).t_us, 6);
+  const std::unique_ptr<PageView> later = pending.Open(std::make_shared<PageOutbox>([] {}));
+  source.WaitForViews(2);
 }
 
 TEST_F(PageServerTest, AddressesThatCannotBeUsedAreErrors) {

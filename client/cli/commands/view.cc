@@ -2,6 +2,7 @@
 
 // evpose view: a page in the browser that shows a session or a recording.
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <future>
 #include <map>
@@ -18,6 +19,7 @@
 #include "client/cli/common/run_inputs.h"
 #include "client/cli/console/stop_on_interrupt.h"
 #include "client/view/live_source.h"
+#include "client/view/pending_source.h"
 #include "client/view/recording_source.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
@@ -37,13 +39,13 @@ struct ViewArguments {
   PageArguments page;
 };
 
-// Serves the page until the command is interrupted.
-absl::Status ServePage(const ViewArguments& arguments, std::unique_ptr<PageServer> server, ViewSource& source,
-                       CliContext& context) {
-  arguments.page.Serve(*server, source, context.out, context.err);
+// A recording whose inputs need more time than this is announced before they are read.
+constexpr std::chrono::milliseconds kSoon(300);
+
+// Until the command is interrupted.
+void WaitForInterrupt(PageServer& server, const CliContext& context) {
   while (!context.IsInterrupted()) SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, {});
-  server->End("evpose view was stopped");
-  return absl::OkStatus();
+  server.End("evpose view was stopped");
 }
 
 absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
@@ -62,7 +64,10 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
     EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, status));
   }
   LiveSource source(*client, arguments.server.address, arguments.what);
-  return ServePage(arguments, std::move(server), source, context);
+  const std::unique_ptr<PageServer> ends_first = std::move(server);
+  arguments.page.Serve(*ends_first, source, context.out, context.err);
+  WaitForInterrupt(*ends_first, context);
+  return absl::OkStatus();
 }
 
 using PosesByObject = std::map<std::string, RecordedPoses>;
@@ -93,7 +98,6 @@ absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, c
     EVPOSE_ASSIGN_OR_RETURN(inputs.truth, ReadRecordedPoses(arguments.truth, ids));
   }
   EVPOSE_ASSIGN_OR_RETURN(inputs.poses, poses.get());
-  WarnWithoutPoses(arguments.poses, inputs.poses, context.err);
   EVPOSE_ASSIGN_OR_RETURN(
       inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.what, {.stop = context.is_interrupted}));
   return inputs;
@@ -107,10 +111,25 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
   for (const auto& [name, value] : {std::pair("--poses", arguments.poses), {"--camera", arguments.camera}}) {
     if (value.empty()) return UsageError(absl::StrCat("a recording is shown with its poses: give ", name, ", too"));
   }
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, arguments.page.Listen());
-  EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadViewInputs(arguments, context));
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingSource> source, RecordingSource::Open(std::move(inputs)));
-  return ServePage(arguments, std::move(server), *source, context);
+  std::unique_ptr<RecordingSource> source;
+  PendingSource pending({.is_recording = true, .source = arguments.what}, absl::StrCat("reading ", arguments.poses));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> server, arguments.page.Listen());  // ends first
+  std::future<absl::Status> reading = std::async(std::launch::async, [&]() -> absl::Status {
+    EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadViewInputs(arguments, context));
+    EVPOSE_ASSIGN_OR_RETURN(source, RecordingSource::Open(std::move(inputs)));
+    return absl::OkStatus();
+  });
+  const bool is_slow = reading.wait_for(kSoon) == std::future_status::timeout;
+  if (is_slow) arguments.page.Serve(*server, pending, context.out, context.err);
+  if (const absl::Status status = reading.get(); !status.ok()) {
+    server->End(std::string(status.message()));
+    return status;
+  }
+  WarnWithoutPoses(arguments.poses, source->inputs().poses, context.err);
+  pending.Provide(*source);
+  if (!is_slow) arguments.page.Serve(*server, pending, context.out, context.err);
+  WaitForInterrupt(*server, context);
+  return absl::OkStatus();
 }
 
 }  // namespace

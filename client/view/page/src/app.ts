@@ -213,8 +213,10 @@ export class App implements Receiver {
 
   private onEnd(reason: string): void {
     this.store.ended = reason;
-    // Nothing was shown yet: the notice that comes with the end has the reason.
-    if (!this.store.scene) this.showSessions();
+    if (this.store.scene) return;
+    // Nothing was shown yet. A session's end comes with a notice that has the reason.
+    if (this.store.isRecording) this.notice("error", reason);
+    else this.showSessions();
   }
 
   private onScene(scene: Scene): void {
