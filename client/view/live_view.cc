@@ -122,4 +122,8 @@ void LiveView::NoteError(absl::string_view text) {
   outbox_->AddNote(NoticeText(NoticeLevel::kError, std::string(text)));
 }
 
+std::unique_ptr<PageView> LiveSource::Open(std::shared_ptr<PageOutbox> outbox) {
+  return std::make_unique<LiveView>(client_, HelloMessage{false, server_, session_}, std::move(outbox));
+}
+
 }  // namespace evpose::client

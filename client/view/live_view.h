@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The view of one page on the sessions of a server.
+// The sessions of a server, as they are tracked.
 #pragma once
 
 #include <condition_variable>
@@ -19,8 +19,8 @@
 
 namespace evpose::client {
 
-// A thread makes the calls for the page's requests, and a SessionWatch reads the streams of the session that is shown.
-// The calls end when the page leaves or opens another session.
+// The view of one page. A thread makes the calls for the page's requests, and a SessionWatch reads the streams of the
+// session that is shown. The calls end when the page leaves or opens another session.
 class LiveView : public PageView {
  public:
   // `client` must outlive the view. `hello.session` is shown first; empty: the list of the sessions.
@@ -59,6 +59,21 @@ class LiveView : public PageView {
   std::stop_source calls_ ABSL_GUARDED_BY(mutex_);  // ends the calls of the thread
   std::unique_ptr<SessionWatch> watch_;             // of the session that is shown; the thread's own
   std::jthread thread_;
+};
+
+class LiveSource : public ViewSource {
+ public:
+  // `client` must outlive the source. `server` is its address for people. `session` is shown first; empty: the list of
+  // the sessions.
+  LiveSource(Client& client, const std::string& server, const std::string& session)
+      : client_(client), server_(server), session_(session) {}
+
+  std::unique_ptr<PageView> Open(std::shared_ptr<PageOutbox> outbox) override;
+
+ private:
+  Client& client_;
+  const std::string server_;
+  const std::string session_;
 };
 
 }  // namespace evpose::client

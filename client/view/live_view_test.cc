@@ -18,7 +18,6 @@
 #include "absl/strings/str_cat.h"
 #include "client/lib/core_types.h"
 #include "client/lib/stalled_server_testing.h"
-#include "client/view/live_source.h"
 #include "client/view/outbox_reader_testing.h"
 #include "client/view/recordings_testing.h"
 #include "core/base/temporary_directory.h"

@@ -14,7 +14,7 @@
 #include "client/cli/common/session_run.h"
 #include "client/cli/common/session_start.h"
 #include "client/lib/client_access.h"
-#include "client/view/live_source.h"
+#include "client/view/live_view.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/server.h"
 

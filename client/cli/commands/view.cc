@@ -18,7 +18,7 @@
 #include "client/cli/common/recording_input.h"
 #include "client/cli/common/run_inputs.h"
 #include "client/cli/console/stop_on_interrupt.h"
-#include "client/view/live_source.h"
+#include "client/view/live_view.h"
 #include "client/view/pending_source.h"
 #include "client/view/recording_source.h"
 #include "core/base/status_macros.h"
