@@ -76,6 +76,18 @@ TEST_F(ViewCommandTest, AReplayOpensItsPageAndHasTheSamePoses) {
   EXPECT_EQ(ReadText("viewed.csv"), ReadText("poses.csv"));
 }
 
+TEST_F(ViewCommandTest, ABrowserThatCannotBeOpenedIsReportedInOneLine) {
+  SimulateCube(0.02);
+  const CliResult result = RunShell(
+      "mkdir browser\nprintf '#!/bin/sh\\necho no browser >&2\\nexit 3\\n' >browser/xdg-open\nchmod +x "
+      "browser/xdg-open\n"
+      "mkfifo messages\nPATH=\"$PWD/browser:$PATH\" evpose view cube/recording.raw --poses cube/truth.tum --model "
+      "cube/model.obj --camera cube/camera.yaml --open >/dev/null 2>messages &\n"
+      "read -r line <messages\necho \"$line\"\nkill -TERM $!\nwait $!\n");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out, "xdg-open has not opened a browser: open the address in one\n");
+}
+
 TEST_F(ViewCommandTest, APortThatIsTakenIsNamedBeforeFilesAreRead) {
   const auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();
