@@ -196,7 +196,7 @@ class SessionsPage(PageTest):
         self.page.run(f"{rows}[2].click()")
         self.page.wait_for_data(session="sessions/<b>cell 7</b>")
         self.wait_for_images()
-        self.assertEqual(self.page.run("return document.querySelector('b b, #title b')"), None)
+        self.assertEqual(self.page.run("return document.querySelector('#session-list b, #title b')"), None)
         self.page.press("l")
         self.page.wait(lambda: self.page.run("return !document.getElementById('chooser').hidden"), "the list")
 
