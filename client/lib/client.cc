@@ -99,8 +99,10 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
                                              "; is evpose-server running there? (", info.status().message(), ")"));
 }
 
-std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name) {
+std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
+                                                  Clock& clock) {
   std::unique_ptr<Client> client(new Client(ClientOptions()));
+  client->impl_->clock = &clock;
   client->impl_->AddEndpoint(std::move(channel), name);
   return client;
 }
@@ -203,10 +205,11 @@ absl::StatusOr<ModelInfo> Client::UploadModelFile(const std::string& path, doubl
   return UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
 }
 
-absl::StatusOr<ModelInfo> Client::GetModel(const std::string& name) {
+absl::StatusOr<ModelInfo> Client::GetModel(const std::string& name, const std::stop_token& stop) {
   v1::GetModelRequest request;
   request.set_name(name);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model, impl_->Unary(&Impl::Endpoint::models, &Models::GetModel, request));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model,
+                          impl_->Unary(&Impl::Endpoint::models, &Models::GetModel, request, stop));
   return FromProto(model);
 }
 
@@ -220,12 +223,13 @@ absl::StatusOr<std::vector<ModelInfo>> Client::ListModels() {
   return models;
 }
 
-absl::StatusOr<ModelGeometry> Client::GetModelGeometry(const std::string& name, uint32_t max_faces) {
+absl::StatusOr<ModelGeometry> Client::GetModelGeometry(const std::string& name, uint32_t max_faces,
+                                                       const std::stop_token& stop) {
   v1::GetModelGeometryRequest request;
   request.set_name(name);
   request.set_max_faces(max_faces);
   EVPOSE_ASSIGN_OR_RETURN(const v1::ModelGeometry message,
-                          impl_->Unary(&Impl::Endpoint::models, &Models::GetModelGeometry, request));
+                          impl_->Unary(&Impl::Endpoint::models, &Models::GetModelGeometry, request, stop));
   absl::StatusOr<ModelGeometry> geometry = FromProto(message);
   if (geometry.ok()) return geometry;
   return absl::InternalError(absl::StrCat(impl_->endpoint().name, ": ", geometry.status().message()));
@@ -250,15 +254,15 @@ absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const
   return FromProto(created);
 }
 
-absl::StatusOr<Session> Client::GetSession(const std::string& name) {
+absl::StatusOr<Session> Client::GetSession(const std::string& name, const std::stop_token& stop) {
   v1::GetSessionRequest request;
   request.set_name(name);
   EVPOSE_ASSIGN_OR_RETURN(const v1::Session session,
-                          impl_->Unary(&Impl::Endpoint::sessions, &Sessions::GetSession, request));
+                          impl_->Unary(&Impl::Endpoint::sessions, &Sessions::GetSession, request, stop));
   return FromProto(session);
 }
 
-absl::StatusOr<std::vector<Session>> Client::ListSessions() {
+absl::StatusOr<std::vector<Session>> Client::ListSessions(const std::stop_token& stop) {
   std::vector<Session> sessions;
   const auto append = [&sessions](const v1::ListSessionsResponse& page) {
     for (const v1::Session& message : page.sessions()) {
@@ -267,7 +271,7 @@ absl::StatusOr<std::vector<Session>> Client::ListSessions() {
     }
     return absl::OkStatus();
   };
-  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::sessions, &Sessions::ListSessions, append));
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::sessions, &Sessions::ListSessions, append, stop));
   return sessions;
 }
 

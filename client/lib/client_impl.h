@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <stop_token>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -22,6 +23,7 @@
 #include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
+#include "evpose/clock.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
@@ -47,6 +49,7 @@ struct Client::Impl {
   std::mutex feeds_mutex;
   std::map<std::string, EventFeed*> feeds ABSL_GUARDED_BY(feeds_mutex);  // of the running Track() calls, by session
   ClientOptions options;
+  Clock* clock = &SystemClock();
 
   const Endpoint& endpoint() const { return endpoints[current]; }
   bool IsCancelled() const { return options.is_cancelled && options.is_cancelled(); }
@@ -57,13 +60,15 @@ struct Client::Impl {
   // Uploads a model once. Error: ABORTED if another server has deleted it during the upload.
   absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload);
 
-  // Makes one call with the deadline of the options: `method` of the member `stub` of the current endpoint.
+  // Makes one call with the deadline of the options: `method` of the member `stub` of the current endpoint. A request
+  // of `stop` cancels it.
   template <typename Stub, typename Request, typename Response>
   absl::StatusOr<Response> Unary(std::unique_ptr<Stub> Endpoint::*stub,
                                  grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
-                                 const std::type_identity_t<Request>& request) {
+                                 const std::type_identity_t<Request>& request, const std::stop_token& stop = {}) {
     grpc::ClientContext context;
     context.set_deadline(absl::ToChronoTime(absl::Now() + options.call_timeout));
+    const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
     Response response;
     const grpc::Status status = ((*(endpoint().*stub)).*method)(&context, request, &response);
     if (!status.ok()) return FromGrpc(status, endpoint().name);
@@ -74,11 +79,11 @@ struct Client::Impl {
   template <typename Stub, typename Request, typename Response, typename Append>
   absl::Status AllPages(std::unique_ptr<Stub> Endpoint::*stub,
                         grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
-                        const Append& append) {
+                        const Append& append, const std::stop_token& stop = {}) {
     Request request;
     request.set_page_size(500);  // some hundred kilobytes, below gRPC's limit of 4 MiB for a message
     do {
-      EVPOSE_ASSIGN_OR_RETURN(const Response response, Unary(stub, method, request));
+      EVPOSE_ASSIGN_OR_RETURN(const Response response, Unary(stub, method, request, stop));
       EVPOSE_RETURN_IF_ERROR(append(response));
       request.set_page_token(response.next_page_token());
     } while (!request.page_token().empty());

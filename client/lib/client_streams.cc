@@ -13,6 +13,7 @@
 #include "client/lib/conversion.h"
 #include "client/lib/stream/event_feed.h"
 #include "client/lib/stream/reconnecting_stream.h"
+#include "client/lib/stream/retry.h"
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
 
@@ -23,12 +24,14 @@ template <typename Response>
 using ResponseReader = std::unique_ptr<grpc::ClientReaderInterface<Response>>;
 
 // Reads a stream of responses until the session has ended, also after it has moved to another server, to which the
-// present `request` is sent. A server that does not track the events names no other, so that all are asked. An error of
-// `handle(response)` means that the response is invalid, and cancels the call.
+// present `request` is sent, with growing delays while none delivers a response. A server that does not track the
+// events names no other, so that all are asked. An error of `handle(response)` means that the response is invalid, and
+// cancels the call.
 template <typename Impl, typename Request, typename Response, typename Handle>
 absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method)(grpc::ClientContext*, const Request&),
                    const Request& request, const Handle& handle, const std::stop_token& stop) {
   size_t num_others = 0;  // servers that do not track the events
+  Backoff backoff((RetryOptions()));
   while (true) {
     const auto& endpoint = impl.endpoints[(impl.current + num_others) % impl.endpoints.size()];
     grpc::ClientContext context;
@@ -36,7 +39,10 @@ absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method
     const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
     Response response;
     absl::Status invalid;
-    while (invalid.ok() && reader->Read(&response)) invalid = handle(response);
+    while (invalid.ok() && reader->Read(&response)) {
+      invalid = handle(response);
+      backoff.Reset();
+    }
     if (!invalid.ok()) context.TryCancel();
     const absl::Status status = FromGrpc(reader->Finish(), endpoint.name);
     if (!invalid.ok()) return absl::InternalError(absl::StrCat(endpoint.name, ": ", invalid.message()));
@@ -47,6 +53,10 @@ absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method
       ++num_others;
     } else if (has_moved) {
       num_others = 0;
+      // The session's new server may not be known yet, or the store may name this one again.
+      if (!impl.clock->SleepUntil(impl.clock->Now() + backoff.Next(), stop)) {
+        return absl::CancelledError(absl::StrCat(endpoint.name, ": the call was cancelled"));
+      }
     } else {
       return status;
     }

@@ -145,6 +145,43 @@ TEST_F(WatchTest, ImagesOfEventsAreDeliveredAfterTheFenceAgain) {
   }
 }
 
+TEST_F(WatchTest, AServerThatStaysFencedIsAskedAfterGrowingDelays) {
+  int num_requests = 0;
+  bool responds = false;
+  service_.watch_health = [&](const v1::WatchHealthRequest&, auto& writer) {
+    if (++num_requests == 7) return grpc::Status::OK;
+    if (responds) writer.Write(v1::WatchHealthResponse());
+    return Fenced();
+  };
+  const auto watch = [&] {
+    num_requests = 0;
+    const absl::Time begin = clock_.Now();
+    EXPECT_TRUE(client_->WatchHealth("sessions/1", absl::Seconds(1), [](const SessionHealth&) {}).ok());
+    EXPECT_EQ(num_requests, 7);
+    return clock_.Now() - begin;
+  };
+  // 0.1, 0.2, 0.4, 0.8, 1.6 and 3.2 s, of which the jitter takes up to a half.
+  const absl::Duration silent = watch();
+  EXPECT_GE(silent, absl::Seconds(3.15));
+  EXPECT_LE(silent, absl::Seconds(6.3));
+  // After a response the first delay comes again.
+  responds = true;
+  const absl::Duration responding = watch();
+  EXPECT_GE(responding, absl::Seconds(0.3));
+  EXPECT_LE(responding, absl::Seconds(0.6));
+}
+
+TEST_F(WatchTest, AStopRequestEndsTheDelay) {
+  std::stop_source stop;
+  service_.watch_poses = [&](const v1::WatchPosesRequest&, auto&) {
+    stop.request_stop();
+    return Fenced();
+  };
+  const absl::Status status = client_->WatchPoses(
+      "sessions/1", {}, [](const auto&, uint64_t) {}, stop.get_token());
+  EXPECT_EQ(status.code(), absl::StatusCode::kCancelled) << status;
+}
+
 TEST_F(WatchTest, ImagesThatCannotBeDeliveredAreErrors) {
   const auto ignore = [](const EventImage&) {};
   service_.watch_events = [](const v1::WatchEventsRequest&, auto& writer) {

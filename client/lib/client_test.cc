@@ -9,10 +9,12 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <stop_token>
 #include <string>
 
 #include "absl/strings/escaping.h"
 #include "client/lib/client_access.h"
+#include "client/lib/stalled_server_testing.h"
 #include "core/numerics/hash.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
@@ -197,6 +199,24 @@ TEST(SessionsTest, ASessionWithoutANameViolatesTheProtocol) {
   const auto session = ClientAccess::OverChannel(server->InProcessChannel({}), "test server")->CreateSession({});
   EXPECT_EQ(session.status().code(), absl::StatusCode::kInternal);
   EXPECT_EQ(session.status().message(), "test server: the server violates the protocol: the new session has no name");
+}
+
+TEST(StopTest, ARequestCancelsACallThatIsNotAnswered) {
+  std::stop_source stop;
+  StalledServer stalled([&](const std::string&) { stop.request_stop(); });
+  using Stop = const std::stop_token&;
+  const auto code_of = [&](const auto& call) {
+    stop = std::stop_source();
+    return call(stalled.client(), stop.get_token()).status().code();
+  };
+  for (const absl::StatusCode code : {
+           code_of([](Client&client, Stop token) { return client.GetModel("models/1", token); }),
+           code_of([](Client&client, Stop token) { return client.GetModelGeometry("models/1", 0, token); }),
+           code_of([](Client&client, Stop token) { return client.GetSession("sessions/1", token); }),
+           code_of([](Client&client, Stop token) { return client.ListSessions(token); }),
+       }) {
+    EXPECT_EQ(code, absl::StatusCode::kCancelled);
+  }
 }
 
 class FakeAdmin : public v1::AdminService::Service {

@@ -11,7 +11,6 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "client/mcap/diagnostics.h"
-#include "client/mcap/event_png.h"
 #include "client/mcap/ros_encoders.h"
 #include "client/mcap/ros_types.h"
 #include "core/base/status_macros.h"
@@ -125,7 +124,6 @@ uint64_t PoseRecorder::LogTime(int64_t t_us) {
 
 void PoseRecorder::SetCamera(const Camera& camera) {
   const std::lock_guard lock(mutex_);
-  camera_ = camera;
   WriteOnce("/evpose/camera_info", kCameraInfoType, [camera](uint64_t time_ns) {
     return EncodeCamera({time_ns, kCameraFrame}, camera);
   });
@@ -174,18 +172,7 @@ void PoseRecorder::Add(const SessionHealth& health, const std::string& session) 
   Write("/diagnostics", kDiagnosticsType, time_ns, EncodeDiagnostics({time_ns, ""}, session, Diagnose(health)));
 }
 
-std::string PoseRecorder::Png(const EventImage& image) {
-  int width_px = image.width * image.cell_px, height_px = image.height * image.cell_px;
-  {
-    const std::lock_guard lock(mutex_);
-    if (camera_) width_px = std::min(width_px, camera_->width_px);
-    if (camera_) height_px = std::min(height_px, camera_->height_px);
-  }
-  return EventImagePng(image, width_px, height_px);
-}
-
-void PoseRecorder::Add(const EventImage& image) {
-  const std::string png = Png(image);  // poses need not wait for it
+void PoseRecorder::Add(const EventImage& image, std::string_view png) {
   const std::lock_guard lock(mutex_);
   const uint64_t time_ns = LogTime(image.to_t_us);
   Write("/evpose/events/compressed", kImageType, time_ns, EncodeImage({time_ns, kCameraFrame}, "png", png));

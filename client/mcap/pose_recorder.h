@@ -60,7 +60,8 @@ class PoseRecorder {
   // Records a state without a pose: {"object_id": ..., "t_us": ..., "state": ...}.
   void AddState(const std::string& object_id, int64_t t_us, TrackState state);
   void Add(const SessionHealth& health, const std::string& session);
-  void Add(const EventImage& image);
+  // `png` is the picture of the image (EventImagePng()), which several recorders share.
+  void Add(const EventImage& image, std::string_view png);
 
   // The first error of any call. Writes all messages to the disk, and returns the size of the file.
   absl::StatusOr<uint64_t> Sync();
@@ -70,7 +71,6 @@ class PoseRecorder {
   PoseRecorder(McapWriter writer, const PoseRecorderOptions& options);
   // The time of a message. The first call writes what waits for it.
   uint64_t LogTime(int64_t t_us);
-  std::string Png(const EventImage& image);
   void Write(const std::string& topic, std::string_view type, uint64_t time_ns, std::string_view message,
              bool is_latched = false);
   void WriteConstants();
@@ -90,7 +90,6 @@ class PoseRecorder {
   };
   std::optional<uint64_t> first_ns_;  // time of the first message
   std::vector<Constant> waiting_;     // for that
-  std::optional<Camera> camera_;
 };
 
 // A text as part of a topic's name: letters, digits and underscores, not beginning with a digit.

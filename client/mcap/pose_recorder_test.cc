@@ -104,7 +104,7 @@ TEST(PoseRecorder, TheSceneHasTheTimeOfTheFirstMessage) {
   (*recorder)->Add(SessionHealth{.t_us = 0}, "sessions/1");  // before the first event: no time
   (*recorder)->Add(SessionHealth{.t_us = 5, .decoded_events = 1}, "sessions/1");
   EventImage image = {.to_t_us = 6, .cell_px = 2, .width = 3, .height = 1, .cells = {0}};
-  (*recorder)->Add(image);
+  (*recorder)->Add(image, "\x89PNG");
   const Pose pose = PoseAt(7, TrackState::kTracking);
   Pose framed = pose;
   framed.camera_from_object.translation_m = {7, 8, 9};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/mcap/session_observer.h"
 
+#include <algorithm>
 #include <chrono>
 #include <utility>
 
@@ -8,6 +9,7 @@
 #include "absl/time/time.h"
 #include "client/lib/status_details.h"
 #include "client/lib/stream/retry.h"
+#include "client/mcap/event_png.h"
 #include "evpose/clock.h"
 
 namespace evpose::client {
@@ -35,7 +37,12 @@ SessionObserver::SessionObserver(Client& client, const std::string& session, std
   };
   const std::lock_guard lock(mutex_);
   health_ = start([this](const std::stop_token& stop) {
-    RecordModels();  // takes seconds for a large model: the poses do not wait for it
+    RecordModels(stop);  // takes seconds for a large model: the poses do not wait for it
+    {
+      const std::lock_guard models_lock(mutex_);
+      has_models_ = true;
+      ended_.notify_all();
+    }
     const auto record = [this](const SessionHealth& health) { RecordHealth(health); };
     Repeat("the health", stop, [&] { return client_.WatchHealth(session_, kHealthPeriod, record, stop); });
   });
@@ -63,11 +70,11 @@ void SessionObserver::Report(const std::string& what, const absl::Status& status
   options_.print(absl::StrCat("the .mcap file does not have ", what, ": ", status.message()));
 }
 
-void SessionObserver::RecordModels() {
-  const absl::StatusOr<Session> session = client_.GetSession(session_);
+void SessionObserver::RecordModels(const std::stop_token& stop) {
+  const absl::StatusOr<Session> session = client_.GetSession(session_, stop);
   if (!session.ok()) return Report("the models", session.status());
   for (const TrackedObject& object : session->config.objects) {
-    const absl::StatusOr<ModelGeometry> geometry = client_.GetModelGeometry(object.model);
+    const absl::StatusOr<ModelGeometry> geometry = client_.GetModelGeometry(object.model, /*max_faces=*/0, stop);
     if (!geometry.ok()) {
       Report(absl::StrCat("the model of ", object.object_id), geometry.status());
       continue;
@@ -92,12 +99,15 @@ void SessionObserver::RecordImage(EventImage image) {
   const int64_t zero_us = options_.time_zero_us();
   image.from_t_us -= zero_us;
   image.to_t_us -= zero_us;
-  for (PoseRecorder* const recorder : recorders_) recorder->Add(image);
+  const std::string png = EventImagePng(image, std::min(image.width * image.cell_px, options_.camera.width_px),
+                                        std::min(image.height * image.cell_px, options_.camera.height_px));
+  for (PoseRecorder* const recorder : recorders_) recorder->Add(image, png);
 }
 
 void SessionObserver::Finish() {
   {
     std::unique_lock lock(mutex_);
+    ended_.wait(lock, [this] { return has_models_ || num_running_ == 0; });
     ended_.wait_for(lock, std::chrono::seconds(1), [this] { return num_running_ == 0; });
   }
   Stop();

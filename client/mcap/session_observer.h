@@ -37,14 +37,16 @@ class SessionObserver {
                   SessionObserverOptions options);
   ~SessionObserver() { Stop(); }
 
-  // Ends after the last message of a session that has ended, at the latest after a second.
+  // Ends when the models are recorded, after the last message of a session that has ended, at the latest a second
+  // later.
   void Finish();
+  // Cancels the calls to the server.
   void Stop();
   // Records a health that the caller has; only after Stop().
   void RecordHealth(SessionHealth health);
 
  private:
-  void RecordModels();
+  void RecordModels(const std::stop_token& stop);
   void RecordImage(EventImage image);
   // Calls `watch` until it returns OK, repeatedly after errors that may pass; reports another one.
   void Repeat(const std::string& what, const std::stop_token& stop, const std::function<absl::Status()>& watch);
@@ -56,7 +58,8 @@ class SessionObserver {
   const SessionObserverOptions options_;
   std::map<std::string, TrackState> states_;  // by object; used by the thread of the health only
   std::mutex mutex_;
-  int num_running_ = 0;  // guarded by mutex_
+  int num_running_ = 0;      // guarded by mutex_
+  bool has_models_ = false;  // they are recorded, or reported; guarded by mutex_
   std::condition_variable_any ended_;
   std::jthread health_;
   std::jthread images_;

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The view of one page on the sessions of a server.
+// The sessions of a server, as they are tracked.
 #pragma once
 
 #include <condition_variable>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "client/view/session_watch.h"
@@ -17,7 +19,8 @@
 
 namespace evpose::client {
 
-// A thread makes the calls for the page's requests, and a SessionWatch reads the streams of the session that is shown.
+// The view of one page. A thread makes the calls for the page's requests, and a SessionWatch reads the streams of the
+// session that is shown. The calls end when the page leaves or opens another session.
 class LiveView : public PageView {
  public:
   // `client` must outlive the view. `hello.session` is shown first; empty: the list of the sessions.
@@ -37,10 +40,14 @@ class LiveView : public PageView {
   };
 
   void Run(const std::stop_token& stop);
-  void List();
-  void OpenSession(const std::string& name);
-  void SendGeometries(const Session& session, const Scene& scene);
-  void Note(NoticeLevel level, absl::string_view text);
+  // Waits for a request, whose calls are cancelled by the token. `stop` is that of the thread.
+  std::pair<Pending, std::stop_token> NextRequest(const std::stop_token& stop);
+  void List(const std::stop_token& stop);
+  // Shows the session when the server responds, or its end if there is no such session.
+  void OpenSession(const std::string& name, const std::stop_token& stop);
+  Scene MakeScene(const Session& session, const std::stop_token& stop);
+  void SendGeometries(const Session& session, const Scene& scene, const std::stop_token& stop);
+  void NoteError(absl::string_view text);
 
   Client& client_;
   const std::string server_;
@@ -49,8 +56,24 @@ class LiveView : public PageView {
   std::mutex mutex_;
   std::condition_variable_any changed_;
   Pending pending_ ABSL_GUARDED_BY(mutex_);
-  std::unique_ptr<SessionWatch> watch_;  // of the session that is shown; the thread's own
+  std::stop_source calls_ ABSL_GUARDED_BY(mutex_);  // ends the calls of the thread
+  std::unique_ptr<SessionWatch> watch_;             // of the session that is shown; the thread's own
   std::jthread thread_;
+};
+
+class LiveSource : public ViewSource {
+ public:
+  // `client` must outlive the source. `server` is its address for people. `session` is shown first; empty: the list of
+  // the sessions.
+  LiveSource(Client& client, const std::string& server, const std::string& session)
+      : client_(client), server_(server), session_(session) {}
+
+  std::unique_ptr<PageView> Open(std::shared_ptr<PageOutbox> outbox) override;
+
+ private:
+  Client& client_;
+  const std::string server_;
+  const std::string session_;
 };
 
 }  // namespace evpose::client

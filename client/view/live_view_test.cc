@@ -7,6 +7,9 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <condition_variable>
+#include <map>
+#include <mutex>
 #include <numbers>
 #include <string>
 #include <thread>
@@ -14,7 +17,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/core_types.h"
-#include "client/view/live_source.h"
+#include "client/lib/stalled_server_testing.h"
 #include "client/view/outbox_reader_testing.h"
 #include "client/view/recordings_testing.h"
 #include "core/base/temporary_directory_testing.h"
@@ -183,13 +186,64 @@ TEST_F(LiveViewTest, TheEndOfTheSessionIsShown) {
   EXPECT_THAT(reader_.ReadUntil("end").header["reason"].get<std::string>(), HasSubstr(session_.name));
 }
 
+TEST_F(LiveViewTest, APageThatComesBackDuringAnOutageShowsTheSessionAfterwards) {
+  Feed();
+  source_ = std::make_unique<LiveSource>(*client_, address_, session_.name);
+  server_.reset();
+  view_ = source_->Open(reader_.outbox());
+  const nlohmann::json lost = reader_.ReadUntil("notice").header;
+  EXPECT_EQ(lost["level"], "error");
+  EXPECT_THAT(lost["text"].get<std::string>(), HasSubstr(absl::StrCat("the connection to ", address_, " is lost")));
+  StartServer(address_);
+  EXPECT_EQ(reader_.ReadUntil("scene").header["session"], session_.name);
+  reader_.ReadUntil("image");
+}
+
+TEST_F(LiveViewTest, APageThatComesBackAfterTheSessionShowsItsEnd) {
+  source_ = std::make_unique<LiveSource>(*client_, address_, session_.name);
+  ASSERT_TRUE(client_->DeleteSession(session_.name).ok());
+  view_ = source_->Open(reader_.outbox());
+  EXPECT_THAT(reader_.ReadUntil("end").header["reason"].get<std::string>(), HasSubstr(session_.name));
+}
+
 TEST_F(LiveViewTest, ASessionThatDoesNotExistIsANoticeAndTheList) {
   view_ = source_->Open(reader_.outbox());
   reader_.ReadUntil("sessions");
   ASSERT_TRUE(view_->Handle(OpenRequest{"sessions/other"}).ok());
-  // The list is first, because lists are sent before notices.
-  reader_.ReadUntil("sessions");
+  std::map<std::string, ReceivedMessage> messages;
+  while (!messages.contains("sessions") || !messages.contains("notice") || !messages.contains("end")) {
+    ReceivedMessage message = reader_.Read();
+    messages[message.type()] = message;
+  }
+  EXPECT_THAT(messages["notice"].header["text"].get<std::string>(), HasSubstr("sessions/other"));
   EXPECT_EQ(view_->Handle(SeekRequest{0}).code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(StalledServerTest, AnotherSessionAndTheEndOfThePageCancelTheCalls) {
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::vector<std::string> calls;
+  StalledServer server([&](const std::string& method) {
+    const std::lock_guard lock(mutex);
+    calls.push_back(method);
+    changed.notify_all();
+  });
+  const auto wait_for_calls = [&](size_t count) {
+    std::unique_lock lock(mutex);
+    changed.wait(lock, [&] { return calls.size() == count; });
+  };
+  OutboxReader reader;
+  LiveSource source(server.client(), "test server", "");
+  std::unique_ptr<PageView> view = source.Open(reader.outbox());
+  EXPECT_EQ(reader.Read().type(), "hello");
+  wait_for_calls(1);
+  for (const size_t count : {2, 3}) {
+    ASSERT_TRUE(view->Handle(OpenRequest{"sessions/1"}).ok());
+    wait_for_calls(count);
+  }
+  view.reset();
+  EXPECT_THAT(calls, ::testing::ElementsAre("ListSessions", "GetSession", "GetSession"));
+  EXPECT_FALSE(reader.outbox()->Next()) << "a call that ends with its deadline would be a notice";
 }
 
 }  // namespace

@@ -38,17 +38,14 @@ Json Position(const Transform& transform) {
   return {t.x(), t.y(), t.z()};
 }
 
-Json Rotation(const Transform& transform) {
-  const Eigen::Quaterniond q = transform.Quaternion();
-  return {q.w(), q.x(), q.y(), q.z()};
-}
+Json Rotation(const Eigen::Quaterniond& q) { return {q.w(), q.x(), q.y(), q.z()}; }
 
-Json PoseJson(const Pose& pose) {
+Json PoseJson(const Pose& pose, const Eigen::Quaterniond& rotation) {
   Json json = {{"t_us", pose.t_us},
                {"seq", pose.seq},
                {"state", StateName(pose.state)},
                {"p", Position(pose.camera_from_object)},
-               {"q", Rotation(pose.camera_from_object)}};
+               {"q", Rotation(rotation)}};
   if (pose.covariance.diagonal().maxCoeff() > 0.0) {
     Json& sigma = json["sigma"] = Json::array();
     for (int i = 0; i < 6; ++i) sigma.push_back(std::sqrt(std::max(0.0, pose.covariance(i, i))));
@@ -63,7 +60,7 @@ Json PoseJson(const Pose& pose) {
   Json& alternatives = json["alternatives"] = Json::array();
   for (const PoseAlternative& each : pose.alternatives) {
     alternatives.push_back({{"p", Position(each.camera_from_object)},
-                            {"q", Rotation(each.camera_from_object)},
+                            {"q", Rotation(each.camera_from_object.Quaternion())},
                             {"llr", each.log_likelihood_ratio}});
   }
   return json;
@@ -170,7 +167,7 @@ Json OutlineJson(const ObjectOutline& outline, size_t num_segments, bool is_trut
           {"state", StateName(outline.state)},
           {"t_us", outline.t_us},
           {"p", Position(outline.camera_from_object)},
-          {"q", Rotation(outline.camera_from_object)},
+          {"q", Rotation(outline.camera_from_object.Quaternion())},
           {"segments", num_segments},
           {"truth", is_truth}};
 }
@@ -252,9 +249,12 @@ std::string SessionsText(const std::vector<Session>& sessions) {
   return Dump({{"type", "sessions"}, {"sessions", std::move(list)}});
 }
 
-std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses, bool is_truth) {
+std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses, bool is_truth,
+                      absl::Span<const Eigen::Quaterniond> rotations) {
   Json list = Json::array();
-  for (const Pose& pose : poses) list.push_back(PoseJson(pose));
+  for (size_t i = 0; i < poses.size(); ++i) {
+    list.push_back(PoseJson(poses[i], rotations.empty() ? poses[i].camera_from_object.Quaternion() : rotations[i]));
+  }
   Json json = {{"type", "poses"}, {"object", object_id}, {"poses", std::move(list)}};
   if (is_truth) json["truth"] = true;
   return Dump(json);

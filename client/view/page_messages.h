@@ -85,7 +85,9 @@ enum class NoticeLevel { kInfo, kError };
 std::string ToText(const HelloMessage& hello);
 std::string ToText(const Scene& scene);
 std::string SessionsText(const std::vector<Session>& sessions);
-std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses, bool is_truth);
+// `rotations` are those of the poses, of unit length; empty: computed from the poses' matrices.
+std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses, bool is_truth,
+                      absl::Span<const Eigen::Quaterniond> rotations = {});
 std::string StateText(const std::string& object_id, int64_t t_us, TrackState state, const std::string& reason);
 std::string HealthText(const SessionHealth& health, const LinkCounts& link);
 std::string PositionText(int64_t t_us, bool is_playing, double speed);

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "client/view/keep_every_second.h"
+
 namespace evpose::client {
 namespace {
 
@@ -15,13 +17,6 @@ void AddEarlierEvents(const EventImage& earlier, EventImage& image) {
   for (size_t i = 0; i < image.cells.size(); ++i) image.cells[i] |= earlier.cells[i];
   image.from_t_us = std::min(image.from_t_us, earlier.from_t_us);
   image.num_events += earlier.num_events;
-}
-
-// Keeps every second pose, the last one included.
-void Thin(std::vector<Pose>& poses) {
-  size_t kept = 0;
-  for (size_t i = (poses.size() + 1) % 2; i < poses.size(); i += 2) std::swap(poses[kept++], poses[i]);
-  poses.resize(kept);
 }
 
 }  // namespace
@@ -68,7 +63,7 @@ void PageOutbox::AddPoses(const std::vector<Pose>& poses) {
     for (const Pose& pose : poses) {
       std::vector<Pose>& waiting = poses_[pose.object_id];
       waiting.push_back(pose);
-      if (waiting.size() > kMaxPoses) Thin(waiting);
+      if (waiting.size() > kMaxPoses) KeepEverySecond(waiting, (waiting.size() + 1) % 2);  // the last one stays
     }
   });
 }

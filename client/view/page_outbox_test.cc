@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "client/view/page_client_testing.h"
+#include "client/view/shared_frames.h"
 
 namespace evpose::client {
 namespace {
@@ -47,6 +48,31 @@ class PageOutboxTest : public ::testing::Test {
   int calls_ = 0;
   PageOutbox outbox_{[this] { ++calls_; }};
 };
+
+TEST(SharedFramesTest, EachPageGetsAllFramesInTheirOrder) {
+  SharedFrames frames;
+  const auto text = [](const std::string& name) {
+    return std::make_shared<const PageOutbox::Prepared>(PageOutbox::Prepared{{name}});
+  };
+  const auto take = [](PageOutbox& outbox) {
+    std::vector<std::string> texts;
+    while (const auto frame = outbox.Next()) texts.push_back(frame->bytes);
+    return texts;
+  };
+  int calls = 0;
+  const auto early = std::make_shared<PageOutbox>([&] { ++calls; });
+  frames.SendTo(early);
+  frames.SendTo(std::make_shared<PageOutbox>([] {}));  // has left
+  EXPECT_EQ(calls, 0);
+  frames.Add(text("a"));
+  EXPECT_EQ(calls, 1);
+  EXPECT_THAT(take(*early), ElementsAre("a"));
+  const auto late = std::make_shared<PageOutbox>([] {});
+  frames.SendTo(late);
+  frames.Add(text("b"));
+  EXPECT_THAT(take(*early), ElementsAre("b"));
+  EXPECT_THAT(take(*late), ElementsAre("a", "b"));
+}
 
 TEST_F(PageOutboxTest, TheSceneIsBeforeAllThatBelongsToIt) {
   outbox_.SetHealth({});

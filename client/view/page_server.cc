@@ -34,10 +34,10 @@ constexpr std::chrono::seconds kEndTimeout(1);          // for the last messages
 
 class PageServer::Impl : public PageConnection::Owner {
  public:
-  explicit Impl(ViewSource& source) : source_(source) {}
   ~Impl() override;
 
   absl::Status Listen(const PageServerOptions& options, absl::Span<const PageFile> files);
+  void Serve(ViewSource& source);
   int port() const { return port_; }
   std::string url() const { return absl::StrCat("http://127.0.0.1:", port_, "/#", key_); }
   void End(const std::string& reason);
@@ -53,7 +53,7 @@ class PageServer::Impl : public PageConnection::Owner {
   // Destroys views, which may wait for calls to a server.
   void DestroyViews(const std::stop_token& stop);
 
-  ViewSource& source_;
+  ViewSource* source_ = nullptr;  // set before the threads begin
   std::string key_;
   std::chrono::milliseconds timeout_{};
   int port_ = 0;
@@ -72,8 +72,9 @@ class PageServer::Impl : public PageConnection::Owner {
 };
 
 PageServer::Impl::~Impl() {
+  if (!thread_.joinable()) return;  // nothing was served
   boost::asio::post(context_, [this] { Shutdown(); });
-  if (thread_.joinable()) thread_.join();
+  thread_.join();
   for (const std::shared_ptr<PageConnection>& connection : connections_) connection->TakeView().reset();
   destroyer_ = {};
 }
@@ -85,10 +86,14 @@ absl::Status PageServer::Impl::Listen(const PageServerOptions& options, absl::Sp
   EVPOSE_ASSIGN_OR_RETURN(acceptors_, server::ListenOn(context_, address));
   port_ = acceptors_.front().local_endpoint().port();
   site_ = std::make_unique<PageSite>(files, port_, options.hosts, key_);
+  return absl::OkStatus();
+}
+
+void PageServer::Impl::Serve(ViewSource& source) {
+  source_ = &source;
   for (tcp::acceptor& acceptor : acceptors_) Accept(acceptor);
   thread_ = std::thread([this] { context_.run(); });
   destroyer_ = std::jthread([this](const std::stop_token& stop) { DestroyViews(stop); });
-  return absl::OkStatus();
 }
 
 void PageServer::Impl::Accept(tcp::acceptor& acceptor) {
@@ -126,7 +131,7 @@ absl::StatusOr<std::unique_ptr<PageView>> PageServer::Impl::OpenPage(std::shared
     return absl::ResourceExhaustedError(absl::StrCat(kMaxPages, " pages are open: close one of them"));
   }
   ++num_views_;
-  return source_.Open(std::move(outbox));
+  return source_->Open(std::move(outbox));
 }
 
 void PageServer::Impl::Closed(const std::shared_ptr<PageConnection>& connection, std::unique_ptr<PageView> view) {
@@ -172,13 +177,14 @@ void PageServer::Impl::Shutdown() {
 PageServer::PageServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PageServer::~PageServer() = default;
 
-absl::StatusOr<std::unique_ptr<PageServer>> PageServer::Start(const PageServerOptions& options,
-                                                              absl::Span<const PageFile> files, ViewSource& source) {
-  auto impl = std::make_unique<Impl>(source);
+absl::StatusOr<std::unique_ptr<PageServer>> PageServer::Listen(const PageServerOptions& options,
+                                                               absl::Span<const PageFile> files) {
+  auto impl = std::make_unique<Impl>();
   EVPOSE_RETURN_IF_ERROR(impl->Listen(options, files));
   return std::unique_ptr<PageServer>(new PageServer(std::move(impl)));
 }
 
+void PageServer::Serve(ViewSource& source) { impl_->Serve(source); }
 int PageServer::port() const { return impl_->port(); }
 std::string PageServer::url() const { return impl_->url(); }
 void PageServer::End(const std::string& reason) { impl_->End(reason); }

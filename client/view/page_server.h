@@ -39,10 +39,12 @@ class PageServer {
   static constexpr size_t kMaxMessageBytes = 4096;  // of a message of the page
   static constexpr size_t kMaxRequestBytes = 8192;  // request line and headers
 
-  // `source` must outlive the server. Errors: INVALID_ARGUMENT for an address that is none; UNAVAILABLE with the
+  // Listens; browsers wait until Serve(). Errors: INVALID_ARGUMENT for an address that is none; UNAVAILABLE with the
   // cause if it cannot be listened on; INTERNAL without random numbers.
-  static absl::StatusOr<std::unique_ptr<PageServer>> Start(const PageServerOptions& options,
-                                                           absl::Span<const PageFile> files, ViewSource& source);
+  static absl::StatusOr<std::unique_ptr<PageServer>> Listen(const PageServerOptions& options,
+                                                            absl::Span<const PageFile> files);
+  // Begins to serve pages, once. `source` must outlive the server.
+  void Serve(ViewSource& source);
   // Closes all pages and waits for their views.
   ~PageServer();
 

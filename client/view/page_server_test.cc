@@ -4,11 +4,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <boost/asio/read_until.hpp>
+#include <boost/asio/write.hpp>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "client/view/page_client_testing.h"
+#include "client/view/pending_source.h"
 
 namespace evpose::client {
 namespace {
@@ -21,9 +24,10 @@ class PageServerTest : public ::testing::Test {
  protected:
   void Serve(PageServerOptions options = {}) {
     options.timeout = timeout_;
-    auto server = PageServer::Start(options, kFiles, source_);
+    auto server = PageServer::Listen(options, kFiles);
     ASSERT_TRUE(server.ok()) << server.status();
     server_ = std::move(*server);
+    server_->Serve(source_);
     key_ = server_->url().substr(server_->url().find('#') + 1);
     host_ = absl::StrCat("127.0.0.1:", server_->port());
   }
@@ -239,11 +243,52 @@ TEST_F(PageServerTest, TheEndIsSentBeforeThePageIsClosed) {
   reader.join();
 }
 
+TEST_F(PageServerTest, APageThatComesBeforeTheSourceWaitsForIt) {
+  auto server = PageServer::Listen({.timeout = timeout_}, kFiles);
+  ASSERT_TRUE(server.ok()) << server.status();
+  server_ = std::move(*server);
+  boost::asio::io_context context;
+  boost::asio::ip::tcp::socket socket(context);
+  socket.connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(server_->port())});
+  const std::string request = absl::StrCat("GET /app.js HTTP/1.1\r\nHost: 127.0.0.1:", server_->port(), "\r\n\r\n");
+  boost::asio::write(socket, boost::asio::buffer(request));
+  server_->Serve(source_);
+  std::string answer;
+  boost::system::error_code error;
+  boost::asio::read_until(socket, boost::asio::dynamic_buffer(answer), "run();", error);
+  EXPECT_FALSE(error) << error.message() << ": " << answer;
+  // Nothing was served.
+  EXPECT_TRUE(PageServer::Listen({}, kFiles).ok());
+}
+
+TEST(PendingSourceTest, PagesAreShownTheSourceWhenItIsThere) {
+  TestSource source;
+  PendingSource pending({.is_recording = true, .source = "a.raw"}, "reading poses.csv");
+  const auto early = std::make_shared<PageOutbox>([] {});
+  const auto gone = std::make_shared<PageOutbox>([] {});
+  const std::unique_ptr<PageView> view = pending.Open(early);
+  pending.Open(gone).reset();
+  const ReceivedMessage hello = ParseFrame(early->Next()->bytes, false);
+  EXPECT_EQ(hello.header["mode"], "recording");
+  EXPECT_EQ(hello.header["source"], "a.raw");
+  EXPECT_EQ(ParseFrame(early->Next()->bytes, false).header["text"], "reading poses.csv");
+  EXPECT_TRUE(view->Handle(ImageSettings{20.0, 1, 10.0}).ok());
+  EXPECT_TRUE(view->Handle(ImageSettings{20.0, 4, 10.0}).ok());
+  EXPECT_TRUE(view->Handle(SeekRequest{5}).ok()) << "there is nothing to move";
+  pending.Provide(source);
+  EXPECT_EQ(source.WaitForPage(0), early);
+  EXPECT_EQ(ParseFrame(early->Next()->bytes, false).header["source"], "test");
+  EXPECT_EQ(std::get<ImageSettings>(source.WaitForRequest(0)), (ImageSettings{20.0, 4, 10.0}));
+  EXPECT_TRUE(view->Handle(SeekRequest{6}).ok());
+  EXPECT_EQ(std::get<SeekRequest>(source.WaitForRequest(1)).t_us, 6);
+  const std::unique_ptr<PageView> later = pending.Open(std::make_shared<PageOutbox>([] {}));
+  source.WaitForViews(2);
+}
+
 TEST_F(PageServerTest, AddressesThatCannotBeUsedAreErrors) {
-  EXPECT_EQ(PageServer::Start({.listen = "127.0.0.1"}, kFiles, source_).status().code(),
-            absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(PageServer::Listen({.listen = "127.0.0.1"}, kFiles).status().code(), absl::StatusCode::kInvalidArgument);
   Serve();
-  const absl::Status status = PageServer::Start({.listen = host_}, kFiles, source_).status();
+  const absl::Status status = PageServer::Listen({.listen = host_}, kFiles).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(status.message(), HasSubstr(host_));
 }

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/view/keep_every_second.h"
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 
@@ -52,7 +53,7 @@ absl::StatusOr<std::unique_ptr<RecordedEvents>> RecordedEvents::Open(const std::
   const RecordingHeader& header = reader->header();
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<EventDecoder> decoder, MakeEventDecoder(header.encoding, header.geometry));
   // The data of a RAW or DAT file are its bytes after the header.
-  int file = path == "-" || !header.container.empty() ? -1 : open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  int file = path == "-" || !header.container.empty() ? -1 : open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   const bool is_direct = file >= 0 && IsRegularFile(file);
   if (!is_direct) {
     if (file >= 0) close(file);
@@ -84,6 +85,7 @@ RecordedEvents::~RecordedEvents() {
 absl::Status RecordedEvents::Keep(absl::Span<const uint8_t> bytes) const {
   while (is_own_ && !bytes.empty()) {
     const ssize_t written = write(file_, bytes.data(), bytes.size());
+    if (written < 0 && errno == EINTR) continue;
     if (written <= 0) return FileError("the temporary file of the recording cannot be written; set TMPDIR");
     bytes.remove_prefix(static_cast<size_t>(written));
   }
@@ -120,9 +122,7 @@ void RecordedEvents::AddPosition(uint64_t offset) {
   const int64_t latest_us = progress_.has_events ? progress_.range.to_us : std::numeric_limits<int64_t>::min();
   positions_.push_back({offset, latest_us, writer.Take()});
   if (positions_.size() <= max_positions_) return;
-  size_t kept = 1;  // the first position stays
-  for (size_t i = 2; i < positions_.size(); i += 2) positions_[kept++] = std::move(positions_[i]);
-  positions_.resize(kept);
+  KeepEverySecond(positions_);  // the first one stays
   spacing_bytes_ *= 2;
 }
 
@@ -180,7 +180,10 @@ bool RecordedEvents::HasUntil(int64_t to_us) const {
 }
 
 absl::StatusOr<size_t> RecordedEvents::ReadAt(uint64_t offset, absl::Span<uint8_t> buffer) const {
-  const ssize_t size = pread(file_, buffer.data(), buffer.size(), static_cast<off_t>(data_offset_ + offset));
+  ssize_t size = -1;
+  do {
+    size = pread(file_, buffer.data(), buffer.size(), static_cast<off_t>(data_offset_ + offset));
+  } while (size < 0 && errno == EINTR);
   if (size < 0) return FileError("the recording cannot be read");
   if (size == 0) return absl::DataLossError("the recording has become shorter while it was shown");
   return static_cast<size_t>(size);

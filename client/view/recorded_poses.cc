@@ -10,6 +10,7 @@
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/pose_records.h"
 #include "client/lib/core_types.h"
+#include "client/view/keep_every_second.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -17,49 +18,46 @@ namespace {
 
 constexpr size_t kPosesPerFrame = 256;
 
-template <typename Item>
-void KeepEverySecond(std::vector<Item>& items) {
-  size_t kept = 0;
-  for (size_t i = 0; i < items.size(); i += 2) std::swap(items[kept++], items[i]);
-  items.resize(kept);
-}
-
 // Adds the poses of a file to those of its objects.
 absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::string>& object_ids,
                              std::map<std::string, RecordedPoses>& poses) {
   std::optional<std::string> only_id;  // that the file uses
   PoseFileFacts facts;
-  const auto add = [&](const Pose& pose) -> absl::Status {
+  const auto add = [&](const Pose& pose, const Eigen::Quaterniond& rotation) -> absl::Status {
     if (!only_id) only_id = pose.object_id;
     const bool is_only = object_ids.size() == 1 && pose.object_id == *only_id;
     const auto found = poses.find(is_only ? object_ids[0] : pose.object_id);
-    if (found != poses.end()) return found->second.Add(pose);
+    if (found != poses.end()) return found->second.Add(pose, rotation);
     return absl::InvalidArgumentError(absl::StrCat("holds a pose of the object \"", pose.object_id,
                                                    "\", but the objects are ", absl::StrJoin(object_ids, ", "),
                                                    ": give --object ID=MODEL for each object of the file"));
   };
   // The transform is known at the end; it is the same for all poses of a file.
-  EVPOSE_ASSIGN_OR_RETURN(facts, VisitPoses(path, add));
+  EVPOSE_ASSIGN_OR_RETURN(facts, VisitPoses(path, [&](const FilePose& pose) { return add(pose, pose.quaternion); }));
   if (facts.transform == kCameraFromObject) return absl::OkStatus();
   EVPOSE_RETURN_IF_ERROR(AsCameraFromObject(Pose(), facts.transform, path).status());
   for (auto& [id, each] : poses) each = RecordedPoses();
   return VisitPoses(path,
                     [&](const Pose& pose) -> absl::Status {
-                      EVPOSE_ASSIGN_OR_RETURN(Pose camera_pose, AsCameraFromObject(pose, facts.transform, path));
-                      return add(std::move(camera_pose));
+                      EVPOSE_ASSIGN_OR_RETURN(const Pose of_camera, AsCameraFromObject(pose, facts.transform, path));
+                      return add(of_camera, of_camera.camera_from_object.Quaternion());
                     })
       .status();
 }
 
 }  // namespace
 
-absl::Status RecordedPoses::Add(const Pose& pose) {
+absl::Status RecordedPoses::Add(const Pose& pose, const Eigen::Quaterniond& rotation) {
   if (!trajectory_.empty() && pose.t_us <= trajectory_.back().t_us) {
     return absl::InvalidArgumentError("its time does not increase");
   }
-  if (trajectory_.size() % stride_ == 0) sent_.push_back(pose);
+  if (trajectory_.size() % stride_ == 0) {
+    sent_.push_back(pose);
+    sent_rotations_.push_back(rotation);
+  }
   if (sent_.size() > kMaxSent) {
     KeepEverySecond(sent_);
+    KeepEverySecond(sent_rotations_);
     stride_ *= 2;
   }
   trajectory_.push_back({pose.t_us, ToCore(pose.camera_from_object)});
@@ -88,7 +86,9 @@ void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, Pa
     if (i == 0 || gap_us > kMaxGapUs || states_[i] != states_[i - 1]) add_state(t_us, states_[i], "");
   }
   for (size_t first = 0; first < sent_.size(); first += kPosesPerFrame) {
-    frames.push_back({PosesText(object_id, absl::MakeConstSpan(sent_).subspan(first, kPosesPerFrame), is_truth)});
+    const auto poses = absl::MakeConstSpan(sent_).subspan(first, kPosesPerFrame);
+    const auto rotations = absl::MakeConstSpan(sent_rotations_).subspan(first, kPosesPerFrame);
+    frames.push_back({PosesText(object_id, poses, is_truth, rotations)});
   }
 }
 

@@ -26,7 +26,9 @@ class RecordedPoses {
   static constexpr size_t kMaxStates = 4096;
 
   // Error: INVALID_ARGUMENT if its time does not follow that of the pose before.
-  absl::Status Add(const Pose& pose);
+  absl::Status Add(const Pose& pose) { return Add(pose, pose.camera_from_object.Quaternion()); }
+  // With the rotation as its file states it, which is sent to pages.
+  absl::Status Add(const Pose& pose, const Eigen::Quaterniond& rotation);
 
   const Trajectory& trajectory() const { return trajectory_; }
   // The pose at an instant (PoseNear()).
@@ -41,6 +43,7 @@ class RecordedPoses {
   Trajectory trajectory_;
   std::vector<TrackState> states_;
   std::vector<Pose> sent_;  // every `stride_`-th one
+  std::vector<Eigen::Quaterniond> sent_rotations_;
   uint64_t stride_ = 1;
 };
 

@@ -12,25 +12,37 @@
 namespace evpose::client {
 
 RecordingSource::RecordingSource(RecordingInputs inputs) : inputs_(std::move(inputs)) {
-  auto frames = std::make_shared<PageOutbox::Prepared>();
   for (const RecordingObject& object : inputs_.objects) {
     edges_.push_back(std::make_unique<const ModelEdges>(object.model, VisibilityOptions(), EdgeElementOptions()));
-    DisplayGeometry display = MakeDisplayGeometry(object.model, DisplayLimits());
-    const ModelGeometry geometry{std::move(display.vertices), std::move(display.faces), std::move(display.edges),
-                                 display.is_simplified};
-    frames->push_back({ToBinary({object.id, object.model_name, object.model.diameter_m}, geometry), true});
   }
   for (const auto& [id, poses] : inputs_.poses) {
-    poses.AppendFrames(id, /*is_truth=*/false, *frames);
     for (const StampedPose& pose : poses.trajectory()) pose_times_us_.push_back(pose.t_us);
   }
-  for (const auto& [id, poses] : inputs_.truth) poses.AppendFrames(id, /*is_truth=*/true, *frames);
   std::sort(pose_times_us_.begin(), pose_times_us_.end());
   pose_times_us_.erase(std::unique(pose_times_us_.begin(), pose_times_us_.end()), pose_times_us_.end());
-  frames_ = std::move(frames);
+  preparer_ = std::jthread([this](const std::stop_token& stop) { PrepareFrames(stop); });
 }
 
 RecordingSource::~RecordingSource() = default;
+
+void RecordingSource::PrepareFrames(const std::stop_token& stop) {
+  for (const bool is_truth : {false, true}) {
+    for (const auto& [id, poses] : is_truth ? inputs_.truth : inputs_.poses) {
+      if (stop.stop_requested()) return;
+      PageOutbox::Prepared frames;
+      poses.AppendFrames(id, is_truth, frames);
+      frames_.Add(std::make_shared<const PageOutbox::Prepared>(std::move(frames)));
+    }
+  }
+  for (const RecordingObject& object : inputs_.objects) {
+    if (stop.stop_requested()) return;
+    DisplayGeometry display = MakeDisplayGeometry(object.model, DisplayLimits());
+    const ModelGeometry geometry{std::move(display.vertices), std::move(display.faces), std::move(display.edges),
+                                 display.is_simplified};
+    const std::string message = ToBinary({object.id, object.model_name, object.model.diameter_m}, geometry);
+    frames_.Add(std::make_shared<const PageOutbox::Prepared>(PageOutbox::Prepared{{message, true}}));
+  }
+}
 
 absl::StatusOr<std::unique_ptr<RecordingSource>> RecordingSource::Open(RecordingInputs inputs) {
   std::unique_ptr<RecordingReader> reader = std::move(inputs.reader);

@@ -5,12 +5,15 @@
 
 #include <map>
 #include <memory>
+#include <stop_token>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "client/view/recorded_events.h"
 #include "client/view/recorded_poses.h"
+#include "client/view/shared_frames.h"
 #include "client/view/view_source.h"
 #include "core/association/visible_edges.h"
 #include "core/events/recording_reader.h"
@@ -48,17 +51,20 @@ class RecordingSource : public ViewSource {
   const std::vector<std::unique_ptr<const ModelEdges>>& edges() const { return edges_; }  // of the objects
   const std::vector<int64_t>& pose_times_us() const { return pose_times_us_; }            // of all objects, in order
   Scene scene() const;
-  // Geometries and poses.
-  const std::shared_ptr<const PageOutbox::Prepared>& frames() const { return frames_; }
+  // Poses and geometries: those that are prepared, and later the others.
+  void SendFrames(const std::shared_ptr<PageOutbox>& outbox) const { frames_.SendTo(outbox); }
 
  private:
   explicit RecordingSource(RecordingInputs inputs);
+  // Takes up to seconds for many poses and large models. A page shows its first image meanwhile.
+  void PrepareFrames(const std::stop_token& stop);
 
   RecordingInputs inputs_;
   std::unique_ptr<RecordedEvents> events_;
   std::vector<std::unique_ptr<const ModelEdges>> edges_;
   std::vector<int64_t> pose_times_us_;
-  std::shared_ptr<const PageOutbox::Prepared> frames_;
+  mutable SharedFrames frames_;
+  std::jthread preparer_;
 };
 
 }  // namespace evpose::client

@@ -41,7 +41,7 @@ RecordingView::RecordingView(const RecordingSource& source, std::shared_ptr<Page
   if (!source.pose_times_us().empty()) t_us_ = source.pose_times_us().front();
   outbox_->Set(PageOutbox::Latest::kHello, ToText(HelloMessage{true, source.inputs().path, ""}));
   outbox_->StartScene(source.scene());
-  outbox_->Add(source.frames());
+  source.SendFrames(outbox_);
   subscription_ = source.events().Subscribe([this] { OnProgress(); });
   OnProgress();
   thread_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });

@@ -112,8 +112,8 @@ TEST_F(RecordingViewTest, BeginsWithTheSceneAndTheFirstPose) {
   EXPECT_EQ(scene.header["objects"][0]["model"], "cube.obj");
   EXPECT_EQ(scene.header["has_truth"], true);
   std::map<std::string, std::vector<ReceivedMessage>> messages;
-  while (messages["image"].empty() || messages["poses"].size() < 2 || messages["range"].empty() ||
-         messages["range"].back().header["complete"] != true) {
+  while (messages["image"].empty() || messages["geometry"].empty() || messages["poses"].size() < 2 ||
+         messages["range"].empty() || messages["range"].back().header["complete"] != true) {
     const ReceivedMessage message = reader_.Read();
     messages[message.type()].push_back(message);
   }
@@ -343,6 +343,35 @@ TEST(RecordedPosesTest, AnotherObjectIsAnErrorWithAdvice) {
   EXPECT_EQ(ReadRecordedPoses(directory.File("{object}.tum"), {"left"}).status().code(), absl::StatusCode::kNotFound);
 }
 
+TEST(RecordedPosesTest, PosesAreSentWithTheDigitsOfTheirFile) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("poses.jsonl");
+  std::string text;
+  std::vector<nlohmann::json> written;
+  for (int i = 0; i < 100; ++i) {
+    Pose pose;
+    pose.object_id = "object";
+    pose.t_us = i;
+    pose.camera_from_object = FromCore(testing::MakePose({0.01 * i, 0.0, 0.5}, {0.5 + i, 0.4, 0.1}));
+    const std::string line = PoseLine(PoseFormat::kJsonLines, pose);
+    text += line;
+    written.push_back(nlohmann::json::parse(line));
+  }
+  ASSERT_TRUE(WriteFile(path, text).ok());
+  const auto poses = ReadRecordedPoses(path, {"object"});
+  ASSERT_TRUE(poses.ok()) << poses.status();
+  PageOutbox::Prepared frames;
+  poses->at("object").AppendFrames("object", /*is_truth=*/true, frames);
+  ASSERT_EQ(frames.size(), 1u);
+  const nlohmann::json sent = ParseFrame(frames[0].bytes, false).header["poses"];
+  ASSERT_EQ(sent.size(), written.size());
+  for (size_t i = 0; i < sent.size(); ++i) {
+    const nlohmann::json& xyzw = written[i]["quaternion_xyzw"];
+    EXPECT_EQ(sent[i]["q"], nlohmann::json({xyzw[3], xyzw[0], xyzw[1], xyzw[2]}));
+    EXPECT_EQ(sent[i]["p"], written[i]["translation_m"]);
+  }
+}
+
 TEST(RecordedPosesTest, ManyPosesAreThinnedForThePage) {
   RecordedPoses poses;
   constexpr int kPoses = 100'000;
@@ -355,10 +384,14 @@ TEST(RecordedPosesTest, ManyPosesAreThinnedForThePage) {
   EXPECT_EQ(poses.trajectory().size(), static_cast<size_t>(kPoses));
   PageOutbox::Prepared frames;
   poses.AppendFrames("object", /*is_truth=*/true, frames);
-  size_t sent = 0;
-  for (const PageOutbox::Frame& frame : frames) sent += ParseFrame(frame.bytes, false).header["poses"].size();
-  EXPECT_LE(sent, RecordedPoses::kMaxSent);
-  EXPECT_GE(sent, RecordedPoses::kMaxSent / 2);
+  std::vector<int64_t> sent;
+  for (const PageOutbox::Frame& frame : frames) {
+    const ReceivedMessage message = ParseFrame(frame.bytes, false);
+    for (const nlohmann::json& pose : message.header["poses"]) sent.push_back(pose["t_us"]);
+  }
+  EXPECT_LE(sent.size(), RecordedPoses::kMaxSent);
+  EXPECT_GE(sent.size(), RecordedPoses::kMaxSent / 2);
+  for (size_t i = 0; i < sent.size(); ++i) ASSERT_EQ(sent[i], static_cast<int64_t>(8 * i));
 }
 
 }  // namespace

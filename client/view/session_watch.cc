@@ -1,28 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/view/session_watch.h"
 
-#include <algorithm>
 #include <utility>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
-#include "evpose/clock.h"
+#include "client/view/repeated_call.h"
 
 namespace evpose::client {
 namespace {
 
 constexpr double kPoseRateHz = 60.0;
 constexpr absl::Duration kHealthPeriod = absl::Milliseconds(250);
-// Between two attempts to open a stream; doubled after each.
-constexpr absl::Duration kFirstDelay = absl::Milliseconds(100);
-constexpr absl::Duration kMaxDelay = absl::Seconds(2);
-
-// Whether another attempt cannot succeed.
-bool IsFinal(const absl::Status& status) {
-  return status.ok() || absl::IsNotFound(status) || absl::IsPermissionDenied(status) || absl::IsUnimplemented(status) ||
-         absl::IsInvalidArgument(status);
-}
 
 // "better pose" for BETTER_POSE.
 std::string InWords(std::string_view name) {
@@ -30,6 +20,11 @@ std::string InWords(std::string_view name) {
 }
 
 }  // namespace
+
+std::string ConnectionLostText(const std::string& server, const absl::Status& status) {
+  return NoticeText(NoticeLevel::kError,
+                    absl::StrCat("the connection to ", server, " is lost, and is tried again: ", status.message()));
+}
 
 SessionWatch::SessionWatch(Client& client, const std::string& server, const std::string& session,
                            std::shared_ptr<PageOutbox> outbox, const ImageSettings& settings)
@@ -44,25 +39,6 @@ void SessionWatch::SetImages(const ImageSettings& settings) {
   events_ = std::jthread([this, settings](const std::stop_token& stop) { WatchEvents(stop, settings); });
 }
 
-void SessionWatch::Repeat(const std::stop_token& stop, const std::function<absl::Status()>& call,
-                          const std::function<void(const absl::Status&)>& on_error,
-                          const std::function<void(const absl::Status&)>& on_end) {
-  absl::Duration delay = kFirstDelay;
-  while (true) {
-    const absl::Time started = SystemClock().Now();
-    const absl::Status status = call();
-    if (stop.stop_requested()) return;
-    if (IsFinal(status)) return on_end(status);
-    on_error(status);
-    const absl::Time now = SystemClock().Now();
-    if (now - started > kMaxDelay) delay = kFirstDelay;  // it had worked
-    if (!SystemClock().SleepUntil(now + delay, stop)) return;
-    delay = std::min(2 * delay, kMaxDelay);
-    // Finds the server that has the session, if there are several.
-    if (absl::IsNotFound(client_.GetSession(session_).status())) delay = kMaxDelay;
-  }
-}
-
 void SessionWatch::WatchPoses(const std::stop_token& stop) {
   WatchPosesOptions options;
   options.max_rate_hz = kPoseRateHz;
@@ -71,9 +47,10 @@ void SessionWatch::WatchPoses(const std::stop_token& stop) {
     outbox_->AddPoses(poses);
   };
   // WatchHealth() reports the errors.
-  Repeat(
-      stop, [&] { return client_.WatchPoses(session_, options, on_poses, stop); }, [](const absl::Status&) {},
-      [](const absl::Status&) {});
+  const auto ignore = [](const absl::Status&) {};
+  RepeatCall(
+      stop, [&] { return client_.WatchPoses(session_, options, on_poses, stop); }, ignore)
+      .IgnoreError();
 }
 
 void SessionWatch::WatchHealth(const std::stop_token& stop) {
@@ -89,15 +66,13 @@ void SessionWatch::WatchHealth(const std::stop_token& stop) {
   const auto on_error = [&](const absl::Status& status) {
     if (is_lost) return;
     is_lost = true;
-    outbox_->AddNote(NoticeText(NoticeLevel::kError, absl::StrCat("the connection to ", server_,
-                                                                  " is lost, and is tried again: ", status.message())));
+    outbox_->AddNote(ConnectionLostText(server_, status));
   };
-  const auto on_end = [&](const absl::Status& status) {
-    outbox_->Set(PageOutbox::Latest::kEnd,
-                 EndText(status.ok() ? absl::StrCat(session_, " has ended") : std::string(status.message())));
-  };
-  Repeat(
-      stop, [&] { return client_.WatchHealth(session_, kHealthPeriod, on_health, stop); }, on_error, on_end);
+  const absl::Status status = RepeatCall(
+      stop, [&] { return client_.WatchHealth(session_, kHealthPeriod, on_health, stop); }, on_error);
+  if (stop.stop_requested()) return;
+  outbox_->Set(PageOutbox::Latest::kEnd,
+               EndText(status.ok() ? absl::StrCat(session_, " has ended") : std::string(status.message())));
 }
 
 void SessionWatch::WatchEvents(const std::stop_token& stop, const ImageSettings& settings) {
@@ -117,11 +92,9 @@ void SessionWatch::WatchEvents(const std::stop_token& stop, const ImageSettings&
     noted = std::string(status.message());
     outbox_->AddNote(NoticeText(NoticeLevel::kError, absl::StrCat("no events are shown: ", noted)));
   };
-  const auto on_end = [&](const absl::Status& status) {
-    if (!status.ok() && !absl::IsNotFound(status)) on_error(status);
-  };
-  Repeat(
-      stop, [&] { return client_.WatchEvents(session_, options, on_image, stop); }, on_error, on_end);
+  const absl::Status status = RepeatCall(
+      stop, [&] { return client_.WatchEvents(session_, options, on_image, stop); }, on_error);
+  if (!stop.stop_requested() && !status.ok() && !absl::IsNotFound(status)) on_error(status);
 }
 
 void SessionWatch::SendStates(const SessionHealth& health) {

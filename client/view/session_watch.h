@@ -3,9 +3,9 @@
 // Reads the streams of a session for a page: poses, health and images of events.
 #pragma once
 
-#include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <thread>
@@ -14,6 +14,9 @@
 #include "evpose/client.h"
 
 namespace evpose::client {
+
+// The notice of a lost connection to a server, by its address for people.
+std::string ConnectionLostText(const std::string& server, const absl::Status& status);
 
 // One thread for each stream. A broken stream is opened again until the session has ended or the server does not know
 // it; the page is told when the connection is lost and when there is one again.
@@ -29,11 +32,6 @@ class SessionWatch {
   void SetImages(const ImageSettings& settings);
 
  private:
-  // Repeats a call that reads a stream: `call` returns after its end. `on_end` is called if there is nothing more to
-  // read, with the status.
-  void Repeat(const std::stop_token& stop, const std::function<absl::Status()>& call,
-              const std::function<void(const absl::Status&)>& on_error,
-              const std::function<void(const absl::Status&)>& on_end);
   void WatchPoses(const std::stop_token& stop);
   void WatchHealth(const std::stop_token& stop);
   void WatchEvents(const std::stop_token& stop, const ImageSettings& settings);

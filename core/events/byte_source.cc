@@ -25,7 +25,8 @@ constexpr size_t kPeekReadBytes = 4096;  // more than a camera's header
 absl::StatusOr<std::unique_ptr<ByteSource>> ByteSource::Open(const std::string& path,
                                                              const RecordingReaderOptions& options) {
   if (path == "-") return OpenDescriptor(STDIN_FILENO, "standard input", options);
-  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // A pipe with a name is opened without a writer, which is waited for as for its bytes.
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat(path, ": cannot be read"));
   return OpenDescriptor(descriptor, path, options);
 }

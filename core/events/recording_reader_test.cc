@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -153,6 +154,27 @@ TEST(RecordingReaderTest, StopEndsAWaitForAPipe) {
   ASSERT_TRUE(reader.ok());
   EXPECT_EQ(ReadAll(**reader, 100), "ab");
   EXPECT_EQ(num_questions, 3);
+}
+
+// `stop` also opens the writing end: the reader calls it before each wait.
+TEST(RecordingReaderTest, AWriterOfAPipeWithANameIsWaitedFor) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("pipe.raw");
+  ASSERT_EQ(mkfifo(path.c_str(), 0600), 0);
+  int num_questions = 0;
+  RecordingReaderOptions options;
+  options.stop = [&] {
+    if (++num_questions == 3) Append(path, kHeader + "ab");
+    return false;
+  };
+  auto reader = RecordingReader::Open(path, options);
+  ASSERT_TRUE(reader.ok()) << reader.status();
+  EXPECT_EQ(ReadAll(**reader, 100), "ab");
+  EXPECT_EQ(num_questions, 3);
+  // An interrupt ends the wait.
+  options.stop = [&] { return ++num_questions >= 6; };
+  EXPECT_EQ(RecordingReader::Open(path, options).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(num_questions, 6);
 }
 
 // `stop` also writes to the growing file: the reader calls it before each wait, so that the test needs no clock.

@@ -222,7 +222,8 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
                  "Threads for slow work, such as creating sessions, and models that are prepared at a time");
   app.add_option("--event-images", options.event_images,
                  "Whether clients may watch images of the events of their sessions: true or false")
-      ->type_name("BOOLEAN");
+      ->type_name("BOOLEAN")
+      ->default_str("true");
   app.add_option("--shutdown-timeout", arguments.shutdown_timeout_s,
                  "Time within which streams must finish when the server shuts down")
       ->type_name("SECONDS");

@@ -7,7 +7,6 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/models/display_geometry.h"
-#include "server/rpc/authentication.h"
 #include "server/rpc/status_mapping.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
@@ -33,18 +32,17 @@ void SetGeometry(const DisplayGeometry& geometry, v1::ModelGeometry& out) {
 // Loads and simplifies the model on the threads for the preparation of models, in the turn of its tenant.
 class GeometryReactor : public grpc::ServerUnaryReactor {
  public:
-  GeometryReactor(const ServiceContext& services, const v1::GetModelGeometryRequest& request,
-                  v1::ModelGeometry& response)
-      : services_(services), request_(request), response_(response) {}
+  GeometryReactor(ModelRegistry& models, const v1::GetModelGeometryRequest& request, v1::ModelGeometry& response)
+      : models_(models), request_(request), response_(response) {}
 
-  void Start(const absl::StatusOr<Caller>& caller) {
+  void Start(SlowExecutor& preparations, const absl::StatusOr<Caller>& caller) {
     if (!caller.ok()) return Finish(ToGrpcStatus(caller.status()));
     if (request_.max_faces() > kMaxFaces) {
       return Finish(ToGrpcStatus(InvalidField(
           "max_faces", absl::StrCat("is ", request_.max_faces(), "; at most ", kMaxFaces, " are returned"))));
     }
     // gRPC does not call OnDone() before Finish().
-    services_.pool.preparations().Post(
+    preparations.Post(
         caller->tenant,
         [this, tenant = caller->tenant](const absl::Status& admitted) {
           Finish(ToGrpcStatus(admitted.ok() ? OrOutOfMemory([&] { return Answer(tenant); }) : admitted));
@@ -61,7 +59,7 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
     std::shared_ptr<const ObjectModel> model;
     {
       // The model may be deleted while it is simplified.
-      EVPOSE_ASSIGN_OR_RETURN(const ModelUse use, services_.models.UseStored(tenant, request_.name()));
+      EVPOSE_ASSIGN_OR_RETURN(const ModelUse use, models_.UseStored(tenant, request_.name()));
       model = use.model;
     }
     if (cancellation_->is_cancelled()) return absl::CancelledError("the client cancelled");
@@ -71,7 +69,7 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
     return absl::OkStatus();
   }
 
-  const ServiceContext services_;
+  ModelRegistry& models_;
   const v1::GetModelGeometryRequest& request_;
   v1::ModelGeometry& response_;
   const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
@@ -79,11 +77,12 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
 
 }  // namespace
 
-grpc::ServerUnaryReactor* StartGetModelGeometry(const ServiceContext& services, grpc::CallbackServerContext* context,
+grpc::ServerUnaryReactor* StartGetModelGeometry(ModelRegistry& models, SlowExecutor& preparations,
+                                                const absl::StatusOr<Caller>& caller,
                                                 const v1::GetModelGeometryRequest& request,
                                                 v1::ModelGeometry& response) {
-  auto* const reactor = new GeometryReactor(services, request, response);
-  reactor->Start(Authenticate(services.authenticator, *context));
+  auto* const reactor = new GeometryReactor(models, request, response);
+  reactor->Start(preparations, caller);
   return reactor;
 }
 

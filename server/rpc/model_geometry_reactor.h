@@ -3,15 +3,20 @@
 // The method ModelService.GetModelGeometry.
 #pragma once
 
-#include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
 
+#include "absl/status/statusor.h"
 #include "evpose/v1/model_service.grpc.pb.h"
-#include "server/rpc/service_context.h"
+#include "server/auth/authenticator.h"
+#include "server/models/model_registry.h"
+#include "server/runtime/slow_executor.h"
 
 namespace evpose::server {
 
-// Starts the reactor of a call. It deletes itself when the call has ended.
-grpc::ServerUnaryReactor* StartGetModelGeometry(const ServiceContext& services, grpc::CallbackServerContext* context,
+// Starts the reactor of a call by `caller`, or the error for one that is not admitted. The geometry is made by
+// `preparations`. The reactor deletes itself when the call has ended.
+grpc::ServerUnaryReactor* StartGetModelGeometry(ModelRegistry& models, SlowExecutor& preparations,
+                                                const absl::StatusOr<Caller>& caller,
                                                 const v1::GetModelGeometryRequest& request,
                                                 v1::ModelGeometry& response);
 

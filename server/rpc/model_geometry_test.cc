@@ -2,8 +2,14 @@
 
 // Tests ModelService.GetModelGeometry through raw stubs.
 #include <algorithm>
+#include <boost/asio/io_context.hpp>
+#include <functional>
+#include <future>
 
+#include "server/rpc/model_geometry_reactor.h"
 #include "server/rpc/server_testing.h"
+#include "server/sessions/store_testing.h"
+#include "server/stores/memory/memory_store.h"
 
 namespace evpose::server {
 namespace {
@@ -64,6 +70,79 @@ TEST_F(ModelGeometryTest, AModelCanBeDeletedAfterwards) {
   google::protobuf::Empty response;
   EXPECT_EQ(Describe(models_->DeleteModel(&context, request, &response)), "OK");
   EXPECT_EQ(Describe(Geometry(cube, 0, &geometry)), "NOT_FOUND MODEL_NOT_FOUND");
+}
+
+// Models whose reading a test can see.
+class WatchedStore : public TroubledStore {
+ public:
+  explicit WatchedStore(std::shared_ptr<Store> store) : TroubledStore(std::move(store), std::make_shared<Trouble>()) {}
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    on_read();
+    return TroubledStore::ReadModel(tenant, name);
+  }
+  std::function<void()> on_read = [] {};
+};
+
+// The method, with the threads of the test.
+class CancelledGeometryTest : public ::testing::Test, public v1::ModelService::CallbackService {
+ protected:
+  CancelledGeometryTest() {
+    // The models of a server that has not loaded any.
+    const std::string obj = kCubeObj;
+    name_ = ModelRegistry::Create({}, store_)
+                .value()
+                ->Upload("", {}, "", std::make_shared<std::vector<uint8_t>>(obj.begin(), obj.end()))
+                .value()
+                .name;
+    models_ = ModelRegistry::Create({}, store_).value();
+    grpc::ServerBuilder builder;
+    builder.RegisterService(this);
+    server_ = builder.BuildAndStart();
+    call_ =
+        std::async(std::launch::async,
+                   [stub = std::shared_ptr(v1::ModelService::NewStub(server_->InProcessChannel({}))), name = name_] {
+                     grpc::ClientContext context;
+                     v1::GetModelGeometryRequest request;
+                     request.set_name(name);
+                     v1::ModelGeometry geometry;
+                     return Describe(stub->GetModelGeometry(&context, request, &geometry));
+                   });
+    reactor_ = started_.get_future().get();
+  }
+  grpc::ServerUnaryReactor* GetModelGeometry(grpc::CallbackServerContext*, const v1::GetModelGeometryRequest* request,
+                                             v1::ModelGeometry* response) override {
+    auto* const reactor = StartGetModelGeometry(*models_, preparations_, Caller(), *request, *response);
+    started_.set_value(reactor);
+    return reactor;
+  }
+
+  boost::asio::io_context threads_;
+  SlowExecutor preparations_{threads_.get_executor(), 1};
+  WatchedStore store_{MakeMemoryStore()};
+  std::unique_ptr<ModelRegistry> models_;
+  std::string name_;
+  std::unique_ptr<grpc::Server> server_;
+  std::promise<grpc::ServerUnaryReactor*> started_;
+  std::future<std::string> call_;
+  grpc::ServerUnaryReactor* reactor_ = nullptr;
+};
+
+TEST_F(CancelledGeometryTest, WithoutACancellationItIsAnswered) {
+  threads_.run();
+  EXPECT_EQ(call_.get(), "OK");
+}
+
+TEST_F(CancelledGeometryTest, ACallThatWaitsIsNotBegun) {
+  store_.on_read = [] { ADD_FAILURE() << "the model is read"; };
+  reactor_->OnCancel();
+  threads_.run();
+  EXPECT_EQ(call_.get(), "CANCELLED");
+}
+
+TEST_F(CancelledGeometryTest, ACallThatReadsTheModelEndsBehindIt) {
+  store_.on_read = [this] { reactor_->OnCancel(); };
+  threads_.run();
+  EXPECT_EQ(call_.get(), "CANCELLED");
 }
 
 }  // namespace

@@ -277,7 +277,8 @@ grpc::ServerUnaryReactor* ModelServiceImpl::ListModels(grpc::CallbackServerConte
 grpc::ServerUnaryReactor* ModelServiceImpl::GetModelGeometry(grpc::CallbackServerContext* context,
                                                              const v1::GetModelGeometryRequest* request,
                                                              v1::ModelGeometry* response) {
-  return StartGetModelGeometry(services_, context, *request, *response);
+  return StartGetModelGeometry(services_.models, services_.pool.preparations(),
+                               Authenticate(services_.authenticator, *context), *request, *response);
 }
 
 grpc::ServerUnaryReactor* ModelServiceImpl::DeleteModel(grpc::CallbackServerContext* context,

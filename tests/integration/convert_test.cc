@@ -44,6 +44,25 @@ TEST_F(ConvertTest, TheDigestIsTheSameThereAndBack) {
   }
 }
 
+TEST_F(ConvertTest, APipeWithANameIsReadOnce) {
+  SimulateCube(0.05);
+  for (const char* const format : {"raw", "csv"}) {
+    const std::string from = std::string("from.") + format;
+    ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path(from)}).status, 0);
+    const CliResult result = RunShell("rm -f pipe\nmkfifo pipe\ncat " + from +
+                                      " >pipe &\nevpose convert pipe out.raw --size 640x480 --json\nwait\n");
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.Json()["sha256"], Info(Path("cube/recording.raw"))["sha256"]);
+    EXPECT_EQ(Info(Path("out.raw"))["sha256"], result.Json()["sha256"]);
+  }
+  // A text states no size, which a second reading would find.
+  WriteText("a.csv", "1,1,0,5000000\n");
+  const CliResult unknown = RunShell("cat a.csv >pipe &\nevpose convert pipe out2.raw\n");
+  EXPECT_EQ(unknown.status, 1);
+  EXPECT_EQ(unknown.err, "evpose convert: pipe: states no size of the sensor: give it with --size\n");
+  EXPECT_THAT(FilesBeginning("out2"), IsEmpty());
+}
+
 TEST_F(ConvertTest, APartBeginsAfterTheFirstEvent) {
   WriteText("a.csv", "%geometry:640,480\n1,1,0,5000000\n1,1,0,5100000\n1,1,0,5199999\n1,1,0,5200000\n");
   ASSERT_EQ(Run({"convert", Path("a.csv"), Path("b"), "--to", "csv", "--start", "0.1", "--duration", "0.1"}).status, 0);
@@ -80,6 +99,7 @@ TEST_F(ConvertTest, WrongUseIsReported) {
     return result.err;
   };
   EXPECT_THAT(error({Path("a.png")}, 2), HasSubstr("its name ends with none of .raw, .dat, .csv"));
+  EXPECT_THAT(error({"-", "--to", "csv"}, 2), HasSubstr("is not written to standard output"));
   EXPECT_THAT(error({Path("b.raw"), "--size", "640"}, 2), HasSubstr("is not WIDTHxHEIGHT"));
   EXPECT_THAT(error({Path("b.raw"), "--size", "320x240"}, 1), HasSubstr("is of 640x480 pixels, but --size is 320x240"));
   const CliResult pipe = RunShell("printf '1,1,0,5000000\\n1,1,0,5000001\\n' | evpose convert - b.raw");

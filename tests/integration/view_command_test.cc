@@ -39,6 +39,16 @@ TEST_F(ViewCommandTest, ARecordingIsServedUntilAnInterrupt) {
   EXPECT_THAT(result.out, ContainsRegex("^http://127.0.0.1:[0-9]+/#[0-9a-f]{32}\n$"));
 }
 
+TEST_F(ViewCommandTest, ARecordingWithoutPosesIsServedWithAWarning) {
+  SimulateCube(0.02);
+  WriteText("none.tum", "# timestamp tx ty tz qx qy qz qw\n");
+  const CliResult result = ServeAndInterrupt(
+      "evpose view cube/recording.raw --poses none.tum --model cube/model.obj --camera cube/camera.yaml");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("http://127.0.0.1:"));
+  EXPECT_EQ(result.err, "evpose view: none.tum: has no pose: the events are shown alone\n");
+}
+
 TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
   const auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();
@@ -49,6 +59,42 @@ TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
   const CliResult missing = Run({"view", "sessions/none", "--server", address});
   EXPECT_EQ(missing.status, 1);
   EXPECT_THAT(missing.err, HasSubstr("sessions/none does not exist"));
+}
+
+TEST_F(ViewCommandTest, AReplayOpensItsPageAndHasTheSamePoses) {
+  SimulateCube(0.05);
+  const std::string replay = "evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out ";
+  const CliResult result = RunShell(
+      "mkdir browser\nprintf '#!/bin/sh\\necho \"$1\" >opened\\n' >browser/xdg-open\nchmod +x browser/xdg-open\nmkfifo "
+      "opened\n" +
+      replay + "poses.csv >/dev/null\nPATH=\"$PWD/browser:$PATH\" " + replay +
+      "viewed.csv --view >/dev/null &\nread -r line <opened\necho \"$line\"\nwait $!\n");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, ContainsRegex("^http://127.0.0.1:[0-9]+/#[0-9a-f]{32}\n$"));
+  EXPECT_THAT(result.err, HasSubstr(result.out)) << "it is printed, too";
+  EXPECT_GT(ReadText("poses.csv").size(), 1000u);
+  EXPECT_EQ(ReadText("viewed.csv"), ReadText("poses.csv"));
+}
+
+TEST_F(ViewCommandTest, ABrowserThatCannotBeOpenedIsReportedInOneLine) {
+  SimulateCube(0.02);
+  const CliResult result = RunShell(
+      "mkdir browser\nprintf '#!/bin/sh\\necho no browser >&2\\nexit 3\\n' >browser/xdg-open\nchmod +x "
+      "browser/xdg-open\n"
+      "mkfifo messages\nPATH=\"$PWD/browser:$PATH\" evpose view cube/recording.raw --poses cube/truth.tum --model "
+      "cube/model.obj --camera cube/camera.yaml --open >/dev/null 2>messages &\n"
+      "read -r line <messages\necho \"$line\"\nkill -TERM $!\nwait $!\n");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out, "xdg-open has not opened a browser: open the address in one\n");
+}
+
+TEST_F(ViewCommandTest, APortThatIsTakenIsNamedBeforeFilesAreRead) {
+  const auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const CliResult result = Run({"view", "other.raw", "--poses", "p.csv", "--model", "m.obj", "--camera", "c.yaml",
+                                "--port", absl::StrCat((*server)->port())});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr(absl::StrCat("127.0.0.1:", (*server)->port())));
 }
 
 TEST_F(ViewCommandTest, WrongUseNamesTheOption) {

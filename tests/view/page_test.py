@@ -79,9 +79,10 @@ class LivePage(PageTest):
             self.page.wait(lambda: self.page.pose["tUs"] not in ("", before), "the next pose")
 
     def test_acknowledges_every_image(self):
+        before, drawn = self.server.get("/test/figures")["acknowledged"], self.images_drawn()
         self.wait_for_images(10)
-        figures = self.server.get("/test/figures")
-        self.assertLessEqual(figures["images_sent"] - figures["acknowledged"], 2 * figures["connections"])
+        drawn = self.images_drawn() - drawn
+        self.page.wait(lambda: self.server.get("/test/figures")["acknowledged"] >= before + drawn, f"acknowledgements of {drawn} images")
 
     def test_connects_again(self):
         before = self.server.get("/test/figures")["connections"]
@@ -93,9 +94,25 @@ class LivePage(PageTest):
         # Chromium itself reports the broken WebSocket to the console.
         self.assertTrue(all("WebSocket" in message for message in self.page.console_errors()))
 
+    def test_another_session_is_opened_again(self):
+        self.page.press("l")
+        rows = "[...document.querySelectorAll('#session-list .session:not(.head)')]"
+        self.page.wait(lambda: self.page.run(f"return {rows}.length") == 3, "three sessions")
+        self.page.run(f"{rows}[2].click()")
+        self.page.wait_for_data(session="sessions/<b>cell 7</b>")
+        before, images = self.server.get("/test/figures")["connections"], self.images_drawn()
+        self.server.get("/test/drop")
+        self.page.wait(lambda: self.server.get("/test/figures")["connections"] > before, "another connection")
+        self.page.wait_for_data(connection="connected")
+        # The gateway shows the session of its address first.
+        self.page.wait(lambda: self.images_drawn() > images, "an image of the new connection")
+        self.page.wait_for_data(session="sessions/<b>cell 7</b>")
+        self.page.console_errors()
+
     def test_refused_key_is_explained(self):
         for url, connection, text in (
             (self.server.origin + "/#wrong", "refused", "This page was refused"),
+            (self.server.origin + "/#%", "refused", "This page was refused"),
             (self.server.origin + "/", "no-key", "The address has no key"),
         ):
             self.load(url)
@@ -139,10 +156,12 @@ class LivePage(PageTest):
         self.assertEqual(self.page.run(window), "33 ms")
         self.page.press("]", "]", "[")
         self.assertEqual(self.page.run(window), "50 ms")
+        has_overlay = """const c = document.getElementById('overlay');
+            return c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some((x) => x !== 0)"""
+        self.page.wait(lambda: self.page.run(has_overlay), "the edges")
         self.page.press("o")
         self.wait_for_images(2)
-        self.assertEqual(self.page.run("""const c = document.getElementById('overlay');
-            return c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some((x) => x !== 0)"""), False)
+        self.assertEqual(self.page.run(has_overlay), False)
 
     def test_freezes_while_images_go_on(self):
         self.page.press(" ")
@@ -177,7 +196,7 @@ class SessionsPage(PageTest):
         self.page.run(f"{rows}[2].click()")
         self.page.wait_for_data(session="sessions/<b>cell 7</b>")
         self.wait_for_images()
-        self.assertEqual(self.page.run("return document.querySelector('b b, #title b')"), None)
+        self.assertEqual(self.page.run("return document.querySelector('#session-list b, #title b')"), None)
         self.page.press("l")
         self.page.wait(lambda: self.page.run("return !document.getElementById('chooser').hidden"), "the list")
 
@@ -185,6 +204,15 @@ class SessionsPage(PageTest):
         self.load(width=360, height=740)
         self.page.wait(lambda: self.page.run("return document.querySelectorAll('#session-list .session').length") == 4, "the sessions")
         self.assertEqual(self.page.run("return document.documentElement.scrollWidth"), 360)
+
+
+class EndedSessionPage(PageTest):
+    OPTIONS = ("--gone",)
+
+    def test_shows_the_reason_and_the_list(self):
+        self.page.wait(lambda: "there is no such session" in self.page.run("return document.getElementById('notices').textContent"), "the notice")
+        self.page.wait(lambda: self.page.run("return !document.getElementById('chooser').hidden"), "the list")
+        self.page.wait(lambda: self.page.run("return document.querySelectorAll('#session-list .session').length") == 4, "the sessions")
 
 
 class RecordingPage(PageTest):

@@ -2,10 +2,12 @@
 
 // evpose convert: writes the events of a recording in another format.
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "absl/strings/numbers.h"
@@ -60,6 +62,14 @@ absl::StatusOr<std::optional<SensorGeometry>> ParseSize(const std::string& text)
   return UsageError(absl::StrCat("--size: \"", text, "\" is not WIDTHxHEIGHT in pixels, such as 640x480"));
 }
 
+// False for standard input and for a pipe that has a name.
+bool CanBeReadTwice(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::file_type type = std::filesystem::status(path, error).type();
+  return path != "-" && type != std::filesystem::file_type::fifo && type != std::filesystem::file_type::character &&
+         type != std::filesystem::file_type::socket;
+}
+
 absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArguments& arguments,
                                                            const CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::optional<SensorGeometry> size, ParseSize(arguments.size));
@@ -72,8 +82,9 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArgument
                                                    header.geometry.height_px, " pixels, but --size is ",
                                                    arguments.size));
   }
-  if (!header.geometry_is_known && arguments.recording == "-") {
-    return absl::InvalidArgumentError("standard input: states no size of the sensor: give it with --size");
+  if (!header.geometry_is_known && !CanBeReadTwice(arguments.recording)) {
+    const std::string name = arguments.recording == "-" ? "standard input" : arguments.recording;
+    return absl::InvalidArgumentError(absl::StrCat(name, ": states no size of the sensor: give it with --size"));
   }
   return reader;
 }
@@ -140,8 +151,8 @@ absl::Status CannotHold(const ConvertArguments& arguments, const EventFileFormat
       "; CSV holds any event; --drop-outside leaves out events outside the sensor"));
 }
 
-// Reads the whole recording and checks that the format can hold it. Standard input, which cannot be read twice, is
-// checked while the file is written, which then does not appear.
+// Reads the whole recording and checks that the format can hold it. A pipe, which cannot be read twice, is checked
+// while the file is written, which then does not appear.
 absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& format, const CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   absl::StatusOr<std::unique_ptr<EventFileChecker>> checker =
@@ -195,8 +206,10 @@ void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converte
 
 absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) {
   const absl::StatusOr<EventFileFormat> format = ChooseEventFileFormat(arguments.to, arguments.out);
+  if (arguments.out == "-")
+    return UsageError("out: a recording is not written to standard output: give the name of a file");
   EVPOSE_RETURN_IF_ERROR(AsUsageError(format.status()));
-  if (arguments.recording != "-") EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
+  if (CanBeReadTwice(arguments.recording)) EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,
                           format->create(arguments.out, {reader->header().geometry, reader->header().time_offset_us}));

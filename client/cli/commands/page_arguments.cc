@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/commands/page_arguments.h"
 
+#include <fcntl.h>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cerrno>
+#include <cstdio>
 #include <thread>
 
 #include "absl/strings/str_cat.h"
@@ -16,18 +19,34 @@ namespace {
 
 constexpr char kPageGroup[] = "Page";
 
+// Waits for xdg-open, which may run as long as the browser, and reports a failure.
+void WaitForBrowser(pid_t pid) {
+  int status = 0;
+  while (waitpid(pid, &status, 0) < 0 && errno == EINTR) continue;
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
+  // The streams of the command may have ended.
+  dprintf(STDERR_FILENO, "xdg-open has not opened a browser: open the address in one\n");
+}
+
 // Opens an address in the user's browser.
 void OpenInBrowser(const std::string& url, std::ostream& err) {
   std::string program = "xdg-open";
   std::string address = url;
   char* const arguments[] = {program.data(), address.data(), nullptr};
+  // Its messages repeat the address, and list all browsers that it has not found.
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    posix_spawn_file_actions_addopen(&actions, stream, "/dev/null", O_RDWR, 0);
+  }
   pid_t pid = 0;
-  if (posix_spawnp(&pid, program.c_str(), nullptr, nullptr, arguments, environ) != 0) {
+  const int error = posix_spawnp(&pid, program.c_str(), &actions, nullptr, arguments, environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (error != 0) {
     err << "xdg-open is not installed: open the address in a browser" << std::endl;
     return;
   }
-  // It may run as long as the browser.
-  std::thread([pid] { waitpid(pid, nullptr, 0); }).detach();
+  std::thread(WaitForBrowser, pid).detach();
 }
 
 }  // namespace
@@ -56,16 +75,18 @@ absl::Status CheckHasPage() {
       "again with cmake -DEVPOSE_VIEW=ON, which names what is missing");
 }
 
-absl::StatusOr<std::unique_ptr<PageServer>> PageArguments::Serve(ViewSource& source, std::ostream& out,
-                                                                 std::ostream& err) const {
+absl::StatusOr<std::unique_ptr<PageServer>> PageArguments::Listen() const {
   EVPOSE_RETURN_IF_ERROR(CheckHasPage());
   PageServerOptions options;
   options.listen = listen.empty() ? absl::StrCat("127.0.0.1:", port) : listen;
   options.hosts = hosts;
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, PageServer::Start(options, EmbeddedPage(), source));
-  out << server->url() << std::endl;
-  if (is_opened) OpenInBrowser(server->url(), err);
-  return server;
+  return PageServer::Listen(options, EmbeddedPage());
+}
+
+void PageArguments::Serve(PageServer& server, ViewSource& source, std::ostream& out, std::ostream& err) const {
+  server.Serve(source);
+  out << server.url() << std::endl;
+  if (is_opened) OpenInBrowser(server.url(), err);
 }
 
 }  // namespace evpose::client

@@ -21,9 +21,11 @@ struct PageArguments {
   bool is_opened = false;
 
   void AddTo(CLI::App& app);
+  // Errors: those of CheckHasPage() and PageServer::Listen().
+  absl::StatusOr<std::unique_ptr<PageServer>> Listen() const;
   // Serves the page and prints its address in one line on `out`. `source` must outlive the server. A browser that
-  // cannot be opened is reported on `err`. Errors: those of CheckHasPage() and PageServer::Start().
-  absl::StatusOr<std::unique_ptr<PageServer>> Serve(ViewSource& source, std::ostream& out, std::ostream& err) const;
+  // cannot be opened is reported on `err`.
+  void Serve(PageServer& server, ViewSource& source, std::ostream& out, std::ostream& err) const;
 };
 
 // Error: UNIMPLEMENTED, with advice, if this program was built without the page.

@@ -14,7 +14,7 @@
 #include "client/cli/common/session_run.h"
 #include "client/cli/common/session_start.h"
 #include "client/lib/client_access.h"
-#include "client/view/live_source.h"
+#include "client/view/live_view.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/server.h"
 
@@ -72,7 +72,11 @@ absl::Status CheckResume(const RunArguments& arguments) {
 absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const double rate, ParseRate(arguments.rate));
   EVPOSE_RETURN_IF_ERROR(CheckResume(arguments.track));
-  if (arguments.is_viewed) EVPOSE_RETURN_IF_ERROR(CheckHasPage());
+  const PageArguments page{.is_opened = true};
+  std::unique_ptr<PageServer> pages;  // null without --view
+  if (arguments.is_viewed) {
+    EVPOSE_ASSIGN_OR_RETURN(pages, page.Listen());
+  }
   TrackOptions options;
   options.clock = context.clock;
   const bool has_server = !arguments.track.server.address.empty();
@@ -91,14 +95,13 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
                                        .skip = run.position().durable},
                                       /*ends_on_error=*/arguments.track.resume.empty()));
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
-  if (!arguments.is_viewed) return run.Track(*server.client, options);
+  if (pages == nullptr) return run.Track(*server.client, options);
   LiveSource source(*server.client, has_server ? arguments.track.server.address : "the server of evpose replay",
                     run.position().session);
-  PageArguments page;
-  page.is_opened = true;
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> pages, page.Serve(source, context.err, context.err));
+  page.Serve(*pages, source, context.err, context.err);
   const absl::Status status = run.Track(*server.client, options);
   pages->End("the replay has ended");
+  pages.reset();  // before its source and the client
   return status;
 }
 

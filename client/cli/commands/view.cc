@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose view: a page in the browser that shows a session or a recording.
+#include <algorithm>
+#include <chrono>
 #include <filesystem>
+#include <future>
+#include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -12,7 +17,9 @@
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/recording_input.h"
 #include "client/cli/common/run_inputs.h"
-#include "client/view/live_source.h"
+#include "client/cli/console/stop_on_interrupt.h"
+#include "client/view/live_view.h"
+#include "client/view/pending_source.h"
 #include "client/view/recording_source.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
@@ -32,13 +39,13 @@ struct ViewArguments {
   PageArguments page;
 };
 
-// Serves the page until the command is interrupted.
-absl::Status ServePage(const ViewArguments& arguments, ViewSource& source, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> server,
-                          arguments.page.Serve(source, context.out, context.err));
+// A recording whose inputs need more time than this is announced before they are read.
+constexpr std::chrono::milliseconds kSoon(300);
+
+// Until the command is interrupted.
+void WaitForInterrupt(PageServer& server, const CliContext& context) {
   while (!context.IsInterrupted()) SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, {});
-  server->End("evpose view was stopped");
-  return absl::OkStatus();
+  server.End("evpose view was stopped");
 }
 
 absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
@@ -48,12 +55,29 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
                                    "\" is no session: with --server, give sessions/ID, as "
                                    "`evpose sessions list` prints it, or nothing"));
   }
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, arguments.page.Listen());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   if (!arguments.what.empty()) {
-    EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, client->GetSession(arguments.what).status()));
+    StopOnInterrupt interrupt(context);
+    const absl::Status status = client->GetSession(arguments.what, interrupt.stop().get_token()).status();
+    if (interrupt.stop().stop_requested()) return absl::OkStatus();
+    EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, status));
   }
   LiveSource source(*client, arguments.server.address, arguments.what);
-  return ServePage(arguments, source, context);
+  const std::unique_ptr<PageServer> ends_first = std::move(server);
+  arguments.page.Serve(*ends_first, source, context.out, context.err);
+  WaitForInterrupt(*ends_first, context);
+  return absl::OkStatus();
+}
+
+using PosesByObject = std::map<std::string, RecordedPoses>;
+
+// What the page shows without a pose is not wrong, but seldom meant.
+void WarnWithoutPoses(const std::string& path, const PosesByObject& poses, std::ostream& err) {
+  const auto is_empty = [](const auto& of_object) { return of_object.second.trajectory().empty(); };
+  if (std::all_of(poses.begin(), poses.end(), is_empty)) {
+    err << "evpose view: " << path << ": has no pose: the events are shown alone" << std::endl;
+  }
 }
 
 absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, const CliContext& context) {
@@ -62,15 +86,18 @@ absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, c
   EVPOSE_ASSIGN_OR_RETURN(const auto ids_and_models, ParseObjectModels(arguments.model, arguments.objects));
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   std::vector<std::string> ids;
+  for (const auto& [id, path] : ids_and_models) ids.push_back(id);
+  // Long files of poses and large models take about the same time.
+  std::future<absl::StatusOr<PosesByObject>> poses =
+      std::async(std::launch::async, [&] { return ReadRecordedPoses(arguments.poses, ids); });
   for (const auto& [id, path] : ids_and_models) {
     EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(path));
     inputs.objects.push_back({id, std::filesystem::path(path).filename().string(), std::move(model)});
-    ids.push_back(id);
   }
-  EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadRecordedPoses(arguments.poses, ids));
   if (!arguments.truth.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.truth, ReadRecordedPoses(arguments.truth, ids));
   }
+  EVPOSE_ASSIGN_OR_RETURN(inputs.poses, poses.get());
   EVPOSE_ASSIGN_OR_RETURN(
       inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.what, {.stop = context.is_interrupted}));
   return inputs;
@@ -84,9 +111,25 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
   for (const auto& [name, value] : {std::pair("--poses", arguments.poses), {"--camera", arguments.camera}}) {
     if (value.empty()) return UsageError(absl::StrCat("a recording is shown with its poses: give ", name, ", too"));
   }
-  EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadViewInputs(arguments, context));
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingSource> source, RecordingSource::Open(std::move(inputs)));
-  return ServePage(arguments, *source, context);
+  std::unique_ptr<RecordingSource> source;
+  PendingSource pending({.is_recording = true, .source = arguments.what}, absl::StrCat("reading ", arguments.poses));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> server, arguments.page.Listen());  // ends first
+  std::future<absl::Status> reading = std::async(std::launch::async, [&]() -> absl::Status {
+    EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadViewInputs(arguments, context));
+    EVPOSE_ASSIGN_OR_RETURN(source, RecordingSource::Open(std::move(inputs)));
+    return absl::OkStatus();
+  });
+  const bool is_slow = reading.wait_for(kSoon) == std::future_status::timeout;
+  if (is_slow) arguments.page.Serve(*server, pending, context.out, context.err);
+  if (const absl::Status status = reading.get(); !status.ok()) {
+    server->End(std::string(status.message()));
+    return status;
+  }
+  WarnWithoutPoses(arguments.poses, source->inputs().poses, context.err);
+  pending.Provide(*source);
+  if (!is_slow) arguments.page.Serve(*server, pending, context.out, context.err);
+  WaitForInterrupt(*server, context);
+  return absl::OkStatus();
 }
 
 }  // namespace

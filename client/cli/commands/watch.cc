@@ -13,6 +13,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/pose_format.h"
+#include "client/cli/console/stop_on_interrupt.h"
 #include "client/mcap/session_observer.h"
 #include "core/base/status_macros.h"
 
@@ -108,26 +109,10 @@ std::string HealthLine(const SessionHealth& health) {
   return line;
 }
 
-// Requests `stop` when the command is interrupted, and calls `on_tick` after each kInterruptPeriod until then.
-class StopOnInterrupt {
- public:
-  StopOnInterrupt(const CliContext& context, std::stop_source stop, const std::function<void()>& on_tick)
-      : thread_([&context, stop, on_tick](std::stop_token ended) mutable {
-          while (!context.IsInterrupted()) {
-            if (!SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, ended)) return;
-            on_tick();
-          }
-          stop.request_stop();
-        }) {}
-
- private:
-  std::jthread thread_;
-};
-
 absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  std::stop_source stop;
-  const StopOnInterrupt interrupt(context, stop, [] {});
+  StopOnInterrupt interrupt(context);
+  std::stop_source& stop = interrupt.stop();
   const auto on_health = [&](const SessionHealth& health) {
     const std::string json = HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace);
     context.out << (arguments.is_json ? json : HealthLine(health)) << std::endl;
@@ -191,11 +176,13 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   }
   EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  const absl::StatusOr<Session> session = client->GetSession(arguments.session);
+  StopOnInterrupt interrupt(context);
+  std::stop_source& stop = interrupt.stop();
+  const absl::StatusOr<Session> session = client->GetSession(arguments.session, stop.get_token());
+  if (stop.stop_requested()) return absl::OkStatus();
   if (!session.ok()) return SessionError(arguments.session, session.status());
   EVPOSE_ASSIGN_OR_RETURN(PoseOutput output, PoseOutput::Open(arguments, frame, *session, context));
   StateLines states(context.err);
-  std::stop_source stop;
   bool has_poses = false;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
     has_poses = has_poses || !poses.empty();
@@ -207,16 +194,18 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
       .camera = session->config.camera, .event_cell_px = arguments.recording.event_cell_px, .records_states = true};
   recording.print = [&states](const std::string& text) { states.Print(text); };
   SessionObserver observer(*client, arguments.session, output.recorders(), recording);
-  const StopOnInterrupt interrupt(context, stop, [&, shown_at = SystemClock().Now()]() mutable {
-    if (SystemClock().Now() - shown_at < kHealthPeriod) return;
-    // The end of the session also ends the stream of poses.
-    if (const absl::StatusOr<Session> now = client->GetSession(arguments.session); now.ok()) states.Show(now->health);
-    shown_at = SystemClock().Now();
+  std::jthread shows_states([&] {
+    const auto show = [&states](const SessionHealth& health) { states.Show(health); };
+    // An error also ends the stream of poses.
+    client->WatchHealth(arguments.session, kHealthPeriod, show, stop.get_token()).IgnoreError();
   });
   WatchPosesOptions options = arguments.poses;
   options.on_rolled_back = [&states](uint64_t last_pose_seq) { states.RolledBack(last_pose_seq); };
   absl::Status status = client->WatchPoses(arguments.session, options, on_poses, stop.get_token());
-  if (stop.stop_requested()) {
+  const bool was_stopped = stop.stop_requested();
+  if (!status.ok()) stop.request_stop();
+  shows_states.join();  // after the last states of a session that has ended
+  if (was_stopped) {
     status = absl::OkStatus();
   } else if (status.ok()) {
     observer.Finish();

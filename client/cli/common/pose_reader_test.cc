@@ -5,8 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <limits>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/pose_records.h"
 #include "core/base/output_file.h"
@@ -157,6 +160,63 @@ TEST(PoseRecordsTest, AllThatAFormatStatesIsRead) {
       EXPECT_EQ(read[i].alternatives[0].camera_from_object.translation_m, Eigen::Vector3d(0.0, 0.25, 2.0));
     }
   }
+}
+
+TEST(PoseRecordsTest, AQuaternionKeepsItsDigits) {
+  // A rotation whose quaternion is another one after the way through the matrix.
+  Transform transform;
+  Eigen::Quaterniond written = Eigen::Quaterniond::Identity();
+  for (int i = 1; transform.Quaternion().coeffs() == written.coeffs(); ++i) {
+    ASSERT_LT(i, 1000);
+    transform.rotation = ExpSo3({0.1 * i, 0.7, -0.3});
+    written = transform.Quaternion();
+    transform.rotation = written.toRotationMatrix();
+  }
+  const std::string numbers =
+      absl::StrFormat("%.17g,%.17g,%.17g,%.17g", written.x(), written.y(), written.z(), written.w());
+  FilePose read;
+  const auto keep = [&](FilePose pose) {
+    read = std::move(pose);
+    return absl::OkStatus();
+  };
+  const std::string line = R"({"t_us":1,"translation_m":[1,2,3],"quaternion_xyzw":[)" + numbers + "]}";
+  ASSERT_TRUE(VisitJsonPoses(line, "p.jsonl", keep).ok());
+  EXPECT_EQ(read.quaternion.coeffs(), written.coeffs());
+  read = {};
+  ASSERT_TRUE(VisitCsvPoses("t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw\n1,1,2,3," + numbers + "\n", "p.csv", keep).ok());
+  EXPECT_EQ(read.quaternion.coeffs(), written.coeffs());
+  EXPECT_EQ(read.camera_from_object.rotation, transform.rotation);
+  // One of another length is normalised.
+  ASSERT_TRUE(VisitJsonPoses(R"({"t_us":1,"translation_m":[1,2,3],"quaternion_xyzw":[0,0,0,1.0005]})", "p", keep).ok());
+  EXPECT_EQ(read.quaternion.w(), 1.0);
+}
+
+TEST(PoseRecordsTest, JsonNumbersOfAnyFormAreIntegersOrErrors) {
+  FilePose read;
+  const auto status = [&](const std::string& fields) {
+    const std::string line = "{" + fields + R"(,"translation_m":[1,2,3],"quaternion_xyzw":[0,0,0,1]})";
+    return std::string(VisitJsonPoses(line, "p",
+                                      [&](FilePose pose) {
+                                        read = std::move(pose);
+                                        return absl::OkStatus();
+                                      })
+                           .status()
+                           .message());
+  };
+  EXPECT_EQ(status(R"("t_us":16.000018e6,"pose_seq":2.0)"), "");
+  EXPECT_EQ(read.t_us, 16'000'018);
+  EXPECT_EQ(read.seq, 2u);
+  EXPECT_EQ(status(R"("t_us":-9223372036854775808,"pose_seq":18446744073709551615)"), "");
+  EXPECT_EQ(read.t_us, std::numeric_limits<int64_t>::min());
+  EXPECT_EQ(read.seq, std::numeric_limits<uint64_t>::max());
+  for (const char* const number : {"1e300", "-1e300", "1.5", "9223372036854775808", "9.223372036854775808e18"}) {
+    EXPECT_THAT(status(absl::StrCat("\"t_us\":", number)), HasSubstr("; it must be an integer from -2^63 to 2^63 - 1"));
+  }
+  for (const char* const number : {"-1", "-1.0", "0.5", "1e20", "18446744073709551616"}) {
+    EXPECT_THAT(status(absl::StrCat("\"t_us\":1,\"pose_seq\":", number)), HasSubstr("; it must be an integer from 0"));
+  }
+  EXPECT_EQ(status(R"("t_us":1,"explained_ratio":1e300)"), "");
+  EXPECT_EQ(read.explained_ratio, std::numeric_limits<float>::max());
 }
 
 TEST(PoseRecordsTest, TumHasNoObjectAndIsTracking) {

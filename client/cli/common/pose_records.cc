@@ -3,8 +3,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -37,11 +40,28 @@ TrackState StateOfName(absl::string_view name) {
   return TrackState::kUnknown;
 }
 
-// Of translation and quaternion x y z w.
-absl::StatusOr<Transform> TransformOf(const std::array<double, 7>& v) {
-  EVPOSE_ASSIGN_OR_RETURN(const RigidTransform transform,
-                          MakeRigidTransform({v[0], v[1], v[2]}, Eigen::Quaterniond(v[6], v[3], v[4], v[5])));
+// Translation and quaternion x y z w.
+using PoseNumbers = std::array<double, 7>;
+
+Eigen::Quaterniond StatedQuaternion(const PoseNumbers& v) { return {v[6], v[3], v[4], v[5]}; }
+
+absl::StatusOr<Transform> TransformOf(const PoseNumbers& v) {
+  EVPOSE_ASSIGN_OR_RETURN(const RigidTransform transform, MakeRigidTransform({v[0], v[1], v[2]}, StatedQuaternion(v)));
   return FromCore(transform);
+}
+
+absl::Status SetTransform(const PoseNumbers& v, FilePose& pose) {
+  EVPOSE_ASSIGN_OR_RETURN(pose.camera_from_object, TransformOf(v));
+  const Eigen::Quaterniond stated = StatedQuaternion(v);
+  const bool is_unit = std::abs(stated.norm() - 1.0) <= 1e-9;
+  pose.quaternion = is_unit ? stated : pose.camera_from_object.Quaternion();
+  return absl::OkStatus();
+}
+
+// The nearest number that a float can hold.
+float ToFloat(double value) {
+  constexpr double kMax = std::numeric_limits<float>::max();
+  return static_cast<float>(std::clamp(value, -kMax, kMax));
 }
 
 // Sets the covariance from its upper triangle, row by row.
@@ -62,7 +82,7 @@ class PoseTable {
  public:
   static absl::StatusOr<PoseTable> Make(const Fields& header);
   bool has_covariances() const { return covariance_.size() == kUpperNumbers; }
-  absl::StatusOr<Pose> Read(const Fields& fields) const;
+  absl::StatusOr<FilePose> Read(const Fields& fields) const;
   std::string TransformName(const Fields& fields) const {
     return transform_ && fields.size() == count_ ? std::string(fields[*transform_]) : kCameraFromObject;
   }
@@ -127,7 +147,7 @@ absl::Status PoseTable::ReadAlternatives(const Fields& fields, Pose& pose) const
   constexpr size_t kNumbers = kPoseColumns.size() + 1;
   for (const std::vector<size_t>& columns : alternatives_) {
     if (columns.size() != kNumbers || fields[columns[0]].empty()) continue;
-    std::array<double, kPoseColumns.size()> v = {};
+    PoseNumbers v = {};
     for (size_t i = 0; i < v.size(); ++i) {
       EVPOSE_ASSIGN_OR_RETURN(v[i], Number(fields[columns[i]]));
     }
@@ -139,11 +159,11 @@ absl::Status PoseTable::ReadAlternatives(const Fields& fields, Pose& pose) const
   return absl::OkStatus();
 }
 
-absl::StatusOr<Pose> PoseTable::Read(const Fields& fields) const {
+absl::StatusOr<FilePose> PoseTable::Read(const Fields& fields) const {
   if (fields.size() != count_) {
     return absl::InvalidArgumentError(absl::StrCat("has ", fields.size(), " fields and not ", count_));
   }
-  Pose pose;
+  FilePose pose;
   pose.state = state_ ? StateOfName(fields[*state_]) : TrackState::kTracking;
   if (object_id_) pose.object_id = std::string(fields[*object_id_]);
   if (!absl::SimpleAtoi(fields[t_us_], &pose.t_us)) {
@@ -152,14 +172,14 @@ absl::StatusOr<Pose> PoseTable::Read(const Fields& fields) const {
   if (seq_ && !absl::SimpleAtoi(fields[*seq_], &pose.seq)) {
     return absl::InvalidArgumentError(absl::StrCat("\"", fields[*seq_], "\" is no number of a pose"));
   }
-  std::array<double, 7> v = {};
+  PoseNumbers v = {};
   for (size_t i = 0; i < v.size(); ++i) {
     EVPOSE_ASSIGN_OR_RETURN(v[i], Number(fields[pose_[i]]));
   }
-  EVPOSE_ASSIGN_OR_RETURN(pose.camera_from_object, TransformOf(v));
+  EVPOSE_RETURN_IF_ERROR(SetTransform(v, pose));
   if (explained_) {
     EVPOSE_ASSIGN_OR_RETURN(const double explained, Number(fields[*explained_]));
-    pose.explained_ratio = static_cast<float>(explained);
+    pose.explained_ratio = ToFloat(explained);
   }
   for (size_t i = 0; twist_.size() == kTwistColumns.size() && i < twist_.size(); ++i) {
     EVPOSE_ASSIGN_OR_RETURN(pose.twist[static_cast<int>(i)], Number(fields[twist_[i]]));
@@ -168,6 +188,24 @@ absl::StatusOr<Pose> PoseTable::Read(const Fields& fields) const {
   if (!has_covariances()) return pose;
   EVPOSE_RETURN_IF_ERROR(SetCovariance([&](size_t i) { return Number(fields[covariance_[i]]); }, pose));
   return pose;
+}
+
+// The value of a number if it is an integer that Value can hold.
+template <typename Value>
+std::optional<Value> IntegerOf(const nlohmann::json& json) {
+  if (json.is_number_unsigned()) {
+    const auto integer = json.get<uint64_t>();
+    return std::in_range<Value>(integer) ? std::optional<Value>(static_cast<Value>(integer)) : std::nullopt;
+  }
+  if (json.is_number_integer()) {
+    const auto integer = json.get<int64_t>();
+    return std::in_range<Value>(integer) ? std::optional<Value>(static_cast<Value>(integer)) : std::nullopt;
+  }
+  const double number = json.get<double>();
+  // The largest Value is no double; the next number is.
+  const double end = std::ldexp(1.0, std::numeric_limits<Value>::digits);
+  const bool is_inside = number >= (std::is_signed_v<Value> ? -end : 0.0) && number < end;
+  return is_inside && number == std::trunc(number) ? std::optional<Value>(static_cast<Value>(number)) : std::nullopt;
 }
 
 // Reads the fields of a JSON line; a field that is absent keeps its value.
@@ -184,13 +222,26 @@ class JsonFields {
     if (is_right) return found->get<std::vector<double>>();
     return absl::InvalidArgumentError(absl::StrCat(name, " is no list of ", count, " numbers"));
   }
-  template <typename Value>
-  absl::Status Number(const char* name, Value& value) const {
+  absl::Status Number(const char* name, double& value) const {
     const auto found = json_.find(name);
     if (found == json_.end()) return absl::OkStatus();
     if (!found->is_number()) return absl::InvalidArgumentError(absl::StrCat(name, " is no number"));
-    value = found->get<Value>();
+    value = found->get<double>();
     return absl::OkStatus();
+  }
+  // An integer, which may be written as 16e6. Error also for a number that Value cannot hold.
+  template <typename Value>
+  absl::Status Integer(const char* name, Value& value) const {
+    const auto found = json_.find(name);
+    if (found == json_.end()) return absl::OkStatus();
+    if (!found->is_number()) return absl::InvalidArgumentError(absl::StrCat(name, " is no number"));
+    if (const std::optional<Value> integer = IntegerOf<Value>(*found)) {
+      value = *integer;
+      return absl::OkStatus();
+    }
+    const char* const range = std::is_signed_v<Value> ? "-2^63 to 2^63 - 1" : "0 to 2^64 - 1";
+    return absl::InvalidArgumentError(
+        absl::StrCat(name, " is ", found->dump(), "; it must be an integer from ", range));
   }
   absl::Status Text(const char* name, std::string& text) const {
     const auto found = json_.find(name);
@@ -199,11 +250,11 @@ class JsonFields {
     text = found->get<std::string>();
     return absl::OkStatus();
   }
-  absl::StatusOr<Transform> RigidMotion() const {
+  absl::StatusOr<PoseNumbers> RigidMotion() const {
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> t, Numbers("translation_m", 3));
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> q, Numbers("quaternion_xyzw", 4));
     if (t.empty() || q.empty()) return absl::InvalidArgumentError("has no translation_m and quaternion_xyzw");
-    return TransformOf({t[0], t[1], t[2], q[0], q[1], q[2], q[3]});
+    return PoseNumbers{t[0], t[1], t[2], q[0], q[1], q[2], q[3]};
   }
 
  private:
@@ -217,28 +268,32 @@ absl::Status ReadJsonAlternatives(const nlohmann::json& json, Pose& pose) {
   for (const nlohmann::json& item : *list) {
     const JsonFields fields(item);
     PoseAlternative alternative;
-    EVPOSE_ASSIGN_OR_RETURN(alternative.camera_from_object, fields.RigidMotion());
+    EVPOSE_ASSIGN_OR_RETURN(const PoseNumbers v, fields.RigidMotion());
+    EVPOSE_ASSIGN_OR_RETURN(alternative.camera_from_object, TransformOf(v));
     EVPOSE_RETURN_IF_ERROR(fields.Number("log_likelihood_ratio", alternative.log_likelihood_ratio));
     pose.alternatives.push_back(alternative);
   }
   return absl::OkStatus();
 }
 
-absl::StatusOr<Pose> ReadJsonPose(absl::string_view line, PoseFileFacts& facts) {
+absl::StatusOr<FilePose> ReadJsonPose(absl::string_view line, PoseFileFacts& facts) {
   const nlohmann::json json = nlohmann::json::parse(line.begin(), line.end(), nullptr, /*allow_exceptions=*/false);
   if (!json.is_object()) return absl::InvalidArgumentError("is no JSON object");
   const JsonFields fields(json);
-  Pose pose;
+  FilePose pose;
   if (!json.contains("t_us")) return absl::InvalidArgumentError("has no t_us");
-  EVPOSE_RETURN_IF_ERROR(fields.Number("t_us", pose.t_us));
-  EVPOSE_RETURN_IF_ERROR(fields.Number("pose_seq", pose.seq));
+  EVPOSE_RETURN_IF_ERROR(fields.Integer("t_us", pose.t_us));
+  EVPOSE_RETURN_IF_ERROR(fields.Integer("pose_seq", pose.seq));
   EVPOSE_RETURN_IF_ERROR(fields.Text("object_id", pose.object_id));
   EVPOSE_RETURN_IF_ERROR(fields.Text(kTransformKey, facts.transform));
-  EVPOSE_ASSIGN_OR_RETURN(pose.camera_from_object, fields.RigidMotion());
+  EVPOSE_ASSIGN_OR_RETURN(const PoseNumbers v, fields.RigidMotion());
+  EVPOSE_RETURN_IF_ERROR(SetTransform(v, pose));
   std::string state(TrackStateName(TrackState::kTracking));
   EVPOSE_RETURN_IF_ERROR(fields.Text("state", state));
   pose.state = StateOfName(state);
-  EVPOSE_RETURN_IF_ERROR(fields.Number("explained_ratio", pose.explained_ratio));
+  double explained_ratio = 0.0;
+  EVPOSE_RETURN_IF_ERROR(fields.Number("explained_ratio", explained_ratio));
+  pose.explained_ratio = ToFloat(explained_ratio);
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> twist, fields.Numbers("twist", 6));
   for (size_t i = 0; i < twist.size(); ++i) pose.twist[static_cast<int>(i)] = twist[i];
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> upper, fields.Numbers("covariance_upper", kUpperNumbers));
@@ -288,7 +343,7 @@ absl::StatusOr<PoseFileFacts> VisitCsvPoses(absl::string_view text, const std::s
       facts.has_covariances = table->has_covariances();
       return absl::OkStatus();
     }
-    EVPOSE_ASSIGN_OR_RETURN(Pose pose, table->Read(fields));
+    EVPOSE_ASSIGN_OR_RETURN(FilePose pose, table->Read(fields));
     facts.transform = table->TransformName(fields);
     return visit(std::move(pose));
   }));
@@ -299,7 +354,7 @@ absl::StatusOr<PoseFileFacts> VisitJsonPoses(absl::string_view text, const std::
                                              PoseVisitor visit) {
   PoseFileFacts facts{kCameraFromObject};
   EVPOSE_RETURN_IF_ERROR(VisitLines(text, name_for_errors, [&](absl::string_view line) -> absl::Status {
-    EVPOSE_ASSIGN_OR_RETURN(Pose pose, ReadJsonPose(line, facts));
+    EVPOSE_ASSIGN_OR_RETURN(FilePose pose, ReadJsonPose(line, facts));
     return visit(std::move(pose));
   }));
   return facts;
@@ -311,9 +366,10 @@ absl::StatusOr<PoseFileFacts> VisitPoses(const std::string& path, PoseVisitor vi
   if (absl::EndsWith(path, ".jsonl")) return VisitJsonPoses(text, path, visit);
   EVPOSE_ASSIGN_OR_RETURN(const Trajectory trajectory, ParseTumTrajectory(text, path));
   for (const StampedPose& each : trajectory) {
-    Pose pose;
+    FilePose pose;
     pose.t_us = each.t_us;
     pose.camera_from_object = FromCore(each.camera_from_object);
+    pose.quaternion = pose.camera_from_object.Quaternion();
     pose.state = TrackState::kTracking;
     if (const absl::Status status = visit(std::move(pose)); !status.ok()) {
       return absl::Status(status.code(), absl::StrCat(path, ": ", status.message()));

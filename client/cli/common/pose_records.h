@@ -20,7 +20,12 @@ struct PoseFileFacts {
 
 // A pose as the file has it: the field camera_from_object is the file's transform. What the format does not state has
 // the default of Pose, except for the state, which is kTracking; an object ID that is not stated is empty.
-using PoseVisitor = absl::FunctionRef<absl::Status(Pose pose)>;
+struct FilePose : Pose {
+  // The rotation. Its digits are those of a .csv or .jsonl file whose quaternion is of unit length to within 1e-9; the
+  // matrix of camera_from_object does not give them back.
+  Eigen::Quaterniond quaternion = Eigen::Quaterniond::Identity();
+};
+using PoseVisitor = absl::FunctionRef<absl::Status(FilePose pose)>;
 
 // Calls `visit` for each pose in the order of the file, which is read as TUM unless its name ends in .csv or .jsonl.
 // A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw, and the other columns of PoseHeader() if they

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "client/lib/client_access.h"
+#include "client/lib/fake_clock_testing.h"
 #include "evpose/client.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "google/rpc/error_details.pb.h"
@@ -105,7 +106,7 @@ class TrackTest : public ::testing::Test {
     grpc::ServerBuilder builder;
     builder.RegisterService(&service_);
     server_ = builder.BuildAndStart();
-    client_ = ClientAccess::OverChannel(server_->InProcessChannel({}), "test server");
+    client_ = ClientAccess::OverChannel(server_->InProcessChannel({}), "test server", clock_);
     session_.name = "sessions/1";
     session_.resume_token = "secret";
     session_.config.objects.emplace_back();
@@ -149,6 +150,7 @@ class TrackTest : public ::testing::Test {
     EXPECT_THAT(result.status().message(), ::testing::HasSubstr("test server: "));
   }
 
+  FakeClock clock_;  // of the streams of watchers
   ScriptedService service_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Client> client_;

@@ -72,7 +72,8 @@ struct WatchEventsOptions {
 // Returns the format that the extension of a file name stands for. Error: INVALID_ARGUMENT naming the extensions.
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path);
 
-// Thread-safe. All calls block. A status has the server's code and a message that begins with the server's address.
+// Thread-safe. All calls block. A status has the server's code and a message that begins with the server's address. A
+// request of `stop` cancels a call, which then returns CANCELLED unless it has already ended.
 class Client {
  public:
   // `addresses` is HOST:PORT, or several of them, separated by commas, of servers that share their sessions. Waits
@@ -95,19 +96,20 @@ class Client {
   // Uploads an OBJ, PLY or STL file. Additional errors name the path: those of reading it, and INVALID_ARGUMENT for
   // another file name extension or for more than 64 MiB, the default limit of a server.
   absl::StatusOr<ModelInfo> UploadModelFile(const std::string& path, double metres_per_unit = 1.0);
-  absl::StatusOr<ModelInfo> GetModel(const std::string& name);
+  absl::StatusOr<ModelInfo> GetModel(const std::string& name, const std::stop_token& stop = {});
   absl::StatusOr<std::vector<ModelInfo>> ListModels();
   absl::Status DeleteModel(const std::string& name);
   // Returns the triangles and the edges of a model as the server prepared them. A mesh of more than `max_faces`
   // triangles (at most 100,000; 0: 20,000) is simplified. Additional error: INTERNAL for a geometry that contradicts
   // itself.
-  absl::StatusOr<ModelGeometry> GetModelGeometry(const std::string& name, uint32_t max_faces = 0);
+  absl::StatusOr<ModelGeometry> GetModelGeometry(const std::string& name, uint32_t max_faces = 0,
+                                                 const std::stop_token& stop = {});
 
   // Each call creates a session. Calls with the same non-empty `request_id` return the same session, so that a call
   // without a response can be repeated.
   absl::StatusOr<Session> CreateSession(const SessionConfig& config, const std::string& request_id = "");
-  absl::StatusOr<Session> GetSession(const std::string& name);
-  absl::StatusOr<std::vector<Session>> ListSessions();
+  absl::StatusOr<Session> GetSession(const std::string& name, const std::stop_token& stop = {});
+  absl::StatusOr<std::vector<Session>> ListSessions(const std::stop_token& stop = {});
   absl::Status DeleteSession(const std::string& name);
 
   // Sends the events of the session and delivers its poses until the summary: see track.h. A broken stream is

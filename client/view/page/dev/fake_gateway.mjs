@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A gateway that plays a synthetic scene, for developing the page and for its tests (tests/view/page_test.py).
-//   node dev/fake_gateway.mjs [--mode live|recording] [--objects 1..3] [--list] [--truth] [--noise EVENTS_PER_IMAGE] [--port PORT]
+//   node dev/fake_gateway.mjs [--mode live|recording] [--objects 1..3] [--list] [--gone] [--truth] [--noise EVENTS_PER_IMAGE] [--port PORT]
+// With --gone, the session of the address has ended before the page is opened.
 // It prints the address of the page. The tests ask it, by HTTP, for what it sent: /test/image, /test/pose, /test/figures; let
 // it send a text or a damaged message to all pages: /test/text, /test/damage; and let it close all connections: /test/drop.
 import { readFile } from "node:fs/promises";
@@ -17,6 +18,7 @@ const { values: options } = parseArgs({
     mode: { type: "string", default: "live" },
     objects: { type: "string", default: "1" },
     list: { type: "boolean", default: false },
+    gone: { type: "boolean", default: false },
     truth: { type: "boolean", default: false },
     noise: { type: "string", default: "1500" },
     port: { type: "string", default: "0" },
@@ -101,7 +103,8 @@ class Viewer {
       type: "hello", mode: options.mode, title: IS_LIVE ? "" : "bench.raw", version: "0.1.0",
       source: IS_LIVE ? "127.0.0.1:50051" : "bench.raw", session: IS_LIVE ? this.session : "bench.raw",
     });
-    if (this.session !== "") this.sendScene();
+    if (options.gone) this.sendEnd("sessions/bench-1: there is no such session");
+    else if (this.session !== "") this.sendScene();
     else this.sendSessions();
     this.timer = setInterval(() => this.tick(), 8);
     this.healthTimer = setInterval(() => this.sendHealth(), 500);
@@ -113,6 +116,13 @@ class Viewer {
       type: "sessions",
       sessions: names.map((name, i) => ({ name: `sessions/${name}`, state: ["receiving", "waiting", "ended"][i], objects: OBJECTS.map(({ id }) => id), recv: `2026-11-26 10:0${i}:17` })),
     });
+  }
+
+  sendEnd(reason) {
+    this.session = "";
+    this.peer.sendText({ type: "notice", level: "error", text: reason });
+    this.peer.sendText({ type: "end", reason });
+    this.sendSessions();
   }
 
   sendScene() {

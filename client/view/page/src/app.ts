@@ -71,7 +71,7 @@ export class App implements Receiver {
       this.setColours(colours);
     });
     const { colours } = this.theme;
-    this.connection = new Connection(decodeURIComponent(location.hash.slice(1)), this);
+    this.connection = new Connection(location.hash.slice(1), this);
     this.events = new EventsView(this.store, colours, draw);
     this.space = new SpaceView(this.store, colours, draw);
     this.plots = new Plots(this.store, colours, seek, draw);
@@ -169,7 +169,7 @@ export class App implements Receiver {
       case "position": this.store.position = message; break;
       case "range": this.store.setRange(message); break;
       case "notice": this.notice(message.level, message.text); break;
-      case "end": this.store.ended = message.reason; break;
+      case "end": this.onEnd(message.reason); break;
     }
     this.requestFrame();
   }
@@ -204,9 +204,19 @@ export class App implements Receiver {
     this.data["mode"] = hello.mode;
     this.undrawn = [];
     this.sendSettings();
-    if (hello.session !== "") this.session = hello.session;
-    else if (hello.mode === "live" && this.session !== "") this.connection.send({ type: "open", session: this.session });
-    if (this.session === "" && hello.mode === "live") this.showSessions();
+    if (hello.mode !== "live") return;
+    // After a lost connection, the session that was shown, which may be another one than that of the gateway.
+    if (this.session === "") this.session = hello.session;
+    else if (this.session !== hello.session) this.connection.send({ type: "open", session: this.session });
+    if (this.session === "") this.showSessions();
+  }
+
+  private onEnd(reason: string): void {
+    this.store.ended = reason;
+    if (this.store.scene) return;
+    // Nothing was shown yet. A session's end comes with a notice that has the reason.
+    if (this.store.isRecording) this.notice("error", reason);
+    else this.showSessions();
   }
 
   private onScene(scene: Scene): void {

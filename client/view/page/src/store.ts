@@ -60,8 +60,18 @@ export class StateLog {
       if (reason !== "" && current.reason === "") current.reason = reason;
       return;
     }
-    if (current?.t_us === t_us) this.changes[index] = { t_us, state, reason };
-    else this.changes.splice(index + 1, 0, { t_us, state, reason });
+    const at = current?.t_us === t_us ? index : index + 1;
+    if (at === index) this.changes.splice(index, 1);
+    const [before, next] = [this.changes[at - 1], this.changes[at]];
+    if (before?.state === state) {
+      // The change that was replaced had been between two parts of the same state.
+      if (next?.state === state) this.changes.splice(at, 1);
+    } else if (next?.state === state) {
+      next.t_us = t_us;
+      if (reason !== "") next.reason = reason;
+    } else {
+      this.changes.splice(at, 0, { t_us, state, reason });
+    }
     if (this.changes.length > MAX_CHANGES) this.changes.shift();
   }
 }

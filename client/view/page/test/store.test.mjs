@@ -20,6 +20,21 @@ test("changes of state are kept in the order of their times", () => {
   assert.deepEqual([50, 100, 299, 300].map((t) => log.indexAt(t)), [-1, 0, 1, 2]);
 });
 
+test("a state that is reported twice begins at the earlier time, and is one change", () => {
+  const log = new StateLog();
+  log.add(300, "tracking", "");
+  log.add(200, "tracking", "found");
+  log.add(250, "tracking", "");
+  assert.deepEqual(log.changes, [{ t_us: 200, state: "tracking", reason: "found" }]);
+  log.add(400, "lost", "");
+  log.add(500, "tracking", "");
+  log.add(400, "tracking", "");
+  assert.deepEqual(log.changes, [{ t_us: 200, state: "tracking", reason: "found" }]);
+  log.add(600, "lost", "");
+  log.add(600, "degraded", "few edges");
+  assert.deepEqual(log.changes.map(({ t_us, state }) => [t_us, state]), [[200, "tracking"], [600, "degraded"]]);
+});
+
 test("the number of changes is bounded", () => {
   const log = new StateLog();
   for (let i = 0; i < 10000; ++i) log.add(i, i % 2 === 0 ? "lost" : "tracking", "");

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// A source whose inputs are still being read.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "absl/base/thread_annotations.h"
+#include "client/view/view_source.h"
+
+namespace evpose::client {
+
+// Says to pages for what they wait, until it has another source. Thread-safe.
+class PendingSource : public ViewSource {
+ public:
+  // `hello` is the first message to each page, `notice` says what is being read.
+  PendingSource(const HelloMessage& hello, const std::string& notice) : hello_(hello), notice_(notice) {}
+
+  std::unique_ptr<PageView> Open(std::shared_ptr<PageOutbox> outbox) override;
+  // Shows `source`, which must outlive the views, to all pages.
+  void Provide(ViewSource& source);
+
+ private:
+  class View;
+
+  const HelloMessage hello_;
+  const std::string notice_;
+  std::mutex mutex_;
+  ViewSource* source_ ABSL_GUARDED_BY(mutex_) = nullptr;
+  std::vector<View*> waiting_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace evpose::client
