@@ -49,7 +49,8 @@ CommandRunners AddCommands(CLI::App& app, CliContext& context) {
   add(kTracking, "view", "Show a session, or a recording with its poses, on a page in the browser", AddViewCommand);
   add(kRecordings, "simulate", "Simulate an event camera: write a recording and its true poses", AddSimulateCommand);
   add(kRecordings, "info", "Print the contents of a recording", AddInfoCommand);
-  add(kRecordings, "doctor", "Check a recording or a live camera for what goes wrong most often", AddDoctorCommand);
+  add(kRecordings, "doctor", "Check a recording, a live camera or a server for what goes wrong most often",
+      AddDoctorCommand);
   add(kRecordings, "convert", "Write the events of a recording in another format", AddConvertCommand);
   add(kRecordings, "render", "Draw the events of a recording and the model at its poses", AddRenderCommand);
   add(kRecordings, "evaluate", "Compare estimated poses with the truth", AddEvaluateCommand);

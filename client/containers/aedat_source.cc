@@ -44,17 +44,18 @@ class AedatSource final : public EventSource {
   std::vector<SkippedParts> skipped() const override {
     const AedatCounts& counts = decoder_->counts();
     std::vector<SkippedParts> parts;
-    const auto add = [&parts](const char* what, uint64_t count) {
-      if (count > 0) parts.push_back({what, count});
+    using Loss = SkippedParts::Loss;
+    const auto add = [&parts](const char* what, uint64_t count, Loss loss) {
+      if (count > 0) parts.push_back({what, count, loss});
     };
-    add("inertial measurements", counts.imu_samples);
-    add("image samples", counts.image_samples);
-    add("marks other than triggers", counts.other_records);
-    add("packets of frames, inertial measurements or other cameras", counts.other_packets);
-    add("events outside the sensor", counts.outside_sensor);
-    add("invalid events", counts.invalid_events);
-    add("damaged packets", counts.damaged_packets);
-    add("bytes of incomplete or damaged data", counts.lost_bytes);
+    add("inertial measurements", counts.imu_samples, Loss::kNone);
+    add("image samples", counts.image_samples, Loss::kNone);
+    add("marks other than triggers", counts.other_records, Loss::kNone);
+    add("packets of frames, inertial measurements or other cameras", counts.other_packets, Loss::kNone);
+    add("events outside the sensor", counts.outside_sensor, Loss::kEvents);
+    add("invalid events", counts.invalid_events, Loss::kEvents);
+    add("damaged packets", counts.damaged_packets, Loss::kPieces);
+    add("bytes of incomplete or damaged data", counts.lost_bytes, Loss::kPieces);
     return parts;
   }
 

@@ -117,7 +117,8 @@ class ArraySource final : public EventSource {
       num_announced = std::max(num_announced, array.header().num_items() / NumbersOfEvent(array.header()));
     }
     if (num_announced <= num_read_) return {};
-    return {{"events missing at the end, or without t, x, y or p", static_cast<uint64_t>(num_announced - num_read_)}};
+    return {{"events missing at the end, or without t, x, y or p", static_cast<uint64_t>(num_announced - num_read_),
+             SkippedParts::Loss::kEvents}};
   }
 
  private:

@@ -167,7 +167,8 @@ class EventArraySource final : public EventSource {
   std::vector<SkippedParts> skipped() const override {
     std::vector<SkippedParts> parts = messages_->skipped();
     if (num_damaged_ > 0) parts.push_back({"damaged messages", num_damaged_});
-    if (num_missing_ > 0) parts.push_back({"events missing at the end of messages", num_missing_});
+    if (num_missing_ > 0)
+      parts.push_back({"events missing at the end of messages", num_missing_, SkippedParts::Loss::kEvents});
     return parts;
   }
 

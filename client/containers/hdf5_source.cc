@@ -61,9 +61,12 @@ class Hdf5Source final : public EventSource {
 
   std::vector<SkippedParts> skipped() const override {
     std::vector<SkippedParts> parts;
-    if (record_.losses.events > 0) parts.push_back({"events in damaged parts", record_.losses.events});
-    if (record_.losses.triggers > 0) parts.push_back({"triggers in damaged parts", record_.losses.triggers});
-    if (record_.losses.invalid > 0) parts.push_back({"events with an invalid time or address", record_.losses.invalid});
+    if (record_.losses.events > 0)
+      parts.push_back({"events in damaged parts", record_.losses.events, SkippedParts::Loss::kEvents});
+    if (record_.losses.triggers > 0)
+      parts.push_back({"triggers in damaged parts", record_.losses.triggers, SkippedParts::Loss::kNone});
+    if (record_.losses.invalid > 0)
+      parts.push_back({"events with an invalid time or address", record_.losses.invalid, SkippedParts::Loss::kEvents});
     return parts;
   }
 

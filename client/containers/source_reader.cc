@@ -68,10 +68,14 @@ class SourceReader final : public RecordingReader {
 
   std::vector<SkippedParts> skipped() const override {
     std::vector<SkippedParts> parts = source_->skipped();
-    if (num_outside_ > 0) parts.push_back({"events with a row or column below 0 or above 16383", num_outside_});
-    if (num_early_ > 0) parts.push_back({"events before time 0", num_early_});
-    if (num_early_triggers_ > 0) parts.push_back({"triggers before the first event", num_early_triggers_});
-    if (num_jumps_ > 0) parts.push_back({"events more than 35 minutes from the event before", num_jumps_});
+    if (num_outside_ > 0)
+      parts.push_back(
+          {"events with a row or column below 0 or above 16383", num_outside_, SkippedParts::Loss::kEvents});
+    if (num_early_ > 0) parts.push_back({"events before time 0", num_early_, SkippedParts::Loss::kEvents});
+    if (num_early_triggers_ > 0)
+      parts.push_back({"triggers before the first event", num_early_triggers_, SkippedParts::Loss::kNone});
+    if (num_jumps_ > 0)
+      parts.push_back({"events more than 35 minutes from the event before", num_jumps_, SkippedParts::Loss::kEvents});
     return parts;
   }
 

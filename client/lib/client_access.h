@@ -5,10 +5,12 @@
 
 #include <grpcpp/channel.h>
 
+#include <cstddef>
 #include <memory>
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "client/lib/stream/event_feed.h"
 #include "evpose/client.h"
 #include "evpose/clock.h"
@@ -23,6 +25,13 @@ struct ClientAccess {
   // Client::Track() with a feed of the caller, from any position of a session. Stops the feed.
   static absl::StatusOr<TrackSummary> Track(Client& client, const TrackPosition& position, EventFeed& feed,
                                             const TrackCallbacks& callbacks, const TrackOptions& options = {});
+  // Whether the server accepts sessions, by its health service, which requires no token. Errors: UNIMPLEMENTED if it
+  // has no such service.
+  static absl::StatusOr<bool> IsServing(Client& client);
+  // Uploads `num_bytes` bytes, which the server counts and discards, and returns the time until it has confirmed the
+  // number; a round trip is included. It takes a place among the uploads of the tenant for that time. Errors: those of
+  // Client::UploadModel(); DEADLINE_EXCEEDED after `timeout`.
+  static absl::StatusOr<absl::Duration> TimeUpload(Client& client, size_t num_bytes, absl::Duration timeout);
 };
 
 }  // namespace evpose::client

@@ -275,7 +275,8 @@ ServerInfo FromProto(const v1::ServerInfo& message) {
           .is_draining = message.draining(),
           .skipped_events = message.skipped_events(),
           .pose_log_capacity = message.pose_log_capacity(),
-          .session_expiry = FromProto(message.session_expiry())};
+          .session_expiry = FromProto(message.session_expiry()),
+          .time = message.has_time() ? std::optional(FromProto(message.time())) : std::nullopt};
 }
 
 ModelInfo FromProto(const v1::Model& message) {

@@ -94,6 +94,13 @@ TEST(ConversionTest, AStoreHasTheNameOfTheApi) {
   }
 }
 
+TEST(ConversionTest, ServerInfoHasTheTimeIfTheServerStatesIt) {
+  v1::ServerInfo message;
+  EXPECT_EQ(FromProto(message).time, std::nullopt);
+  message.mutable_time()->set_seconds(7);
+  EXPECT_EQ(FromProto(message).time, absl::FromUnixSeconds(7));
+}
+
 TEST(ConversionTest, ModelHasItsSymmetries) {
   v1::Model message;
   message.set_num_symmetries(24);

@@ -2,11 +2,9 @@
 #include "client/lib/tls_probe.h"
 
 #include <arpa/inet.h>
-#include <netdb.h>
 #include <openssl/err.h>
 #include <openssl/ssl.h>
 #include <openssl/x509v3.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <memory>
@@ -18,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "client/lib/server_address.h"
+#include "client/lib/tcp_probe.h"
 
 namespace evpose::client {
 namespace {
@@ -27,29 +26,9 @@ struct Free {
   void operator()(SSL* ssl) const { SSL_free(ssl); }
   void operator()(X509* certificate) const { X509_free(certificate); }
   void operator()(GENERAL_NAMES* names) const { GENERAL_NAMES_free(names); }
-  void operator()(addrinfo* addresses) const { freeaddrinfo(addresses); }
 };
 template <typename T>
 using Owned = std::unique_ptr<T, Free>;
-
-// Returns a connected socket with `timeout` for each read and write, or -1.
-int ConnectTcp(const ServerAddress& address, absl::Duration timeout) {
-  addrinfo hints = {};
-  hints.ai_socktype = SOCK_STREAM;
-  addrinfo* found = nullptr;
-  if (getaddrinfo(address.host.c_str(), std::to_string(address.port).c_str(), &hints, &found) != 0) return -1;
-  const Owned<addrinfo> addresses(found);
-  const timeval limit = absl::ToTimeval(timeout);
-  for (const addrinfo* it = found; it != nullptr; it = it->ai_next) {
-    const int fd = socket(it->ai_family, it->ai_socktype | SOCK_CLOEXEC, it->ai_protocol);
-    if (fd < 0) continue;
-    setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof(limit));
-    setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof(limit));  // also limits connect()
-    if (connect(fd, it->ai_addr, it->ai_addrlen) == 0) return fd;
-    close(fd);
-  }
-  return -1;
-}
 
 Owned<SSL_CTX> MakeContext(const TlsOptions& tls) {
   Owned<SSL_CTX> context(SSL_CTX_new(TLS_client_method()));
@@ -157,7 +136,8 @@ std::string HostsOf(const X509* certificate) {
 
 std::string ExplainTls(const std::string& address, const TlsOptions& tls, absl::Duration timeout) {
   const auto parsed = ParseServerAddress(address);
-  const int fd = parsed.ok() ? ConnectTcp(*parsed, timeout) : -1;
+  TcpFailure failure;
+  const int fd = parsed.ok() ? ConnectTcp(*parsed, timeout, failure) : -1;
   if (fd < 0) return "";
   const absl::Cleanup close_socket = [fd] { close(fd); };
   ERR_clear_error();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Checks of a camera and of a model against the events of a recording (core/diagnosis/README.md, section 9).
+// Checks of a camera and of a model against the events of a recording (core/diagnosis/README.md, section 10).
 #pragma once
 
 #include <string>

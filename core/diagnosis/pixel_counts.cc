@@ -12,10 +12,8 @@ namespace {
 
 // Pixels around a pixel with which it is compared: a square of 5 x 5.
 constexpr int kHotRadius = 2;
-
-// Median number of events of the pixels around a dead area, and expected noise events inside it: a camera in which
-// nothing moves there would have some. Noise depends on the light, by a factor of four and more, hence the margin.
-constexpr uint32_t kMinRimEvents = 16;
+// Expected noise events in a dead area: a working one in which nothing moves would have some. Noise depends on the
+// light, by a factor of four and more, hence the margin.
 constexpr double kMinExpectedNoise = 100.0;
 
 // Whether a Poisson count of this mean reaches `count` with less than `probability`: a bound by Chernoff.
@@ -62,6 +60,12 @@ std::vector<PixelCounts::HotPixel> PixelCounts::FindHot(const DiagnosisOptions& 
   }
   std::stable_sort(hot.begin(), hot.end(), [](const HotPixel& a, const HotPixel& b) { return a.events > b.events; });
   return hot;
+}
+
+double PixelCounts::BusyShare() const {
+  const auto is_busy = [](uint32_t count) { return count >= kMinRimEvents; };
+  return static_cast<double>(std::count_if(counts_.begin(), counts_.end(), is_busy)) /
+         static_cast<double>(counts_.size());
 }
 
 std::vector<PixelCounts::DeadArea> PixelCounts::FindDead(double noise_per_pixel,

@@ -34,6 +34,10 @@ class PixelCounts {
     int x_min = 0, y_min = 0, x_max = 0, y_max = 0;  // its box, inclusive
     uint64_t pixels = 0;
   };
+  // Median of the events of the pixels at the rim of an area, from which on the area is dead and not merely at rest.
+  static constexpr uint32_t kMinRimEvents = 16;
+  // Share of the pixels with kMinRimEvents or more.
+  double BusyShare() const;
   // In descending order of their pixels. `noise_per_pixel` is the expected number of noise events of a pixel.
   std::vector<DeadArea> FindDead(double noise_per_pixel, const DiagnosisOptions& options) const;
 

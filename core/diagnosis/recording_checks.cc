@@ -15,6 +15,8 @@ namespace {
 constexpr size_t kMaxPlaces = 10;
 constexpr char kSettings[] = " (deploy/sensors/README.md)";
 
+// Share of the pixels with events, from which on most dead areas have a rim with events.
+constexpr double kMinBusyShare = 0.5;
 // Events for the ratio of the thresholds, and passages for the blur: ratio and median then vary by less than a tenth.
 constexpr double kMinPolarityEvents = 1000.0;
 constexpr uint64_t kMinPassages = 60;
@@ -31,28 +33,49 @@ Finding Named(const char* check) {
   return finding;
 }
 
+// What a reader left out and should not have had to.
+struct LostParts {
+  uint64_t events = 0;
+  uint64_t pieces = 0;
+  std::vector<std::string> descriptions;
+};
+
+LostParts Lost(const std::vector<SkippedParts>& skipped) {
+  LostParts lost;
+  for (const SkippedParts& parts : skipped) {
+    if (parts.loss == SkippedParts::Loss::kNone) continue;
+    (parts.loss == SkippedParts::Loss::kEvents ? lost.events : lost.pieces) += parts.count;
+    lost.descriptions.push_back(absl::StrCat("left out: ", parts.count, " ", parts.what));
+  }
+  return lost;
+}
+
 }  // namespace
 
 Finding RecordingDiagnosis::CheckDecoding(const StreamFacts& facts) const {
   Finding finding = Named("decoding");
   const DecodeCounts& counts = facts.counts;
   const double words = std::max(1.0, static_cast<double>(facts.data_bytes) / facts.word_bytes);
-  const double events = std::max(1.0, static_cast<double>(counts.cd_events + counts.dropped_outside_sensor));
+  const LostParts lost = Lost(facts.skipped);
+  const double missing = static_cast<double>(counts.dropped_outside_sensor + lost.events);
   // A recording may begin anywhere: events before the first time stamp are no fault.
   Judge(std::max(static_cast<double>(counts.invalid_words()) / words,
-                 static_cast<double>(counts.dropped_outside_sensor) / events),
+                 missing / std::max(1.0, static_cast<double>(counts.cd_events) + missing)),
         options_.decode_fault_share, "share of the words or events", finding);
+  // How many events a lost piece had is unknown. A long gap is a problem of the clock.
+  if (lost.pieces > 0) finding.verdict = std::max(finding.verdict, Verdict::kAdvice);
   finding.text =
       absl::StrFormat("%d events; %s, %s outside the sensor, %s at the end that %s no word", counts.cd_events,
                       Counted(counts.invalid_words(), "invalid word"), Counted(counts.dropped_outside_sensor, "event"),
                       Counted(facts.truncated_bytes, "byte"), facts.truncated_bytes == 1 ? "is" : "are");
+  finding.places = lost.descriptions;
   if (counts.cd_events == 0) {
     finding.verdict = Verdict::kProblem;
     finding.text = "there is no event";
     finding.remedy = "check that the camera was recording, and that the format in the header is that of the data";
   } else if (finding.verdict != Verdict::kOk) {
     finding.remedy =
-        counts.invalid_words() > 0
+        counts.invalid_words() > 0 || !lost.descriptions.empty()
             ? "bytes were lost or changed: copy the file again, lower the event rate to that of the link, or record to "
               "a faster disk"
             : "the size of the sensor in the header, or of --camera, is smaller than that of the recording";
@@ -219,6 +242,14 @@ Finding RecordingDiagnosis::CheckDeadPixels(const Shares& shares) const {
   const double pixels = 1.0 * geometry_.width_px * geometry_.height_px;
   const double noise_per_pixel = shares.noise * static_cast<double>(num_events()) / pixels;
   const std::vector<PixelCounts::DeadArea> areas = pixels_.FindDead(noise_per_pixel, options_);
+  const double busy_share = pixels_.BusyShare();
+  if (areas.empty() && busy_share < kMinBusyShare) {
+    return NotChecked(
+        "dead-pixels",
+        absl::StrFormat("%s of the pixels have %d events or more; to tell dead areas from places at rest, "
+                        "half of them must, as before a moving pattern that fills the image",
+                        Percent(busy_share), PixelCounts::kMinRimEvents));
+  }
   double silent = 0.0;
   for (const PixelCounts::DeadArea& area : areas) silent += static_cast<double>(area.pixels);
   Judge(silent / pixels, options_.dead_share, "share of the pixels", finding);

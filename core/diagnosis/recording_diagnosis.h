@@ -19,6 +19,7 @@
 #include "core/diagnosis/pixel_runs.h"
 #include "core/events/decoder.h"
 #include "core/events/event.h"
+#include "core/events/recording_reader.h"
 
 namespace evpose {
 
@@ -27,7 +28,8 @@ struct StreamFacts {
   DecodeCounts counts;
   uint64_t data_bytes = 0;
   int word_bytes = 8;
-  int truncated_bytes = 0;  // of an unfinished word at the end
+  int truncated_bytes = 0;            // of an unfinished word at the end
+  std::vector<SkippedParts> skipped;  // what the reader left out
 };
 
 class RecordingDiagnosis {

@@ -18,8 +18,14 @@ namespace evpose {
 
 // Parts of a recording that its reader left out, of one kind.
 struct SkippedParts {
+  enum class Loss {
+    kEvents,  // each part is an event that is missing, or may have been one
+    kPieces,  // each part may have held any number of events
+    kNone,    // the parts are no events of this camera
+  };
   std::string what;  // in the plural: "lines that cannot be read"
   uint64_t count = 0;
+  Loss loss = Loss::kPieces;
 };
 
 class RecordingReader {

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "server/rpc/authentication.h"
@@ -55,6 +56,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::GetServerInfo(grpc::CallbackServerCo
     response->set_pose_log_capacity(options.limits.pose_log_capacity);
     *response->mutable_session_expiry() = ToProto(options.limits.expiry);
     if (caller.is_operator) response->set_skipped_events(services_.sessions.skipped_events());
+    *response->mutable_time() = ToProto(absl::Now());
     return absl::OkStatus();
   });
 }

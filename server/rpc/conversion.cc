@@ -188,10 +188,6 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   return out;
 }
 
-google::protobuf::Timestamp ToProto(absl::Time time) {
-  return google::protobuf::util::TimeUtil::NanosecondsToTimestamp(absl::ToUnixNanos(time));
-}
-
 absl::StatusOr<Eigen::Matrix3d> FieldFromProto(const v1::Quaternion& rotation, const std::string& field) {
   const auto transform =
       MakeRigidTransform(Eigen::Vector3d::Zero(), {rotation.w(), rotation.x(), rotation.y(), rotation.z()});
@@ -204,6 +200,10 @@ double PerSecond(uint64_t count, int64_t duration_us) {
 }
 
 }  // namespace
+
+google::protobuf::Timestamp ToProto(absl::Time time) {
+  return google::protobuf::util::TimeUtil::NanosecondsToTimestamp(absl::ToUnixNanos(time));
+}
 
 absl::StatusOr<RigidTransform> FromProto(const v1::RigidTransform& transform, const std::string& field) {
   const v1::Vector3& translation = transform.translation_m();

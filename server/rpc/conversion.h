@@ -31,6 +31,7 @@ v1::EventImage ToProto(const EventImage& image, uint64_t num_skipped, const Sess
 v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config);
 v1::Model ToProto(const ModelInfo& model);
 google::protobuf::Duration ToProto(absl::Duration duration);
+google::protobuf::Timestamp ToProto(absl::Time time);
 // A duration that is out of absl::Duration's range becomes infinite.
 absl::Duration FromProto(const google::protobuf::Duration& duration);
 

@@ -419,6 +419,7 @@ TEST_F(ServerTest, ReturnsServerInfo) {
   grpc::ClientContext context;
   v1::ServerInfo info;
   ASSERT_TRUE(admin_->GetServerInfo(&context, {}, &info).ok());
+  EXPECT_NEAR(static_cast<double>(info.time().seconds()), absl::ToDoubleSeconds(absl::Now() - absl::UnixEpoch()), 60.0);
   EXPECT_EQ(info.active_sessions(), 1u);
   EXPECT_EQ(info.max_sessions(), 4u);
   EXPECT_EQ(info.store(), v1::STORE_KIND_MEMORY);

@@ -1,24 +1,40 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Tests evpose doctor.
+#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
+#include <filesystem>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
+#include "server/rpc/server.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/cutting_proxy.h"
 
 namespace evpose {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 using DoctorTest = CliTest;
 
-std::string ResultOf(const nlohmann::json& report, const std::string& check) {
+nlohmann::json CheckOf(const nlohmann::json& report, const std::string& check) {
   for (const nlohmann::json& each : report["checks"]) {
-    if (each["check"] == check) return each["result"];
+    if (each["check"] == check) return each;
   }
-  return "absent";
+  return {{"result", "absent"}};
+}
+
+std::string ResultOf(const nlohmann::json& report, const std::string& check) {
+  return CheckOf(report, check)["result"];
 }
 
 TEST_F(DoctorTest, CleanRecordingHasNoProblem) {
@@ -27,10 +43,13 @@ TEST_F(DoctorTest, CleanRecordingHasNoProblem) {
   const CliResult result =
       Run({"doctor", recording, "--model", Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"), "--json"});
   ASSERT_EQ(result.status, 0) << result.err;
-  for (const nlohmann::json& check : result.Json()["checks"]) EXPECT_EQ(check["result"], "ok") << check;
+  for (const nlohmann::json& check : result.Json()["checks"]) {
+    // The cube moves in a part of the image only.
+    EXPECT_EQ(check["result"], check["check"] == "dead-pixels" ? "not checked" : "ok") << check;
+  }
   const CliResult text = Run({"doctor", recording});
   EXPECT_EQ(text.status, 0) << text.err;
-  EXPECT_THAT(text.out, HasSubstr("0 problems, 0 pieces of advice, 2 checks not made"));
+  EXPECT_THAT(text.out, HasSubstr("0 problems, 0 pieces of advice, 3 checks not made"));
 }
 
 TEST_F(DoctorTest, FlickerIsAProblemWithItsRemedy) {
@@ -57,11 +76,12 @@ TEST_F(DoctorTest, WrongCameraAndScaleAreProblems) {
 
 TEST_F(DoctorTest, ReadsAPipe) {
   SimulateCube(0.5);
-  const CliResult result = RunShell("cat cube/recording.raw | evpose doctor - --duration 0.3 --json");
-  ASSERT_EQ(result.status, 0) << result.err;
-  EXPECT_THAT(result.Json()["subjects"][0].get<std::string>(), HasSubstr("in 0.3"));
-  // A file is no live camera.
-  EXPECT_EQ(ResultOf(result.Json(), "packet-period"), "not checked");
+  // The pipe ends before this time, also on a busy machine.
+  const CliResult result = RunShell("cat cube/recording.raw | evpose doctor - --duration 600 --json");
+  EXPECT_THAT(result.Json()["subjects"][0].get<std::string>(), HasSubstr("in 0.500"));
+  EXPECT_EQ(ResultOf(result.Json(), "decoding"), "ok");
+  // Whether the pipe is as fast as a camera depends on the machine.
+  EXPECT_NE(ResultOf(result.Json(), "packet-period"), "absent");
 }
 
 TEST_F(DoctorTest, PartOfARecording) {
@@ -72,7 +92,9 @@ TEST_F(DoctorTest, PartOfARecording) {
 }
 
 TEST_F(DoctorTest, Errors) {
-  EXPECT_EQ(Run({"doctor"}).status, 2);
+  const CliResult nothing = Run({"doctor"});
+  EXPECT_EQ(nothing.status, 2);
+  EXPECT_THAT(nothing.err, HasSubstr("give a RECORDING, --server HOST:PORT, or --replay FILE"));
   EXPECT_EQ(Run({"doctor", "-", "--start", "1"}).status, 2);
   EXPECT_EQ(Run({"doctor", "r.raw", "--model", "m.obj"}).status, 2);
   const CliResult missing = Run({"doctor", Path("none.raw")});
@@ -81,6 +103,265 @@ TEST_F(DoctorTest, Errors) {
   const CliResult silent =
       RunShell("mkfifo pipe; sleep 30 > pipe & evpose doctor - --duration 0.1 < pipe || echo failed; kill $!");
   EXPECT_THAT(silent.err, HasSubstr("sent no header within 0.1 s"));
+}
+
+// Reading a recording may take minutes.
+TEST_F(DoctorTest, ReadsModelAndCameraBeforeTheRecording) {
+  SimulateCube(0.01);
+  WriteText("bad.obj", "f 1 2 3\n");
+  const CliResult model =
+      Run({"doctor", Path("none.raw"), "--model", Path("bad.obj"), "--camera", Path("cube/camera.yaml")});
+  EXPECT_EQ(model.status, 1);
+  EXPECT_THAT(model.err, AllOf(HasSubstr("bad.obj"), Not(HasSubstr("none.raw"))));
+}
+
+TEST_F(DoctorTest, LinesThatAreNoEventsAreAProblem) {
+  SimulateCube(0.3);
+  ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("events.csv")}).status, 0);
+  const std::string events = ReadText("events.csv");
+  EXPECT_EQ(ResultOf(Run({"doctor", Path("events.csv"), "--json"}).Json(), "decoding"), "ok");
+  std::string garbage;
+  for (int i = 0; i < 2000; ++i) garbage += "1,2,x,y\n";
+  WriteText("damaged.csv", events + garbage);
+  const CliResult damaged = Run({"doctor", Path("damaged.csv")});
+  EXPECT_EQ(damaged.status, 1);
+  EXPECT_THAT(damaged.out, HasSubstr("left out: 2000 lines that are no event"));
+  EXPECT_THAT(damaged.err, HasSubstr("problems were found: decoding"));
+}
+
+class DoctorServerTest : public CliTest {
+ protected:
+  static std::unique_ptr<server::Server> Start(const server::ServerOptions& options = {}) {
+    auto server = server::Server::Start(options);
+    EXPECT_TRUE(server.ok()) << server.status();
+    return *std::move(server);
+  }
+  static std::string AddressOf(const server::Server& server) { return "127.0.0.1:" + std::to_string(server.port()); }
+};
+
+TEST_F(DoctorServerTest, AllChecksOfAServer) {
+  SimulateCube(0.3);
+  const auto server = Start();
+  const CliResult result = Run({"doctor", Path("cube/recording.raw"), "--model", Path("cube/model.obj"), "--camera",
+                                Path("cube/camera.yaml"), "--server", AddressOf(*server), "--json"});
+  const nlohmann::json report = result.Json();
+  for (const char* check : {"connection", "health", "version", "sessions", "model-bytes", "server-clock", "clock"}) {
+    EXPECT_EQ(ResultOf(report, check), "ok") << check << CheckOf(report, check);
+  }
+  // These depend on the machine.
+  EXPECT_GT(CheckOf(report, "round-trip")["value"], 0.0);
+  EXPECT_GT(CheckOf(report, "link")["value"], 0.0);
+  EXPECT_THAT(CheckOf(report, "link")["text"].get<std::string>(), HasSubstr("the recording has"));
+  EXPECT_EQ(CheckOf(report, "sessions")["value"], 0.0);
+  EXPECT_EQ(Run({"models", "list", "--server", AddressOf(*server), "--json"}).Json(), nlohmann::json::array());
+
+  const nlohmann::json alone = Run({"doctor", "--server", AddressOf(*server), "--json"}).Json();
+  EXPECT_EQ(alone["subjects"], nlohmann::json::array({"server " + AddressOf(*server)}));
+  EXPECT_EQ(CheckOf(alone, "link")["unit"], "Mbit/s");
+  EXPECT_EQ(ResultOf(alone, "model-bytes"), "not checked");
+  EXPECT_EQ(ResultOf(alone, "decoding"), "absent");
+}
+
+TEST_F(DoctorServerTest, LimitsOfAServer) {
+  SimulateCube(0.01);
+  server::ServerOptions options;
+  options.max_model_bytes = 100;
+  const auto server = Start(options);
+  const CliResult result = Run({"doctor", "--server", AddressOf(*server), "--model", Path("cube/model.obj")});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.out, AllOf(HasSubstr("the server accepts 100"), HasSubstr("-> simplify the mesh")));
+  EXPECT_THAT(result.out, HasSubstr("too few for a measurement"));
+  EXPECT_THAT(result.err, HasSubstr("problems were found: model-bytes"));
+}
+
+// The models leave less room than the first probe needs.
+TEST_F(DoctorServerTest, UploadsThatTheServerRefusesAreNoMeasurement) {
+  SimulateCube(0.01);
+  server::ServerOptions options;
+  options.max_model_bytes = options.max_model_store_bytes = 66'000;
+  const auto server = Start(options);
+  ASSERT_EQ(Run({"models", "upload", Path("cube/model.obj"), "--server", AddressOf(*server)}).status, 0);
+  const CliResult result = Run({"doctor", "--server", AddressOf(*server), "--json"});
+  EXPECT_EQ(ResultOf(result.Json(), "link"), "not checked") << result.out;
+}
+
+TEST_F(DoctorServerTest, ServerThatShutsDown) {
+  const auto server = Start();
+  ASSERT_EQ(Run({"sessions", "drain", "--server", AddressOf(*server)}).status, 0);
+  const CliResult result = Run({"doctor", "--server", AddressOf(*server)});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.out, HasSubstr("NOT_SERVING"));
+  EXPECT_THAT(result.err, HasSubstr("problems were found: health, sessions"));
+}
+
+TEST_F(DoctorServerTest, UnreachableServers) {
+  // Nothing listens on a port that is bound alone.
+  const int bound = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address = {};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof(address);
+  ASSERT_EQ(bind(bound, reinterpret_cast<sockaddr*>(&address), size), 0);
+  ASSERT_EQ(getsockname(bound, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  const std::string port = std::to_string(ntohs(address.sin_port));
+  const CliResult refused = Run({"doctor", "--server", "127.0.0.1:" + port, "--connect-timeout", "0.2"});
+  EXPECT_EQ(refused.status, 1);
+  EXPECT_THAT(refused.out, HasSubstr("nothing listens on port " + port + " of 127.0.0.1"));
+  EXPECT_THAT(refused.out, HasSubstr("-> start evpose-server there"));
+  EXPECT_THAT(refused.out, HasSubstr("1 problem, 0 pieces of advice, 7 checks not made"));
+  EXPECT_THAT(refused.err, HasSubstr("problems were found: connection"));
+  close(bound);
+  // Another program listens there.
+  const CuttingProxy other;
+  const CliResult wrong = Run({"doctor", "--server", other.address(), "--connect-timeout", "0.2"});
+  EXPECT_EQ(wrong.status, 1);
+  EXPECT_THAT(wrong.out, HasSubstr("-> a program listens there"));
+  // One of two servers is enough for a session, but each is checked.
+  const auto server = Start();
+  const CliResult both =
+      Run({"doctor", "--server", absl::StrCat(other.address(), ",", AddressOf(*server)), "--connect-timeout", "0.2"});
+  EXPECT_EQ(both.status, 1);
+  EXPECT_THAT(both.out, HasSubstr(absl::StrCat(AddressOf(*server), ": the server is reachable")));
+}
+
+TEST_F(DoctorServerTest, ErrorsOfTheFilesOfTheConnection) {
+  const CliResult token = Run({"doctor", "--server", "127.0.0.1:1", "--token-file", Path("none")});
+  EXPECT_EQ(token.status, 1);
+  EXPECT_THAT(token.err, HasSubstr("none"));
+  EXPECT_EQ(token.out, "");
+  EXPECT_EQ(Run({"doctor", "--server", "127.0.0.1:1", "--tls-cert", Path("none")}).status, 2);
+  EXPECT_EQ(Run({"doctor", "r.raw", "--tls"}).status, 2);
+}
+
+class DoctorBundleTest : public CliTest {
+ protected:
+  // Writes bundle.tar of the simulated cube.
+  CliResult Pack(const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {"doctor",   Path("cube/recording.raw"), "--model",  Path("cube/model.obj"),
+                                          "--camera", Path("cube/camera.yaml"),   "--bundle", Path("bundle.tar")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Run(arguments);
+  }
+  // Unpacks bundle.tar, runs `script` in its folder and packs changed.tar with sums that fit.
+  void Change(const std::string& script) const {
+    const CliResult result =
+        RunShell("rm -rf x; mkdir x; tar -xf bundle.tar -C x; cd x/evpose-bundle; " + script +
+                 "; sha256sum $(ls | grep -v SHA256SUMS) > SHA256SUMS; cd ..; tar -cf ../changed.tar evpose-bundle");
+    ASSERT_EQ(result.status, 0) << result.err;
+  }
+  CliResult ReplayChanged() const { return Run({"doctor", "--replay", Path("changed.tar")}); }
+};
+
+TEST_F(DoctorBundleTest, ReplaysToTheBitElsewhere) {
+  SimulateCube(0.4);
+  const CliResult packed = Pack();
+  ASSERT_EQ(packed.status, 0) << packed.out << packed.err;
+  EXPECT_THAT(packed.out, HasSubstr("bundle.tar: bundle of 16.0"));
+  EXPECT_THAT(packed.out, Not(HasSubstr("is left out")));
+  // The poses are those of a replay of the whole recording.
+  ASSERT_EQ(Run(SearchArguments("poses.jsonl")).status, 0);
+  const std::string poses = ReadText("poses.jsonl");
+  const CliResult elsewhere = RunShell(
+      "mkdir elsewhere; mv bundle.tar elsewhere; rm -r cube; cd elsewhere; tar -xf bundle.tar; "
+      "cd evpose-bundle; sha256sum -c SHA256SUMS >&2; cat poses.jsonl >../poses.jsonl; cd ..; "
+      "evpose doctor --replay bundle.tar --json");
+  ASSERT_EQ(elsewhere.status, 0) << elsewhere.err;
+  EXPECT_EQ(ReadText("elsewhere/poses.jsonl"), poses);
+  EXPECT_EQ(elsewhere.Json()["identical"], true);
+  EXPECT_GT(elsewhere.Json()["poses"], 100);
+  EXPECT_EQ(elsewhere.Json()["poses"], elsewhere.Json()["expected_poses"]);
+  const CliResult text = Run({"doctor", "--replay", Path("elsewhere/bundle.tar")});
+  EXPECT_THAT(text.out, HasSubstr(": identical to the bit\n"));
+}
+
+TEST_F(DoctorBundleTest, PartWithOptions) {
+  SimulateCube(0.4);
+  WriteText("sensor.yaml", "blur_px: 0.6\n");
+  const CliResult packed = Pack({"--duration", "0.2", "--sensor", Path("sensor.yaml"), "--init-pose", FirstPose(),
+                                 "--crease-angle", "20", "--json"});
+  ASSERT_EQ(packed.status, 0) << packed.out << packed.err;
+  EXPECT_THAT(packed.Json()["subjects"].back().get<std::string>(),
+              ::testing::AnyOf(HasSubstr("to 16.19"), HasSubstr("to 16.20")));
+  const CliResult replayed = Run({"doctor", "--replay", Path("bundle.tar"), "--json"});
+  ASSERT_EQ(replayed.status, 0) << replayed.err;
+  EXPECT_EQ(replayed.Json()["identical"], true);
+  EXPECT_GT(replayed.Json()["poses"], 10);
+  // Without the sensor's profile the poses are others.
+  Change("sed -i 's/blur_px: .*/blur_px: 0.47/' sensor.yaml");
+  EXPECT_EQ(ReplayChanged().status, 1);
+  const CliResult later = Pack({"--start", "0.1", "--json"});
+  ASSERT_EQ(later.status, 0) << later.out << later.err;
+  EXPECT_THAT(later.Json()["subjects"].back().get<std::string>(), HasSubstr("bundle of 16.10"));
+  EXPECT_EQ(Run({"doctor", "--replay", Path("bundle.tar"), "--json"}).Json()["identical"], true);
+}
+
+TEST_F(DoctorBundleTest, SaysWhereThePosesDiffer) {
+  SimulateCube(0.3);
+  ASSERT_EQ(Pack({"--init-pose", FirstPose()}).status, 0);
+  Change("sed -i '5s/\"num_events\":/\"num_events\":9/' poses.jsonl");
+  const CliResult one = ReplayChanged();
+  EXPECT_EQ(one.status, 1);
+  EXPECT_THAT(one.out, AllOf(HasSubstr("of which 1 differ, by at most 0 m and 0 rad"),
+                             HasSubstr("first difference: pose 5, at 16.0"), HasSubstr(" instead of 9")));
+  EXPECT_THAT(one.err, HasSubstr("the poses differ from those of evpose"));
+  Change(
+      "sed -i '7s/\"quaternion_xyzw\":[^]]*/\"quaternion_xyzw\":[0,0,0,1/;7s/\"translation_m\":[^]]*/"
+      "\"translation_m\":[0,0,9/' poses.jsonl");
+  EXPECT_THAT(ReplayChanged().out, AllOf(HasSubstr("pose 7, at 16.0"), HasSubstr("translation_m by at most "),
+                                         HasSubstr("quaternion_xyzw by at most")));
+  Change("sed -i '$d' poses.jsonl");
+  EXPECT_THAT(ReplayChanged().out, HasSubstr("is not in the bundle"));
+  Change("tail -n 1 poses.jsonl >last; cat last >>poses.jsonl; rm last");
+  EXPECT_THAT(ReplayChanged().out, HasSubstr("is in the bundle alone"));
+  Change("echo '{}' >>poses.jsonl");
+  EXPECT_THAT(ReplayChanged().err, HasSubstr("changed.tar: poses.jsonl"));
+  Change("printf '\\r\\n' >>poses.jsonl");
+  EXPECT_THAT(ReplayChanged().err, HasSubstr("has lines without a pose"));
+}
+
+TEST_F(DoctorBundleTest, DamagedBundles) {
+  SimulateCube(0.1);
+  ASSERT_NE(Pack({"--init-pose", FirstPose()}).out, "");
+  const std::string bundle = ReadText("bundle.tar");
+  WriteText("changed.tar", bundle.substr(0, bundle.size() / 2));
+  EXPECT_THAT(ReplayChanged().err, HasSubstr("the archive ends within evpose-bundle/"));
+  std::string changed = bundle;
+  changed[bundle.size() / 2] ^= 1;
+  WriteText("changed.tar", changed);
+  EXPECT_THAT(ReplayChanged().err, HasSubstr("differs from its SHA-256"));
+  EXPECT_THAT(Run({"doctor", "--replay", Path("none.tar")}).err, HasSubstr("none.tar"));
+  // Parts that are wrong, with sums that fit.
+  Change("echo 'no header' >recording.raw");
+  EXPECT_THAT(ReplayChanged().err, HasSubstr("changed.tar: "));
+  EXPECT_EQ(ReplayChanged().status, 1);
+  Change("echo 'f 1 2 3' >model.obj");
+  EXPECT_THAT(ReplayChanged().err, HasSubstr("the model of "));
+  Change("sed -i 's/640/320/' camera.yaml");
+  EXPECT_THAT(ReplayChanged().err, HasSubstr("camera"));
+  Change("sed -i 's/\"initial_pose\": \"/&x/' bundle.json");
+  EXPECT_EQ(ReplayChanged().status, 1);
+}
+
+TEST_F(DoctorBundleTest, Errors) {
+  SimulateCube(0.1);
+  const CliResult folder = Run({"doctor", Path("cube/recording.raw"), "--model", Path("cube/model.obj"), "--camera",
+                                Path("cube/camera.yaml"), "--bundle", Path("none/bundle.tar")});
+  EXPECT_EQ(folder.status, 1);
+  EXPECT_THAT(folder.err, HasSubstr("none/bundle.tar"));
+  const CliResult late = Pack({"--start", "5"});
+  EXPECT_EQ(late.status, 1);
+  EXPECT_THAT(late.err, HasSubstr("has no events from 5 s after its first on"));
+  EXPECT_TRUE(FilesBeginning("bundle.tar").empty());
+  EXPECT_EQ(Pack({"--init-pose", "1 2 3"}).status, 2);
+  EXPECT_EQ(Pack({"--server", "127.0.0.1:1"}).status, 2);
+  EXPECT_EQ(Pack({"--replay", "other.tar"}).status, 2);
+  EXPECT_EQ(Run({"doctor", Path("cube/recording.raw"), "--bundle", Path("bundle.tar")}).status, 2);
+  EXPECT_EQ(Run({"doctor", Path("cube/recording.raw"), "--init-pose", FirstPose()}).status, 2);
+  const CliResult pipe = Run({"doctor", "-", "--model", Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"),
+                              "--bundle", Path("bundle.tar")});
+  EXPECT_EQ(pipe.status, 2);
+  EXPECT_THAT(pipe.err, HasSubstr("standard input cannot be read twice"));
+  EXPECT_TRUE(FilesBeginning("bundle.tar").empty());
 }
 
 // The recordings of real sensors have no defect that prevents tracking.

@@ -64,6 +64,23 @@ class TrustTest : public CliTest {
   std::unique_ptr<server::Server> tls_;
 };
 
+TEST_F(TrustTest, DoctorSaysWhyAServerRefuses) {
+  const auto doctor = [this](const server::Server& server, std::vector<std::string> more) {
+    more.insert(more.begin(),
+                {"doctor", "--server", "localhost:" + std::to_string(server.port()), "--connect-timeout", "3"});
+    return Run(more);
+  };
+  const CliResult no_token = doctor(*plain_, {});
+  EXPECT_EQ(no_token.status, 1);
+  EXPECT_THAT(no_token.out, AllOf(HasSubstr("problem      connection"), HasSubstr("-> give the token of this server")));
+  EXPECT_THAT(doctor(*plain_, {"--token-file", Path("lab.token")}).out, HasSubstr("ok           connection"));
+  EXPECT_THAT(doctor(*tls_, {}).out, HasSubstr("it requires TLS: give --tls"));
+  EXPECT_THAT(doctor(*tls_, {"--tls"}).out, HasSubstr("give the authority's certificate with --tls-ca"));
+  EXPECT_THAT(doctor(*plain_, {"--tls-ca", Path("ca.crt")}).out, HasSubstr("it does not use TLS"));
+  EXPECT_THAT(doctor(*tls_, {"--tls-ca", Path("ca.crt"), "--token-file", Path("lab.token")}).out,
+              HasSubstr("ok           connection"));
+}
+
 TEST_F(TrustTest, WhereATokenComesFrom) {
   EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0);
   const CliResult none = List(*plain_, {});

@@ -1,174 +1,161 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose doctor: checks a recording or a live camera for what goes wrong most often.
-#include <algorithm>
-#include <cmath>
+// evpose doctor: checks a recording, a live camera or a server for what goes wrong most often, and packs and replays
+// bundles.
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/commands/doctor_bundle.h"
+#include "client/cli/commands/doctor_recording.h"
 #include "client/cli/commands/doctor_report.h"
+#include "client/cli/commands/doctor_server.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/recording_input.h"
-#include "client/cli/console/progress.h"
-#include "client/containers/open_recording.h"
-#include "client/diagnosis/packet_watch.h"
+#include "client/diagnosis/recording_slice.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
 #include "core/diagnosis/object_checks.h"
-#include "core/diagnosis/recording_diagnosis.h"
-#include "core/events/event_reader.h"
+#include "core/geometry/trajectory.h"
 
 namespace evpose::client {
 namespace {
 
-// Of a live pipe: some periods of the slowest flicker, and packets of most cameras.
-constexpr double kDefaultPipeSeconds = 5.0;
+constexpr char kBundleGroup[] = "Bundle";
 
 struct DoctorArguments {
-  std::string recording;
+  DoctorRecording recording;
   std::string model;
   std::string camera;
   ModelReadingArguments reading;
-  double start_s = 0.0;
-  std::optional<double> duration_s;
+  ServerArguments server;
+  std::string bundle;
+  std::string sensor;
+  std::string initial_pose;
+  std::string replay;
   bool is_json = false;
-
-  bool is_pipe() const { return recording == "-"; }
 };
 
-// Reads a recording into its diagnosis.
-class RecordingExamination {
- public:
-  RecordingExamination(const DoctorArguments& arguments, CliContext& context)
-      : arguments_(arguments), context_(context) {}
-
-  absl::Status Read(const std::optional<CameraModel>& camera);
-  // Appends the findings of the events, and those of the camera and of the model if these were given.
-  absl::Status Report(const std::optional<CameraModel>& camera, DoctorReport& report) const;
-
- private:
-  // True when the events of --start and --duration, or of a live pipe, have been read.
-  bool IsComplete() const { return is_complete_ || (deadline_ && SystemClock().Now() >= *deadline_); }
-  void AddPiece(absl::Span<const Event> events);
-
-  const DoctorArguments& arguments_;
-  CliContext& context_;
-  std::optional<RecordingDiagnosis> diagnosis_;
-  PacketWatch packets_;
-  RecordingHeader header_;
-  StreamFacts facts_;
-  std::vector<SkippedParts> skipped_;
-  std::optional<int64_t> t_begin_us_;   // begin of the part that is examined
-  std::optional<absl::Time> deadline_;  // end of the examination of a live pipe, host's clock
-  bool is_complete_ = false;
-  std::vector<Event> selected_;
+// What the checks need beside the recording. It is read before the recording, which may take minutes.
+struct DoctorInputs {
+  std::optional<CameraModel> camera;
+  std::optional<ObjectModel> model;
+  std::optional<ModelUpload> upload;  // for a bundle and for a server
+  SensorProfile sensor;
 };
 
-absl::Status RecordingExamination::Read(const std::optional<CameraModel>& camera) {
-  const double pipe_s = arguments_.duration_s.value_or(kDefaultPipeSeconds);
-  if (arguments_.is_pipe()) deadline_ = SystemClock().Now() + absl::Seconds(pipe_s);
-  OpenRecordingOptions options;
-  options.stop = [this] { return context_.IsInterrupted() || IsComplete(); };
-  if (camera) options.geometry = SensorGeometry{camera->width_px, camera->height_px};
-  absl::StatusOr<std::unique_ptr<RecordingReader>> opened = OpenRecording(arguments_.recording, options);
-  if (absl::IsCancelled(opened.status()) && !context_.IsInterrupted()) {
-    return absl::DeadlineExceededError(absl::StrFormat(
-        "standard input: sent no header within %.3g s; is the camera running? --duration waits longer", pipe_s));
+absl::Status CheckDoctorUsage(const DoctorArguments& arguments) {
+  const bool has_recording = !arguments.recording.path.empty();
+  if (!has_recording && arguments.server.address.empty() && arguments.replay.empty()) {
+    return UsageError("give a RECORDING, --server HOST:PORT, or --replay FILE");
   }
-  EVPOSE_RETURN_IF_ERROR(opened.status());
-  RecordingReader& reader = **opened;
-  header_ = reader.header();
-  absl::StatusOr<RecordingDiagnosis> diagnosis = RecordingDiagnosis::Make(header_.geometry);
-  if (!diagnosis.ok()) {
-    return absl::Status(diagnosis.status().code(),
-                        absl::StrCat(arguments_.recording, ": ", diagnosis.status().message()));
+  if (has_recording && !arguments.model.empty() && arguments.camera.empty()) {
+    return UsageError("--model: give --camera, too: the distance of the object follows from both");
   }
-  diagnosis_.emplace(*std::move(diagnosis));
-  EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(reader));
-  ProgressLine progress(context_);
-  while (!IsComplete()) {
-    const absl::Time before = SystemClock().Now();
-    EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());
-    if (context_.IsInterrupted() && !arguments_.is_pipe())
-      return absl::CancelledError("interrupted: nothing was diagnosed");
-    if (!has_piece) break;
-    const auto& piece = events.decoded().events;
-    const absl::Time now = SystemClock().Now();
-    if (arguments_.is_pipe() && !piece.empty()) packets_.Add(now, now - before, piece.back().t_us);
-    AddPiece(piece);
-    ShowReading(events, reader, progress);
+  if (arguments.recording.is_pipe() && arguments.recording.start_s > 0.0) {
+    return UsageError("--start: standard input has no beginning to count from");
   }
-  skipped_ = reader.skipped();
-  facts_ = {events.counts(), events.data_bytes(), WordBytes(header_.encoding), 0};
-  if (!arguments_.is_pipe() && !is_complete_) facts_.truncated_bytes = events.pending_bytes();
-  return absl::OkStatus();
+  if (arguments.bundle.empty()) return absl::OkStatus();
+  if (arguments.recording.is_pipe()) {
+    return UsageError("--bundle: standard input cannot be read twice: write it to a file first");
+  }
+  return arguments.initial_pose.empty() ? absl::OkStatus()
+                                        : AsUsageError(ParsePose(arguments.initial_pose).status(), "--init-pose: ");
 }
 
-void RecordingExamination::AddPiece(absl::Span<const Event> events) {
-  if (events.empty()) return;
-  if (!t_begin_us_) t_begin_us_ = events.front().t_us + std::llround(arguments_.start_s * 1e6);
-  const bool has_end = arguments_.is_pipe() || arguments_.duration_s;
-  if (arguments_.start_s == 0.0 && !has_end) return diagnosis_->Add(events);
-  const int64_t duration_us = std::llround(arguments_.duration_s.value_or(kDefaultPipeSeconds) * 1e6);
-  selected_.clear();
-  for (const Event& event : events) {
-    if (arguments_.start_s > 0.0 && event.t_us < *t_begin_us_) continue;
-    if (has_end && event.t_us >= *t_begin_us_ + duration_us) {
-      is_complete_ = true;
-      break;
-    }
-    selected_.push_back(event);
+absl::StatusOr<DoctorInputs> ReadInputs(const DoctorArguments& arguments) {
+  DoctorInputs inputs;
+  if (!arguments.camera.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   }
-  diagnosis_->Add(selected_);
+  if (!arguments.sensor.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
+  }
+  if (arguments.model.empty()) return inputs;
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
+  if (!arguments.bundle.empty() || !arguments.server.address.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(inputs.upload, arguments.reading.ReadForUpload(arguments.model));
+  }
+  return inputs;
 }
 
-absl::Status RecordingExamination::Report(const std::optional<CameraModel>& camera, DoctorReport& report) const {
-  const std::string encoding(EncodingName(header_.encoding));
-  report.subjects.push_back(absl::StrFormat(
-      "%s: %s %dx%d, %d events in %.3f s", arguments_.is_pipe() ? "standard input" : arguments_.recording,
-      header_.container.empty() ? encoding : header_.container, header_.geometry.width_px, header_.geometry.height_px,
-      diagnosis_->num_events(), 1e-6 * static_cast<double>(diagnosis_->duration_us())));
-  if (!skipped_.empty()) report.subjects.push_back("left out: " + DescribeSkipped(skipped_));
-  for (Finding& finding : diagnosis_->Findings(facts_)) report.findings.push_back(std::move(finding));
-  if (arguments_.is_pipe()) {
-    report.findings.push_back(packets_.CheckPeriod({}));
-    report.findings.push_back(packets_.CheckLag({}));
-  }
-  const double extent_px = diagnosis_->motion().extent_px;
-  report.findings.push_back(CheckObjectSize(extent_px));
-  if (!camera) {
-    report.findings.push_back(NotChecked("camera", "--camera was not given"));
+// Appends the findings of the recording. Returns the bytes of its events per second in its busiest tenth.
+absl::StatusOr<double> ExamineRecording(const DoctorArguments& arguments, const DoctorInputs& inputs,
+                                        CliContext& context, DoctorReport& report) {
+  RecordingExamination examination(arguments.recording, context);
+  EVPOSE_RETURN_IF_ERROR(examination.Read(inputs.camera));
+  examination.Report(inputs.camera, report);
+  if (inputs.model && inputs.camera) {
+    report.findings.push_back(CheckScale(inputs.model->diameter_m, arguments.reading.metres_per_unit, *inputs.camera,
+                                         examination.extent_px(), examination.options()));
+    for (const std::string& notice : inputs.model->notices) report.subjects.push_back("model: " + notice);
   } else {
-    report.findings.push_back(CheckCamera(*camera, header_, diagnosis_->extent(), facts_.counts));
-  }
-  if (arguments_.model.empty() || !camera) {
     report.findings.push_back(NotChecked("model-scale", "--model and --camera were not given"));
-    return absl::OkStatus();
   }
-  EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, arguments_.reading.Load(arguments_.model));
-  report.findings.push_back(
-      CheckScale(model.diameter_m, arguments_.reading.metres_per_unit, *camera, extent_px, diagnosis_->options()));
-  for (const std::string& notice : model.notices) report.subjects.push_back("model: " + notice);
+  return examination.busy_bytes_per_s();
+}
+
+absl::StatusOr<RecordingSlice> SliceOfRecording(const DoctorArguments& arguments, const DoctorInputs& inputs,
+                                                const CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(
+      const std::unique_ptr<RecordingReader> reader,
+      OpenSeenBy(*inputs.camera, arguments.camera, arguments.recording.path, {.stop = context.is_interrupted}));
+  absl::StatusOr<RecordingSlice> slice =
+      ReadSlice(*reader, {.start_s = arguments.recording.start_s, .duration_s = arguments.recording.duration_s});
+  if (slice.ok()) return slice;
+  return absl::Status(slice.status().code(), absl::StrCat(arguments.recording.path, ": ", slice.status().message()));
+}
+
+// Packs the part of the recording, what its poses are computed from, the poses and the report. Appends a subject that
+// says what is in the bundle.
+absl::Status PackBundle(const DoctorArguments& arguments, const DoctorInputs& inputs, const CliContext& context,
+                        DoctorReport& report) {
+  EVPOSE_ASSIGN_OR_RETURN(RecordingSlice slice, SliceOfRecording(arguments, inputs, context));
+  Bundle bundle;
+  bundle.version = ThisBuild();
+  bundle.recording = std::move(slice.file);
+  bundle.model = inputs.upload->bytes;
+  bundle.upload = inputs.upload->options;
+  bundle.upload.file_name.clear();
+  bundle.camera = *inputs.camera;
+  bundle.sensor = inputs.sensor;
+  bundle.initial_pose = arguments.initial_pose;
+  // Of the report, the findings alone: the subjects name files of this machine.
+  bundle.report = DoctorReport{{}, report.findings}.ToJson().dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  EVPOSE_ASSIGN_OR_RETURN(bundle.poses, TrackBundle(bundle, arguments.bundle, context));
+  EVPOSE_RETURN_IF_ERROR(WriteBundle(arguments.bundle, bundle));
+  const auto num_poses = static_cast<uint64_t>(std::count(bundle.poses.begin(), bundle.poses.end(), '\n'));
+  std::string subject =
+      absl::StrFormat("%s: bundle of %.3f to %.3f s, %.1f MB of events, %s", arguments.bundle,
+                      1e-6 * static_cast<double>(slice.begin_us), 1e-6 * static_cast<double>(slice.end_us),
+                      1e-6 * static_cast<double>(slice.data_bytes), Counted(num_poses, "pose"));
+  if (slice.is_cut) {
+    absl::StrAppend(&subject, "; the rest is left out, for a bundle has at most 60 s and 34 MB of events: --start and ",
+                    "--duration choose another part");
+  }
+  report.subjects.push_back(std::move(subject));
   return absl::OkStatus();
 }
 
 absl::Status RunDoctor(const DoctorArguments& arguments, CliContext& context) {
-  if (arguments.is_pipe() && arguments.start_s > 0.0)
-    return UsageError("--start: standard input has no beginning to count from");
-  std::optional<CameraModel> camera;
-  if (!arguments.camera.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckDoctorUsage(arguments));
+  if (!arguments.replay.empty()) return ReplayBundle(arguments.replay, arguments.is_json, context);
+  EVPOSE_ASSIGN_OR_RETURN(const DoctorInputs inputs, ReadInputs(arguments));
   DoctorReport report;
-  RecordingExamination examination(arguments, context);
-  EVPOSE_RETURN_IF_ERROR(examination.Read(camera));
-  EVPOSE_RETURN_IF_ERROR(examination.Report(camera, report));
+  ServerNeeds needs;
+  if (!arguments.recording.path.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(needs.bytes_per_s, ExamineRecording(arguments, inputs, context, report));
+  }
+  if (inputs.upload) needs.model_bytes = inputs.upload->bytes.size();
+  if (!arguments.bundle.empty()) EVPOSE_RETURN_IF_ERROR(PackBundle(arguments, inputs, context, report));
+  if (!arguments.server.address.empty()) {
+    EVPOSE_RETURN_IF_ERROR(ExamineServers(arguments.server, needs, context, report));
+  }
   EVPOSE_RETURN_IF_ERROR(
       PrintResult(context, arguments.is_json, report.ToJson(), [&report](std::ostream& out) { report.Print(out); }));
   const std::string problems = report.Names(Verdict::kProblem);
@@ -176,37 +163,75 @@ absl::Status RunDoctor(const DoctorArguments& arguments, CliContext& context) {
   return absl::FailedPreconditionError(absl::StrCat("problems were found: ", problems));
 }
 
+void AddDoctorInputs(CLI::App& app, DoctorArguments& arguments) {
+  app.option_defaults()->group(kInputGroup);
+  CLI::Option* recording =
+      AddFile(app, "recording", arguments.recording.path, absl::StrCat("Recording: ", kRecordingFormats));
+  CLI::Option* model =
+      AddFile(app, "--model", arguments.model,
+              "Model of the object, whose size is compared with the events, and with the limit of --server");
+  CLI::Option* camera = AddFile(app, "--camera", arguments.camera, kCameraFiles);
+  arguments.reading.AddTo(app, model);
+  CLI::Option* start = AddOption(app, "--start", arguments.recording.start_s,
+                                 "Time after the first event at which the examination begins", CLI::Range(0.0, 1e9))
+                           ->type_name("SECONDS");
+  CLI::Option* duration = app.add_option("--duration", arguments.recording.duration_s,
+                                         "Time that is examined. Default: the rest of a file, 5 s of a pipe")
+                              ->type_name("SECONDS")
+                              ->check(AboveZero());
+  for (CLI::Option* const option : {camera, start, duration}) option->needs(recording);
+  arguments.server.AddTo(app, /*is_required=*/false);
+}
+
+void AddBundleOptions(CLI::App& app, DoctorArguments& arguments) {
+  app.option_defaults()->group(kBundleGroup);
+  CLI::Option* bundle =
+      AddFile(app, "--bundle", arguments.bundle,
+              "Archive (tar) to write, of the part of the recording from --start on, the model, the camera, the "
+              "options, the version, and the poses that this program computes from them");
+  for (const char* name : {"recording", "--model", "--camera"}) bundle->needs(app.get_option(name));
+  bundle->excludes(app.get_option("--server"));
+  AddFile(app, "--sensor", arguments.sensor,
+          "Profile of the sensor, as evpose calibrate writes it, for the poses. Default: that of an EVK4")
+      ->needs(bundle);
+  app.add_option("--init-pose", arguments.initial_pose,
+                 "Pose camera_from_object at the first event of the bundle, \"tx ty tz qx qy qz qw\"; without it, the "
+                 "object is searched for")
+      ->type_name("POSE")
+      ->needs(bundle);
+  CLI::Option* replay = AddFile(app, "--replay", arguments.replay,
+                                "Archive of --bundle: computes its poses again and compares them with those in it");
+  for (const char* name : {"recording", "--model", "--camera", "--server", "--bundle"}) {
+    replay->excludes(app.get_option(name));
+  }
+}
+
 }  // namespace
 
 CommandRunner AddDoctorCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<DoctorArguments>();
-  app.option_defaults()->group(kInputGroup);
-  AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
-  CLI::Option* model =
-      AddFile(app, "--model", arguments->model, "Model of the object, whose size is compared with the events");
-  CLI::Option* camera = AddFile(app, "--camera", arguments->camera, kCameraFiles);
-  model->needs(camera);
-  arguments->reading.AddTo(app, model);
-  AddOption(app, "--start", arguments->start_s, "Time after the first event at which the examination begins",
-            CLI::Range(0.0, 1e9))
-      ->type_name("SECONDS");
-  app.add_option("--duration", arguments->duration_s,
-                 "Time that is examined. Default: the rest of a file, 5 s of a pipe")
-      ->type_name("SECONDS")
-      ->check(AboveZero());
+  AddDoctorInputs(app, *arguments);
+  AddBundleOptions(app, *arguments);
   AddJson(app, arguments->is_json);
   app.footer(
       "Checks decoding, clock, event rate, motion, noise, hot and dead pixels, flicker, polarities and focus of a "
       "recording, or of a live camera whose RAW data come through a pipe (-), and the sizes of camera and model. Each "
       "check is ok, advice, a problem, or was not made, with the measured quantity, its limit, the places and the "
       "remedy.\n\n"
+      "With --server, it checks whether the server can be reached, with TLS and the token, and serves; its version, "
+      "sessions, limits and clock; the round trip; and the rate of the connection, by uploads of at most 16 MB that "
+      "the server discards, against the events of the RECORDING if there is one.\n\n"
+      "A bundle has at most 60 s and 34 MB of events. It contains no tokens, names of files or names of machines. Its "
+      "poses are the same to the bit on every machine with the same version; --replay says whether they are, and "
+      "otherwise where they differ first, and by how much.\n\n"
       "Exit status:\n"
-      "  0  No problem was found\n"
-      "  1  A problem was found, or the recording cannot be read\n"
+      "  0  No problem was found, or the poses of --replay are identical\n"
+      "  1  A problem was found, the poses differ, or an input cannot be read\n"
       "  2  Wrong usage\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
-      "  evpose doctor cube/recording.raw --model cube/model.obj --camera cube/camera.yaml");
+      "  evpose doctor cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --bundle cube/bundle.tar\n"
+      "  evpose doctor --replay cube/bundle.tar");
   return [arguments, &context] { return RunDoctor(*arguments, context); };
 }
 

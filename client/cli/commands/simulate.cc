@@ -41,6 +41,7 @@ struct SimulateArguments {
   double speed_scale = 1.0;
   double start_s = 16.0;
   SensorOptions sensor;
+  std::optional<double> threshold_off;
   SceneOptions scene;  // without the object and its motion
   std::optional<int> num_hot_pixels;
   double flood_mev_per_s = 0.0;
@@ -96,7 +97,7 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   options.seed = arguments.seed;
   options.path_seed = arguments.path_seed;
   options.sensor = arguments.sensor;
-  options.sensor.threshold_off = options.sensor.threshold_on;
+  options.sensor.threshold_off = arguments.threshold_off.value_or(options.sensor.threshold_on);
   if (arguments.num_hot_pixels) {
     const double num_pixels = 1.0 * options.camera.width_px * options.camera.height_px;
     options.sensor.hot_pixel_ratio = std::min(1.0, *arguments.num_hot_pixels / num_pixels);
@@ -253,6 +254,10 @@ void AddSensorOptions(CLI::App& app, SimulateArguments& arguments) {
   AddOption(app, "--threshold", arguments.sensor.threshold_on,
             "Contrast threshold, as a difference of natural logarithms of light", CLI::Range(0.01, 5.0))
       ->type_name("RATIO");
+  app.add_option("--threshold-off", arguments.threshold_off,
+                 "Contrast threshold of OFF events. Default: that of --threshold")
+      ->type_name("RATIO")
+      ->check(CLI::Range(0.01, 5.0));
   AddOption(app, "--bandwidth", arguments.sensor.bandwidth_hz, "Bandwidth of the photoreceptor; 0: infinite",
             CLI::Range(0.0, 1e6))
       ->type_name("HZ");
@@ -289,8 +294,9 @@ CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
                            "--flicker",     "--light-change",
                            "--occluder",    "--occluder-on-object",
                            "--moving-edge", "--textured-background",
-                           "--threshold",   "--bandwidth",
-                           "--refractory",  "--lens-blur"}) {
+                           "--threshold",   "--threshold-off",
+                           "--bandwidth",   "--refractory",
+                           "--lens-blur"}) {
     app.get_option("--scenario")->excludes(app.get_option(name));
   }
   app.footer(

@@ -114,6 +114,7 @@ struct ServerInfo {
   uint64_t skipped_events = 0;
   uint32_t pose_log_capacity = 0;  // poses that are stored for each session
   absl::Duration session_expiry;   // how long a session without a stream is kept
+  std::optional<absl::Time> time;  // the server's clock when it made the response; earlier servers do not state it
 };
 
 // A continuous group of motions that map an object onto itself: the rotation of the object by them is not measured, and
