@@ -2,6 +2,7 @@
 #include "client/bench/bench_first_pose_output.h"
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <string>
 #include <utility>
@@ -55,6 +56,23 @@ FirstPoseFigures FiguresOf(const FirstPoseBenchRow& row) {
   return figures;
 }
 
+Json ExplanationJson(const StartExplanation& explanation) {
+  const ReportedStates& states = explanation.states;
+  return {{"cause", StartCauseName(explanation.cause)},
+          {"turn_sigmas", explanation.turn_sigmas},
+          {"given_right_us", explanation.given_right_us},
+          {"ranks", explanation.ranks},
+          {"proposed_ranks", explanation.proposed_ranks},
+          {"poses",
+           {{"tracking", states.tracking},
+            {"tracking_right", states.tracking_right},
+            {"degraded", states.degraded},
+            {"degraded_right", states.degraded_right},
+            {"ambiguous", states.ambiguous},
+            {"ambiguous_right", states.ambiguous_right},
+            {"ambiguous_among", states.ambiguous_among}}}};
+}
+
 }  // namespace
 
 const char kFirstPoseTableHelp[] =
@@ -105,6 +123,32 @@ void PrintFirstPoseSummary(const std::vector<FirstPoseBenchRow>& rows, std::ostr
                          starts, wrong, longest_ms, name);
 }
 
+const char kStartCauseHelp[] =
+    "With --explain a second table counts the starts by the first of these causes that applies:\n"
+    "  not moved      the image of the object never moves by 2 px\n"
+    "  turn not shown the events do not prefer the true poses of a nearly round object to those that are turned about\n"
+    "                 its axis: a keyway or a handle is hidden or has too few events\n"
+    "  not supported  a tracker that is given the true pose is not TRACKING within this time, either\n"
+    "  not ranked     searches do not return the right pose, even if it is proposed to them\n"
+    "  not proposed   they return it only if it is proposed: no view near it was aligned\n"
+    "  undecided      they return it, but it competes with other poses until the end\n"
+    "  not confirmed  they return it, but it is DEGRADED, rejected or too late\n";
+
+void PrintStartCauses(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out) {
+  out << absl::StrFormat("\n%-24s", "starts by cause");
+  for (int i = 0; i < kNumStartCauses; ++i) {
+    out << absl::StrFormat(" %14s", StartCauseName(static_cast<StartCause>(i)));
+  }
+  out << "\n";
+  for (const FirstPoseBenchRow& row : rows) {
+    std::array<int, kNumStartCauses> counts{};
+    for (const FirstPoseStart& start : row.starts) ++counts[static_cast<size_t>(start.explanation.cause)];
+    out << absl::StrFormat("%-24s", row.model.name);
+    for (const int count : counts) out << absl::StrFormat(" %14d", count);
+    out << "\n";
+  }
+}
+
 Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBenchOptions& options) {
   Json json = {{"seeds", options.bench.num_seeds},
                {"starts", options.num_starts},
@@ -121,8 +165,12 @@ Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBe
                                  {"moved_us", start.moved_us},
                                  {"right_us", start.right_us},
                                  {"longest_wrong_us", start.longest_wrong_us},
+                                 {"wrong_at_us", start.wrong_at_us},
+                                 {"wrong_rotation_deg", kDegreesPerRadian * start.wrong.rotation_rad},
+                                 {"wrong_translation_ratio", start.wrong.translation_ratio},
                                  {"searches", start.searches},
                                  {"compute_s", start.compute_s}});
+      if (options.explains) model["starts"].back()["explanation"] = ExplanationJson(start.explanation);
     }
     for (const SearchTrial& trial : row.trials) {
       Json scores = Json::array();

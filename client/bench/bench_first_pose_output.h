@@ -18,6 +18,9 @@ void PrintFirstPoseHeader(std::ostream& out);
 void PrintFirstPoseRow(const FirstPoseBenchRow& row, std::ostream& out);
 // The share of the starts that are found, and the longest time with a wrong pose, with its model.
 void PrintFirstPoseSummary(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out);
+// The causes of the starts that are not found, for --explain; their help text.
+extern const char kStartCauseHelp[];
+void PrintStartCauses(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out);
 Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBenchOptions& options);
 
 }  // namespace evpose::client

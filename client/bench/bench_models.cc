@@ -121,6 +121,7 @@ absl::Status RunFirstPoses(const ModelsArguments& arguments, const ModelBenchOpt
   EVPOSE_RETURN_IF_ERROR(RunFirstPoseBench(options, on_row, on_progress));
   progress.Clear();
   PrintFirstPoseSummary(rows, context.out);
+  if (options.explains) PrintStartCauses(rows, context.out);
   return FinishOutput(json, FirstPoseJson(rows, options).dump(2) + "\n");
 }
 
@@ -178,9 +179,10 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--watch", arguments->watch_s, "Length of the events after a start of --first-pose",
             CLI::Range(0.01, 1800.0))
       ->type_name("SECONDS");
+  app.add_flag("--explain", arguments->first_pose.explains, "Print why the starts of --first-pose find no right pose");
   AddFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete")
       ->group(kOutputGroup);
-  app.footer(absl::StrCat(kModelsTableHelp, kFirstPoseTableHelp,
+  app.footer(absl::StrCat(kModelsTableHelp, kFirstPoseTableHelp, kStartCauseHelp,
                           "\nExample:\n"
                           "  evpose simulate --object cube --camera vga --duration 0.01 --out part\n"
                           "  evpose bench models --models part --camera vga --seeds 1 --duration 0.1"));

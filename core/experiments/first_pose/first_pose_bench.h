@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "core/experiments/first_pose/start_cause.h"
 #include "core/experiments/tracking/model_bench.h"
 #include "core/initialization/templates/template_alignment.h"
 
@@ -20,6 +21,7 @@ struct FirstPoseBenchOptions {
   int num_starts = 20;      // of each recording, [1, 10000]; distributed evenly over it
   // Microseconds of events that a tracker receives after a start; [10'000, duration of the recording].
   int64_t watch_us = 400'000;
+  bool explains = false;  // whether FirstPoseStart::explanation is set
 
   // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;
@@ -38,6 +40,8 @@ struct SearchTrial {
   double compute_s = 0.0;              // processor time
 };
 
+inline constexpr int64_t kFoundWithinUs = 300'000;
+
 // A tracker that is started without a prior.
 struct FirstPoseStart {
   int64_t t_start_us = 0;
@@ -45,11 +49,15 @@ struct FirstPoseStart {
   int64_t moved_us = -1;
   int64_t right_us = -1;         // until a right pose is reported as TRACKING; -1: never
   int64_t longest_wrong_us = 0;  // time in which wrong poses are reported as TRACKING
+  // The largest errors of these poses, each by itself, and the sensor time of the first one; -1: none is wrong.
+  int64_t wrong_at_us = -1;
+  PoseError wrong;
   uint64_t searches = 0;
   double compute_s = 0.0;  // processor seconds until the first right pose, or for all events
+  StartExplanation explanation;
 
-  // Found: within 300 ms of the time at which the object has moved.
-  bool is_found() const { return right_us >= 0 && moved_us >= 0 && right_us - moved_us <= 300'000; }
+  // Found: within kFoundWithinUs of the time at which the object has moved.
+  bool is_found() const { return right_us >= 0 && moved_us >= 0 && right_us - moved_us <= kFoundWithinUs; }
 };
 
 struct FirstPoseBenchRow {
