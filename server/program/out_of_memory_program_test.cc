@@ -66,7 +66,9 @@ TEST_F(OutOfMemoryProgramTest, AFailedAllocationEndsTheCallAndNotTheProcess) {
   ASSERT_TRUE(Create(request_).ok());
   const uint64_t used_bytes = AddressSpace(program_.pid());
   ASSERT_GT(used_bytes, 0u);
-  const rlimit limit = {used_bytes + 100'000'000, used_bytes + 100'000'000};
+  // 100 MB, and what large allocations leave to small ones (memory_headroom.cc).
+  constexpr rlim_t kFreeBytes = 100'000'000 + (rlim_t{32} << 20);
+  const rlimit limit = {used_bytes + kFreeBytes, used_bytes + kFreeBytes};
   ASSERT_EQ(prlimit(program_.pid(), RLIMIT_AS, &limit, nullptr), 0);
 
   v1::CreateSessionRequest large = request_;
