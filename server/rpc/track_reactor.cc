@@ -70,7 +70,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     } else if (request_.has_attach() && session_ == nullptr) {
       return StartAttach(request_.attach());
     }
-    // Without the lock: only the reading side uses the request.
+    // Only the reading side uses the request: it is handled, and the checksum of its payload computed, without the
+    // lock.
     const absl::Status handled = ok ? OrOutOfMemory([this] { return HandleRequest(); }) : absl::OkStatus();
     // The session may have accepted a chunk without queueing it.
     if (IsOutOfMemory(handled) && session_ != nullptr) session_->Close(handled);
@@ -176,7 +177,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       ChangePhase(StreamInput::kAttachReceived);
     }
     std::shared_ptr<Session> session =
-        services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token(), attach.first_seq());
+        services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token());
     if (session != nullptr) return OnAttached(attach, Join(attach, std::move(session)));
     PostResume(attach);
   }
@@ -193,8 +194,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       admitted.Update(failure_);  // the stream may have been cancelled meanwhile
     }
     if (!admitted.ok()) return OnAttached(attach, admitted);
-    auto session = services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token(),
-                                                      attach.first_seq());
+    auto session = services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
     OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
   }
 

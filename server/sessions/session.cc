@@ -84,11 +84,6 @@ bool Session::IsTokenGood(absl::string_view resume_token) const {
   return IsDigestGood(digest, gate_.lifecycle());
 }
 
-bool Session::IsBehind(uint64_t first_seq) const {
-  const std::lock_guard lock(mutex_);
-  return gate_.next_seq() < first_seq;
-}
-
 std::optional<absl::Time> Session::expire_time() const {
   const std::lock_guard lock(mutex_);
   const std::optional<absl::Time> detached_at = gate_.detached_at();

@@ -75,8 +75,6 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   // Empty for a resumed session until a stream attaches: the store has only the token's digest.
   std::string resume_token() const;
   bool IsTokenGood(absl::string_view resume_token) const;
-  // Whether the session expects an item before `first_seq`.
-  bool IsBehind(uint64_t first_seq) const;
   SessionSnapshot Snapshot() const;
   void AddTo(SessionTotals& totals) const;
   SessionInfo Describe() const { return {name(), config_, create_time_, Snapshot()}; }

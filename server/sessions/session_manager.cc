@@ -230,24 +230,22 @@ absl::StatusOr<std::shared_ptr<WatchedSession>> SessionManager::Mirror(const std
 }
 
 std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant, absl::string_view name,
-                                                       absl::string_view resume_token, uint64_t first_seq) {
+                                                       absl::string_view resume_token) {
   DeleteExpired();
   std::shared_ptr<Session> session = FindOpen(tenant, name);
-  if (session == nullptr || !session->IsTokenGood(resume_token) || session->IsBehind(first_seq)) return nullptr;
+  if (session == nullptr || !session->IsTokenGood(resume_token)) return nullptr;
   return session;
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const std::string& tenant,
                                                                          const std::string& name,
-                                                                         absl::string_view resume_token,
-                                                                         uint64_t first_seq) {
+                                                                         absl::string_view resume_token) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
   RestoreIfWaiting(tenant, name);
   const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
   const std::lock_guard take_lock(*resume_mutex);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
-  const bool is_good = here != nullptr && here->IsTokenGood(resume_token);
-  if (is_good && (!options_.shares_store || !here->IsBehind(first_seq))) return here;
+  if (here != nullptr && here->IsTokenGood(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);
   EVPOSE_ASSIGN_OR_RETURN(const SessionFactory::Stored stored, ReadOwn(tenant, name));
   if (!IsDigestGood(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);

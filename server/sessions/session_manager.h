@@ -68,17 +68,15 @@ class SessionManager {
   // A read-only replica of a session that another server on the same store holds. All its watchers share one replica.
   // Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   absl::StatusOr<std::shared_ptr<WatchedSession>> Mirror(const std::string& tenant, const std::string& name);
-  // The session, if this server holds it, the token is valid, and it does not expect an item before `first_seq`, the
-  // first one that the client can send (0: unknown); otherwise null: the caller must use ResumeForAttach.
+  // The session, if this server holds it and the token is valid; otherwise null: the caller must use ResumeForAttach.
   std::shared_ptr<Session> FindForAttach(const std::string& tenant, absl::string_view name,
-                                         absl::string_view resume_token, uint64_t first_seq = 0);
+                                         absl::string_view resume_token);
   // As FindForAttach, but resumes the session from the store when this server does not hold it, or has closed it
-  // (another server fenced it, or the store was full). With a shared store, another server may have continued a session
-  // that is behind the client: it is resumed, too. Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND),
+  // (another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND),
   // PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA),
   // UNAVAILABLE (STORE_AWAY, DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> ResumeForAttach(const std::string& tenant, const std::string& name,
-                                                           absl::string_view resume_token, uint64_t first_seq = 0);
+                                                           absl::string_view resume_token);
   // The next three functions include the sessions of other servers, and wait for the store where they need it.
   // Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   absl::StatusOr<SessionInfo> Describe(const std::string& tenant, const std::string& name);
