@@ -132,11 +132,12 @@ RecordingView::Work RecordingView::NextWork(const std::stop_token& stop) {
   if (work.is_tick) {
     work.t_us = PlayedUs();
     next_tick_ = Clock::now() + std::chrono::microseconds(std::llround(1e6 / settings_.rate_hz));
-    // A play stops at the end of what has been read.
+    // A play waits at the end of what has been read, and stops at the end of the recording.
     const RecordedEvents::Progress progress = source_.events().progress();
     if (*work.t_us >= progress.range.to_us) {
       work.t_us = t_us_ = std::max(t_us_, progress.range.to_us);
-      is_playing_ = work.is_playing = work.is_tick = false;
+      played_since_ = Clock::now();
+      if (progress.is_complete) is_playing_ = work.is_playing = work.is_tick = false;
     }
   }
   is_to_show_ = false;
