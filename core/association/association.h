@@ -104,7 +104,7 @@ struct ImageLine {
   // Returns the distance of the arc from the line at a coordinate along the line, README, equation (11).
   double BowAt(double along_px) const {
     // Events beyond the ends may belong to the neighbours; far beyond, the parabola is not the curve.
-    constexpr double kFarthest2 = 2.25;
+    constexpr double kFarthest2 = 2.25;  // square of the position 1.5, which is a quarter of the length beyond an end
     const double position = 2.0 * along_px / length_px - 1.0;
     return bow_px * (1.0 / 3.0 - std::min(position * position, kFarthest2));
   }
@@ -123,7 +123,7 @@ struct ImageLine {
 // `lines` are the images of `tracked`.
 template <typename Visit>
 void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, const Visit& visit) {
-  constexpr double kLeastCosine = 0.7071;
+  constexpr double kLeastCosine = 0.7071;  // of 45 degrees
   ForEachCurve(tracked, [&](size_t first, size_t end) {
     size_t begin = first;
     for (size_t k = first + 1; k < end; ++k) {

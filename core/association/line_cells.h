@@ -28,6 +28,7 @@ inline double CellBoundaryPx(double own_px, double other_px, double cosine) {
 
 // Widths of the cell of one line.
 struct LineCell {
+  // More places give the area of a cell more exactly, and the time of FindCells() is proportional to their number.
   static constexpr int kPlaces = 4;  // equally spaced along the line; those of an element are equal
   // Distance to the border of the cell at each place, on the side of negative and of positive distances.
   std::array<std::array<float, 2>, kPlaces> border_px;

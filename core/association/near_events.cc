@@ -7,7 +7,8 @@ namespace evpose {
 namespace {
 
 // Excess of a polarity over the usual ratio above which it counts as a flicker burst. Its weight and its share of the
-// sample then decrease with the excess.
+// sample then decrease with the excess. A lower limit also reduces the weight of events in windows whose ratio varies
+// by the motion alone; a higher one keeps more events of the flicker.
 constexpr double kFlickerExcess = 2.0;
 
 double SumOf(const ByPolarity& both) { return both[0] + both[1]; }

@@ -125,7 +125,7 @@ std::vector<ModelEdges::FacePlane> ModelEdges::FindFacePlanes() const {
   }
   std::stable_sort(faces.begin(), faces.end(),
                    [](const FacePlane& a, const FacePlane& b) { return a.width_m > b.width_m; });
-  constexpr size_t kMaxFaces = 16 * kMaxFacePlanes;  // bounds the time
+  constexpr size_t kMaxFaces = 16 * kMaxFacePlanes;  // bounds the time: each is compared with the planes so far
   if (faces.size() > kMaxFaces) faces.resize(kMaxFaces);
   std::vector<FacePlane> planes;
   for (const FacePlane& face : faces) {

@@ -58,6 +58,8 @@ class ModelEdges {
   };
   // The widest face first, at most kMaxFacePlanes.
   const std::vector<FacePlane>& face_planes() const { return face_planes_; }
+  // Bounds the time of FacingPlanes(), which tests every plane at every pose. When a narrower face turns, the elements
+  // of its wrong side stay until the next extraction (README, section 5).
   static constexpr size_t kMaxFacePlanes = 256;
   // Whether the faces of the plane are so small in the image that the elements of both sides of a face seen nearly
   // edge-on hardly differ until the next extraction.

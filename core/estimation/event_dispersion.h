@@ -39,6 +39,7 @@ class EventDispersion {
     double sum_px = 0.0, variance_px2 = 0.0, weight = 0.0;
     static void VisitState(auto& archive, auto& self) {
       auto& [sum_px, variance_px2, weight] = self;
+      // Far above the sums of a block, which ends at kBlockWeight; ratios of loaded sums stay finite.
       constexpr double kMax = 1e9;
       archive(InRange(sum_px, -kMax, kMax), InRange(variance_px2, 0.0, kMax), InRange(weight, 0.0, kMax));
     }

@@ -34,8 +34,9 @@ class FlickerBias {
   double Away(double ratio) const;
 
  private:
-  // Steps of the table and the ratio at its end. Beyond it almost no event of the flank remains, and the displacement
-  // changes quickly with the ratio, so that it is bounded instead.
+  // Steps of the table, between which the displacement is interpolated linearly, and the ratio at its end. Beyond the
+  // end almost no event of the flank remains, and the displacement changes quickly with the ratio, so that it is
+  // bounded instead.
   static constexpr int kSteps = 64;
   static constexpr double kMaxRatio = 0.7;
 
