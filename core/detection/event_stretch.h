@@ -68,6 +68,7 @@ class LastTimes {
   uint16_t Get(uint32_t key) const { return slots_[Find(key)].ticks; }
 
  private:
+  // Slots of the table: 1 MB. They are more than twice kMaxKeys, so that linear probing finds a slot after few steps.
   static constexpr int kSlotBits = 17;
   static constexpr size_t kSlots = size_t{1} << kSlotBits;
   struct Slot {

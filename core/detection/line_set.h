@@ -23,7 +23,8 @@ struct LineSetOptions {
   double max_rms_px = 1.3;
   // Minimum number of events per pixel of the line's length. A moving edge produces more than this.
   double min_events_per_px = 0.5;
-  // A candidate is a duplicate if more than this share of its events already belongs to lines.
+  // A candidate is a duplicate if more than this share of its events already belongs to lines: the greater part of its
+  // events then supports other lines.
   double max_owned_ratio = 0.5;
   // Maximum distance of two lines, pixels, for a merge: pieces of one edge lie closer to a common line.
   double merge_px = 2.0;
@@ -31,7 +32,8 @@ struct LineSetOptions {
   // sides of a stripe. The resulting line lies between them (core/estimation/README.md, section 3).
   double stripe_px = 4.0;
   // Maximum distance, pixels, between the end of a line and its crossing with another line, for the end to be moved
-  // there.
+  // there. Near a corner the gates of both lines (gate_px) overlap, so that the ends found from events are inexact;
+  // with a larger limit ends move to crossings that are no corners.
   double corner_px = 6.0;
 
   // Error: INVALID_ARGUMENT naming the field.

@@ -42,7 +42,8 @@ constexpr double kRestMotionPx = 0.6;
 constexpr double kFitGate = 2.0;
 constexpr double kScaleGate = 1.5;
 constexpr double kEndMarginPx = 2.0;  // events beyond an end that still belong to the line
-// Limit of the speed of an end along the line, as a multiple of the time scale of the stretch.
+// Limit of the speed of an end along the line, as a multiple of the time scale of the stretch. An end that seems to be
+// faster follows single events of noise.
 constexpr double kMaxEndSpeedRatio = 1.5;
 // Time, seconds, for which the priors of rotation and acceleration grow: a longer stretch is that of a slow object, and
 // within it the changes of its motion are of the order of the motion, as they are within 50 ms.
@@ -50,7 +51,8 @@ constexpr double kMaxPriorS = 0.025;
 constexpr size_t kEventsPerOutlier = 50;  // one of so many events at an end may be noise outside its time range
 
 // Split(): the shortest line that is split, pixels, so that each piece is long enough to be a line; the number of parts
-// along the line; and the share of the squared scatter that may remain about two straight lines.
+// along the line; and the share of the squared scatter that may remain about two straight lines. With a larger share
+// lines with noisy parts would be split, which two straight lines do not describe better.
 constexpr double kMinSplitPx = 32.0;
 constexpr int kBins = 8;
 constexpr double kSplitRemainder = 0.3;

@@ -18,11 +18,13 @@ struct PlaneSegmentationOptions {
   // pixels and of the several events of an edge at a pixel, and bounds the number of points. All values of this struct
   // are validated by simulated_lines_test and driving_lines_test.
   double cell_px = 2.0;
-  // Maximum number of points of one polarity; more are downsampled uniformly.
+  // Maximum number of points of one polarity; more are downsampled uniformly. It bounds the time and memory of the
+  // segmentation; with fewer points a short edge has too few for a plane.
   int max_points = 5000;
   // Maximum distance of neighbours, pixels. The points of an edge are one or two cells apart.
   double neighbour_radius_px = 5.0;
-  // Number of nearest neighbours from which the normal of a point is computed.
+  // Number of nearest neighbours from which the normal of a point is computed: with more of them the noise of a normal
+  // is smaller, but neighbours from another edge are more frequent.
   int max_neighbours = 16;
   // A point with fewer neighbours is noise and is removed.
   int min_neighbours = 5;
@@ -33,7 +35,8 @@ struct PlaneSegmentationOptions {
   double max_curvature = 0.06;
   // Minimum number of points of a plane; chance produces smaller ones.
   int min_plane_points = 10;
-  // Maximum distance of the inliers of a plane, pixels.
+  // Maximum distance of the inliers of a plane, pixels: above the scatter of the cells' means about an edge. A larger
+  // one would accept points of a parallel edge.
   double inlier_px = 1.0;
 
   // Error: INVALID_ARGUMENT naming the field.
