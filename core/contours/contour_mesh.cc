@@ -14,7 +14,8 @@
 namespace evpose {
 namespace {
 
-// A segment is divided into at most as many parts: 64 times the sagitta.
+// Parts into which a segment is divided at most: bounds the time on coarse meshes. The sagitta of the parts is 1/64 of
+// that of the segment.
 constexpr int kMaxParts = 8;
 
 // Whether a region may show an occluding contour: the wall of a hole is concave along every ray and hides its own.

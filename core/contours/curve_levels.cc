@@ -9,7 +9,9 @@
 namespace evpose {
 namespace {
 
-// Level 0 is for an object that is 3000 pixels wide, wider than the image of any event camera.
+// Level 0 is for an object that is 3000 pixels wide, wider than the image of any event camera. The levels above it are
+// for pixels that are larger by this factor each: a larger one makes the chords finer than a view needs, a smaller one
+// changes the level, and with it the elements, more often.
 constexpr double kFinestPixel = 1.0 / 3000.0;
 constexpr double kLevelRatio = 1.5;
 // A tessellated curve turns by less at a point, 40 degrees; where it turns by more it has a corner.

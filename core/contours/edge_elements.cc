@@ -14,13 +14,17 @@ namespace evpose {
 namespace {
 
 constexpr int kOctants = 8;  // arcs of 45 degrees of the image normal (EdgeElement::curve)
-// A level is kept while the size of a pixel is beyond its step by less than this factor.
+// A level is kept while the size of a pixel is beyond its step by less than this factor, so that an object whose
+// distance varies at a step does not change its elements to and fro.
 constexpr double kLevelHysteresis = 1.1;
-// Lower bound of the depth of the object's centre, relative to the diameter, for a centre at or behind the camera.
+// Lower bound of the depth of the object's centre, relative to the diameter, for a centre at or behind the camera: the
+// size of a pixel stays positive.
 constexpr double kLeastDepth = 0.1;
-// Number of vertices whose bounding box determines the centre of the object.
+// Number of vertices whose bounding box determines the centre of the object. The level of detail alone depends on it,
+// for which some per cent of the size suffice.
 constexpr size_t kCentreVertices = 64;
-// Candidates that are tested for occlusion, relative to the largest number of elements: bounds the number of rays.
+// Candidates that are tested for occlusion, relative to the largest number of elements: bounds the number of rays. With
+// fewer, a view in which most of the strongest candidates are hidden would have too few elements.
 constexpr size_t kCandidatesPerElement = 4;
 
 Eigen::Vector3d CentreOf(const ObjectModel& model) {

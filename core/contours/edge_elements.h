@@ -44,9 +44,10 @@ struct EdgeElementOptions {
   // Largest distance, pixels, between a curve and the chord that replaces it. A quarter of a pixel is below the
   // standard deviation of events about an edge.
   double sagitta_px = 0.25;
-  // Chains of edges that are shorter in the image are not used: they have few events.
+  // Chains of edges that are shorter in the image, pixels, are not used: they have few events.
   double min_chain_px = 3.0;
-  // Most elements of a view.
+  // Most elements of a view. The time of a window grows with their number; with fewer, a detailed object would lose
+  // edges that determine its pose.
   int max_elements = 256;
   // Successive elements of a curve are tracked as one arc of at most this length, pixels (core/association/README.md,
   // section 5); 0: each by itself. The cost of a window is proportional to the number of arcs; with 48 px they have two

@@ -14,7 +14,9 @@ namespace {
 // Elements within this distance, which turn by less than 15 degrees, share their events.
 constexpr double kParallelPx = 2.0;
 constexpr double kParallelSine = 0.26;
-// Cells in which the elements of a view are counted: tiles of the box about all elements, and orientations.
+// Cells in which the elements of a view are counted: tiles of the box about all elements, and orientations of 45
+// degrees. With more cells each has too few elements for a choice among them; with fewer the chosen elements may all be
+// on one side of the object.
 constexpr int kTilesPerSide = 4;
 constexpr int kOrientations = 4;
 

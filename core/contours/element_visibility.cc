@@ -12,9 +12,10 @@ namespace {
 // it: they are tested this far nearer to the eye and outside of the surface.
 constexpr double kTowardsEye = 3e-3;
 constexpr double kOutwards = 1e-3;
-// Whether an occluding edge has the background behind it is decided this far, pixels, beside it.
+// Whether an occluding edge has the background behind it is decided this far, pixels, beside it. A ray nearer to the
+// edge may meet facets of the edge's own surface, one farther away another part of the object across a narrow gap.
 constexpr double kBesidePx = 1.5;
-// Rays to the background end this many diameters behind the object.
+// Rays to the background end this many diameters behind the object: every part of the object is within one.
 constexpr double kBackground = 2.0;
 // Prior contrasts. An inner contour separates parts of one colour; a crease changes the brightness with the angle by
 // which the surface turns, by less than the threshold of a sensor in most light below 40 degrees.

@@ -26,6 +26,8 @@ void FindCutErrors(absl::Span<const Vector> points, double stop_at, std::vector<
     double error;  // error of the cut that made the chord
     int depth;
   };
+  // Cuts of successive parts of one chord. Cuts near the middle need log2(n) of them, 32 for any number of points with
+  // indices of 32 bits, so that only chords with unfavourable points reach the limit.
   constexpr int kMaxCuts = 40;
   errors.assign(points.size(), 0.0);
   if (points.size() < 3) return;
