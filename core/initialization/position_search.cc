@@ -22,7 +22,8 @@ constexpr double kAcrossSigmaOfRadius = 0.01;
 constexpr double kAlongSigmaOfRadius = 0.02;
 // Number of pairs of votes that take as long as casting one vote. Among scattered votes fewer pairs are examined.
 constexpr size_t kPairsPerVote = 32;
-// Number of best-supported positions that are kept for each rotation, because parallel lines give several.
+// Number of best-supported positions that are kept for each rotation, because parallel lines give several. The time of
+// scoring is proportional to it.
 constexpr int kPositionsPerRotation = 4;
 // Candidates closer than this are duplicates, because the refinement converges to the same pose: rotation in radians,
 // distance as a share of the distance from the camera.

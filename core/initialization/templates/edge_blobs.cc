@@ -19,7 +19,8 @@ constexpr double kMinCellPx = 4.0;
 // Points of a group: fewer determine no pose. A group with less than this share of the largest one is clutter.
 constexpr size_t kMinPoints = 40;
 constexpr double kMinShare = 0.1;
-// Share of the points outside the box at each side.
+// Share of the points outside the box at each side, so that single points of noise do not enlarge it. A larger share
+// would cut off thin parts of the object.
 constexpr double kOutside = 0.01;
 
 class BlobGrid {

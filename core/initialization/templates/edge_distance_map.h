@@ -36,9 +36,12 @@ struct MapEdge {
 // Immutable after construction.
 class EdgeDistanceMap {
  public:
-  // Largest distance, cells, that is distinguished; farther away is as bad as no edge.
+  // Largest distance, cells, that is distinguished; farther away is as bad as no edge. Ten cells are a twelfth of the
+  // box, about the error of a template halfway between two views. With a larger reach edges of other parts attract a
+  // template.
   static constexpr int kReach = 10;
-  // Cells along the longer side of the box; the map has a margin of a quarter of it on each side.
+  // Cells along the longer side of the box; the map has a margin of a quarter of it on each side. Memory and time of a
+  // map grow with the square of this number; larger cells hide differences between similar views.
   static constexpr int kCellsOfBox = 120;
   static constexpr uint16_t kNoEdge = 0xffff;
 

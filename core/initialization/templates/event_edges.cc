@@ -21,9 +21,10 @@ using Eigen::Vector3d;
 // Radius of the neighbourhood of a pixel, pixels: an edge that moves by 3 px passes through all of it.
 constexpr int kPlaneReach = 2;
 // Least ratio of the second smallest and the smallest variance of the events about a plane: of events without a
-// direction, such as those of a hot pixel, both are equal.
+// direction, such as those of a hot pixel, both are equal. A larger ratio would reject edges in few events.
 constexpr double kMinPlanarity = 3.0;
-// Fastest edge, relative to the median speed of the stretch. The events of a flash are on a plane of constant time.
+// Fastest edge, relative to the median speed of the stretch. The events of a flash are on a plane of constant time. A
+// smaller limit would remove the far end of an object that turns about its near end.
 constexpr double kMaxSpeedRatio = 5.0;
 
 // Sums over events (u, v, s) of one polarity, s the time in units in which an edge of median speed moves by one pixel.

@@ -41,7 +41,8 @@ struct EventEdgeOptions {
   // Standard deviation of events about the plane of an edge above which a place is texture or noise, pixels. Rounding
   // to pixels and the response time of the sensor give 0.3 to 0.6 px.
   double max_scatter_px = 0.8;
-  // Smallest number of events of one polarity within 2 px that determine a plane.
+  // Smallest number of events of one polarity within 2 px that determine a plane, which has three unknowns: twice as
+  // many. With fewer the scatter about the plane is chance.
   int min_events = 6;
 
   // Error: INVALID_ARGUMENT naming the field.

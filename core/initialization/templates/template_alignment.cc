@@ -168,9 +168,11 @@ AlignmentScore TemplateAligner::Score(const RigidTransform& camera_from_object, 
 
 TwistEstimate TemplateAligner::EstimateTwist(const RigidTransform& camera_from_object,
                                              absl::Span<const EdgeSample> samples, const TwistPrior& prior) const {
-  // Standard deviation of a measured normal flow: of the speed, and of an edge at rest.
+  // Standard deviation of a measured normal flow: of the speed, and of an edge at rest. The second is relative to the
+  // prior of the velocity, and keeps the weights finite.
   constexpr double kSpeedRatio = 0.2;
   constexpr double kAtRestOfPrior = 0.01;
+  // Each iteration reduces the weights (Cauchy) of edges of something else further, and takes the time of all samples.
   constexpr int kIterations = 4;
   const double m_per_px = camera_from_object.translation_m.norm() / (camera_.fx_px * map_.cell_px());
   const double at_rest = kAtRestOfPrior * prior.velocity_px_per_s / map_.cell_px();

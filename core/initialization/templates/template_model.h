@@ -93,7 +93,8 @@ class TemplateModel {
   // which the object looks like this view up to a turn.
   int NearestView(RigidTransform& camera_from_object) const;
 
-  // Points of a template.
+  // Points of a template. The time of a scan, and the size of the stored views, are proportional to their number; with
+  // fewer, small features have no point.
   static constexpr int kPoints = 120;
   // Distance of the camera from the centre, in radii: an object that fills a third to a half of a usual image.
   static constexpr double kDistanceOfRadius = 6.0;

@@ -16,12 +16,14 @@ using Eigen::Vector2f;
 // Turns of the coarse scan: every second one, 15 degrees; and the points that it looks at: every third one.
 constexpr int kCoarseTurnStep = 2;
 constexpr size_t kCoarseStride = 3;
-// Placements that the fine scan refines, of the coarse scan.
+// Placements of the coarse scan that the fine scan refines. The time of the fine scan is proportional to it; with
+// fewer, the right view may be lost, because the coarse scan sees a third of the points.
 constexpr size_t kKept = 400;
 // Largest ratio of the aspect ratios of the box and of a template that fills it: an edge that moves along itself has no
 // events, so that a box may lack a part of the object.
 constexpr float kMaxAspectRatio = 1.6f;
-// An object with a hidden side is larger than the box by this, at least, and at most.
+// An object with a hidden side is larger than the box by this, at least, and at most: a template that is larger by less
+// is one that fills the box, and of an object of which more is hidden too few edges are left.
 constexpr float kMinHidden = 1.15f;
 constexpr float kMaxHidden = 2.5f;
 

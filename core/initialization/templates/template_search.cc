@@ -19,7 +19,8 @@ namespace {
 constexpr double kSameRotationRad = 0.08;
 constexpr double kSameShiftOfRadius = 0.15;
 constexpr double kSameDepthRatio = 0.04;
-// Samples of the two stages with visible edges.
+// Samples of the two stages with visible edges. The first one has the larger number of poses; the time of a stage is
+// proportional to both numbers.
 constexpr int kFewSamples = 64;
 constexpr int kManySamples = 120;
 
