@@ -16,11 +16,12 @@ namespace {
 // Side of the cells in which events are counted: a moving edge has many events in each cell that it crosses.
 constexpr int kCellPx = 8;
 // The density of a cell exceeds that of the noise, the median over all cells, by this many standard deviations of a
-// Poisson count.
+// Poisson count. A lower limit would join cells of noise to the region; with a higher one faint edges lie outside.
 constexpr double kSignificanceSigma = 5.0;
 // A region of fewer pixels consists of defective ones.
 constexpr int kMinPixels = 8;
-// Events for one box, and the largest number of boxes.
+// Events for one box, so that its tail (kTail) is one event; and the largest number of boxes, enough for the median of
+// their sizes.
 constexpr size_t kBoxEvents = 50;
 constexpr size_t kMaxBoxes = 16;
 // Share of the events of a box beyond either side: noise inside the region must not enlarge it.

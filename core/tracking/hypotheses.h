@@ -91,7 +91,7 @@ class Hypotheses {
   static constexpr int kSettlingWindows = 8;
   static constexpr int kFirstWindows = 3;
   static constexpr int kComparedWindows = 8;
-  static constexpr size_t kMaxWonAgainst = 16;
+  static constexpr size_t kMaxWonAgainst = 16;  // bounds the memory; the oldest is forgotten first
 
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {

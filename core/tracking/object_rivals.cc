@@ -9,7 +9,8 @@
 namespace evpose {
 namespace {
 
-// Generated rivals that are followed together: bounds the cost of a window.
+// Generated rivals that are followed together: bounds the cost of a window. Fewer would take longer to test all of
+// them.
 constexpr int kRivalsAtOnce = 3;
 
 }  // namespace

@@ -99,6 +99,7 @@ struct PoseAlternative {
 // The most likely alternatives, in decreasing order. They are stored inline, because poses are made without allocation.
 class PoseAlternatives {
  public:
+  // Real ambiguities have two to four poses (PoseSearchOptions::max_hypotheses); more would enlarge every pose.
   static constexpr size_t kMaxSize = 4;
 
   // Inserts an alternative behind those that are at least as likely; the least likely one beyond kMaxSize is dropped.

@@ -74,6 +74,8 @@ class PoseTrack {
     float share = 1.0f;             // probability that the event is not that of another object
     bool is_contour = false;        // the nearest line is part of a contour
   };
+  // Twice the half-width of the widest triangle by which hypotheses are compared (README, section 2): events farther
+  // away have a score of 0.
   static constexpr float kScoredPx = 6.0f;
   Nearness NearestLine(Observation observation, const Competitors* others = nullptr) const;
   // Root mean square of the residuals of the last window, pixels.

@@ -64,6 +64,7 @@ class RivalGenerator {
   // state or an earlier rival by the symmetry of the model, or nearly (`merge_rad`), are left out.
   std::vector<MotionState> RivalsOf(const MotionState& state, double focal_px, const InitialPoseOptions& options,
                                     double merge_rad) const;
+  // Three half turns, three reflections, and each reflection after each half turn.
   static constexpr int kMaxRivals = 15;
 
  private:

@@ -164,6 +164,8 @@ class TrackHealth {
     for (auto& sector : sectors) archive(sector);
   }
 
+  // With more sectors each has too few events to be tested; with fewer a hidden part of the outline must be larger to
+  // be noticed (README, section 1).
   static constexpr int kNumSectors = 8;
 
   // Result of the last Test() with a result for each curve, by TrackedLine::curve. Not part of the state.
@@ -256,7 +258,9 @@ class TrackHealth {
 
   const HealthOptions options_;
   const double min_events_per_px2_;
-  // RightProbability() for steps of the spread from min_spread_px to max_spread_px and of the cell from 0 to gate_px.
+  // RightProbability() for steps of the spread from min_spread_px to max_spread_px, 0.2 px apart, and of the cell from
+  // 0 to gate_px, 0.25 px apart. More steps would give the probability more exactly; the table takes 1 kB for each
+  // hypothesis.
   static constexpr int kSpreadSteps = 3;
   static constexpr int kCellSteps = 32;
   std::array<std::array<double, kCellSteps + 1>, kSpreadSteps + 1> near_probability_;
