@@ -59,7 +59,7 @@ template <typename T>
 struct UnwrittenMemory {
   static_assert(std::is_trivially_copyable_v<T> && std::is_trivially_destructible_v<T>);
   using value_type = T;
-  static constexpr std::align_val_t kAlignment{64};
+  static constexpr std::align_val_t kAlignment{64};  // bytes of a cache line
 
   UnwrittenMemory() = default;
   template <typename U>

@@ -7,7 +7,7 @@ namespace evpose {
 namespace {
 
 constexpr uint8_t kOn = 1, kOff = 2;
-constexpr size_t kCellsPerByte = 4;
+constexpr size_t kCellsPerByte = 4;  // two bits for each cell
 
 int NumCells(int size_px, int cell_px) { return (size_px + cell_px - 1) / cell_px; }
 

@@ -9,7 +9,7 @@
 namespace evpose {
 namespace {
 
-constexpr int64_t kEvt2HighRange = int64_t{1} << 28;
+constexpr int64_t kEvt2HighRange = int64_t{1} << 28;  // values of TIME_HIGH, which has 28 bits
 
 template <typename Word>
 class Evt2Encoder final : public WordEncoder {

@@ -19,7 +19,7 @@ namespace {
 constexpr uint32_t kNotAddress = 0xd000;
 constexpr uint32_t kColumnBit = 0x2000;
 
-constexpr uint32_t kTripleWords = 3;
+constexpr uint32_t kTripleWords = 3;  // VECT_12, VECT_12 and VECT_8, which belong to one vector
 // The largest value of the vector base: after a vector that began in the last addressable column.
 constexpr uint32_t kMaxBase = 0x7ff + kEvt3MaskPixels;
 

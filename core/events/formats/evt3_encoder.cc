@@ -7,7 +7,7 @@
 namespace evpose {
 namespace {
 
-constexpr int64_t kEvt3HighRange = 4096;
+constexpr int64_t kEvt3HighRange = 4096;  // values of TIME_HIGH, which has 12 bits
 // A quarter of the counter's range: decoders take a step back by half the range or more as a wrap, so that steps
 // forward up to a quarter are unambiguous.
 constexpr int64_t kMaxHighStep = 1024;
