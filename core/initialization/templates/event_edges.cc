@@ -99,6 +99,8 @@ class ActivePixels {
  private:
   static constexpr uint16_t kNone = std::numeric_limits<uint16_t>::max();
   static constexpr uint32_t kEmptyTile = 0;
+  // Tiles of 8 x 8 pixels: only those with events take memory. Larger tiles contain more pixels without events, smaller
+  // ones make the index of the tiles larger.
   static constexpr int kTileBits = 3;
   static constexpr int kTileMask = (1 << kTileBits) - 1;
   using Tile = std::array<uint16_t, size_t{1} << (2 * kTileBits)>;
