@@ -17,11 +17,12 @@ namespace evpose {
 namespace {
 
 // Least cosine between lines that are compared (2.6 degrees): skips most pairs. The tolerance decides about the others.
+// Normals of their faces match up to 25 degrees: the faces of a noisy mesh are rough, and creases turn by more.
 constexpr double kNearlyParallelCosine = 0.999;
-constexpr double kMatchingNormalCosine = 0.9;  // 25 degrees
+constexpr double kMatchingNormalCosine = 0.9;
 // Comparisons of two lines: two seconds. Those of ordinary models are some tens for each line.
 constexpr int64_t kMaxPairs = 30'000'000;
-// Cells of a grid along each axis, most.
+// Cells of a grid along each axis, most: bounds the memory at two million cells.
 constexpr double kMaxCells = 128.0;
 
 struct StraightLine {

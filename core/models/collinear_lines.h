@@ -33,7 +33,7 @@ bool HaveMatchingNormals(absl::Span<const Eigen::Vector3d> a, absl::Span<const E
 // members, in the order of the first lines of the groups. Two lines belong together if they overlap by at least
 // `min_overlap_m` (if negative, a gap up to its magnitude is allowed) and, with `same_faces`, have matching normals. If
 // a line of a group is farther than twice the tolerance from the joined line, the group stays as it is: many lines that
-// each turn a little form a curve. A gap must not exceed the tolerance. Lines near each other are compared, 100 million
+// each turn a little form a curve. A gap must not exceed the tolerance. Lines near each other are compared, 30 million
 // pairs at most; the rest then stays as it is.
 std::vector<ModelLine> JoinCollinear(absl::Span<const ModelLine> lines, double tolerance_m, double min_overlap_m,
                                      bool same_faces);

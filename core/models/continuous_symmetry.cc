@@ -26,11 +26,13 @@ using Eigen::Vector3d;
 constexpr double kMaxSlippage = 0.05;
 // Relative to the diameter, as for discrete symmetries.
 constexpr double kRotationTolerance = 1e-3;
-// More samples than a surface has.
+// More samples than a surface has: the test of a model is never cut short.
 constexpr int64_t kMaxSamples = 1'000'000;
 // A model is reported as nearly symmetric if at most this share of the length of its lines contradicts it; a flat plate
 // slips about its normal, too, but all its lines contradict.
 constexpr double kNearlyBroken = 0.5;
+// Each of them tests the whole surface, so that more take more time. With fewer, a prism whose number of sides fits
+// them by chance could pass for a round object.
 constexpr int kNumRotations = 7;
 // A closed surface whose greatest and least distance from its centre differ by at most so much, relative to the
 // diameter (6 px at 300 px), is reported as nearly a sphere.

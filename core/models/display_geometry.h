@@ -26,6 +26,7 @@ struct DisplayGeometry {
 
 // The limits of a geometry. With the defaults it is smaller than a message of 4 MB.
 struct DisplayLimits {
+  // Of an object of 300 px in the image, a visible face then covers some 7 square pixels.
   size_t max_faces = 20'000;
   size_t max_edges = 50'000;          // the longest ones stay
   size_t max_mesh_bytes = 2'400'000;  // size of vertices and faces

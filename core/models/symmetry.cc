@@ -275,6 +275,8 @@ class GroupSearch {
   // Returns the refined power, the rotation itself if its angle is large, and nullopt if the power maps lines off
   // lines.
   std::optional<Matrix3d> LargePower(const Matrix3d& rotation) {
+    // Radians: from here on the power is not needed, because the rotation moves every part by about its distance from
+    // the axis.
     constexpr double kSmallAngle = 1.0;  // rad
     const double angle = RotationAngle(rotation, Matrix3d::Identity());
     if (angle >= kSmallAngle || angle * radius_m_ <= tolerance_m_) return rotation;
