@@ -364,6 +364,8 @@ class OverlapRemover {
 
   // Whether triangles contain points just beyond a side of another, in its plane.
   bool ContinuesAcross(uint32_t t, size_t side, const std::vector<Triangle2d>& others) const {
+    // Near both ends and between them, so that a triangle which continues a part of the side does not count; and so far
+    // beyond the side that the errors of the corners do not matter.
     constexpr double kSamples[] = {0.02, 0.3, 0.5, 0.7, 0.98};  // shares of the side
     constexpr double kOffset = 4.0;                             // tolerances
     const Triangle2d triangle = Project(t, t);
