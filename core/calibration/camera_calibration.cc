@@ -29,9 +29,11 @@ constexpr double kRationalPrior = 1.0;      //
 constexpr double kTangentialPrior = 0.005;  // p1, p2
 constexpr double kEdgeShiftPriorPx = 0.3;   // at rest, and its change at 1000 px/s
 constexpr double kMaxErrorToPrior = 0.5;
-// Time for which the first recording is tracked with each of the focal lengths of the start.
+// Microseconds for which the first recording is tracked with each of the focal lengths of the start. A longer trial
+// takes more time for each of them; in a shorter one the object has too few orientations to tell the focal lengths
+// apart.
 constexpr int64_t kTrialUs = 2'500'000;
-// The longest search for the object in it.
+// The longest search for the object in it, microseconds: bounds the time for a recording that does not show the object.
 constexpr int64_t kMaxTrialUs = 60'000'000;
 // Standard errors need so many parts of the recordings; their duration is halved until there are as many, or until it
 // is that of an interval.
@@ -41,7 +43,7 @@ constexpr int64_t kMinBlockUs = 15'000;
 // Focal lengths of the start, of the width of the image: from 80 to 24 degrees; neighbours differ by a factor that the
 // adjustment bridges.
 constexpr double kTrialFocal[] = {0.6, 0.85, 1.2, 1.7, 2.4};
-// The same of a guess that is 20 % off.
+// The same of a guess that is up to 20 % off, relative to the guess.
 constexpr double kTrialOfGuess[] = {1.0, 0.83, 1.2};
 // Wide lenses are also tried with a usual distortion k1, k2: without it, a line near the border of the image may be
 // 10 px from its events. The distorted radius increases everywhere.

@@ -58,6 +58,8 @@ struct CoverageCell {
   int num_samples = 0;
   double rms_px = 0.0;
 };
+// Cells of the image in which samples are counted, nearly square for an image of 16:9. Smaller cells would have too few
+// samples for a root mean square; larger ones would hide an uncovered border.
 inline constexpr int kCoverageColumns = 16;
 inline constexpr int kCoverageRows = 9;
 

@@ -29,6 +29,9 @@ constexpr double kMedianOfNorm3 = 1.538;  // of the norm of three standard norma
 // Scale of residuals, metres and radians: no camera and no robot is more exact, nor is the interpolation between
 // samples.
 constexpr double kLeastScale = 5e-5;
+// Bounds of the iterations. The scales of the residuals and the fit depend on each other, and a fit that has converged
+// ends before its bound. The correlation of the speeds may have its highest maximum at a wrong offset, so that the
+// highest three are tried (README, section 7).
 constexpr int kScaleUpdates = 4;
 constexpr int kIterations = 30;
 constexpr int kOffsetCandidates = 3;

@@ -14,7 +14,7 @@ namespace {
 constexpr double kMaxMotionAngle_rad = 2.5;
 // Below this root mean square of the relative rotations, radians, the translations determine the rotation of `left`.
 constexpr double kMinMotionAngle_rad = 0.02;
-constexpr int kReweightings = 5;
+constexpr int kReweightings = 5;  // reduce the weight of outliers; the result is only a start
 
 // A relative motion of both trajectories: camera = left * reference * left^-1.
 struct RelativeMotion {
