@@ -13,7 +13,8 @@ namespace {
 // Events that a gap would have had at the smaller of the rates before and after it. By chance a gap has none with the
 // probability e^-50; slow changes of the rate are covered, because the rates are those of 10 ms.
 constexpr double kMinExpectedEvents = 50.0;
-// Share of the differences that are multiples of a step.
+// Share of the differences that are multiples of a step: the others may be due to late words. With fewer differences
+// than kMinStepSamples, chance makes most of them multiples.
 constexpr double kMinMultiples = 0.95;
 constexpr size_t kMinStepSamples = 50;
 

@@ -12,10 +12,10 @@ namespace {
 
 // Least number of events of a part of the image in a segment: with fewer, the spectrum is chance.
 constexpr double kMinPartEvents = 50.0;
-// Parts of the image that have events.
+// Parts of the image that have events: fewer may show a single machine (DiagnosisOptions::min_flicker_parts).
 constexpr size_t kMinParts = 3;
-// The power beside a line: the median of the frequencies this far away, without those into which the window spreads the
-// line.
+// The power beside a line: the median of the frequencies this far away (94 Hz), without those into which the window
+// spreads the line.
 constexpr int kBackgroundBins = 24;
 constexpr int kLineBins = 3;
 

@@ -13,7 +13,8 @@ constexpr int64_t kMaxNeighbourAge_us = 20'000;
 // Two events of a pixel that are further apart belong to two edges.
 constexpr int64_t kMaxInterval_us = 50'000;
 
-// The plane t(x, y) of the begins of the runs around a pixel.
+// The plane t(x, y) of the begins of the runs around a pixel, among 5 x 5 pixels: over more of them an edge may be
+// curved, and with fewer than kMinPlanePixels the residuals say little about its three unknowns.
 constexpr int kPlaneRadius = 2;
 constexpr int kMinPlanePixels = 10;
 // Events of a run: the spread of two events depends on where the thresholds lie.

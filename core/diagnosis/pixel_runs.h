@@ -42,6 +42,7 @@ class PixelRuns {
     uint8_t polarity = 0;                    // of the latest passage
   };
   static constexpr int64_t kNever = INT64_MIN / 4;
+  // The histogram extends to 10 px, more than the blur of a usable lens. Its median is interpolated within a bin.
   static constexpr int kBlurBins = 200;
   static constexpr double kBlurBinPx = 0.05;
 

@@ -12,7 +12,7 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMaxPlaces = 10;
+constexpr size_t kMaxPlaces = 10;  // pixels, areas or frequencies that a finding lists, so that it stays readable
 constexpr char kSettings[] = " (deploy/sensors/README.md)";
 
 // Share of the pixels with events, from which on most dead areas have a rim with events.
