@@ -16,8 +16,8 @@
 namespace evpose {
 namespace {
 
-constexpr double kSamplePx = 4.0;  // along edges, for the comparison of two images
-constexpr std::ptrdiff_t kLinesOfPose = 3;
+constexpr double kSamplePx = 4.0;           // along edges, for the comparison of two images
+constexpr std::ptrdiff_t kLinesOfPose = 3;  // their six equations determine a pose
 
 struct SampledEdge {
   Eigen::Vector2d position_px;
@@ -79,7 +79,7 @@ class SampleIndex {
 // Moves `samples` by the shift that brings them nearest to `target` (iterated mean of the distances to the nearest).
 void ShiftOnto(const std::vector<SampledEdge>& target, double reach_px, double same_rad,
                std::vector<SampledEdge>& samples) {
-  constexpr int kIterations = 4;
+  constexpr int kIterations = 4;  // each compares the samples with the edges that are nearest by then
   const SampleIndex index(target, reach_px, same_rad);
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     // The distance along an edge says nothing: only the part across it counts.
