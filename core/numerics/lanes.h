@@ -38,7 +38,7 @@ inline double SumOf(Lanes lanes) {
 // exp(-x) for x >= 0, but not less than exp(-64); relative error below 8e-6 (core/numerics/README.md, section 1).
 inline Lanes NegativeExp(Lanes x) {
   constexpr float kLog2E = 1.44269504f;
-  constexpr float kLeast = -64.0f * kLog2E;
+  constexpr float kLeast = -64.0f * kLog2E;  // exp(-64) = 1.6e-28 is far above the smallest normal float
   // 1.5 * 2^23: a float of this size has no fraction bits, so that adding it rounds to an integer, which stands in the
   // low bits of the sum.
   constexpr float kRound = 12582912.0f;
