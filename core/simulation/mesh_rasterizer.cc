@@ -227,7 +227,7 @@ void MeshRasterizer::DrawSamples(const std::array<const ScreenVertex*, 3>& corne
   if (box.empty()) return;
   const Facet facet(corners, area);
   std::optional<FacetDifferences> differences;  // computed for the first pixel with samples, which most triangles lack
-  constexpr double kHalfDiagonalPx = 0.70711;
+  constexpr double kHalfDiagonalPx = 0.70711;   // the samples of a pixel are at most so far from its centre
   for (int y = box.y0; y < box.y1; ++y) {
     const auto [begin, end] = facet.ColumnsOf(y, box, kHalfDiagonalPx);
     for (int x = begin; x < end; ++x) {

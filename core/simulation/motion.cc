@@ -140,7 +140,7 @@ double MotionPath::ProfileTime(double t_s) const {
   if (profile_ == MotionProfile::kSmooth || profile_ == MotionProfile::kHalfOut) return t_s;
   const double whole = std::floor(t_s);
   const double within = t_s - whole;
-  constexpr double kRamp = 0.05;  // seconds
+  constexpr double kRamp = 0.05;  // seconds in which the speed rises or falls: a real object has no jump of it
   if (profile_ == MotionProfile::kRests) {
     constexpr double kMoving = 0.7;  // seconds of motion in every second (MotionProfile::kRests)
     // The speed during the motion is higher, so that the mean over a whole second is that of the options.

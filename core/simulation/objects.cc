@@ -191,7 +191,7 @@ SceneObject MakeBook(double size) {
   ObjectBuilder builder;
   const int body = builder.AddBody(Vector3d::UnitZ(), 0.0);
   const Vector3d extent(0.7 * size, size, 0.1 * size);
-  constexpr double kCover = 0.28;
+  constexpr double kCover = 0.28;  // a factor of 3 below the pages (0.8 to 0.9)
   // The pages are bright and the spine is grey, because edges between faces of equal shade would be invisible.
   builder.AddBoxFaces(body, Vector3d::Zero(), extent, {0.50, 0.9, 0.8, 0.85, kCover, 0.5});
   builder.AddBoxLines(Vector3d::Zero(), extent);

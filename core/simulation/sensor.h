@@ -50,6 +50,8 @@ struct SensorOptions {
   // Floods, as of a flash or of interference: for flood_s in each flood_period_s, from the middle of the period on,
   // events at random pixels at this rate per second. 0: none. The interface of an EVK4 transfers about 1e8 events/s.
   double flood_hz = 0.0;
+  // Seconds. Short against the period, so that the tracker has most of the time to recover, and longer than its
+  // windows.
   double flood_s = 0.05;
   double flood_period_s = 1.0;
 
