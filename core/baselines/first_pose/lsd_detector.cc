@@ -19,6 +19,7 @@ namespace {
 // Tested speeds, as multiples of the speed of the stretch: the fit starts from the one that agrees with most events.
 constexpr int kMaxSpeedSteps = 8;
 constexpr double kSpeedStep = 0.25;
+// Pixels: the scatter of the events about a segment. The fit of its motion is repeated, with weights from this scatter.
 constexpr double kSigmaPx = 0.6;
 constexpr int kPasses = 4;
 // Two segments are sides of one streak if they overlap by more than this share of the shorter one and the sine of the

@@ -37,6 +37,7 @@ Eigen::VectorXd Determinant(const Eigen::VectorXd& p, const Eigen::VectorXd& q, 
 // Newton's method, as long as it reduces the polynomial's absolute value: of a split double root, the real part alone
 // is accurate only to the square root of the rounding error.
 double RefineRoot(const Eigen::VectorXd& coefficients, double x) {
+  // Newton's method converges quadratically from a root that is accurate to half of the digits.
   constexpr int kSteps = 3;
   for (int i = 0; i < kSteps; ++i) {
     double value = 0.0, slope = 0.0;
@@ -83,7 +84,7 @@ std::vector<double> SolveBeta(const P3lConstraint& p, const P3lConstraint& q, do
 
 // Whether both directions are perpendicular to that of the first line, to the rounding of model coordinates.
 bool ArePerpendicular(const P3lConstraint& first, const P3lConstraint& second) {
-  constexpr double kSine = 1e-6;
+  constexpr double kSine = 1e-6;  // coordinates of models have single precision
   return first.d.norm() < kSine && second.d.norm() < kSine;
 }
 
@@ -158,7 +159,7 @@ std::vector<double> RealRoots(const Eigen::VectorXd& coefficients, double imagin
 
 std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& normals,
                                       const std::array<Eigen::Vector3d, 3>& directions) {
-  constexpr double kParallel = 1e-6;
+  constexpr double kParallel = 1e-6;  // sine of the angle, above the rounding of coordinates in single precision
   const auto are_parallel = [&](int i, int j) { return directions[i].cross(directions[j]).norm() < kParallel; };
   // The first line must be parallel to neither of the others, which may be parallel to each other.
   std::array<int, 3> order = {0, 1, 2};
