@@ -22,6 +22,7 @@
 namespace evpose {
 namespace {
 
+// Microseconds of events in which a first pose counts as found in time: 50 ms, as in the table of README.md.
 constexpr int64_t kBudgetUs = 50'000;
 constexpr int64_t kStepUs = 1000;  // microseconds of events per call
 // Share of the simulation in the work: it takes longer than the starts.
@@ -236,6 +237,7 @@ EventTrialSummary Summarize(absl::Span<const EventTrial> trials) {
 
 absl::StatusOr<ReturnTrial> RunReturnTrial(const EventTrialOptions& options, int64_t absence_us,
                                            const TrialProgress& on_progress) {
+  // Microseconds of events before the absence, in which the object is found, nearly always within 50 ms, and tracked.
   constexpr int64_t kBeforeUs = 500'000;
   constexpr uint64_t kElsewhere = 1000;  // offset of the seed, for another motion
   EVPOSE_RETURN_IF_ERROR(options.Validate());

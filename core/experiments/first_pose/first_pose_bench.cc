@@ -46,6 +46,7 @@ SearchTrial RunSearch(const FirstPoseRun& run, const TrackerOptions& options, in
 
 // Microseconds from the start until a vertex has moved in the image; -1: never in the recording.
 int64_t MovedAfter(const FirstPoseRun& run, int64_t start_us) {
+  // Number of vertices that are tested, spread over the list: the largest motion of all of them differs little.
   constexpr size_t kVertices = 64;
   const CameraModel& camera = run.inputs.simulation.camera;
   const std::vector<Eigen::Vector3d>& vertices = run.inputs.model->vertices;

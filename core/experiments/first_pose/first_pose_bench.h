@@ -40,6 +40,7 @@ struct SearchTrial {
   double compute_s = 0.0;              // processor time
 };
 
+// Microseconds within which a first pose counts as found: the latest of the searches that start_cause.cc explains.
 inline constexpr int64_t kFoundWithinUs = 300'000;
 
 // A tracker that is started without a prior.

@@ -64,8 +64,8 @@ std::vector<PointMatch> TruePointMatches(const LineTrialGenerator& trials, const
 // Prior for the methods that require one: a generous guess for a tracker that has just lost its object. The deviation
 // of its mean from the truth is drawn from the prior.
 PosePrior DrawPrior(const RigidTransform& truth, Random& random) {
-  constexpr double kRotationRad = 0.1745;  // 10 deg; the median error of the rotation is 16 deg
-  constexpr double kTranslationRatio = 0.05;
+  constexpr double kRotationRad = 0.1745;     // 10 deg; the median error of the rotation is 16 deg
+  constexpr double kTranslationRatio = 0.05;  // of the depth, for each coordinate
   PosePrior prior = {truth, kRotationRad, kTranslationRatio};
   prior.camera_from_object = prior.Draw(random);
   return prior;

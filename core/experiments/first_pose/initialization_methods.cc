@@ -18,7 +18,7 @@ namespace {
 
 using ModelPointer = std::shared_ptr<const ObjectModel>;
 
-constexpr int kAll = 1'000'000'000;
+constexpr int kAll = 1'000'000'000;  // more than InitializationBenchOptions::num_trials may be
 
 // A method without precomputed data.
 auto Direct(const InitializationFunction& estimate) {

@@ -17,6 +17,8 @@ namespace {
 
 using Eigen::Vector2d;
 
+// Errors up to which the alignment of a search finds the true pose: 6 degrees and 3 % of the depth, as for
+// SearchTrial::rank.
 constexpr double kCaptureRad = 6.0 * 0.017453292519943295;
 constexpr double kCaptureRatio = 0.03;
 // Microseconds after a start at which searches are made: those of a tracker are 5 to 32 ms apart.
@@ -50,9 +52,10 @@ class EdgeImage {
   }
 
  private:
+  // Half-width of the triangle, between those of hypotheses.cc; events farther than twice as much score 0.
   static constexpr double kHalfPx = 2.0;
   static constexpr int kReachPx = 4;
-  static constexpr float kFar = 1e6f;
+  static constexpr float kFar = 1e6f;  // square pixels: more than any distance that is marked
 
   void Mark(const Vector2d& at) {
     const int x = static_cast<int>(std::lround(at.x())), y = static_cast<int>(std::lround(at.y()));
@@ -71,7 +74,7 @@ class EdgeImage {
 };
 
 std::optional<int64_t> TimeOfGivenPose(const FirstPoseRun& run, Tracker& tracker, int64_t start_us, int64_t end_us) {
-  constexpr int64_t kStepUs = 1000;
+  constexpr int64_t kStepUs = 1000;  // microseconds of events per call
   for (int64_t t_us = start_us; t_us < end_us; t_us += kStepUs) {
     std::vector<PoseEstimate> estimates;
     tracker.AddEvents(run.Between(t_us, t_us + kStepUs), estimates);
@@ -85,7 +88,7 @@ std::optional<int64_t> TimeOfGivenPose(const FirstPoseRun& run, Tracker& tracker
 
 // The true pose at t_us, with its twist.
 std::optional<PoseProposal> TrueProposal(const FirstPoseRun& run, int64_t t_us) {
-  constexpr int64_t kStepUs = 1000;
+  constexpr int64_t kStepUs = 1000;  // microseconds: the step of the difference quotient of the twist
   const absl::StatusOr<RigidTransform> pose = Interpolate(run.inputs.truth, t_us);
   const absl::StatusOr<RigidTransform> before = Interpolate(run.inputs.truth, t_us - kStepUs);
   if (!pose.ok() || !before.ok()) return std::nullopt;
@@ -111,6 +114,7 @@ std::vector<double> TurnEvidence(const FirstPoseRun& run, const TrackerOptions& 
                                  int64_t end_us) {
   constexpr int64_t kSliceUs = 3000;   // in which edges move by less than 2 px
   constexpr int64_t kViewUs = 30'000;  // between extractions of the visible edges: turns of one or two degrees
+  // Points on the visible edges, around which pixels are marked. With fewer, parts of a long outline stay unmarked.
   constexpr int kSamples = 400;
   const std::optional<ContinuousSymmetry>& axis = run.template_model->near_axis();
   if (!axis) return {};

@@ -16,6 +16,9 @@
 namespace evpose {
 namespace {
 
+// Depths of the ends of the lines, metres: values of the paper. The origin of the object is in the middle of them. The
+// paper gives no least length of the image of a line, pixels; a shorter one hardly determines its direction with the
+// largest noise, 10 px.
 constexpr double kMinDepthM = 5.0;
 constexpr double kMaxDepthM = 10.0;
 constexpr double kMinOriginDepthM = 6.5;

@@ -40,7 +40,7 @@ std::string SymmetryText(const ObjectModel& model) {
 
 // Mean number of visible lines and elements at poses of the trajectory.
 double MeanElements(const ObjectModel& model, const CameraModel& camera, const Trajectory& truth) {
-  constexpr size_t kPoses = 16;
+  constexpr size_t kPoses = 16;  // spread over the recording: the number of elements changes slowly with the view
   const VisibilityTester lines(model, TrackerOptions().visibility);
   const TriangleBvh faces(model.vertices, model.triangles);
   const EdgeElementExtractor extractor(model, faces, {});

@@ -57,7 +57,7 @@ class TrackingOracle final : public PoseSource {
 
   // nullopt outside the interval of the truth.
   std::optional<MotionState> StateAt(int64_t t_us) const {
-    constexpr int64_t kHalfStepUs = 500;
+    constexpr int64_t kHalfStepUs = 500;  // microseconds to both sides: the interval of the true poses is 1 ms
     const absl::StatusOr<RigidTransform> pose = Interpolate(truth_, t_us);
     const absl::StatusOr<RigidTransform> before = Interpolate(truth_, t_us - kHalfStepUs);
     const absl::StatusOr<RigidTransform> after = Interpolate(truth_, t_us + kHalfStepUs);

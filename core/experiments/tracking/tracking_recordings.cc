@@ -32,7 +32,7 @@ std::string Note(const SimulationOptions& run, uint64_t num_events, uint64_t num
 // Number of events according to simulation.txt; nullopt if the recording is missing, of another simulation or
 // incomplete.
 std::optional<uint64_t> NumKeptEvents(const SimulationOptions& run, const fs::path& directory) {
-  constexpr size_t kMaxNoteBytes = 1 << 16;
+  constexpr size_t kMaxNoteBytes = 1 << 16;  // a description has some kilobytes
   const absl::StatusOr<std::string> note = ReadFile((directory / kNoteName).string(), kMaxNoteBytes);
   if (!note.ok()) return std::nullopt;
   std::error_code error;
@@ -67,7 +67,7 @@ absl::StatusOr<uint64_t> Keep(const SimulationOptions& run, const fs::path& dire
 absl::Status Read(const fs::path& directory, uint64_t num_events, const EventConsumer& on_events) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader,
                           RecordingReader::Open((directory / kRecordingName).string()));
-  constexpr size_t kPieceBytes = 1 << 17;
+  constexpr size_t kPieceBytes = 1 << 17;  // bounds the memory
   EVPOSE_ASSIGN_OR_RETURN(EventReader events, EventReader::Make(*reader, {.max_piece_bytes = kPieceBytes}));
   while (true) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_piece, events.Next());

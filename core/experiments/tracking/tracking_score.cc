@@ -24,6 +24,7 @@ constexpr int64_t kStartUs = 50'000;
 constexpr double kInViewRatio = 0.25;
 
 bool IsInView(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object) {
+  // Samples of a line: the length inside the image is then known to a tenth of each line that crosses the border.
   constexpr int kSamples = 10;
   double inside_m = 0.0;
   double all_m = 0.0;
@@ -198,7 +199,7 @@ TrackingSummary SummariseTracking(const std::vector<TrackingScore>& scores) {
 }
 
 std::vector<TargetCheck> CheckTargets(const TrackingSummary& summary, const TrackingTargets& targets) {
-  constexpr double kWorstFactor = 2.0;
+  constexpr double kWorstFactor = 2.0;  // the worst recording may have this many times the error of the target
   const double infinity = std::numeric_limits<double>::infinity();
   const double position = 100.0 * targets.position_rmse_of_depth;
   const double uncovered = 1.0 - targets.coverage_ratio;
