@@ -13,6 +13,7 @@
 namespace evpose {
 namespace {
 
+// Columns: with the indentation of a manual page, an example fits a terminal of 80 columns.
 constexpr size_t kExampleWidth = 72;
 
 // Text in which no character has a meaning for roff. A hyphen that may be copied to a shell is a minus.
