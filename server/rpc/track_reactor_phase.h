@@ -31,7 +31,6 @@ enum class StreamInput {
   kFailure,         // an error, a cancellation, or a call of End
   kFinish,          // the final status is sent
 };
-inline constexpr int kNumStreamInputs = 8;
 
 // The phase after `input`; the same phase where the input does not apply.
 StreamPhase NextPhase(StreamPhase phase, StreamInput input);
