@@ -20,9 +20,9 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kMaxTokenFileBytes = 1u << 20;
-constexpr size_t kMaxTenantBytes = 63;
-constexpr size_t kDigestHexDigits = 64;
+constexpr size_t kMaxTokenFileBytes = 1u << 20;  // bounds memory; a line of a token has some hundred bytes
+constexpr size_t kMaxTenantBytes = 63;           // as in kTenantRule
+constexpr size_t kDigestHexDigits = 64;          // of SHA-256
 constexpr absl::string_view kTokenPrefix = "evpose_";
 constexpr absl::string_view kOperator = "operator";
 constexpr absl::string_view kTenantRule = "1 to 63 letters, digits, '.', '_' and '-', the first a letter or digit";
