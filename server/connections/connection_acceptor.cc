@@ -21,13 +21,17 @@ namespace {
 using boost::asio::ip::tcp;
 using std::chrono::steady_clock;
 
+// Largest default of the number of connections, which otherwise is half of the descriptors: bounds the memory for
+// connections in a process with very many descriptors.
 constexpr uint32_t kMaxDefaultConnections = 4096;
 // Connections leave this many descriptors, or a quarter if that is less, to the rest of the process, so that its pages
 // and its store keep working.
 constexpr rlim_t kReservedDescriptors = 64;
 constexpr int kConnectionsPerTurn = 64;  // between them, the thread looks at the other listeners and at its timers
 constexpr std::chrono::milliseconds kPause(100);  // until accept() is tried again after an error
+// Short against all timeouts of connections, and seldom enough to cost nothing.
 constexpr std::chrono::seconds kMaintenancePeriod(1);
+// Between two lines of the log about refused connections, of which a flood has many.
 constexpr std::chrono::minutes kRefusalLogPeriod(1);
 // As gRPC's own listener with keepalive pings sets it: bytes that are not acknowledged for this time end a connection.
 constexpr int kUserTimeoutMs = 20'000;

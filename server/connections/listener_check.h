@@ -18,6 +18,8 @@ class ListenerCheck {
     kSilent,   // the connection of the previous step has not been accepted
     kStalled,  // no connection has been accepted for kStepsToStall steps
   };
+  // With several steps, a single connection that a busy machine delays does not count as a stall; more steps shorten
+  // the time that each connection has (ConnectionAcceptor::Options::listener_timeout is divided by their number).
   static constexpr int kStepsToStall = 4;
 
   // `listener` is the local address of the listener. A wildcard address accepts connections to 127.0.0.1.
