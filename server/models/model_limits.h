@@ -21,6 +21,7 @@ namespace evpose::server {
 class ModelLimits {
  public:
   struct Options {
+    // ServerOptions (server/rpc/server.h) has the reasons of these defaults.
     uint64_t max_model_bytes = 64ull << 20;
     // Of all files and of what was derived from them, including the received bytes of uploads.
     uint64_t max_store_bytes = 512ull << 20;

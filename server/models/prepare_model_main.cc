@@ -73,7 +73,7 @@ void RenewProcessorTime(const Arguments& arguments) {
 }
 
 std::vector<uint8_t> ReadInput() {
-  constexpr size_t kPieceBytes = 1u << 20;
+  constexpr size_t kPieceBytes = 1u << 20;  // the largest model is read in some 64 calls
   std::vector<uint8_t> bytes;
   size_t size = 0;
   for (ssize_t count = 1; count > 0; size += static_cast<size_t>(std::max<ssize_t>(count, 0))) {

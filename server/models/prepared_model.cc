@@ -14,7 +14,7 @@ namespace {
 using Numbers = google::protobuf::RepeatedField<double>;
 using storage::v1::PreparedModel;
 
-constexpr int kNumbersOfTransform = 12;
+constexpr int kNumbersOfTransform = 12;  // nine of the rotation and three of the translation
 
 void Append(const Eigen::Vector3d& vector, Numbers& numbers) {
   for (const double number : {vector.x(), vector.y(), vector.z()}) numbers.Add(number);
