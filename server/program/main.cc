@@ -38,6 +38,8 @@ namespace {
 
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
+// Time beyond the notice and the drain after which a shutdown that does not end is cut off. It allows for the last
+// commits to the store.
 constexpr absl::Duration kStalledShutdownGrace = absl::Seconds(5);
 
 // Writes one line with the cause at every log level; as a JSON object if the log is JSON, so that a collector can parse

@@ -14,6 +14,8 @@
 
 namespace {
 
+// Smaller blocks need no check: the question to the kernel would cost more than the allocation, and the headroom
+// contains many of them.
 constexpr size_t kLargeBytes = size_t{64} << 10;
 // Enough for messages that are received and sent, and for the errors of all calls.
 constexpr size_t kHeadroomBytes = size_t{32} << 20;

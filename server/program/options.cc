@@ -329,7 +329,7 @@ absl::Status CheckStorePassword(const ProgramOptions& options) {
 }
 
 absl::Status CheckStoreLimit(const StoreOptions& store) {
-  constexpr uint64_t kMinBytes = 1u << 20;
+  constexpr uint64_t kMinBytes = 1u << 20;  // a smaller number is one of megabytes, by mistake
   if (store.max_bytes < kMinBytes) {
     return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; at least ", kMinBytes));
   }
@@ -348,7 +348,7 @@ absl::Status CheckMetricsAddress(const ProgramOptions& options) {
 
 // Returns the store's address with the password from the file, escaped with %XX.
 absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std::string& file) {
-  constexpr size_t kMaxPasswordBytes = 4096;
+  constexpr size_t kMaxPasswordBytes = 4096;  // a longer file is not that of a password
   EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(file, kMaxPasswordBytes));
   const absl::string_view password = absl::StripAsciiWhitespace(contents);
   if (password.empty()) return absl::InvalidArgumentError(absl::StrCat(file, ": there is no password in it"));
