@@ -95,6 +95,7 @@ v1::SearchCounts ToProto(const SearchCounts& searches) {
 }
 
 absl::StatusOr<CameraModel> FieldFromProto(const v1::CameraModel& camera) {
+  // Fits int; CameraModel::Validate() has the limit of a camera.
   constexpr uint32_t kMaxSize = std::numeric_limits<uint16_t>::max();
   if (camera.width_px() > kMaxSize || camera.height_px() > kMaxSize) {
     return InvalidField("config.camera", absl::StrCat("is ", camera.width_px(), "x", camera.height_px(),

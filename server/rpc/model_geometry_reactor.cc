@@ -14,7 +14,7 @@
 namespace evpose::server {
 namespace {
 
-constexpr uint32_t kMaxFaces = 100'000;
+constexpr uint32_t kMaxFaces = 100'000;  // as the API states; bounds the response
 
 void SetGeometry(const DisplayGeometry& geometry, v1::ModelGeometry& out) {
   out.mutable_vertices_m()->Reserve(static_cast<int>(3 * geometry.vertices.size()));

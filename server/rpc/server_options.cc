@@ -78,8 +78,9 @@ absl::Status CheckCpu(const char* field, double limit) {
 
 // The number of sessions and what each may use.
 absl::Status CheckSessions(const ServerOptions& options) {
+  // Less than any session takes: a smaller value is a number of megabytes instead of bytes.
   constexpr uint64_t kMinSessionMemory = 1'000'000;
-  constexpr uint32_t kMinPoseLogCapacity = 4096;
+  constexpr uint32_t kMinPoseLogCapacity = 4096;  // ServerOptions::pose_log_capacity has the reason
   EVPOSE_RETURN_IF_ERROR(CheckCpu("max_session_cpu", options.max_session_cpu));
   EVPOSE_RETURN_IF_ERROR(CheckCpu("tenant.max_cpu", options.tenant.max_cpu.value_or(0.0)));
   if (options.max_sessions == 0) return InvalidField("max_sessions", "is 0; at least 1");
@@ -95,11 +96,11 @@ absl::Status CheckSessions(const ServerOptions& options) {
 
 // The streams and connections, and the bytes under way.
 absl::Status CheckStreams(const ServerOptions& options) {
-  constexpr uint32_t kMaxChunkBytes = 64u << 20;
+  constexpr uint32_t kMaxChunkBytes = 64u << 20;  // sixteen of them need 1 GiB of max_transport_bytes (below)
   // Far above any memory; sums of it do not overflow.
   constexpr uint64_t kMaxCreditBytes = 1ull << 40;
-  constexpr uint32_t kMaxCalls = 1u << 20;
-  constexpr uint64_t kMinTransportBytes = 64ull << 20;
+  constexpr uint32_t kMaxCalls = 1u << 20;              // far more than one connection can use
+  constexpr uint64_t kMinTransportBytes = 64ull << 20;  // 1280 connections at 50 kB each
   if (options.max_chunk_bytes < 8 || options.max_chunk_bytes > kMaxChunkBytes) {
     return InvalidField("max_chunk_bytes", absl::StrCat("is ", options.max_chunk_bytes, "; 8 to ", kMaxChunkBytes));
   }

@@ -10,8 +10,8 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kDefaultPageSize = 50;
-constexpr size_t kMaxPageSize = 1000;  // bounds the memory of one response
+constexpr size_t kDefaultPageSize = 50;  // as the API states
+constexpr size_t kMaxPageSize = 1000;    // bounds the memory of one response
 
 }  // namespace
 

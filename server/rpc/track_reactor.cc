@@ -30,7 +30,7 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kPosesPerPage = 64;
+constexpr size_t kPosesPerPage = 64;  // read at a time, about 40 KB, which bounds the memory of a slow client
 constexpr absl::Duration kLongestHold = absl::Hours(1);  // so that the sum with the present time does not overflow
 
 // Every event (a message read or written, a change of the session, a cancellation) ends in Pump, which examines the

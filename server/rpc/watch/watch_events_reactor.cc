@@ -17,6 +17,8 @@
 namespace evpose::server {
 namespace {
 
+// Defaults that the API states. An image of a sensor of 1280 x 720 pixels then has 57,600 bytes before compression, and
+// motion at 30 images per second looks continuous.
 constexpr uint32_t kDefaultCellPx = 2;
 constexpr double kDefaultRateHz = 30.0;
 // With the outlines, an image is smaller than the 4 MiB that gRPC's clients receive.

@@ -24,7 +24,8 @@ namespace {
 
 // Maximum number of poses in a response: about 40 KB, which bounds the memory of a stalled reader.
 constexpr size_t kPosesPerResponse = 64;
-constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);
+constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);  // of reports of health, as the API states
+// A shorter one would cost processor time without new information.
 constexpr absl::Duration kMinPeriod = absl::Milliseconds(10);
 constexpr absl::Duration kLongestPeriod = absl::Hours(24 * 365);  // so that the sum with the present time is in range
 
