@@ -12,6 +12,7 @@
 namespace evpose::server {
 
 struct SessionLimits {
+  // ServerOptions (server/rpc/server.h) has the reasons of these defaults.
   uint64_t credit_bytes = 4ull << 20;  // undecoded bytes that may wait; at least max_chunk_bytes
   uint32_t max_chunk_bytes = 1u << 20;
   uint32_t pose_log_capacity = 16'384;        // poses in memory, for readers

@@ -35,7 +35,7 @@ namespace evpose::server {
 class SessionManager {
  public:
   struct Options {
-    uint32_t max_sessions = 64;
+    uint32_t max_sessions = 64;         // ServerOptions has the reasons of both
     uint32_t max_tenant_sessions = 64;  // sessions of one tenant
     SessionLimits limits;
     TrackerFactory make_tracker;

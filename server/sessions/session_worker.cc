@@ -13,7 +13,9 @@ namespace evpose::server {
 namespace {
 
 // The slice after which the readers are notified and the session may stop: at most about 6 MB of decoded events,
-// whatever the encoding. Slices of an expensive session are shorter: it would take seconds for so many bytes.
+// whatever the encoding. Slices of an expensive session are shorter: it would take seconds for so many bytes. A slice
+// that took longer than kLongSlice is halved, and one that took less than kShortSlice doubled: between them, by more
+// than a factor of two, the size does not alternate.
 constexpr size_t kMaxSliceBytes = size_t{16} * 1024;
 constexpr size_t kMinSliceBytes = 256;
 constexpr std::chrono::milliseconds kLongSlice{5};

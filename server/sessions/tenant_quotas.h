@@ -22,6 +22,7 @@ namespace evpose::server {
 class TenantQuotas {
  public:
   struct Options {
+    // ServerOptions (server/rpc/server.h) has the reasons of these defaults.
     uint32_t max_streams = 8192;  // Track and Watch streams
     uint32_t max_watchers = 4096;
     uint32_t max_health_per_s = 0;  // messages to all watchers of health of a tenant; 0: no limit

@@ -19,7 +19,7 @@ EncodedCells Encode(absl::Span<const uint8_t> bytes) {
   const auto zeros = static_cast<double>(std::count(bytes.begin(), bytes.end(), uint8_t{0}));
   if (zeros < kMinZeroShare * static_cast<double>(bytes.size())) return {};
   z_stream stream = {};
-  constexpr int kLevel = 1, kWindowBits = 15, kMemoryLevel = 8;
+  constexpr int kLevel = 1, kWindowBits = 15, kMemoryLevel = 8;  // the latter two as by default
   if (deflateInit2(&stream, kLevel, Z_DEFLATED, kWindowBits, kMemoryLevel, Z_RLE) != Z_OK) return {};
   const absl::Cleanup end = [&stream] { deflateEnd(&stream); };
   EncodedCells cells = {true, std::string(bytes.size(), '\0')};

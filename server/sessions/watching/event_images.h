@@ -36,7 +36,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   // Images of a session per second, to all its watchers together. With more watchers each receives fewer: this bounds
   // the time for which they hold up the session. Enough for 16 with the highest rate, and for 32 with the default.
   static constexpr double kMaxImagesPerS = 960.0;
-  static constexpr double kMaxRateHz = 60.0;
+  static constexpr double kMaxRateHz = 60.0;  // of one watcher: displays show no more
 
   EventImages(const SessionConfig& config, const std::string& tenant, std::function<Time()> now, WorkerPool& pool,
               std::shared_ptr<ServerMetrics> metrics);
