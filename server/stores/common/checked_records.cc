@@ -16,7 +16,7 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kChecksumBytes = 4;
+constexpr size_t kChecksumBytes = 4;  // of CRC-32C
 
 uint32_t Crc(absl::string_view bytes) { return Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}); }
 

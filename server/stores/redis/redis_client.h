@@ -27,7 +27,8 @@ struct RedisClientOptions {
   // The limit of each wait: for a connection, and for the next bytes of a reply.
   absl::Duration timeout = absl::Seconds(5);
   // After a failure no new connection is tried for this time, doubled for each further failure up to `longest_backoff`.
-  // Commands in the meantime fail immediately.
+  // Commands in the meantime fail immediately. A short interruption costs little with the first; with the last a server
+  // that returns is noticed after two seconds.
   absl::Duration first_backoff = absl::Milliseconds(50);
   absl::Duration longest_backoff = absl::Seconds(2);
 };

@@ -11,6 +11,7 @@
 namespace evpose::server {
 namespace {
 
+// Sizes of SQLite's format of the write-ahead log, and its largest page.
 constexpr size_t kHeaderBytes = 32;
 constexpr size_t kFrameHeaderBytes = 24;
 constexpr uint32_t kLogMagic = 0x377f0682;  // with the lowest bit set: the words of the checksums are big-endian
