@@ -22,7 +22,7 @@ namespace evpose::server {
 class LogLimiter {
  public:
   struct Options {
-    double lines_per_s = 1.0;
+    double lines_per_s = 1.0;  // of each event and peer: enough to see that it continues
     double burst_lines = 5.0;  // after a pause, so that all lines about a single mistake are written
     size_t max_buckets = 256;  // bounds memory and the rate of all peers together; further peers share a bucket
     std::function<absl::Time()> now = MakeServerClock();
