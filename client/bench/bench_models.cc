@@ -40,7 +40,7 @@ constexpr const char* kListName = "models.json";
 
 // The entries of models.json, which tests/bench/models/generate.py writes.
 absl::StatusOr<std::vector<BenchModel>> ReadList(const fs::path& directory) {
-  constexpr size_t kMaxListBytes = 1 << 22;
+  constexpr size_t kMaxListBytes = 1 << 22;  // bounds memory; an entry has some hundred bytes
   const std::string path = (directory / kListName).string();
   EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxListBytes));
   const Json list = Json::parse(text, nullptr, /*allow_exceptions=*/false);

@@ -23,6 +23,7 @@ namespace evpose::client {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+// From one session, whose latency is that of an idle server, to 64, the default of evpose-server's maximum.
 constexpr int kSessionCounts[] = {1, 4, 16, 64};
 // Maximum number of sessions of one measurement, over all its repetitions.
 constexpr int kMostSessions = 64;

@@ -39,9 +39,9 @@ inline constexpr std::array<const char*, 5> kServiceParts = {"transport", "path"
 struct ServiceBenchOptions {
   std::vector<std::string> parts;  // some of kServiceParts
   int64_t duration_us = 200'000;   // length of each recording
-  int num_repetitions = 7;
-  ServerArguments server;  // without an address, the benchmark starts a server process
-  pid_t server_pid = 0;    // process of `server` on this machine; 0 if it is unknown
+  int num_repetitions = 7;         // of each measurement, as of SpeedBenchOptions
+  ServerArguments server;          // without an address, the benchmark starts a server process
+  pid_t server_pid = 0;            // process of `server` on this machine; 0 if it is unknown
 };
 
 // Calls `on_row` after each measurement, and `on_progress` as RunSpeedBench does. Errors: those of connecting to a
