@@ -136,7 +136,7 @@ class Panel {
   }
 
   void DrawBand(const std::vector<Bin>& bins, double Bin::*low, double Bin::*high, const cv::Scalar& color) {
-    constexpr double kOpacity = 0.25;
+    constexpr double kOpacity = 0.25;  // the bands of both polarities overlap, and both stay visible
     std::vector<cv::Point> outline = Points(bins, low);
     const std::vector<cv::Point> upper = Points(bins, high);
     outline.insert(outline.end(), upper.rbegin(), upper.rend());
@@ -197,6 +197,7 @@ void DrawRow(cv::Mat& image, int y, const std::vector<Polarity>& polarities, con
 }
 
 void DrawLegend(cv::Mat& image, const std::vector<Polarity>& polarities) {
+  // Pixels: the longest entry fits.
   constexpr int kEntryWidth = 620;
   constexpr int kFirstX = 40;
   const int y = image.rows - kLegendHeight / 2;

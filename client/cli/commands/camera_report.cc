@@ -69,7 +69,7 @@ void PrintCameraCalibration(const CameraCalibration& calibration, std::ostream& 
 }
 
 absl::StatusOr<std::string> DrawCoverage(const CameraCalibration& calibration) {
-  constexpr int kWidthPx = 1280;
+  constexpr int kWidthPx = 1280;  // 80 px for each of the 16 columns: the text of a cell fits
   constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
   const int height_px = std::max(
       64, static_cast<int>(std::lround(1.0 * kWidthPx * calibration.camera.height_px / calibration.camera.width_px)));

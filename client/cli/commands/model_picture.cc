@@ -93,7 +93,7 @@ void DrawElements(const ModelView& view, const CameraModel& camera, cv::Mat& ima
 }  // namespace
 
 absl::StatusOr<std::string> DrawModel(const ObjectModel& model, const std::string& title) {
-  constexpr int kColumns = 3, kRows = 2;
+  constexpr int kColumns = 3, kRows = 2;  // one view for each of kDirections
   cv::Mat image(kHeaderHeight + kRows * kViewSize, kColumns * kViewSize, CV_8UC3, cv::Scalar(255, 255, 255));
   WriteText(image, title, {16, 22}, 0.55);
   for (size_t i = 0; i < kEdgeStyles.size(); ++i) {

@@ -55,7 +55,7 @@ constexpr std::pair<const char*, MotionProfile> kMotions[] = {{"smooth", MotionP
                                                               {"bursts", MotionProfile::kBursts},
                                                               {"half-out", MotionProfile::kHalfOut}};
 
-constexpr double kDurationS = 5.0;
+constexpr double kDurationS = 5.0;  // as SimulationOptions::duration_us
 
 absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& arguments) {
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<TrackingScenario> scenarios, FindTrackingScenarios({arguments.scenario}));

@@ -22,7 +22,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr int kMaxScreenPx = 16384;
+constexpr int kMaxScreenPx = 16384;  // twice the width of an 8K display; bounds the picture
 
 struct TargetArguments {
   std::string page = "A4";
@@ -45,7 +45,7 @@ absl::StatusOr<cv::Size> ParseScreen(const std::string& text) {
 
 // The drawing of a screen of the target's shape, as PNG. Edges inside a pixel get its mean shade.
 absl::StatusOr<std::string> DrawScreen(const CalibrationTarget& target, const cv::Size& size) {
-  constexpr int kFractionBits = 8;
+  constexpr int kFractionBits = 8;  // of OpenCV's fixed-point coordinates: 1/256 px
   cv::Mat image(size, CV_8UC1, cv::Scalar(255));
   const double px_per_mm = size.width / target.width_mm;
   // OpenCV has integers at the centres of pixels.

@@ -20,7 +20,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
+constexpr absl::Duration kHealthPeriod = absl::Seconds(1);  // between two lines that a person reads
 
 struct WatchArguments {
   std::string session;
