@@ -30,7 +30,7 @@ using Fields = std::vector<absl::string_view>;
 using Index = std::optional<size_t>;
 
 constexpr size_t kMaxPoseFileBytes = size_t{4} << 30;  // more than an hour of poses at 1 kHz with covariances
-constexpr size_t kUpperNumbers = 21;
+constexpr size_t kUpperNumbers = 21;                   // of the upper triangle of a covariance of 6 x 6
 
 TrackState StateOfName(absl::string_view name) {
   for (const TrackState state : {TrackState::kInitializing, TrackState::kTracking, TrackState::kDegraded,

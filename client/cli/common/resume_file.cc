@@ -23,7 +23,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxBytes = 1 << 20;  // a record has a few kilobytes
-constexpr int kVersion = 1;
+constexpr int kVersion = 1;            // of the record; another one is refused
 
 absl::Status Error(const std::string& path, const char* what) {
   return absl::ErrnoToStatus(errno, absl::StrCat(path, ": ", what));
