@@ -21,6 +21,7 @@
 namespace evpose {
 namespace {
 
+// Sections of the manual.
 constexpr int kUserCommands = 1;
 constexpr int kAdministration = 8;
 
