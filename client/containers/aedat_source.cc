@@ -13,6 +13,7 @@
 namespace evpose::client {
 namespace {
 
+// Read at a time: the cost of a call is then small against that of decoding, and the memory stays small.
 constexpr size_t kAedatReadBytes = size_t{256} * 1024;
 
 // Bytes of AEDAT 2.0 from which the sensor is guessed if the header does not name it.

@@ -17,8 +17,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kPieceEvents = 16384;
-constexpr double kMaxTime_us = 9e18;  // below the range of int64_t
+constexpr size_t kPieceEvents = 16384;  // converted at a time: 256 KiB, which stays in the cache
+constexpr double kMaxTime_us = 9e18;    // below the range of int64_t
 
 // A column of numbers: a field of the items of an array.
 struct ArrayColumn {

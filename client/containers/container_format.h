@@ -37,6 +37,7 @@ struct ContainerFormat {
   bool has_topics = false;
 };
 
+// Bytes from which the format is found: longer than the headers of nearly all recordings.
 inline constexpr size_t kSniffedBytes = size_t{64} * 1024;
 inline constexpr size_t kStreamBytes = 4096;  // fewer, because a live stream begins only when it has sent them
 

@@ -13,6 +13,7 @@ namespace evpose::client {
 namespace {
 
 constexpr char kHdf5Program[] = "evpose-hdf5";
+// Read at a time: the cost of a call is then small against that of decoding, and the memory stays small.
 constexpr size_t kPipeReadBytes = size_t{256} * 1024;
 constexpr std::string_view kHdf5Signature("\x89HDF\r\n\x1a\n", 8);
 

@@ -15,9 +15,10 @@
 namespace evpose::client {
 namespace {
 
+// Bounds memory; the header of an array of events has some hundred bytes.
 constexpr size_t kMaxNpyHeaderBytes = size_t{64} * 1024;
-constexpr size_t kMaxItemBytes = 4096;
-constexpr int kMaxDepth = 8;  // nesting of sequences in a literal; the header of an array has three levels
+constexpr size_t kMaxItemBytes = 4096;  // bounds the piece that is read; an event has at most some tens of bytes
+constexpr int kMaxDepth = 8;            // nesting of sequences in a literal; the header of an array has three levels
 
 // A literal of Python: a string, a word or number, or a sequence (tuple, list, dictionary of keys and values).
 struct Literal {

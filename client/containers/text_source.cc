@@ -16,10 +16,10 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kMaxFields = 16;         // of a line; further ones are not looked at
-constexpr size_t kMaxLineBytes = 1024;    // a longer line is no event
-constexpr size_t kMaxSampledRows = 2000;  // from which the layout is found
-constexpr size_t kTextReadBytes = size_t{256} * 1024;
+constexpr size_t kMaxFields = 16;                      // of a line; further ones are not looked at
+constexpr size_t kMaxLineBytes = 1024;                 // a longer line is no event
+constexpr size_t kMaxSampledRows = 2000;               // from which the layout is found
+constexpr size_t kTextReadBytes = size_t{256} * 1024;  // at a time; far longer than a line
 
 bool IsSeparator(char c) { return c == ' ' || c == '\t' || c == ',' || c == ';'; }
 bool IsComment(std::string_view line) { return line.empty() || line[0] == '%' || line[0] == '#'; }

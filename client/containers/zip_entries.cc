@@ -12,9 +12,9 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kMaxEntries = 64;  // NumPy archives of events have at most a dozen
-constexpr int kMaxListed = 10'000;  // entries that are looked at
-constexpr size_t kMaxEntryNameBytes = 1024;
+constexpr size_t kMaxEntries = 64;           // NumPy archives of events have at most a dozen
+constexpr int kMaxListed = 10'000;           // entries that are looked at
+constexpr size_t kMaxEntryNameBytes = 1024;  // a longer name, which no entry of an array has, is cut
 
 std::shared_ptr<void> OpenArchive(const std::string& path) {
   void* const archive = unzOpen64(path.c_str());

@@ -6,7 +6,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kAedat2RecordBytes = 8;
+constexpr size_t kAedat2RecordBytes = 8;  // address and time, 32 bits each
 
 // The layouts are those of jAER's classes DVS128 and DavisBaseCamera.
 constexpr uint32_t kDvs128Addresses = 0x10000;

@@ -12,10 +12,10 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kStreamHeaderBytes = 8;  // head of a packet: number of the stream, size
-constexpr size_t kEventBytes = 16;        // t i64, x i16, y i16, on, three bytes of padding
-constexpr size_t kPacketSizePrefixBytes = 4;
-constexpr size_t kTableElementBytes = 4;
+constexpr size_t kStreamHeaderBytes = 8;      // head of a packet: number of the stream, size
+constexpr size_t kEventBytes = 16;            // t i64, x i16, y i16, on, three bytes of padding
+constexpr size_t kPacketSizePrefixBytes = 4;  // FlatBuffers with a size prefix
+constexpr size_t kTableElementBytes = 4;      // of a vector of tables: the offset of one
 
 // 4 million events. DV cuts packets after 10 ms.
 constexpr size_t kMaxPacketBytes = size_t{64} << 20;

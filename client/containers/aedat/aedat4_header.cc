@@ -14,7 +14,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kSizePrefixBytes = 4;
+constexpr size_t kSizePrefixBytes = 4;  // FlatBuffers with a size prefix
 
 // Fields of the table IOHeader.
 constexpr int kCompressionField = 0;
