@@ -11,7 +11,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr hsize_t kMaxListedNames = 8;
+constexpr hsize_t kMaxListedNames = 8;  // in an error, so that it stays readable
 
 std::string NamesInRoot(const Hdf5Handle& file) {
   std::vector<std::string> names;

@@ -34,7 +34,7 @@ using evpose::client::PipeRecordKind;
 
 constexpr int kFailed = 1;
 constexpr int kUsage = 2;
-constexpr size_t kReadBytes = size_t{64} * 1024;
+constexpr size_t kReadBytes = size_t{64} * 1024;  // the capacity of a pipe
 
 constexpr char kHelp[] =
     "Usage: evpose-hdf5 read FILE | write FILE\n"

@@ -6,7 +6,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kMaxTextBytes = 4096;
+constexpr size_t kMaxTextBytes = 4096;  // bounds memory; a longer attribute is ignored
 
 Hdf5Handle TextType(size_t size) {
   Hdf5Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
