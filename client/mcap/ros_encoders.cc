@@ -13,6 +13,8 @@ constexpr uint64_t kNanosecondsPerSecond = 1'000'000'000;
 struct Colour {
   double r, g, b, a;
 };
+// Translucent grey faces, so that a model behind them stays visible, and edges in bright green, which stands out from
+// them and from the background of a viewer.
 constexpr Colour kFaceColour = {0.55, 0.62, 0.70, 0.6};
 constexpr Colour kEdgeColour = {0.43, 0.94, 0.43, 1.0};
 

@@ -15,6 +15,7 @@
 namespace evpose::client {
 namespace {
 
+// A recording needs no finer health, and a server that has restarted is reached again within the second.
 constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
 constexpr absl::Duration kRetryPeriod = absl::Seconds(1);
 constexpr char kEventsElsewhere[] = "EVENTS_ELSEWHERE";  // reason of an error of WatchEvents
