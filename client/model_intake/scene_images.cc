@@ -17,7 +17,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kMaxImageBytes = size_t{256} << 20;
+constexpr size_t kMaxImageBytes = size_t{256} << 20;  // of an encoded image; bounds memory
 // Largest width and height at which edges are searched, pixels. An object that fills a sensor of 1280 pixels shows a
 // texture of 4096 pixels at a third of its size.
 constexpr int kMaxImageSidePx = 4096;

@@ -17,7 +17,7 @@ namespace {
 
 constexpr char kConverter[] = "evpose-convert-step";
 
-constexpr size_t kReadBytes = size_t{64} * 1024;
+constexpr size_t kReadBytes = size_t{64} * 1024;  // the capacity of a pipe
 
 }  // namespace
 

@@ -226,7 +226,7 @@ std::vector<bool> Select(const std::vector<Piece>& pieces, const std::vector<dou
 }  // namespace
 
 absl::Status TextureLineOptions::Validate() const {
-  constexpr double kMaxLines = 1e6;
+  constexpr double kMaxLines = 1e6;  // half of the triangles and lines that a server accepts
   EVPOSE_RETURN_IF_ERROR(CheckRange("TextureLineOptions.max_lines", static_cast<double>(max_lines), 0.0, kMaxLines));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TextureLineOptions.min_length_ratio", min_length_ratio, 0.0, 1.0));
   return edges.Validate();

@@ -18,9 +18,11 @@
 namespace evpose::client {
 namespace {
 
+// Uncompressed; as kMaxFileBytes of scene_reader.cc, and for the same reason.
 constexpr size_t kMaxModelBytes = size_t{512} << 20;
 // Components within components.
 constexpr int kMaxDepth = 16;
+// Of components: nested ones multiply, so that a small file could have billions.
 constexpr size_t kMaxPlacements = 100'000;
 
 // Section 3.4 of the specification: ST_Unit. The default is the millimetre.
