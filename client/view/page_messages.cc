@@ -115,7 +115,7 @@ absl::StatusOr<PageRequest> ParseSettings(const Fields& fields) {
 }
 
 absl::StatusOr<PageRequest> ParseStep(const Fields& fields) {
-  constexpr int kMaxSteps = 10'000;
+  constexpr int kMaxSteps = 10'000;  // poses in one request; the page requests ten at most
   EVPOSE_ASSIGN_OR_RETURN(const int64_t count, fields.Integer("count", -kMaxSteps, kMaxSteps));
   if (count == 0) return Fields::Wrong("count", "is 0");
   return StepRequest{static_cast<int>(count)};

@@ -9,7 +9,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kPosesPerMessage = 256;
+constexpr size_t kPosesPerMessage = 256;  // bounds the time for which a message of poses delays an image
 
 // Adds the events of an image that was not sent to the image that follows it.
 void AddEarlierEvents(const EventImage& earlier, EventImage& image) {

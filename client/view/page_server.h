@@ -34,7 +34,7 @@ struct PageServerOptions {
 // One thread, which never waits for a page.
 class PageServer {
  public:
-  static constexpr size_t kMaxPages = 8;
+  static constexpr size_t kMaxPages = 8;            // each has streams or a thread for images of its own
   static constexpr size_t kMaxConnections = 64;     // those of pages included
   static constexpr size_t kMaxMessageBytes = 4096;  // of a message of the page
   static constexpr size_t kMaxRequestBytes = 8192;  // request line and headers

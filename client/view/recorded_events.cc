@@ -21,7 +21,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kPieceBytes = size_t{64} * 1024;
+constexpr size_t kPieceBytes = size_t{64} * 1024;  // decoded at a time: the new events are published after each
 // A bag with more losses is decoded across the further ones, with some wrong events behind each.
 constexpr size_t kMaxLosses = 1'000'000;
 

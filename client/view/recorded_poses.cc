@@ -16,7 +16,7 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kPosesPerFrame = 256;
+constexpr size_t kPosesPerFrame = 256;  // as kPosesPerMessage of page_outbox.cc
 
 // Adds the poses of a file to those of its objects.
 absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::string>& object_ids,

@@ -9,6 +9,8 @@
 namespace evpose::client {
 namespace {
 
+// Delays between attempts, doubled from the first to the last: a short interruption is hardly seen, and a server that
+// is away for long is not called often.
 constexpr absl::Duration kFirstDelay = absl::Milliseconds(100);
 constexpr absl::Duration kMaxDelay = absl::Seconds(2);
 

@@ -11,8 +11,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr double kPoseRateHz = 60.0;
-constexpr absl::Duration kHealthPeriod = absl::Milliseconds(250);
+constexpr double kPoseRateHz = 60.0;                               // of each object: displays show no more
+constexpr absl::Duration kHealthPeriod = absl::Milliseconds(250);  // numbers that change faster cannot be read
 
 // "better pose" for BETTER_POSE.
 std::string InWords(std::string_view name) {
