@@ -37,7 +37,8 @@ struct Bin {
 // Returns bins of as many passages each.
 std::vector<Bin> BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile,
                        double (*key)(const EdgePassage&)) {
-  // Points of a curve, and passages whose mean a point shows at least.
+  // Maximum number of points of a curve, and minimum number of passages of which a point shows the mean. With fewer
+  // passages the curve follows the errors of single ones; with fewer points it hides how the residual changes with x.
   constexpr size_t kBins = 16;
   constexpr size_t kMinInBin = 8;
   std::sort(passages.begin(), passages.end(),

@@ -39,7 +39,8 @@ struct ViewArguments {
   PageArguments page;
 };
 
-// A recording whose inputs need more time than this is announced before they are read.
+// Time for which the command waits for the poses, the models and the camera of a recording. If reading them takes
+// longer, the page is served before, with a notice of what is being read.
 constexpr std::chrono::milliseconds kSoon(300);
 
 // Until the command is interrupted.

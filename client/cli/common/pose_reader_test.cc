@@ -163,7 +163,7 @@ TEST(PoseRecordsTest, AllThatAFormatStatesIsRead) {
 }
 
 TEST(PoseRecordsTest, AQuaternionKeepsItsDigits) {
-  // A rotation whose quaternion is another one after the way through the matrix.
+  // Searches for a rotation whose quaternion changes in its last digits when it is converted to a matrix and back.
   Transform transform;
   Eigen::Quaterniond written = Eigen::Quaterniond::Identity();
   for (int i = 1; transform.Quaternion().coeffs() == written.coeffs(); ++i) {

@@ -21,8 +21,9 @@ struct PoseFileFacts {
 // A pose as the file has it: the field camera_from_object is the file's transform. What the format does not state has
 // the default of Pose, except for the state, which is kTracking; an object ID that is not stated is empty.
 struct FilePose : Pose {
-  // The rotation. Its digits are those of a .csv or .jsonl file whose quaternion is of unit length to within 1e-9; the
-  // matrix of camera_from_object does not give them back.
+  // The rotation of camera_from_object. If the quaternion in a .csv or .jsonl file has a length within 1e-9 of 1, its
+  // digits are kept as they are in the file; the quaternion that is computed from the matrix may differ in the last
+  // digits.
   Eigen::Quaterniond quaternion = Eigen::Quaterniond::Identity();
 };
 using PoseVisitor = absl::FunctionRef<absl::Status(FilePose pose)>;
