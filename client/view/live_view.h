@@ -40,7 +40,9 @@ class LiveView : public PageView {
   };
 
   void Run(const std::stop_token& stop);
-  // Waits for a request, whose calls are cancelled by the token. `stop` is that of the thread.
+  // Waits until the page has made a request or `stop`, the token of the thread, requests the end. Returns the request
+  // and a token for the calls that answer it; the token requests their end when the page leaves or opens another
+  // session.
   std::pair<Pending, std::stop_token> NextRequest(const std::stop_token& stop);
   void List(const std::stop_token& stop);
   // Shows the session when the server responds, or its end if there is no such session.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A source whose inputs are still being read.
+// The source of the pages while the files of a recording (poses, models, camera) are still being read.
 #pragma once
 
 #include <memory>
@@ -13,7 +13,7 @@
 
 namespace evpose::client {
 
-// Says to pages for what they wait, until it has another source. Thread-safe.
+// Tells the pages which files are being read, until Provide() sets the source that is shown instead. Thread-safe.
 class PendingSource : public ViewSource {
  public:
   // `hello` is the first message to each page, `notice` says what is being read.
