@@ -28,7 +28,8 @@ struct ServerCheckOptions {
   // Seconds between the clocks: log files of both can be compared to a second; certificates and the expiry of sessions
   // fail at a minute.
   Limits clock_s = {1.0, 60.0};
-  int num_calls = 20;  // for the round trip, whose median is taken
+  // Number of calls whose median duration is the round trip: single delays do not change the median.
+  int num_calls = 20;
   // Bytes of the first and of the largest probe of the connection; each is twice as large as the one before.
   size_t min_probe_bytes = size_t{64} << 10;
   size_t max_probe_bytes = size_t{8} << 20;

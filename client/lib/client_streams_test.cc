@@ -160,7 +160,8 @@ TEST_F(WatchTest, AServerThatStaysFencedIsAskedAfterGrowingDelays) {
     EXPECT_EQ(num_requests, 7);
     return clock_.Now() - begin;
   };
-  // 0.1, 0.2, 0.4, 0.8, 1.6 and 3.2 s, of which the jitter takes up to a half.
+  // Without jitter the delays are 0.1, 0.2, 0.4, 0.8, 1.6 and 3.2 s, 6.3 s together. The jitter shortens each of them
+  // by up to a half.
   const absl::Duration silent = watch();
   EXPECT_GE(silent, absl::Seconds(3.15));
   EXPECT_LE(silent, absl::Seconds(6.3));

@@ -21,8 +21,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr off_t kMaxErrorBytes =
-    off_t{64} * 1024;  // size of the end of its standard error, of which the last line is used
+// Number of bytes that are read from the end of the program's standard error, to find its last line.
+constexpr off_t kMaxErrorBytes = off_t{64} * 1024;
 
 // The last line that is not empty, without the name of the program at its beginning.
 std::string LastLine(absl::string_view text, absl::string_view program) {

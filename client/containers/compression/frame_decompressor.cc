@@ -14,9 +14,12 @@
 namespace evpose::client {
 namespace {
 
+// First size of the buffer of a content, which is doubled when it is full.
 constexpr size_t kFirstContentBytes = size_t{64} * 1024;
-// The decompressor keeps a window of the content in memory. Every decoder should support 8 MiB (RFC 8878, section
-// 3.1.1.1.2), and frames whose size was not known when they were begun have one, also with little content.
+// The decompressor keeps a window of the content in memory, and refuses frames that state a larger one. Every decoder
+// should support 8 MiB (RFC 8878, section 3.1.1.1.2). A compressor that does not know the size of the content when it
+// begins a frame states such a window even if the content is short; this is why the limit is not below 8 MiB for short
+// contents.
 constexpr int kUsualWindowLog = 23;
 constexpr int kMaxWindowLog = 27;  // without an option, programs decompress no larger ones
 
