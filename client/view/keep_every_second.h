@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Halves a series that has become too long.
+// Removes every second item of a series that has become too long.
 #pragma once
 
 #include <cstddef>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The sessions of a server, as they are tracked.
+// The source of the pages that show the sessions of a server live.
 #pragma once
 
 #include <condition_variable>
@@ -23,14 +23,15 @@ namespace evpose::client {
 // session that is shown. The calls end when the page leaves or opens another session.
 class LiveView : public PageView {
  public:
-  // `client` must outlive the view. `hello.session` is shown first; empty: the list of the sessions.
+  // `client` must outlive the view. Shows the session `hello.session` first, or the list of the sessions if it is
+  // empty.
   LiveView(Client& client, const HelloMessage& hello, std::shared_ptr<PageOutbox> outbox);
   ~LiveView() override;
 
   absl::Status Handle(const PageRequest& request) override;
 
  private:
-  // Requests that the thread has not begun to answer; later ones replace earlier ones.
+  // Requests that the thread has not taken yet. A later request replaces an earlier one of the same kind.
   struct Pending {
     bool list = false;
     std::optional<std::string> session;
@@ -45,7 +46,8 @@ class LiveView : public PageView {
   // session.
   std::pair<Pending, std::stop_token> NextRequest(const std::stop_token& stop);
   void List(const std::stop_token& stop);
-  // Shows the session when the server responds, or its end if there is no such session.
+  // Shows the session as soon as the server responds. If the server has no such session, sends the end and the list of
+  // the sessions to the page.
   void OpenSession(const std::string& name, const std::stop_token& stop);
   Scene MakeScene(const Session& session, const std::stop_token& stop);
   void SendGeometries(const Session& session, const Scene& scene, const std::stop_token& stop);
@@ -58,15 +60,15 @@ class LiveView : public PageView {
   std::mutex mutex_;
   std::condition_variable_any changed_;
   Pending pending_ ABSL_GUARDED_BY(mutex_);
-  std::stop_source calls_ ABSL_GUARDED_BY(mutex_);  // ends the calls of the thread
+  std::stop_source calls_ ABSL_GUARDED_BY(mutex_);  // cancels the calls of the thread
   std::unique_ptr<SessionWatch> watch_;             // of the session that is shown; the thread's own
   std::jthread thread_;
 };
 
 class LiveSource : public ViewSource {
  public:
-  // `client` must outlive the source. `server` is its address for people. `session` is shown first; empty: the list of
-  // the sessions.
+  // `client` must outlive the source. `server` is the address that pages display. Pages show `session` first, or the
+  // list of the sessions if it is empty.
   LiveSource(Client& client, const std::string& server, const std::string& session)
       : client_(client), server_(server), session_(session) {}
 

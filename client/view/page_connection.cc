@@ -17,7 +17,7 @@ namespace beast = boost::beast;
 namespace http = beast::http;
 namespace websocket = beast::websocket;
 
-constexpr std::chrono::seconds kIdleTimeout(30);  // a page that answers no ping within it has vanished
+constexpr std::chrono::seconds kIdleTimeout(30);  // a page that answers no ping for this time is gone
 constexpr size_t kMaxCloseReason = 123;           // bytes, of the protocol
 
 absl::string_view View(beast::string_view text) { return {text.data(), text.size()}; }
@@ -64,7 +64,7 @@ void PageConnection::Respond(http::status status, absl::string_view content_type
   const auto& request = parser_->get();
   response_.result(status);
   for (const auto& [name, value] : site_.Headers(View(request[http::field::host]))) response_.set(name, value);
-  if (status == http::status::forbidden) response_.erase("Content-Security-Policy");  // it has the host as it was given
+  if (status == http::status::forbidden) response_.erase("Content-Security-Policy");  // contains the unchecked host
   if (status == http::status::method_not_allowed) response_.set(http::field::allow, "GET, HEAD");
   response_.set(http::field::content_type, absl::StrCat(content_type, "; charset=utf-8"));
   response_.keep_alive(false);
@@ -97,7 +97,7 @@ void PageConnection::Read() {
     if (error) return self->Finish();
     self->HandleMessage();
     self->buffer_.consume(self->buffer_.size());
-    self->Read();  // also while the connection closes: it ends with the error of a read
+    self->Read();  // also while it closes: the error of a read ends the connection
   });
 }
 
@@ -126,7 +126,7 @@ absl::Status PageConnection::OpenPage(const PageRequest& request) {
     return absl::PermissionDeniedError("the key is wrong: open the address that this evpose has printed");
   }
   StopTimer();
-  // The outbox calls from other threads.
+  // The outbox calls this function on other threads.
   const auto is_scheduled = std::make_shared<std::atomic<bool>>(false);
   outbox_ = std::make_shared<PageOutbox>([weak = weak_from_this(), is_scheduled, executor = socket_->get_executor()] {
     if (is_scheduled->exchange(true)) return;
@@ -184,9 +184,9 @@ void PageConnection::Shutdown() {
 void PageConnection::StartTimer() {
   timer_.expires_after(timeout_);
   timer_.async_wait([self = shared_from_this()](const Error& error) {
-    // A timer that was set again has another time.
+    // A timer that was started again expires at another time.
     if (error || self->timer_.expiry() > std::chrono::steady_clock::now()) return;
-    beast::get_lowest_layer(*self->socket_).close();  // what waits ends with an error
+    beast::get_lowest_layer(*self->socket_).close();  // pending operations end with an error
   });
 }
 

@@ -24,9 +24,10 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   class Owner {
    public:
     virtual ~Owner() = default;
-    // A page has shown its key. Error: RESOURCE_EXHAUSTED if there are too many.
+    // Opens the view of a page that has sent the right key. Error: RESOURCE_EXHAUSTED if too many pages are open.
     virtual absl::StatusOr<std::unique_ptr<PageView>> OpenPage(std::shared_ptr<PageOutbox> outbox) = 0;
-    // The last call of each connection, with the view of OpenPage().
+    // Is the last call of each connection. `view` is the result of OpenPage(); null if the connection never was that of
+    // a page.
     virtual void Closed(const std::shared_ptr<PageConnection>& connection, std::unique_ptr<PageView> view) = 0;
   };
 
@@ -37,9 +38,9 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   void Start();
   bool has_page() const { return view_ != nullptr; }
   PageOutbox* outbox() { return outbox_.get(); }
-  // Ends the connection: that of a page with the close code "going away", after the frames that wait in its outbox.
+  // Ends the connection. A page first receives the frames that wait in its outbox, then the close code "going away".
   void Shutdown();
-  // The view, if the server ends before the connection.
+  // Returns the view if the server ends before the connection has called Owner::Closed().
   std::unique_ptr<PageView> TakeView() { return std::move(view_); }
 
  private:
@@ -52,11 +53,11 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   void Read();
   void HandleMessage();
   absl::Status OpenPage(const PageRequest& request);
-  // Sends the next frame unless one is being sent; without a frame, closes a connection that is ending.
+  // Sends the next frame unless one is being sent. If no frame waits and the connection is ending, closes it.
   void Pump();
   void Close(uint16_t code, const std::string& reason);
   void SendClose();
-  // The connection is closed unless StopTimer() follows in time.
+  // Closes the connection after the timeout unless StopTimer() is called before.
   void StartTimer();
   void StopTimer();
   void Finish();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The page that is built from page/, in this program.
+// The files of the page that is built from page/, as part of this program.
 #pragma once
 
 #include "absl/types/span.h"

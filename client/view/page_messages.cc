@@ -137,7 +137,7 @@ std::string BeginBinary(const Json& header) {
   return out;
 }
 
-// The cells in the format zlib; empty if they would not be smaller.
+// Returns the cells in the format zlib; empty if that would not make them smaller.
 std::vector<uint8_t> Compressed(const std::vector<uint8_t>& cells) {
   std::vector<uint8_t> compressed(cells.size());
   uLongf size = compressed.size();

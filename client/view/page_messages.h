@@ -85,7 +85,8 @@ enum class NoticeLevel { kInfo, kError };
 std::string ToText(const HelloMessage& hello);
 std::string ToText(const Scene& scene);
 std::string SessionsText(const std::vector<Session>& sessions);
-// `rotations` are those of the poses, of unit length; empty: computed from the poses' matrices.
+// `rotations` has the rotation of each pose as a unit quaternion; if it is empty, they are computed from the matrices
+// of the poses.
 std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses, bool is_truth,
                       absl::Span<const Eigen::Quaterniond> rotations = {});
 std::string StateText(const std::string& object_id, int64_t t_us, TrackState state, const std::string& reason);
@@ -99,9 +100,10 @@ std::string EndText(const std::string& reason);
 struct PageImage {
   EventImage image;
   int64_t t_us = 0;  // the instant of the outlines
-  // The outlines that are the truth: the last ones of image.outlines.
+  // The last `num_truths` outlines of image.outlines show the true poses.
   size_t num_truths = 0;
-  // The events of successive images are disjoint: an image that replaces one that was not sent has the events of both.
+  // True if the events of successive images are disjoint. An image that replaces one that was not sent then contains
+  // the events of both.
   bool is_continuation = false;
 };
 // `skipped` is the number of images that were not sent. The cells are compressed if that makes them smaller.

@@ -34,18 +34,19 @@ class PageOutbox {
   // State changes and notices that may wait; beyond it the oldest is removed.
   static constexpr size_t kMaxNotes = 256;
 
-  // `on_ready` is called, on the caller's thread, when there may be a frame to send.
+  // Calls `on_ready`, on the thread that stores a message, when a frame may be ready to be sent.
   explicit PageOutbox(std::function<void()> on_ready) : on_ready_(std::move(on_ready)) {}
   PageOutbox(const PageOutbox&) = delete;
 
-  // A message that replaces one of its kind that was not sent yet. They are sent in the order of the enumerators.
+  // A message of one of these kinds replaces the one of the same kind that has not been sent yet. They are sent in the
+  // order of the enumerators.
   enum class Latest { kHello, kSessions, kScene, kRange, kPosition, kEnd };
   void Set(Latest kind, std::string text);
   void SetHealth(SessionHealth health);
-  // Begins another scene: what waits for the former one is removed.
+  // Begins another scene: messages of the former scene that wait are removed.
   void StartScene(const Scene& scene);
-  // Binary messages and texts of the scene, in order, after it: geometries and the poses of a recording. Shared by all
-  // pages; bounded by their maker.
+  // Messages of the scene, sent after it and in this order: geometries and the poses of a recording. All pages share
+  // them; the source that makes them bounds their size.
   using Prepared = std::vector<Frame>;
   void Add(std::shared_ptr<const Prepared> frames);
   void AddPoses(const std::vector<Pose>& poses);
@@ -53,14 +54,14 @@ class PageOutbox {
   void AddNote(std::string text);
   void SetImage(PageImage image);
 
-  // Whether no image waits: a source that makes images on demand makes the next one.
+  // Returns whether no image waits. A source that makes images on demand then makes the next one.
   bool WantsImage() const;
 
-  // For the connection. Returns the next frame; nullopt if nothing can be sent now.
+  // Called by the connection. Returns the next frame; nullopt if nothing can be sent now.
   std::optional<Frame> Next();
-  // An image was drawn, and all before it.
+  // The page has drawn the image with this number and all earlier ones.
   void Acknowledge(uint64_t number);
-  // The page has left: nothing is stored any more.
+  // The page has left: later messages are discarded.
   void Close();
 
  private:
@@ -88,7 +89,7 @@ class PageOutbox {
   uint64_t sent_ ABSL_GUARDED_BY(mutex_) = 0;  // number of the last image; the first is 1
   uint64_t acknowledged_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t skipped_ ABSL_GUARDED_BY(mutex_) = 0;         // images that were replaced here
-  uint64_t source_skipped_ ABSL_GUARDED_BY(mutex_) = 0;  // images that the server replaced, of the present scene
+  uint64_t source_skipped_ ABSL_GUARDED_BY(mutex_) = 0;  // images of the present scene that the server replaced
 };
 
 }  // namespace evpose::client

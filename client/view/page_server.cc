@@ -63,7 +63,7 @@ class PageServer::Impl : public PageConnection::Owner {
   std::vector<tcp::acceptor> acceptors_;
   std::list<std::shared_ptr<PageConnection>> connections_;
   bool is_ending_ = false;
-  std::atomic<size_t> num_views_ = 0;  // those that are being destroyed included
+  std::atomic<size_t> num_views_ = 0;  // including those that are being destroyed
   std::mutex mutex_;
   std::condition_variable_any has_views_;
   std::vector<std::unique_ptr<PageView>> finished_views_ ABSL_GUARDED_BY(mutex_);
@@ -72,7 +72,7 @@ class PageServer::Impl : public PageConnection::Owner {
 };
 
 PageServer::Impl::~Impl() {
-  if (!thread_.joinable()) return;  // nothing was served
+  if (!thread_.joinable()) return;  // Serve() was not called
   boost::asio::post(context_, [this] { Shutdown(); });
   thread_.join();
   for (const std::shared_ptr<PageConnection>& connection : connections_) connection->TakeView().reset();
@@ -105,7 +105,7 @@ void PageServer::Impl::Accept(tcp::acceptor& acceptor) {
   });
 }
 
-// After an error, in particular when no descriptor is free.
+// Called after an error, in particular when no descriptor is free.
 void PageServer::Impl::AcceptAfterPause(tcp::acceptor& acceptor) {
   const auto pause = std::make_shared<boost::asio::steady_timer>(context_, kAcceptPause);
   pause->async_wait([this, &acceptor, pause](const AsioError&) {
@@ -115,7 +115,7 @@ void PageServer::Impl::AcceptAfterPause(tcp::acceptor& acceptor) {
 
 void PageServer::Impl::Add(tcp::socket socket) {
   if (connections_.size() >= kMaxConnections) {
-    // A browser sends its request at once; the oldest one without a page is idle or hostile.
+    // A browser sends its request at once. The oldest connection without a page is therefore idle or hostile.
     const auto idle =
         std::find_if(connections_.begin(), connections_.end(), [](const auto& each) { return !each->has_page(); });
     const std::shared_ptr<PageConnection> oldest = *idle;  // at most kMaxPages have a page

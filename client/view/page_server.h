@@ -24,32 +24,33 @@ struct PageFile {
 
 struct PageServerOptions {
   std::string listen = "127.0.0.1:0";  // HOST:PORT; port 0: a free one
-  // Values of the header Host by which the server may be called, beside 127.0.0.1:PORT and localhost:PORT: "name" or
+  // Further values of the header Host that are accepted, beside 127.0.0.1:PORT and localhost:PORT: "name" or
   // "name:port".
   std::vector<std::string> hosts;
-  // For a request, for the key, and for the receipt of each message by the page; then the connection is closed.
+  // Longest time until a connection has sent its request, until a page has sent its key, and until a page has received
+  // a message. The connection is closed after it.
   std::chrono::milliseconds timeout{5000};
 };
 
-// One thread, which never waits for a page.
+// Uses one thread, which never waits for a page.
 class PageServer {
  public:
   static constexpr size_t kMaxPages = 8;            // each has streams or a thread for images of its own
-  static constexpr size_t kMaxConnections = 64;     // those of pages included
+  static constexpr size_t kMaxConnections = 64;     // including those of pages
   static constexpr size_t kMaxMessageBytes = 4096;  // of a message of the page
   static constexpr size_t kMaxRequestBytes = 8192;  // request line and headers
 
-  // Listens; browsers wait until Serve(). Errors: INVALID_ARGUMENT for an address that is none; UNAVAILABLE with the
-  // cause if it cannot be listened on; INTERNAL without random numbers.
+  // Listens. Browsers that connect before Serve() wait. Errors: INVALID_ARGUMENT for an invalid address; UNAVAILABLE
+  // with the cause if the address cannot be listened on; INTERNAL if no random numbers are available.
   static absl::StatusOr<std::unique_ptr<PageServer>> Listen(const PageServerOptions& options,
                                                             absl::Span<const PageFile> files);
-  // Begins to serve pages, once. `source` must outlive the server.
+  // Begins to serve pages. To be called once. `source` must outlive the server.
   void Serve(ViewSource& source);
   // Closes all pages and waits for their views.
   ~PageServer();
 
   int port() const;
-  // The address with the key. Who has it sees what the pages show.
+  // Returns the address with the key. Everyone who has it can see what the pages show.
   std::string url() const;
   // Sends `reason` to all pages as the end of the view.
   void End(const std::string& reason);

@@ -48,7 +48,7 @@ const PageFile* PageSite::Find(absl::string_view target) const {
 }
 
 std::vector<std::pair<std::string, std::string>> PageSite::Headers(absl::string_view host) const {
-  // Not all browsers count the WebSocket of the same host as 'self'.
+  // Not all browsers take a WebSocket of the same host as 'self', so that its address is given, too.
   const std::string policy =
       absl::StrCat("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' ",
                    "ws://", host, " wss://", host, "; frame-ancestors 'none'; base-uri 'none'; form-action 'none'");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Which HTTP requests are answered, and how: the rules that keep other sites and other machines out.
+// Decides which HTTP requests are answered, and how. These rules keep other sites and other machines out.
 #pragma once
 
 #include <string>
@@ -18,19 +18,20 @@ inline constexpr absl::string_view kStreamPath = "/stream";
 // Immutable.
 class PageSite {
  public:
-  // The server is called 127.0.0.1:PORT, localhost:PORT or one of `hosts`.
+  // Accepts the names 127.0.0.1:PORT, localhost:PORT and `hosts` for the server.
   PageSite(absl::Span<const PageFile> files, int port, const std::vector<std::string>& hosts, std::string key);
 
-  // Error: PERMISSION_DENIED for another host: a name of the attacker's that resolves to this machine (DNS rebinding).
+  // Error: PERMISSION_DENIED for another host, such as a name that an attacker has let resolve to this machine (DNS
+  // rebinding).
   absl::Status CheckHost(absl::string_view host) const;
-  // For the WebSocket, which browsers open for pages of any origin. Error: PERMISSION_DENIED unless the origin is this
-  // site under the name `host`.
+  // Checks the origin of a WebSocket, because browsers open one for pages of any origin. Error: PERMISSION_DENIED
+  // unless the origin is this site under the name `host`.
   absl::Status CheckOrigin(absl::string_view origin, absl::string_view host) const;
   bool IsKey(absl::string_view key) const;
 
-  // nullptr if there is none. `target` may have a query, which is ignored.
+  // Returns nullptr if there is no such file. A query in `target` is ignored.
   const PageFile* Find(absl::string_view target) const;
-  // The headers of all responses for the permitted host, as name and value.
+  // Returns the headers, as pairs of name and value, of all responses to requests for a permitted host.
   std::vector<std::pair<std::string, std::string>> Headers(absl::string_view host) const;
 
  private:

@@ -6,7 +6,7 @@
 
 namespace evpose::client {
 
-// The view of a page that was opened before the source was there.
+// The view of a page that was opened before Provide().
 class PendingSource::View : public PageView {
  public:
   View(PendingSource& pending, std::shared_ptr<PageOutbox> outbox) : pending_(pending), outbox_(std::move(outbox)) {}
@@ -18,15 +18,15 @@ class PendingSource::View : public PageView {
   absl::Status Handle(const PageRequest& request) override {
     const std::lock_guard lock(pending_.mutex_);
     if (view_ != nullptr) return view_->Handle(request);
-    // There is nothing yet that another request could move.
+    // Other requests change the present instant, which there is none of yet.
     if (const auto* settings = std::get_if<ImageSettings>(&request)) settings_ = *settings;
     return absl::OkStatus();
   }
 
-  // With the lock of the pending source.
+  // Called with the lock of the pending source.
   void Begin(ViewSource& source) {
     view_ = source.Open(outbox_);
-    // Recordings and sessions take settings at any time.
+    // All sources accept settings at any time.
     if (settings_) view_->Handle(*settings_).IgnoreError();
   }
 

@@ -16,7 +16,7 @@ namespace evpose::client {
 // Tells the pages which files are being read, until Provide() sets the source that is shown instead. Thread-safe.
 class PendingSource : public ViewSource {
  public:
-  // `hello` is the first message to each page, `notice` says what is being read.
+  // Sends `hello` first to each page, then `notice`, which states what is being read.
   PendingSource(const HelloMessage& hello, const std::string& notice) : hello_(hello), notice_(notice) {}
 
   std::unique_ptr<PageView> Open(std::shared_ptr<PageOutbox> outbox) override;

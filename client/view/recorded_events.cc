@@ -22,14 +22,15 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kPieceBytes = size_t{64} * 1024;  // decoded at a time: the new events are published after each
-// A bag with more losses is decoded across the further ones, with some wrong events behind each.
+// Bounds the memory. In a bag with more losses the decoder is not reset at the further ones, so that some wrong events
+// follow each of them.
 constexpr size_t kMaxLosses = 1'000'000;
 
 absl::Status FileError(const std::string& what) {
   return absl::UnavailableError(absl::StrCat(what, ": ", std::strerror(errno)));  // NOLINT(concurrency-mt-unsafe)
 }
 
-// A file without a name in the folder for temporary files.
+// Creates a file without a name in the folder for temporary files.
 absl::StatusOr<int> TemporaryFile() {
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
@@ -196,7 +197,7 @@ absl::Status RecordedEvents::Visit(int64_t from_us, int64_t to_us,
   uint64_t end = 0;
   {
     const std::lock_guard lock(mutex_);
-    // The first one has no events before it.
+    // The first position has no events before it.
     const auto after = std::lower_bound(positions_.begin(), positions_.end(), from_us,
                                         [](const Position& each, int64_t t_us) { return each.latest_us < t_us; });
     if (positions_.empty()) return absl::OkStatus();

@@ -23,12 +23,12 @@ namespace evpose::client {
 
 struct RecordedEventsOptions {
   uint64_t spacing_bytes = uint64_t{256} * 1024;  // between two positions: decoding it takes some milliseconds
-  size_t max_positions = size_t{1} << 15;         // beyond it every second one is removed, and the spacing doubled
+  size_t max_positions = size_t{1} << 15;         // of more, every second is removed and the spacing doubled
 };
 
-// A thread reads the recording once from its beginning, and keeps positions from which a decoder can continue; what it
-// has read so far can be accessed meanwhile. The bytes of a RAW or DAT file are read from that file, those of other
-// recordings are kept in a temporary file. Thread-safe.
+// A thread reads the recording once from its beginning and stores positions from which a decoder can continue. Events
+// that have been read can be accessed meanwhile. Events of a RAW or DAT file are read again from that file; those of
+// other recordings are stored in a temporary file. Thread-safe.
 class RecordedEvents {
  public:
   // `path` is the file of `reader`. Errors: UNAVAILABLE if the file cannot be opened again, or no temporary file can be
@@ -44,11 +44,11 @@ class RecordedEvents {
     bool has_events = false;
     TimeRange range;  // of the events so far
     bool is_complete = false;
-    absl::Status status;  // of a recording that was read up to an error
+    absl::Status status;  // the error at which reading ended
   };
   Progress progress() const;
-  // Calls `on_progress` from another thread after each piece that was read. Returns a handle; after its destruction
-  // there is no further call.
+  // Calls `on_progress`, on another thread, after each piece of the recording that was read. No call follows the
+  // destruction of the returned handle.
   std::shared_ptr<void> Subscribe(std::function<void()> on_progress);
 
   // Whether all events before `to_us` have been read.

@@ -32,7 +32,7 @@ absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::str
                                                    "\", but the objects are ", absl::StrJoin(object_ids, ", "),
                                                    ": give --object ID=MODEL for each object of the file"));
   };
-  // The transform is known at the end; it is the same for all poses of a file.
+  // The transform of the file, which is the same for all its poses, is known after the last pose.
   EVPOSE_ASSIGN_OR_RETURN(facts, VisitPoses(path, [&](const FilePose& pose) { return add(pose, pose.quaternion); }));
   if (facts.transform == kCameraFromObject) return absl::OkStatus();
   EVPOSE_RETURN_IF_ERROR(AsCameraFromObject(Pose(), facts.transform, path).status());

@@ -18,25 +18,27 @@ namespace evpose::client {
 // The poses of one object, in the order of their times.
 class RecordedPoses {
  public:
-  // Longest time between two poses that is interpolated; in a longer one the object was lost.
+  // Longest time between two poses, microseconds, for which poses are interpolated. In a longer gap the object was
+  // lost.
   static constexpr int64_t kMaxGapUs = 50'000;
-  // Most poses that are sent to a page with all their fields; of a longer recording, every second, fourth, ... pose.
+  // Largest number of poses that are sent to a page. Of a longer recording every second, fourth, ... pose is sent.
   static constexpr size_t kMaxSent = 20'000;
-  // Most state changes that are sent to a page; later ones are left out.
+  // Largest number of state changes that are sent to a page. Later ones are left out.
   static constexpr size_t kMaxStates = 4096;
 
-  // Error: INVALID_ARGUMENT if its time does not follow that of the pose before.
+  // Error: INVALID_ARGUMENT if the time of the pose is not later than that of the pose before.
   absl::Status Add(const Pose& pose) { return Add(pose, pose.camera_from_object.Quaternion()); }
-  // With the rotation as its file states it, which is sent to pages.
+  // The same, with the rotation that is sent to pages: the quaternion of the file with all its digits.
   absl::Status Add(const Pose& pose, const Eigen::Quaterniond& rotation);
 
   const Trajectory& trajectory() const { return trajectory_; }
-  // The pose at an instant (PoseNear()).
+  // Returns the pose at an instant (PoseNear()).
   std::optional<RigidTransform> At(int64_t t_us) const { return PoseNear(trajectory_, t_us, kMaxGapUs); }
-  // The state of the last pose until then; that of the first one before it. Precondition: there is a pose.
+  // Returns the state of the last pose at or before this time; before the first pose, the state of the first one.
+  // Precondition: there is a pose.
   TrackState StateAt(int64_t t_us) const;
 
-  // Messages of the poses and, unless they are the truth, of the states, with LOST in the gaps.
+  // Appends the messages of the poses and, unless they are the truth, of the state changes. In gaps the state is LOST.
   void AppendFrames(const std::string& object_id, bool is_truth, PageOutbox::Prepared& frames) const;
 
  private:
@@ -47,10 +49,10 @@ class RecordedPoses {
   uint64_t stride_ = 1;
 };
 
-// Reads the poses camera_from_object of the objects, by ID, from a TUM, CSV or JSON lines file, or with "{object}" in
-// the path from one file for each. Errors name the path: those of VisitPoses() and AsCameraFromObject();
-// INVALID_ARGUMENT for poses of an object that is none of `object_ids`, except that a single object has the poses of
-// the only one of the file.
+// Reads the poses camera_from_object of the objects, by ID, from a TUM, CSV or JSON lines file. If the path contains
+// "{object}", there is one file for each object. If the file has poses of a single ID and there is a single object,
+// they are those of this object whatever the ID. Errors name the path: those of VisitPoses() and AsCameraFromObject();
+// INVALID_ARGUMENT for poses of an object that is not in `object_ids`.
 absl::StatusOr<std::map<std::string, RecordedPoses>> ReadRecordedPoses(const std::string& path,
                                                                        const std::vector<std::string>& object_ids);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The source of a recording with its poses: seeking, steps and play.
+// The source of the pages that show a recording with its poses.
 #pragma once
 
 #include <map>
@@ -37,7 +37,7 @@ struct RecordingInputs {
   std::map<std::string, RecordedPoses> truth;  // empty: none
 };
 
-// Everything that all pages share.
+// Has everything that all pages share.
 class RecordingSource : public ViewSource {
  public:
   // Errors: those of RecordedEvents::Open().
@@ -51,12 +51,12 @@ class RecordingSource : public ViewSource {
   const std::vector<std::unique_ptr<const ModelEdges>>& edges() const { return edges_; }  // of the objects
   const std::vector<int64_t>& pose_times_us() const { return pose_times_us_; }            // of all objects, in order
   Scene scene() const;
-  // Poses and geometries: those that are prepared, and later the others.
+  // Sends the poses and geometries to a page: those that are prepared now, and the others when they are.
   void SendFrames(const std::shared_ptr<PageOutbox>& outbox) const { frames_.SendTo(outbox); }
 
  private:
   explicit RecordingSource(RecordingInputs inputs);
-  // Takes up to seconds for many poses and large models. A page shows its first image meanwhile.
+  // Takes up to seconds for many poses and large models. Pages show their first image meanwhile.
   void PrepareFrames(const std::stop_token& stop);
 
   RecordingInputs inputs_;

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::chrono::milliseconds kRangePeriod(500);
 
-// The first instant of an image, and the end of its events.
+// The interval of the events of an image; its end is excluded.
 TimeRange WindowAt(int64_t t_us, double window_ms) {
   const int64_t half_us = std::llround(window_ms * 500.0);
   return {t_us - half_us, t_us + half_us};
@@ -100,7 +100,7 @@ void RecordingView::GoTo(int64_t t_us) {
 void RecordingView::Step(int count) {
   const std::vector<int64_t>& times = source_.pose_times_us();
   if (times.empty()) return;
-  // The number of the pose after the present instant, or at it if the step is backwards.
+  // The next pose after the present instant; for a step backwards, the first pose at or after it.
   const auto next = count > 0 ? std::upper_bound(times.begin(), times.end(), t_us_)
                               : std::lower_bound(times.begin(), times.end(), t_us_);
   const int64_t target = (next - times.begin()) + (count > 0 ? count - 1 : count);
@@ -154,7 +154,7 @@ void RecordingView::Run(const std::stop_token& stop) {
 
 void RecordingView::Show(const Work& work) {
   outbox_->Set(PageOutbox::Latest::kPosition, PositionText(*work.t_us, work.is_playing, work.speed));
-  // While a page does not draw, images of a play would be made for nothing.
+  // A page that does not draw needs no images of a play.
   if (work.is_tick && !outbox_->WantsImage()) return;
   outbox_->SetImage(MakeImage(*work.t_us, work.settings));
 }

@@ -18,7 +18,7 @@
 
 namespace evpose::client {
 
-// A thread makes the images. It begins at the first pose.
+// A thread makes the images. The first image is that of the first pose.
 class RecordingView : public PageView {
  public:
   // `source` must outlive the view.
@@ -43,7 +43,7 @@ class RecordingView : public PageView {
     ImageSettings settings;
     bool is_playing = false;
     double speed = 1.0;
-    bool is_tick = false;  // of a play: it may be left out
+    bool is_tick = false;  // an image of a play, which may be left out
   };
 
   void AddTracks();
@@ -51,12 +51,12 @@ class RecordingView : public PageView {
   Work NextWork(const std::stop_token& stop);
   bool IsDue() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t PlayedUs() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Moves the present instant, also of a play.
+  // Changes the present instant. A play continues from there.
   void GoTo(int64_t t_us) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Step(int count) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Show(const Work& work);
   PageImage MakeImage(int64_t t_us, const ImageSettings& settings);
-  // After a piece of the recording was read.
+  // Called after a piece of the recording was read.
   void OnProgress();
 
   const RecordingSource& source_;
@@ -66,7 +66,7 @@ class RecordingView : public PageView {
   std::mutex mutex_;
   std::condition_variable_any changed_;
   ImageSettings settings_ ABSL_GUARDED_BY(mutex_);
-  int64_t t_us_ ABSL_GUARDED_BY(mutex_) = 0;  // the present instant; of a play, its start
+  int64_t t_us_ ABSL_GUARDED_BY(mutex_) = 0;  // the present instant; during a play, the instant at played_since_
   bool is_to_show_ ABSL_GUARDED_BY(mutex_) = true;
   bool is_playing_ ABSL_GUARDED_BY(mutex_) = false;
   double speed_ ABSL_GUARDED_BY(mutex_) = 1.0;

@@ -31,7 +31,7 @@ absl::Status RepeatCall(const std::stop_token& stop, const std::function<absl::S
     if (stop.stop_requested() || IsFinal(status)) return status;
     on_error(status);
     const absl::Time now = SystemClock().Now();
-    if (now - started > kMaxDelay) delay = kFirstDelay;  // it had worked
+    if (now - started > kMaxDelay) delay = kFirstDelay;  // the call had succeeded for a while
     if (!SystemClock().SleepUntil(now + delay, stop)) return status;
     delay = std::min(2 * delay, kMaxDelay);
   }

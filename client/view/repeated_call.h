@@ -10,9 +10,9 @@
 
 namespace evpose::client {
 
-// Makes `call` until it returns OK or an error that another attempt cannot change, with growing delays between two
-// attempts, and returns its last status. `on_error` gets the status before each delay. Returns early after a request of
-// `stop`, which must also end the call.
+// Repeats `call` until it returns OK or an error that another attempt cannot change, and returns the last status. The
+// delays between two attempts grow. `on_error` receives the status before each delay. Returns early after a request of
+// `stop`, which must also cancel the call.
 absl::Status RepeatCall(const std::stop_token& stop, const std::function<absl::Status()>& call,
                         const std::function<void(const absl::Status&)>& on_error);
 

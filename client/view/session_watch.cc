@@ -35,7 +35,7 @@ SessionWatch::SessionWatch(Client& client, const std::string& server, const std:
 }
 
 void SessionWatch::SetImages(const ImageSettings& settings) {
-  events_ = {};  // waits for the former one
+  events_ = {};  // waits for the end of the former thread
   events_ = std::jthread([this, settings](const std::stop_token& stop) { WatchEvents(stop, settings); });
 }
 

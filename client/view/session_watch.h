@@ -15,27 +15,27 @@
 
 namespace evpose::client {
 
-// The notice of a lost connection to a server, by its address for people.
+// Returns the notice of a lost connection to a server. `server` is the address that pages display.
 std::string ConnectionLostText(const std::string& server, const absl::Status& status);
 
-// One thread for each stream. A broken stream is opened again until the session has ended or the server does not know
-// it; the page is told when the connection is lost and when there is one again.
+// Reads each stream on a thread of its own. A broken stream is opened again until the session has ended or the server
+// does not know it. The page receives a notice when the connection is lost and when it is restored.
 class SessionWatch {
  public:
   // `client` must outlive the object. `server` is its address for people.
   SessionWatch(Client& client, const std::string& server, const std::string& session,
                std::shared_ptr<PageOutbox> outbox, const ImageSettings& settings);
-  // Waits for the threads, whose calls are cancelled.
+  // Cancels the calls of the threads and waits for the threads.
   ~SessionWatch() = default;
 
-  // Reads images with other settings.
+  // Ends the stream of images and opens one with these settings.
   void SetImages(const ImageSettings& settings);
 
  private:
   void WatchPoses(const std::stop_token& stop);
   void WatchHealth(const std::stop_token& stop);
   void WatchEvents(const std::stop_token& stop, const ImageSettings& settings);
-  // Sends the state of each object that has changed. Used by the thread of the health only.
+  // Sends the state of each object whose state has changed. Used by the thread of the health only.
   void SendStates(const SessionHealth& health);
 
   Client& client_;

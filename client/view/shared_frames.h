@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What all pages of a source get, prepared while they are open.
+// The messages that all pages of a source receive. They may be prepared while pages are open.
 #pragma once
 
 #include <memory>
@@ -15,9 +15,9 @@ namespace evpose::client {
 // Thread-safe.
 class SharedFrames {
  public:
-  // For all pages that are open, and for later ones.
+  // Sends the frames to all pages that are open, and to each page that opens later.
   void Add(std::shared_ptr<const PageOutbox::Prepared> frames);
-  // Sends what there is to a page, and later the rest.
+  // Sends the present frames to a page, and later ones when they are added.
   void SendTo(const std::shared_ptr<PageOutbox>& outbox);
 
  private:

@@ -14,15 +14,15 @@ namespace evpose::client {
 class PageView {
  public:
   virtual ~PageView() = default;
-  // A message of the page other than key and ack. Must not wait. Error: INVALID_ARGUMENT for a message that this source
-  // does not take; the page is then closed.
+  // Answers a message of the page, other than key and ack. Must not wait. Error: INVALID_ARGUMENT for a message that
+  // this source does not accept; the page is then closed.
   virtual absl::Status Handle(const PageRequest& request) = 0;
 };
 
 class ViewSource {
  public:
   virtual ~ViewSource() = default;
-  // Begins to send to a new page, with `hello` first. Must not wait.
+  // Opens a view that sends messages to a new page, `hello` first. Must not wait.
   virtual std::unique_ptr<PageView> Open(std::shared_ptr<PageOutbox> outbox) = 0;
 };
 
