@@ -18,7 +18,7 @@
 namespace evpose::client {
 namespace {
 
-// The number in bundle.json. It increases when an earlier program could not read the archive.
+// The number of the format in bundle.json. It is raised when earlier programs cannot read the archive any more.
 constexpr int kBundleFormat = 1;
 constexpr size_t kMaxBundleBytes = size_t{256} << 20;
 constexpr char kFolder[] = "evpose-bundle/";
@@ -42,13 +42,13 @@ constexpr std::array<std::pair<ModelFormat, const char*>, 4> kModelNames = {{{Mo
 constexpr char kSmoothSurface[] = "smooth";
 constexpr char kSurfaceAsIs[] = "as-is";
 
-using Files = std::map<std::string, std::string>;  // without the folder
+using Files = std::map<std::string, std::string>;  // contents by name, without the folder
 
 std::string Digest(std::string_view bytes) {
   return Sha256Hex(absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()));
 }
 
-// In the format of sha256sum, which checks it.
+// Returns the text of SHA256SUMS, in the format that `sha256sum -c` checks.
 std::string SumsOf(const Files& files) {
   std::string sums;
   for (const auto& [name, contents] : files) {
@@ -109,7 +109,7 @@ absl::Status WrongFact(const std::string& name) {
   return absl::InvalidArgumentError(absl::StrCat(kFacts, ": ", name, " is missing or wrong"));
 }
 
-// A text of printable characters, for a person.
+// Returns a text field, which must consist of printable characters because it is shown to a person.
 absl::StatusOr<std::string> TextFact(const nlohmann::json& json, const std::string& name) {
   const auto found = json.find(name);
   if (found == json.end() || !found->is_string()) return WrongFact(name);

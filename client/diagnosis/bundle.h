@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A bundle: an archive with all that poses were computed from, and the poses, so that they can be computed again
-// elsewhere (README.md).
+// A bundle: an archive with everything that poses were computed from, and the poses themselves, so that another machine
+// can compute them again and compare them (README.md).
 #pragma once
 
 #include <cstdint>
@@ -28,11 +28,11 @@ struct Bundle {
   std::string report;        // JSON, of evpose doctor; for people
 };
 
-// Errors: those of TarWriter. The archive appears when it is complete.
+// Writes the archive, which appears under its name when it is complete. Errors: those of TarWriter.
 absl::Status WriteBundle(const std::string& path, const Bundle& bundle);
 
-// Errors have the path: those of ReadTar() and of reading the parts; INVALID_ARGUMENT for a missing or wrong part,
-// naming it, and for a bundle of a later format; DATA_LOSS for a part that differs from its SHA-256.
+// Errors name the path: those of ReadTar() and of reading the parts; INVALID_ARGUMENT with the name of a missing or
+// invalid part, and for a bundle of a later format; DATA_LOSS for a part that differs from its SHA-256.
 absl::StatusOr<Bundle> ReadBundle(const std::string& path);
 
 }  // namespace evpose::client

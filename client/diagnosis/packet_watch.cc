@@ -11,7 +11,8 @@
 namespace evpose::client {
 namespace {
 
-// A read that waited longer waited for the camera, not for the other process.
+// A read that waited for longer than this waited for the camera; a shorter wait is that for the process at the other
+// end of the pipe.
 constexpr absl::Duration kLeastWait = absl::Microseconds(200);
 constexpr size_t kMaxPeriods = 65'536;  // bounds memory
 constexpr size_t kMinPeriods = 10;      // fewer have no reliable median

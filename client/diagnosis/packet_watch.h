@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Arrival of the events of a live camera: the period of its packets, and whether the pipe keeps up with the camera.
+// Measures how the events of a live camera arrive: the period of its packets, and whether the pipe keeps up with the
+// camera.
 #pragma once
 
 #include <cstdint>
@@ -13,21 +14,21 @@
 namespace evpose::client {
 
 struct PacketOptions {
-  // Milliseconds of sensor time in a packet, by which its first events are late. The SDK's default is 4 ms, and the
-  // windows of tracking are 1 to 20 ms long.
+  // Milliseconds of sensor time in a packet. The first events of a packet are late by this time. The default of the SDK
+  // is 4 ms, and the windows of tracking are 1 to 20 ms long.
   Limits period_ms = {6.0, 50.0};
-  // Seconds by which the events of a live camera may fall behind its clock while they are observed: the buffers of a
-  // driver hold some tenths.
+  // Seconds by which the events of a live camera may fall behind its clock during the observation. The buffers of a
+  // driver hold some tenths of a second.
   Limits lag_s = {0.2, 1.0};
-  // Sensor time per time of the host above which the events are not those of a live camera, but of a file.
+  // Ratio of sensor time to host time above which the events come from a file and not from a live camera.
   double max_live_ratio = 1.2;
-  // Host time for which the ratio is known to a tenth, with delays of 0.05 s.
+  // Host time after which the ratio is known to a tenth if single reads are delayed by 0.05 s.
   absl::Duration min_duration = absl::Milliseconds(500);
 };
 
 class PacketWatch {
  public:
-  // A read returned at `now`, after it had waited for `waited`; the latest event in it has the time t_us.
+  // Adds a read that returned at `now` after waiting for `waited`; `t_us` is the time of the latest event in it.
   void Add(absl::Time now, absl::Duration waited, int64_t t_us);
 
   Finding CheckPeriod(const PacketOptions& options) const;

@@ -28,11 +28,12 @@ class SliceReader final : public RecordingReader {
 
  private:
   const RecordingHeader header_;
-  std::string_view data_;  // not read yet
+  std::string_view data_;  // the data that are not read yet
   const int64_t size_ = static_cast<int64_t>(data_.size());
 };
 
-// The time that a decoder of the slice lacks, because its first words do not have the clock's wraps before them.
+// Measures the time that the times of a decoder of the slice lack, because the slice does not contain the earlier wraps
+// of the clock.
 class ClockOffset {
  public:
   explicit ClockOffset(Encoding encoding) : word_bytes_(static_cast<size_t>(WordBytes(encoding))), scanner_(encoding) {}

@@ -88,7 +88,7 @@ Finding MeasureLink(Client& client, const ServerInfo& info, absl::Duration round
       probe = {num_bytes, options.probe_timeout, absl::ZeroDuration(), /*is_complete=*/false};
       break;
     }
-    if (!duration.ok()) {  // a quota, which may admit the smaller probes
+    if (!duration.ok()) {  // a quota may have admitted only the smaller probes
       if (!probe) return NotChecked("link", std::string(duration.status().message()));
       break;
     }
@@ -149,7 +149,7 @@ Finding CheckModelBytes(const ServerInfo& server, std::optional<uint64_t> model_
 Finding CheckLink(const LinkProbe& probe, std::optional<double> recording_bytes_per_s,
                   const ServerCheckOptions& options) {
   Finding finding = ServerFinding("link");
-  // At most nine tenths of the time were spent waiting, so that an error of the round trip has a limited effect.
+  // Of the duration at most nine tenths are taken for waiting, which limits the effect of an error of the round trip.
   const double seconds = absl::ToDoubleSeconds(std::max(probe.duration - probe.round_trip, 0.1 * probe.duration));
   const auto num_bytes = static_cast<double>(probe.num_bytes);
   const double link_bytes_per_s = num_bytes / std::max(seconds, 1e-9);
@@ -177,7 +177,7 @@ Finding CheckServerClock(absl::Time sent, absl::Time received, std::optional<abs
                          const ServerCheckOptions& options) {
   if (!server) return NotChecked("server-clock", "the server is of a version that does not state its time");
   Finding finding = ServerFinding("server-clock");
-  // The smallest difference that the times of sending and receipt allow.
+  // The smallest difference of the clocks that agrees with the times of sending and receipt.
   const absl::Duration ahead = *server > received ? *server - received
                                : *server < sent   ? *server - sent
                                                   : absl::ZeroDuration();

@@ -26,7 +26,7 @@ static_assert(sizeof(TarHeader) == kTarBlock);
 constexpr char kRegularFile = '0';
 constexpr char kDirectory = '5';
 
-// The sum of the bytes, those of the sum itself counting as blanks.
+// Returns the sum of the bytes of a header; the bytes of the sum itself count as blanks.
 int64_t Checksum(TarHeader header) {
   std::memset(header.checksum, ' ', sizeof(header.checksum));
   int64_t sum = 0;
@@ -44,7 +44,7 @@ std::string TextOf(const char (&field)[kSize]) {
   return std::string(field, std::find(field, field + kSize, '\0'));
 }
 
-// An octal number with blanks around it; nullopt if it is none.
+// Parses an octal number with blanks around it; nullopt if the field contains no such number.
 template <size_t kSize>
 std::optional<int64_t> NumberOf(const char (&field)[kSize]) {
   static_assert(kSize <= 12, "36 bits of octal digits");
@@ -68,7 +68,7 @@ bool IsSafeName(const std::string& name) {
                       [](const std::string& part) { return part.empty() || part == "." || part == ".."; });
 }
 
-// What is wrong with a header; empty for that of a file or a directory.
+// Returns what is wrong with a header; empty for a valid header of a file or a directory.
 std::string WhyRefused(const TarHeader& header, size_t rest_bytes) {
   if (std::memcmp(header.magic, "ustar", 5) != 0 || NumberOf(header.checksum) != Checksum(header)) {
     return "there is no header of a ustar archive";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Archives in the POSIX format ustar (IEEE Std 1003.1, pax) of regular files, which every tar reads.
+// Archives of regular files in the POSIX format ustar (IEEE Std 1003.1, pax), which every tar program reads.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@
 
 namespace evpose::client {
 
-// The archive appears under its name in Commit(), or not at all. It has neither times, owners nor permissions of the
+// The archive appears under its name when Commit() succeeds. It contains no times, owners or permissions of the
 // machine, so that the same files give the same bytes.
 class TarWriter {
  public:
@@ -34,12 +34,13 @@ class TarWriter {
   absl::Status status_;
 };
 
-// The contents of the regular files of an archive, by their names. Nothing is written to the disk. Members that are
-// directories are left out. Errors: INVALID_ARGUMENT with the byte for what is no ustar archive: a wrong check sum, an
-// end within a file or without the block of zeros that marks it, a name that is absolute, leads out of the archive or
-// has other characters than letters, digits, "._-" and "/", a name twice, a link or another kind of member.
+// Returns the contents of the regular files of an archive by name. Writes nothing to the disk. Ignores directories.
+// Errors: INVALID_ARGUMENT with the position in bytes for an invalid archive: a wrong check sum; an end within a file
+// or without the final block of zeros; a name that is absolute, leads out of the archive, occurs twice or has
+// characters other than letters, digits, "._-" and "/"; a link or another kind of member.
 absl::StatusOr<std::map<std::string, std::string>> ParseTar(std::string_view archive);
-// The same for a file. Errors have the path; also those of ReadFile(), for an archive of more than `max_bytes`, too.
+// The same for an archive in a file. Errors name the path; also those of ReadFile(), among them that for an archive of
+// more than `max_bytes`.
 absl::StatusOr<std::map<std::string, std::string>> ReadTar(const std::string& path, size_t max_bytes);
 
 }  // namespace evpose::client
