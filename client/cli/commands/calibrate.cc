@@ -61,7 +61,7 @@ struct CalibrateArguments {
   bool IsCameraWanted() const { return cameras.empty(); }
 };
 
-// Returns the i-th file, or the only one, which then is that of all recordings.
+// Returns the file for the i-th recording: the i-th value, or the only one, which then applies to all recordings.
 const std::string& Of(const std::vector<std::string>& values, size_t i) {
   return values.size() == 1 ? values.front() : values[i];
 }
@@ -82,7 +82,7 @@ absl::Status CheckCounts(const CalibrateArguments& arguments) {
   return absl::OkStatus();
 }
 
-// Checks which options belong together: with --camera, the profile alone is estimated.
+// Checks which options may be given together. With --camera only the profile is estimated.
 absl::Status CheckMode(const CalibrateArguments& arguments) {
   if (arguments.models.empty()) return UsageError("--model is required, except with --hand-eye");
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
@@ -118,7 +118,7 @@ struct CalibrationInput {
   std::string truth_name;
 };
 
-// The truth of a file, or the poses of the tracker, which reads `recording`.
+// Returns the true poses of a file, or else the poses of the tracker, which reads `recording`.
 absl::StatusOr<Trajectory> PosesOf(const CalibrateArguments& arguments, size_t i, RecordingReader& recording,
                                    const CameraModel& camera, const std::shared_ptr<const ObjectModel>& model,
                                    const SensorProfile& sensor, ProgressLine& progress) {
@@ -156,7 +156,8 @@ absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, 
   EVPOSE_ASSIGN_OR_RETURN(Trajectory poses, PosesOf(arguments, i, *input.reader, camera, model, sensor, progress));
   if (arguments.truths.empty()) {
     input.truth_name = "the tracked poses";
-    EVPOSE_ASSIGN_OR_RETURN(input.reader, open());  // the tracker has read the first one to its end
+    EVPOSE_ASSIGN_OR_RETURN(input.reader,
+                            open());  // opened again, because the tracker has read the first one to its end
   } else {
     input.truth_name = arguments.truths[i];
   }
@@ -257,7 +258,7 @@ absl::StatusOr<ProfileResult> FitProfile(const CalibrateArguments& arguments,
   return result;
 }
 
-// The size of the sensor that the headers of all recordings state, and that must be the same.
+// Returns the size of the sensor, which the headers of all recordings must state alike.
 absl::StatusOr<SensorGeometry> CommonGeometry(const std::vector<std::string>& recordings) {
   std::optional<SensorGeometry> common;
   for (const std::string& recording : recordings) {

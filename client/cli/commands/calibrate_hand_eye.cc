@@ -22,8 +22,8 @@ namespace {
 
 constexpr char kHandEyeGroup[] = "Camera on a robot or beside it";
 
-// The camera in the frame that does not move relative to it: the base of a robot beside it, or the tool that carries
-// it.
+// The pose of the camera in the frame in which it is at rest: that of the base of a robot beside it, or of the tool
+// that carries it.
 struct MountedCamera {
   std::string frame;
   RigidTransform frame_from_camera;
@@ -43,7 +43,7 @@ MountedCamera CameraOf(const HandEye& result) {
   return camera;
 }
 
-// Null for a number that the poses do not determine: JSON has no infinity.
+// Returns null for a number that the poses do not determine, because JSON has no infinity.
 Json NumberJson(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json TransformWithErrorsJson(const RigidTransform& transform, const Vector6d& errors) {

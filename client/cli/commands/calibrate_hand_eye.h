@@ -27,7 +27,7 @@ Json TransformJson(const RigidTransform& transform);
 // Parses "auto" (nullopt) or a number of seconds. Error: wrong usage.
 absl::StatusOr<std::optional<double>> ParseTimeOffset(const std::string& text);
 
-// `poses` is a file of evpose's poses; the transform of the camera is written to `out`.
+// Reads evpose's poses from the file `poses` and writes the transform of the camera to `out`.
 absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& poses, const std::string& out,
                         bool is_json, CliContext& context);
 

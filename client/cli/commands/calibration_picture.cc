@@ -28,13 +28,13 @@ const cv::Scalar kWhite(255, 255, 255);
 const cv::Scalar kBlack(30, 30, 30);
 const cv::Scalar kGrey(215, 215, 215);
 
-// The mean residual of the passages of a bin, 2 standard errors below and above it, that of the fitted profile, and the
-// difference; x is the mean of the quantity along the x axis.
+// The mean residual of the passages of a bin; the mean less and plus 2 standard errors; the mean residual of the fitted
+// profile; and the difference of both means. x is the mean of the quantity on the x axis.
 struct Bin {
   double x, mean, low, high, fitted, left;
 };
 
-// Returns bins of as many passages each.
+// Divides the passages into bins with about the same number of them.
 std::vector<Bin> BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile,
                        double (*key)(const EdgePassage&)) {
   // Maximum number of points of a curve, and minimum number of passages of which a point shows the mean. With fewer
@@ -82,7 +82,7 @@ void DrawText(cv::Mat& image, const std::string& text, cv::Point at, TextAlign a
   cv::putText(image, text, at, kFont, scale, kBlack, 1, cv::LINE_AA);
 }
 
-// A distance of 1, 2 or 5 times a power of ten that divides the range into four to ten parts.
+// Returns a distance of 1, 2 or 5 times a power of ten that divides the range into four to ten parts.
 double TickStep(double range) {
   constexpr double kMinParts = 4.0;
   const double power = std::pow(10.0, std::floor(std::log10(range / kMinParts)));

@@ -53,7 +53,7 @@ Json CameraJson(const CameraFile& file) {
           {"format", file.format}};
 }
 
-// The angle in degrees between the directions of two pixels; "beyond 170" if one of them has no direction.
+// Returns the angle in degrees between the directions of two pixels; "beyond 170" if one of them has no direction.
 std::string ViewBetween(const CameraModel& camera, const Eigen::Vector2d& first_px, const Eigen::Vector2d& last_px) {
   std::vector<Eigen::Vector3d> directions;
   for (const Eigen::Vector2d& pixel : {first_px, last_px}) {
@@ -80,8 +80,8 @@ void PrintCamera(const std::string& path, const CameraFile& file, std::ostream& 
                          ViewBetween(camera, {0.0, 0.0}, {right, bottom}));
 }
 
-// A property for which a tracker refuses the camera is an error, not a warning. The principal point of a crop may lie
-// outside the image.
+// A property for which a tracker refuses the camera is an error. Others are warnings: the principal point of a cropped
+// image may lie outside of it.
 absl::Status CheckCamera(const std::string& path, const CameraModel& camera, std::ostream& err) {
   const bool is_inside = camera.cx_px >= -0.5 && camera.cx_px <= camera.width_px - 0.5 && camera.cy_px >= -0.5 &&
                          camera.cy_px <= camera.height_px - 0.5;

@@ -69,7 +69,8 @@ class CameraPicture {
   const cv::Mat& image() const { return image_; }
 
  private:
-  // The point of the picture at a normalised point, in units of DrawCurve; nullopt beyond a fold, or far outside.
+  // Returns the point of the picture at a normalised point, in units of DrawCurve; nullopt beyond a fold of the
+  // distortion or far outside.
   std::optional<cv::Point> PixelOf(const Eigen::Vector2d& point) const {
     const DistortedPoint distorted = DistortNormalised(camera_.lens_model, camera_.distortion, point);
     const double x = (camera_.fx_px * distorted.point.x() + camera_.cx_px + 0.5) * scale_;

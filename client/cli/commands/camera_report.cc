@@ -83,7 +83,7 @@ absl::StatusOr<std::string> DrawCoverage(const CameraCalibration& calibration) {
       const CoverageCell& cell = calibration.coverage[row][column];
       const cv::Rect area(cv::Point(column * kWidthPx / kCoverageColumns, row * height_px / kCoverageRows),
                           cv::Point((column + 1) * kWidthPx / kCoverageColumns, (row + 1) * height_px / kCoverageRows));
-      // The root shows cells with few samples; white has none.
+      // The square root makes cells with few samples visible; cells without samples are white.
       const int shade = static_cast<int>(std::lround(200.0 * std::sqrt(1.0 * cell.num_samples / most)));
       cv::rectangle(image, area, cv::Scalar(255, 255 - shade / 2, 255 - shade), cv::FILLED);
       cv::rectangle(image, area, cv::Scalar(215, 215, 215), 1);

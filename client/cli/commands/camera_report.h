@@ -15,8 +15,9 @@ namespace evpose::client {
 Json CameraCalibrationJson(const CameraCalibration& calibration);
 void PrintCameraCalibration(const CameraCalibration& calibration, std::ostream& out);
 
-// Returns a PNG file of the image of the camera: each cell has the number of samples, as its shade, and the RMS of
-// their residuals, as text; the places have their uncertainties. Errors: INTERNAL if the image cannot be encoded.
+// Returns a PNG file of the image of the camera. The shade of each cell shows its number of samples, its text the RMS
+// of their residuals in pixels. The uncertainties of the projection are written at their places. Errors: INTERNAL if
+// the image cannot be encoded.
 absl::StatusOr<std::string> DrawCoverage(const CameraCalibration& calibration);
 
 }  // namespace evpose::client

@@ -91,8 +91,8 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArgument
 
 using TakeEvents = std::function<absl::Status(absl::Span<const Event>, absl::Span<const evpose::Trigger>)>;
 
-// Passes the events between --start and --start + --duration to `take`, and the triggers among them. Without --start
-// triggers before the first event are among them.
+// Passes the events between --start and --start + --duration to `take`, and the triggers in this time. Without --start,
+// triggers before the first event are passed, too.
 absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, const CliContext& context,
                                            RecordingReader& reader, const TakeEvents& take) {
   ConvertedEvents result;
@@ -118,7 +118,7 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
         begin_us = event.t_us + std::llround(arguments.start_s * 1e6);
         if (std::isfinite(arguments.duration_s)) end_us = *begin_us + std::llround(arguments.duration_s * 1e6);
       }
-      // Without --start, an event before the first one, after a step back in time, belongs to the recording.
+      // Without --start, events whose times step back before that of the first event are converted, too.
       const bool has_begun = arguments.start_s == 0 || event.t_us >= *begin_us;
       if (has_begun && event.t_us < end_us) selected.push_back(event);
     }
@@ -152,7 +152,7 @@ absl::Status CannotHold(const ConvertArguments& arguments, const EventFileFormat
 }
 
 // Reads the whole recording and checks that the format can hold it. A pipe, which cannot be read twice, is checked
-// while the file is written, which then does not appear.
+// while the file is written; after an error the file does not appear.
 absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& format, const CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   absl::StatusOr<std::unique_ptr<EventFileChecker>> checker =

@@ -41,7 +41,7 @@ struct DoctorArguments {
   bool is_json = false;
 };
 
-// What the checks need beside the recording. It is read before the recording, which may take minutes.
+// The inputs of the checks beside the recording. They are read before the recording, which may take minutes.
 struct DoctorInputs {
   std::optional<CameraModel> camera;
   std::optional<ObjectModel> model;
@@ -84,7 +84,7 @@ absl::StatusOr<DoctorInputs> ReadInputs(const DoctorArguments& arguments) {
   return inputs;
 }
 
-// Appends the findings of the recording. Returns the bytes of its events per second in its busiest tenth.
+// Appends the findings of the recording. Returns the bytes per second of its events in the busiest tenth of its time.
 absl::StatusOr<double> ExamineRecording(const DoctorArguments& arguments, const DoctorInputs& inputs,
                                         CliContext& context, DoctorReport& report) {
   RecordingExamination examination(arguments.recording, context);
@@ -111,8 +111,8 @@ absl::StatusOr<RecordingSlice> SliceOfRecording(const DoctorArguments& arguments
   return absl::Status(slice.status().code(), absl::StrCat(arguments.recording.path, ": ", slice.status().message()));
 }
 
-// Packs the part of the recording, what its poses are computed from, the poses and the report. Appends a subject that
-// says what is in the bundle.
+// Writes the bundle: the part of the recording, everything else that its poses are computed from, the poses and the
+// report. Appends a subject to the report that states what the bundle contains.
 absl::Status PackBundle(const DoctorArguments& arguments, const DoctorInputs& inputs, const CliContext& context,
                         DoctorReport& report) {
   EVPOSE_ASSIGN_OR_RETURN(RecordingSlice slice, SliceOfRecording(arguments, inputs, context));
@@ -125,7 +125,7 @@ absl::Status PackBundle(const DoctorArguments& arguments, const DoctorInputs& in
   bundle.camera = *inputs.camera;
   bundle.sensor = inputs.sensor;
   bundle.initial_pose = arguments.initial_pose;
-  // Of the report, the findings alone: the subjects name files of this machine.
+  // The bundle contains only the findings of the report: its subjects name files of this machine.
   bundle.report = DoctorReport{{}, report.findings}.ToJson().dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
   EVPOSE_ASSIGN_OR_RETURN(bundle.poses, TrackBundle(bundle, arguments.bundle, context));
   EVPOSE_RETURN_IF_ERROR(WriteBundle(arguments.bundle, bundle));

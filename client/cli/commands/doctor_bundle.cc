@@ -26,7 +26,7 @@
 namespace evpose::client {
 namespace {
 
-// The session of a bundle on a server.
+// Creates the session of a bundle on a server.
 absl::StatusOr<Session> BeginBundle(const Bundle& bundle, const RecordingHeader& header, const std::string& name,
                                     const CliContext& context, Client& client) {
   EVPOSE_RETURN_IF_ERROR(CheckCameraMatches(bundle.camera, "its camera", header, "its recording"));
@@ -75,7 +75,7 @@ std::string NumberText(const nlohmann::json& value) {
   return value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-// "t_us 16000123 instead of 16000124", "twist by at most 1e-9"
+// Describes the difference of a field: "t_us 16000123 instead of 16000124", "twist by at most 1e-9".
 std::string DescribeField(const std::string& key, const nlohmann::json& expected, const nlohmann::json& found) {
   const auto is_number = [](const nlohmann::json& each) { return each.is_number(); };
   const bool are_lists = expected.is_array() && found.is_array() && expected.size() == found.size() &&
@@ -89,7 +89,7 @@ std::string DescribeField(const std::string& key, const nlohmann::json& expected
   return absl::StrFormat("%s by at most %.3g", key, largest);
 }
 
-// What differs between two lines, in words.
+// Describes the differences between two lines.
 std::string DescribeLines(const std::string& expected_line, const std::string& found_line) {
   const auto expected = nlohmann::json::parse(expected_line, nullptr, /*allow_exceptions=*/false);
   const auto found = nlohmann::json::parse(found_line, nullptr, /*allow_exceptions=*/false);

@@ -17,7 +17,7 @@
 namespace evpose::client {
 namespace {
 
-// Of a live pipe: some periods of the slowest flicker, and packets of most cameras.
+// Seconds of a live pipe that are examined: some periods of the slowest flicker, and several packets of most cameras.
 constexpr double kDefaultPipeSeconds = 5.0;
 
 }  // namespace

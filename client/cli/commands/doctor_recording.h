@@ -36,17 +36,18 @@ class RecordingExamination {
 
   // Errors: those of OpenRecording() and of reading; CANCELLED after an interrupt.
   absl::Status Read(const std::optional<CameraModel>& camera);
-  // Appends the findings of the events, and those of the camera and the model if these were given. Call after Read().
+  // Appends the findings of the events, and those of the camera and the model if they were given. To be called after
+  // Read().
   void Report(const std::optional<CameraModel>& camera, DoctorReport& report) const;
 
-  // Larger side of the moving region; 0 if nothing moves.
+  // The larger side of the moving region, pixels; 0 if nothing moves.
   double extent_px() const { return diagnosis_->motion().extent_px; }
   const DiagnosisOptions& options() const { return diagnosis_->options(); }
-  // The bytes of the events per second in the busiest tenth of the time; 0 without events.
+  // Returns the bytes per second of the events in the busiest tenth of the time; 0 without events.
   double busy_bytes_per_s() const;
 
  private:
-  // True when the events of --start and --duration, or of a live pipe, have been read.
+  // Returns whether all events of --start and --duration, or of the time for a live pipe, have been read.
   bool IsComplete() const;
   void AddPiece(absl::Span<const Event> events);
 

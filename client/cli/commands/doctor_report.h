@@ -13,7 +13,7 @@
 namespace evpose::client {
 
 struct DoctorReport {
-  std::vector<std::string> subjects;  // what was examined, a line each
+  std::vector<std::string> subjects;  // what was examined, one line for each
   std::vector<Finding> findings;
 
   Json ToJson() const;

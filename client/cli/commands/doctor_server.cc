@@ -14,7 +14,7 @@
 namespace evpose::client {
 namespace {
 
-// Whether the user's files or the interrupt are the cause, and not the server.
+// Returns whether the cause is an interrupt or a file of the user, and not the server.
 bool IsOwnFailure(const absl::Status& status) {
   return absl::IsNotFound(status) || absl::IsInvalidArgument(status) || absl::IsCancelled(status);
 }

@@ -77,7 +77,7 @@ absl::StatusOr<std::optional<Consistency>> EvaluateConsistency(const Trajectory&
   return SummariseConsistency(std::move(values), NumObservable(options.continuous_symmetry));
 }
 
-// The mean over the poses; nullopt without any.
+// Returns the mean distance over the poses; nullopt without poses.
 absl::StatusOr<std::optional<double>> MeanSurfaceDistance(const Trajectory& truth, const Trajectory& estimate,
                                                           const SurfaceDistance& surface,
                                                           const EvaluationOptions& options) {
@@ -111,7 +111,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
     EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadCameraPoses(path));
-    // An estimate without poses cannot be aligned, and gets its row.
+    // An estimate without poses cannot be aligned, but has a row in the table.
     absl::StatusOr<std::optional<HandEye>> alignment = std::nullopt;
     if (!estimate.trajectory.empty()) alignment = arguments.alignment.Solve(truth, estimate.trajectory);
     if (IsUsageError(alignment.status())) return alignment.status();
@@ -199,8 +199,8 @@ void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   PrintTable(lines, "", out);
 }
 
-// An estimate without poses is an error; one that is farther from the truth than the object from the camera is
-// reported.
+// Returns an error for an estimate without poses, and prints a warning for one whose error exceeds the distance between
+// the object and the camera.
 absl::Status CheckPlausible(const std::vector<Row>& rows, CliContext& context) {
   std::vector<std::string> empty;
   for (const Row& row : rows) {

@@ -27,7 +27,7 @@ struct AlignmentArguments {
 };
 
 Json AlignmentJson(const AlignmentArguments& arguments, const std::optional<HandEye>& alignment);
-// The lines below the table, for one estimate.
+// Prints the lines below the table, for one estimate.
 void PrintAlignment(const AlignmentArguments& arguments, const std::string& name, const HandEye& alignment,
                     std::ostream& out);
 

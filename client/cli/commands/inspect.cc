@@ -34,7 +34,8 @@ struct InspectArguments {
   bool is_json = false;
 };
 
-// Largest standard deviation, pixels at the outline after 1000 events, of a motion that counts as determined.
+// Largest standard deviation of a motion that counts as determined, in pixels at the outline after 1000 events:
+// HealthOptions::max_uncertainty_px, above which a pose is wider than the gate.
 constexpr double kUnobservablePx = 12.0;
 // The motions of ModelView::deviation_px, axes of the camera.
 constexpr std::array<const char*, 6> kMotionNames = {"translation_x", "translation_y", "translation_z",
@@ -73,7 +74,7 @@ absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
   return inspection;
 }
 
-// The numbers of lines and curves of a kind.
+// The numbers of lines and curves of one kind.
 struct EdgeCounts {
   const char* name;
   size_t lines = 0;
@@ -108,7 +109,7 @@ struct ViewSummary {
   Deviation weakest;                   // standard deviation of the least certain motion
   std::array<Deviation, 6> by_motion;  // ModelView::deviation_px
   size_t num_unobservable = 0;
-  std::vector<Eigen::Vector3d> limited;  // directions of the views with more edges than are used, from the object
+  std::vector<Eigen::Vector3d> limited;  // directions, from the object, of views that have more edges than are used
 };
 
 // `get` returns the value of a view.

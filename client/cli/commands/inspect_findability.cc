@@ -10,10 +10,11 @@
 namespace evpose::client {
 namespace {
 
-// Share of differing edges below which two poses count as similar: the other edges have a tenth of the events.
+// Share of differing edges below which two poses count as similar: the differing edges have less than a tenth of the
+// events.
 constexpr double kSimilarShare = 0.1;
 
-// A half turn over all views.
+// The result for a half turn over all views.
 struct TwinSummary {
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();
   double median_share = 0.0;
@@ -25,7 +26,7 @@ struct TwinSummary {
 
 struct FindabilitySummary {
   size_t num_findable = 0;
-  double median_px = 0.0;  // median of the smallest sizes of the views from which the object can be found
+  double median_px = 0.0;  // median of the smallest sizes, over the views from which the object can be found
   double worst_px = 0.0;
   size_t num_thin = 0;  // views with less than FindabilityOptions::min_edge_px of edges
   std::vector<TwinSummary> twins;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Text and JSON of the prediction from where an object can be found (evpose models inspect).
+// Prints from which views and at which sizes an object can be found (evpose models inspect), as text and as JSON.
 #pragma once
 
 #include <ostream>

@@ -24,7 +24,7 @@ void WaitForBrowser(pid_t pid) {
   int status = 0;
   while (waitpid(pid, &status, 0) < 0 && errno == EINTR) continue;
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
-  // The streams of the command may have ended.
+  // The command may have ended, and its streams with it.
   dprintf(STDERR_FILENO, "xdg-open has not opened a browser: open the address in one\n");
 }
 
@@ -33,7 +33,7 @@ void OpenInBrowser(const std::string& url, std::ostream& err) {
   std::string program = "xdg-open";
   std::string address = url;
   char* const arguments[] = {program.data(), address.data(), nullptr};
-  // Its messages repeat the address, and list all browsers that it has not found.
+  // The output of xdg-open is discarded: it repeats the address, and lists all browsers that it has not found.
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {

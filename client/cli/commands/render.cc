@@ -32,7 +32,8 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kRenderPieceBytes = size_t{64} * 1024;  // interrupts are checked before each piece
-// The longest time between two poses that is interpolated; the object was lost in a longer one.
+// The longest time between two poses, microseconds, for which poses are interpolated. In a longer gap the object was
+// lost.
 constexpr int64_t kMaxPoseGapUs = 50'000;
 constexpr int64_t kMaxFrames = 200'000;  // a jump of the clock must not fill the disk
 
@@ -125,7 +126,7 @@ absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& input
   return WriteFile(arguments.out, png);
 }
 
-// A film file; it appears under its name when it is complete.
+// A film file. It appears under its name when it is complete.
 class Film {
  public:
   static absl::StatusOr<std::unique_ptr<Film>> Create(const std::string& path, double fps, const cv::Size& size) {

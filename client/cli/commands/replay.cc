@@ -38,7 +38,7 @@ absl::StatusOr<double> ParseRate(const std::string& text) {
       absl::StrCat("--rate: \"", text, "\" is neither max nor a factor above 0, 1 being the sensor's pace"));
 }
 
-// The server of --server or one inside this process, with a client for it.
+// The server of --server, or a server inside this process, and a client that is connected to it.
 struct ServerHandle {
   std::unique_ptr<server::Server> own;
   std::unique_ptr<Client> client;
@@ -88,7 +88,7 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
                                                           {.follow = arguments.is_following, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
-  // With --resume, a read error leaves the session as it is, so that the same command can continue.
+  // With --resume, a read error leaves the session unchanged, so that the same command can continue it.
   EVPOSE_RETURN_IF_ERROR(run.MakeFeed({.outbox = {.retain = arguments.track.retain()},
                                        .rate = rate,
                                        .clock = context.clock,
@@ -101,7 +101,7 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   page.Serve(*pages, source, context.err, context.err);
   const absl::Status status = run.Track(*server.client, options);
   pages->End("the replay has ended");
-  pages.reset();  // before its source and the client
+  pages.reset();  // destroyed before its source and the client
   return status;
 }
 

@@ -66,14 +66,14 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
   return options;
 }
 
-// The standard scene of the object or of the model.
+// Returns the standard scene of the object or of the model.
 absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments, const std::string& camera) {
   if (arguments.model.empty()) return SimulationPreset(arguments.object, camera, arguments.speed_scale);
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.model));
   return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), camera, arguments.speed_scale);
 }
 
-// The same with the camera of the option: one of the simulated ones, or that of a file.
+// Returns the standard scene with the camera of the option: one of the simulated cameras, or that of a file.
 absl::StatusOr<SimulationOptions> MakePresetWithCamera(const SimulateArguments& arguments) {
   const std::vector<std::string> names = SimulatedCameraNames();
   if (std::find(names.begin(), names.end(), arguments.camera) != names.end()) {
@@ -105,7 +105,7 @@ absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments
   options.sensor.flood_hz = 1e6 * arguments.flood_mev_per_s;
   options.scene.shows_front = arguments.scene.shows_front;
   if (arguments.distance_m > 0.0) {
-    // The speed in the image stays.
+    // The speed in the image remains the same.
     options.scene.motion.speed_m_per_s *= arguments.distance_m / options.scene.motion.depth_m;
     options.scene.motion.depth_m = arguments.distance_m;
   }

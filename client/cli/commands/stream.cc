@@ -37,7 +37,7 @@ std::string SpoolDirectory(const StreamArguments& arguments) {
   return temporary != nullptr ? temporary : "/tmp";
 }
 
-// Standard input is read during outages, too; a file is read when the server is reachable.
+// Standard input is also read during outages; a file is read only while the server is reachable.
 FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& run) {
   FeedOptions options;
   options.outbox.memory_bytes = arguments.memory_bytes;
@@ -59,7 +59,7 @@ absl::Status CheckSpool(const StreamArguments& arguments, SessionRun& run) {
   if (!arguments.is_pipe() || arguments.track.resume.empty()) return absl::OkStatus();
   const OutboxState state = run.feed().outbox().state();
   const std::string directory = SpoolDirectory(arguments);
-  // A spool that has all chunks from the first one on can be sent to a new session.
+  // A spool that contains all chunks from the first one on can be sent to a new session.
   if (!run.is_resumed() && state.first_seq > 1) {
     return absl::FailedPreconditionError(absl::StrCat(directory, ": has chunks of a session that ",
                                                       arguments.track.resume,

@@ -43,7 +43,7 @@ absl::StatusOr<cv::Size> ParseScreen(const std::string& text) {
       absl::StrCat("--screen ", text, ": WIDTHxHEIGHT in pixels, 64 to ", kMaxScreenPx, " each, such as 1920x1080"));
 }
 
-// The drawing of a screen of the target's shape, as PNG. Edges inside a pixel get its mean shade.
+// Returns the target as a PNG file for a screen of the same shape. Pixels that an edge crosses have their mean shade.
 absl::StatusOr<std::string> DrawScreen(const CalibrationTarget& target, const cv::Size& size) {
   constexpr int kFractionBits = 8;  // of OpenCV's fixed-point coordinates: 1/256 px
   cv::Mat image(size, CV_8UC1, cv::Scalar(255));

@@ -43,7 +43,7 @@ struct ViewArguments {
 // longer, the page is served before, with a notice of what is being read.
 constexpr std::chrono::milliseconds kSoon(300);
 
-// Until the command is interrupted.
+// Waits until the command is interrupted.
 void WaitForInterrupt(PageServer& server, const CliContext& context) {
   while (!context.IsInterrupted()) SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, {});
   server.End("evpose view was stopped");
@@ -73,7 +73,7 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
 
 using PosesByObject = std::map<std::string, RecordedPoses>;
 
-// What the page shows without a pose is not wrong, but seldom meant.
+// A file without poses is no error, but seldom intended.
 void WarnWithoutPoses(const std::string& path, const PosesByObject& poses, std::ostream& err) {
   const auto is_empty = [](const auto& of_object) { return of_object.second.trajectory().empty(); };
   if (std::all_of(poses.begin(), poses.end(), is_empty)) {
@@ -88,7 +88,7 @@ absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, c
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   std::vector<std::string> ids;
   for (const auto& [id, path] : ids_and_models) ids.push_back(id);
-  // Long files of poses and large models take about the same time.
+  // Reading a long file of poses takes about as long as reading a large model, so that both are read at the same time.
   std::future<absl::StatusOr<PosesByObject>> poses =
       std::async(std::launch::async, [&] { return ReadRecordedPoses(arguments.poses, ids); });
   for (const auto& [id, path] : ids_and_models) {

@@ -34,7 +34,7 @@ struct WatchArguments {
   PoseFrameArguments frame;
 };
 
-// Prints the states of the objects on standard error when they change, and the reason for a missing pose. Thread-safe.
+// Prints the states of the objects on standard error when they change, with the reason for a missing pose. Thread-safe.
 class StateLines {
  public:
   explicit StateLines(std::ostream& err) : err_(err) {}
@@ -196,7 +196,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   SessionObserver observer(*client, arguments.session, output.recorders(), recording);
   std::jthread shows_states([&] {
     const auto show = [&states](const SessionHealth& health) { states.Show(health); };
-    // An error also ends the stream of poses.
+    // The stream of poses ends with the same error, and reports it.
     client->WatchHealth(arguments.session, kHealthPeriod, show, stop.get_token()).IgnoreError();
   });
   WatchPosesOptions options = arguments.poses;
@@ -204,7 +204,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   absl::Status status = client->WatchPoses(arguments.session, options, on_poses, stop.get_token());
   const bool was_stopped = stop.stop_requested();
   if (!status.ok()) stop.request_stop();
-  shows_states.join();  // after the last states of a session that has ended
+  shows_states.join();  // prints the last states of a session that has ended
   if (was_stopped) {
     status = absl::OkStatus();
   } else if (status.ok()) {
