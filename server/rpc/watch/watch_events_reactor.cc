@@ -88,7 +88,7 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (reader_ != nullptr) Fail(reader_->status());
     const auto taken = reader_ == nullptr ? std::nullopt : reader_->Take();
-    // The images of a session are all due before it has ended.
+    // All images of a session are due before the session has ended.
     is_last = view.ended && !taken.has_value();
     if (taken) *response.mutable_image() = ToProto(*taken->image, taken->num_skipped, session().config());
     return taken.has_value();
@@ -104,7 +104,7 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
   std::string tenant_;
   std::string name_;
   std::shared_ptr<const void> charge_ ABSL_GUARDED_BY(mutex_);           // of memory
-  std::unique_ptr<EventImages::Reader> reader_ ABSL_GUARDED_BY(mutex_);  // null: the session has no more events
+  std::unique_ptr<EventImages::Reader> reader_ ABSL_GUARDED_BY(mutex_);  // null: no more events follow
 };
 
 }  // namespace

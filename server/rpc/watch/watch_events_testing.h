@@ -33,7 +33,7 @@ inline std::string CellsOf(const v1::EventImage& image) {
   return cells;
 }
 
-// What all images of a stream show together.
+// The sum of what the images of a stream show.
 struct Shown {
   std::string cells;
   uint64_t num_events = 0;
@@ -58,7 +58,7 @@ struct Shown {
 
 class WatchEventsTest : public RpcTest {
  protected:
-  // Starts to watch, and returns when the images are made.
+  // Starts to watch, and returns as soon as images are made.
   EventReader Watch(grpc::ClientContext& context, const v1::WatchEventsRequest& request) {
     const uint32_t before = server_->state().sessions.image_watchers;
     auto reader = sessions_->WatchEvents(&context, request);

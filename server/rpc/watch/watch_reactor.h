@@ -25,8 +25,7 @@
 
 namespace evpose::server {
 
-// As in the Track reactor, every callback changes the state and then calls Pump(),
-// which starts the next operation.
+// As in the Track reactor, every callback changes the state and then calls Pump(), which starts the next operation.
 template <typename Response>
 class WatchReactor : public grpc::ServerWriteReactor<Response>,
                      public SessionListener,
@@ -91,7 +90,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     if (is_finished_) return;
     const absl::Status access = StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
     if (access.ok()) return;
-    // As in TrackReactor: a write in flight has until the next check to be done.
+    // As in TrackReactor, a write in flight may take until the next check; then the call is cancelled.
     if (!failure_.ok()) return context_->TryCancel();
     Fail(access);
     Pump();
@@ -126,7 +125,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   virtual bool PickResponse(const WatchView& view, Response& response, bool& is_last)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) = 0;
   virtual void OnFinish() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {}
-  // After a write, on a thread of gRPC. Pumps at once, or later on another thread.
+  // Called after a write, on a thread of gRPC. Calls Pump() at once, or later on another thread.
   virtual void Continue() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { Pump(); }
 
   void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

@@ -126,8 +126,8 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
   }
 
   void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    // A new alarm each time, because the function of the previous one may still be running. A weak reference, because
-    // an alarm holds its function until it is destroyed.
+    // A new alarm is made each time, because the function of the previous one may still be running. The function holds
+    // a weak reference, because the alarm holds the function until it is destroyed.
     alarm_ = std::make_unique<grpc::Alarm>();
     const absl::Duration period = quotas().HealthPeriod(tenant_, std::min(period_, kLongestPeriod));
     alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period), [weak = weak_from_this()](bool) {
