@@ -53,7 +53,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
     SessionConfig config;
     SessionLimits limits;
     std::vector<std::shared_ptr<const void>> model_uses;  // released when the session closes
-    std::shared_ptr<const void> memory_charge;            // of everything but the pipeline, which holds its own
+    std::shared_ptr<const void> memory_charge;  // for everything except the pipeline, which has a charge of its own
     std::unique_ptr<SessionPipeline> pipeline;  // in the state of the beginning's checkpoint; null when it has ended
     SessionBeginning beginning;
     std::unique_ptr<SessionLease> lease;
@@ -90,32 +90,34 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   void AddWatcher(std::weak_ptr<SessionListener> watcher) override { watchers_->Add(std::move(watcher)); }
 
   // The calls of a stream. Their statuses and reasons are those that the API promises for Track.
-  // Attach() fences the previous stream: the status of its view is then ABORTED. `peer` is for the log. If the session
-  // expects an item before `first_seq`, which the client no longer has, it closes with DATA_LOSS (ROLLED_BACK).
+  // Attach() fences the previous stream: the status of its view is then ABORTED. `peer` is the address for the log. If
+  // the session expects an item before `first_seq`, which the client no longer has, the session closes with DATA_LOSS
+  // (ROLLED_BACK).
   absl::StatusOr<Attachment> Attach(absl::string_view resume_token, uint64_t last_pose_seq,
                                     std::weak_ptr<SessionListener> listener, const std::string& peer = "",
                                     uint64_t first_seq = 0);
   void Detach(uint64_t stream);
-  // A push without room is accepted: memory stays bounded because a stream reads only if StreamView::has_room is true.
+  // A push is accepted even without room. Memory stays bounded because a stream reads only while StreamView::has_room
+  // is true.
   absl::Status PushEvents(uint64_t stream, EventChunk chunk);
   absl::Status PushResetPose(uint64_t stream, uint64_t seq, absl::string_view object_id,
                              const RigidTransform& camera_from_object);
   absl::Status PushEnd(uint64_t stream);
   StreamView View(uint64_t stream) const;
   std::vector<SessionNotice> TakeNotices(uint64_t stream);
-  // The stream has sent the poses up to this one: a session that waits for its reader resumes.
+  // Reports that the stream has sent the poses up to this one. A session that waits for its reader then continues.
   void ReportSent(uint64_t stream, uint64_t pose_seq);
 
-  // Shows in the store that a server has the session, while a stream is attached (OrphanCollector).
+  // Records in the store that a server has the session, while a stream is attached (OrphanCollector).
   void RenewOwnership();
-  // Replaces the resume token. `done` is called when the new one has been persisted; the previous one stays valid until
-  // a stream with the new one sends. Errors: the status with which the session has closed.
+  // Replaces the resume token. Calls `done` when the new token has been persisted. The previous one stays valid until a
+  // stream with the new one sends an item. Errors: the status with which the session has closed.
   void RenewToken(absl::AnyInvocable<void(absl::StatusOr<std::string>)> done);
-  // Ends everything with this status, which is not OK. The first call counts.
+  // Ends the session and its streams with this status, which is not OK. Later calls have no effect.
   void Close(const absl::Status& status);
-  // Stops processing after the item in work, and writes a checkpoint then.
+  // Stops processing after the item in work, and then writes a checkpoint.
   void Flush();
-  // After Flush: everything processed has been persisted, or the session is closed.
+  // Returns, after Flush(), whether everything that was processed has been persisted, or the session is closed.
   bool IsFlushed() const;
 
  private:
@@ -134,21 +136,21 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   uint64_t FirstPoseSeqToKeep() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t QueueAgeUs() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t MicrosecondsSince(SteadyTime begin) const;
-  // The change, if the session has begun or ceased to fall behind its camera.
+  // Returns the change if the session has begun or ceased to fall behind its camera.
   std::optional<LagChange> UpdatePace(int64_t sensor_time_us) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
-  // Without the lock.
+  // The next two are called without the lock.
   void NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener);  // may be null
   void CommitLifecycle();                                                         // when it has changed
   void OnCommitProgress();
   void AnswerTokenRequests();
 
-  // In the session's turns only.
+  // Runs in the turns of the session only.
   void Run();
   void EndOutOfMemory(const absl::Status& status);
   bool WriteDueCheckpoint();
   void WriteCheckpoint();
-  // Nothing when there is no work.
+  // Returns nullopt when there is no work.
   std::optional<Backlog> StartWork();
   void Publish(const WorkResult& result);
 

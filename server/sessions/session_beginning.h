@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Initial values of the parts of a session, from the state with which it starts.
+// Computes the initial values of the parts of a session from the state with which it starts.
 #pragma once
 
 #include <cstdint>
@@ -14,14 +14,14 @@
 
 namespace evpose::server {
 
-// Number of the first pose that the store still has, or of the next one to be made.
+// Returns the number of the first pose that the store still has, or else of the next one to be made.
 uint64_t FirstPoseSeq(const SessionBeginning& beginning);
-// Number of the last pose that was made or stored: the store may have poses beyond the checkpoint.
+// Returns the number of the last pose that was made or stored. The store may have poses beyond the checkpoint.
 uint64_t LastPoseSeq(const SessionBeginning& beginning);
-// State of the store.
+// Returns what the store has.
 SessionCommitter::Progress PersistedAt(const SessionBeginning& beginning);
-// `resume_token`: empty for a resumed session: its client may have seen more poses than the store has. `now`: the
-// time of detachment when the stored record says that a stream is attached.
+// `resume_token` is empty for a resumed session, whose client may have seen more poses than the store has. `now` is
+// taken as the time of detachment if the stored record states that a stream is attached.
 StreamGate::Start GateStart(const SessionBeginning& beginning, std::string resume_token, absl::Time now);
 CheckpointPolicy::Checkpoint LastCheckpoint(const SessionBeginning& beginning);
 

@@ -33,8 +33,8 @@ class SessionFactory {
   SessionFactory(Options options, Store& store, ModelRegistry& models, WorkerPool& pool)
       : options_(std::move(options)), store_(store), models_(models), pool_(pool) {}
 
-  // The session has been persisted when this returns. Errors: INVALID_ARGUMENT with the field, NOT_FOUND
-  // (MODEL_NOT_FOUND), RESOURCE_EXHAUSTED (SESSION_MEMORY), those of the store.
+  // Creates a session, which is persisted when this function returns. Errors: INVALID_ARGUMENT with the field,
+  // NOT_FOUND (MODEL_NOT_FOUND), RESOURCE_EXHAUSTED (SESSION_MEMORY), those of the store.
   absl::StatusOr<std::shared_ptr<Session>> MakeNew(const std::string& tenant, const SessionConfig& config,
                                                    const std::string& request_id) const;
 
@@ -56,7 +56,7 @@ class SessionFactory {
   absl::StatusOr<Stored> Read(absl::string_view name, uint64_t after_pose_seq = 0) const;
 
  private:
-  // The models of a session's objects, and the handles that protect them from deletion.
+  // The models of the objects of a session, and the handles that protect them from deletion.
   struct Models {
     std::vector<std::shared_ptr<const ObjectModel>> models;
     std::vector<std::shared_ptr<const void>> uses;
@@ -66,8 +66,8 @@ class SessionFactory {
   Session::Parts MakeParts(const std::string& name, const std::string& tenant) const;
   SessionMemory MemoryOf(const SessionConfig& config,
                          const std::vector<std::shared_ptr<const ObjectModel>>& models) const;
-  // A pipeline in the state of the beginning's checkpoint. If the tracker's state is unreadable, the pipeline searches
-  // for every object, and `beginning.restarted` is set.
+  // Returns a pipeline in the state of the checkpoint of `beginning`. If the state of the tracker is unreadable, the
+  // pipeline searches for every object, and `beginning.restarted` is set.
   absl::StatusOr<std::unique_ptr<SessionPipeline>> RestorePipeline(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       SessionBeginning& beginning) const;
@@ -80,7 +80,7 @@ class SessionFactory {
   WorkerPool& pool_;
 };
 
-// NOT_FOUND (SESSION_NOT_FOUND).
+// Returns the error NOT_FOUND (SESSION_NOT_FOUND).
 absl::Status SessionNotFound(absl::string_view name);
 
 }  // namespace evpose::server

@@ -17,7 +17,7 @@ struct SessionLimits {
   uint32_t max_chunk_bytes = 1u << 20;
   uint32_t pose_log_capacity = 16'384;        // poses in memory, for readers
   absl::Duration expiry = absl::Minutes(10);  // time without a stream after which the session is deleted
-  // False: processed data count as persisted, and nothing is written. For stores that end with the process.
+  // False for stores that end with the process: processed data then count as persisted, and nothing is written.
   bool writes_checkpoints = true;
   SessionCommitter::Backoff backoff;
 };
@@ -25,14 +25,15 @@ struct SessionLimits {
 // Number of poses by which a stream's reader may lag before the session waits for it (kBlock) or drops events
 // (kLatest).
 inline constexpr uint64_t kMaxUnsentPoses = 1024;
-// Number of poses by which a live watcher may lag; beyond it, it continues with the newest pose.
+// Number of poses by which a live watcher may lag. A watcher that lags by more continues with the newest pose.
 inline constexpr uint64_t kMaxLivePosesBehind = 1024;
-// Empty chunks and resets cost no credit: this limits their number.
+// Maximum number of items that wait. Empty chunks and resets cost no credit, so that their number needs a limit of its
+// own.
 inline constexpr size_t kMaxQueuedItems = 4096;
-// Notices that a stream has not taken before the session waits for it.
+// Maximum number of notices that the stream has not taken. At this number the session waits for the stream.
 inline constexpr size_t kMaxUntakenNotices = 1024;
-// Triggers of a chunk in its notice: both edges of a signal of 32 kHz at the usual 1 ms per chunk. Triggers take at
-// most half of the untaken notices, in which they have 0.5 MiB.
+// Maximum number of triggers of a chunk in its notice: both edges of a signal of 32 kHz at the usual 1 ms per chunk.
+// Triggers take at most half of the untaken notices, where they occupy 0.5 MiB.
 inline constexpr size_t kMaxTriggersOfChunk = 64;
 
 }  // namespace evpose::server

@@ -19,7 +19,7 @@
 namespace evpose::server {
 namespace {
 
-// A replica changes only with a checkpoint, and checkpoints are 0.1 s of processing time or more apart.
+// A replica changes only with a checkpoint, and two checkpoints are at least 0.1 s of processing time apart.
 constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
 
 absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
@@ -66,7 +66,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
                                                                 const std::string& request_id,
                                                                 const std::string& peer) {
   EVPOSE_RETURN_IF_ERROR(config.Validate());
-  // Not in SessionConfig::Validate(), so that stored sessions of earlier servers can still be read.
+  // This check is not in SessionConfig::Validate(), so that stored sessions of earlier servers can still be read.
   if (const absl::Status view = config.camera.CheckView(); !view.ok()) {
     return InvalidField("config.camera", view.message());
   }

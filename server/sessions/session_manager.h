@@ -39,7 +39,8 @@ class SessionManager {
     uint32_t max_tenant_sessions = 64;  // sessions of one tenant
     SessionLimits limits;
     TrackerFactory make_tracker;
-    // Other servers use the same store: a session is resumed from it only when a client attaches to it here.
+    // True if other servers use the same store. A session is then resumed from it only when a client attaches to it
+    // here.
     bool shares_store = false;
     std::function<absl::Time()> now;                                          // for expiry only, never for results
     std::function<SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as Session::Clocks::steady
@@ -50,40 +51,43 @@ class SessionManager {
   SessionManager(const Options& options, Store& store, ModelRegistry& models, WorkerPool& pool);
   ~SessionManager();
 
-  // Idempotent per tenant and `request_id`, unless it is empty. `peer` is for the log. Slow: creates the trackers.
-  // Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND), ALREADY_EXISTS (REQUEST_ID_REUSED),
-  // RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA, SESSION_MEMORY, OUT_OF_MEMORY), UNAVAILABLE (DRAINING).
+  // Creates a session. Idempotent for each tenant and `request_id`, unless it is empty. `peer` is the address for the
+  // log. Slow, because it creates the trackers. Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND),
+  // ALREADY_EXISTS (REQUEST_ID_REUSED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA, SESSION_MEMORY,
+  // OUT_OF_MEMORY), UNAVAILABLE (DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
-  // Reads the list of the store's sessions, unless the store is shared. Each of them waits until it is restored: in its
-  // turn by RestoreNext(), or before by the first call that needs it. Must be called before the other functions.
-  // Errors: those of the store.
+  // Reads the list of the sessions in the store, unless the store is shared. Each of them waits until it is restored:
+  // by RestoreNext() when its turn comes, or earlier by the first call that needs it. Must be called before the other
+  // functions. Errors: those of the store.
   absl::Status FindStored();
-  // Restores one waiting session; returns false, and does nothing, when there is none. Damaged sessions are reported in
-  // the log and stay in the store. The log has the progress.
+  // Restores one waiting session; returns false, and does nothing, when there is none. Reports the progress, and
+  // damaged sessions, in the log. Damaged sessions stay in the store.
   bool RestoreNext();
 
-  // A session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
+  // Returns a session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
   absl::StatusOr<std::shared_ptr<Session>> Get(const std::string& tenant, absl::string_view name);
-  // A read-only replica of a session that another server on the same store holds. All its watchers share one replica.
-  // Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
+  // Returns a read-only replica of a session that another server on the same store holds. All its watchers share one
+  // replica. Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE
+  // (STORE_AWAY).
   absl::StatusOr<std::shared_ptr<WatchedSession>> Mirror(const std::string& tenant, const std::string& name);
-  // The session, if this server holds it and the token is valid; otherwise null: the caller must use ResumeForAttach.
+  // Returns the session if this server holds it and the token is valid; otherwise null, and the caller must use
+  // ResumeForAttach().
   std::shared_ptr<Session> FindForAttach(const std::string& tenant, absl::string_view name,
                                          absl::string_view resume_token);
-  // As FindForAttach, but resumes the session from the store when this server does not hold it, or has closed it
-  // (another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND),
-  // PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA),
-  // UNAVAILABLE (STORE_AWAY, DRAINING).
+  // As FindForAttach(), but resumes the session from the store when this server does not hold it, or has closed it
+  // (because another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND
+  // (SESSION_NOT_FOUND), PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED
+  // (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_AWAY, DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> ResumeForAttach(const std::string& tenant, const std::string& name,
                                                            absl::string_view resume_token);
   // The next three functions include the sessions of other servers, and wait for the store where they need it.
   // Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
   absl::StatusOr<SessionInfo> Describe(const std::string& tenant, const std::string& name);
-  // At most `max_sessions` sessions, in the order of their names, from the first name after `after_name`.
+  // Returns at most `max_sessions` sessions, in the order of their names, from the first name after `after_name` on.
   absl::StatusOr<std::vector<SessionInfo>> List(const std::string& tenant, absl::string_view after_name,
                                                 size_t max_sessions);
-  // OK if there is no such session.
+  // Deletes a session. Returns OK also if there is no such session.
   absl::Status Delete(const std::string& tenant, const std::string& name, const std::string& peer = "");
   // Deletes the expired sessions of this server. The other functions call it first.
   void DeleteExpired();
@@ -102,7 +106,8 @@ class SessionManager {
   // Ends every session.
   void CloseAll(const absl::Status& status);
 
-  // Sum of SessionHealth::skipped_events over all sessions since the start of the process, deleted ones included.
+  // Returns the sum of SessionHealth::skipped_events over all sessions since the start of the process, including
+  // deleted ones.
   uint64_t skipped_events() const { return options_.metrics->all_skipped_events(); }
   uint32_t num_sessions() const;  // with those that wait to be restored
   uint32_t num_sessions_of(const std::string& tenant) const;
@@ -120,28 +125,29 @@ class SessionManager {
   };
   using Entries = std::map<std::string, Entry, std::less<>>;
 
-  // The session of an earlier request with the same id, or null after it has reserved a slot for a new session.
+  // Returns the session of an earlier request with the same id, or null after reserving a slot for a new session.
   absl::StatusOr<std::shared_ptr<Session>> FindOrReserveSlot(const SessionConfig& config, const Request& request);
   absl::Status CheckSlotIsFree(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // The session that another server created for the same request, resumed here; null when there is none.
+  // Resumes the session that another server created for the same request; null when there is none.
   absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Held while a session of the tenant is resumed, or created for a request id: one at a time. Locked before mutex_.
+  // This mutex is held while a session of the tenant is resumed, or created for a request id, so that only one is at a
+  // time. It is locked before mutex_.
   std::shared_ptr<std::mutex> ResumeMutexOf(const std::string& tenant);
   bool IsHere(const std::string& name) const;
-  // Null when this server does not have the session, or it is closed.
+  // Returns null when this server does not have the session, or it is closed.
   std::shared_ptr<Session> FindOpen(const std::string& tenant, absl::string_view name);
   std::vector<std::shared_ptr<Session>> Sessions() const;
-  // Null when there is no replica yet.
+  // Returns null when there is no replica yet.
   std::shared_ptr<SessionMirror> FindMirror(const std::string& tenant, const std::string& name);
   // Reads a session of this tenant from the store. Errors: as Describe.
   absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name) const;
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name);
-  // Restores the session if it waits for that and belongs to the tenant.
+  // Restores the session if it waits to be restored and belongs to the tenant.
   void RestoreIfWaiting(const std::string& tenant, const std::string& name);
-  // Describe() without restoring a waiting session.
+  // As Describe(), but does not restore a waiting session.
   absl::StatusOr<SessionInfo> DescribeAsStored(const std::string& tenant, const std::string& name);
   Entry Remove(Entries::iterator entry) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

@@ -10,7 +10,7 @@
 namespace evpose::server {
 namespace {
 
-// Sessions from one line about the progress to the next: some seconds.
+// Number of sessions between two lines about the progress, which are then some seconds apart.
 constexpr size_t kRestoreProgressSessions = 500;
 
 }  // namespace

@@ -27,15 +27,15 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
   // Reads the session and its poses after `after_pose_seq`. Waits for the store. Errors: those of SessionFactory::Read.
   using ReadStored = absl::AnyInvocable<absl::StatusOr<SessionFactory::Stored>(uint64_t after_pose_seq) const>;
 
-  // `stored`: the present state in the store. Keeps the last `capacity` poses. The next read starts a `period` after
+  // `stored` is the present state in the store. Keeps the last `capacity` poses. The next read starts a `period` after
   // the end of the previous one.
   static std::shared_ptr<SessionMirror> Start(SessionFactory::Stored stored, ReadStored read, size_t capacity,
                                               absl::Duration period, WorkerPool& pool);
   ~SessionMirror() override;
 
   const SessionConfig& config() const override { return config_; }
-  // Its status is NOT_FOUND (SESSION_DELETED) when the store no longer has the session, or DATA_LOSS (SESSION_DAMAGED).
-  // An unreachable store changes nothing.
+  // The status of the view is NOT_FOUND (SESSION_DELETED) when the store no longer has the session, or DATA_LOSS
+  // (SESSION_DAMAGED). It stays the same while the store is unreachable.
   WatchView Watch() const override;
   std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const override;
   uint64_t max_poses_behind() const override { return capacity_; }
@@ -47,7 +47,7 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
                 WorkerPool& pool);
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Refresh();
-  // True if there is something new for watchers.
+  // Returns whether there is something new for watchers.
   bool Update(absl::StatusOr<SessionFactory::Stored> stored) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const std::string name_;

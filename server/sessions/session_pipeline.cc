@@ -13,8 +13,8 @@
 namespace evpose::server {
 namespace {
 
-// The stream is divided into slices of this sensor time, counted from 0. State changes are detected at their ends,
-// which depend on the stream only.
+// The stream is divided into slices of this sensor time, microseconds, counted from 0. State changes are detected at
+// the ends of slices, which depend on the stream only.
 constexpr int64_t kSliceUs = 1000;
 
 // Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
@@ -51,7 +51,8 @@ std::string ConfigurationDigest(const SessionConfig& config,
   const CameraModel& camera = config.camera;
   writer(camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px);
   for (const double coefficient : camera.Coefficients()) writer(coefficient);
-  // The digest of a Brown camera is that of versions that had no other lens: their checkpoints remain valid.
+  // The digest for a Brown camera is the same as in versions that had no other lens, so that their checkpoints remain
+  // valid.
   if (camera.lens_model != LensModel::kBrown) writer(static_cast<uint32_t>(camera.lens_model));
   const SensorProfile& sensor = config.sensor;
   writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us,
@@ -87,7 +88,7 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionPipeline::CreateSearchin
   SessionConfig searching = config;
   for (ObjectConfig& object : searching.objects) object.initial_camera_from_object.reset();
   EVPOSE_ASSIGN_OR_RETURN(auto pipeline, Create(searching, models, make_tracker));
-  // Its states are loaded into trackers that are created from the session's own configuration.
+  // States of this pipeline are loaded into trackers that are created from the configuration of the session itself.
   pipeline->configuration_ = ConfigurationDigest(config, models);
   return pipeline;
 }

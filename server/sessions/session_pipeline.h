@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// From a session's bytes to poses and state changes, without threads. The output is a function of the configuration and
-// of the sequence of bytes, resets and losses. It does not depend on the division of the bytes into calls.
+// Turns the bytes of a session into poses and state changes, without threads. The output is a function of the
+// configuration and of the sequence of bytes, resets and losses. It does not depend on the division of the bytes into
+// calls.
 #pragma once
 
 #include <cstdint>
@@ -46,7 +47,8 @@ struct PipelineOutput {
 // Not thread-safe.
 class SessionPipeline {
  public:
-  // `models`: one for each of config.objects, in the same order. Errors: INVALID_ARGUMENT with the field of `config`.
+  // `models` has one model for each of config.objects, in the same order. Errors: INVALID_ARGUMENT with the field of
+  // `config`.
   static absl::StatusOr<std::unique_ptr<SessionPipeline>> Create(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
@@ -70,13 +72,14 @@ class SessionPipeline {
   void ResetPose(uint32_t object_index, const RigidTransform& camera_from_object);
   void Finish(PipelineOutput& output);
 
-  // The whole state on which later output depends, to the bit. Size for a sensor of 1280x720 pixels: about 0.2 MB while
-  // tracking, up to 1.2 MB for each object that is searched for.
+  // Returns the whole state on which later output depends, to the bit. For a sensor of 1280x720 pixels it has about 0.2
+  // MB while tracking, and up to 1.2 MB for each object that is searched for.
   PipelineState SaveState() const;
-  // Both load into a pipeline with the same configuration and models that has processed nothing; it then continues from
-  // that state. DATA_LOSS with the reason if the state is damaged: the pipeline must not be used then.
+  // LoadPosition() and LoadTracker() load a state into a pipeline with the same configuration and models that has
+  // processed nothing; it then continues from that state. Error: DATA_LOSS with the reason if the state is damaged; the
+  // pipeline must then not be used.
   absl::Status LoadPosition(const StreamPosition& position);
-  // DATA_LOSS also for a state of another version or configuration: use CreateSearching then.
+  // Error: DATA_LOSS also for a state of another version or configuration; use CreateSearching() then.
   absl::Status LoadTracker(const SavedTracker& tracker);
 
   // The events of the latest Process(); valid until the next one.

@@ -18,7 +18,8 @@ namespace evpose::server {
 // Not thread-safe, without lock or clock.
 class SessionReport {
  public:
-  // `beginning`: its checkpoint and restarted are used. `objects`: the state of the objects of a new session.
+  // Starts from the checkpoint and the member `restarted` of `beginning`. `objects` is the state of the objects of a
+  // new session.
   SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects);
 
   uint64_t poses() const { return health_.poses; }

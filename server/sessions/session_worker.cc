@@ -116,7 +116,7 @@ void SessionWorker::DropOrTrack(absl::Span<const uint8_t> slice) {
   options_.metrics->skipped_events[overload_.reason()].Add(dropped_now_.num_events);
 }
 
-// Without memory for an image the session goes on.
+// If there is no memory for an image, the session continues without it.
 void SessionWorker::ShowEvents(absl::Span<const Event> events, int64_t from_t_us) {
   if (pipeline_->first_t_us() < 0) return;  // the sensor's clock is not known yet
   const int64_t begin_t_us = from_t_us < 0 ? pipeline_->first_t_us() : from_t_us;
@@ -148,7 +148,7 @@ std::optional<DecodeFault> SessionWorker::FindDecodeFault() const {
                                   " events outside the sensor")};
 }
 
-// By item and not by slice, whose size depends on the clock.
+// Triggers are collected by item and not by slice, because the size of a slice depends on the clock.
 void SessionWorker::CollectTriggers() {
   const size_t room = kMaxTriggersOfChunk - triggers_.triggers.size();
   const size_t kept = std::min(room, output_.triggers.size());

@@ -63,8 +63,8 @@ class SessionWorker {
     std::shared_ptr<const SessionLog> log;
     std::shared_ptr<EventImages> images = nullptr;  // null: none are made
   };
-  // `pipeline`: in the state of `checkpoint`; null when the session has ended. `config` outlives the worker.
-  // `health`: that of the checkpoint, or empty for a new session, with one element for each object.
+  // `pipeline` is in the state of `checkpoint`; null when the session has ended. `config` must outlive the worker.
+  // `health` is that of the checkpoint, or empty for a new session, with one element for each object.
   SessionWorker(const SessionConfig& config, Options options, std::unique_ptr<SessionPipeline> pipeline,
                 const SessionHealth& health);
 
@@ -75,15 +75,15 @@ class SessionWorker {
   // Processes the next slice of the item. `backlog` decides whether its events are dropped (OverloadGate).
   WorkResult Work(const Backlog& backlog);
 
-  // State of the objects; empty without a pipeline.
+  // Returns the state of the objects; empty without a pipeline.
   std::vector<ObjectHealth> Objects() const;
   bool has_pipeline() const { return pipeline_ != nullptr; }
   PipelineState SaveState() const { return pipeline_->SaveState(); }
-  // After the end, when the tracker is no longer needed. Postcondition: no pipeline.
+  // To be called after the end, when the tracker is no longer needed. Postcondition: there is no pipeline.
   std::unique_ptr<SessionPipeline> ReleasePipeline() { return std::move(pipeline_); }
 
  private:
-  // Excludes the time for which the work is paused; for durations of processing.
+  // Returns the time without the pauses of the work, for durations of processing.
   SteadyTime WorkTime() const { return options_.now() - PausedTime(); }
   void AdaptSlice(std::chrono::steady_clock::duration duration);
   bool WorkOnItem();

@@ -23,7 +23,7 @@ namespace {
 
 struct Shared {
   WeakCache<CameraModel, CameraTables> camera_tables;
-  // They own their models: an address is not reused.
+  // The cached values own their models, so that no address is reused.
   WeakCache<const ObjectModel*, ModelEdges> edges;
   WeakCache<const ObjectModel*, SearchModel> search_models;
   WeakCache<const ObjectModel*, TemplateModel> template_models;
@@ -41,7 +41,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config
     objects.push_back({models[i], object.initial_camera_from_object, object.reference_rotation});
     const absl::Status status = objects.back().Validate();
     if (!status.ok()) return InvalidField(absl::StrCat("config.objects[", i, "]"), status.message());
-    // All sessions have the same options of edges.
+    // All sessions use the same options for edges.
     auto edges = shared.edges.Get(models[i].get(), [&]() -> absl::StatusOr<std::shared_ptr<const ModelEdges>> {
       return MakeModelEdges(models[i], options.visibility, options.elements);
     });

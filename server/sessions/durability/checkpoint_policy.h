@@ -17,8 +17,8 @@ inline constexpr uint64_t kCheckpointPoses = 1000;
 inline constexpr int64_t kCheckpointCostFactor = 20;
 // Number of poses that may wait for the store before the session does.
 inline constexpr uint64_t kMaxUncommittedPoses = 4096;
-// A stream is sent no pose that is further ahead of the last persisted one, however many poses one item produces. This
-// bounds the poses that a client may have seen when it attaches again after a crash.
+// Largest number of poses beyond the last persisted one that are sent to a stream, however many poses one item
+// produces. It bounds the poses that a client may have seen when it attaches again after a crash.
 inline constexpr uint64_t kMaxPosesBeyondStore = 2 * kMaxUncommittedPoses;
 
 // Not thread-safe; a function of the counters passed to it, without clock or store.
@@ -42,27 +42,28 @@ class CheckpointPolicy {
     int64_t cost_us = 0;  // time that its serialization took
   };
 
-  // `last`: the checkpoint from which the session starts. `last_pose_seq`: the last pose made or stored; the store may
-  // have poses beyond the checkpoint.
+  // `last` is the checkpoint from which the session starts, `last_pose_seq` the number of the last pose that was made
+  // or stored. The store may have poses beyond the checkpoint.
   CheckpointPolicy(bool writes_checkpoints, const Checkpoint& last, uint64_t last_pose_seq)
       : writes_checkpoints_(writes_checkpoints), last_(last), last_pose_seq_(last_pose_seq) {}
 
   using Progress = SessionCommitter::Progress;
   bool IsDue(const Counters& now, const Progress& store) const;
-  // The session must produce no more poses until the store has some of those that wait.
+  // Returns whether the session must produce no more poses until the store has some of those that wait.
   bool MustWait(uint64_t poses, const Progress& store) const;
-  // Highest number of a pose that a stream may send.
+  // Returns the highest number of a pose that a stream may send.
   uint64_t LastPoseSeqToSend(uint64_t poses, const Progress& store) const;
-  // Lowest number of a pose that must stay in memory because the store does not have it; UINT64_MAX: none.
+  // Returns the lowest number of a pose that must stay in memory because the store does not have it; UINT64_MAX if
+  // there is none.
   uint64_t FirstPoseSeqToKeep() const { return writes_checkpoints_ ? last_pose_seq_ + 1 : UINT64_MAX; }
-  // Last item that a restart does not lose.
+  // Returns the number of the last item that a restart does not lose.
   uint64_t PersistedSeq(uint64_t processed_seq, const Progress& store) const;
   bool IsEndPersisted(bool has_ended, const Progress& store) const;
 
   // From now on a checkpoint is due after each item.
   void RequestFlush() { is_flushing_ = true; }
   bool is_flushing() const { return is_flushing_; }
-  // Everything that has been processed has been persisted, and no item is being processed.
+  // Returns whether everything that has been processed has been persisted, and no item is being processed.
   bool IsFlushed(const Counters& now, const Progress& store) const;
 
   // Poses up to this number have been handed to the committer.

@@ -11,8 +11,8 @@ namespace evpose::server {
 void OrphanCollector::Collect(absl::Time now, const std::function<bool(const std::string&)>& is_here) {
   const auto lifecycles = store_.ReadLifecycles();
   if (!lifecycles.ok()) return;  // the callers that need the store report its errors
-  // After a time without the store, or without a run, the measured times are void: the other servers may have been
-  // unable to renew their records, too.
+  // If the store was unreachable for a while, or this function was not called, the measured times do not count: the
+  // other servers may have been unable to renew their records.
   if (now - std::exchange(last_run_, now) > expiry_) seen_.clear();
   std::map<std::string, Seen> before = std::exchange(seen_, {});
   for (const StoredLifecycle& stored : *lifecycles) {
@@ -29,7 +29,7 @@ void OrphanCollector::Collect(absl::Time now, const std::function<bool(const std
 }
 
 void OrphanCollector::Delete(const std::string& name, const std::string& lifecycle) {
-  // The lease comes first: from now on no other server can change the record. A client that has returned meanwhile
+  // The lease is taken first: from now on no other server can change the record. A client that has returned meanwhile
   // keeps its session, but its stream is fenced and has to attach again.
   const auto taken = store_.TakeSession(name);
   if (!taken.ok() || taken->session.lifecycle != lifecycle) return;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Deletion of orphans: sessions that are only in the store, because their server died or the store was full. No server
-// has a timer for their expiry.
+// Deletes orphans: sessions that are only in the store, because their server died or the store was full. No server has
+// a timer for their expiry.
 #pragma once
 
 #include <functional>
@@ -20,8 +20,8 @@ class OrphanCollector {
  public:
   OrphanCollector(Store& store, absl::Duration expiry) : store_(store), expiry_(expiry) {}
 
-  // To be called several times within the expiry time, from one thread at a time. Waits for the store. `is_here`: true
-  // if this server has the session with that name.
+  // To be called several times within the expiry time, from one thread at a time. Waits for the store. `is_here`
+  // returns whether this server has the session with that name.
   void Collect(absl::Time now, const std::function<bool(const std::string&)>& is_here);
 
  private:

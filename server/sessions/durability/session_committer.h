@@ -37,30 +37,31 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     uint64_t seq = 0;        // last item that the newest checkpoint includes
     uint64_t last_pose_seq = 0;
     bool ended = false;
-    bool has_waiting = false;  // a checkpoint has been handed over and not been persisted
+    bool has_waiting = false;  // a checkpoint was passed on and is not persisted yet
     bool store_is_away = false;
-    // Not OK: nothing more is persisted. The error for the session's clients: ABORTED (FENCED), NOT_FOUND
-    // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL), UNAVAILABLE (DRAINING, the store was closed; ROLLED_BACK, it
+    // Not OK if nothing more is persisted. It is the error for the clients of the session: ABORTED (FENCED), NOT_FOUND
+    // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL), UNAVAILABLE (DRAINING: the store was closed; ROLLED_BACK: it
     // has lost the last commits), INTERNAL (STORE_FAILED).
     absl::Status failure;
   };
 
-  // `persisted`: the present state in the store.
+  // `persisted` is the present state in the store.
   SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease,
                    const Progress& persisted, WorkerPool& pool, const Backoff& backoff,
                    std::shared_ptr<ServerMetrics> metrics);
   // The lock shows to race detectors that all calls have ended.
   ~SessionCommitter() { const std::lock_guard lock(mutex_); }
 
-  // `listener` is called after each change of Progress, without a lock, from a thread of the store; it must not block.
-  // To be set before the first commit.
+  // Sets a function that is called after each change of Progress, without a lock, on a thread of the store. It must not
+  // block. To be set before the first commit.
   void SetListener(std::function<void()> listener) { listener_ = std::move(listener); }
 
-  // Neither may be called with a lock that the listener takes. An ownership record is ignored if its number is not
-  // greater than those before.
+  // CommitLifecycle() and CommitCheckpoint() must not be called with a lock that the listener takes. An ownership
+  // record is ignored if its number is not greater than those before.
   void CommitLifecycle(uint64_t number, std::string lifecycle);
-  // `checkpoint`: a checkpoint, poses that continue the stored log, or both. `seq`: the last item that the checkpoint
-  // includes; ignored without a checkpoint. `begun_at`: the start of its serialization, for the metrics.
+  // `checkpoint` contains a checkpoint, poses that continue the stored log, or both. `seq` is the last item that the
+  // checkpoint includes; it is ignored without a checkpoint. `begun_at` is the start of the serialization, for the
+  // metrics.
   void CommitCheckpoint(SessionCommit checkpoint, uint64_t seq,
                         std::chrono::steady_clock::time_point begun_at = std::chrono::steady_clock::now());
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The memory of all sessions: each is charged with the most that it may take before anything of it is allocated. A
-// model that sessions of a tenant share is charged once.
+// Bounds the memory of all sessions. Each session is charged with the most that it may take before any of it is
+// allocated. A model that sessions of a tenant share is charged once.
 #pragma once
 
 #include <cstdint>
@@ -22,9 +22,9 @@
 
 namespace evpose::server {
 
-// Charges of one session, each until its last copy is destroyed.
+// The charges of one session. Each ends when its last copy is destroyed.
 struct MemoryCharge {
-  std::shared_ptr<const void> tracking;  // with the models: each until the last charge with it is destroyed
+  std::shared_ptr<const void> tracking;  // includes the models, each until the last charge with it ends
   std::shared_ptr<const void> other;
 };
 
@@ -45,7 +45,7 @@ class MemoryBudget : public std::enable_shared_from_this<MemoryBudget> {
                                       absl::Span<const ModelMemory> models = {}) {
     return Charge(tenant, memory, models, true);
   }
-  // For a session that exists already: never refused.
+  // Charges a session that exists already. It is never refused.
   MemoryCharge ChargeBeyondLimit(const std::string& tenant, const SessionMemory& memory,
                                  absl::Span<const ModelMemory> models = {}) {
     return *Charge(tenant, memory, models, false);
@@ -57,7 +57,7 @@ class MemoryBudget : public std::enable_shared_from_this<MemoryBudget> {
  private:
   explicit MemoryBudget(Options options) : options_(std::move(options)) {}
 
-  // Bytes of a charge. Released when it is destroyed, if they have been added.
+  // The bytes of a charge. Its destructor releases them if they have been added.
   struct Part;
   using ModelKey = std::pair<std::string, const ObjectModel*>;  // tenant, and the model, which its part keeps
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The memory that a session may take, from its configuration and the server's limits.
+// Computes the memory that a session may take from its configuration and the limits of the server.
 #pragma once
 
 #include <cstdint>
@@ -33,15 +33,15 @@ struct SessionMemoryLimits {
   bool writes_checkpoints = true;
 };
 
-// Returns an upper bound without the models, with the assumptions of EstimateTrackerMemory(). `models`: one for each of
-// config.objects.
+// Returns an upper bound of the memory without the models, with the assumptions of EstimateTrackerMemory(). `models`
+// has one element for each of config.objects.
 SessionMemory MaxSessionMemory(const SessionConfig& config,
                                const std::vector<std::shared_ptr<const ObjectModel>>& models,
                                const SessionMemoryLimits& limits);
-// Returns an upper bound for a watcher of images of events, with its part of those that watchers share and with the
-// messages that gRPC holds.
+// Returns an upper bound of the memory for a watcher of images of events. It includes a part of the images that
+// watchers share, and the messages that gRPC holds.
 uint64_t EventWatcherMemory(const SessionConfig& config, int cell_px);
-// The memory of each distinct one.
+// Returns the memory of each distinct model.
 std::vector<ModelMemory> MemoryOfModels(const std::vector<std::shared_ptr<const ObjectModel>>& models);
 
 }  // namespace evpose::server

@@ -23,7 +23,7 @@ class ByteCredit {
     earlier_bytes_ = queued_bytes;
   }
   void AddReceived(uint64_t bytes) { received_bytes_ += bytes; }
-  // `is_of_stream`: the bytes came from the current stream, not from an earlier one.
+  // `is_of_stream` is true if the bytes came from the current stream, not from an earlier one.
   void AddProcessed(uint64_t bytes, bool is_of_stream) {
     if (is_of_stream) {
       processed_bytes_ += bytes;

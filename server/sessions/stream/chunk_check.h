@@ -11,11 +11,12 @@
 
 namespace evpose::server {
 
-// True for a chunk without any field: the client is alive and has no events. It is not part of the session's data.
+// Returns true for a chunk without any field, by which a client without events shows that it is alive. It is not part
+// of the data of the session.
 bool IsSignOfLife(const EventChunk& chunk);
 
-// Reads every byte of the payload when it has a checksum. Errors: INVALID_ARGUMENT with the field (no number, too many
-// bytes, a word that is cut), DATA_LOSS (CRC_MISMATCH).
+// Reads every byte of the payload if the chunk has a checksum. Errors: INVALID_ARGUMENT with the field (no number, too
+// many bytes, an incomplete word), DATA_LOSS (CRC_MISMATCH).
 absl::Status CheckChunk(const EventChunk& chunk, Encoding encoding, uint32_t max_chunk_bytes);
 
 }  // namespace evpose::server

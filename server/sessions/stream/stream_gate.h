@@ -19,16 +19,17 @@
 
 namespace evpose::server {
 
-// SHA-256 of a resume token in hexadecimal digits, as SessionLifecycle holds it.
+// Returns the SHA-256 of a resume token in hexadecimal digits, as SessionLifecycle stores it.
 std::string TokenDigest(absl::string_view token);
-// True for the digest of the current token, and for that of the previous token while it is still valid.
+// Returns true for the digest of the current token, and for that of the previous token while it is still valid.
 bool IsDigestGood(absl::string_view digest, const SessionLifecycle& lifecycle);
 
-// PERMISSION_DENIED (WRONG_TOKEN).
+// Returns the error PERMISSION_DENIED (WRONG_TOKEN).
 absl::Status WrongToken(absl::string_view session);
 
-// Not thread-safe, without lock, thread or clock. Streams are numbered from 1; the number fences: only the latest
-// stream may write. The ownership record (SessionLifecycle) has a number of its own, which grows with each change.
+// Not thread-safe; uses no lock, thread or clock. Streams are numbered from 1. The number serves as a fence: only the
+// latest stream may write. The ownership record (SessionLifecycle) has a number of its own, which grows with each
+// change.
 class StreamGate {
  public:
   struct Options {
@@ -54,12 +55,12 @@ class StreamGate {
   bool has_ended() const { return state_.input == InputState::kEnded; }
   const absl::Status& closed() const { return closed_; }  // OK until Close
   uint64_t stream() const { return stream_; }             // the latest; 0: none yet
-  // Time since when no stream has been attached; absent while one is.
+  // Returns the time since when no stream has been attached; absent while one is attached.
   std::optional<absl::Time> detached_at() const;
   const std::string& resume_token() const { return resume_token_; }
   SessionLifecycle lifecycle() const;
   uint64_t lifecycle_number() const { return lifecycle_number_; }
-  // The number of the record when it has changed since the last call: it has to be committed.
+  // Returns the number of the record if it has changed since the last call and has to be committed.
   std::optional<uint64_t> TakeChangedLifecycle();
 
   // Errors: the status of Close; PERMISSION_DENIED (WRONG_TOKEN); INVALID_ARGUMENT: the client claims to have seen a
@@ -68,19 +69,20 @@ class StreamGate {
   // Errors: DATA_LOSS (ROLLED_BACK) if the session is open and expects an item before `first_seq`, the first one that
   // the client can still send (0: unknown). A wrong token and a closed session are left to CheckAttach.
   absl::Status CheckFirstSeq(absl::string_view token_digest, uint64_t first_seq) const;
-  // After CheckAttach. Fences the stream before. `queued_bytes`: of earlier streams. The token with `token_digest`
-  // stays valid until the stream sends its first item. Returns the number of the stream.
+  // To be called after CheckAttach(). Fences the previous stream. `queued_bytes` are those of earlier streams. The
+  // token with `token_digest` stays valid until the stream sends its first item. Returns the number of the stream.
   uint64_t Attach(std::string new_token, std::string token_digest, uint64_t queued_bytes, uint64_t sent_pose_seq);
-  // False: this stream is not attached.
+  // Returns false if this stream is not attached.
   bool Detach(uint64_t stream, absl::Time now);
-  // The store has the ownership record with this number and all before.
+  // Reports that the store has the ownership record with this number and all before.
   void OnLifecyclePersisted(uint64_t number);
-  // `status` is not OK. The first call counts; false for the others.
+  // Closes the gate with `status`, which is not OK. Returns true for the first call; later calls have no effect and
+  // return false.
   bool Close(const absl::Status& status);
 
-  // A new token; the current one stays valid as in Attach.
+  // Sets a new token. The current one stays valid as in Attach().
   void ReplaceToken(std::string token) { ReplaceToken(std::move(token), token_digest_); }
-  // Changes the ownership record to show that this server is alive. False: no stream is attached.
+  // Changes the ownership record to show that this server is alive. Returns false if no stream is attached.
   bool RenewOwnership();
 
   // Errors: the status of Close, ABORTED (FENCED).
@@ -88,12 +90,13 @@ class StreamGate {
   // To be called before each item of a stream, which shows that the client has the new token: the previous one is no
   // longer valid. Errors: as CheckStream.
   absl::Status CheckPush(uint64_t stream);
-  // True: `seq` is the next item. False: the session has had it. Errors: FAILED_PRECONDITION (SEQ_GAP, SESSION_ENDED).
+  // Returns true if `seq` is the next item, false if the session has had it. Errors: FAILED_PRECONDITION (SEQ_GAP,
+  // SESSION_ENDED).
   absl::StatusOr<bool> IsNext(uint64_t seq) const;
   void Accept() { ++next_seq_; }  // the item with next_seq
   // As IsNext; accepts the chunk when it is the next item, and counts its bytes in both cases.
   absl::StatusOr<bool> AcceptChunk(uint64_t seq, uint64_t bytes);
-  // False: the end was pushed before.
+  // Returns false if the end was pushed before.
   bool AcceptEnd();
   void OnProcessed(uint64_t stream, uint64_t bytes) { credit_.AddProcessed(bytes, stream == stream_); }
   void OnEndProcessed() { ChangeState(GateEvent::kEndProcessed); }

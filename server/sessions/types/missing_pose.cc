@@ -105,7 +105,7 @@ std::string ExplainMissingPose(const ObjectHealth& object) {
   }
   const std::string loss = absl::StrFormat("lost at %.6f s because %s", static_cast<double>(report.lost_at_us) * 1e-6,
                                            ExplainLoss(report.loss_cause));
-  // The rejected pose itself is no further reason.
+  // The rejection of the pose is the loss itself and no further reason.
   const bool is_about_loss = report.status == InitializationStatus::kNotSupported && NumSearches(report.searches) == 0;
   return is_about_loss ? loss : absl::StrCat(loss, "; since then: ", reason);
 }

@@ -6,7 +6,8 @@
 namespace evpose::server {
 
 bool OverloadGate::MustSkip(const Backlog& backlog) {
-  // The gate drops from the limit of the backlog on, until half of it is left: one long gap instead of many short ones.
+  // The gate drops events from the limit of the backlog on until half of it is left: this makes one long gap instead of
+  // many short ones.
   constexpr double kStartRatio = 1.0;
   constexpr double kStopRatio = 0.5;
   if (is_open_) return false;

@@ -24,7 +24,7 @@ struct EventsDropped {
 struct Backlog {
   double age_ratio = 0.0;     // age of the oldest unprocessed chunk to max_lag
   double bytes_ratio = 0.0;   // waiting bytes to the credit, or waiting items to their limit
-  double reader_ratio = 0.0;  // poses that the stream has not sent to its client to their limit
+  double reader_ratio = 0.0;  // number of poses that the stream has not sent, to their limit
 };
 
 // Not thread-safe.
@@ -32,14 +32,14 @@ class OverloadGate {
  public:
   explicit OverloadGate(const SessionConfig& config) : is_open_(config.overload_policy == OverloadPolicy::kBlock) {}
 
-  // True: the events of the next slice must be dropped. Dropping starts when a ratio exceeds 1 and stops when all are
-  // at most 0.5, so that the poses then have little delay for a while, and gaps are fewer than slices. kBlock: always
-  // false.
+  // Returns true if the events of the next slice must be dropped. Dropping starts when a ratio exceeds 1 and stops when
+  // all are at most 0.5: after a gap, poses have little delay for a while, and there are fewer gaps than slices. With
+  // kBlock the result is always false.
   bool MustSkip(const Backlog& backlog);
   void AddDropped(const EventGap& gap);
   // The reason for the open gap.
   DropReason reason() const { return gap_.has_value() ? gap_->reason : DropReason::kLag; }
-  // Closes the gap, and returns it; nothing when no gap is open.
+  // Closes and returns the gap; nullopt when no gap is open.
   std::optional<EventsDropped> EndGap();
 
  private:

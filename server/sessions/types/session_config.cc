@@ -14,7 +14,7 @@ namespace {
 
 constexpr size_t kMaxObjects = 16;        // limits in the API: memory and time grow with the number of objects
 constexpr size_t kMaxObjectIdBytes = 64;  // each line of the log contains it
-// With less, all events would be dropped: clients collect a chunk for a millisecond.
+// With a shorter lag all events would be dropped, because clients collect a chunk for a millisecond.
 constexpr absl::Duration kMinMaxLag = absl::Milliseconds(1);
 constexpr absl::Duration kMaxMaxLag = absl::Seconds(10);
 

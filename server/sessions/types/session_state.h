@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// State of a session that readers see, and the part of it that the store keeps.
+// The state of a session that readers see, and the part of it that the store has.
 #pragma once
 
 #include <array>
@@ -79,8 +79,8 @@ struct SessionTotals {
   uint32_t image_watchers = 0;
 };
 
-// Ownership record: the token that a client needs to attach, and the time since when no stream has been attached.
-// Committed whenever a stream attaches or detaches.
+// Ownership record: the token that a client needs to attach, and the time since when no stream has been attached. It is
+// committed whenever a stream attaches or detaches.
 struct SessionLifecycle {
   std::string token_digest;           // digest of the resume token: SHA-256, hex; the token itself is not stored
   std::string previous_token_digest;  // empty: the previous token is no longer valid
@@ -116,7 +116,7 @@ struct PipelineState {
   friend bool operator==(const PipelineState&, const PipelineState&) = default;
 };
 
-// State from which a session can be resumed: always between two items.
+// State from which a session can be resumed. It is always the state between two items.
 struct SessionCheckpoint {
   uint64_t processed_seq = 0;
   bool ended = false;
@@ -125,8 +125,8 @@ struct SessionCheckpoint {
   std::optional<PipelineState> pipeline;  // absent when ended
 };
 
-// State with which a session starts: the stored state, or for a new session the ownership record and the default of the
-// other members.
+// State with which a session starts: the stored state, or, for a new session, the ownership record with default values
+// of the other members.
 struct SessionBeginning {
   SessionLifecycle lifecycle;
   SessionCheckpoint checkpoint;

@@ -43,7 +43,7 @@ struct LagChange {
   bool is_behind = false;
   int64_t lag_us = 0;  // waiting time of the oldest unprocessed chunk
 };
-// The edges on the trigger inputs in one chunk: as many as a notice holds, and the number of those beyond.
+// The edges on the trigger inputs in one chunk: at most as many as a notice can hold, and the number of further ones.
 struct ChunkTriggers {
   uint64_t seq = 0;
   std::vector<Trigger> triggers;

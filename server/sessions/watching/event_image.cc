@@ -13,8 +13,8 @@ namespace {
 // Share of zero bytes below which compression saves less than a third and takes longest.
 constexpr double kMinZeroShare = 0.3;
 
-// Runs of equal bytes are all that level 1 finds in an image of events; without other matches it takes a third of the
-// time, and the result is smaller.
+// Runs of equal bytes are all that level 1 finds in an image of events. Without the search for other matches
+// compression takes a third of the time, and the result is smaller.
 EncodedCells Encode(absl::Span<const uint8_t> bytes) {
   const auto zeros = static_cast<double>(std::count(bytes.begin(), bytes.end(), uint8_t{0}));
   if (zeros < kMinZeroShare * static_cast<double>(bytes.size())) return {};
@@ -38,7 +38,8 @@ EncodedCells Encode(absl::Span<const uint8_t> bytes) {
 const std::vector<SessionOutlines::Outline>& SessionOutlines::Projected() const {
   std::call_once(is_projected_, [this] {
     for (Outline& outline : outlines_) outline.segments = ProjectOutline(camera_, outline.object);
-    // Afterwards, because the next call projects all of them again if this one has no memory. `= {}` would keep it.
+    // The edges are released last, because the next call projects all of them again if this one has no memory. `= {}`
+    // would keep their memory.
     for (Outline& outline : outlines_) outline.object.edges = std::vector<ObjectOutline::Edge>();
   });
   return outlines_;

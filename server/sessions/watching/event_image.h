@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// An image of events with the visible edges of the objects, as its watchers share it.
+// An image of events with the visible edges of the objects, which all its watchers share.
 #pragma once
 
 #include <cstdint>
@@ -25,11 +25,11 @@ class SessionOutlines {
     ObjectOutline object;
     std::vector<OutlineSegment> segments;
   };
-  // `outlines`: without segments, of the objects that have a pose.
+  // `outlines` are those of the objects that have a pose, without segments.
   SessionOutlines(const CameraModel& camera, std::vector<Outline> outlines)
       : camera_(camera), outlines_(std::move(outlines)) {}
 
-  // With segments. The first call projects the edges, which it then releases.
+  // Returns the outlines with their segments. The first call projects the edges and then releases them.
   const std::vector<Outline>& Projected() const;
 
  private:
@@ -60,14 +60,14 @@ class EventImage {
   uint64_t num_events() const { return num_events_; }
   const EventBitmap& bitmap() const { return bitmap_; }
   const std::vector<SessionOutlines::Outline>& outlines() const { return outlines_->Projected(); }
-  // Compressed where that makes them smaller. The first call compresses.
+  // Returns the cells, compressed if that makes them smaller. The first call compresses them.
   const EncodedCells& cells() const;
 
   // The next two are to be called before the image is shared.
   void SwapBitmap(EventBitmap& bitmap) { std::swap(bitmap_, bitmap); }
-  // Adds the events of the image that follows, and takes its outlines.
+  // Adds the events of the following image, and takes its outlines.
   void Append(const EventImage& next);
-  // The events of both. `next` follows `first`.
+  // Returns an image with the events of both. `next` follows `first`.
   static std::shared_ptr<EventImage> Join(const EventImage& first, const EventImage& next);
 
  private:

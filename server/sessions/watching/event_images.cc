@@ -55,7 +55,7 @@ std::unique_ptr<EventImages::Reader> EventImages::Open(int cell_px, double max_r
   const std::lock_guard lock(mutex_);
   readers_.push_back(reader.get());
   UpdateCanvases(now);
-  // In step with the others, so that they share the images.
+  // The reader is due at the same times as the others, so that they share the images.
   reader->due_ = Find(cell_px)->due;
   // The timer may have been set for a slower reader.
   timer_.reset();

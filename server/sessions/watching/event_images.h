@@ -27,7 +27,8 @@
 
 namespace evpose::server {
 
-// Without watchers it holds no image, and costs its session one comparison for each slice of events. Thread-safe.
+// Without watchers this object holds no image, and costs its session one comparison for each slice of events.
+// Thread-safe.
 class EventImages : public std::enable_shared_from_this<EventImages> {
  public:
   using Clock = std::chrono::steady_clock;
@@ -42,7 +43,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
               std::shared_ptr<ServerMetrics> metrics);
   ~EventImages();
 
-  // One watcher of the images, until it is destroyed.
+  // A watcher of the images, until it is destroyed.
   class Reader {
    public:
     ~Reader();
@@ -53,7 +54,8 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
     // Returns the newest image; nullopt until one is due. An image that is not taken before the next one is due is
     // joined with it and counts as skipped.
     std::optional<Taken> Take();
-    // RESOURCE_EXHAUSTED (OUT_OF_MEMORY) if events are missing, because there was no memory for joining their images.
+    // Returns RESOURCE_EXHAUSTED (OUT_OF_MEMORY) if events are missing, because there was no memory to join their
+    // images.
     absl::Status status() const;
 
    private:
@@ -78,10 +80,10 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
 
   // The next three functions are for the session. Add() and Finish() are called in its turns.
   bool is_watched() const { return num_readers() > 0; }
-  // Events that have been tracked, which have advanced the sensor's clock from `from_t_us` to `to_t_us`, and the
-  // tracker after them.
+  // Adds events that have been tracked. They have advanced the clock of the sensor from `from_t_us` to `to_t_us`;
+  // `tracker` is in the state after them.
   void Add(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us, const Tracker& tracker);
-  // There are no more events: everything that waits is due.
+  // To be called when no more events follow. All images that wait are then due.
   void Finish();
   // Calls the listeners of the readers, because the session has ended.
   void Notify() { watchers_->Notify(); }
@@ -103,14 +105,15 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   void UpdateCanvases(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Canvas* Find(int cell_px) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Close(const Reader* reader);
-  // Makes images of the canvases that are due, and gives them to their readers.
+  // Makes the images of all canvases that are due, and gives them to their readers.
   void MakeDueImages(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Error: OUT_OF_MEMORY; the canvas then keeps its events. A reader that lacks memory of its own fails alone.
+  // Error: OUT_OF_MEMORY. The canvas then keeps its events. If there is no memory for one reader, only that reader
+  // fails.
   absl::Status TryToMakeImage(Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void MakeImage(Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Give(const std::shared_ptr<EventImage>& image, const Canvas& canvas, Time now, Reader& reader)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Sees to it that what waits becomes an image in time, also without further events.
+  // Sets the timer so that waiting events become an image in time, even if no further events arrive.
   void SetTimer(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void OnTimer();
   std::shared_ptr<const SessionOutlines> Outlines() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

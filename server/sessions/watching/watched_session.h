@@ -34,10 +34,10 @@ class WatchedSession {
   virtual WatchView Watch() const = 0;
   // As PoseLog::Read.
   virtual std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const = 0;
-  // Number of poses by which a live watcher may lag; beyond it, it loses the oldest.
+  // Returns the number of poses by which a live watcher may lag. A watcher that lags by more loses the oldest ones.
   virtual uint64_t max_poses_behind() const = 0;
   virtual SessionHealth health() const = 0;
-  // Images of the events; null: this server does not track them.
+  // Returns the images of the events; null if this server does not track them.
   virtual std::shared_ptr<EventImages> event_images() const { return nullptr; }
   virtual void AddWatcher(std::weak_ptr<SessionListener> watcher) = 0;
 };

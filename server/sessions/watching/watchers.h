@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Notification of the watchers of a session.
+// Notifies the watchers of a session.
 #pragma once
 
 #include <cstddef>
@@ -32,8 +32,8 @@ class Watchers : public std::enable_shared_from_this<Watchers> {
  public:
   // Calls the watchers on the low-priority thread.
   explicit Watchers(WorkerPool& pool) : pool_(pool) {}
-  // For images of events, which take milliseconds: calls the watchers in the turns of their tenant
-  // (WorkerPool::images).
+  // Calls the watchers in the turns of their tenant (WorkerPool::images), for images of events, which take
+  // milliseconds.
   Watchers(WorkerPool& pool, std::string tenant) : pool_(pool), tenant_(std::move(tenant)) {}
   // The lock shows to race detectors that all calls have ended.
   ~Watchers() { const std::lock_guard lock(mutex_); }
@@ -50,7 +50,8 @@ class Watchers : public std::enable_shared_from_this<Watchers> {
   static constexpr size_t kImagesPerTurn = 1;
 
   void RemoveDestroyed() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Posts the next turn of a round. Without memory for it, the round ends, and the next change begins another one.
+  // Posts the next turn of a round. If there is no memory for it, the round ends, and the next change begins another
+  // one.
   void Post() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void CallSome();
   absl::InlinedVector<std::shared_ptr<SessionListener>, kWatchersPerTurn> NextOnes();
