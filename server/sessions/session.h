@@ -139,7 +139,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   // Returns the change if the session has begun or ceased to fall behind its camera.
   std::optional<LagChange> UpdatePace(int64_t sensor_time_us) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
-  // The next two are called without the lock.
+  // The next four functions are called without the lock.
   void NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener);  // may be null
   void CommitLifecycle();                                                         // when it has changed
   void OnCommitProgress();
