@@ -6,7 +6,8 @@
 namespace evpose {
 namespace {
 
-// Margin around the image, relative to its larger side, from which lens distortion may move a point into the image.
+// Margin around the image, relative to its larger side, from which lens distortion may move a point into the image. A
+// larger margin keeps lines that no lens shows, a smaller one cuts lines at the border of the image of a wide lens.
 constexpr double kDistortionMargin = 0.5;
 
 // Restricts the interval to the parameters s with value1 + s (value2 - value1) >= 0.
