@@ -43,7 +43,10 @@ struct InitializerOptions {
   // events reject it within a few milliseconds (core/tracking/README.md), so that more would cost processor time only.
   double max_chance_poses = 0.1;
   TwistPrior twist_prior;
-  double line_error_px = 0.5;  // standard deviation of the position of a detected line at either end of its interval
+  // Pixels: standard deviation of the position of a detected line at either end of its interval, from the rounding of
+  // pixels and the width of an edge. With a smaller value the twist follows the errors of single lines more than the
+  // prior.
+  double line_error_px = 0.5;
 };
 
 // Returns the twist at the middle of the interval that best explains the motion of the matched lines, and its

@@ -35,7 +35,8 @@ struct TemplateSearchOptions {
   int max_coarse = 24;
   int max_fine = 12;
   // Of a nearly round object: candidates that are turned about its axis, in steps of 2 pi / kTemplateTurns, and number
-  // of the poses that are kept of all of them.
+  // of the poses that are kept of all of them. Each of them takes as long as another candidate; with fewer the right
+  // turn may be left out (README, section 4).
   int max_spun = 3;
   int max_spins = 12;
   // Number of returned poses: an object with three near-symmetries looks alike in eight poses.
