@@ -46,9 +46,10 @@ struct HealthOptions {
   // Share of the excess that is expected at the right pose below which the events as a whole do not support a pose,
   // however significant the excess is: uniform clutter is never exactly uniform.
   double min_excess_ratio = 0.2;
-  // Gated events that a test result requires.
+  // Gated events that a test result requires: with fewer, single events decide about a line. More would delay all
+  // results.
   int min_events = 150;
-  // Microseconds that a test covers at least.
+  // Microseconds that a test covers at least, two windows at 1 kHz: the error of a single window does not decide.
   int64_t min_span_us = 2000;
   // Share of the testable length of lines that must be supported. A wrong pose can be fitted to about three lines of
   // clutter (6 unknowns, 2 per line); at the right pose nearly all lines that are not occluded are supported.
@@ -78,7 +79,8 @@ struct HealthOptions {
   // Sectors of the eight of the outline that may lack their events while a pose counts as supported: an occluder that
   // hides a third of the width of a disc hides three of them.
   int max_missing_sectors = 3;
-  // Contradicting test results after which a tentative pose is rejected.
+  // Contradicting test results after which a tentative pose is rejected. A smaller number may reject a right pose whose
+  // depth still converges; a larger one keeps wrong poses for longer.
   int max_contradictions = 3;
   // Pixels. A pose whose projected uncertainty exceeds this is wider than the gate and cannot be distinguished from a
   // wrong one.
