@@ -22,15 +22,17 @@
 namespace evpose {
 namespace {
 
-// Range of the distances of the object, relative to its size.
+// Range of the distances of the object, relative to its size: it has some 200 to 340 px in the image of an EVK4.
 constexpr double kMinDistanceOfSize = 3.0;
 constexpr double kMaxDistanceOfSize = 5.0;
 // Pixels between the object and the border of the image: noisy end points stay inside.
 constexpr double kBorderPx = 5.0;
+// Pixels: shorter visible parts are no segments. A line detector finds shorter ones in any scattered events.
 constexpr double kMinSegmentPx = 12.0;
 constexpr double kSpuriousMargin = 0.2;  // relative to the sides of the bounding box
 // Lower bound of the noise for the determinacy: without noise every pose would be determined.
 constexpr double kMinBoundNoisePx = 0.1;
+// Lines that must be left of a pose: three may allow several poses. The number of draws bounds the time.
 constexpr size_t kMinLinesLeft = 4;
 constexpr int kMaxDraws = 100'000;
 

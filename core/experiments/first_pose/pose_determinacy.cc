@@ -21,8 +21,8 @@ using Eigen::Vector3d;
 constexpr double kSamePointRatio = 1e-3;
 // Two images are equal if the ends of their segments agree within this number of standard deviations.
 constexpr double kSameLookSigmas = 2.0;
-constexpr double kNumSigmas = 3.0;  // the tolerances of a right pose are at least this many standard deviations
-constexpr int kMirrorIterations = 30;
+constexpr double kNumSigmas = 3.0;     // the tolerances of a right pose are at least this many standard deviations
+constexpr int kMirrorIterations = 30;  // bounds the time of the descent to the mirrored pose
 
 struct EndPoints {
   int line = 0;
