@@ -50,12 +50,15 @@ constexpr absl::Duration kCallGrace = absl::Milliseconds(500);
 constexpr uint32_t kMessageOverheadBytes = 64 * 1024;
 
 // Clients send a ping every 20 s, also without calls. The server tolerates pings at half that interval, and itself
-// pings a silent client every 20 s.
+// pings a silent client every 20 s: a connection that a network has dropped is noticed within this time, and before
+// firewalls forget idle connections, which they do after some minutes.
 constexpr int kMinPingIntervalMs = 10'000;
 constexpr int kKeepaliveMs = 20'000;
-// A connection that has not completed TLS and the beginning of HTTP/2 is closed after this time.
+// A connection that has not completed TLS and the beginning of HTTP/2 is closed after this time. A handshake needs a
+// few round trips; connections that only occupy a descriptor end soon.
 constexpr int kHandshakeTimeoutMs = 20'000;
-// A connection without calls is closed after this time; gRPC clients reconnect automatically.
+// A connection without calls is closed after this time, so that idle ones do not use up the limit of connections; gRPC
+// clients reconnect automatically.
 constexpr int kMaxConnectionIdleMs = 300'000;
 
 int NumWorkers(const ServerOptions& options) {
@@ -63,7 +66,8 @@ int NumWorkers(const ServerOptions& options) {
   return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-// Time after which open streams of a caller that is no longer admitted end.
+// Time after which open streams of a caller that is no longer admitted end, at most. Each check compares the version of
+// the list of tokens for every stream.
 constexpr absl::Duration kAccessCheckPeriod = absl::Seconds(1);
 
 // Deletes expired sessions, so that they are deleted also when no client calls.

@@ -86,9 +86,11 @@ struct ServerOptions {
   // A session without a stream is deleted after this time, so that a client that has crashed does not occupy a slot
   // forever. This and the other durations are at most a year, which bounds the arithmetic of time points.
   absl::Duration session_expiry = absl::Minutes(10);
-  // Time for streams to finish after AdminService.Drain, unless the request has a timeout.
+  // Time for streams to finish after AdminService.Drain, unless the request has a timeout. Clients need some round
+  // trips to attach elsewhere; after it the streams are ended.
   absl::Duration drain_timeout = absl::Seconds(10);
-  // Interval of the health checks of the store. While the store does not respond, the server's health is NOT_SERVING.
+  // Interval of the health checks of the store. While the store does not respond, the server's health is NOT_SERVING. A
+  // check costs one small request; a longer interval delays the report of an outage.
   absl::Duration store_check_period = absl::Seconds(1);
   // Whether tenants may watch the events of their sessions (SessionService.WatchEvents).
   bool event_images = true;
@@ -115,7 +117,8 @@ struct ServerOptions {
     // equally while several of them have work.
     std::optional<double> max_cpu;
   } tenant;
-  // Time within which a Track stream must attach, and within which the next message of an upload must arrive.
+  // Time within which a Track stream must attach, and within which the next message of an upload must arrive: longer
+  // than the delays of a slow connection, so that only clients that have stopped lose their place.
   absl::Duration attach_timeout = absl::Seconds(30);
   // A Track stream that sends no message for this time ends, so that its session can expire; zero: never. Clients
   // without events send empty chunks at a third of it. Longer than keepalive pings need to detect a broken connection.
