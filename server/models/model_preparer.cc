@@ -29,7 +29,7 @@
 namespace evpose::server {
 namespace {
 
-// Period in which a waiting thread looks whether its call was cancelled.
+// Period in which a waiting thread checks whether its call was cancelled: short against the seconds of a preparation.
 constexpr int kCancellationPeriodMs = 50;
 constexpr size_t kMaxTransferBytes = 1u << 20;
 
