@@ -45,7 +45,8 @@ class Watchers : public std::enable_shared_from_this<Watchers> {
   size_t size() const;  // includes destroyed watchers until the next round, or until memory would grow
 
  private:
-  // Watchers that are called in one task of the thread. Each may serialize a page of poses, or compress an image.
+  // Watchers that are called in one task of the thread. Each may serialize a page of poses, or compress an image, which
+  // takes milliseconds. With more of them, the watchers of other sessions wait longer for their turn.
   static constexpr size_t kWatchersPerTurn = 16;
   static constexpr size_t kImagesPerTurn = 1;
 
