@@ -4,7 +4,8 @@
 namespace evpose::server {
 namespace {
 
-// Shorter delays are those of a busy server or of a network, and end by themselves.
+// Waiting time of the oldest chunk from which on the session is behind. Shorter delays are those of a busy server or of
+// a network, and end by themselves.
 constexpr std::chrono::seconds kLongestWait{2};
 
 }  // namespace
