@@ -24,7 +24,8 @@ namespace {
 
 constexpr size_t kUploadPieceBytes = size_t{256} * 1024;  // as the chunks of a recording
 constexpr size_t kMaxModelBytes = size_t{64} << 20;       // the default limit of a server
-// Time for which each server is waited for in turn.
+// Time for which each server is waited for in turn. If the first server of the list cannot be reached, a longer time
+// delays the use of the next one.
 constexpr absl::Duration kConnectSlice = absl::Milliseconds(100);
 // ServerInfo::store of a server that loses its sessions when it ends.
 constexpr char kMemoryStore[] = "memory";
@@ -33,7 +34,7 @@ std::chrono::system_clock::time_point DeadlineIn(absl::Duration duration) {
   return absl::ToChronoTime(absl::Now() + duration);
 }
 
-// Time after which the client checks whether TLS prevents the connection.
+// Time after which the client checks whether TLS prevents the connection: a handshake that succeeds takes less.
 constexpr absl::Duration kFirstWait = absl::Seconds(1);
 
 }  // namespace

@@ -12,7 +12,8 @@
 namespace evpose::client {
 namespace {
 
-// Attempts after which a damaged chunk is regarded as damaged at its source, not by the link.
+// Attempts after which a damaged chunk is regarded as damaged at its source, not by the link, which hardly damages the
+// same chunk each time.
 constexpr size_t kMaxDamagedTries = 5;
 // More attaches than a store with a stale replica loses.
 constexpr size_t kMaxOlderTokens = 8;

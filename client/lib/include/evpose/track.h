@@ -84,12 +84,13 @@ struct TrackCallbacks {
 
 // When a broken stream is tried again.
 struct RetryOptions {
-  // The longest outage that is tolerated, also by a server that grants no credit. Zero: a broken stream is not tried
-  // again, and credit is waited for without a limit; infinite: unlimited.
+  // The longest outage that is tolerated, also by a server that grants no credit. The default covers the restart of a
+  // server or of its machine. Zero: a broken stream is not tried again, and credit is waited for without a limit;
+  // infinite: unlimited.
   absl::Duration max_outage = absl::Minutes(2);
   absl::Duration first_delay = absl::Milliseconds(100);  // doubled after each failed attempt
-  absl::Duration max_delay = absl::Seconds(5);
-  std::function<double()> random;  // in [0, 1), for the jitter; empty: the machine's generator
+  absl::Duration max_delay = absl::Seconds(5);           // so that a server that has returned is used soon
+  std::function<double()> random;                        // in [0, 1), for the jitter; empty: the machine's generator
 
   // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
