@@ -7,7 +7,8 @@
 namespace evpose::client {
 namespace {
 
-// At the start of an outage every attempt is described; during a long outage, fewer lines are printed.
+// Time at the start of an outage in which every attempt is described; later, one line is printed in each kLaterEvery,
+// so that a log of a long outage stays short.
 constexpr absl::Duration kOftenAtFirst = absl::Seconds(15);
 constexpr absl::Duration kLaterEvery = absl::Seconds(60);
 
