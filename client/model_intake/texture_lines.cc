@@ -24,6 +24,7 @@ constexpr int kMarginPx = 2;
 constexpr int kMaxRepetitions = 64;
 // Segments that are compared with triangles: bounds time and memory.
 constexpr size_t kMaxComparisons = 5'000'000;
+// Side of the cells in which segments are looked up, pixels: about the length of a segment.
 constexpr int kCellPx = 32;
 
 // A triangle in the pixels of its image, moved by whole images so that a part of it lies in the image.
