@@ -156,7 +156,7 @@ TEST_F(LiveViewTest, ShowsASessionFromTheList) {
   EXPECT_EQ(messages["image"].header["width"], kTestSensor.width_px / 2);
   EXPECT_EQ(messages["image"].header["outlines"][0]["object"], "cube");
   EXPECT_GT(messages["image"].header["outlines"][0]["segments"], 6);
-  // Other cells.
+  // Images with larger cells follow.
   ASSERT_TRUE(view_->Handle(ImageSettings{10.0, 4, 60.0}).ok());
   while (reader_.ReadUntil("image").header["cell_px"] != 4) {
   }

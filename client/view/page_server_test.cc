@@ -167,7 +167,7 @@ TEST_F(PageServerTest, AStalledPageHoldsUpNoOtherAndIsClosed) {
   Serve();
   const auto stalled = OpenPage();
   const auto other = OpenPage();
-  // More than the buffers of the sockets take.
+  // More bytes than the buffers of the sockets hold.
   auto frames = std::make_shared<PageOutbox::Prepared>();
   for (int i = 0; i < 64; ++i) frames->push_back({std::string(1 << 20, ' ')});
   source_.WaitForPage(0)->Add(frames);
@@ -195,7 +195,7 @@ TEST_F(PageServerTest, TheNinthPageIsRefusedUntilAnotherLeaves) {
   EXPECT_THAT(refused.header["reason"].get<std::string>(), HasSubstr("8 pages are open"));
   pages.front()->Disconnect();
   source_.WaitForViews(PageServer::kMaxPages - 1);
-  // The place is free a moment after the view has ended.
+  // The place of the page becomes free shortly after the view has ended.
   while (true) {
     const ReceivedMessage answer = OpenPage()->Read();
     if (answer.type() == "hello") break;
@@ -257,7 +257,7 @@ TEST_F(PageServerTest, APageThatComesBeforeTheSourceWaitsForIt) {
   boost::system::error_code error;
   boost::asio::read_until(socket, boost::asio::dynamic_buffer(answer), "run();", error);
   EXPECT_FALSE(error) << error.message() << ": " << answer;
-  // Nothing was served.
+  // A server without a call of Serve() ends, too.
   EXPECT_TRUE(PageServer::Listen({}, kFiles).ok());
 }
 

@@ -88,7 +88,8 @@ TEST_P(RecordedEventsTest, EachWindowHasExactlyItsEvents) {
   WriteRecording(path, written);
   auto reader = OpenRecording(path, {.geometry = kTestSensor});
   ASSERT_TRUE(reader.ok()) << reader.status();
-  // The file is read in 64 KiB; a position is kept at each piece, and half of them are removed several times.
+  // The file is read in pieces of 64 KiB. A position is stored at each piece, and half of the positions are removed
+  // several times.
   auto events = RecordedEvents::Open(path, std::move(*reader), {.spacing_bytes = 1, .max_positions = 4});
   ASSERT_TRUE(events.ok()) << events.status();
   WaitUntilComplete(**events);

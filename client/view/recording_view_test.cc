@@ -278,7 +278,7 @@ TEST_F(RecordingViewTest, RequestsForASessionAreRefused) {
   EXPECT_EQ(view_->Handle(OpenRequest{"sessions/1"}).code(), absl::StatusCode::kInvalidArgument);
 }
 
-// The rest of the recording arrives when it is released.
+// A recording that continues only after the promise `gate` is fulfilled.
 class GatedReader : public RecordingReader {
  public:
   GatedReader(std::vector<uint8_t> bytes, std::shared_ptr<std::promise<void>> gate)

@@ -205,7 +205,7 @@ export class App implements Receiver {
     this.undrawn = [];
     this.sendSettings();
     if (hello.mode !== "live") return;
-    // After a lost connection, the session that was shown, which may be another one than that of the gateway.
+    // After a lost connection the page opens the session that it has shown, which may differ from that of the gateway.
     if (this.session === "") this.session = hello.session;
     else if (this.session !== hello.session) this.connection.send({ type: "open", session: this.session });
     if (this.session === "") this.showSessions();
@@ -214,7 +214,7 @@ export class App implements Receiver {
   private onEnd(reason: string): void {
     this.store.ended = reason;
     if (this.store.scene) return;
-    // Nothing was shown yet. A session's end comes with a notice that has the reason.
+    // Nothing has been shown yet. For a session, a notice with the reason has been received as well.
     if (this.store.isRecording) this.notice("error", reason);
     else this.showSessions();
   }

@@ -2,7 +2,7 @@
 // Event images with the age of each cell: live images contain the events since the previous image, and are accumulated here.
 
 export interface CellColours {
-  /** 0xAABBGGRR (the byte order of ImageData on little-endian machines), of a cell without events. */
+  /** The colour of a cell without events, 0xAABBGGRR (the byte order of ImageData on little-endian machines). */
   background: number;
   on: number;
   off: number;
@@ -49,7 +49,7 @@ export class CellAccumulator {
     this.times.fill(NEVER);
   }
 
-  /** Adds an image whose packed cells have two bits each. `replaces`: older events are removed. */
+  /** Adds an image of packed cells with two bits each. If `replaces` is true, older events are removed. */
   add(packed: Uint8Array, width: number, height: number, toUs: number, replaces: boolean): void {
     const count = width * height;
     if (width !== this.width || height !== this.height) {

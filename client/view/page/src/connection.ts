@@ -13,7 +13,7 @@ export interface Receiver {
   onError(text: string): void;
 }
 
-/** The close codes of a page that is refused (wrong key, wrong message), and of one beyond the number that may be open. */
+/** The close codes of the gateway for a wrong key or message, and for a page when too many are open. */
 const POLICY_VIOLATION = 1008;
 const TRY_AGAIN_LATER = 1013;
 const FIRST_RETRY_MS = 300;

@@ -7,7 +7,7 @@ import { KIND_CONTOUR, KIND_PAINTED, packedCells, type EventImage, type Outline 
 import { knownState, type Store } from "./store";
 
 const MAX_ZOOM = 16;
-/** Segments whose ends are this near to each other are drawn as one line, so that dashes run on, px. */
+/** Pixels: two segments with ends at most this far apart are drawn as one line, so that its dashes continue. */
 const JOIN_PX = 0.75;
 
 export class EventsView {
@@ -217,7 +217,7 @@ interface Placement {
   y: number;
 }
 
-/** Makes the wanted segments of an outline the path of the context. */
+/** Sets the path of the context to the segments of an outline whose kind is wanted. */
 function tracePath(
   context: CanvasRenderingContext2D, { segments, kinds }: Outline, { scale, x, y }: Placement, isWanted: (kind: number) => boolean,
 ): void {

@@ -9,7 +9,7 @@ export type Column = (number | null)[];
 
 /** The rows `from` to `to` of a series, at most about `limit` of them; -1 marks a gap before the row that follows. */
 export function selectRows(series: Series, from: number, to: number, limit: number, gapUs: number): number[] {
-  // A stride of rows that are counted from the first one ever: the selection does not flicker while the window moves on.
+  // Every stride-th row, counted from the first row ever added, so that the selection does not flicker as the window moves.
   const stride = Math.max(1, Math.ceil((to - from) / limit));
   const rows: number[] = [];
   let previousUs = NaN;

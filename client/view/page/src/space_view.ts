@@ -67,7 +67,7 @@ export class SpaceView {
 
   private start(): boolean {
     const message = byId("space-message", HTMLElement);
-    // three.js reports to the console before it throws; a trial of one's own keeps the console clean.
+    // three.js writes to the console before it throws. To keep the console clean, WebGL is tried without it first.
     const trial = document.createElement("canvas").getContext("webgl2");
     try {
       if (!trial) throw new Error("no WebGL 2");

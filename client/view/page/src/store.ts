@@ -64,7 +64,7 @@ export class StateLog {
     if (at === index) this.changes.splice(index, 1);
     const [before, next] = [this.changes[at - 1], this.changes[at]];
     if (before?.state === state) {
-      // The change that was replaced had been between two parts of the same state.
+      // Without the replaced change, the spans before and after it have the same state and are joined.
       if (next?.state === state) this.changes.splice(at, 1);
     } else if (next?.state === state) {
       next.t_us = t_us;

@@ -29,7 +29,7 @@ export class Theme {
 
   toggle(): void {
     const chosen = this.isDark ? "light" : "dark";
-    // A choice that is that of the system follows the system from then on.
+    // If the choice equals the theme of the system, the page follows the system from then on.
     if ((chosen === "dark") === this.system.matches) localStorage.removeItem(STORAGE_KEY);
     else localStorage.setItem(STORAGE_KEY, chosen);
     this.changed();

@@ -7,7 +7,7 @@ import type { Store } from "./store";
 
 const SPEEDS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
 const SCRUBBER_STEPS = 100000;
-/** A seek without an image in answer is given up after this. */
+/** Time after which a seek that no image has answered is given up. */
 const SEEK_TIMEOUT_MS = 1000;
 
 export class Transport {
@@ -15,7 +15,7 @@ export class Transport {
   private readonly speedSelect = byId("speed-select", HTMLSelectElement);
   private readonly playButton = byId("play-button", HTMLButtonElement);
   private speed = 1;
-  /** The instant that was asked for last; null if its image has come. */
+  /** The instant of the latest request; null once its image has arrived. */
   private awaitedUs: number | null = null;
   private nextUs: number | null = null;
   private timer = 0;
@@ -53,7 +53,7 @@ export class Transport {
     return range ? Math.round(range.from_us + (Number(this.scrubber.value) / SCRUBBER_STEPS) * (range.to_us - range.from_us)) : 0;
   }
 
-  /** Asks for the picture of an instant; while one is awaited, only the newest further request is kept. */
+  /** Requests the picture of an instant. While one is awaited, only the newest further request is kept. */
   seek(t_us: number): void {
     const range = this.store.recordedRange;
     if (!range) return;
@@ -69,7 +69,7 @@ export class Transport {
     }, SEEK_TIMEOUT_MS);
   }
 
-  /** An image has been drawn (or is given up): the next request may be sent. */
+  /** Sends the request that waits, because an image has been drawn or was given up. */
   imageShown(): void {
     if (this.awaitedUs === null) return;
     clearTimeout(this.timer);
