@@ -43,7 +43,7 @@ class BundleTest : public ::testing::Test {
     ASSERT_TRUE(written.ok()) << written;
   }
 
-  // The status of the bundle after a change of its files; the sums are made to fit.
+  // Returns the status of reading the bundle after `change` to its files; the sums are computed again.
   absl::Status AfterChange(const std::function<void(std::map<std::string, std::string>&)>& change) {
     EXPECT_TRUE(WriteBundle(path_, Example()).ok());
     auto files = ReadTar(path_, 1 << 20);

@@ -51,7 +51,7 @@ TEST(ServerChecksTest, ModelLargerThanTheLimit) {
   EXPECT_EQ(finding.limit, 100.0);
 }
 
-// 1 MB in 0.1 s beside the round trip: 10 MB/s.
+// 1 MB in 0.1 s, not counting the round trip: 10 MB/s.
 TEST(ServerChecksTest, LinkBesideTheEventsOfTheRecording) {
   const LinkProbe probe = {1'000'000, absl::Milliseconds(110), absl::Milliseconds(10)};
   EXPECT_NEAR(*CheckLink(probe, std::nullopt, kOptions).value, 80.0, 1e-9);
@@ -63,7 +63,7 @@ TEST(ServerChecksTest, LinkBesideTheEventsOfTheRecording) {
   EXPECT_NEAR(*slow.value, 1.1, 1e-9);
   EXPECT_THAT(slow.text, HasSubstr("the recording has 88 Mbit/s"));
   EXPECT_THAT(slow.remedy, HasSubstr("faster network"));
-  // A round trip that is nearly all of the time cannot make the rate more than ten times as large.
+  // Even a round trip of nearly the whole duration raises the rate by at most a factor of ten.
   const LinkProbe short_probe = {1000, absl::Milliseconds(10), absl::Milliseconds(10)};
   EXPECT_NEAR(*CheckLink(short_probe, std::nullopt, kOptions).value, 8.0, 1e-9);
   const LinkProbe ended = {1000, absl::Seconds(5), absl::ZeroDuration(), /*is_complete=*/false};

@@ -26,7 +26,7 @@ class TarFileTest : public ::testing::Test {
     std::filesystem::remove(path_);
   }
 
-  // An archive of two files, and its bytes.
+  // Writes an archive of two files, and returns its bytes.
   std::string Write() {
     auto writer = TarWriter::Create(path_);
     EXPECT_TRUE(writer.ok()) << writer.status();
@@ -36,7 +36,7 @@ class TarFileTest : public ::testing::Test {
     return *ReadFile(path_, kNoLimit);
   }
 
-  // The error of an archive of these bytes.
+  // Returns the error of an archive with these bytes.
   std::string Error(const std::string& bytes) {
     EXPECT_TRUE(WriteFile(path_, bytes).ok());
     const auto files = ReadTar(path_, kNoLimit);
