@@ -127,14 +127,16 @@ class LiveTest : public testing::Test {
     stream_ = session_->Attach("first", 0, listener_).value().stream;
   }
 
-  // Streams the milliseconds up to `end_ms`, each when the clock reaches its end; tracking passes time, too.
+  // Streams the events up to `end_ms`, each millisecond when the clock reaches its end. Tracking advances the clock,
+  // too.
   void StreamUntil(int64_t end_ms) {
     end_ms_ = end_ms;
     load_.pass_time = [this](int64_t until_us) { PassTime(until_us); };
     while (true) {
       WaitUntilIdle();
       if (next_ms_ >= end_ms_) return;
-      // On the pool's one thread, where tracking passes time, too: never both at once.
+      // The clock is advanced on the only thread of the pool, on which tracking advances it, too, so that both never
+      // run at the same time.
       std::binary_semaphore has_passed(0);
       pool_.AddSession("")->Post(
           [&] {
@@ -380,7 +382,8 @@ TEST_F(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
       ASSERT_TRUE(sessions_[i]->PushEvents(stream, {.seq = seq, .payload = slice}).ok());
     }
   }
-  // A chunk of the camera arrives in every 7th slice after those in which the replays showed that they are replays.
+  // After the slices in which the replays have shown that they are replays, a chunk of the camera arrives in every 7th
+  // slice.
   constexpr size_t kBegin = 100;
   const uint64_t camera = AddSession(kBusy);
   uint64_t camera_seq = 0;

@@ -78,13 +78,13 @@ TEST_F(SessionManagerTest, MakesFindsListsAndDeletes) {
 }
 
 TEST_F(SessionManagerTest, RefusesObjectsThatDoNotDetermineAPose) {
-  // Two lines, three pieces of two, parallel lines, and pieces that merging makes one line.
+  // Models with two lines only; with two lines of which one consists of two pieces; with parallel lines.
   for (const char* obj :
        {"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 1 3\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nl 1 2\nl 1 3\nl 2 4\n",
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0 0 1\nv 1 0 1\nl 1 2\nl 3 4\nl 5 6\n"}) {
     SessionConfig config = SomeConfig({"good", "bad"}, model_);
     config.objects[1].model = models_->Upload("", {}, "", Bytes(obj)).value().name;
-    // Also with a first pose: tracking would start, but drift.
+    // They are refused also with a first pose: tracking would start, but the pose would drift.
     for (const bool has_pose : {true, false}) {
       if (!has_pose) config.objects[1].initial_camera_from_object.reset();
       const absl::Status status = sessions_->Create("", config, "").status();

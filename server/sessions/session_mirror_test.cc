@@ -55,7 +55,7 @@ class OtherServer {
     const std::lock_guard lock(mutex_);
     error_ = error;
   }
-  // Like the store, returns whole segments of ten poses: some are repeated.
+  // Returns whole segments of ten poses, as the store does, so that some poses are repeated.
   absl::StatusOr<SessionFactory::Stored> Read(uint64_t after_pose_seq) {
     const std::lock_guard lock(mutex_);
     ++num_reads_;

@@ -360,7 +360,7 @@ TEST_F(SessionRestoreTest, SessionsOfOtherServersAreDescribedWithoutTakingThem) 
   EXPECT_TRUE(session->Watch().status.ok());
   // The same request at another server is for the same session, which moves there.
   EXPECT_EQ(Create(two, "request")->name(), session->name());
-  // A session can be deleted without being taken.
+  // A server can delete a session that another server holds.
   EXPECT_TRUE(one->Delete(kTenant, elsewhere->name()).ok());
   EXPECT_EQ(ReasonOf(one->Describe(kTenant, elsewhere->name()).status()), "SESSION_NOT_FOUND");
   Kill(one);

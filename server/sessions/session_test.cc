@@ -48,7 +48,8 @@ class SessionTest : public testing::Test {
   void WaitUntilIdle(uint64_t stream) {
     listener_->WaitUntil([&] { return session_->View(stream).is_idle; });
   }
-  // Returns when all work posted before is done: the pool has one thread, and what was received first comes first.
+  // Returns when all work that was posted before is done: the pool has one thread, which processes the oldest work
+  // first.
   void PassThroughPool() {
     std::binary_semaphore done(0);
     pool_.AddSession("")->Post([&done] { done.release(); }, std::chrono::steady_clock::now());

@@ -137,8 +137,8 @@ TEST_F(WatchEventsTest, AServerThatDrainsAcceptsNoWatcherAndEndsThoseThatItHas) 
   EXPECT_EQ(watcher->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
 }
 
-// A reader that reads nothing holds up neither the session nor another reader, and receives the events of the images
-// that it has missed.
+// A reader that reads nothing delays neither the session nor another reader, and receives the events of the images that
+// it has missed.
 TEST_F(WatchEventsTest, ASlowReaderCostsOnlyItsOwnImages) {
   const CreatedSession session = CreateSession();
   grpc::ClientContext slow_context, quick_context;

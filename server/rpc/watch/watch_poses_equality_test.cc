@@ -13,7 +13,7 @@ namespace {
 
 using Kind = v1::TrackResponse;
 
-// With the tracker of the product.
+// Uses the tracker of the product.
 class RealWatchEventsTest : public WatchEventsTest {
  protected:
   RealWatchEventsTest() {

@@ -167,7 +167,7 @@ TEST_F(WatchTest, TheMessagesWithHealthOfATenantAreLimited) {
   for (size_t i = 0; i < watchers.size(); ++i) {
     int num_more = 0;
     while (watchers[i]->Read(&health)) ++num_more;
-    // The period of a watcher depends on those that were there before.
+    // The period of a watcher depends on the watchers that existed before it.
     if (i >= 10) {
       EXPECT_EQ(num_more, 0) << i;
     }
