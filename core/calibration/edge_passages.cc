@@ -184,7 +184,9 @@ bool Collector::IsAlone(const Eigen::Vector2d& foot_px, const ImageLine& other, 
 
 // The largest gate at which half of the line is alone; the smallest one if there is none.
 double Collector::GateOf(size_t line) const {
-  constexpr int kParts = 8;  // places along the line at which its distance from the other lines is measured
+  // Places along the line at which its distance from the other lines is measured: a line that crosses it is near to one
+  // of them.
+  constexpr int kParts = 8;
   for (double gate_px = options_.gate_px; kGatesAlone * gate_px > kAlonePx; gate_px -= 0.5) {
     int alone = 0;
     for (int part = 0; part < kParts; ++part) {

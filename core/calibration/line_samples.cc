@@ -13,7 +13,8 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kMinPieces = 6.0, kMinPiecesIfSparse = 3.0;  // number of pieces of a line
+// Number of pieces of a line, at least: fewer, longer ones hide the bend of the line by the lens.
+constexpr double kMinPieces = 6.0, kMinPiecesIfSparse = 3.0;
 constexpr int kCellPx = 8;           // side of the cells in which the pieces near an event are looked up
 constexpr size_t kMaxPieces = 2000;  // bounds the work of a model with many lines
 constexpr double kStepS = 1e-5;      // step of the difference quotient of velocities: far below a pixel

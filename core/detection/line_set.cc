@@ -27,7 +27,7 @@ constexpr double kStripeEndPx = 10.0;
 constexpr double kStripeParallelPx = 1.2;
 // A merged line must have at least this share of the events of its two pieces.
 constexpr double kMergedEventsRatio = 0.8;
-// Corners may shorten a line to this share of min_length_px.
+// Corners may shorten a line to this share of min_length_px: its events were those of a line that is long enough.
 constexpr double kShortenedRatio = 0.8;
 constexpr double kMinSegmentPx = 1.0;  // a shorter segment has no direction
 

@@ -35,7 +35,9 @@ class FlickerSpectrum {
   Result Measure(const DiagnosisOptions& options) const;
 
  private:
-  static constexpr int kSide = 8;  // parts of the image along each side
+  // Parts of the image along each side. More parts have fewer events each; with fewer, lamps and moving objects share a
+  // part.
+  static constexpr int kSide = 8;
   static constexpr int kParts = kSide * kSide;
   static constexpr int64_t kBin_us = 500;  // spectrum up to 1 kHz
   static constexpr int kBins = 512;        // of a segment: 3.9 Hz

@@ -35,6 +35,7 @@ class PixelCounts {
     uint64_t pixels = 0;
   };
   // Median of the events of the pixels at the rim of an area, from which on the area is dead and not merely at rest.
+  // With fewer, an area without events may be one through which no edge has moved yet.
   static constexpr uint32_t kMinRimEvents = 16;
   // Share of the pixels with kMinRimEvents or more.
   double BusyShare() const;

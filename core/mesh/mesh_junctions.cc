@@ -37,7 +37,7 @@ constexpr size_t kNodesPerLateTriangle = 20;
 // be large: the boxes of thin triangles around one axis contain the ends of all the others.
 constexpr size_t kNodesPerJunctionTest = 4;
 constexpr uint32_t kNoVertex = ~0u;
-// Height, relative to the tolerance, of a triangle that may remain at the end.
+// Height, relative to the tolerance, of a triangle that may remain at the end: a flatter one has no usable normal.
 constexpr double kMinHeightOfRest = 1e-3;
 
 // A vertex on an edge, at a share of the way from its lower to its higher end. Of equal shares, the lower rank is

@@ -22,7 +22,8 @@ namespace evpose {
 namespace {
 
 constexpr int64_t kStartStepUs = 1000;  // microseconds of events per call
-// Motion of a point of the object in the image that a first pose requires.
+// Pixels: motion of a point of the object in the image that a first pose requires. The times to a first pose count from
+// there, because before it the edges have hardly any events.
 constexpr double kMovedPx = 2.0;
 
 SearchTrial RunSearch(const FirstPoseRun& run, const TrackerOptions& options, int64_t t_us, TemplateSearch& search) {

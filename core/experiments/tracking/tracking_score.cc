@@ -20,7 +20,7 @@ constexpr double kFullRateHz = 1000.0;
 constexpr double kRateTolerance = 0.02;
 // Time that the first pose may take, which is ignored.
 constexpr int64_t kStartUs = 50'000;
-// Share of the length of the lines that is in the image of an object in view.
+// Share of the length of the lines that is in the image of an object in view: with less, a pose is hardly determined.
 constexpr double kInViewRatio = 0.25;
 
 bool IsInView(const ObjectModel& model, const CameraModel& camera, const RigidTransform& camera_from_object) {

@@ -8,7 +8,8 @@
 namespace evpose {
 namespace {
 
-// Distance of a curve from its chord, at the middle and at a quarter, up to which it is drawn as one segment.
+// Pixels: distance of a curve from its chord, at the middle and at a quarter, up to which it is drawn as one segment. A
+// person does not see it, and more segments take more bytes.
 constexpr double kMaxBendPx = 0.1;
 // Halvings of a line or arc: 64 parts at most. What remains of one that is partly hidden ends within 1/64 of its
 // length.
