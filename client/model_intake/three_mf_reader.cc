@@ -20,7 +20,7 @@ namespace {
 
 // Uncompressed; as kMaxFileBytes of scene_reader.cc, and for the same reason.
 constexpr size_t kMaxModelBytes = size_t{512} << 20;
-// Components within components.
+// Components within components; assemblies have a few levels. It bounds the recursion.
 constexpr int kMaxDepth = 16;
 // Of components: nested ones multiply, so that a small file could have billions.
 constexpr size_t kMaxPlacements = 100'000;

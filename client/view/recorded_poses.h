@@ -21,9 +21,10 @@ class RecordedPoses {
   // Longest time between two poses, microseconds, for which poses are interpolated. In a longer gap the object was
   // lost.
   static constexpr int64_t kMaxGapUs = 50'000;
-  // Largest number of poses that are sent to a page. Of a longer recording every second, fourth, ... pose is sent.
+  // Largest number of poses that are sent to a page. Of a longer recording every second, fourth, ... pose is sent. A
+  // plot of a screen's width shows no more, and all of them take some megabytes in the browser.
   static constexpr size_t kMaxSent = 20'000;
-  // Largest number of state changes that are sent to a page. Later ones are left out.
+  // Largest number of state changes that are sent to a page, which lists them. Later ones are left out.
   static constexpr size_t kMaxStates = 4096;
 
   // Error: INVALID_ARGUMENT if the time of the pose is not later than that of the pose before.

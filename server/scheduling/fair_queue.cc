@@ -19,7 +19,8 @@ constexpr std::chrono::milliseconds kMostEarned{500};
 // Processor time by which a tenant or session may be behind the others after it was idle. It must be longer than
 // kLeadS, so that a tenant that uses less than its share comes before one that uses more.
 constexpr double kCreditS = 0.1;
-// Processor time by which a tenant may be ahead of the others and its sessions still keep their priority.
+// Processor time, seconds, by which a tenant may be ahead of the others and its sessions still keep their priority.
+// With less, the ordinary variation of the turns would cost cameras their priority.
 constexpr double kLeadS = 0.05;
 // Time constant of CpuMeter::Rate(), seconds.
 constexpr double kMeanS = 1.0;

@@ -23,7 +23,7 @@ struct SessionLimits {
 };
 
 // Number of poses by which a stream's reader may lag before the session waits for it (kBlock) or drops events
-// (kLatest).
+// (kLatest): a second of poses at 1 kHz. A larger number would hide a slow client for longer and take more memory.
 inline constexpr uint64_t kMaxUnsentPoses = 1024;
 // Number of poses by which a live watcher may lag. A watcher that lags by more continues with the newest pose.
 inline constexpr uint64_t kMaxLivePosesBehind = 1024;

@@ -9,13 +9,15 @@
 
 namespace evpose::server {
 
-// A checkpoint is due after this processing time or this number of poses, whichever comes first...
+// A checkpoint is due after this processing time, microseconds, or this number of poses, whichever comes first, so that
+// a crash loses at most as much work...
 inline constexpr int64_t kCheckpointWorkUs = 100'000;
 inline constexpr uint64_t kCheckpointPoses = 1000;
 // ...but not before the processing time has reached this multiple of the cost of the last checkpoint, so that
 // checkpoints take at most a twentieth of the time.
 inline constexpr int64_t kCheckpointCostFactor = 20;
-// Number of poses that may wait for the store before the session does.
+// Number of poses that may wait for the store before the session does: four seconds of poses at 1 kHz, which covers a
+// short outage of the store.
 inline constexpr uint64_t kMaxUncommittedPoses = 4096;
 // Largest number of poses beyond the last persisted one that are sent to a stream, however many poses one item
 // produces. It bounds the poses that a client may have seen when it attaches again after a crash.
