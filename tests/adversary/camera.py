@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tenant with a live camera: tracks a simulated cube at the camera's pace and collects poses and latencies.
 
-It runs as a process of its own (`Camera`), so that it does not share the interpreter's lock with an adversary.
+It runs as a process of its own (`Camera`) with the C++ client, so that it does not compete with an adversary for the interpreter.
 """
 
 import dataclasses
@@ -9,17 +9,17 @@ import hashlib
 import json
 import os
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 
 import numpy
 import yaml
 
 import server
-from api import EVT3, Api
+from api import EVT3
 
 DURATION_S = 2
 # Latencies below this one are mostly those of the machine's scheduler, and no reference for a ratio.
@@ -72,7 +72,8 @@ def camera_model():
 
 @dataclasses.dataclass
 class Run:
-    """One recording, tracked. `digest` is that of all poses without their latency."""
+    """One recording, tracked. `digest` is that of the file of all poses, and the latencies are those from the receipt of a chunk to its
+    poses."""
 
     digest: str
     num_poses: int
@@ -88,31 +89,19 @@ def create(api):
     return api("CreateSession", config={"encoding": EVT3, "camera": camera_model(), "objects": objects})
 
 
-def track(api, events):
-    """Creates a session, sends each chunk at its time, and deletes the session."""
-    created = create(api)
-    stream, _ = api.attach(created)
-    start = time.monotonic()
-
-    def send():
-        for seq, (t_us, payload) in enumerate(events, 1):
-            time.sleep(max(0.0, start + t_us / 1e6 - time.monotonic()))  # the camera's pace
-            stream.send(events={"seq": seq, "payload": payload})
-        stream.send(end={})
-
-    sender = threading.Thread(target=send, daemon=True)
-    sender.start()
-    digest = hashlib.sha256()
-    latencies_us = []
-    while (message := stream.read("pose", "summary")).HasField("pose"):
-        latencies_us.append(message.pose.latency.seconds * 1e6 + message.pose.latency.nanos / 1e3)
-        message.pose.ClearField("latency")
-        digest.update(message.pose.SerializeToString(deterministic=True))
-    sender.join()
-    duration_s = time.monotonic() - start
-    api("DeleteSession", name=created.session.name)
-    p50_us, p99_us = numpy.percentile(latencies_us, [50, 99])
-    return Run(digest.hexdigest(), len(latencies_us), p50_us, p99_us, duration_s)
+def track(address, tenant):
+    """Replays the recording at the camera's pace."""
+    files = recording()
+    poses = files.parent / f"poses_{os.getpid()}.csv"
+    pose = initial_pose()
+    numbers = [*pose["translation_m"].values(), *pose["rotation"].values()]
+    environment = {**os.environ, "EVPOSE_TOKEN": server.token(tenant)} if tenant else None
+    command = [server.EVPOSE, "replay", files / "recording.raw", "--model", files / "model.obj", "--camera", files / "camera.yaml",
+               "--init-pose", " ".join(map(str, numbers)), "--server", address, "--rate", "1", "--json", "--out", poses]
+    report = json.loads(subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True).stdout)
+    digest = hashlib.sha256(poses.read_bytes()).hexdigest()
+    poses.unlink()
+    return Run(digest, report["poses"], 1e3 * report["latency_p50_ms"], 1e3 * report["latency_p99_ms"], report["wall_time_s"])
 
 
 class Camera:
@@ -131,25 +120,24 @@ class Camera:
 
 
 def assert_undisturbed(test, alone, beside, p50_ratio, p99_ratio):
-    """Checks runs beside an adversary against one without: same poses to the bit, and latencies of a bounded ratio."""
+    """Checks runs beside an adversary against one without: the same poses to the bit in every run, and latencies of a bounded ratio in
+    the median run, because a pause of the machine disturbs single runs."""
     for run in beside:
         test.assertGreater(run.num_poses, 250 * DURATION_S)
         test.assertEqual((run.num_poses, run.digest), (alone.num_poses, alone.digest))
-        test.assertLessEqual(run.p50_us, p50_ratio * max(alone.p50_us, LATENCY_FLOOR_US / 10), (alone, run))
-        test.assertLessEqual(run.p99_us, p99_ratio * max(alone.p99_us, LATENCY_FLOOR_US), (alone, run))
         test.assertLess(run.duration_s, 2 * alone.duration_s, "the session fell behind its camera")
+    p50_us, p99_us = (statistics.median_high(latencies) for latencies in zip(*((run.p50_us, run.p99_us) for run in beside)))
+    test.assertLessEqual(p50_us, p50_ratio * max(alone.p50_us, LATENCY_FLOOR_US / 10), (alone, beside))
+    test.assertLessEqual(p99_us, p99_ratio * max(alone.p99_us, LATENCY_FLOOR_US), (alone, beside))
 
 
 def main():
     address, tenant, seconds = sys.argv[1:]
-    api = Api(address, tenant)
-    events = chunks()
     end = time.monotonic() + float(seconds)
     while True:
-        print(json.dumps(dataclasses.asdict(track(api, events))), flush=True)
+        print(json.dumps(dataclasses.asdict(track(address, tenant))), flush=True)
         if time.monotonic() >= end:
             break
-    api.close()
 
 
 if __name__ == "__main__":
