@@ -294,8 +294,13 @@ std::string PositionText(int64_t t_us, bool is_playing, double speed) {
   return Dump({{"type", "position"}, {"t_us", t_us}, {"playing", is_playing}, {"speed", speed}});
 }
 
-std::string RangeText(const TimeRange& range, bool is_complete) {
-  return Dump({{"type", "range"}, {"from_us", range.from_us}, {"to_us", range.to_us}, {"complete", is_complete}});
+std::string RangeText(const TimeRange& range, bool is_complete, const EventCounts& counts) {
+  return Dump(
+      {{"type", "range"},
+       {"from_us", range.from_us},
+       {"to_us", range.to_us},
+       {"complete", is_complete},
+       {"events", {{"from_us", counts.from_us()}, {"step_us", counts.step_us()}, {"counts", counts.counts()}}}});
 }
 
 std::string NoticeText(NoticeLevel level, const std::string& text) {

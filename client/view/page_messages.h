@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "core/events/event_counts.h"
 #include "evpose/types.h"
 
 namespace evpose::client {
@@ -92,7 +93,7 @@ std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses
 std::string StateText(const std::string& object_id, int64_t t_us, TrackState state, const std::string& reason);
 std::string HealthText(const SessionHealth& health, const LinkCounts& link);
 std::string PositionText(int64_t t_us, bool is_playing, double speed);
-std::string RangeText(const TimeRange& range, bool is_complete);
+std::string RangeText(const TimeRange& range, bool is_complete, const EventCounts& counts);
 std::string NoticeText(NoticeLevel level, const std::string& text);
 std::string EndText(const std::string& reason);
 

@@ -136,6 +136,7 @@ void RecordedEvents::Publish(uint64_t read_bytes, const DecodedEvents& decoded) 
   {
     const std::lock_guard lock(mutex_);
     read_bytes_ = read_bytes;
+    counts_.Add(decoded.events);
     TimeRange& range = progress_.range;
     if (!progress_.has_events && !decoded.events.empty()) {
       progress_.has_events = true;
@@ -163,6 +164,11 @@ void RecordedEvents::Finish(const absl::Status& status) {
 RecordedEvents::Progress RecordedEvents::progress() const {
   const std::lock_guard lock(mutex_);
   return progress_;
+}
+
+EventCounts RecordedEvents::counts() const {
+  const std::lock_guard lock(mutex_);
+  return counts_;
 }
 
 std::shared_ptr<void> RecordedEvents::Subscribe(std::function<void()> on_progress) {

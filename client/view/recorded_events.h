@@ -17,6 +17,7 @@
 #include "absl/status/statusor.h"
 #include "client/view/page_messages.h"
 #include "core/events/decoder.h"
+#include "core/events/event_counts.h"
 #include "core/events/recording_reader.h"
 
 namespace evpose::client {
@@ -47,6 +48,8 @@ class RecordedEvents {
     absl::Status status;  // the error at which reading ended
   };
   Progress progress() const;
+  // Of the events so far.
+  EventCounts counts() const;
   // Calls `on_progress`, on another thread, after each piece of the recording that was read. No call follows the
   // destruction of the returned handle.
   std::shared_ptr<void> Subscribe(std::function<void()> on_progress);
@@ -84,6 +87,7 @@ class RecordedEvents {
   const size_t max_positions_;
   mutable std::mutex mutex_;
   Progress progress_ ABSL_GUARDED_BY(mutex_);
+  EventCounts counts_ ABSL_GUARDED_BY(mutex_);
   uint64_t read_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   std::vector<Position> positions_ ABSL_GUARDED_BY(mutex_);
   uint64_t spacing_bytes_ ABSL_GUARDED_BY(mutex_);

@@ -194,7 +194,7 @@ void RecordingView::OnProgress() {
   const Clock::time_point now = Clock::now();
   if (!progress.is_complete && now - range_sent_at_ < kRangePeriod) return;
   range_sent_at_ = now;
-  outbox_->Set(PageOutbox::Latest::kRange, RangeText(progress.range, progress.is_complete));
+  outbox_->Set(PageOutbox::Latest::kRange, RangeText(progress.range, progress.is_complete, source_.events().counts()));
   if (!progress.status.ok()) {
     outbox_->AddNote(NoticeText(NoticeLevel::kError, std::string(progress.status.message())));
   }

@@ -8,6 +8,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <future>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -123,6 +124,12 @@ TEST_F(RecordingViewTest, BeginsWithTheSceneAndTheFirstPose) {
   EXPECT_EQ(messages["poses"][1].header["truth"], true);
   EXPECT_EQ(messages["range"].back().header["from_us"], events_.front().t_us);
   EXPECT_EQ(messages["range"].back().header["to_us"], events_.back().t_us);
+  const nlohmann::json& counted = messages["range"].back().header["events"];
+  EXPECT_EQ(counted["from_us"], events_.front().t_us);
+  EXPECT_EQ(counted["step_us"], 1024);
+  const std::vector<size_t> counts = counted["counts"];
+  EXPECT_EQ(counts.size(), static_cast<size_t>((events_.back().t_us - events_.front().t_us) / 1024 + 1));
+  EXPECT_EQ(std::accumulate(counts.begin(), counts.end(), size_t{0}), events_.size());
   // The states: tracking, lost in the gap, degraded behind it, tracking again.
   std::vector<std::string> states;
   for (const ReceivedMessage& state : messages["state"]) states.push_back(state.header["state"]);

@@ -276,6 +276,12 @@ class RecordingPage(PageTest):
         self.page.press(HOME)
         self.wait_for_instant(START_US)
 
+    def test_plots_the_event_rate_of_the_instant(self):
+        self.scrub(START_US + 5_000_000)
+        rate = """const plot = [...document.querySelectorAll('.plot')].find((node) => node.querySelector('b').textContent === 'Event rate');
+            return plot?.querySelector('.key').textContent ?? ''"""
+        self.page.wait(lambda: self.page.run(rate) == "2.00", "2 Mev/s in the middle of the recording")
+
     def test_plays_and_pauses(self):
         self.page.press("-", "-", "-", " ")
         self.page.wait_for_data(playing="true")

@@ -91,10 +91,11 @@ export class Plots {
       one("Turn rate", "°/s", "", 1, 1),
       one("Explained", "share of events", "", 2, 1),
     ];
-    if (this.store.isRecording && this.store.healthSeries.length === 0) return pose;
+    const eventRate = one("Event rate", "Mev/s", "", 2, 0.1);
+    if (this.store.isRecording) return this.store.eventRates.length > 0 ? [...pose, eventRate] : pose;
     return [
       ...pose,
-      one("Event rate", "Mev/s", "", 2, 0.1),
+      eventRate,
       { title: "Latency", unit: "ms", lines: [{ label: "p50", colour: this.colours.axes[2] }, { label: "p99", colour: this.colours.axes[0] }], hasBands: false,
         digits: 1, minSpan: 1, fromZero: true },
     ];
@@ -103,7 +104,7 @@ export class Plots {
   /** Draws all plots; `instantUs` is the instant of a recording, or null. */
   draw(toUs: number, instantUs: number | null): void {
     const track = this.store.objects.get(this.store.selected);
-    const shape = JSON.stringify([this.store.scene?.session, this.isRelative, this.hasTruth, this.store.isRecording, this.store.healthSeries.length > 0]);
+    const shape = JSON.stringify([this.store.scene?.session, this.isRelative, this.hasTruth, this.store.isRecording, this.store.eventRates.length > 0]);
     if (shape !== this.shape) this.create(shape);
     const key = `${this.store.version} ${this.store.selected} ${toUs} ${this.spanS} ${shape}`;
     if (key !== this.dataKey && track) this.fill(track, toUs);
@@ -129,7 +130,8 @@ export class Plots {
       [times, valueColumn(poses, rows, COLUMN.turnRate, (value) => value * DEGREES)],
       [times, valueColumn(poses, rows, COLUMN.explained)],
     ];
-    if (this.plots.length > data.length) data.push(...this.healthData(fromUs));
+    if (!isRecording) data.push(...this.healthData(fromUs));
+    else if (this.plots.length > data.length) data.push(this.recordedRates());
     const range = isRecording ? this.store.recordedRange : { from_us: fromUs, to_us: toUs };
     this.isSettingScale = true;
     this.plots.forEach((plot, i) => {
@@ -151,6 +153,12 @@ export class Plots {
       [times, valueColumn(health, rows, 1, (value) => value / 1e6)],
       [times, valueColumn(health, rows, 2), valueColumn(health, rows, 3)],
     ];
+  }
+
+  private recordedRates(): Data {
+    const rates = this.store.eventRates;
+    const rows = Array.from({ length: rates.length }, (_, i) => i);
+    return [timeColumn(rates, rows), valueColumn(rates, rows, 1, (value) => value / 1e6)];
   }
 
   private create(shape: string): void {

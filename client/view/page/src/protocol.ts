@@ -127,6 +127,8 @@ export interface ReadRange {
   from_us: number;
   to_us: number;
   complete: boolean;
+  /** Numbers of events in intervals of equal duration; the first one begins at from_us. */
+  events?: { from_us: number; step_us: number; counts: number[] };
 }
 
 export interface Notice {

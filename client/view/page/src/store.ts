@@ -30,6 +30,8 @@ const LIVE_POSES = 4096;
 const RECORDED_POSES = 20480;
 const MAX_CHANGES = 2000;
 const MAX_HEALTH = 1200;
+/** The gateway sends at most this number of intervals. */
+const MAX_INTERVALS = 2048;
 const MAX_OBJECTS = 64;
 const MIN_LIVE_SPAN_US = 5e6;
 /** A recording has a gap where poses are further apart than this and than ten times their median distance. */
@@ -132,6 +134,17 @@ export class ObjectTrack {
   }
 }
 
+/** The last interval ends with the last event; it is left out if it is shorter than half of the others. */
+function eventRates({ from_us, step_us, counts }: NonNullable<ReadRange["events"]>, to_us: number): Series {
+  const rates = new Series(2, MAX_INTERVALS);
+  counts.forEach((count, i) => {
+    const begin = from_us + i * step_us;
+    const spanUs = Math.min(step_us, to_us + 1 - begin);
+    if (spanUs >= step_us / 2 || counts.length === 1) rates.push([begin + spanUs / 2, (1e6 * count) / spanUs]);
+  });
+  return rates;
+}
+
 function six(values: readonly number[] | undefined): readonly number[] {
   return values?.length === 6 ? values : [NaN, NaN, NaN, NaN, NaN, NaN];
 }
@@ -151,6 +164,8 @@ export class Store {
   /** t, events per second, latency p50 and p99 (ms). */
   healthSeries = new Series(4, MAX_HEALTH);
   health: Health | null = null;
+  /** Of a recording: middle of an interval, events per second. */
+  eventRates = new Series(2, MAX_INTERVALS);
   position: Position | null = null;
   /** How far the recording has been read; null for live sessions. */
   range: ReadRange | null = null;
@@ -174,6 +189,7 @@ export class Store {
     if (!this.objects.has(this.selected)) this.selected = scene.objects[0]?.id ?? "";
     this.healthSeries = new Series(4, MAX_HEALTH);
     this.health = null;
+    this.eventRates = new Series(2, MAX_INTERVALS);
     this.range = scene.recording ? { type: "range", ...scene.recording, complete: false } : null;
     this.position = scene.recording ? { type: "position", t_us: scene.recording.from_us, playing: false, speed: 1 } : null;
   }
@@ -192,6 +208,7 @@ export class Store {
 
   setRange(range: ReadRange): void {
     this.range = range;
+    if (range.events) this.eventRates = eventRates(range.events, range.to_us);
     ++this.version;
   }
 

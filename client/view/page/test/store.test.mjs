@@ -78,6 +78,19 @@ test("the poses of a live session are bounded, and the first one stays the origi
   store.addPoses("unknown", [pose(1)], false);
 });
 
+test("the rates of a recording are those of its intervals, without a short last one", () => {
+  const store = new Store();
+  const rates = (to_us, counts) => {
+    store.setRange({ type: "range", from_us: 1000, to_us, complete: true, events: { from_us: 1000, step_us: 100, counts } });
+    return [...store.eventRates.column(0)].map((t_us, i) => [t_us, store.eventRates.at(1, i)]);
+  };
+  assert.deepEqual(rates(1299, [2, 0, 4]), [[1050, 20000], [1150, 0], [1250, 40000]]);
+  assert.deepEqual(rates(1249, [2, 0, 4]), [[1050, 20000], [1150, 0], [1225, 80000]]);
+  assert.deepEqual(rates(1248, [2, 0, 4]), [[1050, 20000], [1150, 0]]);
+  assert.deepEqual(rates(1000, [1]), [[1000.5, 1e6]]);
+  assert.deepEqual(rates(0, []), []);
+});
+
 test("numbers are written with their units", () => {
   assert.deepEqual([8.523e6, 12300, 7, 2.5e9, NaN].map(withPrefix), ["8.52 M", "12.3 k", "7 ", "2.50 G", "–"]);
   assert.deepEqual([1500, 25000, 2.5e6, 190e6].map(duration), ["1.5 ms", "25 ms", "2.50 s", "3 min 10 s"]);
