@@ -75,9 +75,20 @@ def check_images():
             check(not open_ports or service == "haproxy", service, "of", name, "is published without a proxy")
 
 
+def check_view():
+    """Checks that the page of evpose view is published on the loopback address alone, under the port that it listens on, which browsers
+    name in the header Host, and only if its profile is chosen."""
+    view = services("compose.yaml")["view"]
+    check(view["profiles"] == ["view"], "view of compose.yaml starts without its profile")
+    check(view["command"][0] == "view", "view of compose.yaml runs", view["command"])
+    port = options(view["command"])["--listen"].removeprefix("0.0.0.0:")
+    check(view["ports"] == [f"127.0.0.1:{port}:{port}"], "view of compose.yaml publishes", view["ports"])
+
+
 def main():
     check_versions()
     check_images()
+    check_view()
     check_memory("compose.yaml")
     check_memory("compose.cluster.yaml")
     check_tls("compose.yaml", "compose.tls.yaml")
