@@ -152,6 +152,15 @@ std::string HelpHint(const CLI::App& command) {
 
 std::string UsageMessage(const CLI::App& command, const CLI::Error& error) {
   const std::string what = error.what();
+  // A required option may be missing because its name is misspelled. The parser reports what is missing first.
+  if (error.get_exit_code() == static_cast<int>(CLI::ExitCodes::RequiredError)) {
+    for (const std::string& word : command.remaining()) {
+      if (!absl::StartsWith(word, "--") || word == "--") continue;
+      const std::string unknown = absl::StrCat("there is no option ", word.substr(0, word.find('=')));
+      return absl::StrCat(FullCommandName(command), ": ", unknown, "; ", Suggestion(command, unknown),
+                          HelpHint(command));
+    }
+  }
   const bool is_unknown = error.get_exit_code() == static_cast<int>(CLI::ExitCodes::ExtrasError);
   return absl::StrCat(FullCommandName(command), ": ", what, "; ", is_unknown ? Suggestion(command, what) : "",
                       HelpHint(command));

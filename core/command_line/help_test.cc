@@ -127,6 +127,19 @@ TEST_F(HelpTest, ErrorsEndWithAHintAndASuggestion) {
   } catch (const CLI::ParseError& error) {
     EXPECT_THAT(UsageMessage(draw_, error), EndsWith("--frobnicate=1; tool draw --help lists the options"));
   }
+  for (const auto& [line, message] : std::vector<std::pair<const char*, const char*>>{
+           {"draw a.raw --oot a.png",
+            "tool draw: there is no option --oot; did you mean --out? tool draw --help lists the options"},
+           {"draw a.raw --oot=a.png",
+            "tool draw: there is no option --oot; did you mean --out? tool draw --help lists the options"},
+           {"draw a.raw", "tool draw: --out is required; tool draw --help lists the options"}}) {
+    try {
+      app_.parse(line);
+      FAIL();
+    } catch (const CLI::ParseError& error) {
+      EXPECT_EQ(UsageMessage(draw_, error), message);
+    }
+  }
   EXPECT_EQ(HelpHint(app_), "tool --help lists the commands");
 }
 
