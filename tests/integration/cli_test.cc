@@ -3,8 +3,11 @@
 // Tests the program: its results, signals, and rendered images.
 #include "client/cli/cli.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <csignal>
@@ -60,18 +63,19 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
   EXPECT_TRUE(std::filesystem::exists(Path("poses.tum")));
 }
 
-TEST_F(CliTest, AWaitForAServerIsStated) {
-  // Interrupts the wait as soon as it is stated.
-  class InterruptingBuffer : public std::stringbuf {
-   public:
-    std::atomic<bool> is_interrupted = false;
+// Interrupts a command as soon as it states for what it waits.
+class InterruptingBuffer : public std::stringbuf {
+ public:
+  std::atomic<bool> is_interrupted = false;
 
-   protected:
-    int sync() override {
-      is_interrupted = true;
-      return 0;
-    }
-  };
+ protected:
+  int sync() override {
+    is_interrupted = true;
+    return 0;
+  }
+};
+
+TEST_F(CliTest, AWaitForAServerIsStated) {
   InterruptingBuffer buffer;
   std::ostream err(&buffer);
   std::ostringstream out;
@@ -79,6 +83,25 @@ TEST_F(CliTest, AWaitForAServerIsStated) {
   context.is_interrupted = [&] { return buffer.is_interrupted.load(); };
   EXPECT_EQ(client::RunCli({"sessions", "list", "--server", "127.0.0.1:1", "--connect-timeout", "86400"}, context), 1);
   EXPECT_THAT(buffer.str(), ::testing::StartsWith("waiting for a server at 127.0.0.1:1 ...\nevpose sessions list: "));
+}
+
+TEST_F(CliTest, AWaitForARecordingIsStated) {
+  const std::string pipe = Path("camera.raw");
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const int writer = open(pipe.c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_GE(writer, 0);
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"doctor", pipe}, {"info", pipe}, {"convert", pipe, Path("events.raw")}}) {
+    InterruptingBuffer buffer;
+    std::ostream err(&buffer);
+    std::ostringstream out;
+    client::CliContext context{out, err};
+    context.is_interrupted = [&] { return buffer.is_interrupted.load(); };
+    EXPECT_EQ(client::RunCli(command, context), 1);
+    EXPECT_THAT(buffer.str(), ::testing::StartsWith("waiting for a recording in the pipe " + pipe + " ...\n"))
+        << command[0];
+  }
+  close(writer);
 }
 
 TEST_F(CliTest, MalformedValuesAreWrongUsage) {

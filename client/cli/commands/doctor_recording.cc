@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/common/recording_input.h"
 #include "client/cli/console/progress.h"
+#include "client/cli/console/wait_message.h"
 #include "client/containers/open_recording.h"
 #include "core/base/status_macros.h"
 #include "core/diagnosis/object_checks.h"
@@ -32,7 +33,9 @@ absl::Status RecordingExamination::Read(const std::optional<CameraModel>& camera
   OpenRecordingOptions options;
   options.stop = [this] { return context_.IsInterrupted() || IsComplete(); };
   if (camera) options.geometry = SensorGeometry{camera->width_px, camera->height_px};
+  std::optional<WaitMessage> wait = WaitForRecording(context_, recording_.path);
   absl::StatusOr<std::unique_ptr<RecordingReader>> opened = OpenRecording(recording_.path, options);
+  wait.reset();
   if (absl::IsCancelled(opened.status()) && !context_.IsInterrupted()) {
     return absl::DeadlineExceededError(absl::StrFormat(
         "standard input: sent no header within %.3g s; is the camera running? --duration waits longer", pipe_s));
