@@ -87,7 +87,8 @@ void SessionObserver::RecordModels(const std::stop_token& stop) {
 void SessionObserver::RecordHealth(SessionHealth health) {
   health.t_us -= options_.time_zero_us();
   for (PoseRecorder* const recorder : recorders_) recorder->Add(health, session_);
-  if (!options_.records_states || health.decoded_events == 0) return;
+  const bool is_first = options_.records_first_states && states_.empty();
+  if (!(options_.records_states || is_first) || health.decoded_events == 0) return;
   for (const ObjectHealth& object : health.objects) {
     const auto [known, is_new] = states_.try_emplace(object.object_id, object.state);
     if (!is_new && known->second == object.state) continue;

@@ -260,6 +260,7 @@ void SessionRun::Observe(Client& client) {
   options.camera = FromCore(inputs_.camera);
   options.event_cell_px = arguments_.recording_options.event_cell_px;
   options.time_zero_us = [this] { return TimeZero_us(); };
+  options.records_first_states = is_resumed();
   options.print = [this](const std::string& text) { PrintLine(text); };
   observer_ = std::make_unique<SessionObserver>(client, record_.position.session, poses_->recorders(), options);
 }
