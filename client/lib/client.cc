@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <optional>
+#include <random>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -32,6 +33,13 @@ constexpr char kMemoryStore[] = "memory";
 
 std::chrono::system_clock::time_point DeadlineIn(absl::Duration duration) {
   return absl::ToChronoTime(absl::Now() + duration);
+}
+
+std::string RandomRequestId() {
+  std::random_device random;
+  std::string id;
+  for (int i = 0; i < 4; ++i) absl::StrAppend(&id, absl::Hex(random(), absl::kZeroPad8));
+  return id;
 }
 
 // Time after which the client checks whether TLS prevents the connection: a handshake that succeeds takes less.
@@ -76,18 +84,19 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
   }
   const absl::Time deadline = absl::Now() + options.connect_timeout;
   EVPOSE_ASSIGN_OR_RETURN(bool is_connected, client->impl_->WaitForServer());
-  absl::StatusOr<ServerInfo> info = client->GetServerInfo();
+  const auto get_info = [&client] { return client->impl_->UnaryOnce(&Endpoint::admin, &Admin::GetServerInfo, {}); };
+  absl::StatusOr<v1::ServerInfo> info = get_info();
   // If a server ends, or its connection breaks, before it responds, the next reachable server is used.
   while (is_connected && absl::IsUnavailable(info.status()) && absl::Now() < deadline) {
     absl::SleepFor(std::min(kConnectSlice, deadline - absl::Now()));
     is_connected = client->impl_->WaitForServerUntil(deadline);
-    info = client->GetServerInfo();  // also without a connection: the status of the call then has the cause
+    info = get_info();  // also without a connection: the status of the call then has the cause
   }
   if (!is_connected && client->impl_->IsCancelled()) {
     return absl::CancelledError(absl::StrCat("interrupted before a server responded at ", addresses));
   }
   if (info.ok()) {
-    client->impl_->sessions_outlive_server = info->store != kMemoryStore;
+    client->impl_->sessions_outlive_server = FromProto(*info).store != kMemoryStore;
     return client;
   }
   const std::string& name = client->impl_->endpoint().name;
@@ -102,9 +111,14 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
 
 std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
                                                   Clock& clock) {
+  return OverChannels({{name, std::move(channel)}}, clock);
+}
+
+std::unique_ptr<Client> ClientAccess::OverChannels(
+    const std::vector<std::pair<std::string, std::shared_ptr<grpc::Channel>>>& servers, Clock& clock) {
   std::unique_ptr<Client> client(new Client(ClientOptions()));
   client->impl_->clock = &clock;
-  client->impl_->AddEndpoint(std::move(channel), name);
+  for (const auto& [name, channel] : servers) client->impl_->AddEndpoint(channel, name);
   return client;
 }
 
@@ -143,15 +157,14 @@ bool Client::Impl::WaitForServerUntil(absl::Time deadline) {
 }
 
 absl::StatusOr<ServerInfo> Client::GetServerInfo() {
-  EVPOSE_ASSIGN_OR_RETURN(const v1::ServerInfo info, impl_->Unary(&Impl::Endpoint::admin, &Admin::GetServerInfo, {}));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::ServerInfo info, impl_->Unary(&Endpoint::admin, &Admin::GetServerInfo, {}));
   return FromProto(info);
 }
 
 absl::StatusOr<uint32_t> Client::Drain(std::optional<absl::Duration> timeout) {
   v1::DrainRequest request;
   if (timeout) *request.mutable_timeout() = ToProto(*timeout);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::DrainResponse response,
-                          impl_->Unary(&Impl::Endpoint::admin, &Admin::Drain, request));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::DrainResponse response, impl_->UnaryOnce(&Endpoint::admin, &Admin::Drain, request));
   return response.remaining_sessions();
 }
 
@@ -159,7 +172,7 @@ absl::StatusOr<LogLevel> Client::SetLogLevel(LogLevel level) {
   v1::SetLogLevelRequest request;
   request.set_level(ToProto(level));
   EVPOSE_ASSIGN_OR_RETURN(const v1::SetLogLevelResponse response,
-                          impl_->Unary(&Impl::Endpoint::admin, &Admin::SetLogLevel, request));
+                          impl_->UnaryOnce(&Endpoint::admin, &Admin::SetLogLevel, request));
   return FromProto(response.previous_level());
 }
 
@@ -172,13 +185,7 @@ absl::StatusOr<ModelInfo> Client::UploadModel(absl::Span<const uint8_t> bytes, c
 }
 
 absl::StatusOr<ModelInfo> Client::Impl::TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload) {
-  grpc::ClientContext context;
-  context.set_deadline(DeadlineIn(options.call_timeout));
-  v1::Model model;
-  const std::unique_ptr<grpc::ClientWriterInterface<v1::UploadModelRequest>> writer =
-      endpoint().models->UploadModel(&context, &model);
-  v1::UploadModelRequest request;
-  v1::UploadModelRequest::Header& header = *request.mutable_header();
+  v1::UploadModelRequest::Header header;
   header.set_format(ToProto(upload.format));
   header.set_metres_per_unit(upload.metres_per_unit);
   header.set_crease_angle_deg(upload.crease_angle_deg);
@@ -186,16 +193,26 @@ absl::StatusOr<ModelInfo> Client::Impl::TryUpload(absl::Span<const uint8_t> byte
   header.set_file_name(upload.file_name);
   header.set_size_bytes(bytes.size());
   header.set_sha256(absl::HexStringToBytes(Sha256Hex(bytes)));
-  bool is_open = writer->Write(request);
-  for (size_t begin = 0; is_open && begin < bytes.size(); begin += kUploadPieceBytes) {
-    const absl::Span<const uint8_t> piece = bytes.subspan(begin, kUploadPieceBytes);
-    request.set_chunk(piece.data(), piece.size());
-    is_open = writer->Write(request);
-  }
-  if (is_open) writer->WritesDone();
-  const grpc::Status status = writer->Finish();
-  if (!status.ok()) return FromGrpc(status, endpoint().name);
-  return FromProto(model);
+  // A model has the same name at all servers, and uploading it again has no effect.
+  return AtAnyServer([&](const Endpoint& endpoint, absl::Time deadline) -> absl::StatusOr<ModelInfo> {
+    grpc::ClientContext context;
+    context.set_deadline(absl::ToChronoTime(deadline));
+    v1::Model model;
+    const std::unique_ptr<grpc::ClientWriterInterface<v1::UploadModelRequest>> writer =
+        endpoint.models->UploadModel(&context, &model);
+    v1::UploadModelRequest request;
+    *request.mutable_header() = header;
+    bool is_open = writer->Write(request);
+    for (size_t begin = 0; is_open && begin < bytes.size(); begin += kUploadPieceBytes) {
+      const absl::Span<const uint8_t> piece = bytes.subspan(begin, kUploadPieceBytes);
+      request.set_chunk(piece.data(), piece.size());
+      is_open = writer->Write(request);
+    }
+    if (is_open) writer->WritesDone();
+    const grpc::Status status = writer->Finish();
+    if (!status.ok()) return FromGrpc(status, endpoint.name);
+    return FromProto(model);
+  });
 }
 
 absl::StatusOr<ModelInfo> Client::UploadModelFile(const std::string& path, double metres_per_unit) {
@@ -209,8 +226,7 @@ absl::StatusOr<ModelInfo> Client::UploadModelFile(const std::string& path, doubl
 absl::StatusOr<ModelInfo> Client::GetModel(const std::string& name, const std::stop_token& stop) {
   v1::GetModelRequest request;
   request.set_name(name);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model,
-                          impl_->Unary(&Impl::Endpoint::models, &Models::GetModel, request, stop));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model, impl_->Unary(&Endpoint::models, &Models::GetModel, request, stop));
   return FromProto(model);
 }
 
@@ -220,7 +236,7 @@ absl::StatusOr<std::vector<ModelInfo>> Client::ListModels() {
     for (const v1::Model& model : page.models()) models.push_back(FromProto(model));
     return absl::OkStatus();
   };
-  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::models, &Models::ListModels, append));
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Endpoint::models, &Models::ListModels, append));
   return models;
 }
 
@@ -230,7 +246,7 @@ absl::StatusOr<ModelGeometry> Client::GetModelGeometry(const std::string& name, 
   request.set_name(name);
   request.set_max_faces(max_faces);
   EVPOSE_ASSIGN_OR_RETURN(const v1::ModelGeometry message,
-                          impl_->Unary(&Impl::Endpoint::models, &Models::GetModelGeometry, request, stop));
+                          impl_->Unary(&Endpoint::models, &Models::GetModelGeometry, request, stop));
   absl::StatusOr<ModelGeometry> geometry = FromProto(message);
   if (geometry.ok()) return geometry;
   return absl::InternalError(absl::StrCat(impl_->endpoint().name, ": ", geometry.status().message()));
@@ -239,15 +255,22 @@ absl::StatusOr<ModelGeometry> Client::GetModelGeometry(const std::string& name, 
 absl::Status Client::DeleteModel(const std::string& name) {
   v1::DeleteModelRequest request;
   request.set_name(name);
-  return impl_->Unary(&Impl::Endpoint::models, &Models::DeleteModel, request).status();
+  const auto call = [&](const Endpoint& endpoint, absl::Time deadline) {
+    auto deleted = Impl::UnaryAt(endpoint, deadline, &Endpoint::models, &Models::DeleteModel, request);
+    request.set_allow_missing(true);  // the server may have deleted the model before it went away
+    return deleted;
+  };
+  return impl_->AtAnyServer(call).status();
 }
 
 absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const std::string& request_id) {
   v1::CreateSessionRequest request;
-  request.set_request_id(request_id);
+  // A server may have created the session before it went away: the next one then returns this session.
+  const bool may_repeat = impl_->endpoints.size() > 1;
+  request.set_request_id(request_id.empty() && may_repeat ? RandomRequestId() : request_id);
   *request.mutable_config() = ToProto(config);
   EVPOSE_ASSIGN_OR_RETURN(const v1::CreateSessionResponse created,
-                          impl_->Unary(&Impl::Endpoint::sessions, &Sessions::CreateSession, request));
+                          impl_->Unary(&Endpoint::sessions, &Sessions::CreateSession, request));
   if (created.session().name().empty()) {
     return absl::InternalError(
         absl::StrCat(impl_->endpoint().name, ": the server violates the protocol: the new session has no name"));
@@ -259,7 +282,7 @@ absl::StatusOr<Session> Client::GetSession(const std::string& name, const std::s
   v1::GetSessionRequest request;
   request.set_name(name);
   EVPOSE_ASSIGN_OR_RETURN(const v1::Session session,
-                          impl_->Unary(&Impl::Endpoint::sessions, &Sessions::GetSession, request, stop));
+                          impl_->Unary(&Endpoint::sessions, &Sessions::GetSession, request, stop));
   return FromProto(session);
 }
 
@@ -272,7 +295,7 @@ absl::StatusOr<std::vector<Session>> Client::ListSessions(const std::stop_token&
     }
     return absl::OkStatus();
   };
-  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Impl::Endpoint::sessions, &Sessions::ListSessions, append, stop));
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Endpoint::sessions, &Sessions::ListSessions, append, stop));
   return sessions;
 }
 
@@ -280,7 +303,7 @@ absl::Status Client::DeleteSession(const std::string& name) {
   v1::DeleteSessionRequest request;
   request.set_name(name);
   request.set_allow_missing(true);
-  return impl_->Unary(&Impl::Endpoint::sessions, &Sessions::DeleteSession, request).status();
+  return impl_->Unary(&Endpoint::sessions, &Sessions::DeleteSession, request).status();
 }
 
 }  // namespace evpose::client

@@ -8,6 +8,8 @@
 #include <cstddef>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
@@ -19,9 +21,12 @@ namespace evpose::client {
 
 struct ClientAccess {
   // Uses an existing channel, for example that of a server in this process. `name` is the prefix of error messages.
-  // `clock` is that of the time before a stream of a watcher is opened again; it must outlive the client.
+  // `clock` is that of the time before a call is made again; it must outlive the client.
   static std::unique_ptr<Client> OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,
                                              Clock& clock = SystemClock());
+  // Uses existing channels to several servers that share their sessions, each with its name.
+  static std::unique_ptr<Client> OverChannels(
+      const std::vector<std::pair<std::string, std::shared_ptr<grpc::Channel>>>& servers, Clock& clock);
   // Client::Track() with a feed of the caller, from any position of a session. Stops the feed.
   static absl::StatusOr<TrackSummary> Track(Client& client, const TrackPosition& position, EventFeed& feed,
                                             const TrackCallbacks& callbacks, const TrackOptions& options = {});

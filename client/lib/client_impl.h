@@ -20,6 +20,7 @@
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "client/lib/conversion.h"
+#include "client/lib/server_choice.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
@@ -35,14 +36,6 @@ using Models = v1::ModelService::StubInterface;
 using Sessions = v1::SessionService::StubInterface;
 
 struct Client::Impl {
-  struct Endpoint {
-    std::shared_ptr<grpc::Channel> channel;
-    std::string name;
-    std::unique_ptr<Admin> admin;
-    std::unique_ptr<Models> models;
-    std::unique_ptr<Sessions> sessions;
-  };
-
   std::vector<Endpoint> endpoints;
   std::atomic<size_t> current = 0;  // the server that calls go to
   bool sessions_outlive_server = false;
@@ -57,22 +50,57 @@ struct Client::Impl {
   // Returns false at the timeout; FAILED_PRECONDITION if TLS prevents the connection.
   absl::StatusOr<bool> WaitForServer();
   bool WaitForServerUntil(absl::Time deadline);
-  // Uploads a model once. Error: ABORTED if another server has deleted it during the upload.
+  // Uploads a model once to each server until one responds. Error: ABORTED if another server has deleted it during the
+  // upload.
   absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload);
 
-  // Makes one call with the deadline of the options: `method` of the member `stub` of the current endpoint. A request
-  // of `stop` cancels it.
+  // Returns the StatusOr of `call(endpoint, deadline)` at the current server, and at the next ones while a server is
+  // away. A call that has reached a server may be made again, so that it must have the same effect as one call.
+  template <typename Call>
+  std::invoke_result_t<Call, const Endpoint&, absl::Time> AtAnyServer(const Call& call,
+                                                                      const std::stop_token& stop = {}) {
+    const absl::Time deadline = absl::Now() + options.call_timeout;  // of all attempts together
+    ServerChoice choice(endpoints, current, *clock, stop);
+    while (true) {
+      auto result = call(choice.endpoint(), deadline);
+      if (choice.Next(result.status())) continue;
+      if (result.ok()) return result;
+      return choice.Final(result.status());
+    }
+  }
+
+  // Makes one call of `method` of the member `stub` of a server. A request of `stop` cancels it.
+  template <typename Stub, typename Request, typename Response>
+  static absl::StatusOr<Response> UnaryAt(const Endpoint& endpoint, absl::Time deadline,
+                                          std::unique_ptr<Stub> Endpoint::*stub,
+                                          grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+                                          const std::type_identity_t<Request>& request,
+                                          const std::stop_token& stop = {}) {
+    grpc::ClientContext context;
+    context.set_deadline(absl::ToChronoTime(deadline));
+    const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
+    Response response;
+    const grpc::Status status = ((*(endpoint.*stub)).*method)(&context, request, &response);
+    if (!status.ok()) return FromGrpc(status, endpoint.name);
+    return response;
+  }
+
+  // As UnaryAt() with the deadline of the options, at any server: only for calls that AtAnyServer() may repeat.
   template <typename Stub, typename Request, typename Response>
   absl::StatusOr<Response> Unary(std::unique_ptr<Stub> Endpoint::*stub,
                                  grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                                  const std::type_identity_t<Request>& request, const std::stop_token& stop = {}) {
-    grpc::ClientContext context;
-    context.set_deadline(absl::ToChronoTime(absl::Now() + options.call_timeout));
-    const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
-    Response response;
-    const grpc::Status status = ((*(endpoint().*stub)).*method)(&context, request, &response);
-    if (!status.ok()) return FromGrpc(status, endpoint().name);
-    return response;
+    return AtAnyServer([&](const Endpoint& endpoint,
+                           absl::Time deadline) { return UnaryAt(endpoint, deadline, stub, method, request, stop); },
+                       stop);
+  }
+
+  // As UnaryAt() at the current server: for calls about the server itself.
+  template <typename Stub, typename Request, typename Response>
+  absl::StatusOr<Response> UnaryOnce(std::unique_ptr<Stub> Endpoint::*stub,
+                                     grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
+                                     const std::type_identity_t<Request>& request) {
+    return UnaryAt(endpoint(), absl::Now() + options.call_timeout, stub, method, request);
   }
 
   // Requests all pages of a list, and calls `append(response)` for each page.

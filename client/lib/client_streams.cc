@@ -11,6 +11,7 @@
 #include "client/lib/client_access.h"
 #include "client/lib/client_impl.h"
 #include "client/lib/conversion.h"
+#include "client/lib/server_choice.h"
 #include "client/lib/stream/event_feed.h"
 #include "client/lib/stream/reconnecting_stream.h"
 #include "client/lib/stream/retry.h"
@@ -22,43 +23,65 @@ namespace {
 
 template <typename Response>
 using ResponseReader = std::unique_ptr<grpc::ClientReaderInterface<Response>>;
+template <typename Request, typename Response>
+using WatchMethod = ResponseReader<Response> (Sessions::*)(grpc::ClientContext*, const Request&);
 
-// Reads a stream of responses until the session has ended, also after it has moved to another server, to which the
-// present `request` is sent, with growing delays while none delivers a response. A server that does not track the
-// events names no other, so that all are asked. An error of `handle(response)` means that the response is invalid, and
-// cancels the call.
+// Reads a stream of responses of one server to its end, or until `handle(response)` returns false.
+template <typename Request, typename Response, typename Handle>
+absl::Status WatchAt(const Endpoint& endpoint, WatchMethod<Request, Response> method, const Request& request,
+                     const Handle& handle, const std::stop_token& stop) {
+  grpc::ClientContext context;
+  const ResponseReader<Response> reader = (*endpoint.sessions.*method)(&context, request);
+  const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
+  Response response;
+  while (reader->Read(&response)) {
+    if (handle(response)) continue;
+    context.TryCancel();
+    break;
+  }
+  return FromGrpc(reader->Finish(), endpoint.name);
+}
+
+// The session has moved to another server, or continues from an earlier state.
+bool HasMoved(const absl::Status& status) {
+  const v1::ErrorReason reason = ReasonOf(status);
+  return reason == v1::FENCED || (reason == v1::ROLLED_BACK && absl::IsUnavailable(status));
+}
+
+// Reads a stream of responses until the session has ended, also after it has moved to another server or its server is
+// away: the present `request` is sent again, with growing delays while no server delivers a response. A server that
+// does not track the events names no other, so that all are asked. An error of `handle(response)` means that the
+// response is invalid, and cancels the call.
 template <typename Impl, typename Request, typename Response, typename Handle>
-absl::Status Watch(const Impl& impl, ResponseReader<Response> (Sessions::*method)(grpc::ClientContext*, const Request&),
-                   const Request& request, const Handle& handle, const std::stop_token& stop) {
-  size_t num_others = 0;  // servers that do not track the events
+absl::Status Watch(Impl& impl, WatchMethod<Request, Response> method, const Request& request, const Handle& handle,
+                   const std::stop_token& stop) {
+  ServerChoice choice(impl.endpoints, impl.current, *impl.clock, stop);
+  size_t num_others = 0;  // consecutive servers that do not track the events
   Backoff backoff((RetryOptions()));
+  absl::Status invalid;
+  const auto read = [&](const Response& response) {
+    choice.Responded();
+    backoff.Reset();
+    num_others = 0;
+    invalid = handle(response);
+    return invalid.ok();
+  };
   while (true) {
-    const auto& endpoint = impl.endpoints[(impl.current + num_others) % impl.endpoints.size()];
-    grpc::ClientContext context;
-    const ResponseReader<Response> reader = (*endpoint.sessions.*method)(&context, request);
-    const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
-    Response response;
-    absl::Status invalid;
-    while (invalid.ok() && reader->Read(&response)) {
-      invalid = handle(response);
-      backoff.Reset();
-    }
-    if (!invalid.ok()) context.TryCancel();
-    const absl::Status status = FromGrpc(reader->Finish(), endpoint.name);
-    if (!invalid.ok()) return absl::InternalError(absl::StrCat(endpoint.name, ": ", invalid.message()));
+    const absl::Status status = WatchAt(choice.endpoint(), method, request, read, stop);
+    if (!invalid.ok()) return absl::InternalError(absl::StrCat(choice.endpoint().name, ": ", invalid.message()));
     if (stop.stop_requested()) return status;
-    const bool has_moved = ReasonOf(status) == v1::FENCED ||
-                           (ReasonOf(status) == v1::ROLLED_BACK && status.code() == absl::StatusCode::kUnavailable);
+    if (choice.Next(status)) continue;
     if (ReasonOf(status) == v1::EVENTS_ELSEWHERE && num_others + 1 < impl.endpoints.size()) {
       ++num_others;
-    } else if (has_moved) {
+      choice.Skip();
+    } else if (HasMoved(status)) {
       num_others = 0;
       // The session's new server may not be known yet, or the store may name this one again.
       if (!impl.clock->SleepUntil(impl.clock->Now() + backoff.Next(), stop)) {
-        return absl::CancelledError(absl::StrCat(endpoint.name, ": the call was cancelled"));
+        return absl::CancelledError(absl::StrCat(choice.endpoint().name, ": the call was cancelled"));
       }
     } else {
-      return status;
+      return choice.Final(status);
     }
   }
 }
@@ -88,7 +111,7 @@ absl::StatusOr<TrackSummary> ClientAccess::Track(Client& client, const TrackPosi
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   Client::Impl& impl = *client.impl_;
   std::vector<StreamServer> servers;
-  for (const Client::Impl::Endpoint& endpoint : impl.endpoints) {
+  for (const Endpoint& endpoint : impl.endpoints) {
     servers.push_back({endpoint.name, endpoint.sessions.get(), [channel = endpoint.channel.get()] {
                          grpc::experimental::ChannelResetConnectionBackoff(channel);
                        }});

@@ -32,6 +32,7 @@ ReconnectingStream::ReconnectingStream(const std::vector<StreamServer>& servers,
                                        const TrackCallbacks& callbacks, const TrackOptions& options)
     : servers_(servers),
       current_(current),
+      index_(current),
       outlives_server_(outlives_server),
       position_(position),
       feed_(feed),
@@ -145,12 +146,13 @@ bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
       is_at_once ? absl::ZeroDuration() : std::max(backoff_.Next(), GetDetails(cause).retry_in);
   if (now + delay - *away_since_ > options_.retry.max_outage) return false;
   ++tries_;
-  if (!is_same_server) current_ = (current_ + 1) % servers_.size();
+  if (!is_same_server) index_ = (index_ + 1) % servers_.size();
   Report({true, server().name, cause, now - *away_since_, delay});
   return clock().SleepUntil(now + delay, options_.stop.get_token());
 }
 
 void ReconnectingStream::ReportAttached() {
+  current_ = index_;
   attached_at_ = clock().Now();
   if (away_since_) Report({false, server().name, absl::OkStatus(), clock().Now() - *away_since_});
 }

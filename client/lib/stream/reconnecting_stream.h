@@ -51,12 +51,13 @@ class ReconnectingStream {
   void ReportAttached();
   // Calls on_connection, with the state of the outbox in addition.
   void Report(ConnectionChange change) const;
-  const StreamServer& server() const { return servers_[current_]; }
+  const StreamServer& server() const { return servers_[index_]; }
   Clock& clock() const { return options_.clock == nullptr ? SystemClock() : *options_.clock; }
   absl::Status WithProgress(const absl::Status& status) const;
 
   const std::vector<StreamServer>& servers_;
-  std::atomic<size_t>& current_;
+  std::atomic<size_t>& current_;  // other calls change it, too
+  size_t index_;                  // the server of this stream
   const bool outlives_server_;
   TrackPosition position_;
   EventFeed& feed_;

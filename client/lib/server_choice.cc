@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/lib/server_choice.h"
+
+#include <grpcpp/grpcpp.h>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/time/clock.h"
+#include "absl/time/time.h"
+#include "client/lib/conversion.h"
+#include "client/lib/status_details.h"
+
+namespace evpose::client {
+namespace {
+
+// Time for which a server that another one is tried after is waited for.
+constexpr absl::Duration kConnectionWait = absl::Milliseconds(100);
+
+}  // namespace
+
+bool IsServerAway(const absl::Status& status) {
+  switch (status.code()) {
+    case absl::StatusCode::kUnavailable:
+      return ReasonOf(status) != v1::ROLLED_BACK;  // about the session, not the server
+    case absl::StatusCode::kCancelled:             // by a server that is stopped
+    case absl::StatusCode::kUnknown:
+    case absl::StatusCode::kInternal:
+      return AdviseOn(status) == RetryAdvice::kTryAgain;
+    default:
+      return false;
+  }
+}
+
+ServerChoice::ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
+                           const std::stop_token& stop)
+    : endpoints_(endpoints), current_(current), clock_(clock), stop_(stop), index_(current), backoff_(RetryOptions()) {}
+
+void ServerChoice::Responded() {
+  // Without a failure the other calls stay where they are: a model may be known to their server alone.
+  if (num_failed_ > 0) current_ = index_;
+  num_failed_ = 0;
+  backoff_.Reset();
+}
+
+bool ServerChoice::Next(const absl::Status& status) {
+  if (stop_.stop_requested()) return false;
+  if (!IsServerAway(status)) {
+    Responded();
+    return false;
+  }
+  if (endpoints_.size() == 1) return false;
+  do {
+    if (++num_failed_ == kMaxRounds * endpoints_.size()) return false;
+    Skip();
+    const bool is_next_round = num_failed_ % endpoints_.size() == 0;
+    if (is_next_round && !clock_.SleepUntil(clock_.Now() + backoff_.Next(), stop_)) return false;
+  } while (!Connect() && !stop_.stop_requested());
+  return !stop_.stop_requested();
+}
+
+bool ServerChoice::Connect() const {
+  grpc::Channel& channel = *endpoint().channel;
+  grpc::experimental::ChannelResetConnectionBackoff(&channel);
+  const bool is_connected = channel.WaitForConnected(absl::ToChronoTime(absl::Now() + kConnectionWait));
+  return is_connected || num_failed_ >= (kMaxRounds - 1) * endpoints_.size();
+}
+
+absl::Status ServerChoice::Final(const absl::Status& status) const {
+  if (stop_.stop_requested() && IsServerAway(status)) {
+    return absl::CancelledError(absl::StrCat(endpoint().name, ": the call was cancelled"));
+  }
+  if (num_failed_ < kMaxRounds * endpoints_.size()) return status;
+  const std::string names = absl::StrJoin(
+      endpoints_, ", ", [](std::string* text, const Endpoint& endpoint) { absl::StrAppend(text, endpoint.name); });
+  absl::Status result(status.code(), absl::StrCat(status.message(), "; ", kMaxRounds, " attempts each at ", names));
+  SetDetails(result, GetDetails(status));
+  return result;
+}
+
+}  // namespace evpose::client

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The server that a call goes to, and the next one when it is away. Internal: it includes generated headers.
+#pragma once
+
+#include <grpcpp/channel.h>
+
+#include <atomic>
+#include <cstddef>
+#include <memory>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "client/lib/stream/retry.h"
+#include "evpose/clock.h"
+#include "evpose/v1/admin_service.grpc.pb.h"
+#include "evpose/v1/model_service.grpc.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
+
+namespace evpose::client {
+
+// One of the servers of a client.
+struct Endpoint {
+  std::shared_ptr<grpc::Channel> channel;
+  std::string name;
+  std::unique_ptr<v1::AdminService::StubInterface> admin;
+  std::unique_ptr<v1::ModelService::StubInterface> models;
+  std::unique_ptr<v1::SessionService::StubInterface> sessions;
+};
+
+// Returns whether a call failed because its server cannot be reached, shuts down or has lost its store, so that another
+// server may respond.
+bool IsServerAway(const absl::Status& status);
+
+// The servers that one call is made to, in turn. Used by one thread.
+class ServerChoice {
+ public:
+  // Attempts at each server without a response, after which a call fails.
+  static constexpr size_t kMaxRounds = 3;
+
+  // Begins with the server `current`, which is changed to the one that responds when others are away. `stop` is that of
+  // the call. The references must outlive the object.
+  ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
+               const std::stop_token& stop);
+
+  const Endpoint& endpoint() const { return endpoints_[index_]; }
+  // Informs the object of a response of the server.
+  void Responded();
+  // Chooses the next server if `status` says that this one is away. Each server is tried once without delay, then again
+  // after growing delays. Returns false if the call is not to be repeated: the server has responded, there is no other
+  // server, each has been tried kMaxRounds times, or a stop was requested.
+  bool Next(const absl::Status& status);
+  // Chooses the next server, because this one has refused and another one may accept.
+  void Skip() { index_ = (index_ + 1) % endpoints_.size(); }
+  // Returns the status of a call that is not repeated, with the servers that were tried.
+  absl::Status Final(const absl::Status& status) const;
+
+ private:
+  // Waits a moment for the connection; in the last round the call waits itself, and its status has the cause.
+  bool Connect() const;
+
+  const std::vector<Endpoint>& endpoints_;
+  std::atomic<size_t>& current_;
+  Clock& clock_;
+  const std::stop_token stop_;
+  size_t index_;
+  size_t num_failed_ = 0;  // attempts since the last response
+  Backoff backoff_;
+};
+
+}  // namespace evpose::client
