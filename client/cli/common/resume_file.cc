@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -23,7 +24,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxBytes = 1 << 20;  // a record has a few kilobytes
-constexpr int kVersion = 1;            // of the record; another one is refused
+constexpr uint32_t kVersion = 1;       // of the record; another one is refused
 
 absl::Status Error(const std::string& path, const char* what) {
   return absl::ErrnoToStatus(errno, absl::StrCat(path, ": ", what));
@@ -32,6 +33,20 @@ absl::Status Error(const std::string& path, const char* what) {
 uint32_t Checksum(const Json& json) {
   const std::string text = json.dump();
   return Crc32c({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
+
+// Json::get() converts any number, and the conversion of one outside the range is undefined.
+template <typename Number>
+absl::StatusOr<Number> WholeNumber(const Json& json, const char* field) {
+  constexpr uint64_t kMax = std::numeric_limits<Number>::max();
+  if (json.is_number_unsigned() && json.get<uint64_t>() <= kMax) return static_cast<Number>(json.get<uint64_t>());
+  return absl::InvalidArgumentError(absl::StrCat("is damaged: ", field, " is not a whole number of at most ", kMax));
+}
+
+template <typename Number>
+absl::Status ReadWholeNumber(const Json& json, const char* field, Number& value) {
+  EVPOSE_ASSIGN_OR_RETURN(value, WholeNumber<Number>(json.at(field), field));
+  return absl::OkStatus();
 }
 
 // The file's bytes are on the disk before it takes the name, and the name is when this returns.
@@ -78,25 +93,28 @@ absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
   if (!json.is_object() || !json.contains("evpose_resume")) {
     return absl::InvalidArgumentError("is not a file of --resume");
   }
+  EVPOSE_ASSIGN_OR_RETURN(const auto version, WholeNumber<uint32_t>(json["evpose_resume"], "evpose_resume"));
+  if (version != kVersion) return absl::InvalidArgumentError("was written by another version of evpose");
   ResumeRecord record;
   try {
-    if (json.at("evpose_resume").get<int>() != kVersion) {
-      return absl::InvalidArgumentError("was written by another version of evpose");
-    }
-    const auto checksum = json.at("crc32c").get<uint32_t>();
+    EVPOSE_ASSIGN_OR_RETURN(const auto checksum, WholeNumber<uint32_t>(json.at("crc32c"), "crc32c"));
     json.erase("crc32c");
     if (checksum != Checksum(json)) return absl::InvalidArgumentError("is damaged: its checksum does not match");
-    record.position.session = json.at("session").get<std::string>();
-    record.position.resume_token = json.at("resume_token").get<std::string>();
-    record.position.previous_token = json.at("previous_token").get<std::string>();
-    record.position.last_pose_seq = json.at("last_pose_seq").get<uint64_t>();
-    record.position.lost_poses = json.at("lost_poses").get<uint64_t>();
+    TrackPosition& position = record.position;
+    position.session = json.at("session").get<std::string>();
+    position.resume_token = json.at("resume_token").get<std::string>();
+    position.previous_token = json.at("previous_token").get<std::string>();
     const Json& durable = json.at("durable");
-    record.position.durable = {durable.at("seq").get<uint64_t>(), durable.at("bytes").get<uint64_t>(),
-                               durable.at("digest").get<uint32_t>()};
-    record.position.max_piece_bytes = json.at("max_piece_bytes").get<uint64_t>();
+    EVPOSE_RETURN_IF_ERROR(ReadWholeNumber(json, "last_pose_seq", position.last_pose_seq));
+    EVPOSE_RETURN_IF_ERROR(ReadWholeNumber(json, "lost_poses", position.lost_poses));
+    EVPOSE_RETURN_IF_ERROR(ReadWholeNumber(durable, "seq", position.durable.seq));
+    EVPOSE_RETURN_IF_ERROR(ReadWholeNumber(durable, "bytes", position.durable.bytes));
+    EVPOSE_RETURN_IF_ERROR(ReadWholeNumber(durable, "digest", position.durable.digest));
+    EVPOSE_RETURN_IF_ERROR(ReadWholeNumber(json, "max_piece_bytes", position.max_piece_bytes));
     record.arguments = json.at("arguments").get<std::map<std::string, std::string>>();
-    record.output_bytes = json.at("output_bytes").get<std::map<std::string, uint64_t>>();
+    for (const auto& [path, bytes] : json.at("output_bytes").items()) {
+      EVPOSE_ASSIGN_OR_RETURN(record.output_bytes[path], WholeNumber<uint64_t>(bytes, "output_bytes"));
+    }
   } catch (const std::exception&) {  // its words would quote the file
     return absl::InvalidArgumentError("is damaged: a field is missing or of another kind");
   }
@@ -118,7 +136,7 @@ absl::StatusOr<ResumeFile> ResumeFile::Open(const std::string& path) {
   absl::StatusOr<ResumeRecord> record = ResumeRecord::FromText(text);
   if (!record.ok()) {
     return absl::InvalidArgumentError(
-        absl::StrCat(path, ": ", record.status().message(), "; without it a new session begins"));
+        absl::StrCat(path, ": ", record.status().message(), ": remove the file, and a new session begins"));
   }
   file.record_ = *std::move(record);
   return file;

@@ -6,10 +6,14 @@
 #include <sys/stat.h>
 
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "core/base/output_file.h"
 #include "core/base/temporary_directory_testing.h"
+#include "core/numerics/hash.h"
 
 namespace evpose::client {
 namespace {
@@ -82,6 +86,44 @@ TEST_F(ResumeFileTest, EveryChangedByteIsDetected) {
     EXPECT_THAT(record.status().message(), Not(HasSubstr("secret")));
   }
   EXPECT_FALSE(ResumeRecord::FromText(text.substr(0, text.size() / 2)).ok());
+}
+
+// The text of `record` with another value of a field, and with the checksum of that.
+std::string WithField(const ResumeRecord& record, const std::string& pointer, const std::string& value) {
+  using Json = nlohmann::ordered_json;
+  Json json = Json::parse(record.ToText());
+  json.erase("crc32c");
+  json[Json::json_pointer(pointer)] = Json::parse(value);
+  const std::string text = json.dump();
+  json["crc32c"] = Crc32c({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  return json.dump();
+}
+
+TEST_F(ResumeFileTest, NumbersOutsideTheRangeAreNamed) {
+  ASSERT_TRUE(ResumeRecord::FromText(WithField(record_, "/durable/seq", "7")).ok());
+  const std::vector<std::pair<std::string, std::string>> fields = {{"/last_pose_seq", "last_pose_seq"},
+                                                                   {"/lost_poses", "lost_poses"},
+                                                                   {"/durable/seq", "seq"},
+                                                                   {"/durable/bytes", "bytes"},
+                                                                   {"/durable/digest", "digest"},
+                                                                   {"/max_piece_bytes", "max_piece_bytes"},
+                                                                   {"/output_bytes/a.tum", "output_bytes"},
+                                                                   {"/evpose_resume", "evpose_resume"}};
+  for (const auto& [pointer, name] : fields) {
+    for (const char* value : {"1e300", "-1e300", "-1", "0.5", "18446744073709551616", "true", "\"1\"", "null"}) {
+      ASSERT_TRUE(WriteFile(path_, WithField(record_, pointer, value)).ok());
+      const auto file = ResumeFile::Open(path_);
+      EXPECT_EQ(file.status().code(), absl::StatusCode::kInvalidArgument) << pointer << " " << value;
+      EXPECT_THAT(file.status().message(),
+                  AllOf(HasSubstr(path_ + ": is damaged: " + name + " is not a whole number of at most "),
+                        HasSubstr("remove the file")))
+          << pointer << " " << value;
+    }
+  }
+  EXPECT_THAT(ResumeRecord::FromText(WithField(record_, "/durable/digest", "4294967296")).status().message(),
+              HasSubstr("digest is not a whole number of at most 4294967295"));
+  EXPECT_THAT(ResumeRecord::FromText("{\"evpose_resume\": 1, \"crc32c\": 1e300}").status().message(),
+              HasSubstr("crc32c is not a whole number of at most 4294967295"));
 }
 
 TEST_F(ResumeFileTest, FilesOfAnotherKindAreNamed) {
