@@ -24,16 +24,16 @@ from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import RetryOptions
 from evpose.stream.track import Track, TrackOptions
 from evpose.types import (ConnectionChange, DecodeFault, Discontinuity, Estimator, EventsDropped, GoAway, Health, LagChange, Model, Notice,
-                          ObjectHealth, Overload, PoseReset, PosesLost, SensorProfile, ServerInfo, SessionInfo, StateChange, Surface,
-                          TrackedObject, TrackingRestarted, TrackState, TrackSummary, Trigger, Triggers, read_sensor_profile)
+                          ObjectHealth, Overload, PoseReset, PosesLost, SearchCounts, SensorProfile, ServerInfo, SessionConfig, SessionInfo, StateChange,
+                          Surface, TrackedObject, TrackingRestarted, TrackState, TrackSummary, Trigger, Triggers, read_sensor_profile)
 
 __all__ = [
     "EVENT_DTYPE", "POSE_DTYPE", "AbortedError", "AlreadyExistsError", "Alternative", "Camera", "CancelledError", "Client",
     "ConnectionChange", "DataLossError", "DeadlineExceededError", "DecodeFault", "Discontinuity", "Encoding", "Estimator",
     "EventsDropped", "EvposeError", "FailedPreconditionError", "FlatEncoder", "GoAway", "Health", "InternalError", "InvalidArgumentError",
     "LagChange", "Model", "NotFoundError", "Notice", "ObjectHealth", "Overload", "PermissionDeniedError", "Pose", "PoseReset", "PoseWatch",
-    "PosesLost", "Recording", "ResourceExhaustedError", "RetainOptions", "RetryOptions", "SensorProfile", "ServerInfo", "Session", "SessionInfo",
-    "StateChange", "Surface", "Tls", "Track", "TrackOptions", "TrackPosition", "TrackState", "TrackSummary", "TrackedObject",
+    "PosesLost", "Recording", "ResourceExhaustedError", "RetainOptions", "RetryOptions", "SearchCounts", "SensorProfile", "ServerInfo", "Session", "SessionConfig",
+    "SessionInfo", "StateChange", "Surface", "Tls", "Track", "TrackOptions", "TrackPosition", "TrackState", "TrackSummary", "TrackedObject",
     "TrackingRestarted", "Transform", "Trigger", "Triggers", "UnauthenticatedError", "UnavailableError", "UnimplementedError", "connect", "events_to_bytes",
     "make_events", "read_camera", "read_sensor_profile", "write_tum",
 ]

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters and results. Each type corresponds to a message or enumeration of proto/evpose/v1, which documents its fields in
-full. Times t_us are on the sensor's clock, in microseconds; durations *_s are seconds."""
+full. Times t_us are on the sensor's clock, in microseconds; durations *_s are seconds; *_time is of the server's clock, in UTC."""
 
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import enum
 import pathlib
 from typing import Any, Optional, Union
@@ -59,7 +60,25 @@ class Surface(enum.IntEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Model:
-    """A model on the server. `name` is "models/{id}"."""
+    """A model on the server.
+
+    name                    "models/{id}"
+    file_name               of the first upload; for people
+    size_bytes              of the file
+    num_faces, num_lines, num_curves    triangles, straight edges and curved edges
+    num_symmetries          rotations that map the object onto itself, with the identity; 1 with a continuous symmetry
+    continuous_symmetry     "axis", "sphere", or "" for none; a rotation by it is not measured
+    diameter_m              metres
+    notices                 for people: what was merged or dropped when the file was loaded
+    num_regions             parts of the surface that no crease crosses; 0 if all are flat, or with Surface.AS_IS
+    format                  of the file: "obj", "ply", "stl" or "mesh"
+    metres_per_unit, crease_angle_deg, surface    as in upload_model(); None for a surface of a later server
+    sha256                  of the file, 32 bytes
+    create_time             when it was uploaded; None for a model that an earlier version stored
+    symmetry_centre_m       a point that the continuous symmetry does not move, in the object's frame, metres; None without one
+    symmetry_axis           unit vector of the axis in the object's frame; None unless continuous_symmetry is "axis"
+    symmetry_is_flippable   half turns about the axes that are perpendicular to symmetry_axis map the object onto itself, too
+    """
 
     name: str
     file_name: str
@@ -68,9 +87,19 @@ class Model:
     num_lines: int
     num_curves: int
     num_symmetries: int
-    continuous_symmetry: str  # "axis", "sphere", or "" for none
+    continuous_symmetry: str
     diameter_m: float
     notices: tuple[str, ...]
+    num_regions: int
+    format: str
+    metres_per_unit: float
+    crease_angle_deg: float
+    surface: Optional[Surface]
+    sha256: bytes
+    create_time: Optional[datetime.datetime]
+    symmetry_centre_m: Optional[tuple[float, float, float]]
+    symmetry_axis: Optional[tuple[float, float, float]]
+    symmetry_is_flippable: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -235,23 +264,75 @@ class ConnectionChange:
 
 
 @dataclasses.dataclass(frozen=True)
+class SearchCounts:
+    """The searches for the pose of an object, by their result.
+
+    no_signal           no region of the image had more events than the noise
+    too_small           fewer than three lines, in a region that is too small for three edges
+    too_few_lines       fewer than three lines
+    not_enough_motion   the lines moved by less than a pixel
+    no_pose_fits        no pose of the model fitted the lines
+    poses_found         poses were found, which the events may have rejected later
+    """
+
+    no_signal: int
+    too_small: int
+    too_few_lines: int
+    not_enough_motion: int
+    no_pose_fits: int
+    poses_found: int
+
+
+@dataclasses.dataclass(frozen=True)
 class ObjectHealth:
-    """The state of one object of a session."""
+    """The state of one object of a session.
+
+    losses                    changes to LOST
+    explained_ratio           of the latest pose: the share of the events in the gate that the model explains, 0 to 1
+    initialization            why there is no confirmed pose, such as "NOT_NEEDED" or "TOO_FEW_LINES"
+    initialization_attempts   searches for the pose so far
+    detail                    for people: why there is no confirmed pose; "" when there is one
+    latest_loss_t_us          sensor time, microseconds; None before the first loss
+    latest_loss_cause         such as "OUT_OF_VIEW"; "" before the first loss
+    searches                  since the start or the latest loss
+    followed_poses            poses that are tested, compared with each other, or reported
+    """
 
     object_id: str
     state: TrackState
     losses: int
     explained_ratio: float
-    initialization: str  # such as "NOT_NEEDED" or "TOO_FEW_LINES"
+    initialization: str
     initialization_attempts: int
-    detail: str  # why there is no confirmed pose; "" when there is one
+    detail: str
     latest_loss_t_us: Optional[int]
-    latest_loss_cause: str  # "" before the first loss
+    latest_loss_cause: str
+    searches: SearchCounts
+    followed_poses: int
 
 
 @dataclasses.dataclass(frozen=True)
 class Health:
-    """Counters and gauges of a session."""
+    """Counters, which start with the session, and gauges of a session.
+
+    t_us              sensor time up to which events were processed, microseconds
+    received_bytes, processed_bytes   of events, without repeated chunks
+    decoded_events    changes of brightness
+    dropped_events    events before the first full time stamp, or outside the sensor
+    invalid_words     words of unknown type and incomplete vectors
+    time_backsteps    backward steps of the time stamps
+    poses             number of poses; also the number of the latest one
+    reattaches        streams after the first one
+    event_rate_hz, pose_rate_hz       per second of sensor time
+    real_time_ratio   processing time divided by sensor time; above 1 the session falls behind
+    queue_age_s       how long the oldest unprocessed chunk has waited, seconds
+    latency_p50_s, latency_p99_s      median and 99th percentile of Pose.latency_s; None before the first pose
+    skipped_events    with Overload.LATEST: decoded events that were not tracked
+    skipped_us        with Overload.LATEST: sensor time of the intervals that were not tracked, microseconds
+    falls_behind      events are processed more slowly than the camera sends them
+    cpu_s_per_s       processor seconds per second that the session uses
+    max_cpu_s_per_s   the server's limit of cpu_s_per_s; 0: no limit
+    """
 
     t_us: int
     received_bytes: int
@@ -266,25 +347,40 @@ class Health:
     pose_rate_hz: float
     real_time_ratio: float
     queue_age_s: float
-    latency_p50_s: Optional[float]  # None before the first pose
+    latency_p50_s: Optional[float]
     latency_p99_s: Optional[float]
     skipped_events: int
     skipped_us: int
     falls_behind: bool
     objects: tuple[ObjectHealth, ...]
+    cpu_s_per_s: float
+    max_cpu_s_per_s: float
 
 
 @dataclasses.dataclass(frozen=True)
 class SessionInfo:
-    """A session on the server, as GetSession and ListSessions return it. `name` is "sessions/{id}"."""
+    """A session on the server, as GetSession and ListSessions return it.
+
+    name          "sessions/{id}"
+    state         "DETACHED", "ATTACHED" or "ENDED"
+    encoding      None: one of a later server
+    width_px, height_px   size of the sensor
+    objects       object_id and name of the model of each object
+    config        with the defaults filled in; None if it has a value of a later server
+    create_time   when the session was created
+    expire_time   when it is deleted; None while a stream is attached
+    """
 
     name: str
-    state: str  # "DETACHED", "ATTACHED", "ENDED"
-    encoding: Optional[Encoding]  # None: one of a later server
+    state: str
+    encoding: Optional[Encoding]
     width_px: int
     height_px: int
-    objects: tuple[tuple[str, str], ...]  # object_id and name of the model
+    objects: tuple[tuple[str, str], ...]
     health: Health
+    config: Optional[SessionConfig]
+    create_time: Optional[datetime.datetime]
+    expire_time: Optional[datetime.datetime]
 
     @property
     def object_ids(self) -> tuple[str, ...]:
@@ -294,17 +390,35 @@ class SessionInfo:
 
 @dataclasses.dataclass(frozen=True)
 class ServerInfo:
-    """Version, limits and load of a server."""
+    """Version, limits and load of a server.
+
+    version             of the program
+    commit              that it was built from; "unknown" if the build had none
+    store               "memory", "sqlite" or "redis"
+    active_sessions     in any state: of all tenants for an operator, else of the caller's tenant
+    max_sessions        limit of all sessions
+    max_chunk_bytes     limit of a chunk of a new session, and of a piece of a model's file
+    max_model_bytes     limit of a model's file
+    pose_log_capacity   poses that are kept for each session
+    draining            the server shuts down: it accepts no new sessions and streams
+    session_expiry_s    a session without a stream is deleted after this time, seconds
+    skipped_events      with Overload.LATEST: decoded events that were not tracked, of all sessions since the server started; 0
+                        unless the caller is an operator
+    time                the server's clock when it responded; None if the server is of an earlier version
+    """
 
     version: str
     commit: str
-    store: str  # "memory", "sqlite" or "redis"
+    store: str
     active_sessions: int
     max_sessions: int
     max_chunk_bytes: int
     max_model_bytes: int
     pose_log_capacity: int
     draining: bool
+    session_expiry_s: float
+    skipped_events: int
+    time: Optional[datetime.datetime]
 
 
 @dataclasses.dataclass(frozen=True)
