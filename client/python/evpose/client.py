@@ -22,7 +22,8 @@ from evpose.session import SERVICE as SESSIONS
 from evpose.session import Session
 from evpose.stream.attempt import TrackPosition
 from evpose.stream.feed import EventSource
-from evpose.stream.track import Servers, Track, TrackOptions
+from evpose.stream.servers import Servers
+from evpose.stream.track import Track, TrackOptions
 from evpose.types import Estimator, Model, Overload, SensorProfile, ServerInfo, SessionConfig, SessionInfo, Surface, TrackedObject
 from evpose.rpc import health_pb2
 from evpose.v1 import admin_service_pb2, model_service_pb2, session_pb2, session_service_pb2
@@ -49,10 +50,6 @@ class Client:
         self._servers = servers
         self._timeout_s = call_timeout_s
 
-    @property
-    def _endpoint(self) -> Endpoint:
-        return self._servers.endpoints[self._servers.current]
-
     def close(self) -> None:
         """Ends all calls and closes the connections."""
         for endpoint in self._servers.endpoints:
@@ -66,12 +63,12 @@ class Client:
 
     def server_info(self) -> ServerInfo:
         """Returns version, limits and load of the server. Raises EvposeError."""
-        return server_from_message(self._endpoint.call(
-            _ADMIN + "GetServerInfo", admin_service_pb2.GetServerInfoRequest(), admin_service_pb2.ServerInfo, self._timeout_s))
+        return self._servers.at_any(_server_info, self._timeout_s)
 
     def is_serving(self) -> bool:
         """Whether the server is ready (grpc.health.v1): not while it shuts down, nor while its store does not respond."""
-        response = self._endpoint.call(
+        endpoint = self._servers.endpoints[self._servers.current]
+        response = endpoint.call(
             "/grpc.health.v1.Health/Check", health_pb2.HealthCheckRequest(), health_pb2.HealthCheckResponse, self._timeout_s)
         return bool(response.status == health_pb2.HealthCheckResponse.SERVING)
 
@@ -93,18 +90,21 @@ class Client:
             for begin in range(0, len(data), _UPLOAD_PIECE_BYTES):
                 yield model_service_pb2.UploadModelRequest(chunk=data[begin:begin + _UPLOAD_PIECE_BYTES])
 
+        def upload(endpoint: Endpoint, timeout_s: float) -> Any:
+            return endpoint.upload(_MODELS + "UploadModel", requests(), model_service_pb2.Model, timeout_s)
+
         try:
-            message = self._endpoint.upload(_MODELS + "UploadModel", requests(), model_service_pb2.Model, self._timeout_s)
+            message = self._servers.at_any(upload, self._timeout_s)
         except AbortedError:
             # The server had the model and did not read the bytes, but another server has deleted the model since: the second
             # upload is read.
-            message = self._endpoint.upload(_MODELS + "UploadModel", requests(), model_service_pb2.Model, self._timeout_s)
+            message = self._servers.at_any(upload, self._timeout_s)
         return model_from_message(message)
 
     def get_model(self, name: str) -> Model:
         """Returns a model by its name, "models/{id}". Raises NotFoundError."""
         request = model_service_pb2.GetModelRequest(name=name)
-        return model_from_message(self._endpoint.call(_MODELS + "GetModel", request, model_service_pb2.Model, self._timeout_s))
+        return model_from_message(self._servers.call(_MODELS + "GetModel", request, model_service_pb2.Model, self._timeout_s))
 
     def list_models(self) -> list[Model]:
         """Returns the models of this client's tenant. Raises EvposeError."""
@@ -114,7 +114,14 @@ class Client:
     def delete_model(self, name: str) -> None:
         """Deletes a model. Raises NotFoundError, and FailedPreconditionError while a session uses it."""
         request = model_service_pb2.DeleteModelRequest(name=name)
-        self._endpoint.call(_MODELS + "DeleteModel", request, empty_pb2.Empty, self._timeout_s)
+
+        def delete(endpoint: Endpoint, timeout_s: float) -> None:
+            try:
+                endpoint.call(_MODELS + "DeleteModel", request, empty_pb2.Empty, timeout_s)
+            finally:
+                request.allow_missing = True  # the server may have deleted the model before it went away
+
+        self._servers.at_any(delete, self._timeout_s)
 
     def create_session(self, objects: Objects, camera: Camera, encoding: Encoding = Encoding.FLAT64, *,
                        overload: Overload = Overload.BLOCK, max_lag_s: Optional[float] = None, estimator: Estimator = Estimator.MIXTURE,
@@ -124,9 +131,10 @@ class Client:
         without one, each call creates a session. Raises EvposeError."""
         config = SessionConfig(encoding, camera, _tracked_objects(objects), overload, max_lag_s, estimator, sensor)
         request = session_service_pb2.CreateSessionRequest(config=config.to_proto(), request_id=request_id or uuid.uuid4().hex)
-        created = self._endpoint.call(SESSIONS + "CreateSession", request, session_service_pb2.CreateSessionResponse, self._timeout_s)
+        created = self._servers.call(SESSIONS + "CreateSession", request, session_service_pb2.CreateSessionResponse, self._timeout_s)
         if not created.session.name:
-            raise InternalError(f"{self._endpoint.name}: the server violates the protocol: the new session has no name")
+            name = self._servers.endpoints[self._servers.current].name
+            raise InternalError(f"{name}: the server violates the protocol: the new session has no name")
         return Session(self._servers, session_from_message(created.session), created.resume_token, self._timeout_s)
 
     def session(self, name: str) -> Session:
@@ -136,7 +144,7 @@ class Client:
     def get_session(self, name: str) -> SessionInfo:
         """Returns the state of a session by its name, "sessions/{id}". Raises NotFoundError."""
         request = session_service_pb2.GetSessionRequest(name=name)
-        return session_from_message(self._endpoint.call(SESSIONS + "GetSession", request, session_pb2.Session, self._timeout_s))
+        return session_from_message(self._servers.call(SESSIONS + "GetSession", request, session_pb2.Session, self._timeout_s))
 
     def list_sessions(self) -> list[SessionInfo]:
         """Returns the sessions of this client's tenant. Raises EvposeError."""
@@ -152,11 +160,16 @@ class Client:
     def _pages(self, method: str, request: Any, response: Any) -> Iterator[Any]:
         request.page_size = _PAGE_SIZE
         while True:
-            page = self._endpoint.call(method, request, response, self._timeout_s)
+            page = self._servers.call(method, request, response, self._timeout_s)
             yield page
             request.page_token = page.next_page_token
             if not request.page_token:
                 return
+
+
+def _server_info(endpoint: Endpoint, timeout_s: float) -> ServerInfo:
+    return server_from_message(endpoint.call(
+        _ADMIN + "GetServerInfo", admin_service_pb2.GetServerInfoRequest(), admin_service_pb2.ServerInfo, timeout_s))
 
 
 def _tracked_objects(objects: Objects) -> tuple[TrackedObject, ...]:
@@ -168,7 +181,9 @@ def _tracked_objects(objects: Objects) -> tuple[TrackedObject, ...]:
 def connect(addresses: str, *, tls: Optional[Tls] = None, token: Optional[Token] = None, connect_timeout_s: float = 10.0,
             call_timeout_s: float = 60.0) -> Client:
     """Connects to HOST:PORT, or to several of them, separated by commas, of servers that share their sessions. Waits until one
-    responds (it may be starting); later calls go to the server that responded last.
+    responds (it may be starting); later calls go to the server that responded last. When it cannot be reached, shuts down or has
+    lost its store, the next servers are tried in turn, three times each with growing delays. A call that is made again has the
+    effect of one call. Track has its own limit (RetryOptions).
 
     tls     encryption; None: none
     token   the authentication token, a secret, or a function that returns the current one, which is called before every call. It is
@@ -185,7 +200,7 @@ def connect(addresses: str, *, tls: Optional[Tls] = None, token: Optional[Token]
     servers = Servers([Endpoint.open(address, tls, source) for address in addresses.split(",")], outlive_sessions=False)
     client = Client(servers, call_timeout_s)
     try:
-        info = _wait_for_server(client, servers, addresses, tls, connect_timeout_s)
+        info = _wait_for_server(servers, call_timeout_s, addresses, tls, connect_timeout_s)
     except BaseException:
         client.close()
         raise
@@ -193,13 +208,13 @@ def connect(addresses: str, *, tls: Optional[Tls] = None, token: Optional[Token]
     return client
 
 
-def _wait_for_server(client: Client, servers: Servers, addresses: str, tls: Optional[Tls], timeout_s: float) -> ServerInfo:
+def _wait_for_server(servers: Servers, call_timeout_s: float, addresses: str, tls: Optional[Tls], timeout_s: float) -> ServerInfo:
     begin = time.monotonic()
     is_explained = False
     while True:
         for servers.current in range(len(servers.endpoints)):
             try:
-                return client.server_info()
+                return _server_info(servers.endpoints[servers.current], call_timeout_s)
             except UnimplementedError:
                 raise UnimplementedError(f"the server at {servers.endpoints[servers.current].name} is not an evpose server") from None
             except UnavailableError as error:

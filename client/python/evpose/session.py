@@ -5,17 +5,17 @@ from __future__ import annotations
 
 from typing import Any, Generator, Iterator, Optional
 
-import grpc
 from google.protobuf import empty_pb2
 
 from evpose.convert import health_from_message, session_from_message
-from evpose.errors import FailedPreconditionError, InternalError, InvalidArgumentError, from_call
+from evpose.errors import FailedPreconditionError, InternalError, InvalidArgumentError
 from evpose.events import Encoding
 from evpose.poses import CONFIRMED, Pose, defect, pose_from_message
 from evpose.recordings import Recording
 from evpose.stream.attempt import TrackPosition
 from evpose.stream.feed import EventFeed, EventSource
-from evpose.stream.track import Servers, Track, TrackOptions
+from evpose.stream.servers import Servers
+from evpose.stream.track import Track, TrackOptions
 from evpose.types import Health, SessionInfo
 from evpose.v1 import session_pb2, session_service_pb2
 
@@ -88,8 +88,7 @@ class Session:
     def info(self) -> SessionInfo:
         """Returns the present state. Raises EvposeError."""
         request = session_service_pb2.GetSessionRequest(name=self.name)
-        endpoint = self._servers.endpoints[self._servers.current]
-        return session_from_message(endpoint.call(SERVICE + "GetSession", request, session_pb2.Session, self._call_timeout_s))
+        return session_from_message(self._servers.call(SERVICE + "GetSession", request, session_pb2.Session, self._call_timeout_s))
 
     def health(self) -> Health:
         """Returns the counters and gauges. Raises EvposeError."""
@@ -97,7 +96,8 @@ class Session:
 
     def watch_poses(self, after_seq: int = 0, max_rate_hz: Optional[float] = None) -> PoseWatch:
         """Returns an iterator of the stored poses after `after_seq`, then live ones, until the session has ended. `max_rate_hz`
-        limits the poses per second of sensor time and object. Follows the session to another server."""
+        limits the poses per second of sensor time and object. Follows the session to another server, and continues at another one
+        of the client when its server is away."""
         request = session_service_pb2.WatchPosesRequest(session=self.name, after_pose_seq=after_seq)
         if max_rate_hz is not None:
             request.max_rate_hz = max_rate_hz
@@ -107,38 +107,13 @@ class Session:
         """Yields the health at once, after each period (at least 0.01 s), and when the session has ended. Raises EvposeError."""
         request = session_service_pb2.WatchHealthRequest(session=self.name)
         request.period.FromNanoseconds(round(1e9 * period_s))
-        for response in _watch(self._servers, "WatchHealth", request, session_service_pb2.WatchHealthResponse):
+        for response in self._servers.watch(SERVICE + "WatchHealth", request, session_service_pb2.WatchHealthResponse):
             yield health_from_message(response.health)
 
     def delete(self) -> None:
         """Deletes the session; one that does not exist is no error. Raises EvposeError."""
         request = session_service_pb2.DeleteSessionRequest(name=self.name, allow_missing=True)
-        self._servers.endpoints[self._servers.current].call(
-            SERVICE + "DeleteSession", request, empty_pb2.Empty, self._call_timeout_s)
-
-
-def _watch(servers: Servers, method: str, request: Any, response: Any) -> Generator[Any, None, None]:
-    """Yields the responses until the session has ended, also after it has moved to another server, to which the present
-    `request` is sent."""
-    while True:
-        endpoint = servers.endpoints[servers.current]
-        call = endpoint.watch(SERVICE + method, request, response)
-        try:
-            yield from _responses(call)
-        finally:
-            call.cancel()
-        error = from_call(call, endpoint.name)
-        if error is None:
-            return
-        if error.reason != "FENCED" and (error.code, error.reason) != ("UNAVAILABLE", "ROLLED_BACK"):
-            raise error
-
-
-def _responses(call: Any) -> Iterator[Any]:
-    try:
-        yield from call
-    except grpc.RpcError:
-        return
+        self._servers.call(SERVICE + "DeleteSession", request, empty_pb2.Empty, self._call_timeout_s)
 
 
 class PoseWatch:
@@ -150,7 +125,7 @@ class PoseWatch:
         # last writes. It computes the same poses again, which are not returned again.
         self.continues_after_seq: Optional[int] = None
         self._request = request
-        self._responses = _watch(servers, "WatchPoses", request, session_service_pb2.WatchPosesResponse)
+        self._responses = servers.watch(SERVICE + "WatchPoses", request, session_service_pb2.WatchPosesResponse)
         self._poses = self._run()
 
     def _run(self) -> Generator[Pose, None, None]:

@@ -10,7 +10,8 @@ from evpose.channel import Endpoint, TokenSource
 from evpose.rpc import error_details_pb2, status_pb2
 from evpose.stream.attempt import TRACK, TrackPosition
 from evpose.stream.feed import EventFeed
-from evpose.stream.track import Servers, Track
+from evpose.stream.servers import Servers
+from evpose.stream.track import Track
 from evpose.v1 import session_pb2, track_pb2
 
 IDENTITY = {"translation_m": {"z": 1.0}, "rotation": {"w": 1.0}}

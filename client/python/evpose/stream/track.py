@@ -18,21 +18,13 @@ from evpose.stream.attempt import AttemptOptions, Callbacks, StreamAttempt, Trac
 from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import Advice, Backoff, Clock, RetryOptions, advise_on
+from evpose.stream.servers import Servers
 from evpose.types import ConnectionChange, Notice, PoseReset, TrackSummary
 
 # Attempts after which a damaged chunk is regarded as damaged at its source, not by the link.
 _MAX_DAMAGED_TRIES = 5
 # More attaches than a store with a stale replica loses.
 _MAX_OLDER_TOKENS = 8
-
-
-@dataclasses.dataclass
-class Servers:
-    """The servers of a client. `current` is the index of the one with the session."""
-
-    endpoints: Sequence[Endpoint]
-    outlive_sessions: bool  # sessions are in a persistent store
-    current: int = 0
 
 
 @dataclasses.dataclass
@@ -78,6 +70,7 @@ class Track:
         self.summary: Optional[TrackSummary] = None  # after the last pose
         self.position = position
         self._servers = servers
+        self._index = servers.current  # the server of this stream; other calls change the current one, too
         self._object_ids = object_ids
         self._feed = feed
         self._options = options
@@ -175,7 +168,7 @@ class Track:
 
     @property
     def _server(self) -> Endpoint:
-        return self._servers.endpoints[self._servers.current]
+        return self._servers.endpoints[self._index]
 
     def _make_attempt(self) -> StreamAttempt:
         position, retry = self.position, self._options.retry
@@ -192,6 +185,7 @@ class Track:
 
     def _on_position(self, position: TrackPosition, has_new_token: bool) -> None:
         if has_new_token:
+            self._servers.current = self._index
             self._attached_at = self._clock.now()
             if self._away_since is not None:
                 self._report(ConnectionChange(False, self._server.name, None, self._clock.now() - self._away_since, 0.0, 0))
@@ -253,7 +247,7 @@ class Track:
             return False
         self._tries += 1
         if not is_same_server:
-            self._servers.current = (self._servers.current + 1) % len(self._servers.endpoints)
+            self._index = (self._index + 1) % len(self._servers.endpoints)
         self._report(ConnectionChange(True, self._server.name, cause, now - away_since, delay_s, 0))
         return self._clock.wait(delay_s, self._stop)
 

@@ -1,0 +1,152 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""A client with two servers, one of which stops or refuses: calls and watchers continue at the other one, with the effect of one call."""
+
+import pathlib
+import tempfile
+import unittest
+from concurrent import futures
+
+import grpc
+from scripted_server import Fail, FakeClock, pose
+from testing import evpose
+
+from evpose.channel import Endpoint, TokenSource
+from evpose.client import Client
+from evpose.stream.servers import Servers
+from evpose.v1 import admin_service_pb2, model_service_pb2, session_pb2, session_service_pb2
+
+CAMERA = evpose.Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
+REFUSED = Fail(grpc.StatusCode.UNAVAILABLE, "DRAINING")
+
+
+class OneOfTwo(grpc.GenericRpcHandler):
+    """A server that records its calls in `calls`, and ends them with `failure`, unless it is None."""
+
+    def __init__(self, first_pose_seq):
+        self.calls = []
+        self.requests = []
+        self.failure = None
+        self.fails_after_pose = False
+        self._first_pose_seq = first_pose_seq
+        self._server = grpc.server(futures.ThreadPoolExecutor(8))
+        self._server.add_generic_rpc_handlers([self])
+        self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        self._server.start()
+
+    def stop(self):
+        self._server.stop(None).wait()
+
+    def take_calls(self):
+        calls, self.calls = self.calls, []
+        return calls
+
+    def service(self, details):
+        name = details.method.rsplit("/", 1)[1]
+        modules = (session_service_pb2, model_service_pb2, admin_service_pb2)
+        (request,) = [getattr(module, name + "Request") for module in modules if hasattr(module, name + "Request")]
+        response = {"GetSession": session_pb2.Session(), "CreateSession": session_service_pb2.CreateSessionResponse(session={"name": "sessions/1"}),
+                    "ListSessions": session_service_pb2.ListSessionsResponse(), "GetServerInfo": admin_service_pb2.ServerInfo()}.get(
+                        name, model_service_pb2.Model())
+
+        def record(message, context):
+            self.calls.append(name)
+            self.requests.append(message)
+            if self.failure is not None:
+                self.failure.apply(context)
+            return response
+
+        def upload(messages, context):
+            return record(sum(len(each.chunk) for each in messages), context)
+
+        def watch(message, context):
+            record(message, context)
+            if name == "WatchPoses":
+                yield session_service_pb2.WatchPosesResponse(poses=[pose(self._first_pose_seq).pose])
+            else:
+                yield session_service_pb2.WatchHealthResponse()
+            if self.fails_after_pose:
+                REFUSED.apply(context)
+
+        if name == "UploadModel":
+            return grpc.stream_unary_rpc_method_handler(upload, request.FromString, lambda each: each.SerializeToString())
+        if name.startswith("Watch"):
+            return grpc.unary_stream_rpc_method_handler(watch, request.FromString, lambda each: each.SerializeToString())
+        return grpc.unary_unary_rpc_method_handler(record, request.FromString, lambda each: each.SerializeToString())
+
+
+class ServersTest(unittest.TestCase):
+    def setUp(self):
+        self.first, self.second = OneOfTwo(1), OneOfTwo(2)
+        self.addCleanup(self.first.stop)
+        self.addCleanup(self.second.stop)
+        directory = tempfile.TemporaryDirectory()
+        self.addCleanup(directory.cleanup)
+        self.model = pathlib.Path(directory.name) / "model.obj"
+        self.model.write_text("v 0 0 0\n")
+
+    def client(self):
+        self.clock = FakeClock()
+        endpoints = [Endpoint.open(server.address, None, TokenSource(None)) for server in (self.first, self.second)]
+        client = Client(Servers(endpoints, True, 0, self.clock), 60.0)
+        self.addCleanup(client.close)
+        return client
+
+    def test_calls_go_to_the_server_that_is_alive(self):
+        client = self.client()
+        client.server_info()
+        self.assertEqual(self.first.take_calls(), ["GetServerInfo"])
+        self.first.stop()
+        client.server_info()
+        client.upload_model(self.model)
+        client.get_model("models/1")
+        client.create_session("models/1", CAMERA)
+        client.list_sessions()
+        client.session("sessions/1").delete()
+        self.assertEqual(self.second.take_calls(), ["GetServerInfo", "UploadModel", "GetModel", "CreateSession", "ListSessions", "GetSession",
+                                                    "DeleteSession"])
+        self.assertEqual(self.clock.waits, [])
+
+    def test_a_repeated_call_has_the_effect_of_one(self):
+        self.first.failure = REFUSED
+        for call in (lambda client: client.create_session("models/1", CAMERA), lambda client: client.upload_model(self.model),
+                     lambda client: client.get_session("sessions/1")):
+            call(self.client())
+        self.assertEqual(self.first.calls, self.second.calls)
+        self.assertEqual(self.first.requests, self.second.requests)  # with the same request_id
+        self.assertTrue(self.first.requests[0].request_id)
+        self.client().delete_model("models/1")
+        # The first server may have deleted the model before it went away.
+        self.assertEqual([each.requests[-1].allow_missing for each in (self.first, self.second)], [False, True])
+
+    def test_the_attempts_are_bounded(self):
+        self.first.failure = self.second.failure = REFUSED
+        client = self.client()
+        with self.assertRaises(evpose.UnavailableError) as caught:
+            client.get_session("sessions/1")
+        self.assertIn(f"3 attempts each at {self.first.address}, {self.second.address}", str(caught.exception))
+        self.assertEqual([len(self.first.take_calls()), len(self.second.take_calls())], [3, 3])
+        # 0.1 and 0.2 s, of which the jitter takes up to a half.
+        self.assertEqual(len(self.clock.waits), 2)
+        self.assertTrue(0.15 <= sum(self.clock.waits) <= 0.3, self.clock.waits)
+
+    def test_a_response_that_is_an_error_is_final(self):
+        for failure in (Fail(grpc.StatusCode.NOT_FOUND, "SESSION_NOT_FOUND"), Fail(grpc.StatusCode.INTERNAL, "STORE_FAILED")):
+            self.first.failure = failure
+            with self.assertRaises(evpose.EvposeError):
+                self.client().get_session("sessions/1")
+            self.assertEqual(self.first.take_calls(), ["GetSession"])
+            self.assertEqual(self.second.calls, [])
+
+    def test_watchers_continue_at_the_other_server(self):
+        self.first.fails_after_pose = True
+        session = self.client().session("sessions/1")
+        self.assertEqual([each.seq for each in session.watch_poses()], [1, 2])
+        self.assertEqual(self.first.take_calls(), ["GetSession", "WatchPoses"])
+        self.assertEqual(self.second.requests[0].after_pose_seq, 1)
+        self.assertEqual(len(list(self.client().session("sessions/1").watch_health())), 2)
+        self.assertEqual(self.second.take_calls(), ["WatchPoses", "WatchHealth"])
+
+
+if __name__ == "__main__":
+    unittest.main()
