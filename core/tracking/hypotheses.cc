@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <type_traits>
 #include <utility>
 
 #include "core/base/yield_point.h"
@@ -57,8 +58,7 @@ const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind, 
     entry.track->set_motion(state);
     entry.has_rivals_tested = is_first_tested();
   }
-  entry.is_rival = true;
-  entry.is_unlikely = prior == RivalPrior::kUnlikely;
+  entry.origin = prior == RivalPrior::kUnlikely ? Origin::kUnlikelyRival : Origin::kRival;
   entry.pending = kSettlingWindows + kComparedWindows;
   Append(std::move(entry));
   return entries_.back().track.get();
@@ -75,15 +75,16 @@ bool Hypotheses::HasSettled(const PoseTrack* track) const {
 }
 
 bool Hypotheses::HasRival() const {
-  return std::any_of(entries_.begin(), entries_.end(),
-                     [this](const Entry& entry) { return entry.is_rival && &entry != &entries_.front(); });
+  return std::any_of(entries_.begin(), entries_.end(), [this](const Entry& entry) {
+    return entry.origin != Origin::kSearch && &entry != &entries_.front();
+  });
 }
 
 bool Hypotheses::IsUndecided() const {
   const double least_sigma = 0.5 * context_.options.initialization.decision_sigma;
   for (size_t i = 1; i < entries_.size(); ++i) {
     const Entry& entry = entries_[i];
-    if (entry.pending == 0 && (!entry.is_unlikely || Preference(i, 0) >= least_sigma)) return true;
+    if (entry.pending == 0 && (entry.origin != Origin::kUnlikelyRival || Preference(i, 0) >= least_sigma)) return true;
   }
   return false;
 }
@@ -283,7 +284,8 @@ void Hypotheses::DropHopelessRivals() {
   for (size_t i = entries_.size(); --i > 0;) {
     const Entry& entry = entries_[i];
     const bool is_early = entry.pending > kSettlingWindows + kComparedWindows - kFirstWindows;
-    if (entry.is_rival && !entry.is_settled() && !is_early && entry.Explained() < kLeastShare * first) {
+    const bool is_refined_rival = entry.origin != Origin::kSearch && !entry.is_settled();
+    if (is_refined_rival && !is_early && entry.Explained() < kLeastShare * first) {
       Remove(i, LossCause::kBetterPose);
     }
   }
@@ -303,15 +305,27 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, estimate, events, difference, squares, is_rival, is_unlikely, has_rivals_tested, pending, won_against] =
-      self;
-  archive(*track, estimate, is_rival, is_unlikely, has_rivals_tested,
-          AtMost(pending, kSettlingWindows + kComparedWindows));
+  auto& [track, estimate, events, difference, squares, origin, has_rivals_tested, pending, won_against] = self;
+  archive(*track, estimate);
+  VisitOrigin(archive, origin);
+  archive(has_rivals_tested, AtMost(pending, kSettlingWindows + kComparedWindows));
   archive(won_against);
   archive.Check(won_against.size() <= kMaxWonAgainst, "more rejected poses than are kept");
   // Both have one element per entry.
   for (auto& value : difference) archive(Finite(value));
   for (auto& value : squares) archive(Finite(value));
+}
+
+// Stored as two bools.
+void Hypotheses::Entry::VisitOrigin(auto& archive, auto& origin) {
+  bool is_rival = origin != Origin::kSearch;
+  bool is_unlikely = origin == Origin::kUnlikelyRival;
+  archive(is_rival, is_unlikely);
+  archive.Check(is_rival || !is_unlikely, "a found pose with the prior of a rival");
+  if constexpr (std::remove_reference_t<decltype(archive)>::kReading) {
+    const Origin rival = is_unlikely ? Origin::kUnlikelyRival : Origin::kRival;
+    origin = is_rival ? rival : Origin::kSearch;
+  }
 }
 
 void Hypotheses::SaveState(StateWriter& writer) const {

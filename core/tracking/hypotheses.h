@@ -93,6 +93,9 @@ class Hypotheses {
   static constexpr int kComparedWindows = 8;
   static constexpr size_t kMaxWonAgainst = 16;  // bounds the memory; the oldest is forgotten first
 
+  // Where a hypothesis comes from: a search or a given pose, or AddRival() with its prior. It does not change.
+  enum class Origin { kSearch, kRival, kUnlikelyRival };
+
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {
     std::unique_ptr<PoseTrack> track;
@@ -101,14 +104,14 @@ class Hypotheses {
     // For each other entry, in the order of `entries_`: sum of the differences of the scores, and of their squares.
     std::vector<double> difference;
     std::vector<double> squares;
-    bool is_rival = false;
-    bool is_unlikely = false;        // RivalPrior
+    Origin origin = Origin::kSearch;
     bool has_rivals_tested = false;  // MarkFirstTested()
     int pending = 0;  // windows that are left until the comparison with the first hypothesis is undecided
     std::vector<RigidTransform> won_against;  // poses relative to this one, object_from_object; at most kMaxWonAgainst
     bool is_settled() const { return pending <= kComparedWindows; }
     double Explained() const;  // sum of the scores
     static void VisitState(auto& archive, auto& self);
+    static void VisitOrigin(auto& archive, auto& origin);
   };
 
   void Compare(const EventWindow& window, const Competitors* others);

@@ -28,11 +28,12 @@ ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializ
       memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
               context_.options.initialization.max_events),
       initializer_(std::move(initializer)),
-      given_pose_(object.initial_camera_from_object),
       retry_us_(context_.options.initialization.retry_us),
       hypotheses_(context_),
       rival_generator_(*context_.model),
-      turned_faces_(*context_.edges, kInclinedOfMerge * context_.options.initialization.merge_rad) {}
+      turned_faces_(*context_.edges, kInclinedOfMerge * context_.options.initialization.merge_rad) {
+  if (object.initial_camera_from_object) given_ = {*object.initial_camera_from_object, std::nullopt};
+}
 
 void ObjectTracker::SetOthers(std::vector<const ObjectTracker*> others) {
   others_ = std::move(others);
@@ -44,25 +45,26 @@ void ObjectTracker::SetPhaseListener(PhaseListener listener) {
 }
 
 void ObjectTracker::BeginWindow() {
-  was_published_ = IsPublished(phase_);
+  published_others_.clear();
+  for (const ObjectTracker* other : others_) {
+    if (IsPublished(other->phase_)) published_others_.push_back(other);
+  }
   if (hypotheses_.empty()) past_states_.clear();
 }
 
 void ObjectTracker::OnGap(const EventGap& gap) {
   now_us_ = gap.t_end_us;
   // The pose was given for the first event: its time is the beginning of the gap.
-  if (given_pose_ && !given_at_us_) given_at_us_ = gap.t_begin_us;
+  if (given_ && !given_->at_us) given_->at_us = gap.t_begin_us;
   followed_since_us_ += gap.duration_us();
   hypotheses_.OnGap(gap.duration_us());
 }
 
 void ObjectTracker::Finish() {
-  if (IsGiven(phase_) || given_pose_) {
-    // The stream has ended without support for the given pose.
-    CountLoss(LossCause::kUnconfirmed);
-    Enter(ObjectInput::kAllRejected);
+  if (IsGiven(phase_) || given_) {
+    Reject(ObjectInput::kUnconfirmed, LossCause::kUnconfirmed);
     hypotheses_.Clear();
-    given_pose_.reset();
+    given_.reset();
   } else if (hypotheses_.empty() && initializer_ != nullptr) {
     // The result of the last search may be an exception: an object at rest at the end says nothing about the time
     // before.
@@ -71,11 +73,9 @@ void ObjectTracker::Finish() {
 }
 
 void ObjectTracker::ResetPose(const RigidTransform& camera_from_object, std::optional<int64_t> at_us) {
-  given_pose_ = camera_from_object;
-  given_at_us_ = at_us;
+  given_ = {camera_from_object, at_us};
   hypotheses_.Clear();
   past_states_.clear();
-  unpublished_state_ = TrackState::kInitializing;
   report_.status = InitializationStatus::kVerifying;
   report_.searches = {};
   Enter(ObjectInput::kReset);
@@ -95,7 +95,7 @@ double ObjectTracker::ImageSpeedPxPerS() const {
 }
 
 TrackState ObjectTracker::state() const {
-  if (!IsPublished(phase_)) return unpublished_state_;
+  if (!IsPublished(phase_)) return ReportedState(acquisition_);
   const bool has_competitors = hypotheses_.size() > 1 && IsCompeting(phase_);
   return has_competitors ? TrackState::kAmbiguous : hypotheses_.first().state();
 }
@@ -118,7 +118,7 @@ bool ObjectTracker::Outline(ObjectOutline& outline) const {
 
 void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   now_us_ = window.t_end_us;
-  if (given_pose_) StartFromGivenPose(window);
+  if (given_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
     if (IsPublished(phase_) && repeats_left_ == 0 && state() == TrackState::kTracking) {
       memory_.Clear();
@@ -138,12 +138,12 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
 }
 
 void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
-  const RigidTransform pose = *std::exchange(given_pose_, std::nullopt);
-  const int64_t t_us = std::min(given_at_us_.value_or(window.t_begin_us), window.t_mid_us());
+  const GivenPose given = *std::exchange(given_, std::nullopt);
+  const int64_t t_us = std::min(given.at_us.value_or(window.t_begin_us), window.t_mid_us());
   const double focal_px = context_.camera.MaxFocalPx();
   hypotheses_.Clear();
   past_states_.clear();
-  hypotheses_.Add(InitialMotionState(pose, t_us, focal_px, context_.options.initial));
+  hypotheses_.Add(InitialMotionState(given.camera_from_object, t_us, focal_px, context_.options.initial));
   followed_since_us_ = t_us;
   Enter(ObjectInput::kGivenPose);
   memory_.Clear();
@@ -153,25 +153,23 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
 }
 
 void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
-  // Its rejection is a loss, even if competitors are left.
-  const bool counts_as_loss = IsGiven(phase_) || phase_ == ObjectPhase::kPublished;
   const PoseTrack* first = &hypotheses_.first();
   const bool has_rival = hypotheses_.HasRival();
   hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
   hypotheses_.DropIf([this](const PoseTrack& track) { return IsOccupied(track); }, LossCause::kOccupied);
   if (hypotheses_.empty()) {
-    if (IsPublished(phase_) || IsGiven(phase_)) CountLoss(hypotheses_.first_removed_because());
-    Enter(ObjectInput::kAllRejected);
+    Reject(ObjectInput::kAllRejected, hypotheses_.first_removed_because());
     report_.status = InitializationStatus::kNotSupported;
     return;
   }
-  if (has_rival && first != &hypotheses_.first()) {
-    Enter(ObjectInput::kRivals);  // its rival takes its place
-    StartRivalRounds(window.t_end_us, Hypotheses::RivalPrior::kEqual);
-  } else if (counts_as_loss && first != &hypotheses_.first()) {
-    // Competitors are left: one of them is reported when it is confirmed.
-    CountLoss(hypotheses_.first_removed_because());
-    Enter(ObjectInput::kFirstRejected);
+  if (first != &hypotheses_.first()) {
+    if (has_rival) {
+      Enter(ObjectInput::kRivals);  // its rival takes its place
+      StartRivalRounds(window.t_end_us, Hypotheses::RivalPrior::kEqual);
+    } else {
+      // One of the competitors that are left is reported when it is confirmed.
+      Reject(ObjectInput::kFirstRejected, hypotheses_.first_removed_because());
+    }
   }
   if (hypotheses_.size() == 1 && IsCompeting(phase_)) TestRivalsOfWinner();
   if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
@@ -248,7 +246,7 @@ bool ObjectTracker::MaySearchAgain() const {
   if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) return false;
   // Do not search again while ambiguous: a new search would re-create hypotheses that were already rejected, without
   // the evidence accumulated against them.
-  if (!IsPublished(phase_) && report_.status == InitializationStatus::kAmbiguous) return false;
+  if (!IsPublished(phase_) && hypotheses_.estimate()) return false;
   // Events near its lines do not distinguish an object at rest from one that has left: it may reappear elsewhere.
   const TrackState now = state();
   return !IsPublished(phase_) || repeats_left_ > 0 || now == TrackState::kDegraded || now == TrackState::kAmbiguous;
@@ -370,7 +368,7 @@ const Competitors* ObjectTracker::OthersAt(const EventWindow& window, const Moti
   const std::optional<BoundingSphere> sphere =
       near == nullptr ? std::nullopt : std::optional(SphereAt(near->camera_from_object));
   competitors_->Clear();
-  for (const ObjectTracker* other : others_) other->AddTo(window.t_mid_us(), sphere, *competitors_);
+  for (const ObjectTracker* other : published_others_) other->AddTo(window.t_mid_us(), sphere, *competitors_);
   if (competitors_->empty()) return nullptr;
   competitors_->Build();
   return competitors_.get();
@@ -379,7 +377,6 @@ const Competitors* ObjectTracker::OthersAt(const EventWindow& window, const Moti
 void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const {
   // The widest gate plus the motion of a fast object during a window.
   constexpr double kMarginPx = 64.0;
-  if (!was_published_) return;
   const auto is_later = [t_us](const PastState& state) { return state.motion.t_us >= t_us; };
   const auto next = std::find_if(past_states_.begin(), past_states_.end(), is_later);
   if (next == past_states_.begin()) return;
@@ -418,55 +415,22 @@ void ObjectTracker::StorePastState(const EventWindow& window) {
   }
 }
 
-void ObjectTracker::VisitState(auto& archive, auto& self) {
-  auto& [context, reference_rotation, memory, initializer, unpublished_state, report, losses, last_tracked,
-         last_published_us, given_pose, given_at_us, next_search_us, retry_us, repeats_left, hypotheses,
-         followed_since_us, phase, now_us, others, competitors, past_states, rival_generator, turned_faces,
-         next_rivals_us, rival_rounds_left, next_rival, rival_prior, was_published] = self;
-  constexpr int64_t kMax_us = kMaxStateTime_us;
-  archive(memory, AtMost(unpublished_state, TrackState::kLost), report, losses, last_tracked, last_published_us,
-          given_pose, given_at_us, InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
-          AtMost(repeats_left, context.options.initialization.num_repeats), hypotheses,
-          InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
-          turned_faces, InRange(next_rivals_us, -kMax_us, kMax_us),
-          AtMost(rival_rounds_left, context.options.initialization.num_rival_rounds),
-          AtMost(next_rival, RivalGenerator::kMaxRivals), AtMost(rival_prior, Hypotheses::RivalPrior::kUnlikely),
-          was_published, InRange(now_us, -kMax_us, kMax_us));
-}
-
-void ObjectTracker::SaveState(StateWriter& writer) const { VisitState(writer, *this); }
-
-void ObjectTracker::LoadState(StateReader& reader) {
-  VisitState(reader, *this);
-  reader.Check(IsConsistent(), "an object whose phase, hypotheses and past states contradict each other");
-}
-
-bool ObjectTracker::IsConsistent() const {
-  if ((phase_ == ObjectPhase::kSearching) != hypotheses_.empty()) return false;
-  if (given_at_us_ && (*given_at_us_ < -kMaxStateTime_us || *given_at_us_ > kMaxStateTime_us)) return false;
-  const int num_curves = context_.edges->num_curves();
-  return std::all_of(past_states_.begin(), past_states_.end(), [num_curves](const PastState& state) {
-    const auto num_lines = static_cast<int>(state.lines.size());
-    const auto is_index = [num_lines](int line) { return line >= -1 && line < num_lines; };
-    return std::all_of(state.lines.begin(), state.lines.end(), [&](const TrackedLine& line) {
-      return line.curve >= 0 && line.curve < num_curves && is_index(line.previous) && is_index(line.next);
-    });
-  });
-}
-
 void ObjectTracker::Enter(ObjectInput input) {
+  acquisition_ = NextAcquisition(acquisition_, phase_, input);
   const ObjectPhase next = NextPhase(phase_, input);
   context_.phase_reporter->Report(phase_, next, now_us_);
   phase_ = next;
 }
 
-void ObjectTracker::CountLoss(LossCause cause) {
-  unpublished_state_ = TrackState::kLost;
-  report_.loss_cause = cause;
-  report_.lost_at_us = now_us_;
-  report_.searches = {};
-  retry_us_ = context_.options.initialization.retry_us;
-  ++losses_;
+void ObjectTracker::Reject(ObjectInput input, LossCause cause) {
+  if (IsLoss(phase_, input)) {
+    report_.loss_cause = cause;
+    report_.lost_at_us = now_us_;
+    report_.searches = {};
+    retry_us_ = context_.options.initialization.retry_us;
+    ++losses_;
+  }
+  Enter(input);
 }
 
 }  // namespace evpose

@@ -33,8 +33,7 @@ class ObjectTracker {
   // before the window are used, so that the results do not depend on the order of the objects.
   void SetOthers(std::vector<const ObjectTracker*> others);
 
-  // To be called for all objects before any of them processes the next window: stores the state of this object that the
-  // others use.
+  // To be called for all objects before any of them processes the next window: finds the others that are published.
   void BeginWindow();
   // Processes windows in order of time. Appends at most one estimate for this window, and those of past windows after a
   // search.
@@ -73,7 +72,14 @@ class ObjectTracker {
       archive(motion, lines);
     }
   };
+  // A pose that becomes the only hypothesis in the next window.
+  struct GivenPose {
+    RigidTransform camera_from_object;
+    std::optional<int64_t> at_us;  // its time; absent: the beginning of that window
+  };
   static void VisitState(auto& archive, auto& self);
+  static void VisitGivenPose(auto& archive, auto& given);
+  static void VisitAcquisition(auto& archive, auto& acquisition);
   // Whether the values that were read, each of them valid, are valid together.
   bool IsConsistent() const;
 
@@ -82,7 +88,7 @@ class ObjectTracker {
   // The other published objects in a window; null when there are none. `near` restricts them to those whose image is
   // near this object in that state.
   const Competitors* OthersAt(const EventWindow& window, const MotionState* near);
-  // Adds this object at its prediction for t_us from earlier states; adds nothing while no pose is published.
+  // Adds this object at its prediction for t_us from earlier states.
   void AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const;
   BoundingSphere SphereAt(const RigidTransform& camera_from_object) const;
   // Whether another object of the same model is published at this place: both would be the same physical object.
@@ -119,9 +125,10 @@ class ObjectTracker {
   RigidTransform ReferenceAt(int64_t t_us) const;
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
-  // To be called when a published or given pose is rejected.
-  void CountLoss(LossCause cause);
-  // Applies the transition function and reports the transition. No other function changes the phase.
+  // Enter() for the inputs by which the object may be lost, with the reason for that case.
+  void Reject(ObjectInput input, LossCause cause);
+  // Applies the transition functions and reports the transition. No other function changes the phase and the
+  // acquisition.
   void Enter(ObjectInput input);
 
   const TrackContext context_;
@@ -129,13 +136,11 @@ class ObjectTracker {
   WindowMemory memory_;
   const std::unique_ptr<PoseInitializer> initializer_;  // null: every pose is given
 
-  TrackState unpublished_state_ = TrackState::kInitializing;  // the reported state while no pose is published
   InitializationReport report_;
   uint32_t losses_ = 0;
   std::optional<MotionState> last_tracked_;
   int64_t last_published_us_ = std::numeric_limits<int64_t>::min();
-  std::optional<RigidTransform> given_pose_;
-  std::optional<int64_t> given_at_us_;
+  std::optional<GivenPose> given_;
   int64_t next_search_us_ = 0;
   int64_t retry_us_ = 0;
   int repeats_left_ = 0;
@@ -143,10 +148,12 @@ class ObjectTracker {
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;
   ObjectPhase phase_ = ObjectPhase::kSearching;
+  Acquisition acquisition_ = Acquisition::kFirst;
   int64_t now_us_ = 0;  // end of the latest window or gap, for the reports of transitions and losses only
 
   std::vector<const ObjectTracker*> others_;
-  std::unique_ptr<Competitors> competitors_;  // null without others
+  std::vector<const ObjectTracker*> published_others_;  // those that were published before this window
+  std::unique_ptr<Competitors> competitors_;            // null without others
   // Past states for the stored windows, in order of time; empty without other objects.
   std::deque<PastState> past_states_;
   const RivalGenerator rival_generator_;
@@ -155,8 +162,6 @@ class ObjectTracker {
   int rival_rounds_left_ = 0;
   int next_rival_ = 0;  // number of the next rival of the present round
   Hypotheses::RivalPrior rival_prior_ = Hypotheses::RivalPrior::kEqual;  // prior of the rivals of the present round
-  // A pose was published before this window, so that the other objects take this one into account.
-  bool was_published_ = false;
 };
 
 }  // namespace evpose

@@ -72,7 +72,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   WindowInput input;
   const WindowFit& fit = FitWindow(window, others, input);
   lines_ = input.lines;
-  if (is_occluded_) return Hold(window);
+  if (occlusion_ == Occlusion::kAll) return Hold(window);
   const RigidTransform& pose = fit.state.camera_from_object;
   const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
                       pose.translation_m.allFinite() && fit.state.twist.allFinite();
@@ -101,12 +101,12 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   if (!input.is_confirmed) input.shares.polarity_weight = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, fit);
   const bool confirming = phase_ == TrackPhase::kTentative;
-  const double support = is_fully_tested_ ? health.keep_support_ratio : health.confirm_support_ratio;
+  const double support = coverage_ == TestCoverage::kMost ? health.keep_support_ratio : health.confirm_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
   const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
   const HealthResult result = health_.Test(support, health.confirm_support_ratio,
                                            confirming ? health.confirm_lines : health.keep_lines, patience_us);
-  if (is_partly_occluded_ && input.lines.size() < static_cast<size_t>(health.confirm_lines)) {
+  if (occlusion_ == Occlusion::kSome && input.lines.size() < static_cast<size_t>(health.confirm_lines)) {
     // Too little is visible for an event deficit or foreign events to contradict the pose.
     Enter(TrackInput::kOcclusion, window.t_end_us);
   } else {
@@ -346,13 +346,13 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
 WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
                               double gate_factor) {
   WindowInput input;
-  input.is_confirmed = phase_ != TrackPhase::kTentative && is_fully_tested_;
+  input.is_confirmed = phase_ != TrackPhase::kTentative && coverage_ == TestCoverage::kMost;
   input.lines = estimator_->UsesVisibility() ? visible_edges_.At(predicted.camera_from_object) : all_lines_;
-  is_occluded_ = is_partly_occluded_ = false;
+  occlusion_ = Occlusion::kNone;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
     unoccluded_lines_.assign(input.lines.begin(), input.lines.end());
-    is_partly_occluded_ = others->RemoveHidden(predicted.camera_from_object, unoccluded_lines_);
-    is_occluded_ = unoccluded_lines_.empty();
+    if (others->RemoveHidden(predicted.camera_from_object, unoccluded_lines_)) occlusion_ = Occlusion::kSome;
+    if (unoccluded_lines_.empty()) occlusion_ = Occlusion::kAll;
     input.lines = unoccluded_lines_;
   }
   ProjectLines(context_.camera, predicted, input.lines, image_lines_);
@@ -375,7 +375,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
 
 bool PoseTrack::IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio) {
   determination_.Sum(motion_.camera_from_object, lines, image_lines_, health_.curve_results());
-  const bool was_determined = is_fully_tested_ && phase_ == TrackPhase::kConfirmed;
+  const bool was_determined = coverage_ == TestCoverage::kMost && phase_ == TrackPhase::kConfirmed;
   return was_determined ? determination_.IsKept() : determination_.IsConfirmed(support_ratio);
 }
 
@@ -384,18 +384,21 @@ void PoseTrack::UpdatePhase(const HealthResult& result, bool is_determined, int6
   constexpr double kMostLines = 0.5;
   const HealthOptions& health = context_.options.health;
   const bool is_tentative = phase_ == TrackPhase::kTentative;
-  const bool is_tested = is_fully_tested_ || result.testable_ratio >= health.min_tested_ratio;
+  const bool is_most_testable = result.testable_ratio >= health.min_tested_ratio;
   const bool is_passed =
       result.kind == HealthResult::Kind::kUnsupported && !is_tentative && result.present_ratio < kMostLines;
   switch (is_passed ? HealthResult::Kind::kFewEvents : result.kind) {
     case HealthResult::Kind::kOpen:
       return;
-    case HealthResult::Kind::kSupported:
-      is_fully_tested_ = is_fully_tested_ || (is_tested && is_determined);
+    case HealthResult::Kind::kSupported: {
+      const bool is_most_tested = coverage_ == TestCoverage::kMost || is_most_testable;
       // The first confirmation waits until most lines could be tested: a part of an object can equal another object.
-      if (is_tentative && !is_tested && t_us - followed_since_us_ < health.max_hold_us) return;
-      Enter(is_determined ? TrackInput::kSupport : TrackInput::kPartialSupport, t_us);
+      if (is_tentative && !is_most_tested && t_us - followed_since_us_ < health.max_hold_us) return;
+      const TrackInput input = is_determined ? TrackInput::kSupport : TrackInput::kPartialSupport;
+      coverage_ = NextCoverage(coverage_, input, is_most_testable);
+      Enter(input, t_us);
       return;
+    }
     case HealthResult::Kind::kDoubtful:
       // The pose is right and partly occluded, or attracted by the occluder. It is kept, and other poses may compete.
       Enter(TrackInput::kPartialSupport, t_us);
@@ -425,8 +428,9 @@ void PoseTrack::Enter(TrackInput input, int64_t t_us) {
 
 LossCause PoseTrack::CauseOf(TrackInput input) const {
   if (input == TrackInput::kTimeout) return LossCause::kContradicted;
-  const bool is_in_view = is_occluded_ || std::any_of(image_lines_.begin(), image_lines_.end(),
-                                                      [](const ImageLine& line) { return line.in_view(); });
+  const bool is_in_view =
+      occlusion_ == Occlusion::kAll ||
+      std::any_of(image_lines_.begin(), image_lines_.end(), [](const ImageLine& line) { return line.in_view(); });
   return is_in_view ? LossCause::kUncertain : LossCause::kOutOfView;
 }
 
@@ -449,15 +453,14 @@ Matrix6d PoseTrack::PublishedCovariance(const WindowFit& fit) const {
 void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_edges, all_lines, associator, estimator, health, determination, activity, flash, adaptation,
          phase, motion, usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions,
-         followed_since_us, is_fully_tested, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines,
-         is_flash, is_occluded, is_partly_occluded, image_lines, rates, past_deficit_counts, expectations, fit,
-         second_fit] = self;
+         followed_since_us, coverage, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines,
+         is_flash, occlusion, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
   archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
           Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
           AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),
-          is_fully_tested, InRange(supported_at_us, -kMax_us, kMax_us),
+          AtMost(coverage, TestCoverage::kMost), InRange(supported_at_us, -kMax_us, kMax_us),
           InRange(unsupported_since_us, -kMax_us, kMax_us));
   archive(associator.near_events());
   for (auto& counts : deficit_counts) archive(counts);

@@ -87,6 +87,9 @@ class PoseTrack {
   void LoadState(StateReader& reader);
 
  private:
+  // The visible lines that the other objects hide in the last window; kAll: none is left.
+  enum class Occlusion { kNone, kSome, kAll };
+
   static void VisitState(auto& archive, auto& self);
   // Turns the window's events near the lines at `predicted` into observations.
   WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
@@ -150,7 +153,7 @@ class PoseTrack {
   std::vector<DeficitCounts> deficit_counts_;  // counts of earlier windows, by TrackedLine::curve
   int num_contradictions_ = 0;                 // test results that contradicted the tentative pose
   int64_t followed_since_us_ = -1;             // begin of the first window, microseconds; -1 before it
-  bool is_fully_tested_ = false;      // in one result, min_tested_ratio of its lines was testable and it was confirmed
+  TestCoverage coverage_ = TestCoverage::kPart;
   int64_t supported_at_us_ = 0;       // time of the latest kSupport
   int64_t unsupported_since_us_ = 0;  // time at which kUnsupported was entered
 
@@ -158,9 +161,8 @@ class PoseTrack {
 
   absl::Span<const TrackedLine> lines_;
   std::vector<TrackedLine> unoccluded_lines_;
-  bool is_flash_ = false;            // IsFlash() of the last window
-  bool is_occluded_ = false;         // the other objects occlude all visible lines
-  bool is_partly_occluded_ = false;  // the other objects occlude some of them
+  bool is_flash_ = false;  // IsFlash() of the last window
+  Occlusion occlusion_ = Occlusion::kNone;
   std::vector<ImageLine> image_lines_;
   std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
   std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window

@@ -44,6 +44,10 @@ TrackState ReportedState(TrackPhase phase) {
   return phase == TrackPhase::kLost ? TrackState::kLost : TrackState::kDegraded;
 }
 
+TestCoverage NextCoverage(TestCoverage coverage, TrackInput input, bool is_most_testable) {
+  return input == TrackInput::kSupport && is_most_testable ? TestCoverage::kMost : coverage;
+}
+
 std::string_view ObjectPhaseName(ObjectPhase phase) {
   static constexpr std::array<std::string_view, kNumObjectPhases> kNames = {
       "SEARCHING",           "VERIFYING_GIVEN", "VERIFYING_GIVEN_COMPETING", "VERIFYING",
@@ -87,8 +91,9 @@ ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input) {
       return IsCompeting(phase) ? ObjectPhase::kPublishedCompeting : ObjectPhase::kPublished;
     case ObjectInput::kFirstRejected:
       // Among competitors the next one takes the place of the first one.
-      return IsGiven(phase) || phase == ObjectPhase::kPublished ? ObjectPhase::kVerifyingCompeting : phase;
+      return IsLoss(phase, input) ? ObjectPhase::kVerifyingCompeting : phase;
     case ObjectInput::kAllRejected:
+    case ObjectInput::kUnconfirmed:
     case ObjectInput::kReset:
       break;
   }
@@ -106,6 +111,28 @@ bool IsGiven(ObjectPhase phase) {
 bool IsCompeting(ObjectPhase phase) {
   return phase == ObjectPhase::kVerifyingGivenCompeting || phase == ObjectPhase::kVerifyingCompeting ||
          phase == ObjectPhase::kPublishedCompeting;
+}
+
+bool IsLoss(ObjectPhase phase, ObjectInput input) {
+  switch (input) {
+    case ObjectInput::kFirstRejected:
+      return IsGiven(phase) || phase == ObjectPhase::kPublished;
+    case ObjectInput::kAllRejected:
+      return IsGiven(phase) || IsPublished(phase);
+    case ObjectInput::kUnconfirmed:
+      return true;  // also before the first window, in which the given pose becomes a hypothesis
+    default:
+      return false;
+  }
+}
+
+Acquisition NextAcquisition(Acquisition acquisition, ObjectPhase phase, ObjectInput input) {
+  if (input == ObjectInput::kReset) return Acquisition::kFirst;
+  return IsLoss(phase, input) ? Acquisition::kAfterLoss : acquisition;
+}
+
+TrackState ReportedState(Acquisition acquisition) {
+  return acquisition == Acquisition::kFirst ? TrackState::kInitializing : TrackState::kLost;
 }
 
 }  // namespace evpose

@@ -44,6 +44,15 @@ TrackPhase NextPhase(TrackPhase phase, TrackInput input);
 // The state that is reported while this hypothesis is published.
 TrackState ReportedState(TrackPhase phase);
 
+// How much of the object has been tested while its pose was supported. Once it is most of it, a smaller supported part
+// keeps the pose (HealthOptions::keep_support_ratio). Stored as one byte.
+enum class TestCoverage : uint8_t {
+  kPart,  // no supporting result tested HealthOptions::min_tested_ratio of the lines: the rest may contradict the pose
+  kMost,  // one has; final
+};
+// Returns the coverage after `input`. `is_most_testable`: the result behind it tested min_tested_ratio of the lines.
+TestCoverage NextCoverage(TestCoverage coverage, TrackInput input, bool is_most_testable);
+
 // Phase of one object: the state of the search for its pose and of its publication.
 enum class ObjectPhase {
   kSearching,                // no hypothesis
@@ -67,9 +76,10 @@ enum class ObjectInput {
   kPublication,    // the first hypothesis is reported from now on
   kFirstRejected,  // the first hypothesis was rejected, and others are left
   kAllRejected,    // none is left
+  kUnconfirmed,    // the stream has ended before the events have supported the pose that the user gave
   kReset,          // the user discards the present pose
 };
-inline constexpr int kNumObjectInputs = 9;
+inline constexpr int kNumObjectInputs = 10;
 
 // Returns the phase after `input`, by the table of the README; `phase` itself if nothing changes.
 ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input);
@@ -80,6 +90,20 @@ bool IsPublished(ObjectPhase phase);
 bool IsGiven(ObjectPhase phase);
 // Whether several hypotheses compete and none of them takes precedence.
 bool IsCompeting(ObjectPhase phase);
+
+// Whether the object is lost by `input`: a published or given pose is rejected, and no rival takes its place.
+bool IsLoss(ObjectPhase phase, ObjectInput input);
+
+// Which search for the object is in progress, or would be without its present pose.
+enum class Acquisition {
+  kFirst,      // it has not been lost since the start or the latest reset
+  kAfterLoss,  // it has
+};
+// Returns the acquisition after `input` in `phase`, by the table of the README.
+Acquisition NextAcquisition(Acquisition acquisition, ObjectPhase phase, ObjectInput input);
+
+// The state that is reported while no pose is published.
+TrackState ReportedState(Acquisition acquisition);
 
 // Change of the phase of a hypothesis, or of an object.
 template <typename Phase>

@@ -53,6 +53,12 @@ PoseEstimate InCamera(const LensView& view, const PoseEstimate& in_view) {
   return estimate;
 }
 
+// Where an object without a pose is sought. Stored as one byte.
+enum class SearchScope : uint8_t {
+  kAllViews,
+  kHomeView,  // a given pose is being tested there
+};
+
 // One object in the views.
 class ViewedObject {
  public:
@@ -67,7 +73,7 @@ class ViewedObject {
   absl::Status Start() {
     if (object_.initial_camera_from_object) {
       home_ = NearestTo(*object_.initial_camera_from_object);
-      is_given_ = true;
+      scope_ = SearchScope::kHomeView;
     }
     return Create(home_, object_.initial_camera_from_object);
   }
@@ -96,11 +102,11 @@ class ViewedObject {
   void Decide(int64_t t_us) {
     const TrackState state = home().state();
     const bool is_reported = IsReported(state);
-    if (is_reported || state == TrackState::kLost) is_given_ = false;
+    if (is_reported || state == TrackState::kLost) scope_ = SearchScope::kAllViews;
     if (is_reported) {
       // A view that has just been taken has its first estimate at the end of its window.
       if (latest_) Follow(t_us);
-    } else if (!is_given_ && options_.initialization.is_automatic) {
+    } else if (scope_ == SearchScope::kAllViews && options_.initialization.is_automatic) {
       Seek();
     }
   }
@@ -110,7 +116,7 @@ class ViewedObject {
     std::fill(trackers_.begin(), trackers_.end(), nullptr);
     home_ = NearestTo(camera_from_object);
     latest_.reset();
-    is_given_ = true;
+    scope_ = SearchScope::kHomeView;
     // Start() has made a tracker of the same object.
     if (!Create(home_, camera_from_object).ok()) (void)Create(home_, std::nullopt);
   }
@@ -159,7 +165,7 @@ class ViewedObject {
 
  private:
   static void VisitState(auto& archive, auto& self) {
-    archive(self.home_, self.past_losses_, self.is_given_, self.latest_,
+    archive(self.home_, self.past_losses_, AtMost(self.scope_, SearchScope::kHomeView), self.latest_,
             InRange(self.published_us_, kNever, kMaxStateTime_us),
             InRange(self.candidate_us_, kNever, kMaxStateTime_us));
   }
@@ -273,7 +279,7 @@ class ViewedObject {
 
   uint32_t home_ = 0;  // the view from which the object is reported
   uint32_t past_losses_ = 0;
-  bool is_given_ = false;               // a given pose is being tested
+  SearchScope scope_ = SearchScope::kAllViews;
   std::optional<PoseEstimate> latest_;  // in the frame of the camera, since the object was found
   int64_t published_us_ = kNever;
   int64_t candidate_us_ = kNever;  // start of the tracker that takes the object over
