@@ -108,11 +108,13 @@ InitializationReport ObjectTracker::initialization() const {
 
 bool ObjectTracker::Outline(ObjectOutline& outline) const {
   if (!IsPublished(phase_)) return false;
-  const PoseTrack& track = hypotheses_.first();
+  const MotionState& motion = hypotheses_.first().motion();
   outline.state = state();
-  outline.t_us = track.motion().t_us;
-  outline.camera_from_object = track.motion().camera_from_object;
-  outline.SetEdges(track.lines());
+  // There has been no window since the last call.
+  if (outline.t_us == motion.t_us && outline.camera_from_object == motion.camera_from_object) return true;
+  outline.t_us = motion.t_us;
+  outline.camera_from_object = motion.camera_from_object;
+  outline.SetEdges(hypotheses_.first().lines());
   return true;
 }
 

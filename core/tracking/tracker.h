@@ -96,8 +96,10 @@ class Tracker : public PoseSource {
   virtual InitializationReport initialization(size_t object_index) const = 0;
   virtual uint32_t losses(size_t object_index) const = 0;  // changes to LOST so far
 
-  // Replaces `outline` by the visible edges of an object at its latest pose; returns false if it has none. After the
-  // state was loaded, the edges are missing until the next window. The default is a tracker that has no edges.
+  // Replaces `outline` by the visible edges of an object at its latest pose; returns false if it has none. The edges of
+  // an `outline` from an earlier call for the object are kept while its pose is the latest one, so that they are copied
+  // once for each window. After the state was loaded, the edges are missing until the next window. The default is a
+  // tracker that has no edges.
   virtual bool Outline(size_t object_index, ObjectOutline& outline) const {
     (void)object_index, (void)outline;
     return false;

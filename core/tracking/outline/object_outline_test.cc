@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 #include <vector>
 
 #include "core/contours/contour_shapes_testing.h"
@@ -202,6 +203,41 @@ TEST(ObjectOutlineTest, ContoursOfACapsuleTouchItsSurface) {
     }
     EXPECT_LT(std::abs(nearest_m - kRadius) / depth_m * kCamera.fx_px, 0.5);
   }
+}
+
+// A session asks after each slice of events, and several slices can belong to one window.
+TEST(ObjectOutlineTest, EdgesAreCopiedOnceForEachWindow) {
+  const std::vector<Event> events = EventsBehind(kCamera, *Cube(), ConstantTwist(kStart, kOutlineTwist));
+  const auto tracker = Tracker::Create(Cube(), kCamera, WithoutInitialization(), kStart).value();
+  std::vector<PoseEstimate> estimates;
+  ObjectOutline kept;
+  int num_calls = 0, num_copies = 0;
+  std::set<int64_t> times_us;
+  for (size_t at = 0; at < events.size(); at += kPieceEvents / 10) {
+    tracker->AddEvents(absl::MakeConstSpan(events).subspan(at, kPieceEvents / 10), estimates);
+    ObjectOutline copied;
+    if (!tracker->Outline(0, copied)) continue;
+    times_us.insert(copied.t_us);
+    const ObjectOutline before = kept;
+    kept.edges.clear();  // shows whether the edges are copied
+    ASSERT_TRUE(tracker->Outline(0, kept));
+    ++num_calls;
+    if (kept.edges.empty()) {
+      kept.edges = before.edges;
+    } else {
+      ++num_copies;
+    }
+    EXPECT_EQ(kept.t_us, copied.t_us);
+    EXPECT_EQ(kept.state, copied.state);
+    EXPECT_EQ(kept.camera_from_object, copied.camera_from_object);
+    ASSERT_EQ(kept.edges.size(), copied.edges.size());
+    for (size_t i = 0; i < kept.edges.size(); ++i) {
+      EXPECT_EQ(kept.edges[i].p1, copied.edges[i].p1);
+      EXPECT_EQ(kept.edges[i].p2, copied.edges[i].p2);
+    }
+  }
+  EXPECT_EQ(static_cast<size_t>(num_copies), times_us.size());
+  EXPECT_GT(num_calls, 2 * num_copies);
 }
 
 TEST(ObjectOutlineTest, AnObjectWithoutAPoseHasNone) {
