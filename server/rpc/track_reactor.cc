@@ -26,6 +26,7 @@
 #include "server/runtime/out_of_memory.h"
 #include "server/sessions/session.h"
 #include "server/sessions/stream/chunk_check.h"
+#include "server/sessions/stream/stream_silence.h"
 
 namespace evpose::server {
 namespace {
@@ -84,6 +85,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void OnWriteDone(bool ok) override {
     const std::lock_guard lock(mutex_);
     is_writing_ = false;
+    silence_.OnWritten();
     if (!ok) Fail(absl::CancelledError("the client has disconnected"));
     if (session_ != nullptr) session_->ReportSent(stream_, sent_pose_seq_);
     Pump();
@@ -112,8 +114,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void GoAway(absl::Duration deadline) override {
     const std::lock_guard lock(mutex_);
-    // A stream that has not attached has nothing to finish.
-    if (session_ == nullptr) Fail(services_.sessions.CheckNotDraining());
+    if (session_ == nullptr) Fail(services_.sessions.CheckNotDraining());  // it has nothing to finish
     go_away_ = deadline;
     Pump();
   }
@@ -167,6 +168,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void OnReadHandled() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (read_ == ReadState::kReading) read_ = ReadState::kIdle;
+    silence_.OnMessage();
   }
 
   // A session that this server does not have is resumed from the store, which blocks too long for gRPC's threads.
@@ -279,17 +281,15 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
                });
   }
 
-  // A stream is idle while the server waits for a message. Time in which the server does not read, because the queue is
-  // full or the tenant has exceeded its rate, does not count.
+  absl::Duration MeasureSilence(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return silence_.Update({read_ == ReadState::kReading, view.is_idle, is_writing_}, std::chrono::steady_clock::now());
+  }
+
   void OnIdleAlarm() {
     const std::lock_guard lock(mutex_);
     if (phase_ != StreamPhase::kOpen) return;
-    const absl::Duration idle = read_ == ReadState::kReading
-                                    ? absl::FromChrono(std::chrono::steady_clock::now() - reading_since_)
-                                    : absl::ZeroDuration();
-    if (idle < services_.stream_idle_timeout) {
-      return SetAlarm(idle_alarm_, services_.stream_idle_timeout - idle, &TrackReactor::OnIdleAlarm);
-    }
+    const absl::Duration left = services_.stream_idle_timeout - MeasureSilence(session_->View(stream_));
+    if (left > absl::ZeroDuration()) return SetAlarm(idle_alarm_, left, &TrackReactor::OnIdleAlarm);
     Fail(WithReason(absl::DeadlineExceededError(absl::StrCat(
                         "the stream has sent no message for ", absl::FormatDuration(services_.stream_idle_timeout),
                         ": attach again to continue, and send empty chunks while there are no events")),
@@ -354,10 +354,10 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     // Reading starts only after `attached` has been written, because the client waits for it.
     if (MayRead(phase_) && read_ == ReadState::kIdle && !is_held_ && view.has_room) {
       read_ = ReadState::kReading;
-      reading_since_ = std::chrono::steady_clock::now();
       StartRead(&request_);
     }
     if (!is_writing_) Write(view);
+    MeasureSilence(view);
   }
 
   void Write(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -475,7 +475,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   v1::TrackRequest::Attach attach_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);  // until the stream attaches, then while it is held
   std::unique_ptr<grpc::Alarm> idle_alarm_ ABSL_GUARDED_BY(mutex_);
-  std::chrono::steady_clock::time_point reading_since_ ABSL_GUARDED_BY(mutex_);  // start of the last read
+  StreamSilence silence_ ABSL_GUARDED_BY(mutex_);
   // To be sent:
   v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
   std::optional<Attachment> attachment_ ABSL_GUARDED_BY(mutex_);

@@ -294,6 +294,34 @@ TEST_F(IdleTest, SignsOfLifeKeepAStreamOpen) {
   EXPECT_EQ(Describe(track->Finish()), "OK");
 }
 
+// Neither while its chunk is in work, nor while the queue is full and nothing is read.
+TEST_F(IdleTest, AClientThatWaitsForTheServerIsNotSilent) {
+  ServerOptions options = Options();
+  options.stream_idle_timeout = absl::Milliseconds(500);
+  for (const uint64_t sent_bytes : {uint64_t{1}, options.credit_bytes}) {
+    server_ = StartServer(options, FakeTrackers(gate_)).value();
+    Use(server_->InProcessChannel());
+    const auto waiting = Attached(CreateSession());
+    const auto silent = Attached(CreateSession());
+    gate_->Close();
+    uint64_t seq = 0;
+    for (uint64_t bytes = 0; bytes < sent_bytes;) {
+      const auto begin_ms = static_cast<int64_t>(10 * ++seq);
+      const std::string payload = Flat64(SomeEvents(begin_ms, begin_ms + 10, 300));
+      ASSERT_TRUE(waiting->Events(seq, payload));
+      bytes += payload.size();
+      if (seq == 1) gate_->AwaitTracker();
+    }
+    v1::TrackRequest sign_of_life;
+    sign_of_life.mutable_events();
+    ASSERT_TRUE(silent->Write(sign_of_life));  // so that its time begins after that of the other one
+    EXPECT_EQ(Describe(silent->Finish()), "DEADLINE_EXCEEDED STREAM_IDLE");
+    gate_->Open();
+    EXPECT_TRUE(waiting->End());
+    EXPECT_EQ(Describe(waiting->Finish()), "OK");
+  }
+}
+
 TEST_F(IdleTest, WithoutALimitNoStreamIsIdle) {
   ServerOptions options = Options();
   options.stream_idle_timeout = absl::ZeroDuration();
