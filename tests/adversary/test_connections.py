@@ -25,17 +25,6 @@ def open_many(address, count, stack, source=None):
     return connections
 
 
-def is_closed(connection):
-    """Returns whether the server has closed a connection, up to the next of what it had sent before."""
-    connection.setblocking(False)
-    try:
-        return connection.recv(4096) == b""
-    except BlockingIOError:
-        return False
-    except OSError:
-        return True
-
-
 def slowest_s(call, count):
     times = []
     for _ in range(count):
@@ -47,29 +36,37 @@ def slowest_s(call, count):
 
 class ConnectionTest(server.AdversaryTest):
     def test_the_server_accepts_again_after_it_had_no_descriptors(self):
-        running = self.serve(prlimit=["--nofile=128:128"])
+        # Without limits of connections, which would be reached before.
+        running = self.serve("--max-connections", "1000", "--max-connections-per-peer", "1000", prlimit=["--nofile=128:128"])
         with contextlib.ExitStack() as stack:
             opened = open_many(running.address, 300, stack)
             self.assertGreater(len(opened), 60)
+            server.poll(lambda: running.page("/readyz")[0] == 503, "a page that says that descriptors are missing")
         server.poll(lambda: running.answers(timeout=1.0), "a connection after the others were closed")
         client(self, running)("GetServerInfo")
 
     def test_connections_are_counted(self):
-        running = self.serve("--max-connections", "20", "--max-connections-per-peer", "20")
+        """Two peers reach the limit of all connections. Each has fewer than a peer may have."""
+        running = self.serve("--max-connections", "20", "--max-connections-per-peer", "18")
         before = client(self, running)
         before("GetServerInfo")
         with contextlib.ExitStack() as stack:
-            opened = open_many(running.address, 60, stack)
-            server.poll(lambda: sum(map(is_closed, opened)) + 60 - len(opened) >= 40, "40 refused connections")
+            for source in ("127.0.0.2", "127.0.0.3"):
+                self.assertEqual(len(open_many(running.address, 15, stack, source)), 15)
+            self.wait_for_refusals(running, 11)
             before("GetServerInfo")
         server.poll(lambda: running.answers(timeout=1.0), "a connection after the others were closed")
 
     def test_one_peer_leaves_connections_to_others(self):
         running = self.serve("--max-connections", "40", "--max-connections-per-peer", "20")
         with contextlib.ExitStack() as stack:
-            opened = open_many(running.address, 60, stack, source="127.0.0.2")
-            server.poll(lambda: sum(map(is_closed, opened)) + 60 - len(opened) >= 40, "40 refused connections")
+            self.assertEqual(len(open_many(running.address, 60, stack, source="127.0.0.2")), 60)
+            self.wait_for_refusals(running, 40)
             client(self, running)("GetServerInfo")
+
+    def wait_for_refusals(self, running, count):
+        """Not for connections that are closed, because the server closes all silent ones after 20 s."""
+        server.poll(lambda: running.metric("evpose_connections_refused_total") == count, f"{count} refused connections")
 
     def test_half_requests_do_not_delay_probes(self):
         running = self.serve()
