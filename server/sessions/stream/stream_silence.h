@@ -18,8 +18,8 @@ class StreamSilence {
   using Time = std::chrono::steady_clock::time_point;
 
   struct Situation {
-    bool is_reading =
-        false;  // the server waits for a message; false while the queue is full or the tenant over its rate
+    // The server waits for a message; false while the queue is full or the tenant has exceeded its rate.
+    bool is_reading = false;
     bool is_processed = false;  // everything received has been processed, and its results may be sent
     bool is_writing = false;    // a response is in flight
   };
