@@ -97,7 +97,8 @@ def track(address, tenant):
     numbers = [*pose["translation_m"].values(), *pose["rotation"].values()]
     environment = {**os.environ, "EVPOSE_TOKEN": server.token(tenant)} if tenant else None
     command = [server.EVPOSE, "replay", files / "recording.raw", "--model", files / "model.obj", "--camera", files / "camera.yaml",
-               "--init-pose", " ".join(map(str, numbers)), "--server", address, "--rate", "1", "--json", "--out", poses]
+               "--init-pose", " ".join(map(str, numbers)), "--server", address, "--connect-timeout", str(server.PATIENCE_S),
+               "--rate", "1", "--json", "--out", poses]
     report = json.loads(subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True).stdout)
     digest = hashlib.sha256(poses.read_bytes()).hexdigest()
     poses.unlink()
