@@ -23,7 +23,8 @@ namespace evpose::client {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// From one session, whose latency is that of an idle server, to 64, the default of evpose-server's maximum.
+// Numbers of concurrent sessions that are measured. One session shows the latency of an idle server; 64 is the default
+// of --max-sessions.
 constexpr int kSessionCounts[] = {1, 4, 16, 64};
 // Maximum number of sessions of one measurement, over all its repetitions.
 constexpr int kMostSessions = 64;

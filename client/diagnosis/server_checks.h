@@ -28,7 +28,7 @@ struct ServerCheckOptions {
   // Seconds between the clocks. Up to a second, log files of both machines can be compared; from a minute on,
   // certificates and the expiry of sessions may fail.
   Limits clock_s = {1.0, 60.0};
-  // Number of calls whose median duration is the round trip: single delays do not change the median.
+  // Number of calls. The round trip is the median of their durations, which single delays do not change.
   int num_calls = 20;
   // Bytes of the first and of the largest probe of the connection. Each probe is twice as large as the one before.
   size_t min_probe_bytes = size_t{64} << 10;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Calls of a client with two servers, one of which stops or refuses.
+// Tests calls of a client with two servers. One of the servers stops, or refuses the call.
 #include "client/lib/server_choice.h"
 
 #include <gmock/gmock.h>
@@ -212,7 +212,7 @@ TEST_F(ServerChoiceTest, EveryCallIsRepeatedWithTheEffectOfOneCall) {
   };
   first_.status = kRefused;
   for (const auto& [name, call] : calls) {
-    SetUp();  // a client whose calls begin with the first server
+    SetUp();  // makes a new client, which calls the first server first
     EXPECT_TRUE(call(*client_).ok()) << name;
     EXPECT_THAT(first_.TakeCalls(), ElementsAre(name));
     // The first server may have deleted the model before it went away.
@@ -274,7 +274,7 @@ TEST_F(ServerChoiceTest, TheAttemptsAreBounded) {
             second_.address + ": the server shuts down; 3 attempts each at " + first_.address + ", " + second_.address);
   EXPECT_EQ(first_.TakeCalls().size(), 3u);
   EXPECT_EQ(second_.TakeCalls().size(), 3u);
-  // 0.1 and 0.2 s, of which the jitter takes up to a half.
+  // The delays are 0.1 and 0.2 s, which the jitter reduces by at most a half.
   EXPECT_GE(clock_.Now() - absl::UnixEpoch(), absl::Seconds(0.15));
   EXPECT_LE(clock_.Now() - absl::UnixEpoch(), absl::Seconds(0.3));
   const auto ignore = [](const SessionHealth&) {};

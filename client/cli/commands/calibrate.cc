@@ -156,8 +156,8 @@ absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, 
   EVPOSE_ASSIGN_OR_RETURN(Trajectory poses, PosesOf(arguments, i, *input.reader, camera, model, sensor, progress));
   if (arguments.truths.empty()) {
     input.truth_name = "the tracked poses";
-    EVPOSE_ASSIGN_OR_RETURN(input.reader,
-                            open());  // opened again, because the tracker has read the first one to its end
+    // The recording is opened again, because the tracker has read it to its end.
+    EVPOSE_ASSIGN_OR_RETURN(input.reader, open());
   } else {
     input.truth_name = arguments.truths[i];
   }

@@ -37,8 +37,8 @@ struct Bin {
 // Divides the passages into bins with about the same number of them.
 std::vector<Bin> BinBy(std::vector<EdgePassage> passages, const SensorProfile& profile,
                        double (*key)(const EdgePassage&)) {
-  // Maximum number of points of a curve, and minimum number of passages of which a point shows the mean. With fewer
-  // passages the curve follows the errors of single ones; with fewer points it hides how the residual changes with x.
+  // A curve has at most kBins points. Each point is the mean of at least kMinInBin passages. With fewer passages in a
+  // point the curve follows the errors of single passages; with fewer points it hides how the residual changes with x.
   constexpr size_t kBins = 16;
   constexpr size_t kMinInBin = 8;
   std::sort(passages.begin(), passages.end(),

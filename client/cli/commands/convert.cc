@@ -118,7 +118,7 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
         begin_us = event.t_us + std::llround(arguments.start_s * 1e6);
         if (std::isfinite(arguments.duration_s)) end_us = *begin_us + std::llround(arguments.duration_s * 1e6);
       }
-      // Without --start, events whose times step back before that of the first event are converted, too.
+      // Times may step back: without --start, events that are earlier than the first one are also converted.
       const bool has_begun = arguments.start_s == 0 || event.t_us >= *begin_us;
       if (has_begun && event.t_us < end_us) selected.push_back(event);
     }

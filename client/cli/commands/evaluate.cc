@@ -199,8 +199,8 @@ void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
   PrintTable(lines, "", out);
 }
 
-// Returns an error for an estimate without poses, and prints a warning for one whose error exceeds the distance between
-// the object and the camera.
+// Returns an error if an estimate has no poses. Prints a warning if the error of an estimate exceeds the distance
+// between the object and the camera.
 absl::Status CheckPlausible(const std::vector<Row>& rows, CliContext& context) {
   std::vector<std::string> empty;
   for (const Row& row : rows) {

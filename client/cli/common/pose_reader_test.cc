@@ -163,7 +163,7 @@ TEST(PoseRecordsTest, AllThatAFormatStatesIsRead) {
 }
 
 TEST(PoseRecordsTest, AQuaternionKeepsItsDigits) {
-  // Searches for a rotation whose quaternion changes in its last digits when it is converted to a matrix and back.
+  // Finds a rotation for which the conversion from quaternion to matrix and back changes the last digits.
   Transform transform;
   Eigen::Quaterniond written = Eigen::Quaterniond::Identity();
   for (int i = 1; transform.Quaternion().coeffs() == written.coeffs(); ++i) {

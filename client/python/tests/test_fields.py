@@ -47,7 +47,7 @@ ENUMS = {
     "EventEncoding": evpose.Encoding, "OverloadPolicy": evpose.Overload, "TrackState": evpose.TrackState, "Estimator": evpose.Estimator,
     "ModelSurface": evpose.Surface,
 }
-# Enumerations whose values are texts in the package: the names of the API, also of values that are added to it.
+# The package gives the values of these enumerations as texts, which are the names in the API. Values that are added later have texts, too.
 TEXTS = {"StoreKind", "ModelFormat", "Kind", "LensModel", "DropReason", "InitializationStatus", "LossCause", "SessionState", "ErrorReason"}
 UNUSED = {"LogLevel": "see SetLogLevel", "MeshCurve": "see Mesh", "MeshShape": "see Mesh", "Encoding": "of EventImage, see WatchEvents"}
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""A client with two servers, one of which stops or refuses: calls and watchers continue at the other one, with the effect of one call."""
+"""Tests a client with two servers. When one of them stops or refuses, calls and watchers continue at the other one, with the effect of one
+call."""
 
 import pathlib
 import tempfile
@@ -126,7 +127,7 @@ class ServersTest(unittest.TestCase):
             client.get_session("sessions/1")
         self.assertIn(f"3 attempts each at {self.first.address}, {self.second.address}", str(caught.exception))
         self.assertEqual([len(self.first.take_calls()), len(self.second.take_calls())], [3, 3])
-        # 0.1 and 0.2 s, of which the jitter takes up to a half.
+        # The delays are 0.1 and 0.2 s, which the jitter reduces by at most a half.
         self.assertEqual(len(self.clock.waits), 2)
         self.assertTrue(0.15 <= sum(self.clock.waits) <= 0.3, self.clock.waits)
 
