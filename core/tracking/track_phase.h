@@ -44,11 +44,11 @@ TrackPhase NextPhase(TrackPhase phase, TrackInput input);
 // The state that is reported while this hypothesis is published.
 TrackState ReportedState(TrackPhase phase);
 
-// How much of the object has been tested while its pose was supported. Once it is most of it, a smaller supported part
-// keeps the pose (HealthOptions::keep_support_ratio). Stored as one byte.
+// How much of the object has been tested while its pose was supported. When most of it has been tested, a smaller
+// supported part keeps the pose (HealthOptions::keep_support_ratio). Stored as one byte.
 enum class TestCoverage : uint8_t {
   kPart,  // no supporting result tested HealthOptions::min_tested_ratio of the lines: the rest may contradict the pose
-  kMost,  // one has; final
+  kMost,  // a supporting result has tested this share of the lines; the coverage stays
 };
 // Returns the coverage after `input`. `is_most_testable`: the result behind it tested min_tested_ratio of the lines.
 TestCoverage NextCoverage(TestCoverage coverage, TrackInput input, bool is_most_testable);
@@ -94,10 +94,10 @@ bool IsCompeting(ObjectPhase phase);
 // Whether the object is lost by `input`: a published or given pose is rejected, and no rival takes its place.
 bool IsLoss(ObjectPhase phase, ObjectInput input);
 
-// Which search for the object is in progress, or would be without its present pose.
+// Whether a search for the object is its first one or follows a loss.
 enum class Acquisition {
-  kFirst,      // it has not been lost since the start or the latest reset
-  kAfterLoss,  // it has
+  kFirst,      // the object has not been lost since the start or the latest reset
+  kAfterLoss,  // the object has been lost since then
 };
 // Returns the acquisition after `input` in `phase`, by the table of the README.
 Acquisition NextAcquisition(Acquisition acquisition, ObjectPhase phase, ObjectInput input);
