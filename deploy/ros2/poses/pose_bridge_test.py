@@ -38,6 +38,17 @@ def make_pose(state=evpose.TrackState.TRACKING):
         latency_s=0.001, alternatives=())
 
 
+NO_SEARCHES = evpose.SearchCounts(no_signal=0, too_small=0, too_few_lines=0, not_enough_motion=0, no_pose_fits=0, poses_found=0)
+
+
+def make_health(**fields):
+    health = evpose.Health(
+        t_us=1, received_bytes=0, processed_bytes=0, decoded_events=0, dropped_events=0, invalid_words=0, time_backsteps=0, poses=0,
+        reattaches=0, event_rate_hz=1e6, pose_rate_hz=0.0, real_time_ratio=0.5, queue_age_s=0.0, latency_p50_s=None, latency_p99_s=None,
+        skipped_events=0, skipped_us=0, falls_behind=False, objects=(), cpu_s_per_s=0.0, max_cpu_s_per_s=0.0)
+    return dataclasses.replace(health, **fields)
+
+
 class MessageTest(unittest.TestCase):
     def test_a_pose(self):
         pose = make_pose()
@@ -80,13 +91,13 @@ class MessageTest(unittest.TestCase):
             self.assertEqual(name_in_ros(text), name)
 
     def test_diagnostics(self):
-        lost = evpose.ObjectHealth("part", evpose.TrackState.LOST, 2, 0.25, "TOO_FEW_LINES", 7, "too few lines", 5000, "CONTRADICTED")
+        lost = evpose.ObjectHealth(
+            object_id="part", state=evpose.TrackState.LOST, losses=2, explained_ratio=0.25, initialization="TOO_FEW_LINES",
+            initialization_attempts=7, detail="too few lines", latest_loss_t_us=5000, latest_loss_cause="CONTRADICTED",
+            searches=NO_SEARCHES, followed_poses=0)
         objects = (lost, dataclasses.replace(lost, object_id="other", state=evpose.TrackState.TRACKING, detail=""),
                    dataclasses.replace(lost, object_id="third", state=evpose.TrackState.AMBIGUOUS))
-        health = evpose.Health(
-            t_us=1, received_bytes=0, processed_bytes=0, decoded_events=0, dropped_events=3, invalid_words=0, time_backsteps=0, poses=0,
-            reattaches=0, event_rate_hz=1e6, pose_rate_hz=0.0, real_time_ratio=0.5, queue_age_s=0.0, latency_p50_s=None, latency_p99_s=0.002,
-            skipped_events=0, skipped_us=0, falls_behind=True, objects=objects)
+        health = make_health(dropped_events=3, latency_p99_s=0.002, falls_behind=True, objects=objects)
         array = sent(diagnostics(DiagnosticArray, DiagnosticStatus, KeyValue, health, "sessions/1", STAMP))
         self.assertEqual([(status.name, status.level, status.message) for status in array.status],
                          [("evpose", WARN, "falls behind the camera"), ("evpose: part", ERROR, "LOST: too few lines"),
@@ -101,8 +112,7 @@ class MessageTest(unittest.TestCase):
                 super().__init__()
                 self.level = b"\x00"
 
-        health = evpose.Health(*[0] * 13, None, None, 0, 0, True, ())
-        status = diagnostics(DiagnosticArray, Status, KeyValue, health, "sessions/1", STAMP).status[0]
+        status = diagnostics(DiagnosticArray, Status, KeyValue, make_health(falls_behind=True), "sessions/1", STAMP).status[0]
         self.assertEqual(status.level, b"\x01")
 
 
