@@ -34,6 +34,16 @@ absl::Status ModelInUse(absl::string_view name) {
                     v1::MODEL_IN_USE, {{"model", std::string(name)}});
 }
 
+// The number of sessions that are searched for a model with one round trip to the store.
+constexpr size_t kSessionsPerPage = 1000;
+
+bool UsesModel(const SessionRecord& record, absl::string_view model) {
+  const auto config = DecodeConfig(record.config);
+  if (!config.ok()) return false;  // a session with an unreadable configuration cannot be resumed
+  return std::any_of(config->objects.begin(), config->objects.end(),
+                     [model](const ObjectConfig& object) { return object.model == model; });
+}
+
 // The file name of a summary of any version; empty if there is none.
 std::string FileNameOf(const ModelRecord& record) {
   storage::v1::ModelSummary stored;
@@ -362,16 +372,16 @@ absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
 }
 
 absl::Status ModelRegistry::CheckUnusedInStore(const Key& key) const {
-  const auto records = store_.ListSessions();
-  if (!records.ok()) return FromStore(records.status());
-  for (const SessionRecord& record : *records) {
-    if (record.tenant != key.first) continue;
-    const auto config = DecodeConfig(record.config);
-    if (!config.ok()) continue;  // a session with an unreadable configuration cannot be resumed
-    for (const ObjectConfig& object : config->objects) {
-      if (object.model == key.second) return ModelInUse(key.second);
+  SessionPage page;
+  do {
+    auto next = store_.ListSessions(key.first, page.last_name, kSessionsPerPage);
+    if (!next.ok()) return FromStore(next.status());
+    page = *std::move(next);
+    if (std::any_of(page.records.begin(), page.records.end(),
+                    [&key](const SessionRecord& record) { return UsesModel(record, key.second); })) {
+      return ModelInUse(key.second);
     }
-  }
+  } while (!page.last_name.empty());
   return absl::OkStatus();
 }
 

@@ -252,13 +252,6 @@ class ServerImpl : public Server, public Drainer {
 
   absl::Status FindStored() { return sessions_.FindStored(); }
 
-  // Restores the stored sessions one after another; other work of the server has its turn between them.
-  void RestoreSessions() {
-    pool_.slow().PostOwn([this] {
-      if (sessions_.RestoreNext()) RestoreSessions();
-    });
-  }
-
   // Prepares the models that an earlier version stored, so that their first sessions need not wait for it. They are
   // the server's own work, so that an upload of their tenant does not wait for all of them.
   void PrepareOutdatedModels() {
@@ -454,7 +447,6 @@ absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options
   EVPOSE_RETURN_IF_ERROR(server->FindStored());
   EVPOSE_RETURN_IF_ERROR(server->Listen(options));
   server->PrepareOutdatedModels();
-  server->RestoreSessions();
   return server;
 }
 

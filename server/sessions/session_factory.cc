@@ -139,6 +139,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
                                 .create_time = parts.create_time,
                                 .config = EncodeConfig(config)};
   auto lease = store_.CreateSession(record, EncodeLifecycle(parts.beginning.lifecycle));
+  if (absl::IsAlreadyExists(lease.status())) return lease.status();
   if (!lease.ok()) return StoreError(parts.name, lease.status());
   if (const absl::Status status = CheckModelsStored(tenant, config); !status.ok()) {
     (void)store_.DeleteSession(parts.name);  // no client has its name; if the deletion fails, it expires

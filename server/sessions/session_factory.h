@@ -34,7 +34,8 @@ class SessionFactory {
       : options_(std::move(options)), store_(store), models_(models), pool_(pool) {}
 
   // Creates a session, which is persisted when this function returns. Errors: INVALID_ARGUMENT with the field,
-  // NOT_FOUND (MODEL_NOT_FOUND), RESOURCE_EXHAUSTED (SESSION_MEMORY), those of the store.
+  // NOT_FOUND (MODEL_NOT_FOUND), RESOURCE_EXHAUSTED (SESSION_MEMORY), ALREADY_EXISTS when the tenant has a session of
+  // the same `request_id`, those of the store.
   absl::StatusOr<std::shared_ptr<Session>> MakeNew(const std::string& tenant, const SessionConfig& config,
                                                    const std::string& request_id) const;
 

@@ -55,7 +55,7 @@ SessionManager::SessionManager(const Options& options, Store& store, ModelRegist
       factory_(
           {options.limits, options.make_tracker, {options.now, options.steady_now}, options.metrics, options.memory},
           store, models, pool),
-      orphans_(store, options.limits.expiry) {
+      orphans_(store, options.limits.expiry, options.shares_store) {
   // Threads of gRPC call this class: the lock, here and in the destructor, shows the order to race detectors.
   const std::lock_guard lock(mutex_);
 }
@@ -72,21 +72,31 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   }
   DeleteExpired();
   const Request request(tenant, request_id);
+  EVPOSE_RETURN_IF_ERROR(RestoreRequest(request));
   const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
   std::unique_lock<std::mutex> one_at_a_time(*resume_mutex, std::defer_lock);
   if (!request_id.empty()) one_at_a_time.lock();  // the same request may arrive twice at the same time
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrReserveSlot(config, request));
   if (known != nullptr) return known;
-  auto session = OrOutOfMemory([&] {
-    auto resumed = ResumeRequest(config, request);
-    return resumed.ok() && *resumed == nullptr ? factory_.MakeNew(tenant, config, request_id) : resumed;
-  });
+  auto session = OrOutOfMemory([&] { return ResumeOrMake(config, request); });
   const std::lock_guard lock(mutex_);
   ReleaseSlot(tenant);
   if (!session.ok()) return session.status();
   Insert(*session, request);
   (*session)->log().Created(peer, config);
   return session;
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeOrMake(const SessionConfig& config,
+                                                                      const Request& request) {
+  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> resumed, ResumeRequest(config, request));
+  if (resumed != nullptr) return resumed;
+  auto made = factory_.MakeNew(request.first, config, request.second);
+  if (!absl::IsAlreadyExists(made.status())) return made;
+  // Another server has created a session for the same request since it was searched for.
+  EVPOSE_ASSIGN_OR_RETURN(resumed, ResumeRequest(config, request));
+  if (resumed == nullptr) return FromStore(made.status());
+  return resumed;
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrReserveSlot(const SessionConfig& config,
@@ -124,12 +134,9 @@ absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const SessionConfig& config,
                                                                        const Request& request) {
   if (request.second.empty()) return nullptr;
-  const auto records = store_.ListSessions();
-  if (!records.ok()) return FromStore(records.status());
-  const auto record = std::find_if(records->begin(), records->end(), [&request](const SessionRecord& candidate) {
-    return Request(candidate.tenant, candidate.request_id) == request;
-  });
-  if (record == records->end()) return nullptr;
+  const auto record = store_.FindRequest(request.first, request.second);
+  if (absl::IsNotFound(record.status())) return nullptr;
+  if (!record.ok()) return FromStore(record.status());
   if (record->config != EncodeConfig(config)) return RequestIdReused(request.second, record->name);
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(record->name));
   return std::move(taken.session);
@@ -146,9 +153,7 @@ std::shared_ptr<std::mutex> SessionManager::ResumeMutexOf(const std::string& ten
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
   const auto here = std::count_if(sessions_.begin(), sessions_.end(),
                                   [&tenant](const auto& entry) { return entry.second.tenant() == tenant; });
-  const auto waiting =
-      std::count_if(waiting_.begin(), waiting_.end(), [&tenant](const auto& entry) { return entry.second == tenant; });
-  return static_cast<uint32_t>(here + waiting);
+  return static_cast<uint32_t>(here) + static_cast<uint32_t>(waiting_.size_of(tenant));
 }
 
 void SessionManager::ReleaseSlot(const std::string& tenant) {
@@ -169,7 +174,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindRequest(const Sessi
 }
 
 void SessionManager::Insert(const std::shared_ptr<Session>& session, const Request& request) {
-  waiting_.erase(session->name());
+  waiting_.Remove(session->name());
   sessions_[session->name()] = {session, request};
   if (!request.second.empty()) name_of_request_[request] = session->name();
 }
@@ -220,7 +225,7 @@ absl::StatusOr<std::shared_ptr<WatchedSession>> SessionManager::Mirror(const std
   RestoreIfWaiting(tenant, name);
   if (std::shared_ptr<Session> session = FindOpen(tenant, name); session != nullptr) return session;
   if (auto mirror = FindMirror(tenant, name); mirror != nullptr && mirror->Watch().status.ok()) return mirror;
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name, /*after_pose_seq=*/0));
   if (!options_.shares_store) return SessionNotFound(name);
   const auto read = [this, name](uint64_t after_pose_seq) { return factory_.Read(name, after_pose_seq); };
   auto mirror = SessionMirror::Start(std::move(stored), read, options_.limits.pose_log_capacity, kMirrorPeriod, pool_);
@@ -269,49 +274,57 @@ absl::StatusOr<SessionInfo> SessionManager::Describe(const std::string& tenant, 
 absl::StatusOr<SessionInfo> SessionManager::DescribeAsStored(const std::string& tenant, const std::string& name) {
   if (const auto session = FindOpen(tenant, name); session != nullptr) return session->Describe();
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
+  if (IsWaiting(tenant, name)) {
+    // The process that had its stream has ended.
+    SessionSnapshot& snapshot = stored.info.snapshot;
+    if (snapshot.state == SessionState::kAttached) snapshot.state = SessionState::kDetached;
+    const std::lock_guard lock(mutex_);
+    snapshot.expire_time = found_at_ + options_.limits.expiry;
+  }
   return std::move(stored.info);
 }
 
-absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string& tenant,
-                                                               const std::string& name) const {
-  auto stored = OrOutOfMemory([&] { return factory_.Read(name); });
+absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string& tenant, const std::string& name,
+                                                               uint64_t after_pose_seq) const {
+  auto stored = OrOutOfMemory([&] { return factory_.Read(name, after_pose_seq); });
   if (stored.ok() && stored->record.tenant != tenant) return SessionNotFound(name);
   if (!absl::IsDataLoss(stored.status())) return stored;
   // The tenant may still be readable. If it is not, a caller with the name is the owner: names cannot be guessed.
-  const auto records = store_.ListSessions();
-  if (!records.ok()) return FromStore(records.status());
-  const auto record =
-      std::find_if(records->begin(), records->end(), [&name](const auto& listed) { return listed.name == name; });
-  if (record != records->end() && record->tenant != tenant) return SessionNotFound(name);
+  const auto record = store_.ReadRecord(name);
+  if (absl::IsUnavailable(record.status())) return FromStore(record.status());
+  if (record.ok() && record->tenant != tenant) return SessionNotFound(name);
   return stored;
 }
 
 absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string& tenant, absl::string_view after_name,
                                                               size_t max_sessions) {
   DeleteExpired();
-  std::set<std::string> names;
-  const auto records = store_.ListSessions();
-  if (!records.ok()) return FromStore(records.status());
-  for (const SessionRecord& record : *records) {
-    if (record.tenant == tenant) names.insert(record.name);
-  }
-  {
-    const std::lock_guard lock(mutex_);
-    for (const auto& [name, entry] : sessions_) {
-      if (entry.tenant() == tenant) names.insert(name);
-    }
-  }
   std::vector<SessionInfo> sessions;
-  for (auto name = names.upper_bound(std::string(after_name)); name != names.end() && sessions.size() < max_sessions;
-       ++name) {
-    auto info = DescribeAsStored(tenant, *name);
-    if (info.ok()) {
-      sessions.push_back(*std::move(info));
-    } else if (absl::IsUnavailable(info.status())) {
-      return info.status();
+  std::string place(after_name);
+  do {
+    const auto page = store_.ListSessions(tenant, place, max_sessions);
+    if (!page.ok()) return FromStore(page.status());
+    std::set<std::string> names = NamesHere(tenant, place, page->last_name);
+    for (const SessionRecord& record : page->records) names.insert(record.name);
+    for (auto name = names.begin(); name != names.end() && sessions.size() < max_sessions; ++name) {
+      auto info = DescribeAsStored(tenant, *name);
+      if (absl::IsUnavailable(info.status())) return info.status();
+      if (info.ok()) sessions.push_back(*std::move(info));
     }
-  }
+    place = page->last_name;
+  } while (!place.empty() && sessions.size() < max_sessions);
   return sessions;
+}
+
+std::set<std::string> SessionManager::NamesHere(const std::string& tenant, absl::string_view after_name,
+                                                absl::string_view last_name) const {
+  std::set<std::string> names;
+  const std::lock_guard lock(mutex_);
+  for (auto entry = sessions_.upper_bound(after_name); entry != sessions_.end(); ++entry) {
+    if (!last_name.empty() && entry->first > last_name) break;
+    if (entry->second.tenant() == tenant) names.insert(entry->first);
+  }
+  return names;
 }
 
 absl::Status SessionManager::Delete(const std::string& tenant, const std::string& name, const std::string& peer) {
@@ -337,10 +350,7 @@ absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::
   if (!stored.ok() && !absl::IsDataLoss(stored.status())) return stored.status();
   const absl::Status deleted = FromStore(store_.DeleteSession(name));
   if (deleted.ok()) {
-    {
-      const std::lock_guard lock(mutex_);
-      waiting_.erase(name);
-    }
+    StopWaiting(name);
     SessionLog(name, tenant).Deleted(peer, "request", stored.ok() ? stored->info.snapshot.health.poses : 0);
   }
   return deleted;
@@ -390,6 +400,7 @@ void SessionManager::DeleteEnded() {
       Entry removed;
       {
         const std::lock_guard lock(mutex_);
+        waiting_.Remove(name);
         const auto found = sessions_.find(name);
         if (found == sessions_.end()) continue;
         removed = Remove(found);
@@ -403,13 +414,16 @@ void SessionManager::MaintainStore() {
   if (options_.shares_store) {
     for (const auto& session : Sessions()) session->RenewOwnership();
   }
-  pool_.slow().PostOwn(
-      [this] { orphans_.Collect(options_.now(), [this](const std::string& name) { return IsHere(name); }); });
+  pool_.slow().PostOwn([this] {
+    orphans_.Collect(
+        options_.now(), Sessions().size(), [this](const std::string& name) { return IsHere(name); },
+        [this](const std::string& name) { StopWaiting(name); });
+  });
 }
 
 bool SessionManager::IsHere(const std::string& name) const {
   const std::lock_guard lock(mutex_);
-  return sessions_.contains(name) || waiting_.contains(name);
+  return sessions_.contains(name);
 }
 
 uint64_t SessionManager::CloseRemoved(const Entry& entry, const char* reason) {

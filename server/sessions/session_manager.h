@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -22,6 +23,7 @@
 #include "server/models/model_registry.h"
 #include "server/runtime/worker_pool.h"
 #include "server/sessions/durability/orphan_collector.h"
+#include "server/sessions/durability/waiting_sessions.h"
 #include "server/sessions/memory/memory_budget.h"
 #include "server/sessions/session.h"
 #include "server/sessions/session_factory.h"
@@ -57,13 +59,10 @@ class SessionManager {
   // OUT_OF_MEMORY), UNAVAILABLE (DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
-  // Reads the list of the sessions in the store, unless the store is shared. Each of them waits until it is restored:
-  // by RestoreNext() when its turn comes, or earlier by the first call that needs it. Must be called before the other
-  // functions. Errors: those of the store.
+  // Reads the names of the sessions in the store, unless the store is shared. Each of them keeps its slot, and waits
+  // until the first call that needs it restores it. Sessions that nobody needs within the expiry time are deleted. Must
+  // be called before the other functions. Errors: those of the store.
   absl::Status FindStored();
-  // Restores one waiting session; returns false, and does nothing, when there is none. Reports the progress, and
-  // damaged sessions, in the log. Damaged sessions stay in the store.
-  bool RestoreNext();
 
   // Returns a session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).
   absl::StatusOr<std::shared_ptr<Session>> Get(const std::string& tenant, absl::string_view name);
@@ -116,6 +115,7 @@ class SessionManager {
   const Options& options() const { return options_; }
 
  private:
+  static constexpr uint64_t kNoPoses = INT64_MAX - 1;   // as `after_pose_seq`: no session has so many poses
   using Request = std::pair<std::string, std::string>;  // tenant, request_id
   struct Entry {
     std::shared_ptr<Session> session;
@@ -130,6 +130,9 @@ class SessionManager {
   absl::Status CheckSlotIsFree(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Resumes the session that another server created for the same request; null when there is none.
   absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
+  absl::StatusOr<std::shared_ptr<Session>> ResumeOrMake(const SessionConfig& config, const Request& request);
+  // Restores the session of the request if it waits to be restored.
+  absl::Status RestoreRequest(const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // This mutex is held while a session of the tenant is resumed, or created for a request id, so that only one is at a
@@ -141,14 +144,22 @@ class SessionManager {
   std::vector<std::shared_ptr<Session>> Sessions() const;
   // Returns null when there is no replica yet.
   std::shared_ptr<SessionMirror> FindMirror(const std::string& tenant, const std::string& name);
-  // Reads a session of this tenant from the store. Errors: as Describe.
-  absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name) const;
+  // Reads a session of this tenant from the store, with its poses after `after_pose_seq`. Errors: as Describe.
+  absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name,
+                                                 uint64_t after_pose_seq = kNoPoses) const;
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name);
-  // Restores the session if it waits to be restored and belongs to the tenant.
+  // Restores the session if it waits to be restored and belongs to the tenant. A damaged session is reported in the log
+  // and stays in the store.
   void RestoreIfWaiting(const std::string& tenant, const std::string& name);
+  bool IsWaiting(const std::string& tenant, const std::string& name) const;
+  void StopWaiting(const std::string& name);
   // As Describe(), but does not restore a waiting session.
   absl::StatusOr<SessionInfo> DescribeAsStored(const std::string& tenant, const std::string& name);
+  // The names of the tenant's sessions of this server after `after_name` and up to `last_name`; to the end if that is
+  // empty.
+  std::set<std::string> NamesHere(const std::string& tenant, absl::string_view after_name,
+                                  absl::string_view last_name) const;
   Entry Remove(Entries::iterator entry) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint32_t CountSessions(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -162,8 +173,8 @@ class SessionManager {
   OrphanCollector orphans_;  // used by the server's own slow work only, which runs one item at a time
   mutable std::mutex mutex_;
   Entries sessions_ ABSL_GUARDED_BY(mutex_);
-  std::map<std::string, std::string> waiting_ ABSL_GUARDED_BY(mutex_);  // sessions to be restored: name, tenant
-  size_t num_found_ ABSL_GUARDED_BY(mutex_) = 0;                        // by FindStored()
+  WaitingSessions waiting_ ABSL_GUARDED_BY(mutex_);
+  absl::Time found_at_ ABSL_GUARDED_BY(mutex_);  // of FindStored()
   std::map<Request, std::string> name_of_request_ ABSL_GUARDED_BY(mutex_);
   uint32_t reserved_slots_ ABSL_GUARDED_BY(mutex_) = 0;
   std::map<std::string, uint32_t> reserved_slots_by_ ABSL_GUARDED_BY(mutex_);  // tenant; no zeros

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <future>
 #include <new>
 #include <string>
 #include <thread>
@@ -50,6 +51,12 @@ class SessionManagerTest : public testing::Test {
   ~SessionManagerTest() override { pool_.Join(); }
 
   SessionConfig Config() const { return SomeConfig({"cube"}, model_); }
+  void MaintainStore() {
+    sessions_->MaintainStore();
+    std::promise<void> done;
+    pool_.slow().PostOwn([&done] { done.set_value(); });
+    done.get_future().wait();
+  }
 
   absl::Time now_ = absl::UnixEpoch();
   WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
@@ -265,28 +272,54 @@ TEST_F(SessionManagerTest, ARegistryOverAStoreHasItsModels) {
   EXPECT_TRUE(absl::IsDataLoss(ModelRegistry::Create({}, *store_).value()->UseStored("", "models/broken").status()));
 }
 
-TEST_F(SessionManagerTest, ASessionIsRestoredInItsTurnOrWhenItIsNeeded) {
+TEST_F(SessionManagerTest, AStoredSessionIsRestoredWhenItIsNeeded) {
   SessionManager::Options options = sessions_->options();
   options.max_sessions = 3;
   sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
   const auto first = sessions_->Create("", Config(), "").value();
   const auto second = sessions_->Create("", Config(), "").value();
-  const auto third = sessions_->Create("", Config(), "").value();
+  const auto third = sessions_->Create("", Config(), "again").value();
   const std::string token = second->resume_token();
   sessions_->CloseAll(absl::CancelledError("killed"));
   sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
   ASSERT_TRUE(sessions_->FindStored().ok());
   EXPECT_EQ(sessions_->num_sessions(), 3u) << "a waiting session has its slot";
   EXPECT_EQ(GetErrorDetails(sessions_->Create("", Config(), "").status()).reason, "TOO_MANY_SESSIONS");
-  EXPECT_EQ(sessions_->List("", "", 10)->size(), 3u);
-  EXPECT_FALSE(sessions_->Get("", second->name()).ok());
+  const std::vector<SessionInfo> listed = sessions_->List("", "", 10).value();
+  ASSERT_EQ(listed.size(), 3u);
+  for (const SessionInfo& info : listed) {
+    EXPECT_EQ(info.snapshot.state, SessionState::kDetached);
+    EXPECT_EQ(info.snapshot.expire_time, now_ + options.limits.expiry);
+  }
+  for (const auto& session : {first, second, third}) {
+    EXPECT_FALSE(sessions_->Get("", session->name()).ok()) << "a list restores no session";
+  }
   EXPECT_TRUE(sessions_->ResumeForAttach("", second->name(), token).ok());
-  EXPECT_TRUE(sessions_->Mirror("", third->name()).ok()) << "a watcher needs it";
-  EXPECT_TRUE(sessions_->Get("", third->name()).ok());
-  EXPECT_EQ(sessions_->num_sessions(), 3u);
-  EXPECT_TRUE(sessions_->RestoreNext()) << "the first one waits";
+  EXPECT_TRUE(sessions_->Mirror("", first->name()).ok()) << "a watcher needs it";
   EXPECT_TRUE(sessions_->Get("", first->name()).ok());
-  EXPECT_FALSE(sessions_->RestoreNext());
+  EXPECT_EQ(sessions_->Create("", Config(), "again").value()->name(), third->name()) << "a repeated request";
+  EXPECT_EQ(sessions_->num_sessions(), 3u);
+}
+
+TEST_F(SessionManagerTest, AStoredSessionThatNobodyNeedsExpires) {
+  SessionManager::Options options = sessions_->options();
+  options.max_sessions = 1;
+  sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  const std::string name = sessions_->Create("", Config(), "").value()->name();
+  sessions_->CloseAll(absl::CancelledError("killed"));
+  sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  ASSERT_TRUE(sessions_->FindStored().ok());
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_EQ(sessions_->num_sessions(), 1u);
+    now_ += options.limits.expiry / 2;
+    MaintainStore();
+  }
+  EXPECT_EQ(sessions_->num_sessions(), 1u) << "the time is measured from the first check on";
+  now_ += options.limits.expiry / 2;
+  MaintainStore();
+  EXPECT_EQ(sessions_->num_sessions(), 0u);
+  EXPECT_TRUE(store_->ListOwners()->empty());
+  EXPECT_TRUE(sessions_->Create("", Config(), "").ok()) << "its slot is free";
 }
 
 TEST_F(SessionManagerTest, AWaitingSessionThatIsDeletedIsNotRestored) {
@@ -296,7 +329,6 @@ TEST_F(SessionManagerTest, AWaitingSessionThatIsDeletedIsNotRestored) {
   ASSERT_TRUE(restarted.FindStored().ok());
   EXPECT_TRUE(restarted.Delete("", session->name()).ok());
   EXPECT_EQ(restarted.num_sessions(), 0u);
-  EXPECT_FALSE(restarted.RestoreNext());
 }
 
 TEST_F(SessionManagerTest, ATenantSeesItsOwnSessionsOnly) {

@@ -45,7 +45,7 @@ class SessionMetricsTest : public testing::Test {
     options.metrics = metrics_;
     sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
     EXPECT_TRUE(sessions_->FindStored().ok());
-    while (sessions_->RestoreNext()) continue;
+    RestoreAll(*sessions_, *store_);
   }
 
   std::shared_ptr<Session> Create(const std::string& tenant = kLabTenant) {

@@ -15,6 +15,7 @@
 
 #include "core/tracking/tracker.h"
 #include "server/sessions/session.h"
+#include "server/sessions/session_manager.h"
 #include "server/sessions/types/session_config.h"
 
 namespace evpose::server {
@@ -192,6 +193,12 @@ inline std::vector<Event> SomeEvents(int64_t begin_ms, int64_t end_ms, int per_m
     }
   }
   return events;
+}
+
+// Restores each stored session, as a client that asks for it does.
+inline void RestoreAll(SessionManager& sessions, const Store& store) {
+  const std::vector<SessionOwner> owners = store.ListOwners().value();
+  for (const SessionOwner& owner : owners) (void)sessions.Describe(owner.tenant, owner.name);
 }
 
 inline constexpr char kCubeObj[] =

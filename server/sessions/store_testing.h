@@ -125,13 +125,26 @@ class TroubledStore : public Store {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
     return store_->ReadSession(name, after_pose_seq);
   }
-  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
+  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
-    return store_->ListSessions();
+    return store_->ReadRecord(name);
   }
-  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+  absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
+                                           size_t max_sessions) const override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
-    return store_->ReadLifecycles();
+    return store_->ListSessions(tenant, after_name, max_sessions);
+  }
+  absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->FindRequest(tenant, request_id);
+  }
+  absl::StatusOr<std::vector<SessionOwner>> ListOwners() const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->ListOwners();
+  }
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
+    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    return store_->ReadOldestLifecycles(max_sessions);
   }
   absl::Status DeleteSession(absl::string_view name) override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());

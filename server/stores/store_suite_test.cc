@@ -20,9 +20,9 @@ using testing::ElementsAre;
 
 INSTANTIATE_TEST_SUITE_P(Stores, StoreSuite, kTestedStores, NameOfTestedStore);
 
-std::vector<std::string> Names(const absl::StatusOr<std::vector<SessionRecord>>& records) {
+std::vector<std::string> Names(const SessionPage& page) {
   std::vector<std::string> names;
-  for (const SessionRecord& record : records.value()) names.push_back(record.name);
+  for (const SessionRecord& record : page.records) names.push_back(record.name);
   return names;
 }
 
@@ -85,7 +85,7 @@ TEST_P(StoreSuite, ADeletedSessionIsNotFound) {
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kNotFound);
   EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
   EXPECT_EQ(store_->TakeSession("sessions/a").status().code(), StatusCode::kNotFound);
-  EXPECT_TRUE(store_->ListSessions()->empty());
+  EXPECT_THAT(NamesOf(*store_), ElementsAre());
 
   auto again = store_->CreateSession(Record("sessions/a"), "life").value();
   EXPECT_GT(again->token().number, lease->token().number);
@@ -103,36 +103,83 @@ TEST_P(StoreSuite, APreviousHolderCannotDeleteASession) {
   EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->token()).ok());
   EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
   EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->token()).ok()) << "the session does not exist";
-  EXPECT_TRUE(store_->ListSessions()->empty());
+  EXPECT_THAT(NamesOf(*store_), ElementsAre());
 }
 
-TEST_P(StoreSuite, ListsSessionsByName) {
-  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre());
-  for (const char* const name : {"sessions/c", "sessions/a", "sessions/b"}) {
-    ASSERT_TRUE(store_->CreateSession(Record(name), "").ok());
+TEST_P(StoreSuite, ListsTheSessionsOfATenantByPages) {
+  EXPECT_THAT(NamesOf(*store_), ElementsAre());
+  EXPECT_TRUE(store_->ListSessions("lab", "", 10)->records.empty());
+  for (const auto& [name, tenant] :
+       {std::pair("sessions/c", "lab"), {"sessions/a", "lab"}, {"sessions/d", "lab"}, {"sessions/b", "lab-2"}}) {
+    ASSERT_TRUE(store_->CreateSession({.name = name, .tenant = tenant, .config = name}, "").ok());
   }
-  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/a", "sessions/b", "sessions/c"));
-  EXPECT_EQ(store_->ListSessions()->at(1).config, Record("sessions/b").config);
-  ASSERT_TRUE(store_->DeleteSession("sessions/b").ok());
   if (house_->keeps()) Reopen();
-  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/a", "sessions/c"));
+  EXPECT_THAT(NamesOf(*store_), ElementsAre("sessions/a", "sessions/b", "sessions/c", "sessions/d"));
+  EXPECT_EQ(store_->ListOwners()->at(1).tenant, "lab-2");
+  const SessionPage first = store_->ListSessions("lab", "", 2).value();
+  EXPECT_THAT(Names(first), ElementsAre("sessions/a", "sessions/c"));
+  EXPECT_EQ(first.last_name, "sessions/c");
+  EXPECT_EQ(first.records[1].config, "sessions/c");
+  const SessionPage second = store_->ListSessions("lab", first.last_name, 2).value();
+  EXPECT_THAT(Names(second), ElementsAre("sessions/d"));
+  EXPECT_EQ(second.last_name, "");
+  EXPECT_THAT(Names(store_->ListSessions("lab-2", "", 1).value()), ElementsAre("sessions/b"));
+  EXPECT_THAT(Names(store_->ListSessions("lab", "sessions/bb", 1).value()), ElementsAre("sessions/c"));
+  EXPECT_TRUE(store_->ListSessions("la", "", 10)->records.empty());
+
+  ASSERT_TRUE(store_->DeleteSession("sessions/c").ok());
+  EXPECT_THAT(Names(store_->ListSessions("lab", "", 10).value()), ElementsAre("sessions/a", "sessions/d"));
+  EXPECT_THAT(NamesOf(*store_), ElementsAre("sessions/a", "sessions/b", "sessions/d"));
 }
 
-TEST_P(StoreSuite, ReturnsTheLifecyclesOfAllSessions) {
-  EXPECT_TRUE(store_->ReadLifecycles()->empty());
+TEST_P(StoreSuite, ATenantHasOneSessionForARequest) {
+  const SessionRecord record = {.name = "sessions/a", .tenant = "lab", .request_id = "1", .config = "config"};
+  const auto like = [&record](const std::string& name, const std::string& tenant, const std::string& request_id) {
+    SessionRecord changed = record;
+    changed.name = name;
+    changed.tenant = tenant;
+    changed.request_id = request_id;
+    return changed;
+  };
+  ASSERT_TRUE(store_->CreateSession(record, "").ok());
+  EXPECT_EQ(store_->CreateSession(like("sessions/b", "lab", "1"), "").status().code(), StatusCode::kAlreadyExists);
+  EXPECT_TRUE(store_->CreateSession(like("sessions/c", "lab", "2"), "").ok());
+  EXPECT_TRUE(store_->CreateSession(like("sessions/d", "other", "1"), "").ok());
+  for (const char* const name : {"sessions/e", "sessions/f"}) {
+    EXPECT_TRUE(store_->CreateSession(like(name, "lab", ""), "").ok()) << "an empty request_id is none";
+  }
+  if (house_->keeps()) Reopen();
+  EXPECT_EQ(store_->FindRequest("lab", "1")->name, "sessions/a");
+  EXPECT_EQ(store_->FindRequest("lab", "1")->config, "config");
+  EXPECT_EQ(store_->FindRequest("other", "1")->name, "sessions/d");
+  EXPECT_EQ(store_->FindRequest("other", "2").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(store_->FindRequest("lab", "").status().code(), StatusCode::kNotFound);
+  ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
+  EXPECT_EQ(store_->FindRequest("lab", "1").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(store_->ReadRecord("sessions/a").status().code(), StatusCode::kNotFound);
+  ASSERT_TRUE(store_->CreateSession(like("sessions/b", "lab", "1"), "").ok());
+  EXPECT_EQ(store_->FindRequest("lab", "1")->name, "sessions/b");
+  EXPECT_EQ(store_->ReadRecord("sessions/b")->request_id, "1");
+}
+
+TEST_P(StoreSuite, ReturnsTheLifecyclesThatWereWrittenLeastRecently) {
+  EXPECT_TRUE(store_->ReadOldestLifecycles(10)->empty());
   ASSERT_TRUE(store_->CreateSession(Record("sessions/c"), "c").ok());
   auto b = store_->CreateSession(Record("sessions/b"), "b").value();
   auto a = store_->CreateSession(Record("sessions/a"), "a").value();
   ASSERT_TRUE(CommitNow(*b, {.lifecycle = "b again"}).ok());
   ASSERT_TRUE(CommitNow(*a, {.checkpoint = "1"}).ok());
-  ASSERT_TRUE(store_->DeleteSession("sessions/c").ok());
   if (house_->keeps()) Reopen();
-  const std::vector<StoredLifecycle> lifecycles = store_->ReadLifecycles().value();
-  ASSERT_EQ(lifecycles.size(), 2u);
-  EXPECT_EQ(lifecycles[0].name, "sessions/a");
-  EXPECT_EQ(lifecycles[0].lifecycle, "a");
-  EXPECT_EQ(lifecycles[1].name, "sessions/b");
-  EXPECT_EQ(lifecycles[1].lifecycle, "b again");
+  const auto texts = [this](size_t max_sessions) {
+    const std::vector<StoredLifecycle> lifecycles = store_->ReadOldestLifecycles(max_sessions).value();
+    std::vector<std::string> found;
+    for (const StoredLifecycle& stored : lifecycles) found.push_back(stored.name + ": " + stored.lifecycle);
+    return found;
+  };
+  EXPECT_THAT(texts(10), ElementsAre("sessions/c: c", "sessions/a: a", "sessions/b: b again"));
+  EXPECT_THAT(texts(2), ElementsAre("sessions/c: c", "sessions/a: a"));
+  ASSERT_TRUE(store_->DeleteSession("sessions/c").ok());
+  EXPECT_THAT(texts(10), ElementsAre("sessions/a: a", "sessions/b: b again"));
 }
 
 TEST_P(StoreSuite, ReadsTheSegmentsAfterAPose) {
@@ -299,12 +346,11 @@ TEST_P(StoreSuite, ManySessionsCommitFromManyThreads) {
   }
   for (std::thread& thread : threads) thread.join();
   EXPECT_EQ(whole, kThreads * kSessionsEach);
-  const std::vector<SessionRecord> records = store_->ListSessions().value();
-  for (const SessionRecord& record : records) {
-    const StoredSession session = store_->ReadSession(record.name).value();
-    EXPECT_EQ(session.checkpoint, record.name + " " + std::to_string(kCommits));
+  for (const std::string& name : NamesOf(*store_)) {
+    const StoredSession session = store_->ReadSession(name).value();
+    EXPECT_EQ(session.checkpoint, name + " " + std::to_string(kCommits));
     ASSERT_EQ(session.poses.size(), kCommits);
-    EXPECT_EQ(session.poses[7].bytes, Segment(record.name, 8, 8).bytes);
+    EXPECT_EQ(session.poses[7].bytes, Segment(name, 8, 8).bytes);
   }
 }
 
@@ -380,7 +426,7 @@ TEST_P(StoreSuite, DeletesSessionsThatEndedBefore) {
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre());
   EXPECT_THAT(store_->DeleteEnded(start + absl::Seconds(3)).value(), ElementsAre("sessions/1", "sessions/2"));
   EXPECT_THAT(store_->DeleteEnded(start + absl::Seconds(3)).value(), ElementsAre());
-  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/3", "sessions/4"));
+  EXPECT_THAT(NamesOf(*store_), ElementsAre("sessions/3", "sessions/4"));
   EXPECT_THAT(store_->DeleteEnded(absl::InfiniteFuture()).value(), ElementsAre("sessions/3"));
   EXPECT_EQ(store_->ReadSession("sessions/4")->checkpoint, "x") << "it has not ended";
 }
@@ -431,7 +477,7 @@ TEST_P(StoreSuite, EndedSessionsAreDeletedForActiveOnes) {
     const PoseSegment poses = {.first_pose_seq = seq, .last_pose_seq = seq, .bytes = Noise(512u << 10, seq)};
     ASSERT_TRUE(CommitNow(*living, {.poses = {poses}}).ok()) << seq;
   }
-  EXPECT_THAT(Names(store_->ListSessions()), ElementsAre("sessions/2", "sessions/living")) << "the older end goes";
+  EXPECT_THAT(NamesOf(*store_), ElementsAre("sessions/2", "sessions/living")) << "the older end goes";
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre("sessions/1"));
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre());
 }

@@ -52,6 +52,14 @@ inline SessionRecord Record(const std::string& name) {
           .config = std::string("config\0of ", 10) + name};
 }
 
+// The names of all sessions, sorted.
+inline std::vector<std::string> NamesOf(const Store& store) {
+  const std::vector<SessionOwner> owners = store.ListOwners().value();
+  std::vector<std::string> names;
+  for (const SessionOwner& owner : owners) names.push_back(owner.name);
+  return names;
+}
+
 // A segment whose bytes contain the session and the numbers of the poses, so that a test detects exchanged segments.
 inline PoseSegment Segment(const std::string& session, uint64_t first, uint64_t last) {
   return {.first_pose_seq = first,

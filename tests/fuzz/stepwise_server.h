@@ -90,9 +90,20 @@ class StepwiseStore : public server::Store {
   absl::StatusOr<server::StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return sessions_.Read(name, after_pose_seq);
   }
-  absl::StatusOr<std::vector<server::SessionRecord>> ListSessions() const override { return sessions_.List(); }
-  absl::StatusOr<std::vector<server::StoredLifecycle>> ReadLifecycles() const override {
-    return sessions_.ReadLifecycles();
+  absl::StatusOr<server::SessionRecord> ReadRecord(absl::string_view name) const override {
+    return sessions_.ReadRecord(name);
+  }
+  absl::StatusOr<server::SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
+                                                   size_t max_sessions) const override {
+    return sessions_.List(tenant, after_name, max_sessions);
+  }
+  absl::StatusOr<server::SessionRecord> FindRequest(absl::string_view tenant,
+                                                    absl::string_view request_id) const override {
+    return sessions_.FindRequest(tenant, request_id);
+  }
+  absl::StatusOr<std::vector<server::SessionOwner>> ListOwners() const override { return sessions_.ListOwners(); }
+  absl::StatusOr<std::vector<server::StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
+    return sessions_.ReadOldestLifecycles(max_sessions);
   }
   absl::Status DeleteSession(absl::string_view name) override {
     sessions_.Delete(name);
@@ -141,7 +152,7 @@ class StepwiseServer : private server::Drainer {
   }
   void RequireEmpty() {
     EVPOSE_FUZZ_REQUIRE(sessions_.num_sessions() == 0);
-    EVPOSE_FUZZ_REQUIRE(store_.ListSessions().value().empty());
+    EVPOSE_FUZZ_REQUIRE(store_.ListOwners().value().empty());
   }
 
  private:

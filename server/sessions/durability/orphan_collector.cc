@@ -7,9 +7,16 @@
 #include "server/telemetry/session_log.h"
 
 namespace evpose::server {
+namespace {
 
-void OrphanCollector::Collect(absl::Time now, const std::function<bool(const std::string&)>& is_here) {
-  const auto lifecycles = store_.ReadLifecycles();
+// Bounds the memory and the time of one run, to some megabytes and some tenths of a second. Orphans beyond it are found
+// when these have been deleted: live sessions have newer records.
+constexpr size_t kMaxOrphansAtOnce = 10'000;
+
+}  // namespace
+
+void OrphanCollector::Collect(absl::Time now, size_t num_here, const IsHere& is_here, const OnDeleted& on_deleted) {
+  const auto lifecycles = store_.ReadOldestLifecycles(num_here + kMaxOrphansAtOnce);
   if (!lifecycles.ok()) return;  // the callers that need the store report its errors
   // If the store was unreachable for a while, or this function was not called, the measured times do not count: the
   // other servers may have been unable to renew their records.
@@ -20,19 +27,19 @@ void OrphanCollector::Collect(absl::Time now, const std::function<bool(const std
     const auto known = before.find(stored.name);
     const bool is_unchanged = known != before.end() && known->second.lifecycle == stored.lifecycle;
     const absl::Time since = is_unchanged ? known->second.since : now;
-    if (now - since >= 2 * expiry_) {
-      Delete(stored.name, stored.lifecycle);
+    if (now - since >= time_without_change_) {
+      if (Delete(stored.name, stored.lifecycle)) on_deleted(stored.name);
     } else {
       seen_[stored.name] = {stored.lifecycle, since};
     }
   }
 }
 
-void OrphanCollector::Delete(const std::string& name, const std::string& lifecycle) {
+bool OrphanCollector::Delete(const std::string& name, const std::string& lifecycle) {
   // The lease is taken first: from now on no other server can change the record. A client that has returned meanwhile
   // keeps its session, but its stream is fenced and has to attach again.
   const auto taken = store_.TakeSession(name);
-  if (!taken.ok() || taken->session.lifecycle != lifecycle) return;
+  if (!taken.ok() || taken->session.lifecycle != lifecycle) return false;
   const absl::Status status = store_.DeleteHeldSession(name, taken->lease->token());
   SessionLog log(name, taken->session.record.tenant);
   if (status.ok()) {
@@ -40,6 +47,7 @@ void OrphanCollector::Delete(const std::string& name, const std::string& lifecyc
   } else if (!absl::IsAborted(status)) {
     log.NotDeleted(status);
   }
+  return status.ok();
 }
 
 }  // namespace evpose::server

@@ -4,6 +4,7 @@
 // a timer for their expiry.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <map>
 #include <string>
@@ -13,16 +14,21 @@
 
 namespace evpose::server {
 
-// Deletes sessions with an ownership record that has not changed for twice the expiry time. A live server renews the
-// record of every session with an attached stream, and itself deletes expired sessions without one. The time without a
-// change is measured by this server's own clock.
+// Deletes sessions with an ownership record that has not changed for the expiry time; in a store that several servers
+// share for twice of it, because a live server renews the record of every session with an attached stream, and itself
+// deletes expired sessions without one. The time without a change is measured by this server's own clock.
 class OrphanCollector {
  public:
-  OrphanCollector(Store& store, absl::Duration expiry) : store_(store), expiry_(expiry) {}
+  using IsHere = std::function<bool(const std::string&)>;
+  using OnDeleted = std::function<void(const std::string&)>;
+
+  OrphanCollector(Store& store, absl::Duration expiry, bool shares_store)
+      : store_(store), expiry_(expiry), time_without_change_(shares_store ? 2 * expiry : expiry) {}
 
   // To be called several times within the expiry time, from one thread at a time. Waits for the store. `is_here`
-  // returns whether this server has the session with that name.
-  void Collect(absl::Time now, const std::function<bool(const std::string&)>& is_here);
+  // returns whether this server has the session with that name, and `num_here` is the number of those. `on_deleted` is
+  // called with the name of each deleted session.
+  void Collect(absl::Time now, size_t num_here, const IsHere& is_here, const OnDeleted& on_deleted);
 
  private:
   struct Seen {
@@ -30,10 +36,11 @@ class OrphanCollector {
     absl::Time since;  // of the first run that read this record
   };
 
-  void Delete(const std::string& name, const std::string& lifecycle);
+  bool Delete(const std::string& name, const std::string& lifecycle);
 
   Store& store_;
   const absl::Duration expiry_;
+  const absl::Duration time_without_change_;
   absl::Time last_run_ = absl::InfinitePast();
   std::map<std::string, Seen> seen_;
 };

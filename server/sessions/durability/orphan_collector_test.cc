@@ -20,8 +20,8 @@ constexpr absl::Duration kExpiry = absl::Minutes(1);
 class HookedStore : public TroubledStore {
  public:
   using TroubledStore::TroubledStore;
-  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
-    auto lifecycles = TroubledStore::ReadLifecycles();
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
+    auto lifecycles = TroubledStore::ReadOldestLifecycles(max_sessions);
     if (const auto once = std::exchange(hook, nullptr)) once();
     return lifecycles;
   }
@@ -37,16 +37,14 @@ class OrphanCollectorTest : public testing::TestWithParam<std::string> {
     redis_ = std::make_unique<RedisServer>();
     return server::OpenStore({.store = redis_->url()}).value();
   }
-  void Collect(absl::Duration later = kExpiry / 2) {
+  void Collect(absl::Duration later = kExpiry / 2) { Collect(collector_, later); }
+  void Collect(OrphanCollector& collector, absl::Duration later) {
     now_ += later;
-    collector_.Collect(now_, [](const std::string& name) { return name == "sessions/here"; });
+    collector.Collect(
+        now_, 1, [](const std::string& name) { return name == "sessions/here"; },
+        [this](const std::string& name) { deleted_.push_back(name); });
   }
-  std::vector<std::string> Names() {
-    const std::vector<SessionRecord> records = store_->ListSessions().value();
-    std::vector<std::string> names;
-    for (const SessionRecord& record : records) names.push_back(record.name);
-    return names;
-  }
+  std::vector<std::string> Names() { return NamesOf(*store_); }
 
   const TemporaryDirectory directory_;
   std::unique_ptr<RedisServer> redis_;
@@ -54,7 +52,8 @@ class OrphanCollectorTest : public testing::TestWithParam<std::string> {
   const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
   const std::shared_ptr<Store> store_ = OpenStore();
   HookedStore hooked_{store_, trouble_};
-  OrphanCollector collector_{hooked_, kExpiry};
+  OrphanCollector collector_{hooked_, kExpiry, /*shares_store=*/true};
+  std::vector<std::string> deleted_;
 };
 
 INSTANTIATE_TEST_SUITE_P(Stores, OrphanCollectorTest, testing::Values("Memory", "Sqlite", "Redis"),
@@ -74,6 +73,16 @@ TEST_P(OrphanCollectorTest, DeletesWhatNoServerRenews) {
     ASSERT_TRUE(CommitNow(*alive, {.lifecycle = std::to_string(i)}).ok()) << "the lease is still valid";
     EXPECT_THAT(Names(), testing::ElementsAre("sessions/alive", "sessions/here"));
   }
+  EXPECT_THAT(deleted_, testing::ElementsAre("sessions/dead"));
+}
+
+TEST_P(OrphanCollectorTest, WithoutOtherServersTheExpiryTimeIsWaitedOnce) {
+  ASSERT_TRUE(store_->CreateSession(Record("sessions/dead"), "attached").ok());
+  OrphanCollector collector(hooked_, kExpiry, /*shares_store=*/false);
+  for (int i = 0; i < 2; ++i) Collect(collector, kExpiry / 2);
+  EXPECT_EQ(Names().size(), 1u);
+  Collect(collector, kExpiry / 2);
+  EXPECT_TRUE(Names().empty());
 }
 
 TEST_P(OrphanCollectorTest, ARenewalDuringTheCollectionKeepsTheSession) {

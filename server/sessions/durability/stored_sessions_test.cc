@@ -69,14 +69,11 @@ class StoredSessionsTest : public ::testing::Test {
     options.now = [this] { return now_; };
     sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
     ASSERT_TRUE(sessions_->FindStored().ok());
-    while (sessions_->RestoreNext()) continue;
+    RestoreAll(*sessions_, *store_);
   }
   std::shared_ptr<Session> Find(const std::string& request_id) {
-    const std::vector<SessionRecord> records = store_->ListSessions().value();
-    for (const SessionRecord& record : records) {
-      if (record.request_id == request_id) return sessions_->Get(kStoredTenant, record.name).value();
-    }
-    return nullptr;
+    const auto record = store_->FindRequest(kStoredTenant, request_id);
+    return record.ok() ? sessions_->Get(kStoredTenant, record->name).value() : nullptr;
   }
   void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
     const auto waiting = std::make_shared<WaitingListener>();
@@ -184,8 +181,8 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
     Until(session, [&] { return session->IsFlushed(); });
   }
   sessions_->CloseAll(absl::CancelledError("written"));
-  const std::vector<SessionRecord> records = store_->ListSessions().value();
-  for (const SessionRecord& record : records) {
+  const SessionPage page = store_->ListSessions(kStoredTenant, "", SIZE_MAX >> 1).value();
+  for (const SessionRecord& record : page.records) {
     auto taken = store_->TakeSession(record.name).value();
     SessionCheckpoint checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
     if (record.request_id == "foreign") checkpoint.pipeline->tracker.version = UINT32_MAX;

@@ -76,7 +76,12 @@ absl::Status SessionNotFoundError(absl::string_view session) {
 }
 
 absl::Status SessionExistsError(absl::string_view session) {
-  return absl::AlreadyExistsError(absl::StrCat("the store has a session \"", session, "\" already"));
+  return absl::AlreadyExistsError(
+      absl::StrCat("the store has a session \"", session, "\", or one of the same request_id, already"));
+}
+
+absl::Status RequestNotFoundError(absl::string_view request_id) {
+  return absl::NotFoundError(absl::StrCat("no session of request_id \"", request_id, "\" is in the store"));
 }
 
 absl::Status ModelNotFoundError(absl::string_view model) {

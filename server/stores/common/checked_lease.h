@@ -63,6 +63,7 @@ absl::Status RolledBackError(absl::string_view session, uint64_t fencing_number)
 absl::Status CheckHolder(absl::string_view session, const FencingToken& stored, const FencingToken& own);
 absl::Status SessionNotFoundError(absl::string_view session);
 absl::Status SessionExistsError(absl::string_view session);
+absl::Status RequestNotFoundError(absl::string_view request_id);
 absl::Status ModelNotFoundError(absl::string_view model);
 
 }  // namespace evpose::server

@@ -106,6 +106,17 @@ struct StoredLifecycle {
   std::string lifecycle;
 };
 
+struct SessionOwner {
+  std::string name;  // of the session
+  std::string tenant;
+};
+
+// A part of the list of a tenant's sessions.
+struct SessionPage {
+  std::vector<SessionRecord> records;  // sorted by name; damaged ones are omitted
+  std::string last_name;               // the place in the list after this page; empty at the end of the list
+};
+
 // Identifies one lease. A commit is written only if both parts equal those in the store. The number alone is not
 // unique: a replica that had missed the last numbers and was made the master gives them out again.
 struct FencingToken {
@@ -185,7 +196,7 @@ class Store {
   virtual absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) = 0;
 
   // Creates a session and takes it. Errors: ALREADY_EXISTS when the name exists, also from an earlier call that ended
-  // with UNAVAILABLE. The caller, not the store, checks that request_ids are unique.
+  // with UNAVAILABLE, or when the tenant has a session of the same request_id, which FindRequest() returns.
   virtual absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                                       const std::string& lifecycle) = 0;
 
@@ -200,10 +211,20 @@ class Store {
   // TakeSession().
   virtual absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const = 0;
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const { return ReadSession(name, 0); }
-  // All undamaged sessions, sorted by name.
-  virtual absl::StatusOr<std::vector<SessionRecord>> ListSessions() const = 0;
-  // The lifecycle records of all sessions, sorted by name, without damaged ones.
-  virtual absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const = 0;
+  // Reads the immutable part of a session, also if other parts are damaged. Errors: NOT_FOUND, DATA_LOSS.
+  virtual absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const = 0;
+  // The tenant's sessions from the first name after `after_name` on, at most `max_sessions` with the damaged ones,
+  // which are omitted. The time does not depend on the number of other sessions.
+  virtual absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
+                                                   size_t max_sessions) const = 0;
+  // The session that the tenant created with this request_id, which is not empty. The time does not depend on the
+  // number of sessions. Errors: NOT_FOUND, DATA_LOSS.
+  virtual absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const = 0;
+  // The names and tenants of all sessions, also of damaged ones, without reading their records.
+  virtual absl::StatusOr<std::vector<SessionOwner>> ListOwners() const = 0;
+  // The lifecycle records that were written least recently, the oldest first, at most `max_sessions`, without damaged
+  // ones. Their age is an order of writes and not a time, so that it depends on no clock.
+  virtual absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const = 0;
   // Returns OK also when the session does not exist. Damaged sessions are deleted, too.
   virtual absl::Status DeleteSession(absl::string_view name) = 0;
   // As DeleteSession(), but only if the lease with this token holds the session. Errors: ABORTED when another holder

@@ -46,13 +46,18 @@ void Apply(SessionCommit commit, uint64_t next_pose_seq, MemorySession& session)
 absl::StatusOr<FencingToken> MemorySessions::Create(const SessionRecord& record, const std::string& lifecycle,
                                                     std::string holder) {
   const std::lock_guard lock(mutex_);
-  if (contents_.sessions.contains(record.name)) return SessionExistsError(record.name);
+  const std::pair<std::string, std::string> request = {record.tenant, record.request_id};
+  if (contents_.sessions.contains(record.name) || contents_.names_of_requests.contains(request)) {
+    return SessionExistsError(record.name);
+  }
   const FencingToken token = {contents_.last_fencing_number + 1, std::move(holder)};
   MemorySession session = {.stored = {.record = record, .lifecycle = lifecycle}, .token = token};
   const uint64_t size_bytes = SizeBytes(session.stored);
   EVPOSE_RETURN_IF_ERROR(MakeRoom(size_bytes, record.name));
   contents_.size_bytes += size_bytes;
-  contents_.sessions.emplace(record.name, std::move(session));
+  NoteLifecycleWrite(contents_.sessions.emplace(record.name, std::move(session)).first->second);
+  contents_.names_of_tenants.emplace(record.tenant, record.name);
+  if (!record.request_id.empty()) contents_.names_of_requests.emplace(request, record.name);
   ++contents_.last_fencing_number;
   return token;
 }
@@ -77,20 +82,48 @@ absl::StatusOr<StoredSession> MemorySessions::Read(absl::string_view name, uint6
   return read;
 }
 
-std::vector<SessionRecord> MemorySessions::List() const {
+absl::StatusOr<SessionRecord> MemorySessions::ReadRecord(absl::string_view name) const {
   const std::lock_guard lock(mutex_);
-  std::vector<SessionRecord> records;
-  records.reserve(contents_.sessions.size());
-  for (const auto& [name, session] : contents_.sessions) records.push_back(session.stored.record);
-  return records;
+  const auto found = contents_.sessions.find(name);
+  if (found == contents_.sessions.end()) return SessionNotFoundError(name);
+  return found->second.stored.record;
 }
 
-std::vector<StoredLifecycle> MemorySessions::ReadLifecycles() const {
+SessionPage MemorySessions::List(absl::string_view tenant, absl::string_view after_name, size_t max_sessions) const {
+  const std::lock_guard lock(mutex_);
+  const auto& names = contents_.names_of_tenants;
+  const auto is_of_tenant = [&](const auto& place) { return place != names.end() && place->first == tenant; };
+  SessionPage page;
+  auto place = names.upper_bound({std::string(tenant), std::string(after_name)});
+  for (; is_of_tenant(place) && page.records.size() < max_sessions; ++place) {
+    page.records.push_back(contents_.sessions.find(place->second)->second.stored.record);
+  }
+  if (is_of_tenant(place) && !page.records.empty()) page.last_name = page.records.back().name;
+  return page;
+}
+
+absl::StatusOr<SessionRecord> MemorySessions::FindRequest(absl::string_view tenant,
+                                                          absl::string_view request_id) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = contents_.names_of_requests.find({std::string(tenant), std::string(request_id)});
+  if (found == contents_.names_of_requests.end()) return RequestNotFoundError(request_id);
+  return contents_.sessions.find(found->second)->second.stored.record;
+}
+
+std::vector<SessionOwner> MemorySessions::ListOwners() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<SessionOwner> owners;
+  owners.reserve(contents_.sessions.size());
+  for (const auto& [name, session] : contents_.sessions) owners.push_back({name, session.stored.record.tenant});
+  return owners;
+}
+
+std::vector<StoredLifecycle> MemorySessions::ReadOldestLifecycles(size_t max_sessions) const {
   const std::lock_guard lock(mutex_);
   std::vector<StoredLifecycle> lifecycles;
-  lifecycles.reserve(contents_.sessions.size());
-  for (const auto& [name, session] : contents_.sessions) {
-    lifecycles.push_back({.name = name, .lifecycle = session.stored.lifecycle});
+  for (const auto& [write, name] : contents_.names_by_lifecycle_write) {
+    if (lifecycles.size() == max_sessions) break;
+    lifecycles.push_back({.name = name, .lifecycle = contents_.sessions.find(name)->second.stored.lifecycle});
   }
   return lifecycles;
 }
@@ -129,6 +162,7 @@ absl::Status MemorySessions::Commit(absl::string_view name, const FencingToken& 
   if (found->second.last_commit < place.last_ok) return RolledBackError(name, token.number);
   EVPOSE_RETURN_IF_ERROR(MakeRoom(SizeBytes(commit), name));
   contents_.size_bytes -= SizeBytes(found->second.stored);
+  if (commit.lifecycle.has_value()) NoteLifecycleWrite(found->second);
   Apply(std::move(commit), place.next_pose_seq, found->second);
   found->second.last_commit = place.number;
   contents_.size_bytes += SizeBytes(found->second.stored);
@@ -168,7 +202,17 @@ absl::Status MemorySessions::MakeRoom(uint64_t more_bytes, absl::string_view kee
   return absl::OkStatus();
 }
 
+void MemorySessions::NoteLifecycleWrite(MemorySession& session) {
+  contents_.names_by_lifecycle_write.erase(session.lifecycle_write);
+  session.lifecycle_write = ++contents_.last_lifecycle_write;
+  contents_.names_by_lifecycle_write.emplace(session.lifecycle_write, session.stored.record.name);
+}
+
 MemorySessions::Sessions::iterator MemorySessions::Erase(Sessions::iterator session) {
+  const SessionRecord& record = session->second.stored.record;
+  contents_.names_of_tenants.erase({record.tenant, record.name});
+  if (!record.request_id.empty()) contents_.names_of_requests.erase({record.tenant, record.request_id});
+  contents_.names_by_lifecycle_write.erase(session->second.lifecycle_write);
   contents_.size_bytes -= SizeBytes(session->second.stored);
   return contents_.sessions.erase(session);
 }

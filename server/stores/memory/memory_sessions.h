@@ -8,7 +8,9 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -26,6 +28,7 @@ struct MemorySession {
   uint64_t last_commit = 0;    // number of the last commit of the holder
   uint64_t next_pose_seq = 1;  // kept also when all poses have been deleted
   uint64_t first_pose_seq_kept = 1;
+  uint64_t lifecycle_write = 0;  // number of the write of the lifecycle record, over all sessions
   std::optional<absl::Time> ended_at;
 };
 
@@ -39,8 +42,11 @@ class MemorySessions {
   absl::StatusOr<FencingToken> Create(const SessionRecord& record, const std::string& lifecycle, std::string holder);
   absl::StatusOr<MemorySession> Take(absl::string_view name, std::string holder);
   absl::StatusOr<StoredSession> Read(absl::string_view name, uint64_t after_pose_seq) const;
-  std::vector<SessionRecord> List() const;
-  std::vector<StoredLifecycle> ReadLifecycles() const;
+  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const;
+  SessionPage List(absl::string_view tenant, absl::string_view after_name, size_t max_sessions) const;
+  absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const;
+  std::vector<SessionOwner> ListOwners() const;
+  std::vector<StoredLifecycle> ReadOldestLifecycles(size_t max_sessions) const;
   void Delete(absl::string_view name);
   absl::Status DeleteHeld(absl::string_view name, const FencingToken& token);
   std::vector<std::string> DeleteEnded(absl::Time ended_before);
@@ -51,8 +57,12 @@ class MemorySessions {
   // All sessions and the last fencing number: what a replica of a shared store has at some time.
   struct Contents {
     std::map<std::string, MemorySession, std::less<>> sessions;
+    std::set<std::pair<std::string, std::string>> names_of_tenants;                // tenant, name
+    std::map<std::pair<std::string, std::string>, std::string> names_of_requests;  // by tenant and request_id
+    std::map<uint64_t, std::string> names_by_lifecycle_write;
     uint64_t size_bytes = 0;
     uint64_t last_fencing_number = 0;
+    uint64_t last_lifecycle_write = 0;
   };
   Contents Copy() const;
   // The stores on these sessions continue with the contents, as after the promotion of a replica. Leases that are not
@@ -66,6 +76,7 @@ class MemorySessions {
   // Errors: RESOURCE_EXHAUSTED.
   absl::Status MakeRoom(uint64_t more_bytes, absl::string_view keep) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Sessions::iterator Erase(Sessions::iterator session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void NoteLifecycleWrite(MemorySession& session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const uint64_t max_bytes_;
   mutable std::mutex mutex_;

@@ -124,9 +124,19 @@ class MemoryStore : public Store {
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return shared_->sessions->Read(name, after_pose_seq);
   }
-  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override { return shared_->sessions->List(); }
-  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
-    return shared_->sessions->ReadLifecycles();
+  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
+    return shared_->sessions->ReadRecord(name);
+  }
+  absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
+                                           size_t max_sessions) const override {
+    return shared_->sessions->List(tenant, after_name, max_sessions);
+  }
+  absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
+    return shared_->sessions->FindRequest(tenant, request_id);
+  }
+  absl::StatusOr<std::vector<SessionOwner>> ListOwners() const override { return shared_->sessions->ListOwners(); }
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
+    return shared_->sessions->ReadOldestLifecycles(max_sessions);
   }
 
   absl::Status DeleteSession(absl::string_view name) override {

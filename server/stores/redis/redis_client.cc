@@ -144,8 +144,8 @@ absl::Status RedisClient::Connect() {
   absl::StatusOr<std::unique_ptr<RedisConnection>> opened = RedisConnection::Open(options_.address, options_.timeout);
   std::map<const RedisScript*, std::string> digests;
   absl::Status status = opened.status();
-  for (const RedisScript* const script : {&kRedisCreate, &kRedisRead, &kRedisCommit, &kRedisDelete, &kRedisDeleteEnded,
-                                          &kRedisPutModel, &kRedisDeleteModel}) {
+  for (const RedisScript* const script : {&kRedisCreate, &kRedisIndex, &kRedisRead, &kRedisCommit, &kRedisDelete,
+                                          &kRedisDeleteEnded, &kRedisPutModel, &kRedisDeleteModel}) {
     if (!status.ok()) break;
     const auto loaded = (*opened)->Run({"SCRIPT", "LOAD", script->source});
     status = loaded.status();
@@ -168,9 +168,10 @@ void RedisClient::Disconnect() {
 }
 
 bool RedisClient::DeleteOldestEnded() {
-  RedisCommand command = {"EVAL", kRedisDeleteEnded.source, "2", kRedisEndedKey, kRedisSessionsKey, "+inf", "1"};
-  command.push_back(RedisSessionKey(""));
-  command.push_back(RedisPosesKey(""));
+  RedisCommand command = {"EVAL", kRedisDeleteEnded.source, "6"};
+  command.insert(command.end(), {kRedisEndedKey, kRedisSessionsKey, kRedisOwnersKey, kRedisTenantsKey,
+                                 kRedisRequestsKey, kRedisLifecycleWritesKey});
+  command.insert(command.end(), {"+inf", "1", RedisSessionKey(""), RedisPosesKey("")});
   const absl::StatusOr<RedisReply> deleted = connection_->Run(command);
   if (!deleted.ok() || (*deleted)->elements != 1) return false;
   const std::lock_guard lock(mutex_);

@@ -12,6 +12,10 @@ namespace evpose::server {
 
 inline constexpr char kRedisFencingKey[] = "evpose:fencing";
 inline constexpr char kRedisSessionsKey[] = "evpose:sessions";
+inline constexpr char kRedisOwnersKey[] = "evpose:owners";
+inline constexpr char kRedisTenantsKey[] = "evpose:tenants";
+inline constexpr char kRedisRequestsKey[] = "evpose:requests";
+inline constexpr char kRedisLifecycleWritesKey[] = "evpose:lifecycle_writes";
 inline constexpr char kRedisEndedKey[] = "evpose:ended";
 inline constexpr char kRedisModelsKey[] = "evpose:models";
 

@@ -6,14 +6,56 @@ namespace evpose::server {
 // When its memory is full, Redis rejects the first write of a script, but no later one. In each script the first write
 // is a command that Redis may reject, so that a script is never executed in part.
 
-const RedisScript kRedisCreate = {R"lua(
+namespace {
+
+const char* const kNoteLifecycleWrite = R"lua(
+local function note_lifecycle_write(writes, name)
+  local last = redis.call('ZREVRANGE', writes, 0, 0, 'WITHSCORES')[2] or '0'
+  redis.call('ZADD', writes, string.format('%.0f', tonumber(last) + 1), name)
+end
+)lua";
+
+// Removes a session from owners, tenants, requests and lifecycle_writes.
+const char* const kRemoveFromIndexes = R"lua(
+local function remove_from_indexes(name, owners, tenants, requests, writes)
+  local owner = redis.call('HGET', owners, name)
+  if owner then
+    redis.call('ZREM', tenants, string.match(owner, '^[^\n]*\n') .. name)
+    if redis.call('HGET', requests, owner) == name then redis.call('HDEL', requests, owner) end
+    redis.call('HDEL', owners, name)
+  end
+  redis.call('ZREM', writes, name)
+end
+)lua";
+
+}  // namespace
+
+const RedisScript kRedisCreate = {std::string(kNoteLifecycleWrite) + R"lua(
 if redis.call('EXISTS', KEYS[1]) == 1 then return 0 end
+local owner = ARGV[6] .. '\n' .. ARGV[7]
+if ARGV[7] ~= '' then
+  local of_request = redis.call('HGET', KEYS[6], owner)
+  if of_request and redis.call('EXISTS', ARGV[8] .. of_request) == 1 then return 0 end
+end
 local number = redis.call('INCR', KEYS[3])
 redis.call('HSET', KEYS[1], 'fencing', number, 'holder', ARGV[5], 'commit', 0, 'next', 1, 'kept', 1,
   'record', ARGV[2], 'lifecycle', ARGV[3])
 redis.call('PEXPIRE', KEYS[1], ARGV[4])
 redis.call('SADD', KEYS[2], ARGV[1])
+redis.call('HSET', KEYS[4], ARGV[1], owner)
+redis.call('ZADD', KEYS[5], 0, ARGV[6] .. '\n' .. ARGV[1])
+if ARGV[7] ~= '' then redis.call('HSET', KEYS[6], owner, ARGV[1]) end
+note_lifecycle_write(KEYS[7], ARGV[1])
 return number
+)lua"};
+
+const RedisScript kRedisIndex = {R"lua(
+local owner = ARGV[2] .. '\n' .. ARGV[3]
+redis.call('HSET', KEYS[1], ARGV[1], owner)
+redis.call('ZADD', KEYS[2], 0, ARGV[2] .. '\n' .. ARGV[1])
+if ARGV[3] ~= '' then redis.call('HSETNX', KEYS[3], owner, ARGV[1]) end
+redis.call('ZADD', KEYS[4], 'NX', 0, ARGV[1])
+return redis.status_reply('OK')
 )lua"};
 
 const RedisScript kRedisRead = {R"lua(
@@ -31,7 +73,7 @@ values[7] = redis.call('XRANGE', KEYS[2], begin, '+')
 return values
 )lua"};
 
-const RedisScript kRedisCommit = {R"lua(
+const RedisScript kRedisCommit = {std::string(kNoteLifecycleWrite) + R"lua(
 local held = redis.call('HMGET', KEYS[1], 'fencing', 'commit', 'kept', 'holder')
 if not held[1] then return redis.status_reply('NOTFOUND') end
 if tonumber(held[1]) < tonumber(ARGV[2]) then return redis.status_reply('LOST') end
@@ -40,7 +82,10 @@ if tonumber(held[2]) >= tonumber(ARGV[3]) then return redis.status_reply('STALE'
 if tonumber(held[2]) < tonumber(ARGV[12]) then return redis.status_reply('LOST') end
 redis.call('HSET', KEYS[1], 'commit', ARGV[3])
 if ARGV[9] ~= '' then redis.call('HSET', KEYS[1], 'checkpoint', ARGV[9]) end
-if ARGV[10] ~= '' then redis.call('HSET', KEYS[1], 'lifecycle', ARGV[10]) end
+if ARGV[10] ~= '' then
+  redis.call('HSET', KEYS[1], 'lifecycle', ARGV[10])
+  note_lifecycle_write(KEYS[4], ARGV[1])
+end
 if ARGV[6] ~= '' then redis.call('ZADD', KEYS[3], ARGV[6], ARGV[1]) end
 
 local function first_of(entry) return tonumber(string.match(entry[1], '^(%d+)')) end
@@ -72,7 +117,7 @@ redis.call('PEXPIRE', KEYS[2], ARGV[7])
 return redis.status_reply('OK')
 )lua"};
 
-const RedisScript kRedisDelete = {R"lua(
+const RedisScript kRedisDelete = {std::string(kRemoveFromIndexes) + R"lua(
 local held = redis.call('HMGET', KEYS[1], 'fencing', 'holder')
 if ARGV[2] ~= '' and held[1] then
   if tonumber(held[1]) < tonumber(ARGV[2]) then return redis.status_reply('LOST') end
@@ -81,16 +126,18 @@ end
 redis.call('DEL', KEYS[1], KEYS[2])
 redis.call('ZREM', KEYS[3], ARGV[1])
 redis.call('SREM', KEYS[4], ARGV[1])
+remove_from_indexes(ARGV[1], KEYS[5], KEYS[6], KEYS[7], KEYS[8])
 return redis.status_reply('OK')
 )lua"};
 
-const RedisScript kRedisDeleteEnded = {R"lua(
+const RedisScript kRedisDeleteEnded = {std::string(kRemoveFromIndexes) + R"lua(
 local limit = ARGV[1] == '+inf' and '+inf' or '(' .. ARGV[1]
 local names = redis.call('ZRANGEBYSCORE', KEYS[1], '-inf', limit, 'LIMIT', 0, ARGV[2])
 for _, name in ipairs(names) do
   redis.call('DEL', ARGV[3] .. name, ARGV[4] .. name)
   redis.call('ZREM', KEYS[1], name)
   redis.call('SREM', KEYS[2], name)
+  remove_from_indexes(name, KEYS[3], KEYS[4], KEYS[5], KEYS[6])
 end
 return names
 )lua"};

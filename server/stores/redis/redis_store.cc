@@ -14,10 +14,14 @@
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/common/checked_records.h"
 #include "server/stores/redis/redis_keys.h"
+#include "server/stores/redis/redis_records.h"
 #include "server/stores/redis/redis_scripts.h"
 
 namespace evpose::server {
 namespace {
+
+// The number of sessions that are indexed or listed with one round trip.
+constexpr size_t kSessionsPerRoundTrip = 1000;
 
 std::vector<std::string> SessionKeys(absl::string_view name, const char* last) {
   return {RedisSessionKey(name), RedisPosesKey(name), last};
@@ -25,67 +29,11 @@ std::vector<std::string> SessionKeys(absl::string_view name, const char* last) {
 
 std::string ModelMember(absl::string_view tenant, absl::string_view name) { return absl::StrCat(name, "\n", tenant); }
 
-absl::Status DamagedInRedis(absl::string_view what) {
-  return absl::DataLossError(absl::StrCat(what, " is damaged in Redis"));
-}
-
-absl::StatusOr<uint64_t> Number(const redisReply* reply, absl::string_view what) {
-  uint64_t number = 0;
-  if (!absl::SimpleAtoi(RedisText(reply), &number)) return DamagedInRedis(what);
-  return number;
-}
-
 std::vector<std::string> Texts(const redisReply* reply) {
   std::vector<std::string> texts;
   for (size_t i = 0; i < reply->elements; ++i) texts.push_back(RedisText(reply->element[i]));
   std::sort(texts.begin(), texts.end());
   return texts;
-}
-
-// Parses an entry of the stream of poses: its ID and its fields.
-absl::StatusOr<PoseSegment> ReadSegment(absl::string_view session, const redisReply* entry) {
-  PoseSegment segment;
-  const bool has_parts = entry->elements == 2 && entry->element[1]->elements == 2;
-  const std::vector<std::string> numbers =
-      absl::StrSplit(has_parts ? RedisText(entry->element[0]) : std::string(), '-');
-  if (numbers.size() != 2 || !absl::SimpleAtoi(numbers[0], &segment.first_pose_seq) ||
-      !absl::SimpleAtoi(numbers[1], &segment.last_pose_seq)) {
-    return DamagedInRedis(absl::StrCat("the list of poses of ", session));
-  }
-  EVPOSE_ASSIGN_OR_RETURN(segment.bytes, VerifyChecksum(PosesOf(session, segment.first_pose_seq, segment.last_pose_seq),
-                                                        RedisText(entry->element[1]->element[1])));
-  return segment;
-}
-
-struct RedisSession {
-  StoredSession stored;
-  uint64_t fencing_number = 0;
-  uint64_t next_pose_seq = 1;
-};
-
-// Parses the reply of kRedisRead.
-absl::StatusOr<RedisSession> ReadAnswer(absl::string_view name, uint64_t after_pose_seq, const redisReply* reply) {
-  if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
-  const std::string state = absl::StrCat("the state of ", name);
-  if (reply->elements != 7) return DamagedInRedis(state);
-  RedisSession session;
-  EVPOSE_ASSIGN_OR_RETURN(session.fencing_number, Number(reply->element[0], state));
-  EVPOSE_ASSIGN_OR_RETURN(session.next_pose_seq, Number(reply->element[1], state));
-  EVPOSE_ASSIGN_OR_RETURN(const uint64_t kept, Number(reply->element[2], state));
-  EVPOSE_ASSIGN_OR_RETURN(session.stored.record, DecodeRecord(name, RedisText(reply->element[3])));
-  EVPOSE_ASSIGN_OR_RETURN(session.stored.lifecycle, VerifyChecksum(LifecycleOf(name), RedisText(reply->element[4])));
-  if (reply->element[5]->type != REDIS_REPLY_NIL) {
-    EVPOSE_ASSIGN_OR_RETURN(session.stored.checkpoint,
-                            VerifyChecksum(CheckpointOf(name), RedisText(reply->element[5])));
-  }
-  const redisReply* const entries = reply->element[6];
-  for (size_t i = 0; i < entries->elements; ++i) {
-    EVPOSE_ASSIGN_OR_RETURN(PoseSegment segment, ReadSegment(name, entries->element[i]));
-    session.stored.poses.push_back(std::move(segment));
-  }
-  EVPOSE_RETURN_IF_ERROR(
-      CheckWhole(name, session.stored.poses, std::max(kept, after_pose_seq + 1), session.next_pose_seq));
-  return session;
 }
 
 // The state that the leases share with their store. It lives until the last lease is destroyed.
@@ -140,7 +88,8 @@ class RedisLease : public CheckedLease {
           AddChecksum(PosesOf(name_, segment.first_pose_seq, segment.last_pose_seq), std::move(segment.bytes)));
     }
     shared_->client.PushScript(
-        kRedisCommit, SessionKeys(name_, kRedisEndedKey), std::move(arguments),
+        kRedisCommit, {RedisSessionKey(name_), RedisPosesKey(name_), kRedisEndedKey, kRedisLifecycleWritesKey},
+        std::move(arguments),
         [name = name_, number = token().number, done = std::move(done)](absl::StatusOr<RedisReply> reply) mutable {
           done(WriteOutcome(reply, name, number));
         });
@@ -163,9 +112,13 @@ class RedisStore : public Store {
   // Checks the server, and all records unless there are too many. To be called before every other function.
   absl::Status Check() {
     EVPOSE_RETURN_IF_ERROR(CheckServer());
+    EVPOSE_RETURN_IF_ERROR(IndexSessionsOfEarlierVersions());
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply num_sessions, shared_->client.Call({"SCARD", kRedisSessionsKey}));
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply num_models, shared_->client.Call({"SCARD", kRedisModelsKey}));
+    const auto num_records = static_cast<uint64_t>(num_sessions->integer + num_models->integer);
+    if (num_records > shared_->options.max_checked_records) return absl::OkStatus();
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> sessions, Members(kRedisSessionsKey));
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, Members(kRedisModelsKey));
-    if (sessions.size() + models.size() > shared_->options.max_checked_records) return absl::OkStatus();
     // Reads all parts of each session, so that damage is reported at the start and not when a client attaches again.
     for (const std::string& name : sessions) NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status());
     for (const std::string& member : models) {
@@ -236,9 +189,12 @@ class RedisStore : public Store {
     EVPOSE_ASSIGN_OR_RETURN(token.holder, RandomHex128());
     EVPOSE_ASSIGN_OR_RETURN(
         const RedisReply reply,
-        shared_->client.CallScript(kRedisCreate, {RedisSessionKey(record.name), kRedisSessionsKey, kRedisFencingKey},
-                                   {record.name, EncodeRecord(record), AddChecksum(LifecycleOf(record.name), lifecycle),
-                                    shared_->SafetyTtl_ms(), token.holder}));
+        shared_->client.CallScript(
+            kRedisCreate,
+            {RedisSessionKey(record.name), kRedisSessionsKey, kRedisFencingKey, kRedisOwnersKey, kRedisTenantsKey,
+             kRedisRequestsKey, kRedisLifecycleWritesKey},
+            {record.name, EncodeRecord(record), AddChecksum(LifecycleOf(record.name), lifecycle),
+             shared_->SafetyTtl_ms(), token.holder, record.tenant, record.request_id, RedisSessionKey("")}));
     if (reply->integer == 0) return SessionExistsError(record.name);
     token.number = static_cast<uint64_t>(reply->integer);
     return std::make_unique<RedisLease>(shared_, record.name, std::move(token), /*next_pose_seq=*/1);
@@ -257,12 +213,59 @@ class RedisStore : public Store {
     return std::move(session.stored);
   }
 
-  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
-    return ReadSessions<SessionRecord>("record", DecodeRecord);
+  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(name), "record"}));
+    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
+    return DecodeRecord(name, RedisText(reply.get()));
   }
 
-  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
-    return ReadSessions<StoredLifecycle>("lifecycle", DecodeLifecycle);
+  absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
+                                           size_t max_sessions) const override {
+    // The entries of the tenant are TENANT\nNAME, and \v is the character after \n.
+    EVPOSE_ASSIGN_OR_RETURN(
+        const RedisReply reply,
+        shared_->client.Call({"ZRANGEBYLEX", kRedisTenantsKey, absl::StrCat("(", tenant, "\n", after_name),
+                              absl::StrCat("(", tenant, "\v"), "LIMIT", "0", std::to_string(max_sessions)}));
+    std::vector<std::string> names = Texts(reply.get());
+    for (std::string& name : names) name.erase(0, tenant.size() + 1);
+    SessionPage page;
+    if (!names.empty() && names.size() == max_sessions) page.last_name = names.back();
+    EVPOSE_ASSIGN_OR_RETURN(page.records, ReadSessions<SessionRecord>(names, "record", DecodeRecord));
+    return page;
+  }
+
+  absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
+                            shared_->client.Call({"HGET", kRedisRequestsKey, absl::StrCat(tenant, "\n", request_id)}));
+    if (reply->type == REDIS_REPLY_NIL) return RequestNotFoundError(request_id);
+    return ReadRecord(RedisText(reply.get()));
+  }
+
+  absl::StatusOr<std::vector<SessionOwner>> ListOwners() const override {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGETALL", kRedisOwnersKey}));
+    std::vector<SessionOwner> owners;
+    for (size_t i = 0; i + 1 < reply->elements; i += 2) {
+      const std::string owner = RedisText(reply->element[i + 1]);
+      owners.push_back({.name = RedisText(reply->element[i]), .tenant = owner.substr(0, owner.find('\n'))});
+    }
+    std::sort(owners.begin(), owners.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+    return owners;
+  }
+
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
+    std::vector<StoredLifecycle> lifecycles;
+    for (size_t begin = 0; lifecycles.size() < max_sessions; begin += kSessionsPerRoundTrip) {
+      EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
+                              shared_->client.Call({"ZRANGE", kRedisLifecycleWritesKey, std::to_string(begin),
+                                                    std::to_string(begin + kSessionsPerRoundTrip - 1)}));
+      std::vector<std::string> names;
+      for (size_t i = 0; i < reply->elements; ++i) names.push_back(RedisText(reply->element[i]));
+      EVPOSE_ASSIGN_OR_RETURN(auto read, ReadSessions<StoredLifecycle>(names, "lifecycle", DecodeStoredLifecycle));
+      std::move(read.begin(), read.end(), std::back_inserter(lifecycles));
+      if (names.size() < kSessionsPerRoundTrip) break;
+    }
+    lifecycles.resize(std::min(lifecycles.size(), max_sessions));
+    return lifecycles;
   }
 
   absl::Status DeleteSession(absl::string_view name) override { return Delete(name, {}); }
@@ -275,7 +278,9 @@ class RedisStore : public Store {
     const std::string limit =
         ended_before == absl::InfiniteFuture() ? "+inf" : std::to_string(absl::ToUnixMicros(ended_before));
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
-                            shared_->client.CallScript(kRedisDeleteEnded, {kRedisEndedKey, kRedisSessionsKey},
+                            shared_->client.CallScript(kRedisDeleteEnded,
+                                                       {kRedisEndedKey, kRedisSessionsKey, kRedisOwnersKey,
+                                                        kRedisTenantsKey, kRedisRequestsKey, kRedisLifecycleWritesKey},
                                                        {limit, "1000000", RedisSessionKey(""), RedisPosesKey("")}));
     std::vector<std::string> names = shared_->client.TakeDeletedForRoom();
     for (size_t i = 0; i < reply->elements; ++i) names.push_back(RedisText(reply->element[i]));
@@ -284,9 +289,11 @@ class RedisStore : public Store {
 
  private:
   // A token without a number: any holder.
-  absl::Status Delete(absl::string_view name, const FencingToken& token) {
+  absl::Status Delete(absl::string_view name, const FencingToken& token) const {
     const auto reply = shared_->client.CallScript(
-        kRedisDelete, {RedisSessionKey(name), RedisPosesKey(name), kRedisEndedKey, kRedisSessionsKey},
+        kRedisDelete,
+        {RedisSessionKey(name), RedisPosesKey(name), kRedisEndedKey, kRedisSessionsKey, kRedisOwnersKey,
+         kRedisTenantsKey, kRedisRequestsKey, kRedisLifecycleWritesKey},
         {std::string(name), token.number == 0 ? "" : std::to_string(token.number), token.holder});
     return WriteOutcome(reply, name, token.number);
   }
@@ -325,28 +332,50 @@ class RedisStore : public Store {
     return Texts(reply.get());
   }
 
-  // Reads one field of each session in one round trip, without sessions that are damaged or have been deleted in the
-  // meantime.
+  // Earlier versions have no indexes beside the set of all names. A damaged session is indexed without its tenant, so
+  // that it is not read again at each start.
+  absl::Status IndexSessionsOfEarlierVersions() {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply all, shared_->client.Call({"SCARD", kRedisSessionsKey}));
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply indexed, shared_->client.Call({"HLEN", kRedisOwnersKey}));
+    if (all->integer <= indexed->integer) return absl::OkStatus();
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
+    for (const std::string& name : names) {
+      EVPOSE_ASSIGN_OR_RETURN(const RedisReply known, shared_->client.Call({"HEXISTS", kRedisOwnersKey, name}));
+      if (known->integer == 1) continue;
+      const auto record = ReadRecord(name);
+      if (absl::IsUnavailable(record.status())) return record.status();
+      const SessionRecord owner = record.value_or(SessionRecord());
+      EVPOSE_RETURN_IF_ERROR(
+          shared_->client
+              .CallScript(kRedisIndex, {kRedisOwnersKey, kRedisTenantsKey, kRedisRequestsKey, kRedisLifecycleWritesKey},
+                          {name, owner.tenant, owner.request_id})
+              .status());
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status DeleteEntriesUnlessExists(const std::string& name) const {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"EXISTS", RedisSessionKey(name)}));
+    return reply->integer == 1 ? absl::OkStatus() : Delete(name, {});
+  }
+
+  // Reads one field of each session in one round trip, without sessions that are damaged. The entries of a session that
+  // Redis has deleted after the safety time are removed.
   template <typename Record>
-  absl::StatusOr<std::vector<Record>> ReadSessions(const char* field,
+  absl::StatusOr<std::vector<Record>> ReadSessions(const std::vector<std::string>& names, const char* field,
                                                    absl::StatusOr<Record> (*decode)(absl::string_view,
                                                                                     std::string)) const {
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> names, Members(kRedisSessionsKey));
     std::vector<RedisCommand> commands;
     for (const std::string& name : names) commands.push_back({"HGET", RedisSessionKey(name), field});
     const std::vector<absl::StatusOr<RedisReply>> replies = shared_->client.CallAll(std::move(commands));
     std::vector<Record> records;
     for (size_t i = 0; i < names.size(); ++i) {
       EVPOSE_RETURN_IF_ERROR(replies[i].status());
+      if ((*replies[i])->type == REDIS_REPLY_NIL) EVPOSE_RETURN_IF_ERROR(DeleteEntriesUnlessExists(names[i]));
       auto record = decode(names[i], RedisText(replies[i]->get()));
       if (record.ok()) records.push_back(*std::move(record));
     }
     return records;
-  }
-
-  static absl::StatusOr<StoredLifecycle> DecodeLifecycle(absl::string_view name, std::string encoded) {
-    EVPOSE_ASSIGN_OR_RETURN(std::string lifecycle, VerifyChecksum(LifecycleOf(name), std::move(encoded)));
-    return StoredLifecycle{.name = std::string(name), .lifecycle = std::move(lifecycle)};
   }
 
   static std::pair<std::string, std::string> NameAndTenant(const std::string& member) {
@@ -373,7 +402,7 @@ class RedisStore : public Store {
         shared_->client.CallScript(kRedisRead, SessionKeys(name, kRedisFencingKey),
                                    {holder.empty() ? "0" : "1", shared_->SafetyTtl_ms(), std::to_string(after_pose_seq),
                                     std::to_string(after_pose_seq + 1), holder}));
-    return ReadAnswer(name, after_pose_seq, reply.get());
+    return ParseRedisSession(name, after_pose_seq, reply.get());
   }
 
   const std::shared_ptr<Shared> shared_;

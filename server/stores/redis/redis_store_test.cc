@@ -126,10 +126,11 @@ TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
   // The first commit once more, as a slow connection would deliver it.
   const std::string answer = redis_.Text({"EVAL",
                                           kRedisCommit.source,
-                                          "3",
+                                          "4",
                                           "evpose:session:sessions/a",
                                           "evpose:poses:sessions/a",
                                           "evpose:ended",
+                                          "evpose:lifecycle_writes",
                                           "sessions/a",
                                           std::to_string(lease->token().number),
                                           "1",
@@ -245,14 +246,17 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
   redis_.Run({"HSET", "evpose:model:models/a\n", "bytes", "other"});
   store_ = Open();
   EXPECT_THAT(store_->damage(), testing::ElementsAre(HasSubstr("session sessions/b"), HasSubstr("model models/a")));
-  ASSERT_EQ(store_->ListSessions()->size(), 1u);
+  EXPECT_TRUE(store_->ListSessions("tenant of sessions/b", "", 10)->records.empty());
+  EXPECT_EQ(store_->ReadRecord("sessions/b").status().code(), StatusCode::kDataLoss);
+  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre("sessions/b", "sessions/whole"));
   EXPECT_TRUE(store_->ListModels()->empty());
 }
 
 TEST_F(RedisStoreFixture, SessionsAreListedInFewRoundTrips) {
   constexpr size_t kListed = 200;
   for (size_t i = 0; i < kListed; ++i) {
-    ASSERT_TRUE(store_->CreateSession(Record(absl::StrCat("sessions/", i)), "life").ok());
+    const std::string name = absl::StrCat("sessions/", i);
+    ASSERT_TRUE(store_->CreateSession({.name = name, .tenant = "lab", .config = "config"}, "life").ok());
   }
   const auto reads = [this] {
     const std::string info = redis_.Text({"INFO", "stats"});
@@ -260,9 +264,41 @@ TEST_F(RedisStoreFixture, SessionsAreListedInFewRoundTrips) {
     return std::stoul(info.substr(info.find(key) + key.size()));
   };
   const size_t before = reads();
-  EXPECT_EQ(store_->ListSessions()->size(), kListed);
-  EXPECT_EQ(store_->ReadLifecycles()->size(), kListed);
+  EXPECT_EQ(store_->ListSessions("lab", "", kListed)->records.size(), kListed);
+  EXPECT_EQ(store_->ReadOldestLifecycles(kListed)->size(), kListed);
   EXPECT_LT(reads() - before, kListed / 2);
+}
+
+TEST_F(RedisStoreFixture, SessionsOfAnEarlierVersionAreIndexedWhenTheStoreIsOpened) {
+  for (const char* const name : {"sessions/a", "sessions/b"}) {
+    ASSERT_TRUE(store_->CreateSession(Record(name), "life of " + std::string(name)).ok());
+  }
+  redis_.Run({"DEL", "evpose:owners", "evpose:tenants", "evpose:requests", "evpose:lifecycle_writes"});
+  redis_.Run({"HSET", "evpose:session:sessions/b", "record", "damaged"});
+  store_ = Open();
+  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre("sessions/a", "sessions/b"));
+  const SessionRecord record = Record("sessions/a");
+  EXPECT_EQ(store_->ListSessions(record.tenant, "", 10)->records.size(), 1u);
+  EXPECT_EQ(store_->FindRequest(record.tenant, record.request_id)->name, "sessions/a");
+  EXPECT_EQ(store_->ReadOldestLifecycles(10)->size(), 2u);
+  ASSERT_TRUE(store_->DeleteSession("sessions/b").ok());
+  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre("sessions/a"));
+}
+
+// Redis deletes a session that no server has used for the safety time, but not its entries in the indexes.
+TEST_F(RedisStoreFixture, EntriesOfSessionsThatRedisDeletedAreRemoved) {
+  for (const char* const name : {"sessions/a", "sessions/b"}) {
+    ASSERT_TRUE(store_->CreateSession({.name = name, .tenant = "lab", .request_id = name}, "life").ok());
+    redis_.Run({"DEL", std::string("evpose:session:") + name});
+  }
+  EXPECT_EQ(store_->FindRequest("lab", "sessions/a").status().code(), StatusCode::kNotFound);
+  EXPECT_TRUE(store_->CreateSession({.name = "sessions/c", .tenant = "lab", .request_id = "sessions/a"}, "").ok());
+  EXPECT_EQ(store_->ReadOldestLifecycles(10)->size(), 1u);
+  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre("sessions/c"));
+  EXPECT_EQ(store_->FindRequest("lab", "sessions/a")->name, "sessions/c");
+  for (const char* const key : {"evpose:tenants", "evpose:lifecycle_writes"}) {
+    EXPECT_EQ(redis_.Text({"ZRANGE", key, "1", "-1"}), "") << key;
+  }
 }
 
 }  // namespace

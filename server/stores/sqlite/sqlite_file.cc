@@ -22,7 +22,7 @@ namespace evpose::server {
 namespace {
 
 constexpr int64_t kApplicationId = 0x4556504F;  // "EVPO", in the file's header
-constexpr int64_t kSchemaVersion = 1;
+constexpr int64_t kSchemaVersion = 2;
 constexpr uint64_t kMaxPages = 4294967294;  // SQLite's own limit
 constexpr absl::string_view kFileMagic("SQLite format 3\0", 16);
 
@@ -79,6 +79,13 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> MakeFile(const std::string& path
   return database;
 }
 
+// In one transaction, so that a crash leaves the earlier version.
+absl::Status Upgrade(SqliteDatabase& database) {
+  EVPOSE_RETURN_IF_ERROR(database.Execute("BEGIN IMMEDIATE"));
+  EVPOSE_RETURN_IF_ERROR(SqliteUpgradeFromVersion1(database));
+  return database.Execute(absl::StrCat("PRAGMA user_version=", kSchemaVersion, "; COMMIT"));
+}
+
 absl::Status CheckVersion(SqliteDatabase& database) {
   EVPOSE_ASSIGN_OR_RETURN(const int64_t application, ReadPragma(database, "application_id"));
   EVPOSE_ASSIGN_OR_RETURN(const int64_t version, ReadPragma(database, "user_version"));
@@ -93,7 +100,8 @@ absl::Status CheckVersion(SqliteDatabase& database) {
                                                       version, "; this one supports ", kSchemaVersion,
                                                       "): run that version, or choose another --data-dir"));
   }
-  return database.Execute(kWriterSettings);
+  EVPOSE_RETURN_IF_ERROR(database.Execute(kWriterSettings));
+  return version == kSchemaVersion ? absl::OkStatus() : Upgrade(database);
 }
 
 // The new name of a damaged file: the first free number.

@@ -11,14 +11,20 @@
 
 namespace evpose::server {
 
-// Every blob has a checksum (checked_records.h). `ended_at_ns` is a copy of the value in the state, for the index.
+// Every blob has a checksum (checked_records.h). For the indexes, `ended_at_ns` is a copy of the value in the state,
+// and `tenant` and `request_id` are copies of those in the record. `lifecycle_write` is the number of the latest write
+// of the lifecycle, over all sessions.
 const char* const kSqliteSchema = R"sql(
 CREATE TABLE fencing (last INTEGER NOT NULL);
 INSERT INTO fencing VALUES (0);
 CREATE TABLE models (name TEXT NOT NULL, tenant TEXT NOT NULL, header BLOB NOT NULL, bytes BLOB NOT NULL,
   PRIMARY KEY (name, tenant));
 CREATE TABLE sessions (name TEXT NOT NULL PRIMARY KEY, ended_at_ns INTEGER, state BLOB NOT NULL, record BLOB NOT NULL,
-  lifecycle BLOB NOT NULL);
+  lifecycle BLOB NOT NULL, tenant TEXT NOT NULL DEFAULT '', request_id TEXT NOT NULL DEFAULT '',
+  lifecycle_write INTEGER NOT NULL DEFAULT 0);
+CREATE INDEX sessions_of_tenant ON sessions (tenant, name);
+CREATE INDEX sessions_of_request ON sessions (tenant, request_id) WHERE request_id <> '';
+CREATE INDEX sessions_by_lifecycle_write ON sessions (lifecycle_write);
 CREATE INDEX sessions_ended ON sessions (ended_at_ns) WHERE ended_at_ns IS NOT NULL;
 CREATE TABLE checkpoints (session TEXT NOT NULL PRIMARY KEY, bytes BLOB NOT NULL);
 CREATE TABLE poses (session TEXT NOT NULL, first_pose_seq INTEGER NOT NULL, last_pose_seq INTEGER NOT NULL,
@@ -26,6 +32,15 @@ CREATE TABLE poses (session TEXT NOT NULL, first_pose_seq INTEGER NOT NULL, last
 )sql";
 
 namespace {
+
+const char* const kAdditionsToVersion1 = R"sql(
+ALTER TABLE sessions ADD COLUMN tenant TEXT NOT NULL DEFAULT '';
+ALTER TABLE sessions ADD COLUMN request_id TEXT NOT NULL DEFAULT '';
+ALTER TABLE sessions ADD COLUMN lifecycle_write INTEGER NOT NULL DEFAULT 0;
+CREATE INDEX sessions_of_tenant ON sessions (tenant, name);
+CREATE INDEX sessions_of_request ON sessions (tenant, request_id) WHERE request_id <> '';
+CREATE INDEX sessions_by_lifecycle_write ON sessions (lifecycle_write);
+)sql";
 
 std::string StateOf(absl::string_view session) { return absl::StrCat("the state of ", session); }
 
@@ -149,12 +164,15 @@ absl::Status SqliteInsertSession(SqliteDatabase& database, const SessionRecord& 
   const std::string encoded_state = EncodeState(record.name, state);
   const std::string encoded_record = EncodeRecord(record);
   const std::string encoded_lifecycle = AddChecksum(LifecycleOf(record.name), std::string(lifecycle));
-  SqliteQuery query =
-      database.Query("INSERT INTO sessions (name, ended_at_ns, state, record, lifecycle) VALUES (?, ?, ?, ?, ?)");
+  SqliteQuery query = database.Query(
+      "INSERT INTO sessions (name, ended_at_ns, state, record, lifecycle, tenant, request_id, lifecycle_write) VALUES "
+      "(?, ?, ?, ?, ?, ?, ?, (SELECT coalesce(max(lifecycle_write), 0) + 1 FROM sessions))");
   return BindEnd(query.Text(record.name), state.ended_at_ns)
       .Blob(encoded_state)
       .Blob(encoded_record)
       .Blob(encoded_lifecycle)
+      .Text(record.tenant)
+      .Text(record.request_id)
       .Run();
 }
 
@@ -178,8 +196,12 @@ absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view sessio
   }
   if (commit.lifecycle.has_value()) {
     const std::string encoded = AddChecksum(LifecycleOf(session), *commit.lifecycle);
-    EVPOSE_RETURN_IF_ERROR(
-        database.Query("UPDATE sessions SET lifecycle = ? WHERE name = ?").Blob(encoded).Text(session).Run());
+    EVPOSE_RETURN_IF_ERROR(database
+                               .Query("UPDATE sessions SET lifecycle = ?, lifecycle_write = (SELECT "
+                                      "max(lifecycle_write) + 1 FROM sessions) WHERE name = ?")
+                               .Blob(encoded)
+                               .Text(session)
+                               .Run());
   }
   if (commit.ended_at.has_value()) state.ended_at_ns = absl::ToUnixNanos(*commit.ended_at);
   EVPOSE_RETURN_IF_ERROR(WritePoses(database, session, commit.poses, next_pose_seq, state));
@@ -213,28 +235,81 @@ absl::Status SqliteDeleteSession(SqliteDatabase& database, absl::string_view ses
   return database.Query("DELETE FROM poses WHERE session = ?").Text(session).Run();
 }
 
-absl::StatusOr<std::vector<SessionRecord>> SqliteListSessions(SqliteDatabase& database) {
-  std::vector<SessionRecord> records;
-  SqliteQuery query = database.Query("SELECT name, record FROM sessions ORDER BY name");
-  while (query.Next()) {
-    // A record that was damaged after the store was opened is skipped here; reading the session reports it.
-    auto record = DecodeRecord(query.TextAt(0), query.BlobAt(1));
-    if (record.ok()) records.push_back(*std::move(record));
-  }
-  EVPOSE_RETURN_IF_ERROR(query.status());
-  return records;
+absl::StatusOr<SessionRecord> SqliteReadRecord(SqliteDatabase& database, absl::string_view session) {
+  SqliteQuery query = database.Query("SELECT record FROM sessions WHERE name = ?");
+  query.Text(session);
+  if (!query.Next()) return query.status().ok() ? SessionNotFoundError(session) : query.status();
+  return DecodeRecord(session, query.BlobAt(0));
 }
 
-absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadLifecycles(SqliteDatabase& database) {
-  std::vector<StoredLifecycle> lifecycles;
-  SqliteQuery query = database.Query("SELECT name, lifecycle FROM sessions ORDER BY name");
+absl::StatusOr<SessionPage> SqliteListSessions(SqliteDatabase& database, absl::string_view tenant,
+                                               absl::string_view after_name, size_t max_sessions) {
+  SqliteQuery query =
+      database.Query("SELECT name, record FROM sessions WHERE tenant = ? AND name > ? ORDER BY name LIMIT ?");
+  query.Text(tenant).Text(after_name).Integer(static_cast<int64_t>(max_sessions));
+  SessionPage page;
+  size_t num_rows = 0;
   while (query.Next()) {
+    ++num_rows;
+    page.last_name = query.TextAt(0);
+    // A record that was damaged after the store was opened is skipped here; reading the session reports it.
+    auto record = DecodeRecord(page.last_name, query.BlobAt(1));
+    if (record.ok()) page.records.push_back(*std::move(record));
+  }
+  EVPOSE_RETURN_IF_ERROR(query.status());
+  if (num_rows < max_sessions) page.last_name.clear();
+  return page;
+}
+
+absl::StatusOr<SessionRecord> SqliteFindRequest(SqliteDatabase& database, absl::string_view tenant,
+                                                absl::string_view request_id) {
+  SqliteQuery query =
+      database.Query("SELECT name, record FROM sessions WHERE tenant = ? AND request_id = ? AND request_id <> ''");
+  query.Text(tenant).Text(request_id);
+  if (!query.Next()) return query.status().ok() ? RequestNotFoundError(request_id) : query.status();
+  return DecodeRecord(query.TextAt(0), query.BlobAt(1));
+}
+
+absl::StatusOr<std::vector<SessionOwner>> SqliteListOwners(SqliteDatabase& database) {
+  std::vector<SessionOwner> owners;
+  SqliteQuery query = database.Query("SELECT name, tenant FROM sessions INDEXED BY sessions_of_tenant");
+  while (query.Next()) owners.push_back({.name = query.TextAt(0), .tenant = query.TextAt(1)});
+  EVPOSE_RETURN_IF_ERROR(query.status());
+  std::sort(owners.begin(), owners.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+  return owners;
+}
+
+absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadOldestLifecycles(SqliteDatabase& database, size_t max_sessions) {
+  std::vector<StoredLifecycle> lifecycles;
+  SqliteQuery query = database.Query("SELECT name, lifecycle FROM sessions ORDER BY lifecycle_write");
+  while (lifecycles.size() < max_sessions && query.Next()) {
     std::string name = query.TextAt(0);
     auto lifecycle = VerifyChecksum(LifecycleOf(name), query.BlobAt(1));
     if (lifecycle.ok()) lifecycles.push_back({.name = std::move(name), .lifecycle = *std::move(lifecycle)});
   }
   EVPOSE_RETURN_IF_ERROR(query.status());
   return lifecycles;
+}
+
+absl::Status SqliteUpgradeFromVersion1(SqliteDatabase& database) {
+  EVPOSE_RETURN_IF_ERROR(database.Execute(kAdditionsToVersion1));
+  std::vector<SessionRecord> records;
+  {
+    SqliteQuery query = database.Query("SELECT name, record FROM sessions");
+    while (query.Next()) {
+      auto record = DecodeRecord(query.TextAt(0), query.BlobAt(1));
+      if (record.ok()) records.push_back(*std::move(record));
+    }
+    EVPOSE_RETURN_IF_ERROR(query.status());
+  }
+  for (const SessionRecord& record : records) {
+    EVPOSE_RETURN_IF_ERROR(database.Query("UPDATE sessions SET tenant = ?, request_id = ? WHERE name = ?")
+                               .Text(record.tenant)
+                               .Text(record.request_id)
+                               .Text(record.name)
+                               .Run());
+  }
+  return absl::OkStatus();
 }
 
 absl::StatusOr<std::string> SqliteOldestEndedSession(SqliteDatabase& database) {

@@ -21,6 +21,9 @@ namespace evpose::server {
 
 // The statements that create the tables of an empty database.
 extern const char* const kSqliteSchema;
+// Adds what kSqliteSchema has beyond schema version 1: the columns and indexes of tenants, requests and writes of
+// lifecycles. Damaged records get no tenant. The caller opens the transaction.
+absl::Status SqliteUpgradeFromVersion1(SqliteDatabase& database);
 
 // The small mutable values of a session, beside lifecycle, checkpoint and poses.
 struct SqliteSessionState {
@@ -69,10 +72,18 @@ absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view sessio
 absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::string_view session,
                                                 uint64_t after_pose_seq);
 absl::Status SqliteDeleteSession(SqliteDatabase& database, absl::string_view session);
-// Sorted by name, without damaged records.
-absl::StatusOr<std::vector<SessionRecord>> SqliteListSessions(SqliteDatabase& database);
-// Sorted by name, without damaged records.
-absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadLifecycles(SqliteDatabase& database);
+// Errors: NOT_FOUND.
+absl::StatusOr<SessionRecord> SqliteReadRecord(SqliteDatabase& database, absl::string_view session);
+// As Store::ListSessions().
+absl::StatusOr<SessionPage> SqliteListSessions(SqliteDatabase& database, absl::string_view tenant,
+                                               absl::string_view after_name, size_t max_sessions);
+// Errors: NOT_FOUND.
+absl::StatusOr<SessionRecord> SqliteFindRequest(SqliteDatabase& database, absl::string_view tenant,
+                                                absl::string_view request_id);
+// Sorted by name.
+absl::StatusOr<std::vector<SessionOwner>> SqliteListOwners(SqliteDatabase& database);
+// As Store::ReadOldestLifecycles().
+absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadOldestLifecycles(SqliteDatabase& database, size_t max_sessions);
 // The name of the session with the earliest end; empty when no session has ended.
 absl::StatusOr<std::string> SqliteOldestEndedSession(SqliteDatabase& database);
 absl::StatusOr<std::vector<std::string>> SqliteSessionsEndedBefore(SqliteDatabase& database, absl::Time time);

@@ -76,14 +76,22 @@ void CheckModels(SqliteDatabase& database, SqliteContents& contents) {
   }
 }
 
+// Returns whether the columns for the indexes are those of the record. A rescued file gets them from the record.
+bool IsOwnerGood(SqliteDatabase& database, const SessionRecord& record) {
+  SqliteQuery query = database.Query("SELECT tenant, request_id FROM sessions WHERE name = ?");
+  query.Text(record.name);
+  return query.Next() && query.TextAt(0) == record.tenant && query.TextAt(1) == record.request_id;
+}
+
 void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
   std::set<std::string> names;
-  const bool whole =
-      CollectKeys(database,
-                  {"SELECT name FROM sessions NOT INDEXED ORDER BY rowid",
-                   "SELECT name FROM sessions NOT INDEXED ORDER BY rowid DESC",
-                   "SELECT name FROM sessions ORDER BY name", "SELECT name FROM sessions ORDER BY name DESC"},
-                  FirstText, names);
+  const bool whole = CollectKeys(
+      database,
+      {"SELECT name FROM sessions NOT INDEXED ORDER BY rowid",
+       "SELECT name FROM sessions NOT INDEXED ORDER BY rowid DESC", "SELECT name FROM sessions ORDER BY name",
+       "SELECT name FROM sessions ORDER BY name DESC", "SELECT name FROM sessions INDEXED BY sessions_of_tenant",
+       "SELECT name FROM sessions INDEXED BY sessions_by_lifecycle_write ORDER BY lifecycle_write"},
+      FirstText, names);
   if (!whole) {
     contents.damage.push_back(absl::StrCat("the list of sessions in ", database.path(), ": some may be missing"));
   }
@@ -97,6 +105,9 @@ void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
     const auto session = SqliteReadSession(database, name, /*after_pose_seq=*/0);
     if (session.ok()) {
       contents.sessions.push_back(name);
+      if (!IsOwnerGood(database, session->stored.record)) {
+        contents.damage.push_back(absl::StrCat("the index of session ", Printable(name), ": was made again"));
+      }
       contents.last_fencing_number = std::max(contents.last_fencing_number, session->state.fencing_number);
     } else {
       contents.damaged_sessions.insert(name);

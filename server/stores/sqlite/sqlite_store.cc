@@ -125,6 +125,8 @@ class SqliteStore : public Store {
     const absl::Status written = writer_->Call([&](SqliteDatabase& database) -> absl::Status {
       const auto found = SqliteReadState(database, record.name);
       if (!absl::IsNotFound(found.status())) return SessionExistsError(record.name);
+      const auto of_request = SqliteFindRequest(database, record.tenant, record.request_id);
+      if (!absl::IsNotFound(of_request.status())) return SessionExistsError(record.name);
       EVPOSE_ASSIGN_OR_RETURN(state.fencing_number, SqliteNextFencingNumber(database));
       return SqliteInsertSession(database, record, lifecycle, state);
     });
@@ -158,14 +160,34 @@ class SqliteStore : public Store {
     return std::move(session->stored);
   }
 
-  absl::StatusOr<std::vector<SessionRecord>> ListSessions() const override {
+  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
     const std::lock_guard lock(mutex_);
-    return SqliteListSessions(*reader_);
+    auto record = SqliteReadRecord(*reader_, name);
+    EVPOSE_RETURN_IF_ERROR(Noting(record.status()));
+    return record;
   }
 
-  absl::StatusOr<std::vector<StoredLifecycle>> ReadLifecycles() const override {
+  absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
+                                           size_t max_sessions) const override {
     const std::lock_guard lock(mutex_);
-    return SqliteReadLifecycles(*reader_);
+    return SqliteListSessions(*reader_, tenant, after_name, max_sessions);
+  }
+
+  absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
+    const std::lock_guard lock(mutex_);
+    auto record = SqliteFindRequest(*reader_, tenant, request_id);
+    EVPOSE_RETURN_IF_ERROR(Noting(record.status()));
+    return record;
+  }
+
+  absl::StatusOr<std::vector<SessionOwner>> ListOwners() const override {
+    const std::lock_guard lock(mutex_);
+    return SqliteListOwners(*reader_);
+  }
+
+  absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
+    const std::lock_guard lock(mutex_);
+    return SqliteReadOldestLifecycles(*reader_, max_sessions);
   }
 
   absl::Status DeleteSession(absl::string_view name) override {

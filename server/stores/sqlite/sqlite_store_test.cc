@@ -161,13 +161,43 @@ TEST_F(SqliteStoreTest, NamesDamagedRecordsAndRescuesTheOthers) {
     EXPECT_EQ(store->TakeSession("sessions/2").status().code(), StatusCode::kDataLoss) << sql;
     EXPECT_EQ(store->ReadSession("sessions/2").status().code(), StatusCode::kDataLoss);
     EXPECT_EQ(store->CreateSession(Record("sessions/2"), "").status().code(), StatusCode::kAlreadyExists);
-    EXPECT_EQ(store->ListSessions()->size(), kSessions - 1u);
+    EXPECT_EQ(store->ListOwners()->size(), kSessions - 1u);
     for (const int i : {0, 1, 3, 4, 5}) EXPECT_TRUE(IsWhole(store->ReadSession(Name(i)).value(), i)) << sql;
     EXPECT_TRUE(store->ReadModel("", "models/a").ok());
     EXPECT_TRUE(store->DeleteSession("sessions/2").ok());
     EXPECT_TRUE(store->CreateSession(Record("sessions/2"), "").ok());
     store.reset();
     EXPECT_THAT(Open()->damage(), testing::IsEmpty()) << "the rescued file is intact";
+  }
+}
+
+TEST_F(SqliteStoreTest, AWrongIndexIsMadeAgain) {
+  Fill();
+  Execute("UPDATE sessions SET tenant = 'another' WHERE name = 'sessions/2'");
+  const std::unique_ptr<Store> store = Open();
+  EXPECT_THAT(absl::StrJoin(store->damage(), "\n"), HasSubstr("the index of session sessions/2"));
+  EXPECT_TRUE(store->ListSessions("another", "", 10)->records.empty());
+  EXPECT_EQ(store->ListSessions(Record("sessions/2").tenant, "", 10)->records.size(), 1u);
+  EXPECT_EQ(store->ListOwners()->size(), static_cast<size_t>(kSessions));
+}
+
+TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsUpgraded) {
+  Fill();
+  for (const char* const index : {"sessions_of_tenant", "sessions_of_request", "sessions_by_lifecycle_write"}) {
+    Execute(absl::StrCat("DROP INDEX ", index));
+  }
+  for (const char* const column : {"tenant", "request_id", "lifecycle_write"}) {
+    Execute(absl::StrCat("ALTER TABLE sessions DROP COLUMN ", column));
+  }
+  Execute("PRAGMA user_version=1");
+  for (int i = 0; i < 2; ++i) {
+    const std::unique_ptr<Store> store = Open();
+    EXPECT_THAT(store->damage(), testing::IsEmpty());
+    const SessionRecord record = Record("sessions/2");
+    EXPECT_EQ(store->ListSessions(record.tenant, "", 10)->records.size(), 1u);
+    EXPECT_EQ(store->FindRequest(record.tenant, record.request_id)->name, record.name);
+    EXPECT_EQ(store->ReadOldestLifecycles(100)->size(), static_cast<size_t>(kSessions));
+    EXPECT_TRUE(IsWhole(store->ReadSession("sessions/2").value(), 2));
   }
 }
 
@@ -186,7 +216,7 @@ TEST_F(SqliteStoreTest, ADamagedModelIsNamedAndLeftOut) {
   const std::unique_ptr<Store> store = Open();
   EXPECT_THAT(absl::StrJoin(store->damage(), "\n"), HasSubstr("model models/a: the file of models/a is damaged"));
   EXPECT_TRUE(store->ListModels()->empty());
-  EXPECT_EQ(store->ListSessions()->size(), static_cast<size_t>(kSessions));
+  EXPECT_EQ(store->ListOwners()->size(), static_cast<size_t>(kSessions));
 }
 
 TEST_F(SqliteStoreTest, ALargeFileIsCheckedAfterDamageHasBeenRead) {

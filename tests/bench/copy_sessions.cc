@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// copy_sessions STORE DATA_DIR SESSION COUNT: copies a stored session under COUNT new names, to measure full stores.
+// STORE as --store of evpose-server; DATA_DIR is used by "sqlite". The copies have the tenant of the session, and no
+// request_id. No server may have opened the store in DATA_DIR.
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <cstdlib>
+#include <future>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "core/base/status_macros.h"
+#include "server/runtime/random_name.h"
+#include "server/stores/open_store.h"
+
+namespace evpose::server {
+namespace {
+
+// SQLite writes the waiting sessions of all threads in one transaction.
+constexpr int kThreads = 64;
+
+absl::Status Copy(Store& store, StoredSession session) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
+  session.record.name = "sessions/" + id;
+  session.record.request_id.clear();
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<SessionLease> lease,
+                          store.CreateSession(session.record, session.lifecycle));
+  if (session.checkpoint.empty() && session.poses.empty()) return absl::OkStatus();
+  std::promise<absl::Status> done;
+  lease->Commit({.checkpoint = std::move(session.checkpoint), .poses = std::move(session.poses)},
+                [&done](absl::Status status) { done.set_value(std::move(status)); });
+  return done.get_future().get();
+}
+
+absl::Status Run(const StoreOptions& options, const std::string& name, int count) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenStore(options));
+  EVPOSE_ASSIGN_OR_RETURN(const StoredSession session, store->ReadSession(name));
+  std::atomic<int> num_left = count;
+  std::vector<std::future<absl::Status>> copies;
+  for (int i = 0; i < kThreads; ++i) {
+    copies.push_back(std::async(std::launch::async, [&] {
+      absl::Status status;
+      while (status.ok() && num_left.fetch_sub(1) > 0) status = Copy(*store, session);
+      return status;
+    }));
+  }
+  absl::Status status;
+  for (auto& copied : copies) status.Update(copied.get());
+  return status;
+}
+
+}  // namespace
+}  // namespace evpose::server
+
+int main(int argc, char** argv) {
+  int count = 0;
+  if (argc != 5 || !absl::SimpleAtoi(argv[4], &count)) {
+    std::fprintf(stderr, "usage: copy_sessions STORE DATA_DIR SESSION COUNT\n");
+    return 2;
+  }
+  const absl::Status status = evpose::server::Run({.store = argv[1], .data_dir = argv[2]}, argv[3], count);
+  if (status.ok()) return 0;
+  std::fprintf(stderr, "copy_sessions: %s\n", status.ToString().c_str());
+  return 1;
+}

@@ -1,0 +1,138 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Measures a server on a store that has many sessions: the start, its memory, CreateSession and ListSessions.
+
+  tests/bench/stored_sessions.py --bin build/release [--stores sqlite redis] [--sessions 100000] [--calls 200] [--check]
+
+For each kind of store it stores a session without events (about 2 kB), copies it under other names with copy_sessions, starts
+evpose-server, and prints: the time until the first call has been answered, the resident memory then, and the latency of CreateSession
+with a request_id and of ListSessions with pages of 50, at random places of the list. With --check, status 1 if a goal is missed: 1 s,
+50 MB more than with an empty store, and 50 ms for 99 % of the calls. Needs the target copy_sessions, redis-server, python3-grpcio and
+python3-protobuf.
+"""
+import argparse
+import os
+import pathlib
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+
+
+from start_stop import CUBE, Server, create_request, load_api, percentile
+
+GOAL_START_S = 1
+GOAL_MEMORY_MB = 50
+GOAL_CALL_MS = 50
+PAGE_SIZE = 50
+
+
+class Redis:
+    """redis-server on a free port of its own."""
+
+    def __init__(self, folder):
+        for _ in range(20):
+            with socket.socket() as found:
+                found.bind(("127.0.0.1", 0))
+                self.port = found.getsockname()[1]
+            self.process = subprocess.Popen(["redis-server", "--port", str(self.port), "--dir", folder, "--save", ""], stdout=subprocess.PIPE, text=True)
+            if any("Ready to accept connections" in line for line in self.process.stdout):
+                return
+        sys.exit("redis-server does not start")
+
+    def end(self):
+        self.process.kill()
+        self.process.wait()
+
+
+def resident_mb(server):
+    status = pathlib.Path(f"/proc/{server.process.pid}/status").read_text(encoding="ascii")
+    return int(status.partition("VmRSS:")[2].split()[0]) / 1000
+
+
+def timed_start(program, store, api):
+    """Returns a server that has answered a call, and the seconds until then."""
+    server = Server(program, store)
+    server.unary("SessionService/ListSessions", api.ListSessionsRequest(page_size=1), api.ListSessionsResponse)
+    return server, time.monotonic() - server.started_s
+
+
+def call_times_ms(count, call):
+    times_ms = []
+    for _ in range(count):
+        begin_s = time.monotonic()
+        call()
+        times_ms.append(1000 * (time.monotonic() - begin_s))
+    return times_ms
+
+
+def list_pages(server, api, count):
+    """Latencies of pages at random places: a page token is the last name before the page."""
+    chooser = random.Random(1)
+    return call_times_ms(count, lambda: server.unary(
+        "SessionService/ListSessions", api.ListSessionsRequest(page_size=PAGE_SIZE, page_token=f"sessions/{chooser.getrandbits(128):032x}"),
+        api.ListSessionsResponse))
+
+
+def create_sessions(server, api, model, count):
+    numbers = iter(range(count))
+
+    def create():
+        request = create_request(api, model, 64)
+        request.request_id = f"request-{next(numbers)}"
+        server.unary("SessionService/CreateSession", request, api.CreateSessionResponse)
+
+    return call_times_ms(count, create)
+
+
+def measure(arguments, api, name, store, copy):
+    """Prints the figures of one kind of store and returns whether they meet the goals."""
+    program = os.path.join(arguments.bin, "server", "evpose-server")
+    _, sessions, models = api
+    options = ["--max-sessions", str(arguments.sessions + arguments.calls + 1), "--max-session-memory", str(10**12), "--session-expiry", "86400"]
+    server = Server(program, store + options)
+    model = server.upload(models, CUBE, 1).name
+    created = server.unary("SessionService/CreateSession", create_request(sessions, model, 64), sessions.CreateSessionResponse)
+    server.end()
+    server, empty_s = timed_start(program, store + options, sessions)
+    empty_mb = resident_mb(server)
+    server.end()
+    subprocess.run([os.path.join(arguments.bin, "tests", "bench", "copy_sessions"), *copy, created.session.name, str(arguments.sessions - 1)], check=True)
+    server, start_s = timed_start(program, store + options, sessions)
+    start_mb = resident_mb(server)
+    lists_ms = list_pages(server, sessions, arguments.calls)
+    creates_ms = create_sessions(server, sessions, model, arguments.calls)
+    print(f"{name}, {arguments.sessions} sessions: start {start_s:.2f} s, {start_mb:.0f} MB resident (with one session {empty_s:.2f} s, "
+          f"{empty_mb:.0f} MB); of {arguments.calls} calls, ms: CreateSession p50 {percentile(creates_ms, 0.5):.1f}, p99 {percentile(creates_ms, 0.99):.1f}; "
+          f"ListSessions({PAGE_SIZE}) p50 {percentile(lists_ms, 0.5):.1f}, p99 {percentile(lists_ms, 0.99):.1f}", flush=True)
+    server.end()
+    return (start_s <= GOAL_START_S and start_mb - empty_mb <= GOAL_MEMORY_MB
+            and max(percentile(times_ms, 0.99) for times_ms in (creates_ms, lists_ms)) <= GOAL_CALL_MS)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bin", default="build/release", help="folder of the build")
+    parser.add_argument("--stores", nargs="+", choices=("sqlite", "redis"), default=["sqlite", "redis"])
+    parser.add_argument("--sessions", type=int, default=100_000, help="sessions in the store")
+    parser.add_argument("--calls", type=int, default=200, help="calls of CreateSession and of ListSessions")
+    parser.add_argument("--check", action="store_true", help="status 1 if a goal is missed")
+    arguments = parser.parse_args()
+    is_good = True
+    with tempfile.TemporaryDirectory() as folder:
+        api = load_api(folder)
+        if "sqlite" in arguments.stores:
+            data = folder + "/data"
+            is_good &= measure(arguments, api, "SQLite", ["--store", "sqlite", "--data-dir", data], ["sqlite", data])
+        if "redis" in arguments.stores:
+            redis = Redis(folder)
+            address = f"redis://127.0.0.1:{redis.port}"
+            is_good &= measure(arguments, api, "Redis", ["--store", address], [address, ""])
+            redis.end()
+    sys.exit(1 if arguments.check and not is_good else 0)
+
+
+if __name__ == "__main__":
+    main()
