@@ -419,8 +419,8 @@ TEST_F(SurvivalTest, ATamperedStoreIsNamedAtStart) {
   EXPECT_THAT(again.Stderr(), testing::ContainsRegex("error store_damage [^\n]*" + session));
   const std::string intact = session == client.session() ? other.session() : client.session();
   EXPECT_THAT(again.Stderr(), testing::HasSubstr("sessions_found sessions=1"));
-  const auto sessions = v1::SessionService::NewStub(grpc::CreateChannel(
-      listening.substr(std::string("listening on ").size()), grpc::InsecureChannelCredentials()));
+  const auto sessions = v1::SessionService::NewStub(
+      grpc::CreateChannel(listening.substr(std::string("listening on ").size()), grpc::InsecureChannelCredentials()));
   grpc::ClientContext context;
   v1::GetSessionRequest request;
   request.set_name(intact);

@@ -17,7 +17,7 @@ struct SqliteStoreOptions {
   std::string data_dir;              // created for its owner only; the parent directory must exist
   uint64_t max_bytes = 64ull << 30;  // of the file and the log beside it
   // Size of the largest file that is read completely at the start, bytes: about half a second.
-  uint64_t max_checked_bytes = 256ull << 20;
+  uint64_t max_checked_bytes = 64ull << 20;
 };
 
 // Opens the store, and checks all records of a file that is not too large, or in which damage has been read; damage()
