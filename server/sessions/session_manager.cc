@@ -87,18 +87,6 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   return session;
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeOrMake(const SessionConfig& config,
-                                                                      const Request& request) {
-  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> resumed, ResumeRequest(config, request));
-  if (resumed != nullptr) return resumed;
-  auto made = factory_.MakeNew(request.first, config, request.second);
-  if (!absl::IsAlreadyExists(made.status())) return made;
-  // Another server has created a session for the same request since it was searched for.
-  EVPOSE_ASSIGN_OR_RETURN(resumed, ResumeRequest(config, request));
-  if (resumed == nullptr) return FromStore(made.status());
-  return resumed;
-}
-
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrReserveSlot(const SessionConfig& config,
                                                                            const Request& request) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
@@ -177,18 +165,6 @@ void SessionManager::Insert(const std::shared_ptr<Session>& session, const Reque
   waiting_.Remove(session->name());
   sessions_[session->name()] = {session, request};
   if (!request.second.empty()) name_of_request_[request] = session->name();
-}
-
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, OrOutOfMemory([&] { return factory_.Resume(name); }));
-  const Request request(taken.record.tenant, taken.record.request_id);
-  {
-    const std::lock_guard lock(mutex_);
-    Insert(taken.session, request);
-  }
-  const WatchView view = taken.session->Watch();
-  taken.session->log().Resumed(view.last_pose_seq, view.ended);
-  return std::move(taken.session);
 }
 
 SessionManager::Entry SessionManager::Remove(Entries::iterator entry) {
@@ -289,10 +265,11 @@ absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string
   auto stored = OrOutOfMemory([&] { return factory_.Read(name, after_pose_seq); });
   if (stored.ok() && stored->record.tenant != tenant) return SessionNotFound(name);
   if (!absl::IsDataLoss(stored.status())) return stored;
-  // The tenant may still be readable. If it is not, a caller with the name is the owner: names cannot be guessed.
-  const auto record = store_.ReadRecord(name);
-  if (absl::IsUnavailable(record.status())) return FromStore(record.status());
-  if (record.ok() && record->tenant != tenant) return SessionNotFound(name);
+  // If the tenant is not known either, a caller with the name is the owner: names cannot be guessed.
+  const auto owner = store_.ReadTenant(name);
+  if (absl::IsNotFound(owner.status())) return stored;
+  if (!owner.ok()) return FromStore(owner.status());
+  if (*owner != tenant) return SessionNotFound(name);
   return stored;
 }
 

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The part of SessionManager that restores the sessions of its own store.
+// The part of SessionManager that resumes sessions from the store.
 #include <utility>
 
 #include "core/base/status_macros.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/sessions/session_manager.h"
 #include "server/telemetry/log.h"
 
@@ -50,6 +51,30 @@ void SessionManager::RestoreIfWaiting(const std::string& tenant, const std::stri
   if (session.ok()) return;
   if (!absl::IsNotFound(session.status())) SessionLog(name, tenant).NotResumed(session.status());
   StopWaiting(name);  // a client that attaches to it tries again
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeOrMake(const SessionConfig& config,
+                                                                      const Request& request) {
+  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> resumed, ResumeRequest(config, request));
+  if (resumed != nullptr) return resumed;
+  auto made = factory_.MakeNew(request.first, config, request.second);
+  if (!absl::IsAlreadyExists(made.status())) return made;
+  // Another server has created a session for the same request since it was searched for.
+  EVPOSE_ASSIGN_OR_RETURN(resumed, ResumeRequest(config, request));
+  if (resumed == nullptr) return FromStore(made.status());
+  return resumed;
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, OrOutOfMemory([&] { return factory_.Resume(name); }));
+  const Request request(taken.record.tenant, taken.record.request_id);
+  {
+    const std::lock_guard lock(mutex_);
+    Insert(taken.session, request);
+  }
+  const WatchView view = taken.session->Watch();
+  taken.session->log().Resumed(view.last_pose_seq, view.ended);
+  return std::move(taken.session);
 }
 
 }  // namespace evpose::server

@@ -125,9 +125,9 @@ class TroubledStore : public Store {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
     return store_->ReadSession(name, after_pose_seq);
   }
-  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
+  absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
-    return store_->ReadRecord(name);
+    return store_->ReadTenant(name);
   }
   absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
                                            size_t max_sessions) const override {

@@ -156,10 +156,10 @@ TEST_P(StoreSuite, ATenantHasOneSessionForARequest) {
   EXPECT_EQ(store_->FindRequest("lab", "").status().code(), StatusCode::kNotFound);
   ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
   EXPECT_EQ(store_->FindRequest("lab", "1").status().code(), StatusCode::kNotFound);
-  EXPECT_EQ(store_->ReadRecord("sessions/a").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(store_->ReadTenant("sessions/a").status().code(), StatusCode::kNotFound);
   ASSERT_TRUE(store_->CreateSession(like("sessions/b", "lab", "1"), "").ok());
   EXPECT_EQ(store_->FindRequest("lab", "1")->name, "sessions/b");
-  EXPECT_EQ(store_->ReadRecord("sessions/b")->request_id, "1");
+  EXPECT_EQ(store_->ReadTenant("sessions/b").value(), "lab");
 }
 
 TEST_P(StoreSuite, ReturnsTheLifecyclesThatWereWrittenLeastRecently) {

@@ -90,9 +90,7 @@ class StepwiseStore : public server::Store {
   absl::StatusOr<server::StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return sessions_.Read(name, after_pose_seq);
   }
-  absl::StatusOr<server::SessionRecord> ReadRecord(absl::string_view name) const override {
-    return sessions_.ReadRecord(name);
-  }
+  absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override { return sessions_.ReadTenant(name); }
   absl::StatusOr<server::SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
                                                    size_t max_sessions) const override {
     return sessions_.List(tenant, after_name, max_sessions);

@@ -211,8 +211,8 @@ class Store {
   // TakeSession().
   virtual absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const = 0;
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const { return ReadSession(name, 0); }
-  // Reads the immutable part of a session, also if other parts are damaged. Errors: NOT_FOUND, DATA_LOSS.
-  virtual absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const = 0;
+  // The tenant of a session, also of a damaged one. Errors: NOT_FOUND.
+  virtual absl::StatusOr<std::string> ReadTenant(absl::string_view name) const = 0;
   // The tenant's sessions from the first name after `after_name` on, at most `max_sessions` with the damaged ones,
   // which are omitted. The time does not depend on the number of other sessions.
   virtual absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,

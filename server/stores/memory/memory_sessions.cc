@@ -82,11 +82,11 @@ absl::StatusOr<StoredSession> MemorySessions::Read(absl::string_view name, uint6
   return read;
 }
 
-absl::StatusOr<SessionRecord> MemorySessions::ReadRecord(absl::string_view name) const {
+absl::StatusOr<std::string> MemorySessions::ReadTenant(absl::string_view name) const {
   const std::lock_guard lock(mutex_);
   const auto found = contents_.sessions.find(name);
   if (found == contents_.sessions.end()) return SessionNotFoundError(name);
-  return found->second.stored.record;
+  return found->second.stored.record.tenant;
 }
 
 SessionPage MemorySessions::List(absl::string_view tenant, absl::string_view after_name, size_t max_sessions) const {

@@ -124,8 +124,8 @@ class MemoryStore : public Store {
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return shared_->sessions->Read(name, after_pose_seq);
   }
-  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
-    return shared_->sessions->ReadRecord(name);
+  absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
+    return shared_->sessions->ReadTenant(name);
   }
   absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
                                            size_t max_sessions) const override {

@@ -29,6 +29,9 @@ std::vector<std::string> SessionKeys(absl::string_view name, const char* last) {
 
 std::string ModelMember(absl::string_view tenant, absl::string_view name) { return absl::StrCat(name, "\n", tenant); }
 
+// `owner`: TENANT\nREQUEST_ID.
+std::string TenantOfOwner(const std::string& owner) { return owner.substr(0, owner.find('\n')); }
+
 std::vector<std::string> Texts(const redisReply* reply) {
   std::vector<std::string> texts;
   for (size_t i = 0; i < reply->elements; ++i) texts.push_back(RedisText(reply->element[i]));
@@ -213,10 +216,10 @@ class RedisStore : public Store {
     return std::move(session.stored);
   }
 
-  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
-    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(name), "record"}));
+  absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", kRedisOwnersKey, std::string(name)}));
     if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
-    return DecodeRecord(name, RedisText(reply.get()));
+    return TenantOfOwner(RedisText(reply.get()));
   }
 
   absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
@@ -245,8 +248,8 @@ class RedisStore : public Store {
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGETALL", kRedisOwnersKey}));
     std::vector<SessionOwner> owners;
     for (size_t i = 0; i + 1 < reply->elements; i += 2) {
-      const std::string owner = RedisText(reply->element[i + 1]);
-      owners.push_back({.name = RedisText(reply->element[i]), .tenant = owner.substr(0, owner.find('\n'))});
+      owners.push_back(
+          {.name = RedisText(reply->element[i]), .tenant = TenantOfOwner(RedisText(reply->element[i + 1]))});
     }
     std::sort(owners.begin(), owners.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
     return owners;
@@ -330,6 +333,12 @@ class RedisStore : public Store {
   absl::StatusOr<std::vector<std::string>> Members(const char* set) const {
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"SMEMBERS", set}));
     return Texts(reply.get());
+  }
+
+  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const {
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->client.Call({"HGET", RedisSessionKey(name), "record"}));
+    if (reply->type == REDIS_REPLY_NIL) return SessionNotFoundError(name);
+    return DecodeRecord(name, RedisText(reply.get()));
   }
 
   // Earlier versions have no indexes beside the set of all names. A damaged session is indexed without its tenant, so

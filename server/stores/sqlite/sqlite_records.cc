@@ -235,11 +235,11 @@ absl::Status SqliteDeleteSession(SqliteDatabase& database, absl::string_view ses
   return database.Query("DELETE FROM poses WHERE session = ?").Text(session).Run();
 }
 
-absl::StatusOr<SessionRecord> SqliteReadRecord(SqliteDatabase& database, absl::string_view session) {
-  SqliteQuery query = database.Query("SELECT record FROM sessions WHERE name = ?");
+absl::StatusOr<std::string> SqliteReadTenant(SqliteDatabase& database, absl::string_view session) {
+  SqliteQuery query = database.Query("SELECT tenant FROM sessions WHERE name = ?");
   query.Text(session);
   if (!query.Next()) return query.status().ok() ? SessionNotFoundError(session) : query.status();
-  return DecodeRecord(session, query.BlobAt(0));
+  return query.TextAt(0);
 }
 
 absl::StatusOr<SessionPage> SqliteListSessions(SqliteDatabase& database, absl::string_view tenant,

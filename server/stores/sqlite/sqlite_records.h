@@ -73,7 +73,7 @@ absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::
                                                 uint64_t after_pose_seq);
 absl::Status SqliteDeleteSession(SqliteDatabase& database, absl::string_view session);
 // Errors: NOT_FOUND.
-absl::StatusOr<SessionRecord> SqliteReadRecord(SqliteDatabase& database, absl::string_view session);
+absl::StatusOr<std::string> SqliteReadTenant(SqliteDatabase& database, absl::string_view session);
 // As Store::ListSessions().
 absl::StatusOr<SessionPage> SqliteListSessions(SqliteDatabase& database, absl::string_view tenant,
                                                absl::string_view after_name, size_t max_sessions);

@@ -160,11 +160,9 @@ class SqliteStore : public Store {
     return std::move(session->stored);
   }
 
-  absl::StatusOr<SessionRecord> ReadRecord(absl::string_view name) const override {
+  absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
     const std::lock_guard lock(mutex_);
-    auto record = SqliteReadRecord(*reader_, name);
-    EVPOSE_RETURN_IF_ERROR(Noting(record.status()));
-    return record;
+    return SqliteReadTenant(*reader_, name);
   }
 
   absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
