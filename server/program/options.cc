@@ -100,11 +100,13 @@ void DefineSurvival(CLI::App& app, Arguments& arguments) {
   app.add_option(
          "--store", options.store.store,
          "Store of sessions, poses and models: sqlite, one file in --data-dir; memory, lost when the server ends; "
-         "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions")
+         "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions; "
+         "redis+sentinel://[USER:PASSWORD@]HOST:PORT,HOST:PORT,HOST:PORT/NAME[/DB], the same with the addresses of "
+         "Sentinels, which replace a failed master of this name")
       ->envname("EVPOSE_STORE")
       ->type_name("NAME|ADDRESS");
   app.add_option("--store-password-file", arguments.program.store_password_file,
-                 "File with the password of a redis:// store if its address has none")
+                 "File with the password of a redis:// or redis+sentinel:// store if its address has none")
       ->type_name("FILE");
   app.add_option(
          "--data-dir", options.store.data_dir,

@@ -205,11 +205,14 @@ TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
       {"redis://user:wrong-secret@127.0.0.1:1/x", "database[^\n]*give redis://"},
       {"rediss://user:wrong-secret@127.0.0.1", "no TLS; use redis://"},
       {"http://user:wrong-secret@127.0.0.1", "scheme[^\n]*give redis://"},
+      {"redis+sentinel://user:wrong-secret@127.0.0.1:1", "no name of the master[^\n]*or redis\\+sentinel://"},
       {"redis:/user:wrong-secret@127.0.0.1", "there is no store of this name: give memory, sqlite or redis://"},
   };
   const std::vector<std::pair<std::string, std::string>> cases = {
       {"redis+unix:///no/such/socket", "/no/such/socket does not answer: No such file[^\n]*start Redis there"},
       {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not answer: [^\n]*start Redis there"},
+      {"redis+sentinel://user:wrong-secret@127.0.0.1:1/cameras",
+       "no Sentinel names the master cameras: 127.0.0.1:1 does not answer: [^\n]*start the Sentinels"},
       {redis.url(), "NOAUTH[^\n]*check the user and password of --store"},
       {redis.url(":wrong-secret@"), "WRONGPASS[^\n]*check the user and password of --store"},
   };

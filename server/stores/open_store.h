@@ -14,7 +14,7 @@ namespace evpose::server {
 
 struct StoreOptions {
   // "memory": nothing outlives the process. "sqlite": one file in `data_dir`. Otherwise the address of a Redis server,
-  // in the form of ParseRedisAddress().
+  // or of the Sentinels that name it, in the form of ParseRedisAddress().
   std::string store = "memory";
   std::string data_dir;              // used by "sqlite"
   uint64_t max_bytes = 64ull << 30;  // size of sessions in memory, or of the SQLite file; Redis has a limit of its own

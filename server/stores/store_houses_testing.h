@@ -12,6 +12,7 @@
 
 #include "server/stores/memory/memory_store.h"
 #include "server/stores/open_store.h"
+#include "server/stores/redis/redis_store.h"
 #include "server/stores/redis/redis_testing.h"
 #include "server/stores/sqlite/sqlite_database.h"
 #include "server/stores/sqlite/sqlite_store.h"
@@ -57,15 +58,20 @@ class SqliteHouse : public StoreHouse {
   const TemporaryDirectory directory_;
 };
 
+// Gives Redis memory for about `max_bytes` more than it uses.
+inline void LimitMemory(const RedisServer& redis, uint64_t max_bytes) {
+  const std::string memory = redis.Text({"INFO", "memory"});
+  const size_t used = memory.find("used_memory:") + sizeof("used_memory:") - 1;
+  // Redis counts the buffers of commands in transit as used memory, several times.
+  const uint64_t limit = std::stoull(memory.substr(used)) + max_bytes + (8u << 20);
+  redis.Run({"CONFIG", "SET", "maxmemory", std::to_string(limit)});
+}
+
 class RedisHouse : public StoreHouse {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenStore({.store = redis_.url()}); }
   absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
-    const std::string memory = redis_.Text({"INFO", "memory"});
-    const size_t used = memory.find("used_memory:") + sizeof("used_memory:") - 1;
-    // Redis counts the buffers of commands in transit as used memory, several times.
-    const uint64_t limit = std::stoull(memory.substr(used)) + max_bytes + (8u << 20);
-    redis_.Run({"CONFIG", "SET", "maxmemory", std::to_string(limit)});
+    LimitMemory(redis_, max_bytes);
     return Open();
   }
   void RepeatLastNumber() override { redis_.Run({"DECR", "evpose:fencing"}); }
@@ -75,6 +81,29 @@ class RedisHouse : public StoreHouse {
 
  private:
   RedisServer redis_;
+};
+
+class SentinelHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override {
+    RedisStoreOptions options;
+    options.client.address = ParseRedisAddress(group_.url()).value();
+    // A busy machine must not be taken for a lost master or replica.
+    options.client.timeout = absl::Seconds(120);
+    options.client.replica_timeout = absl::Seconds(60);
+    return OpenRedisStore(options);
+  }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    LimitMemory(group_.master(), max_bytes);
+    return Open();
+  }
+  void RepeatLastNumber() override { group_.master().Run({"DECR", "evpose:fencing"}); }
+  std::function<void()> Snapshot() override {
+    return [this, contents = group_.master().Contents()] { group_.master().Replace(contents); };
+  }
+
+ private:
+  RedisGroup group_{{.password = "", .down_after = absl::Minutes(5)}};
 };
 
 class StoreSuite : public testing::TestWithParam<TestedStore> {
@@ -92,9 +121,11 @@ class StoreSuite : public testing::TestWithParam<TestedStore> {
   std::unique_ptr<Store> store_;
 };
 
-inline const auto kTestedStores = testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
-                                                  TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
-                                                  TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }});
+inline const auto kTestedStores =
+    testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
+                    TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
+                    TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }},
+                    TestedStore{"Sentinel", [] { return std::make_unique<SentinelHouse>(); }});
 inline std::string NameOfTestedStore(const testing::TestParamInfo<TestedStore>& tested) { return tested.param.name; }
 
 }  // namespace evpose::server

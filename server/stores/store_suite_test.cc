@@ -263,7 +263,7 @@ TEST_P(StoreSuite, KeepsModelsOfTenantsApart) {
 
 TEST_P(StoreSuite, KeepsLargeBytesWhole) {
   const std::string file = Noise(64u << 20, 1);
-  ASSERT_TRUE(store_->PutModel(Model("models/large", "", file)).ok());
+  ASSERT_EQ(store_->PutModel(Model("models/large", "", file)), absl::OkStatus());
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   for (uint64_t i = 1; i <= 5; ++i) {
     ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise((5u << 20) + i, i),

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/time/clock.h"
 #include "core/base/status_macros.h"
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/common/commit_guard.h"
@@ -19,6 +20,10 @@ namespace {
 // The maximum size of the commands that are sent before their replies are read. hiredis copies them, so that this
 // bounds memory.
 constexpr size_t kMaxBatchBytes = 64u << 20;
+
+// A replica that receives a large command needs as many further waits, each of RedisClientOptions::replica_timeout, as
+// the command has times these bytes: 10 MB/s on a slow network.
+constexpr size_t kBytesOfWait = 10u << 20;
 
 size_t SizeBytes(const RedisCommand& command) {
   size_t bytes = 0;
@@ -34,28 +39,39 @@ void BlockSigpipe() {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
 }
 
+RedisCommand WaitCommand(absl::Duration timeout) {
+  return {"WAIT", "1", std::to_string(absl::ToInt64Milliseconds(timeout))};
+}
+
 }  // namespace
 
 RedisClient::RedisClient(const RedisClientOptions& options)
     : options_(options),
+      sentinels_(options.address.sentinels.empty()
+                     ? nullptr
+                     : std::make_unique<RedisSentinels>(options.address, options.sentinel)),
       backoff_(options.first_backoff),
       thread_([this](std::vector<Job> jobs) { Process(std::move(jobs)); }) {}
 
-void RedisClient::Push(RedisCommand command, Done done) {
-  thread_.Push({.command = std::move(command), .done = std::move(done)});
+void RedisClient::Push(RedisCommand command, Acknowledgement acknowledgement, Done done) {
+  thread_.Push({.command = std::move(command), .acknowledgement = acknowledgement, .done = std::move(done)});
 }
 
 void RedisClient::PushScript(const RedisScript& script, const std::vector<std::string>& keys,
-                             std::vector<std::string> arguments, Done done) {
-  Job job = {.script = &script, .command = {"EVALSHA", "", std::to_string(keys.size())}, .done = std::move(done)};
+                             std::vector<std::string> arguments, Acknowledgement acknowledgement, Done done) {
+  Job job = {.script = &script,
+             .command = {"EVALSHA", "", std::to_string(keys.size())},
+             .acknowledgement = acknowledgement,
+             .done = std::move(done)};
   job.command.insert(job.command.end(), keys.begin(), keys.end());
   std::move(arguments.begin(), arguments.end(), std::back_inserter(job.command));
   thread_.Push(std::move(job));
 }
 
-absl::StatusOr<RedisReply> RedisClient::Call(RedisCommand command) {
+absl::StatusOr<RedisReply> RedisClient::Call(RedisCommand command, Acknowledgement acknowledgement) {
   std::promise<absl::StatusOr<RedisReply>> answer;
-  Push(std::move(command), [&answer](absl::StatusOr<RedisReply> reply) { answer.set_value(std::move(reply)); });
+  Push(std::move(command), acknowledgement,
+       [&answer](absl::StatusOr<RedisReply> reply) { answer.set_value(std::move(reply)); });
   return answer.get_future().get();
 }
 
@@ -71,14 +87,16 @@ std::vector<absl::StatusOr<RedisReply>> RedisClient::CallAll(std::vector<RedisCo
 }
 
 absl::StatusOr<RedisReply> RedisClient::CallScript(const RedisScript& script, const std::vector<std::string>& keys,
-                                                   std::vector<std::string> arguments) {
+                                                   std::vector<std::string> arguments,
+                                                   Acknowledgement acknowledgement) {
   std::promise<absl::StatusOr<RedisReply>> answer;
-  PushScript(script, keys, std::move(arguments),
+  PushScript(script, keys, std::move(arguments), acknowledgement,
              [&answer](absl::StatusOr<RedisReply> reply) { answer.set_value(std::move(reply)); });
   return answer.get_future().get();
 }
 
 void RedisClient::Close() {
+  is_closing_ = true;
   thread_.Close();
   connection_.reset();
 }
@@ -90,6 +108,8 @@ std::vector<std::string> RedisClient::TakeDeletedForRoom() {
 
 void RedisClient::Process(std::vector<Job> jobs) {
   BlockSigpipe();
+  wait_until_ = std::chrono::steady_clock::now();
+  if (!has_waited_in_vain_) wait_until_ += absl::ToChronoMilliseconds(options_.sentinel.failover_wait);
   size_t begin = 0;
   while (begin < jobs.size()) {
     if (const absl::Status connected = Connect(); !connected.ok()) {
@@ -107,33 +127,93 @@ void RedisClient::Process(std::vector<Job> jobs) {
       for (size_t i = begin; i < jobs.size(); ++i) jobs[i].done(ran);
       return;
     }
-    for (size_t i = begin; i < end; ++i) jobs[i].done(RunAgain(jobs[i], std::move(replies[i - begin])));
-    if (connection_ != nullptr && connection_->broken()) Disconnect();
-    begin = end;
+    DisconnectIfNeeded(replies);
+    begin = Deliver(jobs, begin, end, std::move(replies));
+    if (begin < end) absl::SleepFor(sentinels_->pause());
   }
+}
+
+size_t RedisClient::Deliver(std::vector<Job>& jobs, size_t begin, size_t end,
+                            std::vector<absl::StatusOr<RedisReply>> replies) {
+  const bool may_wait = sentinels_ != nullptr && MayWait();
+  for (size_t i = begin; i < end; ++i) {
+    absl::StatusOr<RedisReply>& reply = replies[i - begin];
+    if (IsRedisRefusal(reply.status())) {
+      if (may_wait) continue;
+      has_waited_in_vain_ = true;
+    }
+    if (AwaitsReplica(jobs[i]) && reply.ok()) has_waited_in_vain_ = false;
+    jobs[i].done(std::move(reply));
+    jobs[i].done = nullptr;
+  }
+  size_t first_refused = end;
+  for (size_t i = end; i-- > begin;) {
+    if (jobs[i].done != nullptr) std::swap(jobs[i], jobs[--first_refused]);
+  }
+  return first_refused;
 }
 
 std::vector<absl::StatusOr<RedisReply>> RedisClient::RunBatch(std::vector<Job>& jobs, size_t begin, size_t& end) {
   std::vector<RedisCommand> commands;
-  end = begin;
-  for (size_t bytes = 0; end < jobs.size() && (end == begin || bytes < kMaxBatchBytes); ++end) {
+  bool awaits_replica = false;
+  size_t bytes = 0;
+  for (end = begin; end < jobs.size() && (end == begin || bytes < kMaxBatchBytes); ++end) {
     Job& job = jobs[end];
     if (job.script != nullptr) job.command[1] = digests_[job.script];
     bytes += SizeBytes(job.command);
     commands.push_back(job.command);
+    awaits_replica |= AwaitsReplica(job);
   }
-  return connection_->Run(commands);
+  // One acknowledgement covers the whole batch.
+  if (awaits_replica) commands.push_back(WaitCommand(options_.replica_timeout));
+  std::vector<absl::StatusOr<RedisReply>> replies = connection_->Run(commands);
+  absl::Status acknowledged;
+  if (awaits_replica) {
+    acknowledged = AwaitReplica(std::move(replies.back()), bytes);
+    replies.pop_back();
+  }
+  for (size_t i = 0; i < replies.size(); ++i) {
+    const Job& job = jobs[begin + i];
+    const bool runs_again = RunAgain(job, replies[i]);
+    if (!AwaitsReplica(job) || !replies[i].ok()) continue;
+    if (runs_again) {
+      acknowledged = AwaitReplica(connection_->Run(WaitCommand(options_.replica_timeout)), SizeBytes(job.command));
+    }
+    if (!acknowledged.ok()) replies[i] = acknowledged;
+  }
+  return replies;
 }
 
-absl::StatusOr<RedisReply> RedisClient::RunAgain(const Job& job, absl::StatusOr<RedisReply> reply) {
+bool RedisClient::AwaitsReplica(const Job& job) const {
+  return sentinels_ != nullptr && job.acknowledgement == Acknowledgement::kReplica;
+}
+
+absl::Status RedisClient::AwaitReplica(absl::StatusOr<RedisReply> reply, size_t bytes) {
+  for (size_t waits = bytes / kBytesOfWait; waits > 0 && reply.ok() && (*reply)->integer == 0; --waits) {
+    reply = connection_->Run(WaitCommand(options_.replica_timeout));
+  }
+  EVPOSE_RETURN_IF_ERROR(reply.status());
+  if ((*reply)->integer >= 1) return absl::OkStatus();
+  return absl::UnavailableError(
+      absl::StrCat("no replica of ", options_.address.master_name, " has acknowledged the last writes within ",
+                   absl::FormatDuration(options_.replica_timeout),
+                   ": start a replica, or read its log to see why it does not follow the master"));
+}
+
+bool RedisClient::RunAgain(const Job& job, absl::StatusOr<RedisReply>& reply) {
+  bool runs_again = false;
   if (job.script != nullptr && IsRedisScriptMissing(reply.status())) {
     RedisCommand whole = job.command;
     whole[0] = "EVAL";
     whole[1] = job.script->source;
     reply = connection_->Run(whole);
+    runs_again = true;
   }
-  while (absl::IsResourceExhausted(reply.status()) && DeleteOldestEnded()) reply = connection_->Run(job.command);
-  return reply;
+  while (absl::IsResourceExhausted(reply.status()) && DeleteOldestEnded()) {
+    reply = connection_->Run(job.command);
+    runs_again = true;
+  }
+  return runs_again;
 }
 
 absl::Status RedisClient::Connect() {
@@ -141,7 +221,7 @@ absl::Status RedisClient::Connect() {
   if (std::chrono::steady_clock::now() < next_connection_) {
     return absl::UnavailableError(absl::StrCat(options_.address.Printable(), " does not answer: tried a moment ago"));
   }
-  absl::StatusOr<std::unique_ptr<RedisConnection>> opened = RedisConnection::Open(options_.address, options_.timeout);
+  absl::StatusOr<std::unique_ptr<RedisConnection>> opened = OpenConnection();
   std::map<const RedisScript*, std::string> digests;
   absl::Status status = opened.status();
   for (const RedisScript* const script : {&kRedisCreate, &kRedisIndex, &kRedisRead, &kRedisCommit, &kRedisDelete,
@@ -152,6 +232,7 @@ absl::Status RedisClient::Connect() {
     if (loaded.ok()) digests[script] = RedisText(loaded->get());
   }
   if (!status.ok()) {
+    has_waited_in_vain_ = true;
     Disconnect();
     return status;
   }
@@ -159,6 +240,22 @@ absl::Status RedisClient::Connect() {
   digests_ = std::move(digests);
   backoff_ = options_.first_backoff;
   return absl::OkStatus();
+}
+
+absl::StatusOr<std::unique_ptr<RedisConnection>> RedisClient::OpenConnection() {
+  if (sentinels_ == nullptr) return RedisConnection::Open(options_.address, options_.timeout);
+  return sentinels_->ConnectToMaster(options_.timeout, [this] { return !MayWait(); });
+}
+
+void RedisClient::DisconnectIfNeeded(const std::vector<absl::StatusOr<RedisReply>>& replies) {
+  if (connection_->broken()) return Disconnect();
+  if (sentinels_ == nullptr) return;
+  // READONLY, or no replica: the node may have been replaced as the master without the connection being closed.
+  const bool is_doubtful = std::any_of(replies.begin(), replies.end(),
+                                       [](const auto& reply) { return absl::IsUnavailable(reply.status()); });
+  if (!is_doubtful) return;
+  connection_.reset();
+  sentinels_->Distrust();
 }
 
 void RedisClient::Disconnect() {

@@ -3,11 +3,13 @@
 // The client of a store: one thread with one connection to Redis.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -19,6 +21,7 @@
 #include "server/stores/redis/redis_address.h"
 #include "server/stores/redis/redis_connection.h"
 #include "server/stores/redis/redis_scripts.h"
+#include "server/stores/redis/redis_sentinel.h"
 
 namespace evpose::server {
 
@@ -31,28 +34,41 @@ struct RedisClientOptions {
   // that returns is noticed after two seconds.
   absl::Duration first_backoff = absl::Milliseconds(50);
   absl::Duration longest_backoff = absl::Seconds(2);
+  // Used if the address has Sentinels.
+  RedisSentinelOptions sentinel;
+  // The limit of each wait for a replica's acknowledgement, which takes one round trip while the replica keeps up; one
+  // more wait for each 10 MB of a large command. Shorter than `timeout`, after which the connection is given up.
+  absl::Duration replica_timeout = absl::Seconds(1);
 };
+
+// The servers that must have the effect of a command, and of all earlier ones, before it is successful. With Sentinels
+// a write that is acknowledged to a client needs kReplica, because a failover loses what only the master has. A single
+// Redis server has no replica; then kReplica is the same as kMaster.
+enum class Acknowledgement { kMaster, kReplica };
 
 // Sends all waiting commands together and then reads the replies (pipelining). Thread-safe. Leases may hold the client
 // after its store has closed it.
 class RedisClient {
  public:
-  // Receives the reply or an error: UNAVAILABLE; CANCELLED when the client is closed; RESOURCE_EXHAUSTED when the
+  // Receives the reply or an error: UNAVAILABLE, also when no replica acknowledges the command in time, which may then
+  // be written all the same; CANCELLED when the client is closed; RESOURCE_EXHAUSTED when the
   // memory of Redis is full and no ended session is left to delete; those of RedisConnection.
   using Done = absl::AnyInvocable<void(absl::StatusOr<RedisReply>)>;
 
   explicit RedisClient(const RedisClientOptions& options);
 
   // Queues a command. `done` is called once, on the client's thread; within Push() when the client is closed.
-  void Push(RedisCommand command, Done done);
+  void Push(RedisCommand command, Done done) { Push(std::move(command), Acknowledgement::kMaster, std::move(done)); }
+  void Push(RedisCommand command, Acknowledgement acknowledgement, Done done);
   void PushScript(const RedisScript& script, const std::vector<std::string>& keys, std::vector<std::string> arguments,
-                  Done done);
+                  Acknowledgement acknowledgement, Done done);
   // As Push() and PushScript(), but wait for the reply. Not to be called from the client's thread.
-  absl::StatusOr<RedisReply> Call(RedisCommand command);
+  absl::StatusOr<RedisReply> Call(RedisCommand command, Acknowledgement acknowledgement = Acknowledgement::kMaster);
   // As Call() for several commands, which are sent together: one round trip instead of one for each.
   std::vector<absl::StatusOr<RedisReply>> CallAll(std::vector<RedisCommand> commands);
   absl::StatusOr<RedisReply> CallScript(const RedisScript& script, const std::vector<std::string>& keys,
-                                        std::vector<std::string> arguments);
+                                        std::vector<std::string> arguments,
+                                        Acknowledgement acknowledgement = Acknowledgement::kMaster);
 
   // Processes the waiting commands, each with the bounded wait, and closes the connection. To be called once.
   void Close();
@@ -64,23 +80,41 @@ class RedisClient {
   struct Job {
     const RedisScript* script = nullptr;  // not null: the digest of the script is inserted as the second word
     RedisCommand command;
+    Acknowledgement acknowledgement = Acknowledgement::kMaster;
     Done done;
   };
 
   void Process(std::vector<Job> jobs);
   // Runs the commands from `begin` on that fit into one batch; `end` is the first one that does not.
   std::vector<absl::StatusOr<RedisReply>> RunBatch(std::vector<Job>& jobs, size_t begin, size_t& end);
+  bool AwaitsReplica(const Job& job) const;
+  // Converts the reply of WAIT behind commands of this size; sends further ones while no replica acknowledges them.
+  absl::Status AwaitReplica(absl::StatusOr<RedisReply> reply, size_t bytes);
+  // Repeats a command whose script is missing, or for which there was no room. Returns true if it was repeated.
+  bool RunAgain(const Job& job, absl::StatusOr<RedisReply>& reply);
+  // Calls the callbacks of the jobs from `begin` to `end`, except those that were refused and run again: they are moved
+  // to the end of this range. Returns the first one of them, or `end`.
+  size_t Deliver(std::vector<Job>& jobs, size_t begin, size_t end, std::vector<absl::StatusOr<RedisReply>> replies);
   absl::Status Connect();
+  absl::StatusOr<std::unique_ptr<RedisConnection>> OpenConnection();
+  // True while the present call may wait for the Sentinels to replace the master.
+  bool MayWait() const { return !is_closing_ && std::chrono::steady_clock::now() < wait_until_; }
   void Disconnect();
-  absl::StatusOr<RedisReply> RunAgain(const Job& job, absl::StatusOr<RedisReply> reply);
+  // Disconnects after a batch with these replies if the connection is broken or may lead to a node that is no longer
+  // the master.
+  void DisconnectIfNeeded(const std::vector<absl::StatusOr<RedisReply>>& replies);
   bool DeleteOldestEnded();
 
   const RedisClientOptions options_;
+  std::atomic<bool> is_closing_ = false;
   // Used by the client's thread only.
+  std::unique_ptr<RedisSentinels> sentinels_;  // null without Sentinels
   std::unique_ptr<RedisConnection> connection_;
   std::map<const RedisScript*, std::string> digests_;  // from SCRIPT LOAD on this connection
   absl::Duration backoff_;
   std::chrono::steady_clock::time_point next_connection_;
+  std::chrono::steady_clock::time_point wait_until_;
+  bool has_waited_in_vain_ = false;  // no replica has acknowledged anything since then
 
   std::mutex mutex_;
   std::vector<std::string> deleted_for_room_ ABSL_GUARDED_BY(mutex_);

@@ -31,6 +31,10 @@ absl::Status MakeError(const std::string& name, absl::string_view words) {
        {"LOADING", "BUSY", "MASTERDOWN", "READONLY", "CLUSTERDOWN", "TRYAGAIN", "MISCONF", "NOREPLICAS", "UNBLOCKED"}) {
     if (absl::StartsWith(words, kind)) return absl::UnavailableError(said);
   }
+  // Redis 6.2 puts the place in the script before the error of a command in it.
+  if (absl::StrContains(words, "-READONLY ") || absl::StrContains(words, "-NOREPLICAS ")) {
+    return absl::UnavailableError(said);
+  }
   return absl::InternalError(said);
 }
 
@@ -40,30 +44,43 @@ std::string RedisText(const redisReply* reply) {
   return reply->str == nullptr ? std::string() : std::string(reply->str, reply->len);
 }
 
+bool IsRedisRefusal(const absl::Status& status) {
+  return absl::IsUnavailable(status) &&
+         (absl::StrContains(status.message(), "READONLY ") || absl::StrContains(status.message(), "NOREPLICAS "));
+}
+
 bool IsRedisScriptMissing(const absl::Status& status) {
   return absl::IsFailedPrecondition(status) && absl::StartsWith(status.message(), kScriptMissing);
 }
 
-absl::StatusOr<std::unique_ptr<RedisConnection>> RedisConnection::Open(const RedisAddress& address,
-                                                                       absl::Duration timeout) {
+absl::StatusOr<std::unique_ptr<RedisConnection>> RedisConnection::Connect(const RedisAddress& address, std::string name,
+                                                                          absl::Duration timeout) {
   const timeval limit = absl::ToTimeval(timeout);
   redisContext* const context = address.host.empty()
                                     ? redisConnectUnixWithTimeout(address.socket_path.c_str(), limit)
                                     : redisConnectWithTimeout(address.host.c_str(), address.port, limit);
   if (context == nullptr) return absl::ResourceExhaustedError("out of memory");
-  std::unique_ptr<RedisConnection> connection(new RedisConnection(address.Printable(), context));
+  std::unique_ptr<RedisConnection> connection(new RedisConnection(std::move(name), context));
   if (connection->broken()) return connection->Broken();
-  redisSetTimeout(context, limit);
-  std::vector<RedisCommand> commands;
-  if (!address.user.empty()) {
-    commands.push_back({"AUTH", address.user, address.password});
-  } else if (!address.password.empty()) {
-    commands.push_back({"AUTH", address.password});
-  }
-  commands.push_back({"SELECT", std::to_string(address.database)});
-  for (const auto& reply : connection->Run(commands)) EVPOSE_RETURN_IF_ERROR(reply.status());
+  connection->SetTimeout(timeout);
   return connection;
 }
+
+absl::StatusOr<std::unique_ptr<RedisConnection>> RedisConnection::Open(const RedisAddress& address,
+                                                                       absl::Duration timeout) {
+  EVPOSE_ASSIGN_OR_RETURN(auto connection, Connect(address, address.Printable(), timeout));
+  EVPOSE_RETURN_IF_ERROR(connection->Authenticate(address));
+  EVPOSE_RETURN_IF_ERROR(connection->Run({"SELECT", std::to_string(address.database)}).status());
+  return connection;
+}
+
+absl::Status RedisConnection::Authenticate(const RedisAddress& address) {
+  if (!address.user.empty()) return Run({"AUTH", address.user, address.password}).status();
+  if (!address.password.empty()) return Run({"AUTH", address.password}).status();
+  return absl::OkStatus();
+}
+
+void RedisConnection::SetTimeout(absl::Duration timeout) { redisSetTimeout(context_.get(), absl::ToTimeval(timeout)); }
 
 std::vector<absl::StatusOr<RedisReply>> RedisConnection::Run(const std::vector<RedisCommand>& commands) {
   for (const RedisCommand& command : commands) {

@@ -33,6 +33,13 @@ class RedisConnection {
   // Connects, authenticates and selects the database. `timeout` bounds each wait, here and later. Errors: UNAVAILABLE;
   // PERMISSION_DENIED for a wrong password.
   static absl::StatusOr<std::unique_ptr<RedisConnection>> Open(const RedisAddress& address, absl::Duration timeout);
+  // As Open(), but neither authenticates nor selects a database. `name` is the server's name in errors.
+  static absl::StatusOr<std::unique_ptr<RedisConnection>> Connect(const RedisAddress& address, std::string name,
+                                                                  absl::Duration timeout);
+  // Sends the user and password of `address`, if there are any.
+  absl::Status Authenticate(const RedisAddress& address);
+  // Changes the limit of each wait.
+  void SetTimeout(absl::Duration timeout);
 
   // Sends the commands and reads one reply for each, in order. An error reply is returned as a status. When a reply
   // does not arrive, it and all later ones are UNAVAILABLE, and broken() is true.
@@ -51,6 +58,9 @@ class RedisConnection {
   const std::string name_;  // for errors
   const std::unique_ptr<redisContext, ContextDeleter> context_;
 };
+
+// True if Redis has not executed a command because it is a replica, or a master without replicas.
+bool IsRedisRefusal(const absl::Status& status);
 
 // True if Redis no longer has the script in its cache, so that its source must be sent again.
 bool IsRedisScriptMissing(const absl::Status& status);

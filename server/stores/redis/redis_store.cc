@@ -92,7 +92,7 @@ class RedisLease : public CheckedLease {
     }
     shared_->client.PushScript(
         kRedisCommit, {RedisSessionKey(name_), RedisPosesKey(name_), kRedisEndedKey, kRedisLifecycleWritesKey},
-        std::move(arguments),
+        std::move(arguments), Acknowledgement::kReplica,
         [name = name_, number = token().number, done = std::move(done)](absl::StatusOr<RedisReply> reply) mutable {
           done(WriteOutcome(reply, name, number));
         });
@@ -132,7 +132,8 @@ class RedisStore : public Store {
   }
 
   StoreKind kind() const override { return StoreKind::kRedis; }
-  absl::Status CheckHealth() override { return shared_->client.Call({"PING"}).status(); }
+  // With Sentinels a store without a replica is not healthy: no commit would succeed.
+  absl::Status CheckHealth() override { return shared_->client.Call({"PING"}, Acknowledgement::kReplica).status(); }
   std::vector<std::string> damage() const override { return damage_; }
 
   // nullopt also for a user who may not call INFO.
@@ -177,13 +178,15 @@ class RedisStore : public Store {
     const std::string member = ModelMember(model.tenant, model.name);
     return shared_->client
         .CallScript(kRedisPutModel, {RedisModelKey(member), kRedisModelsKey},
-                    {member, EncodeModelHeader(model), EncodeModelBytes(model)})
+                    {member, EncodeModelHeader(model), EncodeModelBytes(model)}, Acknowledgement::kReplica)
         .status();
   }
 
   absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
     const std::string member = ModelMember(tenant, name);
-    return shared_->client.CallScript(kRedisDeleteModel, {RedisModelKey(member), kRedisModelsKey}, {member}).status();
+    return shared_->client
+        .CallScript(kRedisDeleteModel, {RedisModelKey(member), kRedisModelsKey}, {member}, Acknowledgement::kReplica)
+        .status();
   }
 
   absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
@@ -197,7 +200,8 @@ class RedisStore : public Store {
             {RedisSessionKey(record.name), kRedisSessionsKey, kRedisFencingKey, kRedisOwnersKey, kRedisTenantsKey,
              kRedisRequestsKey, kRedisLifecycleWritesKey},
             {record.name, EncodeRecord(record), AddChecksum(LifecycleOf(record.name), lifecycle),
-             shared_->SafetyTtl_ms(), token.holder, record.tenant, record.request_id, RedisSessionKey("")}));
+             shared_->SafetyTtl_ms(), token.holder, record.tenant, record.request_id, RedisSessionKey("")},
+            Acknowledgement::kReplica));
     if (reply->integer == 0) return SessionExistsError(record.name);
     token.number = static_cast<uint64_t>(reply->integer);
     return std::make_unique<RedisLease>(shared_, record.name, std::move(token), /*next_pose_seq=*/1);
@@ -297,7 +301,8 @@ class RedisStore : public Store {
         kRedisDelete,
         {RedisSessionKey(name), RedisPosesKey(name), kRedisEndedKey, kRedisSessionsKey, kRedisOwnersKey,
          kRedisTenantsKey, kRedisRequestsKey, kRedisLifecycleWritesKey},
-        {std::string(name), token.number == 0 ? "" : std::to_string(token.number), token.holder});
+        {std::string(name), token.number == 0 ? "" : std::to_string(token.number), token.holder},
+        Acknowledgement::kReplica);
     return WriteOutcome(reply, name, token.number);
   }
 
@@ -410,7 +415,8 @@ class RedisStore : public Store {
         const RedisReply reply,
         shared_->client.CallScript(kRedisRead, SessionKeys(name, kRedisFencingKey),
                                    {holder.empty() ? "0" : "1", shared_->SafetyTtl_ms(), std::to_string(after_pose_seq),
-                                    std::to_string(after_pose_seq + 1), holder}));
+                                    std::to_string(after_pose_seq + 1), holder},
+                                   holder.empty() ? Acknowledgement::kMaster : Acknowledgement::kReplica));
     return ParseRedisSession(name, after_pose_seq, reply.get());
   }
 
@@ -423,7 +429,7 @@ class RedisStore : public Store {
 absl::StatusOr<std::unique_ptr<Store>> OpenRedisStore(const RedisStoreOptions& options) {
   auto store = std::make_unique<RedisStore>(options);
   const absl::Status status = store->Check();
-  if (absl::IsUnavailable(status)) {
+  if (absl::IsUnavailable(status) && options.client.address.sentinels.empty()) {
     return absl::UnavailableError(absl::StrCat(status.message(), ": start Redis there, or give --store its address"));
   }
   EVPOSE_RETURN_IF_ERROR(status);

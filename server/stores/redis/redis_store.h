@@ -27,7 +27,8 @@ struct RedisStoreOptions {
 
 // Opens the store and reads all models and sessions once, unless there are too many, to find damaged ones. The store is
 // as durable as Redis is configured to be: with `appendonly yes` and `appendfsync always` like a file; otherwise a
-// crash of Redis may lose the last second. Errors: UNAVAILABLE; PERMISSION_DENIED; FAILED_PRECONDITION for a Redis
+// crash of Redis may lose the last second. With Sentinels, writes that this store acknowledges are at a replica, too.
+// Errors: UNAVAILABLE; PERMISSION_DENIED; FAILED_PRECONDITION for a Redis
 // before 6.2 and for one that evicts keys when its memory is full.
 absl::StatusOr<std::unique_ptr<Store>> OpenRedisStore(const RedisStoreOptions& options);
 

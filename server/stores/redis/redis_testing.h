@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A Redis server for tests.
+// Redis servers for tests.
 #pragma once
 
 #include <sys/types.h>
@@ -10,29 +10,46 @@
 #include <utility>
 #include <vector>
 
+#include "absl/time/time.h"
 #include "server/stores/redis/redis_address.h"
 #include "server/stores/redis/redis_connection.h"
 #include "server/stores/store_suite_testing.h"
 
 namespace evpose::server {
 
-// Runs redis-server in a temporary directory until it is destroyed, or until the test program ends.
+// A process of redis-server, which is killed when the object is destroyed or the thread that called Start() ends.
+class RedisProcess {
+ public:
+  RedisProcess() = default;
+  ~RedisProcess() { Kill(); }
+  RedisProcess(const RedisProcess&) = delete;
+  RedisProcess& operator=(const RedisProcess&) = delete;
+
+  // Starts redis-server and waits until it has logged a line that contains `ready`.
+  void Start(std::vector<std::string> arguments, const std::string& ready);
+  // Sends SIGKILL and waits for the end.
+  void Kill();
+  // Sends a signal, for example SIGSTOP or SIGCONT.
+  void Signal(int signal) const;
+
+ private:
+  pid_t process_ = -1;
+};
+
+// Runs redis-server in a temporary directory.
 class RedisServer {
  public:
   // Starts the server and waits until it is ready. `options` are added to the command line of redis-server.
-  explicit RedisServer(const std::vector<std::string>& options = {});
-  ~RedisServer();
-  RedisServer(const RedisServer&) = delete;
-  RedisServer& operator=(const RedisServer&) = delete;
+  // `password` is that of Run().
+  explicit RedisServer(const std::vector<std::string>& options = {}, const std::string& password = "");
 
   std::string url(const std::string& user = "") const { return "redis+unix://" + user + directory_.path() + "/socket"; }
   std::string path(const std::string& file) const { return directory_.path() + "/" + file; }
 
-  // Kill() sends SIGKILL; Start() starts the server again on the same data.
-  void Kill();
-  void Start();
-  // Sends a signal, for example SIGSTOP or SIGCONT.
-  void Signal(int signal) const;
+  // Kill() sends SIGKILL; Start() starts the server again on the same data, with the same options and these.
+  void Kill() { process_.Kill(); }
+  void Start(const std::vector<std::string>& options = {});
+  void Signal(int signal) const { process_.Signal(signal); }
 
   // All keys with their values, as DUMP returns them.
   std::vector<std::pair<std::string, std::string>> Contents() const;
@@ -46,7 +63,58 @@ class RedisServer {
  private:
   const TemporaryDirectory directory_;
   const std::vector<std::string> options_;
-  pid_t process_ = -1;
+  const std::string password_;
+  RedisProcess process_;
+};
+
+// A master with two replicas, and three Sentinels that replace the master after some time without a reply.
+class RedisGroup {
+ public:
+  static constexpr char kName[] = "evpose";
+
+  struct Options {
+    std::string password;                                  // if not empty, all processes require it
+    absl::Duration down_after = absl::Milliseconds(1000);  // without a reply of the master before it is replaced
+  };
+
+  // Starts all processes and waits until the replicas follow the master.
+  explicit RedisGroup(const Options& options);
+  RedisGroup() : RedisGroup(Options()) {}
+
+  // The address for --store. `user` ends with an @.
+  std::string url(const std::string& user = "", const std::string& name = kName) const;
+  size_t num_nodes() const { return nodes_.size(); }
+  RedisServer& node(size_t i) { return *nodes_[i]; }
+  RedisServer& master() { return node(Master()); }
+
+  // The number of the node that a Sentinel names as the master.
+  size_t Master(size_t sentinel = 0) const;
+  // Waits until the Sentinels know each other and all replicas, so that they can replace the master.
+  void AwaitSentinels() const;
+  // Waits until the Sentinels name another node than `old_master`, and it is a master; returns it.
+  size_t AwaitFailover(size_t old_master) const;
+  // Starts a killed node as a replica of the present master, and waits until all nodes follow it.
+  void Restart(size_t node);
+  // Makes the first Sentinel monitor a node as the master of another name, which only this Sentinel knows.
+  void Monitor(const std::string& name, size_t node) const;
+  // Kills the first `count` Sentinels.
+  void KillSentinels(size_t count);
+
+ private:
+  struct Sentinel {
+    TemporaryDirectory directory;
+    RedisProcess process;
+  };
+  RedisReply Ask(size_t sentinel, const RedisCommand& command) const;
+  // Waits until both replicas have what the master has written.
+  void AwaitReplicas(size_t master) const;
+
+  std::string ConfigurationOf(size_t sentinel) const;
+
+  const Options options_;
+  std::vector<int> ports_;  // of the nodes, then of the Sentinels
+  std::vector<std::unique_ptr<RedisServer>> nodes_;
+  std::vector<std::unique_ptr<Sentinel>> sentinels_;
 };
 
 }  // namespace evpose::server

@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Tests of the Redis store with Sentinels: real servers, of which the master is killed.
+#include "server/stores/redis/redis_sentinel.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <csignal>
+#include <functional>
+#include <future>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/strings/match.h"
+#include "server/stores/open_store.h"
+#include "server/stores/redis/redis_store.h"
+#include "server/stores/redis/redis_testing.h"
+#include "server/stores/store_suite_testing.h"
+
+namespace evpose::server {
+namespace {
+
+using absl::StatusCode;
+using testing::HasSubstr;
+using testing::Not;
+
+TEST(RedisSentinelAddressTest, ReadsAllParts) {
+  const RedisAddress address =
+      ParseRedisAddress("redis+sentinel://me:p%2Cs%2F@one:7000,two,[::1]:7001,[::2]/cameras/3").value();
+  ASSERT_EQ(address.sentinels.size(), 4u);
+  EXPECT_EQ(address.sentinels[0].Printable(), "one:7000");
+  EXPECT_EQ(address.sentinels[1].Printable(), "two:26379");
+  EXPECT_EQ(address.sentinels[2].Printable(), "[::1]:7001");
+  EXPECT_EQ(address.sentinels[3].Printable(), "[::2]:26379");
+  EXPECT_EQ(address.master_name, "cameras");
+  EXPECT_EQ(address.database, 3);
+  EXPECT_EQ(address.user, "me");
+  EXPECT_EQ(address.password, "p,s/");
+  EXPECT_EQ(address.Printable(), "redis+sentinel://one:7000,two:26379,[::1]:7001,[::2]:26379/cameras/3");
+  EXPECT_EQ(ParseRedisAddress("redis+sentinel://one/cameras")->database, 0);
+  EXPECT_EQ(ParseRedisAddress("redis+sentinel://one/cameras/")->database, 0);
+}
+
+TEST(RedisSentinelAddressTest, ErrorsDoNotContainThePassword) {
+  for (const char* const url :
+       {"redis+sentinel://me:secret@", "redis+sentinel://me:secret@one", "redis+sentinel://me:secret@one/",
+        "redis+sentinel://me:secret@/cameras", "redis+sentinel://me:secret@one,/cameras",
+        "redis+sentinel://me:secret@one:0,two/cameras", "redis+sentinel://me:secret@one,two:x/cameras",
+        "redis+sentinel://me:secret@one/cameras/x", "redis+sentinel://me:secret%4@one/cameras"}) {
+    const absl::Status status = ParseRedisAddress(url).status();
+    EXPECT_EQ(status.code(), StatusCode::kInvalidArgument) << url;
+    EXPECT_THAT(std::string(status.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("redis+sentinel://[USER")));
+    EXPECT_EQ(OpenStore({.store = url}).status(), status);
+  }
+  const absl::Status tls = ParseRedisAddress("rediss+sentinel://me:secret@one/cameras").status();
+  EXPECT_EQ(tls.code(), StatusCode::kUnimplemented);
+  EXPECT_THAT(std::string(tls.message()), AllOf(Not(HasSubstr("secret")), HasSubstr("use redis+sentinel://")));
+}
+
+TEST(RedisSentinelTest, WithoutASentinelEachIsNamedWithTheReason) {
+  const absl::Status status =
+      OpenStore({.store = "redis+sentinel://me:secret@127.0.0.1:1,127.0.0.1:2/cameras"}).status();
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable);
+  EXPECT_EQ(status.message(),
+            "no Sentinel names the master cameras: 127.0.0.1:1 does not answer: Connection refused; 127.0.0.1:2 does "
+            "not answer: Connection refused: start the Sentinels, or correct their addresses in --store");
+}
+
+TEST(RedisSentinelTest, PasswordsAreGivenToServersAndSentinels) {
+  RedisGroup group({.password = "right-secret"});
+  const std::unique_ptr<Store> store = OpenStore({.store = group.url("right-secret@")}).value();
+  EXPECT_TRUE(store->CreateSession(Record("sessions/a"), "life").ok());
+  for (const char* const user : {"", "wrong-secret@", "me:right-secret@"}) {
+    const absl::Status status = OpenStore({.store = group.url(user)}).status();
+    EXPECT_EQ(status.code(), StatusCode::kUnavailable) << status;
+    EXPECT_THAT(std::string(status.message()),
+                AllOf(HasSubstr("check the user and password of --store"), Not(HasSubstr("secret"))));
+  }
+}
+
+class RedisSentinelFixture : public testing::Test {
+ protected:
+  // A call does not wait for a failover, so that a test sees each result.
+  std::unique_ptr<Store> Open(const std::string& name = RedisGroup::kName) {
+    return OpenRedisStore(Options(name)).value();
+  }
+  RedisStoreOptions Options(const std::string& name) const {
+    RedisStoreOptions options;
+    options.client.address = ParseRedisAddress(group_.url("", name)).value();
+    options.client.timeout = absl::Seconds(60);
+    options.client.first_backoff = absl::ZeroDuration();
+    options.client.sentinel.timeout = absl::Seconds(60);
+    options.client.sentinel.failover_wait = absl::ZeroDuration();
+    return options;
+  }
+  // SIGSTOP: both replicas acknowledge nothing until SIGCONT.
+  void SignalReplicas(int signal) {
+    for (size_t i = 1; i < group_.num_nodes(); ++i) group_.node(i).Signal(signal);
+  }
+
+  // Repeats a commit that ends with UNAVAILABLE, as a session does.
+  static absl::Status CommitUntilAcknowledged(SessionLease& lease, const SessionCommit& commit) {
+    absl::Status status = absl::UnavailableError("");
+    while (absl::IsUnavailable(status)) status = CommitNow(lease, commit);
+    return status;
+  }
+
+  RedisGroup group_;
+};
+
+TEST_F(RedisSentinelFixture, ANameThatTheSentinelsDoNotKnowIsAnError) {
+  const absl::Status status = OpenStore({.store = group_.url("", "cameras")}).status();
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(status.message()),
+              AllOf(HasSubstr("do not know the master cameras"), HasSubstr("correct the name in --store")));
+}
+
+TEST_F(RedisSentinelFixture, ANodeThatIsNotTheMasterIsNotUsed) {
+  group_.Monitor("replica", 1);
+  const absl::Status status = OpenRedisStore(Options("replica")).status();
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(status.message()), HasSubstr(" as the master replica, but its role is slave"));
+  group_.node(1).Kill();
+  EXPECT_THAT(std::string(OpenRedisStore(Options("replica")).status().message()),
+              HasSubstr("does not answer: Connection refused"));
+}
+
+TEST_F(RedisSentinelFixture, ASentinelThatDoesNotRespondIsPassedOver) {
+  const std::unique_ptr<Store> store = Open();
+  group_.KillSentinels(2);
+  EXPECT_TRUE(Open()->CheckHealth().ok());
+  group_.KillSentinels(3);
+  EXPECT_TRUE(store->CheckHealth().ok()) << "the connection to the master is not affected";
+}
+
+TEST_F(RedisSentinelFixture, WritesAreNotAcknowledgedBeforeAReplicaHasThem) {
+  const std::unique_ptr<Store> store = Open();
+  auto lease = store->CreateSession(Record("sessions/a"), "life").value();
+  ASSERT_TRUE(store->CreateSession(Record("sessions/b"), "life").ok());
+  ASSERT_TRUE(CommitUntilAcknowledged(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
+  SignalReplicas(SIGSTOP);
+  const absl::Status status = CommitNow(*lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5)}});
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("no replica of evpose has acknowledged"));
+  // All at once, because they wait together.
+  const std::function<absl::Status()> calls[] = {
+      [&] { return store->CreateSession(Record("sessions/c"), "life").status(); },
+      [&] { return store->TakeSession("sessions/b").status(); },
+      [&] { return store->DeleteSession("sessions/b"); },
+      [&] { return store->PutModel(Model("models/a", "tenant", "bytes")); },
+      [&] { return store->DeleteModel("tenant", "models/b"); },
+      [&] { return store->CheckHealth(); },
+  };
+  std::vector<std::future<absl::Status>> results;
+  for (const auto& call : calls) results.push_back(std::async(std::launch::async, call));
+  for (size_t i = 0; i < results.size(); ++i) EXPECT_EQ(results[i].get().code(), StatusCode::kUnavailable) << i;
+  EXPECT_EQ(store->ReadSession("sessions/a")->checkpoint, "2") << "reading needs no replica";
+  SignalReplicas(SIGCONT);
+  // The session repeats the commit with later poses.
+  EXPECT_TRUE(
+      CommitUntilAcknowledged(*lease, {.checkpoint = "3", .poses = {Segment("a", 4, 5), Segment("a", 6, 6)}}).ok());
+  EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3 4-5 6-6");
+  while (!store->CheckHealth().ok()) std::this_thread::yield();
+}
+
+TEST_F(RedisSentinelFixture, AMissingScriptIsSentAgainAndAcknowledged) {
+  const std::unique_ptr<Store> store = Open();
+  auto lease = store->CreateSession(Record("sessions/a"), "life").value();
+  group_.master().Run({"SCRIPT", "FLUSH"});
+  EXPECT_TRUE(CommitUntilAcknowledged(*lease, {.checkpoint = "1"}).ok());
+  group_.master().Run({"SCRIPT", "FLUSH"});
+  SignalReplicas(SIGSTOP);
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "2"}).code(), StatusCode::kUnavailable);
+  SignalReplicas(SIGCONT);
+}
+
+// A call waits while the master cannot write, and the Sentinels would replace it.
+TEST_F(RedisSentinelFixture, ACallWaitsForAMasterThatRejectsWrites) {
+  RedisStoreOptions options = Options(RedisGroup::kName);
+  options.client.sentinel.failover_wait = absl::Minutes(1);
+  const std::unique_ptr<Store> store = OpenRedisStore(options).value();
+  auto lease = store->CreateSession(Record("sessions/a"), "life").value();
+  group_.master().Run({"CONFIG", "SET", "min-replicas-to-write", "3"});
+  std::promise<absl::Status> committed;
+  lease->Commit({.checkpoint = "1", .poses = {Segment("a", 1, 3)}},
+                [&committed](absl::Status status) { committed.set_value(std::move(status)); });
+  const auto rejections = [&] { return group_.master().Text({"INFO", "errorstats"}); };
+  while (!absl::StrContains(rejections(), "errorstat_NOREPLICAS:count=")) std::this_thread::yield();
+  group_.master().Run({"CONFIG", "SET", "min-replicas-to-write", "1"});
+  EXPECT_EQ(committed.get_future().get(), absl::OkStatus());
+  EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3");
+}
+
+// The role of the master changes while the connection to it stays open.
+TEST_F(RedisSentinelFixture, AMasterThatBecomesAReplicaIsLeft) {
+  const std::unique_ptr<Store> store = Open();
+  auto lease = store->CreateSession(Record("sessions/a"), "life").value();
+  ASSERT_TRUE(CommitUntilAcknowledged(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
+  group_.AwaitSentinels();
+  const size_t old_master = group_.Master();
+  group_.node(old_master).Run({"REPLICAOF", "127.0.0.1", "1"});
+  absl::Status status = CommitNow(*lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5)}});
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("READONLY"));
+  status = CommitUntilAcknowledged(*lease, {.checkpoint = "2", .poses = {Segment("a", 4, 5)}});
+  EXPECT_EQ(status, absl::OkStatus());
+  EXPECT_NE(group_.Master(), old_master);
+  EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3 4-5");
+}
+
+// Commits in a thread until it is told to stop, and repeats a commit that ends with UNAVAILABLE, as a session does.
+class Committer {
+ public:
+  explicit Committer(SessionLease& lease) : lease_(lease), thread_([this] { Run(); }) {}
+  ~Committer() { Stop(); }
+
+  // Waits until this number of further commits has been acknowledged, or one has failed.
+  void AwaitMore(uint64_t commits) const {
+    const uint64_t first = acknowledged_;
+    while (acknowledged_ < first + commits && !has_failed_) std::this_thread::yield();
+  }
+  // Returns the number of acknowledged commits.
+  uint64_t Stop() {
+    is_stopped_ = true;
+    if (thread_.joinable()) thread_.join();
+    return acknowledged_;
+  }
+  // The pose segment of a commit: two poses.
+  static PoseSegment SegmentOf(uint64_t commit) { return Segment("a", 2 * commit - 1, 2 * commit); }
+
+ private:
+  void Run() {
+    while (!is_stopped_ && !has_failed_) {
+      const uint64_t commit = acknowledged_ + 1;
+      const absl::Status status =
+          CommitNow(lease_, {.checkpoint = std::to_string(commit), .poses = {SegmentOf(commit)}});
+      if (status.ok()) acknowledged_ = commit;
+      if (status.ok() || absl::IsUnavailable(status)) continue;
+      ADD_FAILURE() << "commit " << commit << ": " << status;
+      has_failed_ = true;
+    }
+  }
+
+  SessionLease& lease_;
+  std::atomic<uint64_t> acknowledged_ = 0;
+  std::atomic<bool> is_stopped_ = false;
+  std::atomic<bool> has_failed_ = false;
+  std::thread thread_;  // the last member, because it uses the others
+};
+
+TEST_F(RedisSentinelFixture, AKilledMasterLosesNoAcknowledgedCommit) {
+  constexpr int kKills = 2;
+  constexpr uint64_t kCommits = 50;
+  const std::unique_ptr<Store> store = OpenStore({.store = group_.url()}).value();
+  auto lease = store->CreateSession(Record("sessions/a"), "life").value();
+  ASSERT_TRUE(store->PutModel(Model("models/a", "tenant", "bytes")).ok());
+  group_.AwaitSentinels();
+  Committer committer(*lease);
+  for (int kill = 0; kill < kKills; ++kill) {
+    committer.AwaitMore(kCommits);
+    const size_t old_master = group_.Master();
+    group_.node(old_master).Kill();
+    const size_t new_master = group_.AwaitFailover(old_master);
+    EXPECT_NE(new_master, old_master);
+    committer.AwaitMore(kCommits);
+    group_.Restart(old_master);
+  }
+  const uint64_t acknowledged = committer.Stop();
+  EXPECT_GE(acknowledged, 2 * kKills * kCommits);
+  // With another store, which has only the new master.
+  const StoredSession session = Open()->ReadSession("sessions/a").value();
+  ASSERT_GE(session.poses.size(), acknowledged);
+  ASSERT_LE(session.poses.size(), acknowledged + 1) << "the last commit may be written without an acknowledgement";
+  for (uint64_t commit = 1; commit <= session.poses.size(); ++commit) {
+    const PoseSegment& stored = session.poses[commit - 1];
+    ASSERT_EQ(stored.first_pose_seq, 2 * commit - 1);
+    ASSERT_EQ(stored.bytes, Committer::SegmentOf(commit).bytes);
+  }
+  EXPECT_EQ(session.checkpoint, std::to_string(session.poses.size()));
+  EXPECT_TRUE(store->ReadModel("tenant", "models/a").ok());
+}
+
+}  // namespace
+}  // namespace evpose::server
