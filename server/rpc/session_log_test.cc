@@ -71,6 +71,9 @@ TEST_F(SessionLogOfServerTest, LogsASessionFromCreationToDeletion) {
   for (const std::string& line : LinesOf(session.name())) {
     const std::vector<std::string> words = absl::StrSplit(line, ' ');
     events.push_back(words[1]);
+    if (words[1] == "session_ended" || words[1] == "session_deleted") {
+      EXPECT_THAT(line, testing::ContainsRegex(" events=[1-9][0-9]* .* bytes=[1-9][0-9]* .* losses=1 reattaches=1$"));
+    }
   }
   EXPECT_THAT(events,
               testing::IsSupersetOf({"session_created", "session_attached", "session_taken_over", "object_lost",

@@ -401,6 +401,7 @@ void Session::Publish(const WorkResult& result) {
     stream_listener = stream_listener_.lock();
   }
   if (lag.has_value()) log_->PaceChanged(lag->is_behind, lag->lag_us);
+  if (has_ended) log_->Ended(Snapshot().health);
   NotifyListeners(stream_listener);
   if (has_ended) images_->Notify();
 }

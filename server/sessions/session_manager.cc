@@ -328,7 +328,7 @@ absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::
   const absl::Status deleted = FromStore(store_.DeleteSession(name));
   if (deleted.ok()) {
     StopWaiting(name);
-    SessionLog(name, tenant).Deleted(peer, "request", stored.ok() ? stored->info.snapshot.health.poses : 0);
+    SessionLog(name, tenant).Deleted(peer, "request", stored.ok() ? stored->info.snapshot.health : SessionHealth());
   }
   return deleted;
 }
@@ -403,11 +403,11 @@ bool SessionManager::IsHere(const std::string& name) const {
   return sessions_.contains(name);
 }
 
-uint64_t SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
+SessionHealth SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
   const std::string& name = entry.session->name();
   entry.session->Close(
       WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), v1::SESSION_DELETED, {{"session", name}}));
-  return entry.session->Watch().last_pose_seq;
+  return entry.session->Snapshot().health;
 }
 
 void SessionManager::Drain() {

@@ -175,7 +175,10 @@ TEST_F(SessionManagerTest, DeletesExpiredSessions) {
   EXPECT_EQ(absl::StrJoin(lines, "\n"), "debug session_state" + of_session +
                                             "change=close from=\"DETACHED OPEN\" to=\"CLOSED OPEN\"\n"
                                             "info session_expired" +
-                                            of_session + "poses=0");
+                                            of_session +
+                                            "poses=0 events=0 dropped_events=0 skipped_events=0 bytes=0 "
+                                            "sensor_time_us=0 processing_us=0 latency_p50_us=0 latency_p99_us=0 "
+                                            "losses=0 reattaches=0");
   EXPECT_THAT(std::string(session->Watch().status.message()), testing::HasSubstr("expired"));
 }
 

@@ -67,7 +67,6 @@ WorkResult SessionWorker::Work(const Backlog& backlog) {
   options_.metrics->processing_ns.Add(static_cast<uint64_t>(std::chrono::nanoseconds(duration).count()));
   WorkResult result = MakeResult(item_is_finished);
   ReportStateChanges();
-  if (item_is_finished && item_->is_end()) options_.log->Ended(result.last_pose_seq());
   return result;
 }
 

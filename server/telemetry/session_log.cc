@@ -14,6 +14,22 @@ std::vector<LogField> Outcome(const absl::Status& status) {
           {"message", status.message()}};
 }
 
+std::vector<LogField> Sums(const SessionHealth& health) {
+  uint64_t losses = 0;
+  for (const ObjectHealth& object : health.objects) losses += object.losses;
+  return {{"poses", health.poses},
+          {"events", health.counts.cd_events},
+          {"dropped_events", health.counts.dropped_events()},
+          {"skipped_events", health.skipped_events},
+          {"bytes", health.processed_bytes},
+          {"sensor_time_us", health.sensor_time_us},
+          {"processing_us", health.processing_us},
+          {"latency_p50_us", health.latency_p50_us},
+          {"latency_p99_us", health.latency_p99_us},
+          {"losses", losses},
+          {"reattaches", health.reattaches}};
+}
+
 }  // namespace
 
 std::string SessionLog::peer() const {
@@ -122,14 +138,22 @@ void SessionLog::PaceChanged(bool is_behind, int64_t lag_us) const {
         peer(), {{"lag_us", lag_us}});
 }
 
-void SessionLog::Ended(uint64_t poses) const { Write(LogLevel::kInfo, "session_ended", peer(), {{"poses", poses}}); }
-
-void SessionLog::Expired(uint64_t poses) const {
-  Write(LogLevel::kInfo, "session_expired", peer(), {{"poses", poses}});
+void SessionLog::Ended(const SessionHealth& health) const {
+  Write(LogLevel::kInfo, "session_ended", peer(), Sums(health));
 }
 
-void SessionLog::Deleted(const std::string& peer, const char* why, uint64_t poses) const {
-  Write(LogLevel::kInfo, "session_deleted", peer, {{"why", why}, {"poses", poses}});
+void SessionLog::Expired(const SessionHealth& health) const {
+  Write(LogLevel::kInfo, "session_expired", peer(), Sums(health));
+}
+
+void SessionLog::Deleted(const std::string& peer, const char* why, const SessionHealth& health) const {
+  std::vector<LogField> more = {{"why", why}};
+  for (LogField& field : Sums(health)) more.push_back(std::move(field));
+  Write(LogLevel::kInfo, "session_deleted", peer, std::move(more));
+}
+
+void SessionLog::OrphanDeleted() const {
+  Write(LogLevel::kInfo, "session_deleted", peer(), {{"why", "no server has it, and it has expired"}});
 }
 
 void SessionLog::NotDeleted(const absl::Status& status) const {

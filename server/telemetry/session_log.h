@@ -14,6 +14,7 @@
 #include "absl/status/status.h"
 #include "core/tracking/track_phase.h"
 #include "server/sessions/types/session_config.h"
+#include "server/sessions/types/session_state.h"
 #include "server/telemetry/log.h"
 #include "server/telemetry/log_limiter.h"
 
@@ -51,9 +52,12 @@ class SessionLog {
   void StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const;
   // The session has begun or ceased to fall behind its camera. `lag_us`: waiting time of the oldest unprocessed chunk.
   void PaceChanged(bool is_behind, int64_t lag_us) const;
-  void Ended(uint64_t poses) const;
-  void Expired(uint64_t poses) const;
-  void Deleted(const std::string& peer, const char* why, uint64_t poses) const;
+  // The sums of the session, from its start and through restarts of the server, are a part of these three lines.
+  void Ended(const SessionHealth& health) const;
+  void Expired(const SessionHealth& health) const;
+  void Deleted(const std::string& peer, const char* why, const SessionHealth& health) const;
+  // A session that no server had. Its sums are not known.
+  void OrphanDeleted() const;
   void NotDeleted(const absl::Status& status) const;
   void LivesElsewhere() const;
   void Drained(uint64_t poses, bool is_durable) const;

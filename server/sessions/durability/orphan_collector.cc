@@ -43,7 +43,7 @@ bool OrphanCollector::Delete(const std::string& name, const std::string& lifecyc
   const absl::Status status = store_.DeleteHeldSession(name, taken->lease->token());
   SessionLog log(name, taken->session.record.tenant);
   if (status.ok()) {
-    log.Deleted("", "no server has it, and it has expired", 0);
+    log.OrphanDeleted();
   } else if (!absl::IsAborted(status)) {
     log.NotDeleted(status);
   }
