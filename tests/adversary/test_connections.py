@@ -3,6 +3,9 @@
 """Connections: many, idle, half open or malicious ones leave calls, probes and the other sessions alone."""
 
 import contextlib
+import ctypes
+import os
+import socket
 import time
 import unittest
 
@@ -14,6 +17,7 @@ from api import client, failure_of, refusal
 from hostile_models import CUBE
 
 SLACK_BYTES = 200 << 20
+PIDFD_GETFD = 438  # the system call of Linux 5.6, which Python does not have
 
 
 def open_many(address, count, stack, source=None):
@@ -34,7 +38,41 @@ def slowest_s(call, count):
     return max(times)
 
 
+def shut_listener(running):
+    """Ends the acceptance of connections by the server's socket behind its back. Returns false if this process may not do that."""
+    process = os.pidfd_open(running.process.pid)
+    port = int(running.address.rsplit(":", 1)[1])
+    is_shut = False
+    for number in map(int, os.listdir(f"/proc/{running.process.pid}/fd")):
+        descriptor = ctypes.CDLL(None).syscall(PIDFD_GETFD, process, number, 0)
+        if descriptor < 0:
+            continue
+        with os.fdopen(descriptor, "rb", buffering=0), contextlib.suppress(OSError):  # not a socket
+            with socket.socket(fileno=os.dup(descriptor)) as listener:
+                if listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN) and listener.getsockname()[1] == port:
+                    listener.shutdown(socket.SHUT_RD)
+                    is_shut = True
+    os.close(process)
+    return is_shut
+
+
 class ConnectionTest(server.AdversaryTest):
+    def test_a_server_that_no_longer_accepts_is_not_ready_and_ends(self):
+        """So that its supervisor starts it again."""
+        running = self.serve("--listener-timeout", "2")
+        if not shut_listener(running):
+            self.skipTest("the descriptors of another process cannot be used here")
+
+        def is_unready():
+            try:
+                return running.page("/readyz")[0] == 503
+            except OSError:
+                return running.process.poll() is not None
+
+        server.poll(is_unready, "a page that says that no connection is accepted")
+        self.assertEqual(running.wait(), 1)
+        self.assertIn("listener_stalled", running.log())
+
     def test_the_server_accepts_again_after_it_had_no_descriptors(self):
         # Without limits of connections, which would be reached before.
         running = self.serve("--max-connections", "1000", "--max-connections-per-peer", "1000", prlimit=["--nofile=128:128"])
