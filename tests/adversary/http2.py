@@ -31,10 +31,10 @@ def reset_streams(first, count):
     return b"".join(frame(HEADERS, END_HEADERS, i, CALL) + frame(RST_STREAM, 0, i, cancel) for i in streams)
 
 
-def open_connection(running):
-    """Returns a connection on which the preface was sent."""
+def open_connection(running, start=b""):
+    """Returns a connection on which the preface was sent, and then `start`."""
     connection = server.connect(running.address)
-    connection.sendall(server.PREFACE + server.SETTINGS)
+    connection.sendall(server.PREFACE + server.SETTINGS + start)
     return connection
 
 

@@ -21,9 +21,10 @@ import grpc
 
 import http2
 import server
-from api import FLAT64, LARGEST, METHODS, OBJ, VGA, Api, failure_of
-from camera import Camera, assert_undisturbed, recording
+from api import EVT3, FLAT64, LARGEST, METHODS, OBJ, VGA, Api, failure_of
+from camera import Camera, assert_undisturbed, camera_model, chunks, initial_pose, recording
 from hostile_models import CUBE, MALFORMED, padded_cube, prism, tangle
+from test_memory import noise
 from test_names import ODD_NAMES
 
 NUM_THREADS = 6
@@ -52,6 +53,8 @@ class Adversary(threading.Thread):
         self._random = random.Random(f"{seed} {index}")
         self._is_ended = is_ended
         self._models = [prism(1365), prism(300), tangle(500, 500), CUBE, *MALFORMED.values()]
+        self._noise = noise(256)
+        self._bulk = b"".join(payload for _, payload in chunks())
         self._held = []  # functions that end a stalled stream or connection
         self.actions = collections.Counter()
         self.codes = collections.Counter()
@@ -155,6 +158,22 @@ class Adversary(threading.Thread):
         stream, _ = api.attach(self._create(api))
         for seq in range(1, self._random.randrange(2, 8)):
             stream.send(events={"seq": seq, "payload": self._random.randbytes(1 << 20)})
+        self._hold(stream.cancel)
+
+    def act_noise(self, api):
+        """Events in all pages of the largest tables."""
+        model = api.upload(CUBE).name
+        stream, _ = api.attach(api.create(model, camera=LARGEST, num_objects=16))
+        stream.send(events={"seq": 1, "payload": self._noise})
+        self._hold(stream.cancel)
+
+    def act_bulk(self, api):
+        """The recording of the camera, with as many bytes at a time as the server takes."""
+        model = api.upload(CUBE).name
+        stream, _ = api.attach(api.create(model, camera=camera_model(), num_objects=self._random.choice([1, 4]), encoding=EVT3,
+                                          pose=initial_pose()))
+        for seq, start in enumerate(range(0, len(self._bulk), 1 << 18), 1):
+            stream.send(events={"seq": seq, "payload": self._bulk[start:start + (1 << 18)]})
         self._hold(stream.cancel)
 
     def act_lie(self, api):

@@ -81,14 +81,28 @@ def token(tenant):
     return "evpose_" + hashlib.sha256(f"token of {tenant}".encode()).hexdigest()
 
 
+def mounted(path, size_bytes):
+    """Returns the beginning of a command that runs a program with a file system of this size, in memory, at `path`. The program has the
+    process id of the command, and only it sees the file system."""
+    script = 'mount -t tmpfs -o size="$0" none "$1" && shift && exec "$@"'
+    return ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", script, str(size_bytes), str(path)]
+
+
+CAN_MOUNT = subprocess.run([*mounted("/mnt", 1 << 20), "true"], capture_output=True, check=False).returncode == 0
+
+
 class Server:
-    """A running evpose-server. `prlimit` has options of prlimit(1), such as --as=BYTES."""
+    """A running evpose-server. `prlimit` has options of prlimit(1), such as --as=BYTES. With `disk_bytes`, its data are on a file
+    system of this size (CAN_MOUNT)."""
 
     # One line for each server of this process that ended, or stopped accepting connections, because of a client's input.
     defeats = []
 
-    def __init__(self, *options, directory, prlimit=(), store="memory"):
+    def __init__(self, *options, directory, prlimit=(), store="memory", disk_bytes=None):
         self.command = [*(["prlimit", *prlimit, "--"] if prlimit else []), str(SERVER)]
+        if disk_bytes is not None:
+            (directory / "data").mkdir()
+            self.command = [*mounted(directory / "data", disk_bytes), *self.command]
         self.command += ["--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0", "--store", store, *options]
         if store == "sqlite":
             self.command += ["--data-dir", str(directory / "data")]
