@@ -202,7 +202,7 @@ constexpr char kAboutLoad[] =
     "  1  Poses were lost, or a session failed, or none was created\n"
     "  2  Wrong usage\n"
     "\nExample:\n"
-    "  evpose bench load --server localhost:50051 --sessions 4 --rate 20000 --minutes 0.02";
+    "  evpose bench load --server 127.0.0.1:50051 --sessions 4 --rate 20000 --minutes 0.02";
 
 }  // namespace
 
