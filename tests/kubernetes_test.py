@@ -187,7 +187,12 @@ def check_cluster(objects, pod, metrics):
     check(int(pods["target"]["averageValue"]) < int(pod.environment["EVPOSE_MAX_SESSIONS"]), "pods fill before others come")
     check(int(pods["target"]["averageValue"]) < int(pod.environment["EVPOSE_TENANT_MAX_SESSIONS"]),
           "a single tenant reaches its limit before other pods come")
-    adapter = yaml.safe_load((MANIFESTS / "monitoring/prometheus-adapter.yaml").read_text())["rules"]["custom"][0]
+    load = scaler["metrics"][1]["pods"]
+    check(int(load["target"]["averageValue"].removesuffix("m")) < 1000 * float(pod.environment["EVPOSE_MAX_LOAD"]),
+          "pods refuse sessions because of their load before others come")
+    adapter, load_rule = yaml.safe_load((MANIFESTS / "monitoring/prometheus-adapter.yaml").read_text())["rules"]["custom"]
+    check(load_rule["name"]["as"] == load["metric"]["name"] and load_rule["seriesQuery"].split("{")[0] in metrics,
+          "the autoscaler scales by a load that evpose-server or the adapter does not export")
     check(adapter["name"]["as"] == pods["metric"]["name"], "the adapter and the autoscaler name different metrics")
     check(adapter["seriesQuery"].split("{")[0] in metrics, "the adapter queries a metric that evpose-server does not export")
     check('evpose_sessions{state="closed"}' in metrics, "there is no state closed")

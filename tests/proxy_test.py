@@ -5,10 +5,12 @@
 usage: proxy_test.py EVPOSE_SERVER EVPOSE
 
 Every HAProxy of the compose files and of Kubernetes accepts its files. A server reaches Redis through HAProxy, and only if Redis has the
-right certificate. Tokens and client certificates work through HAProxy. A flood of resets is cut or absorbed, while the calls of another
-client succeed, and a header without end is cut. HAProxy inherits its sockets, so there are no fixed ports; its files are used with other paths and addresses.
+right certificate. Tokens and client certificates work through HAProxy. New sessions go to the server with the lowest load. A flood of
+resets is cut or absorbed, while the calls of another client succeed, and a header without end is cut. HAProxy inherits its sockets, so
+there are no fixed ports; its files are used with other paths and addresses.
 """
 import contextlib
+import json
 import os
 import pathlib
 import re
@@ -103,11 +105,11 @@ class Fixture:
         self.start([HAPROXY, "-db", *options], pass_fds=[listener.fileno() for listener in listeners],
                    env={**os.environ, **environment}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
-    def server(self, *options):
-        """Starts a server; returns its address and that of its metrics, or its process if it does not start."""
-        process = self.start([SERVER, "--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0", "--log-level", "off", *options],
-                             stdout=subprocess.PIPE, text=True)
-        lines = [process.stdout.readline(), process.stdout.readline()]
+    def server(self, *options, log=subprocess.DEVNULL):
+        """Starts a server; returns its address, that of its metrics and that of its load, or its process if it does not start."""
+        addresses = [word for name in ("", "metrics-", "load-") for word in (f"--{name}listen", "127.0.0.1:0")]
+        process = self.start([SERVER, *addresses, *options], stdout=subprocess.PIPE, stderr=log, text=True)
+        lines = [process.stdout.readline() for _ in range(3)]
         if not lines[0].startswith("listening on "):
             return process
         return tuple(re.search(r"127\.0\.0\.1:\d+", line)[0] for line in lines)
@@ -204,11 +206,52 @@ def check_passthrough(fixture, certificate):
                             "--tls-client-ca", str(secrets / "clients.crt"))
     front = fixture.listener()
     changes = [(":50443", f"fd@{front.fileno()}"), ("init-addr none", "init-addr last"), ("server-1:50051", server[0]),
-               ("check port 9464", "check port " + server[1].rpartition(":")[2]), ("  server server-2 server-2:50051\n", ""),
+               ("check port 9464", "check port " + server[1].rpartition(":")[2]),
+               ("agent-port 9465", "agent-port " + server[2].rpartition(":")[2]), ("  server server-2 server-2:50051\n", ""),
                ("  server server-3 server-3:50051\n", "")]
     fixture.haproxy(["common.cfg", "passthrough.cfg"], changes, [front])
     check(fixture.call(front, *certificate).returncode == 0, "a certificate does not pass through")
     check(fixture.call(front).returncode != 0, "the server accepts a client without a certificate")
+
+
+def metric(port, name):
+    """The value of a metric of HAProxy."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as page:
+        found = re.search(f"^{re.escape(name)} (\\S+)$", page.read().decode(), re.M)
+    return float(found[1]) if found else None
+
+
+def load(fixture, address, *options):
+    command = [CLIENT, "bench", "load", "--server", address, "--chunk-ms", "20", "--rate", "1000", "--json", *options]
+    return fixture.start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def check_balance(fixture, store):
+    """Two servers behind the HAProxy of the cluster, one of which has 18 of its 20 sessions."""
+    logs = [open(fixture.work / f"server-{i}.log", "w+") for i in (1, 2)]
+    servers = [fixture.server(*store, "--max-sessions", limit, log=log) for limit, log in zip(("20", "400"), logs)]
+    front, counts = fixture.listener(), fixture.listener()
+    changes = [(":50051 proto", f"fd@{front.fileno()} proto"), ("bind :8404", f"bind fd@{counts.fileno()}"),
+               ("init-addr none", "init-addr last"), ("  server server-3 server-3:50051 check-proto h1\n", "")]
+    for i, (address, metrics, agent) in enumerate(servers, 1):
+        changes.append((f"server server-{i} server-{i}:50051",
+                        f"server server-{i} {address} port {metrics.rpartition(':')[2]} agent-port {agent.rpartition(':')[2]}"))
+    fixture.haproxy(["common.cfg", "cluster.cfg"], changes, [front, counts])
+    load(fixture, servers[0][0], "--sessions", "18", "--minutes", "1000")
+    weight = 'haproxy_server_weight{{proxy="servers",server="server-{}"}}'
+    port = counts.getsockname()[1]
+    while metric(port, weight.format(1)) != 10.0 or metric(port, weight.format(2)) != 100.0:
+        pass  # the request takes a while
+    before = pathlib.Path(logs[0].name).read_text().count("session_created ")
+    check(before == 18, "the loaded server has", before, "sessions")
+    run = load(fixture, f"127.0.0.1:{front.getsockname()[1]}", "--sessions", "40", "--minutes", "0.001")
+    result = json.loads(run.stdout.read())
+    created = [pathlib.Path(log.name).read_text().count("session_created ") for log in logs]
+    # The loaded server has two places left, and refuses others.
+    at_loaded = created[0] - before + result["refused"].get("TOO_MANY_SESSIONS", 0)
+    print(f"of 40 new sessions, {at_loaded} came to the server at 90 % and {created[1]} to the other; weights 10 and 100")
+    # By the weights, the loaded server is one of the two that are drawn for 17 % of the streams.
+    check(at_loaded <= 16 and created[1] >= 24, "new sessions go to the loaded server:", at_loaded, created)
 
 
 def main():
@@ -217,6 +260,7 @@ def main():
         fixture = Fixture(pathlib.Path(work), stack)
         check_files(fixture)
         store = check_store(fixture, start_redis(fixture))
+        check_balance(fixture, store)
         server = fixture.server(*store, "--token-file", str(fixture.secrets / "tokens"))
         check(isinstance(server, tuple), "the server does not reach Redis through HAProxy")
 

@@ -12,6 +12,8 @@ void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runner
   };
   add("initialization", "Compare first poses from lines, by evpose and by published methods",
       AddBenchInitializationCommand);
+  add("load", "Load servers with many sessions at the pace of their sensors: losses, latencies, refusals, costs",
+      AddBenchLoadCommand);
   add("models", "Measure the preparation of model files, and tracking on simulated recordings of them",
       AddBenchModelsCommand);
   add("real", "Measure first poses, tracking and absent objects on recordings of real sensors with references",

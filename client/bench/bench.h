@@ -12,6 +12,7 @@ inline constexpr char kExperimentGroup[] = "Experiment";
 
 void AddBenchCommands(CLI::App& app, CliContext& context, CommandRunners& runners);
 CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context);
+CommandRunner AddBenchLoadCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context);
 CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context);

@@ -41,7 +41,7 @@ int main(int argc, char** argv) {
   const std::string command = argc > 1 ? argv[1] : "";
   const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";
   const std::set<std::string> clean = {"render", "replay", "simulate", "stream", "view", "watch"};
-  if (clean.count(command) > 0 || bench == "speed" || bench == "synthetic") {
+  if (clean.count(command) > 0 || bench == "load" || bench == "speed" || bench == "synthetic") {
     HandleEndSignals(HandleInterrupt);
   } else if (getpid() == 1) {
     HandleEndSignals(evpose::TerminateBySignal);

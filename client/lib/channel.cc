@@ -99,7 +99,8 @@ absl::StatusOr<ServerAddress> ParseServerAddress(const std::string& text) {
   return address;
 }
 
-absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address, const ClientOptions& options) {
+absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address, const ClientOptions& options,
+                                                           bool shares_connection) {
   EVPOSE_ASSIGN_OR_RETURN(const ServerAddress parsed, ParseServerAddress(address));
   if (!options.token.empty() && !options.tls.is_on && !parsed.IsLoopback()) {
     return absl::FailedPreconditionError(absl::StrCat(
@@ -114,6 +115,7 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
   // A dead link is detected within 30 s; the server permits a ping every 10 s.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 20'000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
+  if (!shares_connection) arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> interceptors;
   if (!options.token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>(options));
   return grpc::experimental::CreateCustomChannelWithInterceptors(address, credentials, arguments,

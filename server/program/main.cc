@@ -25,6 +25,7 @@
 #include "core/base/version.h"
 #include "server/auth/token_file.h"
 #include "server/connections/listen_address.h"
+#include "server/http/load_listener.h"
 #include "server/http/operator_pages.h"
 #include "server/program/options.h"
 #include "server/program/tenant_limits.h"
@@ -136,8 +137,17 @@ absl::StatusOr<std::unique_ptr<OperatorPages>> StartPages(const ProgramOptions& 
   return pages;
 }
 
+// Null without --load-listen.
+absl::StatusOr<std::unique_ptr<LoadListener>> StartLoadListener(const ProgramOptions& options, const Server& server) {
+  if (options.load_listen.empty()) return nullptr;
+  auto listener = LoadListener::Start(options.load_listen, [&server] { return AgentLine(server.state().load_ratio); });
+  if (!listener.ok()) return absl::UnavailableError(absl::StrCat("--load-listen: ", listener.status().message()));
+  return listener;
+}
+
 // Prints the addresses on standard output. A program that starts the server may wait for these lines.
-void Announce(const ProgramOptions& options, const std::string& listening_on, const OperatorPages* pages) {
+void Announce(const ProgramOptions& options, const std::string& listening_on, const OperatorPages* pages,
+              const LoadListener* load) {
   std::cout << "listening on " << listening_on << "\n";
   if (pages != nullptr) {
     const ListenAddress address = *ParseListenAddress(options.metrics_listen);
@@ -145,6 +155,9 @@ void Announce(const ProgramOptions& options, const std::string& listening_on, co
     Log(LogLevel::kInfo, "metrics_ready",
         {{"message", absl::StrCat("http://", metrics_on, "/metrics, /healthz, /readyz")}});
     std::cout << "metrics on " << metrics_on << "\n";
+  }
+  if (load != nullptr) {
+    std::cout << "load on " << ParseListenAddress(options.load_listen)->WithPort(load->port()) << "\n";
   }
   std::cout << std::flush;
 }
@@ -158,8 +171,9 @@ void AllowAllDescriptors() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-// The threads of the server beside its workers and those for slow work: those of gRPC, the store and the pages.
-constexpr int kOtherThreads = 29;
+// The threads of the server beside its workers and those for slow work: those of gRPC, the store, the pages and the
+// load.
+constexpr int kOtherThreads = 30;
 
 absl::Status CheckThreads(const ServerOptions& options) {
   const int cores = static_cast<int>(std::thread::hardware_concurrency());
@@ -224,14 +238,15 @@ int Serve(const ProgramOptions& options) {
   server = Server::Start(server_options);
   if (!server.ok()) return Fail(kFailed, std::string(server.status().message()));
   if (*pages != nullptr) (*pages)->Show(**server);
-  const ListenAddress address = *ParseListenAddress(server_options.listen_address);
-  const std::string listening_on = address.WithPort((*server)->port());
+  const auto load = StartLoadListener(options, **server);
+  if (!load.ok()) return Fail(kFailed, std::string(load.status().message()));
+  const std::string listening_on = ParseListenAddress(server_options.listen_address)->WithPort((*server)->port());
   if (!options.port_file.empty()) {
     const absl::Status written = WritePortFile(options.port_file, (*server)->port());
     if (!written.ok()) return Fail(kFailed, std::string(written.message()));
   }
   LogReady(listening_on, server_options.store);
-  Announce(options, listening_on, pages->get());
+  Announce(options, listening_on, pages->get(), load->get());
 
   const int signal_number = WaitForEndSignal();
   const bool is_asked = signal_number == DrainSignal();

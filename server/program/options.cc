@@ -34,7 +34,8 @@ constexpr char kNotes[] =
     "The files of Access are read again when they change. A limit of a tenant that is 0 means that only the limits of "
     "the server apply; with tokens or client certificates its default is half of the server's limit, otherwise 0.\n\n"
     "With port 0 a free port is chosen. When the server is ready it prints \"listening on HOST:PORT\" on standard "
-    "output and, with --metrics-listen, a second line, \"metrics on HOST:PORT\"; its log goes to standard error. "
+    "output and, with --metrics-listen, a second line, \"metrics on HOST:PORT\", and with "
+    "--load-listen another one, \"load on HOST:PORT\"; its log goes to standard error. "
     "After SIGTERM or SIGINT the server waits for --shutdown-notice, lets clients finish for up to "
     "--shutdown-timeout, and ends; a second signal ends it at once.\n\n"
     "Exit status:\n"
@@ -165,6 +166,10 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-session-cpu", options.max_session_cpu,
                  "Processor seconds per second of one session; 0: no limit; a session at the limit waits")
       ->type_name("CORES");
+  app.add_option("--max-load", options.max_load,
+                 "Part of the workers' time above which no session is created, as 0.9; its average over 5 s must be "
+                 "above the bound for 5 s; 0: no bound, because replays use all time that cameras leave")
+      ->type_name("RATIO");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "Time within which a new stream must attach, and an upload must send its next message")
       ->type_name("SECONDS");
@@ -218,6 +223,10 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
                  "HOST:PORT of the HTTP pages /metrics (Prometheus), /healthz and /readyz, which need no "
                  "authentication; "
                  "port 0 chooses a free port; without this option there are no pages")
+      ->type_name("HOST:PORT");
+  app.add_option("--load-listen", arguments.program.load_listen,
+                 "HOST:PORT at which HAProxy's agent-check reads the weight of this server, 100 % minus its load; no "
+                 "authentication; port 0 chooses a free port; without this option the load is in /metrics only")
       ->type_name("HOST:PORT");
   app.add_option("--workers", options.worker_threads, "Threads that decode and track; 0: one per core");
   app.add_option("--slow-threads", options.slow_threads,
@@ -348,6 +357,18 @@ absl::Status CheckMetricsAddress(const ProgramOptions& options) {
   return absl::InvalidArgumentError("is the address of --listen: give another port");
 }
 
+absl::Status CheckLoadAddress(const ProgramOptions& options) {
+  if (options.load_listen.empty()) return absl::OkStatus();
+  EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.load_listen));
+  if (address.port == 0) return absl::OkStatus();
+  for (const auto& [option, other] :
+       {std::pair("--listen", options.server.listen_address), std::pair("--metrics-listen", options.metrics_listen)}) {
+    if (options.load_listen != other) continue;
+    return absl::InvalidArgumentError(absl::StrCat("is the address of ", option, ": give another port"));
+  }
+  return absl::OkStatus();
+}
+
 // Returns the store's address with the password from the file, escaped with %XX.
 absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std::string& file) {
   constexpr size_t kMaxPasswordBytes = 4096;  // a longer file is not that of a password
@@ -408,6 +429,7 @@ std::string WrongUsage(const ProgramOptions& options) {
   const std::pair<const char*, absl::Status> checks[] = {{"--store", CheckStore(options.server.store.store)},
                                                          {"--store-password-file", CheckStorePassword(options)},
                                                          {"--metrics-listen", CheckMetricsAddress(options)},
+                                                         {"--load-listen", CheckLoadAddress(options)},
                                                          {"--store-max-bytes", CheckStoreLimit(options.server.store)}};
   for (const auto& [option, status] : checks) {
     if (!status.ok()) return absl::StrCat(option, ": ", status.message());

@@ -308,6 +308,34 @@ TEST(ProgramTest, ServesThePagesForOperators) {
   EXPECT_EQ(program.Wait(), 0);
 }
 
+TEST(ProgramTest, ReportsWrongUsageOfTheLoad) {
+  const std::pair<std::vector<std::string>, const char*> cases[] = {
+      {{"--max-load", "1"}, "--max-load: is 1; 0 (no bound), or at least 0.1 and below 1"},
+      {{"--load-listen", "9465"}, "--load-listen: address \"9465\" has no port; give HOST:PORT"},
+      {{"--metrics-listen", "127.0.0.1:9464", "--load-listen", "127.0.0.1:9464"},
+       "--load-listen: is the address of --metrics-listen: give another port"}};
+  for (const auto& [arguments, expected] : cases) {
+    Program program(arguments);
+    EXPECT_EQ(program.Wait(), 2) << expected;
+    EXPECT_THAT(program.Stderr(), testing::HasSubstr(expected));
+  }
+}
+
+TEST(ProgramTest, TellsItsLoad) {
+  Program program({"--listen", "127.0.0.1:0", "--load-listen", "127.0.0.1:0"});
+  ASSERT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  const std::string line = program.ReadLine();
+  ASSERT_TRUE(absl::StartsWith(line, "load on 127.0.0.1:")) << line;
+  const std::string port = line.substr(line.rfind(':') + 1);
+  EXPECT_EQ(HttpConnection(std::stoi(port)).ReadAll(), "100%\n") << "without a session";
+
+  Program second({"--listen", "127.0.0.1:0", "--load-listen", "127.0.0.1:" + port});
+  EXPECT_EQ(second.Wait(), 1);
+  EXPECT_THAT(second.Stderr(), testing::ContainsRegex("evpose-server: --load-listen: cannot listen on [^\n]*\n$"));
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), 0);
+}
+
 TEST(ProgramTest, AnAddressForMetricsThatIsNotOfThisMachine) {
   for (const char* address : {"192.0.2.1:0", "no.such.host.invalid:9464"}) {
     Program program({"--listen", "127.0.0.1:0", "--metrics-listen", address});

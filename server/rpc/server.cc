@@ -32,11 +32,13 @@
 #include "server/runtime/out_of_memory.h"
 #include "server/runtime/server_clock.h"
 #include "server/runtime/worker_pool.h"
+#include "server/scheduling/load_monitor.h"
 #include "server/sessions/memory/memory_budget.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/tracker_factory.h"
 #include "server/stores/open_store.h"
 #include "server/telemetry/log.h"
+#include "server/telemetry/process_usage.h"
 
 namespace evpose::server {
 namespace {
@@ -206,8 +208,19 @@ TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr
 
 FairScheduler::Options SchedulerOptions(const ServerOptions& options, const std::shared_ptr<ServerMetrics>& metrics) {
   return {.limits = {.session = options.max_session_cpu, .tenant = options.tenant.max_cpu.value_or(0.0)},
-          .on_turn = [metrics](std::chrono::nanoseconds cpu) { metrics->turn_time.Add(cpu); }};
+          .on_turn = [metrics](std::chrono::nanoseconds cpu) {
+            metrics->turn_time.Add(cpu);
+            metrics->turn_ns.Add(static_cast<uint64_t>(std::max<int64_t>(cpu.count(), 0)));
+          }};
 }
+
+LoadMonitor::Options LoadOptions(const ServerOptions& options, const std::shared_ptr<ServerMetrics>& metrics) {
+  return {.num_workers = NumWorkers(options),
+          .cpu = [metrics] { return std::chrono::nanoseconds(metrics->turn_ns.value()); },
+          .max_ratio = options.max_load};
+}
+
+double RatioOf(double value, double limit) { return limit > 0.0 ? value / limit : 0.0; }
 
 class ServerImpl : public Server, public Drainer {
  public:
@@ -216,6 +229,7 @@ class ServerImpl : public Server, public Drainer {
       : metrics_(std::move(metrics)),
         access_(std::move(access)),
         num_workers_(NumWorkers(options)),
+        load_(LoadOptions(options, metrics_)),
         pool_(num_workers_, options.slow_threads, SchedulerOptions(options, metrics_)),
         store_(std::move(store)),
         models_(std::move(models)),
@@ -225,6 +239,7 @@ class ServerImpl : public Server, public Drainer {
         expiry_timer_(pool_, std::clamp(options.session_expiry / 4, absl::Seconds(1), absl::Minutes(1)),
                       [this] { DeleteOldSessions(sessions_); }),
         access_timer_(pool_, kAccessCheckPeriod, [this] { streams_.CheckAccess(access_.authenticator->BeginCheck()); }),
+        load_timer_(pool_, absl::FromChrono(LoadMonitor::kPeriod), [this] { load_.Update(); }),
         store_check_(*store_, pool_, options.store_check_period, [this](bool answers) { SetHealth(answers); }),
         on_drain_(options.on_drain),
         context_{*store_,
@@ -243,7 +258,7 @@ class ServerImpl : public Server, public Drainer {
                  options.drain_timeout,
                  *metrics_,
                  log_limiter_},
-        session_service_(context_),
+        session_service_(context_, load_),
         model_service_(context_),
         admin_service_(context_) {}
 
@@ -317,6 +332,13 @@ class ServerImpl : public Server, public Drainer {
       state.listening = acceptor_->status();
       state.readiness.Update(state.listening);
     }
+    const SessionTotals& totals = state.sessions;
+    state.load_ratio =
+        std::max({load_.ratio(), RatioOf(totals.attached + totals.detached + totals.ended, state.max_sessions),
+                  RatioOf(static_cast<double>(state.session_memory_bytes),
+                          static_cast<double>(state.max_session_memory_bytes))});
+    state.process_cpu_s = ProcessCpuSeconds();
+    state.process_resident_bytes = ProcessResidentBytes();
     if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
     return state;
   }
@@ -356,6 +378,7 @@ class ServerImpl : public Server, public Drainer {
     }
     expiry_timer_.Stop();
     access_timer_.Stop();
+    load_timer_.Stop();
     pool_.Join();
   }
 
@@ -405,6 +428,7 @@ class ServerImpl : public Server, public Drainer {
   const std::shared_ptr<ServerMetrics> metrics_;
   const Access access_;
   const int num_workers_;
+  LoadMonitor load_;
   WorkerPool pool_;  // outlives the store, whose last callback may post to the turns of a session
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
@@ -414,6 +438,7 @@ class ServerImpl : public Server, public Drainer {
   LogLimiter log_limiter_;
   PeriodicTimer expiry_timer_;
   PeriodicTimer access_timer_;
+  PeriodicTimer load_timer_;
   StoreCheck store_check_;
   const std::function<void(absl::Duration)> on_drain_;
   const ServiceContext context_;

@@ -127,6 +127,11 @@ struct ServerOptions {
   uint32_t max_streams = 8192;
   // Maximum number of concurrent calls of a connection; further calls wait at the client.
   uint32_t max_calls_per_connection = 2048;
+  // While the workers use more than this part of their time, averaged over some seconds, no session is created
+  // (OVERLOADED); 0: no bound. By default there is none, because replays use all time that cameras leave: a server
+  // without others beside it would refuse one replay because of another. Behind a load balancer, 0.9 leaves time for
+  // searches of lost objects and for the sessions of a server that fails.
+  double max_load = 0.0;
 
   // Errors: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;

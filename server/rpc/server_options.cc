@@ -70,6 +70,12 @@ absl::Status CheckModels(const ServerOptions& options) {
                                    ", the size of the largest model"));
 }
 
+absl::Status CheckLoad(double limit) {
+  constexpr double kLeast = 0.1;  // a smaller bound would refuse sessions of a server that is nearly idle
+  if (limit == 0.0 || (limit >= kLeast && limit < 1.0)) return absl::OkStatus();
+  return InvalidField("max_load", absl::StrCat("is ", limit, "; 0 (no bound), or at least ", kLeast, " and below 1"));
+}
+
 absl::Status CheckCpu(const char* field, double limit) {
   constexpr double kLeast = 0.01, kMost = 1024.0;  // a session with less would not process a chunk in minutes
   if (limit == 0.0 || (limit >= kLeast && limit <= kMost)) return absl::OkStatus();
@@ -83,6 +89,7 @@ absl::Status CheckSessions(const ServerOptions& options) {
   constexpr uint32_t kMinPoseLogCapacity = 4096;  // ServerOptions::pose_log_capacity has the reason
   EVPOSE_RETURN_IF_ERROR(CheckCpu("max_session_cpu", options.max_session_cpu));
   EVPOSE_RETURN_IF_ERROR(CheckCpu("tenant.max_cpu", options.tenant.max_cpu.value_or(0.0)));
+  EVPOSE_RETURN_IF_ERROR(CheckLoad(options.max_load));
   if (options.max_sessions == 0) return InvalidField("max_sessions", "is 0; at least 1");
   if (options.max_session_memory < kMinSessionMemory) {
     return InvalidField("max_session_memory",

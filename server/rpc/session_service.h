@@ -3,13 +3,15 @@
 
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "server/rpc/service_context.h"
+#include "server/scheduling/load_monitor.h"
 
 namespace evpose::server {
 
 // Implements SessionService; errors are documented in proto/evpose/v1/session_service.proto.
 class SessionServiceImpl : public v1::SessionService::CallbackService {
  public:
-  explicit SessionServiceImpl(const ServiceContext& services) : services_(services) {}
+  // `load` decides whether sessions are created; it must outlive the service.
+  SessionServiceImpl(const ServiceContext& services, const LoadMonitor& load) : services_(services), load_(load) {}
 
   grpc::ServerUnaryReactor* CreateSession(grpc::CallbackServerContext* context, const v1::CreateSessionRequest* request,
                                           v1::CreateSessionResponse* response) override;
@@ -29,6 +31,7 @@ class SessionServiceImpl : public v1::SessionService::CallbackService {
 
  private:
   const ServiceContext services_;
+  const LoadMonitor& load_;
 };
 
 }  // namespace evpose::server

@@ -134,6 +134,9 @@ struct ServerMetrics {
 
   OneFor<ConnectionRefusal, 3> connection_refusals;
 
+  Counter turn_ns;            // the sum of turn_time
+  Counter overload_refusals;  // sessions that were not created because of --max-load
+
   uint64_t all_skipped_events() const {
     return skipped_events[DropReason::kLag].value() + skipped_events[DropReason::kMemory].value() +
            skipped_events[DropReason::kReader].value();
@@ -154,6 +157,11 @@ struct ServerState {
   size_t connections = 0;
   absl::Status listening = absl::OkStatus();  // an error explains why the server accepts no connections
   absl::Status readiness;                     // an error explains why the server accepts no sessions
+  // How much of the server is in use: the largest of the processor time of the workers per second and worker (averaged,
+  // server/scheduling/load_monitor.h), and of the sessions and their memory relative to the limits.
+  double load_ratio = 0.0;
+  double process_cpu_s = 0.0;
+  uint64_t process_resident_bytes = 0;
 };
 
 }  // namespace evpose::server

@@ -111,6 +111,14 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
   families.AddGauge("evpose_connections", "Connections of clients.", static_cast<double>(state.connections));
+  families.AddGauge("evpose_load_ratio",
+                    "Part of the server that is in use: the largest of the processor time of the workers per second "
+                    "and worker, averaged over 5 s, and of the sessions and their memory, each over its limit.",
+                    state.load_ratio);
+  families.Begin("evpose_process_cpu_seconds_total", MetricType::Counter, "Processor time of all threads.");
+  families.Value(state.process_cpu_s);
+  families.AddGauge("evpose_process_resident_bytes", "Resident memory of the process.",
+                    static_cast<double>(state.process_resident_bytes));
   families.AddGauge("evpose_listener_stalled", "1 while the server accepts no connections, else 0.",
                     state.listening.ok() ? 0.0 : 1.0);
   const SessionTotals& sessions = state.sessions;
@@ -266,6 +274,9 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
                      "reason", kAuthenticationFailures, metrics.authentication_failures);
   families.AddByKind("evpose_quota_refusals_total", "Calls that were rejected with RESOURCE_EXHAUSTED, by limit.",
                      "limit", kQuotaLimits, metrics.quota_refusals);
+  families.AddCounter("evpose_overload_refusals_total",
+                      "Sessions that were not created because the load of the workers was above --max-load.",
+                      metrics.overload_refusals);
   families.AddByKind("evpose_connections_refused_total",
                      "Connections that were closed at once, by limit: all connections, those of one address, or the "
                      "descriptors of the process.",

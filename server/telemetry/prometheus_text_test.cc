@@ -104,9 +104,11 @@ class CounterSeries {
     Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreFailed],
           "evpose_checkpoint_failures_total{reason=\"store_failed\"}");
     Count(metrics_.quota_delays, "evpose_quota_delays_total");
+    Count(metrics_.overload_refusals, "evpose_overload_refusals_total");
     Count(metrics_.event_images, "evpose_event_images_total");
     Count(metrics_.skipped_event_images, "evpose_event_images_skipped_total");
-    expected_["evpose_out_of_memory_total"] = 0.0;  // of the process
+    expected_["evpose_out_of_memory_total"] = 0.0;        // of the process
+    expected_["evpose_process_cpu_seconds_total"] = 0.0;  // in ServerState
   }
 
   void CountTransitions() {
@@ -250,10 +252,16 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   state.store_bytes = 12;
   state.sessions.image_watchers = 14;
   state.connections = 12;
+  state.load_ratio = 0.25;
+  state.process_cpu_s = 2.5;
+  state.process_resident_bytes = 15;
   state.listening = absl::UnavailableError("secret");
   state.readiness = absl::UnavailableError("secret");
   const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
   const ParsedMetrics parsed = ParseMetrics(text);
+  EXPECT_EQ(parsed.At("evpose_load_ratio"), 0.25);
+  EXPECT_EQ(parsed.At("evpose_process_cpu_seconds_total"), 2.5);
+  EXPECT_EQ(parsed.At("evpose_process_resident_bytes"), 15.0);
   EXPECT_EQ(parsed.At("evpose_sessions{state=\"attached\"}"), 1.0);
   EXPECT_EQ(parsed.At("evpose_sessions{state=\"detached\"}"), 2.0);
   EXPECT_EQ(parsed.At("evpose_sessions{state=\"ended\"}"), 3.0);

@@ -84,6 +84,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
                               "models delete",
                               "bench",
                               "bench initialization",
+                              "bench load",
                               "bench models",
                               "bench real",
                               "bench speed",

@@ -47,6 +47,10 @@ class FailingSessions final : public v1::SessionService::Service {
  public:
   grpc::Status CreateSession(grpc::ServerContext*, const v1::CreateSessionRequest*,
                              v1::CreateSessionResponse* response) override {
+    if (num_refusals > 0) {
+      --num_refusals;
+      return client::Refusal("OVERLOADED", 30);
+    }
     response->mutable_session()->set_name("sessions/1");
     return grpc::Status::OK;
   }
@@ -71,6 +75,7 @@ class FailingSessions final : public v1::SessionService::Service {
   grpc::Status end;
   uint64_t num_poses = 3;
   std::string object_id = "object";
+  int num_refusals = 0;  // creations that are still refused
   std::atomic<int> num_streams = 0;
   std::atomic<int> num_deleted = 0;
 };
@@ -96,8 +101,7 @@ class GiveUpTest : public CliTest {
 
   // Returns the error of a replay.
   std::string Replay() {
-    client::FakeClock clock;
-    const CliResult result = Run(ReplayArguments("poses.tum", {"--server", address_}), &clock);
+    const CliResult result = Run(ReplayArguments("poses.tum", {"--server", address_}), &clock_);
     EXPECT_EQ(result.status, 1) << result.out;
     return result.err;
   }
@@ -106,6 +110,7 @@ class GiveUpTest : public CliTest {
     return static_cast<int>(std::count(poses.begin(), poses.end(), '\n'));
   }
 
+  client::FakeClock clock_;
   FakeAdmin admin_;
   FakeModels models_;
   FailingSessions sessions_;
@@ -119,6 +124,22 @@ TEST_F(GiveUpTest, AnErrorOfTheServerKeepsThePoses) {
                               HasSubstr("; " + Path("poses.tum") + ": 3 poses up to 16.003000 s\n")));
   EXPECT_EQ(NumWritten(), 3);
   EXPECT_EQ(sessions_.num_deleted, 1);
+}
+
+TEST_F(GiveUpTest, AnOverloadedServerIsAskedAgainWhenItSays) {
+  sessions_.num_refusals = 3;
+  sessions_.end = client::WithReason(grpc::StatusCode::INTERNAL, "STORE_FAILED");
+  const absl::Time begin = clock_.Now();
+  EXPECT_THAT(Replay(), HasSubstr("because of STORE_FAILED"));
+  EXPECT_EQ(NumWritten(), 3) << "the fourth creation was accepted";
+  EXPECT_GE(clock_.Now() - begin, absl::Seconds(90)) << "30 s after each refusal";
+}
+
+TEST_F(GiveUpTest, AServerThatStaysOverloadedIsGivenUp) {
+  sessions_.num_refusals = 100;
+  EXPECT_THAT(Replay(), HasSubstr("because of OVERLOADED"));
+  EXPECT_GT(sessions_.num_refusals, 90) << "four in the two minutes of an outage";
+  EXPECT_EQ(sessions_.num_streams, 0);
 }
 
 TEST_F(GiveUpTest, ALongOutageKeepsThePoses) {

@@ -166,7 +166,7 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
   }
 }
 
-absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContext& context) const {
+absl::StatusOr<ClientOptions> ServerArguments::Options(const CliContext& context) const {
   ClientOptions options;
   options.tls = tls;
   options.tls.is_on = tls.is_on || !tls.ca_file.empty() || !tls.certificate_file.empty();
@@ -180,6 +180,11 @@ absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContex
   }
   options.connect_timeout = absl::Seconds(connect_timeout_s);
   options.is_cancelled = context.is_interrupted;
+  return options;
+}
+
+absl::StatusOr<std::unique_ptr<Client>> ServerArguments::Connect(const CliContext& context) const {
+  EVPOSE_ASSIGN_OR_RETURN(const ClientOptions options, Options(context));
   const WaitMessage wait(context, absl::StrCat("a server at ", address));
   return Client::Connect(address, options);
 }

@@ -84,6 +84,8 @@ struct ServerArguments {
   double connect_timeout_s = 10.0;
 
   void AddTo(CLI::App& app, bool is_required);
+  // Errors: wrong usage for a certificate without its key; those of reading the token.
+  absl::StatusOr<ClientOptions> Options(const CliContext& context) const;
   // An interrupt ends the wait for a server.
   absl::StatusOr<std::unique_ptr<Client>> Connect(const CliContext& context) const;
 };

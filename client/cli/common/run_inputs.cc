@@ -13,6 +13,7 @@
 #include "client/cli/common/recording_input.h"
 #include "client/cli/console/wait_message.h"
 #include "client/lib/core_types.h"
+#include "client/lib/status_details.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
@@ -252,8 +253,11 @@ absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client,
   const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
     absl::StrAppend(text, object.model_path);
   });
-  return absl::Status(session.status().code(), absl::StrCat("no session for ", models, " seen by ", arguments.camera,
+  absl::Status status(session.status().code(), absl::StrCat("no session for ", models, " seen by ", arguments.camera,
                                                             ": ", session.status().message()));
+  // Whether and when to try again.
+  SetDetails(status, GetDetails(session.status()));
+  return status;
 }
 
 RetainOptions RunArguments::retain() const {

@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -86,7 +87,8 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     if (!may_wait() || AdviseOn(status) != RetryAdvice::kTryAgain) return status;
     if (context.IsInterrupted()) return Interrupted(arguments, status);
     if (!away_since) away_since = clock.Now();
-    const absl::Duration delay = backoff.Next();
+    // A server that is full says when to come back.
+    const absl::Duration delay = std::max(backoff.Next(), GetDetails(status).retry_in);
     if (clock.Now() - *away_since + delay > options.retry.max_outage) return status;
     report({.is_away = true, .cause = status, .next_try_in = delay});
     if (!Sleep(delay, clock, context)) return Interrupted(arguments, status);

@@ -32,6 +32,16 @@ inline grpc::Status WithReason(grpc::StatusCode code, const std::string& reason)
   return grpc::Status(code, "because of " + reason, details.SerializeAsString());
 }
 
+// RESOURCE_EXHAUSTED with RetryInfo.
+inline grpc::Status Refusal(const std::string& reason, int64_t retry_s) {
+  google::rpc::Status details;
+  details.ParseFromString(WithReason(grpc::StatusCode::RESOURCE_EXHAUSTED, reason).error_details());
+  google::rpc::RetryInfo retry;
+  retry.mutable_retry_delay()->set_seconds(retry_s);
+  details.add_details()->PackFrom(retry);
+  return grpc::Status(grpc::StatusCode::RESOURCE_EXHAUSTED, "because of " + reason, details.SerializeAsString());
+}
+
 using ServerStream = grpc::ServerReaderWriter<v1::TrackResponse, v1::TrackRequest>;
 
 class ScriptedService final : public v1::SessionService::Service {

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What a load test counts.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+
+#include "server/runtime/latency_histogram.h"
+
+namespace evpose::client {
+
+// Counts of one place of a load test (load_place.h), or of all.
+struct LoadCounts {
+  uint64_t created = 0;
+  uint64_t completed = 0;                    // sessions whose summary was received
+  std::map<std::string, uint64_t> refusals;  // creations that failed, by reason or status code
+  std::map<std::string, uint64_t> failures;  // sessions that ended with an error, by reason or status code
+  uint64_t unfinished = 0;                   // sessions without a summary at the end of the test
+  uint64_t events = 0;                       // sent, without repetitions
+  uint64_t poses = 0;
+  uint64_t lost_poses = 0;  // missing numbers, with those that the server reported as lost
+  uint64_t reconnections = 0;
+  uint64_t watched_poses = 0;
+  uint64_t unwatched_poses = 0;  // poses that a watcher was too slow for
+  // From the time at which the chunk that completes a window was to be sent until its pose has arrived.
+  server::LatencyHistogram latency;
+  int64_t max_latency_us = 0;
+  int64_t longest_pause_us = 0;  // between two poses of a session
+
+  void AddLatency(int64_t latency_us);
+  // Adds another place's counts.
+  void Add(const LoadCounts& other);
+  // No pose was lost, and no session failed or is unfinished.
+  bool IsComplete() const { return lost_poses == 0 && failures.empty() && unfinished == 0; }
+};
+
+}  // namespace evpose::client

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// A load test: many sessions at the pace of their sensors, from one thread.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "client/bench/load_counts.h"
+#include "client/bench/load_recording.h"
+#include "evpose/client.h"
+
+namespace evpose::client {
+
+struct LoadOptions {
+  std::string addresses;  // as for Client::Connect()
+  ClientOptions client;
+  SessionConfig config;           // of every session
+  int sessions = 1;               // at a time
+  double minutes = 1.0;           // from the time at which every session was created or refused
+  double churn_per_minute = 0.0;  // sessions that end and are replaced by new ones
+  int watchers = 0;               // of all sessions together
+  double watch_hz = 30.0;         // most poses per second that a watcher asks for
+  // Called when every session was created or refused, and at the end of the events.
+  std::function<void()> on_begin, on_end;
+};
+
+struct LoadResult {
+  LoadCounts counts;
+  double seconds = 0.0;     // of the test
+  double cpu_s = 0.0;       // processor time of this process in that time
+  int64_t late_p99_us = 0;  // by which this process was late with what was due
+  int64_t late_max_us = 0;
+};
+
+// Errors: those of the addresses and of the TLS files; CANCELLED if `is_cancelled`, which is called from time to time,
+// returns true before all sessions were created or refused. Later, that ends the test early.
+absl::StatusOr<LoadResult> RunLoad(const LoadOptions& options, const LoadRecording& recording,
+                                   const std::function<bool(double ratio, const LoadCounts& counts)>& on_progress);
+
+}  // namespace evpose::client
