@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Tests that sessions survive the loss of the store's master: SIGKILL of the Redis master at random numbers of poses in
+// the middle of a stream. Every trajectory must be identical to that of an undisturbed run. EVPOSE_KILLS sets the
+// number of kills, EVPOSE_DOWN_AFTER_MS the time after which the Sentinels replace a master that does not respond
+// (tests/bench/survival.sh: 50 and 5000).
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <condition_variable>
+#include <cstdio>
+#include <mutex>
+#include <optional>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/time/time.h"
+#include "server/stores/redis/redis_testing.h"
+#include "tests/integration/survival_testing.h"
+
+namespace evpose {
+namespace {
+
+// Kills the master of a group, and then brings the group back to three nodes, in a thread. It is one thread for all
+// kills, because a Redis process ends with the thread that started it.
+class MasterKiller {
+ public:
+  explicit MasterKiller(server::RedisGroup& group) : group_(group), thread_([this] { Run(); }) {}
+  ~MasterKiller() {
+    {
+      const std::lock_guard lock(mutex_);
+      is_stopped_ = true;
+    }
+    changed_.notify_all();
+    thread_.join();
+  }
+
+  // To be called when the group has recovered.
+  void Kill() {
+    const size_t master = group_.Master();
+    group_.node(master).Kill();
+    {
+      const std::lock_guard lock(mutex_);
+      killed_ = master;
+    }
+    changed_.notify_all();
+  }
+  bool has_recovered() {
+    const std::lock_guard lock(mutex_);
+    return !killed_.has_value();
+  }
+  void AwaitRecovery() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return !killed_.has_value(); });
+  }
+
+ private:
+  void Run() {
+    std::unique_lock lock(mutex_);
+    while (true) {
+      changed_.wait(lock, [this] { return is_stopped_ || killed_.has_value(); });
+      if (!killed_.has_value()) return;
+      const size_t node = *killed_;
+      lock.unlock();
+      group_.AwaitFailover(node);
+      group_.Restart(node);
+      lock.lock();
+      killed_.reset();
+      changed_.notify_all();
+    }
+  }
+
+  server::RedisGroup& group_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::optional<size_t> killed_;  // the node that is not back yet
+  bool is_stopped_ = false;
+  std::thread thread_;  // the last member, because it uses the others
+};
+
+class SentinelSurvivalTest : public SurvivalFixture {};
+
+TEST_F(SentinelSurvivalTest, KilledMastersLoseNothing) {
+  const std::vector<std::string> expected = Undisturbed();
+  ASSERT_GT(expected.size(), 100u);
+  server::RedisGroup group(
+      {.password = "", .down_after = absl::Milliseconds(NumberFrom("EVPOSE_DOWN_AFTER_MS", 1000))});
+  group.AwaitSentinels();
+  RunningServer server({"--store", group.url(), "--log-level", "warning"});
+  MasterKiller killer(group);
+  std::mt19937 random(7);
+  const int kills_wanted = NumberFrom("EVPOSE_KILLS", 5);
+  int kills = 0;
+  int runs = 0;
+  double pose_pause_s = 0.0;
+  double durable_pause_s = 0.0;
+  for (; kills < kills_wanted; ++runs) {
+    RawClient client = MakeClient(server);
+    size_t kill_at = 1 + random() % (expected.size() / 2);
+    client.OnPose([&](size_t poses) {
+      if (kills == kills_wanted || poses < kill_at || !killer.has_recovered()) return;
+      killer.Kill();
+      ++kills;
+      kill_at = poses + 1 + random() % (expected.size() / 2);
+    });
+    ASSERT_TRUE(client.Stream(server, SIZE_MAX)) << "the loss of the master does not end a stream";
+    killer.AwaitRecovery();
+    ASSERT_EQ(client.poses().size(), expected.size()) << "run " << runs;
+    ASSERT_TRUE(client.poses() == expected) << "run " << runs;
+    pose_pause_s = std::max(pose_pause_s, client.pose_pause().longest_s());
+    durable_pause_s = std::max(durable_pause_s, client.durable_pause().longest_s());
+  }
+  std::printf(
+      "%d kills of the master in %d streams: %d trajectories identical, longest pause of the poses %.2f s, of "
+      "their durability %.2f s\n",
+      kills, runs, runs, pose_pause_s, durable_pause_s);
+  server.program().Signal(SIGTERM);
+  EXPECT_EQ(server.program().Wait(), 0);
+}
+
+}  // namespace
+}  // namespace evpose
