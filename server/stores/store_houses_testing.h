@@ -69,7 +69,12 @@ inline void LimitMemory(const RedisServer& redis, uint64_t max_bytes) {
 
 class RedisHouse : public StoreHouse {
  public:
-  absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenStore({.store = redis_.url()}); }
+  absl::StatusOr<std::unique_ptr<Store>> Open() override {
+    RedisStoreOptions options;
+    options.client.address = ParseRedisAddress(redis_.url()).value();
+    options.client.timeout = absl::Seconds(120);  // a busy machine must not be taken for a lost server
+    return OpenRedisStore(options);
+  }
   absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
     LimitMemory(redis_, max_bytes);
     return Open();
