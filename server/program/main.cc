@@ -140,7 +140,7 @@ absl::StatusOr<std::unique_ptr<OperatorPages>> StartPages(const ProgramOptions& 
 // Null without --load-listen.
 absl::StatusOr<std::unique_ptr<LoadListener>> StartLoadListener(const ProgramOptions& options, const Server& server) {
   if (options.load_listen.empty()) return nullptr;
-  auto listener = LoadListener::Start(options.load_listen, [&server] { return AgentLine(server.state().load_ratio); });
+  auto listener = LoadListener::Start(options.load_listen, [&server] { return AgentLine(server.load_ratio()); });
   if (!listener.ok()) return absl::UnavailableError(absl::StrCat("--load-listen: ", listener.status().message()));
   return listener;
 }

@@ -167,8 +167,9 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "Processor seconds per second of one session; 0: no limit; a session at the limit waits")
       ->type_name("CORES");
   app.add_option("--max-load", options.max_load,
-                 "Part of the workers' time above which no session is created, as 0.9; its average over 5 s must be "
-                 "above the bound for 5 s; 0: no bound, because replays use all time that cameras leave")
+                 "Part of the workers' time, as 0.9, above which a tenant that has a session here gets no other; its "
+                 "average over 5 s must be above the bound for 5 s; 0: no bound, because replays use all time that "
+                 "cameras leave")
       ->type_name("RATIO");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "Time within which a new stream must attach, and an upload must send its next message")
@@ -325,16 +326,17 @@ absl::Status ChooseDataDirectory(StoreOptions& options) {
 absl::Status CheckStore(const std::string& store) {
   if (store == "sqlite" || store == "memory") return absl::OkStatus();
   if (absl::StrContains(store, "://")) return ParseRedisAddress(store).status();
-  return absl::InvalidArgumentError(absl::StrCat("there is no store ",
-                                                 absl::StrContains(store, '@') ? "of this name" : store,
-                                                 ": give memory, sqlite or redis://HOST:PORT"));
+  return absl::InvalidArgumentError(
+      absl::StrCat("there is no store ", absl::StrContains(store, '@') ? "of this name" : store,
+                   ": give memory, sqlite, redis://HOST:PORT or redis+sentinel://HOST:PORT,.../NAME"));
 }
 
 // Checks that --store-password-file and --store are consistent.
 absl::Status CheckStorePassword(const ProgramOptions& options) {
   if (options.store_password_file.empty()) return absl::OkStatus();
   const auto address = ParseRedisAddress(options.server.store.store);
-  if (!address.ok()) return absl::InvalidArgumentError("is for --store redis://HOST:PORT");
+  if (!address.ok())
+    return absl::InvalidArgumentError("is for --store redis://HOST:PORT and redis+sentinel://HOST:PORT,.../NAME");
   if (address->password.empty()) return absl::OkStatus();
   return absl::InvalidArgumentError("the address of --store has a password already: give one of them");
 }

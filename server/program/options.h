@@ -19,7 +19,7 @@ struct ProgramOptions {
   ServerOptions server;
   std::string port_file;            // empty: none
   std::string metrics_listen;       // HOST:PORT; empty: no HTTP pages
-  std::string load_listen;          // HOST:PORT; empty: the load is not told
+  std::string load_listen;          // HOST:PORT; empty: no such listener
   std::string store_password_file;  // empty: none
   absl::Duration shutdown_notice;   // from a signal until streams are asked to finish
   bool insecure = false;

@@ -121,7 +121,7 @@ Limit TenantLimit(const std::optional<Limit>& of_tenant, Limit of_server) {
 }
 
 SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFactory make_tracker, const Store& store,
-                                       std::shared_ptr<ServerMetrics> metrics) {
+                                       std::shared_ptr<ServerMetrics> metrics, const LoadMonitor& load) {
   const uint64_t tenant_memory = TenantLimit(options.tenant.max_session_memory, options.max_session_memory);
   const auto memory = MemoryBudget::Create(
       {.max_bytes = options.max_session_memory, .max_tenant_bytes = tenant_memory, .metrics = metrics});
@@ -134,6 +134,7 @@ SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFact
                      .writes_checkpoints = store.outlives_process()},
           .make_tracker = std::move(make_tracker),
           .shares_store = store.is_shared(),
+          .load = &load,
           .now = MakeServerClock(),
           .metrics = std::move(metrics),
           .memory = memory};
@@ -233,13 +234,17 @@ class ServerImpl : public Server, public Drainer {
         pool_(num_workers_, options.slow_threads, SchedulerOptions(options, metrics_)),
         store_(std::move(store)),
         models_(std::move(models)),
-        sessions_(ManagerOptions(options, std::move(make_tracker), *store_, metrics_), *store_, *models_, pool_),
+        sessions_(ManagerOptions(options, std::move(make_tracker), *store_, metrics_, load_), *store_, *models_, pool_),
         streams_(options.max_streams, metrics_),
         quotas_(QuotaOptions(options, metrics_)),
         expiry_timer_(pool_, std::clamp(options.session_expiry / 4, absl::Seconds(1), absl::Minutes(1)),
                       [this] { DeleteOldSessions(sessions_); }),
         access_timer_(pool_, kAccessCheckPeriod, [this] { streams_.CheckAccess(access_.authenticator->BeginCheck()); }),
-        load_timer_(pool_, absl::FromChrono(LoadMonitor::kPeriod), [this] { load_.Update(); }),
+        load_timer_(pool_, absl::FromChrono(LoadMonitor::kPeriod),
+                    [this] {
+                      load_.Update();
+                      load_ratio_ = MakeLoadRatio();
+                    }),
         store_check_(*store_, pool_, options.store_check_period, [this](bool answers) { SetHealth(answers); }),
         on_drain_(options.on_drain),
         context_{*store_,
@@ -258,7 +263,7 @@ class ServerImpl : public Server, public Drainer {
                  options.drain_timeout,
                  *metrics_,
                  log_limiter_},
-        session_service_(context_, load_),
+        session_service_(context_),
         model_service_(context_),
         admin_service_(context_) {}
 
@@ -332,16 +337,14 @@ class ServerImpl : public Server, public Drainer {
       state.listening = acceptor_->status();
       state.readiness.Update(state.listening);
     }
-    const SessionTotals& totals = state.sessions;
-    state.load_ratio =
-        std::max({load_.ratio(), RatioOf(totals.attached + totals.detached + totals.ended, state.max_sessions),
-                  RatioOf(static_cast<double>(state.session_memory_bytes),
-                          static_cast<double>(state.max_session_memory_bytes))});
+    state.load_ratio = MakeLoadRatio();
     state.process_cpu_s = ProcessCpuSeconds();
     state.process_resident_bytes = ProcessResidentBytes();
     if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
     return state;
   }
+
+  double load_ratio() const override { return load_ratio_; }
 
   void AnnounceShutdown() override {
     is_announced_ = true;
@@ -383,6 +386,12 @@ class ServerImpl : public Server, public Drainer {
   }
 
  private:
+  double MakeLoadRatio() const {
+    const MemoryBudget& memory = *sessions_.options().memory;
+    return std::max({load_.ratio(), RatioOf(sessions_.num_sessions(), sessions_.options().max_sessions),
+                     RatioOf(static_cast<double>(memory.charged_bytes()), static_cast<double>(memory.max_bytes()))});
+  }
+
   absl::Status OpenSocket(const ServerOptions& options, grpc::ServerBuilder& builder) {
     EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
     const auto on_stalled = [this, call = options.on_stalled] {
@@ -429,7 +438,8 @@ class ServerImpl : public Server, public Drainer {
   const Access access_;
   const int num_workers_;
   LoadMonitor load_;
-  WorkerPool pool_;  // outlives the store, whose last callback may post to the turns of a session
+  std::atomic<double> load_ratio_ = 0.0;  // of the latest measurement
+  WorkerPool pool_;                       // outlives the store, whose last callback may post to the turns of a session
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
   SessionManager sessions_;

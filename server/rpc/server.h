@@ -127,10 +127,10 @@ struct ServerOptions {
   uint32_t max_streams = 8192;
   // Maximum number of concurrent calls of a connection; further calls wait at the client.
   uint32_t max_calls_per_connection = 2048;
-  // While the workers use more than this part of their time, averaged over some seconds, no session is created
-  // (OVERLOADED); 0: no bound. By default there is none, because replays use all time that cameras leave: a server
-  // without others beside it would refuse one replay because of another. Behind a load balancer, 0.9 leaves time for
-  // searches of lost objects and for the sessions of a server that fails.
+  // While the workers use more than this part of their time, averaged over some seconds, a tenant that has a session
+  // here gets no other (OVERLOADED); 0: no bound. By default there is none, because replays use all time that cameras
+  // leave: a server without others beside it would refuse one replay because of another. Behind a load balancer, 0.9
+  // leaves time for searches of lost objects and for the sessions of a server that fails.
   double max_load = 0.0;
 
   // Errors: INVALID_ARGUMENT naming the field.
@@ -158,6 +158,8 @@ class Server {
   // For the operator; may be called at any time from any thread.
   virtual const ServerMetrics& metrics() const = 0;
   virtual ServerState state() const = 0;
+  // ServerState::load_ratio of the latest measurement, at most LoadMonitor::kPeriod ago. Takes no lock.
+  virtual double load_ratio() const = 0;
 
   // Makes the server not ready and its health NOT_SERVING, and changes nothing else, so that load balancers stop
   // sending clients before Shutdown().

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/session_service.h"
 
-#include <cmath>
 #include <memory>
 #include <string>
 #include <utility>
@@ -23,26 +22,14 @@ namespace {
 
 constexpr size_t kMaxRequestIdBytes = 128;  // as the API states; a UUID has 36
 
-// Refuses a session while the workers have too little time for it.
-absl::Status CheckLoad(const LoadMonitor& load, ServerMetrics& metrics) {
-  if (!load.IsOverloaded()) return absl::OkStatus();
-  metrics.overload_refusals.Add();
-  return LimitReached(v1::OVERLOADED, "max_load",
-                      absl::StrCat("the workers of the server use ", std::lround(100.0 * load.ratio()),
-                                   " % of their time, more than its bound of ", std::lround(100.0 * load.max_ratio()),
-                                   " %; create the session at another server, or later"),
-                      kRetryDelay);
-}
-
-absl::StatusOr<std::shared_ptr<Session>> Create(const ServiceContext& services, const LoadMonitor& load,
-                                                const Caller& caller, const v1::CreateSessionRequest& request) {
+absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const Caller& caller,
+                                                const v1::CreateSessionRequest& request) {
   if (request.request_id().size() > kMaxRequestIdBytes) {
     return InvalidField("request_id", absl::StrCat("has ", request.request_id().size(), " bytes; at most ",
                                                    kMaxRequestIdBytes, " are kept"));
   }
   EVPOSE_ASSIGN_OR_RETURN(const SessionConfig config, FromProto(request.config()));
-  EVPOSE_RETURN_IF_ERROR(CheckLoad(load, services.metrics));
-  return services.sessions.Create(caller.tenant, config, request.request_id(), caller.peer);
+  return sessions.Create(caller.tenant, config, request.request_id(), caller.peer);
 }
 
 // Finishes the call with the session and its resume token. For a session that was loaded from the store, the server has
@@ -91,8 +78,8 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
   }
   // Creating trackers takes too long for gRPC's threads and for the workers.
   PostCall(services_.pool, caller->tenant, context, reactor, [this, request, response, reactor, asking = *caller] {
-    AnswerCreated(OrOutOfMemory([&] { return Create(services_, load_, asking, *request); }), services_.store, *response,
-                  *reactor);
+    AnswerCreated(OrOutOfMemory([&] { return Create(services_.sessions, asking, *request); }), services_.store,
+                  *response, *reactor);
   });
   return reactor;
 }

@@ -3,15 +3,13 @@
 
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "server/rpc/service_context.h"
-#include "server/scheduling/load_monitor.h"
 
 namespace evpose::server {
 
 // Implements SessionService; errors are documented in proto/evpose/v1/session_service.proto.
 class SessionServiceImpl : public v1::SessionService::CallbackService {
  public:
-  // `load` decides whether sessions are created; it must outlive the service.
-  SessionServiceImpl(const ServiceContext& services, const LoadMonitor& load) : services_(services), load_(load) {}
+  explicit SessionServiceImpl(const ServiceContext& services) : services_(services) {}
 
   grpc::ServerUnaryReactor* CreateSession(grpc::CallbackServerContext* context, const v1::CreateSessionRequest* request,
                                           v1::CreateSessionResponse* response) override;
@@ -31,7 +29,6 @@ class SessionServiceImpl : public v1::SessionService::CallbackService {
 
  private:
   const ServiceContext services_;
-  const LoadMonitor& load_;
 };
 
 }  // namespace evpose::server

@@ -2,6 +2,7 @@
 #include "server/sessions/session_manager.h"
 
 #include <algorithm>
+#include <cmath>
 #include <condition_variable>
 #include <mutex>
 #include <set>
@@ -26,6 +27,13 @@ absl::Status RequestIdReused(absl::string_view request_id, absl::string_view ses
   return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", Shortened(request_id), "\" made ", session,
                                                           " with another configuration: choose a new one")),
                     v1::REQUEST_ID_REUSED, {{"session", std::string(session)}});
+}
+
+absl::Status DamagedRequest(absl::string_view request_id, const absl::Status& status) {
+  return WithReason(absl::DataLossError(absl::StrCat("the session that request_id \"", Shortened(request_id),
+                                                     "\" made is damaged in the store (", status.message(),
+                                                     "): delete it, or choose another request_id")),
+                    v1::SESSION_DAMAGED);
 }
 
 // Waits for a condition that changes of sessions may fulfil.
@@ -99,6 +107,17 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrReserveSlot(const
   return nullptr;
 }
 
+absl::Status SessionManager::CheckLoad(const std::string& tenant) const {
+  const LoadMonitor* const load = options_.load;
+  if (load == nullptr || !load->IsOverloaded() || num_sessions_of(tenant) == 0) return absl::OkStatus();
+  options_.metrics->overload_refusals.Add();
+  return LimitReached(v1::OVERLOADED, "max_load",
+                      absl::StrCat("the workers of the server use ", std::lround(100.0 * load->ratio()),
+                                   " % of their time, more than its bound of ", std::lround(100.0 * load->max_ratio()),
+                                   " %; create the session at another server, or later"),
+                      kRetryDelay);
+}
+
 absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
   if (sessions_.size() + waiting_.size() + reserved_slots_ >= options_.max_sessions) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxSessions].Add();
@@ -124,6 +143,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const Ses
   if (request.second.empty()) return nullptr;
   const auto record = store_.FindRequest(request.first, request.second);
   if (absl::IsNotFound(record.status())) return nullptr;
+  if (absl::IsDataLoss(record.status())) return DamagedRequest(request.second, record.status());
   if (!record.ok()) return FromStore(record.status());
   if (record->config != EncodeConfig(config)) return RequestIdReused(request.second, record->name);
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(record->name));
@@ -267,7 +287,8 @@ absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string
   if (!absl::IsDataLoss(stored.status())) return stored;
   // If the tenant is not known either, a caller with the name is the owner: names cannot be guessed.
   const auto owner = store_.ReadTenant(name);
-  if (absl::IsNotFound(owner.status())) return stored;
+  const bool is_unknown = absl::IsNotFound(owner.status()) || (owner.ok() && owner->empty());
+  if (is_unknown) return stored;
   if (!owner.ok()) return FromStore(owner.status());
   if (*owner != tenant) return SessionNotFound(name);
   return stored;
@@ -328,7 +349,11 @@ absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::
   const absl::Status deleted = FromStore(store_.DeleteSession(name));
   if (deleted.ok()) {
     StopWaiting(name);
-    SessionLog(name, tenant).Deleted(peer, "request", stored.ok() ? stored->info.snapshot.health : SessionHealth());
+    if (stored.ok()) {
+      SessionLog(name, tenant).Deleted(peer, "request", stored->info.snapshot.health);
+    } else {
+      SessionLog(name, tenant).DeletedUnread(peer, "request; it was damaged");
+    }
   }
   return deleted;
 }
@@ -460,6 +485,8 @@ uint32_t SessionManager::num_sessions_of(const std::string& tenant) const {
 SessionTotals SessionManager::totals() const {
   SessionTotals totals;
   for (const auto& session : Sessions()) session->AddTo(totals);
+  const std::lock_guard lock(mutex_);
+  totals.detached += static_cast<uint32_t>(waiting_.size());
   return totals;
 }
 

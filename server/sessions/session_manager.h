@@ -22,6 +22,7 @@
 #include "absl/time/time.h"
 #include "server/models/model_registry.h"
 #include "server/runtime/worker_pool.h"
+#include "server/scheduling/load_monitor.h"
 #include "server/sessions/durability/orphan_collector.h"
 #include "server/sessions/durability/waiting_sessions.h"
 #include "server/sessions/memory/memory_budget.h"
@@ -44,6 +45,9 @@ class SessionManager {
     // True if other servers use the same store. A session is then resumed from it only when a client attaches to it
     // here.
     bool shares_store = false;
+    // While it is overloaded, a tenant that has a session here gets no other. The first one of a tenant is admitted, so
+    // that the replays of one tenant do not refuse the others. May be null; must outlive this object.
+    const LoadMonitor* load = nullptr;
     std::function<absl::Time()> now;                                          // for expiry only, never for results
     std::function<SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as Session::Clocks::steady
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
@@ -56,7 +60,8 @@ class SessionManager {
   // Creates a session. Idempotent for each tenant and `request_id`, unless it is empty. `peer` is the address for the
   // log. Slow, because it creates the trackers. Errors: INVALID_ARGUMENT with the field, NOT_FOUND (MODEL_NOT_FOUND),
   // ALREADY_EXISTS (REQUEST_ID_REUSED), RESOURCE_EXHAUSTED (TOO_MANY_SESSIONS, TENANT_QUOTA, SESSION_MEMORY,
-  // OUT_OF_MEMORY), UNAVAILABLE (DRAINING).
+  // OUT_OF_MEMORY, OVERLOADED), UNAVAILABLE (DRAINING), DATA_LOSS (SESSION_DAMAGED, of the session of an earlier
+  // request).
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
   // Reads the names of the sessions in the store, unless the store is shared. Each of them keeps its slot, and waits
@@ -131,6 +136,8 @@ class SessionManager {
   // Resumes the session that another server created for the same request; null when there is none.
   absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> ResumeOrMake(const SessionConfig& config, const Request& request);
+  // Refuses a further session of the tenant while the workers have too little time for it.
+  absl::Status CheckLoad(const std::string& tenant) const;
   // Restores the session of the request if it waits to be restored.
   absl::Status RestoreRequest(const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)

@@ -30,11 +30,12 @@ bool SessionManager::IsWaiting(const std::string& tenant, const std::string& nam
 absl::Status SessionManager::RestoreRequest(const Request& request) {
   {
     const std::lock_guard lock(mutex_);
-    if (request.second.empty() || waiting_.empty()) return absl::OkStatus();
+    if (draining_ || request.second.empty() || waiting_.empty()) return absl::OkStatus();
   }
   const auto record = store_.FindRequest(request.first, request.second);
   if (record.ok()) RestoreIfWaiting(request.first, record->name);
-  return absl::IsNotFound(record.status()) ? absl::OkStatus() : FromStore(record.status());
+  if (absl::IsNotFound(record.status()) || absl::IsDataLoss(record.status())) return absl::OkStatus();
+  return FromStore(record.status());
 }
 
 void SessionManager::StopWaiting(const std::string& name) {
@@ -50,13 +51,15 @@ void SessionManager::RestoreIfWaiting(const std::string& tenant, const std::stri
   const auto session = Resume(name);
   if (session.ok()) return;
   if (!absl::IsNotFound(session.status())) SessionLog(name, tenant).NotResumed(session.status());
-  StopWaiting(name);  // a client that attaches to it tries again
+  // After another error, such as a lack of memory, the next call tries again.
+  if (absl::IsNotFound(session.status()) || absl::IsDataLoss(session.status())) StopWaiting(name);
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeOrMake(const SessionConfig& config,
                                                                       const Request& request) {
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> resumed, ResumeRequest(config, request));
   if (resumed != nullptr) return resumed;
+  EVPOSE_RETURN_IF_ERROR(CheckLoad(request.first));
   auto made = factory_.MakeNew(request.first, config, request.second);
   if (!absl::IsAlreadyExists(made.status())) return made;
   // Another server has created a session for the same request since it was searched for.

@@ -287,6 +287,7 @@ TEST_F(SessionManagerTest, AStoredSessionIsRestoredWhenItIsNeeded) {
   sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
   ASSERT_TRUE(sessions_->FindStored().ok());
   EXPECT_EQ(sessions_->num_sessions(), 3u) << "a waiting session has its slot";
+  EXPECT_EQ(sessions_->totals().detached, 3u);
   EXPECT_EQ(GetErrorDetails(sessions_->Create("", Config(), "").status()).reason, "TOO_MANY_SESSIONS");
   const std::vector<SessionInfo> listed = sessions_->List("", "", 10).value();
   ASSERT_EQ(listed.size(), 3u);
@@ -302,6 +303,27 @@ TEST_F(SessionManagerTest, AStoredSessionIsRestoredWhenItIsNeeded) {
   EXPECT_TRUE(sessions_->Get("", first->name()).ok());
   EXPECT_EQ(sessions_->Create("", Config(), "again").value()->name(), third->name()) << "a repeated request";
   EXPECT_EQ(sessions_->num_sessions(), 3u);
+}
+
+TEST_F(SessionManagerTest, ABusyServerRefusesFurtherSessionsOfATenant) {
+  LoadMonitor::Time now;
+  LoadMonitor busy({.cpu = [&now] { return now.time_since_epoch(); }, .max_ratio = 0.5, .now = [&now] { return now; }});
+  for (int i = 0; i < 60; ++i) {
+    now += std::chrono::seconds(1);
+    busy.Update();
+  }
+  SessionManager::Options options = sessions_->options();
+  options.max_sessions = 4;
+  options.load = &busy;
+  sessions_ = std::make_unique<SessionManager>(options, *store_, *models_, pool_);
+  const auto first = sessions_->Create("", Config(), "request");
+  ASSERT_TRUE(first.ok()) << "the tenant has no session here: " << first.status();
+  EXPECT_EQ(GetErrorDetails(sessions_->Create("", Config(), "another").status()).reason, "OVERLOADED");
+  EXPECT_EQ(options.metrics->overload_refusals.value(), 1u);
+  EXPECT_EQ(sessions_->Create("", Config(), "request").value(), *first) << "a repeated request";
+  (void)models_->Upload("lab", {}, "", Bytes(kCubeObj)).value();
+  EXPECT_TRUE(sessions_->Create("lab", Config(), "").ok()) << "another tenant's first session";
+  EXPECT_EQ(sessions_->num_sessions(), 2u) << "the slots of refused sessions are free";
 }
 
 TEST_F(SessionManagerTest, AStoredSessionThatNobodyNeedsExpires) {

@@ -21,7 +21,8 @@ absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options) {
     return OpenRedisStore(redis);
   }
   return absl::InvalidArgumentError(
-      absl::StrCat("there is no store \"", options.store, "\": give memory, sqlite or redis://HOST:PORT"));
+      absl::StrCat("there is no store \"", options.store,
+                   "\": give memory, sqlite, redis://HOST:PORT or redis+sentinel://HOST:PORT,.../NAME"));
 }
 
 }  // namespace evpose::server

@@ -152,8 +152,8 @@ void SessionLog::Deleted(const std::string& peer, const char* why, const Session
   Write(LogLevel::kInfo, "session_deleted", peer, std::move(more));
 }
 
-void SessionLog::OrphanDeleted() const {
-  Write(LogLevel::kInfo, "session_deleted", peer(), {{"why", "no server has it, and it has expired"}});
+void SessionLog::DeletedUnread(const std::string& peer, const char* why) const {
+  Write(LogLevel::kInfo, "session_deleted", peer, {{"why", why}});
 }
 
 void SessionLog::NotDeleted(const absl::Status& status) const {

@@ -56,8 +56,8 @@ class SessionLog {
   void Ended(const SessionHealth& health) const;
   void Expired(const SessionHealth& health) const;
   void Deleted(const std::string& peer, const char* why, const SessionHealth& health) const;
-  // A session that no server had. Its sums are not known.
-  void OrphanDeleted() const;
+  // The same for a session whose sums are not known, because it was not read.
+  void DeletedUnread(const std::string& peer, const char* why) const;
   void NotDeleted(const absl::Status& status) const;
   void LivesElsewhere() const;
   void Drained(uint64_t poses, bool is_durable) const;

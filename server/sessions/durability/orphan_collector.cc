@@ -15,7 +15,7 @@ constexpr size_t kMaxOrphansAtOnce = 10'000;
 
 }  // namespace
 
-void OrphanCollector::Collect(absl::Time now, size_t num_here, const IsHere& is_here, const OnDeleted& on_deleted) {
+void OrphanCollector::Collect(absl::Time now, size_t num_here, const IsHere& is_here, const OnGone& on_gone) {
   const auto lifecycles = store_.ReadOldestLifecycles(num_here + kMaxOrphansAtOnce);
   if (!lifecycles.ok()) return;  // the callers that need the store report its errors
   // If the store was unreachable for a while, or this function was not called, the measured times do not count: the
@@ -28,7 +28,7 @@ void OrphanCollector::Collect(absl::Time now, size_t num_here, const IsHere& is_
     const bool is_unchanged = known != before.end() && known->second.lifecycle == stored.lifecycle;
     const absl::Time since = is_unchanged ? known->second.since : now;
     if (now - since >= time_without_change_) {
-      if (Delete(stored.name, stored.lifecycle)) on_deleted(stored.name);
+      if (Delete(stored.name, stored.lifecycle)) on_gone(stored.name);
     } else {
       seen_[stored.name] = {stored.lifecycle, since};
     }
@@ -39,11 +39,15 @@ bool OrphanCollector::Delete(const std::string& name, const std::string& lifecyc
   // The lease is taken first: from now on no other server can change the record. A client that has returned meanwhile
   // keeps its session, but its stream is fenced and has to attach again.
   const auto taken = store_.TakeSession(name);
+  if (absl::IsDataLoss(taken.status())) {
+    SessionLog(name, "").NotResumed(taken.status());
+    return true;
+  }
   if (!taken.ok() || taken->session.lifecycle != lifecycle) return false;
   const absl::Status status = store_.DeleteHeldSession(name, taken->lease->token());
   SessionLog log(name, taken->session.record.tenant);
   if (status.ok()) {
-    log.OrphanDeleted();
+    log.DeletedUnread("", "no server has it, and it has expired");
   } else if (!absl::IsAborted(status)) {
     log.NotDeleted(status);
   }

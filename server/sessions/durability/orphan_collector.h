@@ -20,15 +20,15 @@ namespace evpose::server {
 class OrphanCollector {
  public:
   using IsHere = std::function<bool(const std::string&)>;
-  using OnDeleted = std::function<void(const std::string&)>;
+  using OnGone = std::function<void(const std::string&)>;
 
   OrphanCollector(Store& store, absl::Duration expiry, bool shares_store)
       : store_(store), expiry_(expiry), time_without_change_(shares_store ? 2 * expiry : expiry) {}
 
   // To be called several times within the expiry time, from one thread at a time. Waits for the store. `is_here`
-  // returns whether this server has the session with that name, and `num_here` is the number of those. `on_deleted` is
-  // called with the name of each deleted session.
-  void Collect(absl::Time now, size_t num_here, const IsHere& is_here, const OnDeleted& on_deleted);
+  // returns whether this server has the session with that name, and `num_here` is the number of those. `on_gone` is
+  // called with the name of each session that was deleted or cannot be read. A damaged session stays in the store.
+  void Collect(absl::Time now, size_t num_here, const IsHere& is_here, const OnGone& on_gone);
 
  private:
   struct Seen {
@@ -36,6 +36,7 @@ class OrphanCollector {
     absl::Time since;  // of the first run that read this record
   };
 
+  // Returns whether the session is gone, in the sense of `on_gone`.
   bool Delete(const std::string& name, const std::string& lifecycle);
 
   Store& store_;

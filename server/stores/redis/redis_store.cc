@@ -20,7 +20,7 @@
 namespace evpose::server {
 namespace {
 
-// The number of sessions that are indexed or listed with one round trip.
+// The number of sessions that are listed with one round trip.
 constexpr size_t kSessionsPerRoundTrip = 1000;
 
 std::vector<std::string> SessionKeys(absl::string_view name, const char* last) {
@@ -260,6 +260,8 @@ class RedisStore : public Store {
   }
 
   absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
+    // Again here, because servers of an earlier version may still create sessions.
+    EVPOSE_RETURN_IF_ERROR(IndexSessionsOfEarlierVersions());
     std::vector<StoredLifecycle> lifecycles;
     for (size_t begin = 0; lifecycles.size() < max_sessions; begin += kSessionsPerRoundTrip) {
       EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply,
@@ -348,7 +350,7 @@ class RedisStore : public Store {
 
   // Earlier versions have no indexes beside the set of all names. A damaged session is indexed without its tenant, so
   // that it is not read again at each start.
-  absl::Status IndexSessionsOfEarlierVersions() {
+  absl::Status IndexSessionsOfEarlierVersions() const {
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply all, shared_->client.Call({"SCARD", kRedisSessionsKey}));
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply indexed, shared_->client.Call({"HLEN", kRedisOwnersKey}));
     if (all->integer <= indexed->integer) return absl::OkStatus();

@@ -81,9 +81,12 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> MakeFile(const std::string& path
 
 // In one transaction, so that a crash leaves the earlier version.
 absl::Status Upgrade(SqliteDatabase& database) {
-  EVPOSE_RETURN_IF_ERROR(database.Execute("BEGIN IMMEDIATE"));
-  EVPOSE_RETURN_IF_ERROR(SqliteUpgradeFromVersion1(database));
-  return database.Execute(absl::StrCat("PRAGMA user_version=", kSchemaVersion, "; COMMIT"));
+  absl::Status status = database.Execute("BEGIN IMMEDIATE");
+  if (status.ok()) status = SqliteUpgradeFromVersion1(database);
+  if (status.ok()) status = database.Execute(absl::StrCat("PRAGMA user_version=", kSchemaVersion, "; COMMIT"));
+  if (!absl::IsResourceExhausted(status)) return status;
+  return absl::ResourceExhaustedError(absl::StrCat(status.message(), ", because the file is upgraded to schema ",
+                                                   kSchemaVersion, "; or run the earlier version of evpose"));
 }
 
 absl::Status CheckVersion(SqliteDatabase& database) {

@@ -76,6 +76,11 @@ void CheckModels(SqliteDatabase& database, SqliteContents& contents) {
   }
 }
 
+// A file of schema 1 that was too damaged to be upgraded has none.
+bool HasIndexes(SqliteDatabase& database) {
+  return database.Query("SELECT 1 FROM pragma_table_info('sessions') WHERE name = 'tenant'").Next();
+}
+
 // Returns whether the columns for the indexes are those of the record. A rescued file gets them from the record.
 bool IsOwnerGood(SqliteDatabase& database, const SessionRecord& record) {
   SqliteQuery query = database.Query("SELECT tenant, request_id FROM sessions WHERE name = ?");
@@ -84,14 +89,17 @@ bool IsOwnerGood(SqliteDatabase& database, const SessionRecord& record) {
 }
 
 void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
+  std::vector<std::string> lists = {"SELECT name FROM sessions NOT INDEXED ORDER BY rowid",
+                                    "SELECT name FROM sessions NOT INDEXED ORDER BY rowid DESC",
+                                    "SELECT name FROM sessions ORDER BY name",
+                                    "SELECT name FROM sessions ORDER BY name DESC"};
+  const bool has_indexes = HasIndexes(database);
+  if (has_indexes) {
+    lists.emplace_back("SELECT name FROM sessions INDEXED BY sessions_of_tenant");
+    lists.emplace_back("SELECT name FROM sessions INDEXED BY sessions_by_lifecycle_write ORDER BY lifecycle_write");
+  }
   std::set<std::string> names;
-  const bool whole = CollectKeys(
-      database,
-      {"SELECT name FROM sessions NOT INDEXED ORDER BY rowid",
-       "SELECT name FROM sessions NOT INDEXED ORDER BY rowid DESC", "SELECT name FROM sessions ORDER BY name",
-       "SELECT name FROM sessions ORDER BY name DESC", "SELECT name FROM sessions INDEXED BY sessions_of_tenant",
-       "SELECT name FROM sessions INDEXED BY sessions_by_lifecycle_write ORDER BY lifecycle_write"},
-      FirstText, names);
+  const bool whole = CollectKeys(database, lists, FirstText, names);
   if (!whole) {
     contents.damage.push_back(absl::StrCat("the list of sessions in ", database.path(), ": some may be missing"));
   }
@@ -105,7 +113,7 @@ void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
     const auto session = SqliteReadSession(database, name, /*after_pose_seq=*/0);
     if (session.ok()) {
       contents.sessions.push_back(name);
-      if (!IsOwnerGood(database, session->stored.record)) {
+      if (has_indexes && !IsOwnerGood(database, session->stored.record)) {
         contents.damage.push_back(absl::StrCat("the index of session ", Printable(name), ": was made again"));
       }
       contents.last_fencing_number = std::max(contents.last_fencing_number, session->state.fencing_number);

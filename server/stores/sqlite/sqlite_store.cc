@@ -126,7 +126,8 @@ class SqliteStore : public Store {
       const auto found = SqliteReadState(database, record.name);
       if (!absl::IsNotFound(found.status())) return SessionExistsError(record.name);
       const auto of_request = SqliteFindRequest(database, record.tenant, record.request_id);
-      if (!absl::IsNotFound(of_request.status())) return SessionExistsError(record.name);
+      if (of_request.ok() || absl::IsDataLoss(of_request.status())) return SessionExistsError(record.name);
+      if (!absl::IsNotFound(of_request.status())) return of_request.status();
       EVPOSE_ASSIGN_OR_RETURN(state.fencing_number, SqliteNextFencingNumber(database));
       return SqliteInsertSession(database, record, lifecycle, state);
     });

@@ -61,6 +61,16 @@ class SqliteStoreTest : public testing::Test {
     }
     ASSERT_TRUE(store->PutModel(Model("models/a", "", Noise(30'000, 7))).ok());
   }
+  // Makes the closed file one of an earlier version, which had no indexes.
+  void MakeFirstSchema() {
+    for (const char* const index : {"sessions_of_tenant", "sessions_of_request", "sessions_by_lifecycle_write"}) {
+      Execute(absl::StrCat("DROP INDEX ", index));
+    }
+    for (const char* const column : {"tenant", "request_id", "lifecycle_write"}) {
+      Execute(absl::StrCat("ALTER TABLE sessions DROP COLUMN ", column));
+    }
+    Execute("PRAGMA user_version=1");
+  }
   static bool IsWhole(const StoredSession& session, int i) {
     return session.lifecycle == "life " + std::to_string(i) && session.checkpoint == Noise(40'000, i) &&
            Ranges(session.poses) == "1-5 6-9" && session.poses[1].bytes == Segment(Name(i), 6, 9).bytes;
@@ -183,13 +193,7 @@ TEST_F(SqliteStoreTest, AWrongIndexIsMadeAgain) {
 
 TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsUpgraded) {
   Fill();
-  for (const char* const index : {"sessions_of_tenant", "sessions_of_request", "sessions_by_lifecycle_write"}) {
-    Execute(absl::StrCat("DROP INDEX ", index));
-  }
-  for (const char* const column : {"tenant", "request_id", "lifecycle_write"}) {
-    Execute(absl::StrCat("ALTER TABLE sessions DROP COLUMN ", column));
-  }
-  Execute("PRAGMA user_version=1");
+  MakeFirstSchema();
   for (int i = 0; i < 2; ++i) {
     const std::unique_ptr<Store> store = Open();
     EXPECT_THAT(store->damage(), testing::IsEmpty());
@@ -198,6 +202,29 @@ TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsUpgraded) {
     EXPECT_EQ(store->FindRequest(record.tenant, record.request_id)->name, record.name);
     EXPECT_EQ(store->ReadOldestLifecycles(100)->size(), static_cast<size_t>(kSessions));
     EXPECT_TRUE(IsWhole(store->ReadSession("sessions/2").value(), 2));
+  }
+}
+
+TEST_F(SqliteStoreTest, ADamagedFileOfTheFirstSchemaIsRescued) {
+  Fill();
+  MakeFirstSchema();
+  const std::string whole_file = ReadAll(File());
+  for (size_t at = 4096; at < whole_file.size(); at += 16384) {
+    std::string bytes = whole_file;
+    std::fill(bytes.begin() + static_cast<ptrdiff_t>(at), bytes.begin() + static_cast<ptrdiff_t>(at) + 512, '\xff');
+    std::filesystem::remove_all(DataDir());
+    std::filesystem::create_directory(DataDir());
+    WriteAll(File(), bytes);
+    const auto store = TryOpen();
+    ASSERT_TRUE(store.ok()) << at << ": " << store.status();
+    const std::string damage = absl::StrJoin((*store)->damage(), "\n");
+    EXPECT_THAT(damage, testing::Not(HasSubstr("the index of session"))) << at;
+    for (int i = 0; i < kSessions; ++i) {
+      const auto session = (*store)->ReadSession(Name(i));
+      if (!session.ok()) continue;
+      EXPECT_TRUE(IsWhole(*session, i)) << at;
+      EXPECT_EQ((*store)->ReadTenant(Name(i)).value(), Record(Name(i)).tenant) << at;
+    }
   }
 }
 
