@@ -57,6 +57,7 @@ class LoadRun {
     Until([&](Time) { return IsIdle(); }, 1.0);
     if (!is_begun) return absl::CancelledError("interrupted");
     result_.counts = Counts();
+    result_.counts.LimitTo(counts_at_begin_, counts_at_end_);
     return result_;
   }
 
@@ -81,6 +82,7 @@ class LoadRun {
     const auto length =
         std::chrono::duration_cast<Time::duration>(std::chrono::duration<double, std::ratio<60>>(options_.minutes));
     for (const auto& place : places_) place->BeginMeasuring();
+    counts_at_begin_ = Counts();
     lateness_ = server::LatencyHistogram();
     result_.late_max_us = 0;
     uint64_t num_replaced = 0;
@@ -98,6 +100,7 @@ class LoadRun {
     result_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     result_.cpu_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID) - cpu_begin_s;
     result_.late_p99_us = lateness_.Percentile(0.99);
+    counts_at_end_ = Counts();
     if (options_.on_end) options_.on_end();
   }
 
@@ -150,6 +153,7 @@ class LoadRun {
   bool is_interruptible_ = true;
   double ratio_ = 0.0;
   server::LatencyHistogram lateness_;
+  LoadCounts counts_at_begin_, counts_at_end_;  // of the test
   LoadResult result_;
 };
 
