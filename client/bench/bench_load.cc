@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose bench load: many sessions on running servers, for their capacity.
+#include <chrono>
 #include <cmath>
 #include <future>
 #include <string>
@@ -72,6 +73,10 @@ absl::StatusOr<Outcome> Measure(const LoadArguments& arguments, CliContext& cont
   std::future<Uses> before, after;
   options.on_begin = [&] { before = ReadLater(arguments.metrics); };
   options.on_end = [&] { after = ReadLater(arguments.metrics); };
+  options.is_read = [&] {
+    const std::future<Uses>& last = after.valid() ? after : before;
+    return last.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  };
   const auto on_progress = [&](double ratio, const LoadCounts& counts) {
     progress.Show(ratio, absl::StrFormat("%3.0f %%  %d sessions created, %d poses, %d lost", 100.0 * ratio,
                                          counts.created, counts.poses, counts.lost_poses));

@@ -24,6 +24,8 @@ using Time = LoadPlace::Time;
 constexpr size_t kMaxConnections = 64;
 // The thread wakes at most this often, for a group of places.
 constexpr std::chrono::microseconds kLeastStep{500};
+// Time for the work that on_begin and on_end start.
+constexpr std::chrono::seconds kReadTimeout{30};
 // Time for the summaries after the last events, and then for the cancelled calls.
 constexpr std::chrono::seconds kFinishTimeout{60};
 constexpr std::chrono::seconds kProgressPeriod{1};
@@ -76,7 +78,7 @@ class LoadRun {
 
   // The test itself, after the start.
   void Measure() {
-    if (options_.on_begin) options_.on_begin();
+    CallAndWait(options_.on_begin, 0.0);
     const double cpu_begin_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID);
     const Time begin = std::chrono::steady_clock::now();
     const auto length =
@@ -101,7 +103,16 @@ class LoadRun {
     result_.cpu_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID) - cpu_begin_s;
     result_.late_p99_us = lateness_.Percentile(0.99);
     counts_at_end_ = Counts();
-    if (options_.on_end) options_.on_end();
+    is_interruptible_ = false;
+    CallAndWait(options_.on_end, 1.0);
+  }
+
+  // Calls `start`, and goes on until is_read() returns true.
+  void CallAndWait(const std::function<void()>& start, double ratio) {
+    if (!start) return;
+    start();
+    const Time read_by = std::chrono::steady_clock::now() + kReadTimeout;
+    if (options_.is_read) Until([&](Time now) { return options_.is_read() || now >= read_by; }, ratio);
   }
 
   // Acts for all places, each once per chunk, until `is_over(now)`. Returns false after an interrupt.
