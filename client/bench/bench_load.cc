@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose bench load: many sessions on running servers, for their capacity.
+#include <chrono>
 #include <cmath>
 #include <future>
 #include <string>
@@ -72,6 +73,10 @@ absl::StatusOr<Outcome> Measure(const LoadArguments& arguments, CliContext& cont
   std::future<Uses> before, after;
   options.on_begin = [&] { before = ReadLater(arguments.metrics); };
   options.on_end = [&] { after = ReadLater(arguments.metrics); };
+  options.is_read = [&] {
+    const std::future<Uses>& last = after.valid() ? after : before;
+    return last.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  };
   const auto on_progress = [&](double ratio, const LoadCounts& counts) {
     progress.Show(ratio, absl::StrFormat("%3.0f %%  %d sessions created, %d poses, %d lost", 100.0 * ratio,
                                          counts.created, counts.poses, counts.lost_poses));
@@ -195,7 +200,9 @@ constexpr char kAboutLoad[] =
     "Latency: from the time at which the chunk that completes a window was to be sent, so the wait for credit and for "
     "another server counts, until its pose has arrived; exact to one chunk and to 5 %. \"late\": how late this process "
     "itself was; if that is not far below the latency, the machine is too slow for the load. Poses lost: missing "
-    "numbers, and poses that the server no longer had.\n"
+    "numbers, and poses that the server no longer had. Numbers of events and poses: those of the test itself, after "
+    "the "
+    "creation of the sessions and before their end; losses, failures and sessions: those of the whole run.\n"
     "\n"
     "Exit status:\n"
     "  0  No pose was lost and no session failed\n"

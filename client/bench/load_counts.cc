@@ -42,4 +42,11 @@ void LoadCounts::Add(const LoadCounts& other) {
   longest_pause_us = std::max(longest_pause_us, other.longest_pause_us);
 }
 
+void LoadCounts::LimitTo(const LoadCounts& begin, const LoadCounts& end) {
+  events = end.events - begin.events;
+  poses = end.poses - begin.poses;
+  watched_poses = end.watched_poses - begin.watched_poses;
+  unwatched_poses = end.unwatched_poses - begin.unwatched_poses;
+}
+
 }  // namespace evpose::client

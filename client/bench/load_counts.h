@@ -19,8 +19,8 @@ struct LoadCounts {
   std::map<std::string, uint64_t> failures;  // sessions that ended with an error, by reason or status code
   uint64_t unfinished = 0;                   // sessions without a summary at the end of the test
   uint64_t events = 0;                       // sent, without repetitions
-  uint64_t poses = 0;
-  uint64_t lost_poses = 0;  // missing numbers, with those that the server reported as lost
+  uint64_t poses = 0;                        // received
+  uint64_t lost_poses = 0;                   // missing numbers, with those that the server reported as lost
   uint64_t reconnections = 0;
   uint64_t watched_poses = 0;
   uint64_t unwatched_poses = 0;  // poses that a watcher was too slow for
@@ -32,6 +32,8 @@ struct LoadCounts {
   void AddLatency(int64_t latency_us);
   // Adds another place's counts.
   void Add(const LoadCounts& other);
+  // Replaces the numbers of events and poses by those between two moments, for rates.
+  void LimitTo(const LoadCounts& begin, const LoadCounts& end);
   // No pose was lost, and no session failed or is unfinished.
   bool IsComplete() const { return lost_poses == 0 && failures.empty() && unfinished == 0; }
 };

@@ -125,6 +125,10 @@ void LoadPlace::OnCreated(const grpc::Status& grpc_status) {
     session_.name = call_->created.session().name();
     session_.tokens = {call_->created.resume_token()};
     session_.is_ending = is_finishing_;
+    if (is_cancelled_) {
+      ++counts_.unfinished;
+      return Delete();
+    }
     state_ = State::kBroken;
     return;
   }

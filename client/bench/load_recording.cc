@@ -97,7 +97,8 @@ absl::Status LoadRecording::Encode(const std::vector<Event>& events, size_t num_
     EVPOSE_RETURN_IF_ERROR(
         encoder->Encode(absl::MakeConstSpan(events.data() + (next - events.begin()), chunk.num_events), bytes_));
     next = end;
-    // As a camera does, so that windows are closed on time also while few events come.
+    // Each chunk ends with the time, as the data of a camera does, so that windows are closed on time also while few
+    // events come.
     EVPOSE_RETURN_IF_ERROR(encoder->EncodeTime(end_us - 1, bytes_));
     chunk.end = bytes_.size();
     for (size_t position = chunk.begin; position < chunk.end; position += 2) {

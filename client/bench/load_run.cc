@@ -24,6 +24,8 @@ using Time = LoadPlace::Time;
 constexpr size_t kMaxConnections = 64;
 // The thread wakes at most this often, for a group of places.
 constexpr std::chrono::microseconds kLeastStep{500};
+// Time for the work that on_begin and on_end start.
+constexpr std::chrono::seconds kReadTimeout{30};
 // Time for the summaries after the last events, and then for the cancelled calls.
 constexpr std::chrono::seconds kFinishTimeout{60};
 constexpr std::chrono::seconds kProgressPeriod{1};
@@ -57,6 +59,7 @@ class LoadRun {
     Until([&](Time) { return IsIdle(); }, 1.0);
     if (!is_begun) return absl::CancelledError("interrupted");
     result_.counts = Counts();
+    result_.counts.LimitTo(counts_at_begin_, counts_at_end_);
     return result_;
   }
 
@@ -75,12 +78,13 @@ class LoadRun {
 
   // The test itself, after the start.
   void Measure() {
-    if (options_.on_begin) options_.on_begin();
+    CallAndWait(options_.on_begin, 0.0);
     const double cpu_begin_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID);
     const Time begin = std::chrono::steady_clock::now();
     const auto length =
         std::chrono::duration_cast<Time::duration>(std::chrono::duration<double, std::ratio<60>>(options_.minutes));
     for (const auto& place : places_) place->BeginMeasuring();
+    counts_at_begin_ = Counts();
     lateness_ = server::LatencyHistogram();
     result_.late_max_us = 0;
     uint64_t num_replaced = 0;
@@ -98,7 +102,17 @@ class LoadRun {
     result_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     result_.cpu_s = SecondsOfClock(CLOCK_PROCESS_CPUTIME_ID) - cpu_begin_s;
     result_.late_p99_us = lateness_.Percentile(0.99);
-    if (options_.on_end) options_.on_end();
+    counts_at_end_ = Counts();
+    is_interruptible_ = false;
+    CallAndWait(options_.on_end, 1.0);
+  }
+
+  // Calls `start`, and goes on until is_read() returns true.
+  void CallAndWait(const std::function<void()>& start, double ratio) {
+    if (!start) return;
+    start();
+    const Time read_by = std::chrono::steady_clock::now() + kReadTimeout;
+    if (options_.is_read) Until([&](Time now) { return options_.is_read() || now >= read_by; }, ratio);
   }
 
   // Acts for all places, each once per chunk, until `is_over(now)`. Returns false after an interrupt.
@@ -150,6 +164,7 @@ class LoadRun {
   bool is_interruptible_ = true;
   double ratio_ = 0.0;
   server::LatencyHistogram lateness_;
+  LoadCounts counts_at_begin_, counts_at_end_;  // of the test
   LoadResult result_;
 };
 

@@ -24,13 +24,15 @@ struct LoadOptions {
   double churn_per_minute = 0.0;  // sessions that end and are replaced by new ones
   int watchers = 0;               // of all sessions together
   double watch_hz = 30.0;         // most poses per second that a watcher asks for
-  // Called when every session was created or refused, and at the end of the events.
+  // Called when every session was created or refused, and at the end of the test. They may start work in another
+  // thread: the sessions go on, and are not measured, until is_read() returns true, but at most for 30 s.
   std::function<void()> on_begin, on_end;
+  std::function<bool()> is_read;  // empty: such work is not waited for
 };
 
 struct LoadResult {
-  LoadCounts counts;
-  double seconds = 0.0;     // of the test
+  LoadCounts counts;        // of the whole run; the numbers of events and poses are those of the test
+  double seconds = 0.0;     // of the test: without the start, and without the end of the sessions
   double cpu_s = 0.0;       // processor time of this process in that time
   int64_t late_p99_us = 0;  // by which this process was late with what was due
   int64_t late_max_us = 0;
