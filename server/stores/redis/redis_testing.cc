@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stores/redis/redis_testing.h"
 
-#include <arpa/inet.h>
 #include <signal.h>
 #include <sys/prctl.h>
-#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -12,7 +10,7 @@
 #include <cstdio>
 #include <fstream>
 #include <random>
-#include <thread>
+#include <stdexcept>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -22,27 +20,21 @@ namespace evpose::server {
 
 namespace {
 
-// Returns ports of the loopback interface on which nothing listens. They are below the range from which the kernel
-// takes ports for connections, so that they stay free while a killed server is started again.
-std::vector<int> FreePorts(size_t count) {
+// Calls `start` with ports of the loopback interface until one is free, and returns that. They are below the range from
+// which the kernel takes ports for connections, so that they stay free while a killed server is started again. Only the
+// server itself can find out whether a port is free: a test that runs at the same time may take it at any moment.
+int StartOnFreePort(const std::function<absl::Status(int)>& start) {
   constexpr int kFirst = 10000;
   constexpr int kLast = 32000;
   std::random_device random;
   std::uniform_int_distribution<int> draw(kFirst, kLast);
-  std::vector<int> ports;
-  std::vector<int> sockets;
-  while (ports.size() < count) {
+  while (true) {
     const int port = draw(random);
-    sockets.push_back(socket(AF_INET, SOCK_STREAM, 0));
-    sockaddr_in address = {};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    address.sin_port = htons(static_cast<uint16_t>(port));
-    const auto* const bytes = reinterpret_cast<const sockaddr*>(&address);
-    if (bind(sockets.back(), bytes, sizeof(address)) == 0) ports.push_back(port);
+    const absl::Status started = start(port);
+    if (absl::StrContains(started.message(), "Address already in use")) continue;
+    EXPECT_EQ(started, absl::OkStatus());
+    return port;
   }
-  for (const int socket : sockets) close(socket);
-  return ports;
 }
 
 // Returns the value of a field in a reply that lists names and values.
@@ -60,13 +52,13 @@ RedisReply RunOn(const std::string& url, const RedisCommand& command) {
 
 }  // namespace
 
-void RedisProcess::Start(std::vector<std::string> arguments, const std::string& ready) {
+absl::Status RedisProcess::Start(std::vector<std::string> arguments, const std::string& ready) {
   arguments.insert(arguments.begin(), "redis-server");
   std::vector<char*> words;
   for (std::string& argument : arguments) words.push_back(argument.data());
   words.push_back(nullptr);
   int log[2];
-  ASSERT_EQ(pipe(log), 0);
+  if (pipe(log) != 0) return absl::UnavailableError("there is no pipe left for the output of redis-server");
   process_ = fork();
   if (process_ == 0) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -87,7 +79,10 @@ void RedisProcess::Start(std::vector<std::string> arguments, const std::string& 
   }
   // Later output is not read: it fits into the buffer of the pipe or is lost.
   std::fclose(lines);
-  EXPECT_TRUE(is_ready) << "redis-server (deploy/install-dependencies.sh --test) did not start: " << said;
+  if (is_ready) return absl::OkStatus();
+  Kill();
+  return absl::UnavailableError(
+      absl::StrCat("redis-server (deploy/install-dependencies.sh --test) did not start: ", said));
 }
 
 void RedisProcess::Kill() {
@@ -99,18 +94,26 @@ void RedisProcess::Kill() {
 
 void RedisProcess::Signal(int signal) const { kill(process_, signal); }
 
-RedisServer::RedisServer(const std::vector<std::string>& options, const std::string& password)
+RedisServer::RedisServer(const std::vector<std::string>& options, const std::string& password, Listens listens)
     : options_(options), password_(password) {
-  Start();
+  if (listens == Listens::kOnSocket) {
+    Start();
+    return;
+  }
+  StartOnFreePort([this](int port) {
+    port_ = port;
+    return TryStart();
+  });
 }
 
-void RedisServer::Start(const std::vector<std::string>& options) {
+absl::Status RedisServer::TryStart(const std::vector<std::string>& options) {
   // Replies are sent after the commit is in the file, because tests kill the server and expect its data.
-  std::vector<std::string> words = {"--port", "0", "--unixsocket", path("socket"), "--dir",         directory_.path(),
-                                    "--save", "",  "--appendonly", "yes",          "--appendfsync", "always"};
+  std::vector<std::string> words = {
+      "--port", std::to_string(port_), "--unixsocket", path("socket"),  "--dir", directory_.path(), "--save",
+      "",       "--appendonly",        "yes",          "--appendfsync", "always"};
   words.insert(words.end(), options_.begin(), options_.end());
   words.insert(words.end(), options.begin(), options.end());
-  process_.Start(std::move(words), "eady to accept connections");
+  return process_.Start(std::move(words), "eady to accept connections");
 }
 
 std::vector<std::pair<std::string, std::string>> RedisServer::Contents() const {
@@ -132,40 +135,69 @@ RedisReply RedisServer::Run(const RedisCommand& command) const {
   return RunOn(url(password_.empty() ? "" : password_ + "@"), command);
 }
 
-RedisGroup::RedisGroup(const Options& group_options) : options_(group_options), ports_(FreePorts(6)) {
-  const std::string& password = options_.password;
-  const std::string master_port = std::to_string(ports_[0]);
-  for (size_t i = 0; i < 3; ++i) {
-    // What a killed process has written stays in the page cache. Waiting for the disk would stop a server for longer
-    // than the Sentinels tolerate.
-    std::vector<std::string> options =
-        absl::StrSplit(absl::StrCat("--port ", ports_[i], " --bind 127.0.0.1 --min-replicas-to-write 1",
-                                    " --repl-diskless-sync-delay 0 --appendfsync no"),
-                       ' ');
-    if (!password.empty()) options.insert(options.end(), {"--requirepass", password, "--masterauth", password});
-    nodes_.push_back(std::make_unique<RedisServer>(options, password));
-    if (i > 0) nodes_[i]->Run({"REPLICAOF", "127.0.0.1", master_port});
-  }
-  AwaitReplicas(0);
-  for (size_t i = 0; i < 3; ++i) {
-    sentinels_.push_back(std::make_unique<Sentinel>());
-    Sentinel& sentinel = *sentinels_.back();
-    const std::string file = sentinel.directory.path() + "/sentinel.conf";
-    std::ofstream(file) << ConfigurationOf(i);
-    sentinel.process.Start({file, "--sentinel"}, "+monitor master");
-    // Shorter periods make a failover faster. A busy machine must not make a Sentinel stop for 30 s (TILT).
-    Ask(i, {"SENTINEL", "DEBUG", "INFO-PERIOD", "200", "ASK-PERIOD", "200", "PUBLISH-PERIOD", "200", "TILT-TRIGGER",
-            "60000"});
+RedisFeed::RedisFeed(const RedisAddress& address, const RedisCommand& command)
+    : context_(redisConnectUnix(address.socket_path.c_str())) {
+  std::vector<RedisCommand> commands;
+  if (!address.password.empty()) commands.push_back({"AUTH", address.password});
+  commands.push_back(command);
+  for (const RedisCommand& words : commands) {
+    std::vector<const char*> arguments;
+    for (const std::string& word : words) arguments.push_back(word.c_str());
+    redisAppendCommandArgv(context_.get(), static_cast<int>(arguments.size()), arguments.data(), nullptr);
+    Next();
   }
 }
 
-std::string RedisGroup::ConfigurationOf(size_t sentinel) const {
-  const std::string directory = sentinels_[sentinel]->directory.path();
+std::string RedisFeed::Next() {
+  void* read = nullptr;
+  if (redisGetReply(context_.get(), &read) != REDIS_OK) throw std::runtime_error(context_->errstr);
+  const RedisReply reply(static_cast<redisReply*>(read));
+  EXPECT_NE(reply->type, REDIS_REPLY_ERROR) << RedisText(reply.get());
+  return RedisText(reply.get());
+}
+
+RedisGroup::RedisGroup(const Options& group_options) : options_(group_options) {
+  for (size_t i = 0; i < 3; ++i) StartNode();
+  EXPECT_TRUE(IsFollowedBy(2, 0));
+  for (size_t i = 0; i < 3; ++i) StartSentinel();
+}
+
+void RedisGroup::StartNode() {
+  // What a killed process has written stays in the page cache. Waiting for the disk would stop a server for longer than
+  // the Sentinels tolerate. A replica that a busy machine or SIGSTOP stops is still a replica.
+  std::vector<std::string> options = absl::StrSplit(
+      "--bind 127.0.0.1 --min-replicas-to-write 1 --min-replicas-max-lag 3600 --repl-timeout 3600"
+      " --repl-diskless-sync-delay 0 --appendfsync no",
+      ' ');
+  const std::string& password = options_.password;
+  if (!password.empty()) options.insert(options.end(), {"--requirepass", password, "--masterauth", password});
+  nodes_.push_back(std::make_unique<RedisServer>(options, password, RedisServer::Listens::kOnPortToo));
+  if (nodes_.size() > 1) nodes_.back()->Run({"REPLICAOF", "127.0.0.1", std::to_string(nodes_[0]->port())});
+}
+
+void RedisGroup::StartSentinel() {
+  sentinels_.push_back(std::make_unique<Sentinel>());
+  Sentinel& sentinel = *sentinels_.back();
+  const std::string file = sentinel.directory.path() + "/sentinel.conf";
+  StartOnFreePort([&](int port) {
+    sentinel.port = port;
+    std::ofstream(file) << ConfigurationOf(sentinel);
+    return sentinel.process.Start({file, "--sentinel"}, "+monitor master");
+  });
+  // Shorter periods make a failover faster. A busy machine must not make a Sentinel stop for 30 s (TILT).
+  Ask(sentinels_.size() - 1, {"SENTINEL", "DEBUG", "INFO-PERIOD", "200", "ASK-PERIOD", "200", "PUBLISH-PERIOD", "200",
+                              "TILT-TRIGGER", "60000"});
+}
+
+std::string RedisGroup::ConfigurationOf(const Sentinel& sentinel) const {
+  const std::string& directory = sentinel.directory.path();
   const int64_t down_after_ms = absl::ToInt64Milliseconds(options_.down_after);
-  std::string lines = absl::StrCat("port ", ports_[3 + sentinel], "\nbind 127.0.0.1\ndir ", directory, "\nunixsocket ",
-                                   directory, "/socket\nsentinel monitor ", kName, " 127.0.0.1 ", ports_[0], " 2\n");
+  std::string lines =
+      absl::StrCat("port ", sentinel.port, "\nbind 127.0.0.1\ndir ", directory, "\nunixsocket ", directory,
+                   "/socket\nsentinel monitor ", kName, " 127.0.0.1 ", nodes_[0]->port(), " 2\n");
   absl::StrAppend(&lines, "sentinel down-after-milliseconds ", kName, " ", down_after_ms, "\n");
-  absl::StrAppend(&lines, "sentinel failover-timeout ", kName, " ", 2 * down_after_ms, "\n");
+  // The Sentinels repeat a failed failover after twice this time.
+  absl::StrAppend(&lines, "sentinel failover-timeout ", kName, " 10000\n");
   if (options_.password.empty()) return lines;
   absl::StrAppend(&lines, "requirepass ", options_.password, "\nsentinel sentinel-pass ", options_.password, "\n");
   absl::StrAppend(&lines, "sentinel auth-pass ", kName, " ", options_.password, "\n");
@@ -174,65 +206,94 @@ std::string RedisGroup::ConfigurationOf(size_t sentinel) const {
 
 std::string RedisGroup::url(const std::string& user, const std::string& name) const {
   std::string hosts;
-  for (size_t i = 0; i < 3; ++i) absl::StrAppend(&hosts, i == 0 ? "" : ",", "127.0.0.1:", ports_[3 + i]);
+  for (size_t i = 0; i < 3; ++i) absl::StrAppend(&hosts, i == 0 ? "" : ",", "127.0.0.1:", sentinels_[i]->port);
   return absl::StrCat("redis+sentinel://", user, hosts, "/", name);
 }
 
-RedisReply RedisGroup::Ask(size_t sentinel, const RedisCommand& command) const {
+RedisAddress RedisGroup::AddressOf(size_t sentinel) const {
   RedisAddress address;
   address.socket_path = sentinels_[sentinel]->directory.path() + "/socket";
   address.password = options_.password;
+  return address;
+}
+
+RedisReply RedisGroup::Ask(size_t sentinel, const RedisCommand& command) const {
+  const RedisAddress address = AddressOf(sentinel);
   auto connection = RedisConnection::Connect(address, "the Sentinel", absl::Seconds(60)).value();
   EXPECT_TRUE(connection->Authenticate(address).ok());
   return connection->Run(command).value();
+}
+
+void RedisGroup::Await(size_t sentinel, const std::function<bool()>& condition) const {
+  RedisFeed events(AddressOf(sentinel), {"PSUBSCRIBE", "*"});
+  while (!condition()) events.Next();
 }
 
 size_t RedisGroup::Master(size_t sentinel) const {
   const RedisReply reply = Ask(sentinel, {"SENTINEL", "GET-MASTER-ADDR-BY-NAME", kName});
   const std::string port = reply->elements == 2 ? RedisText(reply->element[1]) : "";
   size_t node = 0;
-  while (node < nodes_.size() && std::to_string(ports_[node]) != port) ++node;
+  while (node < nodes_.size() && std::to_string(nodes_[node]->port()) != port) ++node;
   EXPECT_LT(node, nodes_.size()) << "the Sentinel names port " << port;
   return node;
 }
 
+void RedisGroup::SetDownAfter(absl::Duration down_after) const {
+  const std::string down_after_ms = std::to_string(absl::ToInt64Milliseconds(down_after));
+  for (size_t i = 0; i < sentinels_.size(); ++i) {
+    Ask(i, {"SENTINEL", "SET", kName, "down-after-milliseconds", down_after_ms});
+  }
+}
+
 void RedisGroup::AwaitSentinels() const {
   for (size_t i = 0; i < sentinels_.size(); ++i) {
-    const auto knows_all = [&] {
+    // Only what a Sentinel publishes when it changes.
+    Await(i, [&] {
       const RedisReply reply = Ask(i, {"SENTINEL", "MASTER", kName});
+      const std::string flags = FieldOf(reply, "flags");
       return FieldOf(reply, "num-slaves") == "2" && FieldOf(reply, "num-other-sentinels") == "2" &&
-             FieldOf(reply, "flags") == "master";
-    };
-    while (!knows_all()) std::this_thread::yield();
+             !absl::StrContains(flags, "down") && !absl::StrContains(flags, "failover");
+    });
   }
 }
 
 size_t RedisGroup::AwaitFailover(size_t old_master) const {
   size_t master = old_master;
   for (size_t i = 0; i < sentinels_.size(); ++i) {
-    while ((master = Master(i)) == old_master) std::this_thread::yield();
+    Await(i, [&] { return (master = Master(i)) != old_master && IsFollowedBy(1, master); });
   }
-  while (RedisText(nodes_[master]->Run({"ROLE"})->element[0]) != "master") std::this_thread::yield();
   return master;
 }
 
+void RedisGroup::AwaitReplicas(int64_t count) const {
+  Await(0, [&] { return IsFollowedBy(count, Master()); });
+}
+
+bool RedisGroup::IsFollowedBy(int64_t count, size_t node) const {
+  RedisAddress address = ParseRedisAddress(nodes_[node]->url()).value();
+  address.password = options_.password;
+  const auto connection = RedisConnection::Open(address, absl::Seconds(60));
+  if (!connection.ok()) return false;
+  while (true) {
+    const auto reply = (*connection)->Run({"WAIT", std::to_string(count), "50000"});
+    if (!reply.ok()) return false;
+    if ((*reply)->integer >= count) return true;
+  }
+}
+
 void RedisGroup::Restart(size_t node) {
-  const size_t master = Master();
-  nodes_[node]->Start({"--replicaof", "127.0.0.1", std::to_string(ports_[master])});
-  AwaitReplicas(master);
+  const std::string master_port = std::to_string(nodes_[Master()]->port());
+  ASSERT_EQ(nodes_[node]->TryStart({"--replicaof", "127.0.0.1", master_port}), absl::OkStatus());
+  AwaitReplicas(2);
   AwaitSentinels();
 }
 
 void RedisGroup::Monitor(const std::string& name, size_t node) const {
-  Ask(0, {"SENTINEL", "MONITOR", name, "127.0.0.1", std::to_string(ports_[node]), "2"});
+  Ask(0, {"SENTINEL", "MONITOR", name, "127.0.0.1", std::to_string(nodes_[node]->port()), "2"});
 }
 
 void RedisGroup::KillSentinels(size_t count) {
   for (size_t i = 0; i < count; ++i) sentinels_[i]->process.Kill();
-}
-
-void RedisGroup::AwaitReplicas(size_t master) const {
-  EXPECT_EQ(nodes_[master]->Run({"WAIT", "2", "55000"})->integer, 2);
 }
 
 }  // namespace evpose::server
