@@ -102,7 +102,7 @@ void DefineSurvival(CLI::App& app, Arguments& arguments) {
          "--store", options.store.store,
          "Store of sessions, poses and models: sqlite, one file in --data-dir; memory, lost when the server ends; "
          "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions; "
-         "redis+sentinel://[USER:PASSWORD@]HOST:PORT,HOST:PORT,HOST:PORT/NAME[/DB], the same with the addresses of "
+         "redis+sentinel://[USER:PASSWORD@]HOST:PORT,.../NAME[/DB], the same with the addresses of "
          "Sentinels, which replace a failed master of this name")
       ->envname("EVPOSE_STORE")
       ->type_name("NAME|ADDRESS");
