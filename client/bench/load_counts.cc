@@ -20,6 +20,10 @@ server::LatencyHistogram Sum(const server::LatencyHistogram& a, const server::La
 
 }  // namespace
 
+int64_t WindowDue_us(int64_t t_us, int64_t next_t_us, int64_t chunk_us) {
+  return ((t_us + next_t_us) / 2 / chunk_us + 1) * chunk_us;
+}
+
 void LoadCounts::AddLatency(int64_t latency_us) {
   latency.Add(latency_us);
   max_latency_us = std::max(max_latency_us, latency_us);

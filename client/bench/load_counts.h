@@ -11,6 +11,10 @@
 
 namespace evpose::client {
 
+// The time on the sensor's clock at which the chunk is complete that completes the window of the pose at `t_us`. Poses
+// belong to the middles of adjacent windows: the window ends half-way to the next pose.
+int64_t WindowDue_us(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
+
 // Counts of one place of a load test (load_place.h), or of all.
 struct LoadCounts {
   uint64_t created = 0;

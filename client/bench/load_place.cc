@@ -261,9 +261,7 @@ void LoadPlace::HandlePose(const v1::Pose& pose) {
   if (last_t_us < 0) return;
   counts_.longest_pause_us = std::max(counts_.longest_pause_us, MicrosecondsOf(arrival - last_arrival));
   if (pose.t_us() - last_t_us > kMaxWindow_us) return;
-  // Poses belong to the middles of adjacent windows: the windows meet half-way.
-  const int64_t chunk_us = target_.recording.chunk_us();
-  const int64_t due_us = ((last_t_us + pose.t_us()) / 2 / chunk_us + 1) * chunk_us;
+  const int64_t due_us = WindowDue_us(last_t_us, pose.t_us(), target_.recording.chunk_us());
   const int64_t latency_us = MicrosecondsOf(last_arrival - *session_.began_at) - due_us;
   counts_.AddLatency(std::max<int64_t>(latency_us, 0));
 }

@@ -3,11 +3,14 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <ctime>
+#include <iterator>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "client/bench/load_place.h"
 #include "client/lib/channel.h"
@@ -49,15 +52,16 @@ class LoadRun {
     }
     step_ = std::max<std::chrono::microseconds>(kLeastStep, chunk_ / static_cast<int64_t>(num));
     begin_ = progress_at_ = std::chrono::steady_clock::now();
-    const bool is_begun = Until([this](Time) { return HasAnswers(); }, 0.0);
-    if (is_begun) Measure();
+    const absl::Status started = Start();
+    if (started.ok()) Measure();
     for (const auto& place : places_) place->Finish();
     const Time finish_by = std::chrono::steady_clock::now() + kFinishTimeout;
     is_interruptible_ = false;
-    Until([&](Time now) { return IsIdle() || now >= finish_by; }, 1.0);
+    // Without a test there are no summaries to wait for.
+    if (started.ok()) Until([&](Time now) { return IsIdle() || now >= finish_by; }, 1.0);
     for (const auto& place : places_) place->Cancel();
     Until([&](Time) { return IsIdle(); }, 1.0);
-    if (!is_begun) return absl::CancelledError("interrupted");
+    EVPOSE_RETURN_IF_ERROR(started);
     result_.counts = Counts();
     result_.counts.LimitTo(counts_at_begin_, counts_at_end_);
     return result_;
@@ -74,6 +78,27 @@ class LoadRun {
       }
     }
     return absl::OkStatus();
+  }
+
+  // Waits until every session was created or refused.
+  absl::Status Start() {
+    ptrdiff_t num_answers = 0;
+    Time answered_at = begin_;
+    bool is_away = false;
+    const auto is_over = [&](Time now) {
+      if (const ptrdiff_t num = NumAnswers(); num > num_answers) {
+        num_answers = num;
+        answered_at = now;
+      }
+      is_away = now - answered_at >= absl::ToChronoMicroseconds(options_.max_outage);
+      return is_away || num_answers == std::ssize(places_);
+    };
+    if (!Until(is_over, 0.0)) return absl::CancelledError("interrupted");
+    if (num_answers == std::ssize(places_)) return absl::OkStatus();
+    return absl::UnavailableError(absl::StrCat(options_.addresses, ": ", places_.size() - num_answers, " of ",
+                                               places_.size(), " sessions were neither created nor refused within ",
+                                               absl::FormatDuration(options_.max_outage),
+                                               "; check that the servers run and can be reached"));
   }
 
   // The test itself, after the start.
@@ -141,8 +166,8 @@ class LoadRun {
     progress_at_ = now + kProgressPeriod;
     return on_progress_(ratio_, Counts());
   }
-  bool HasAnswers() const {
-    return std::all_of(places_.begin(), places_.end(), [](const auto& place) { return place->HasAnswer(); });
+  ptrdiff_t NumAnswers() const {
+    return std::count_if(places_.begin(), places_.end(), [](const auto& place) { return place->HasAnswer(); });
   }
   bool IsIdle() const {
     return std::all_of(places_.begin(), places_.end(), [](const auto& place) { return place->IsIdle(); });

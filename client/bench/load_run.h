@@ -9,9 +9,11 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "client/bench/load_counts.h"
 #include "client/bench/load_recording.h"
 #include "evpose/client.h"
+#include "evpose/track.h"
 
 namespace evpose::client {
 
@@ -28,6 +30,8 @@ struct LoadOptions {
   // thread: the sessions go on, and are not measured, until is_read() returns true, but at most for 30 s.
   std::function<void()> on_begin, on_end;
   std::function<bool()> is_read;  // empty: such work is not waited for
+  // The longest time in which no server answers to a first creation.
+  absl::Duration max_outage = RetryOptions().max_outage;
 };
 
 struct LoadResult {
@@ -38,8 +42,9 @@ struct LoadResult {
   int64_t late_max_us = 0;
 };
 
-// Errors: those of the addresses and of the TLS files; CANCELLED if `is_cancelled`, which is called from time to time,
-// returns true before all sessions were created or refused. Later, that ends the test early.
+// Errors: those of the addresses and of the TLS files; CANCELLED if `on_progress`, which is called once per second with
+// the finished share, returns false before all sessions were created or refused; later, that ends the test early.
+// UNAVAILABLE if sessions are neither created nor refused for LoadOptions::max_outage.
 absl::StatusOr<LoadResult> RunLoad(const LoadOptions& options, const LoadRecording& recording,
                                    const std::function<bool(double ratio, const LoadCounts& counts)>& on_progress);
 
