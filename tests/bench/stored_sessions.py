@@ -37,7 +37,8 @@ class Redis:
             with socket.socket() as found:
                 found.bind(("127.0.0.1", 0))
                 self.port = found.getsockname()[1]
-            self.process = subprocess.Popen(["redis-server", "--port", str(self.port), "--dir", folder, "--save", ""], stdout=subprocess.PIPE, text=True)
+            self.process = subprocess.Popen(["redis-server", "--port", str(self.port), "--dir", folder, "--save", ""],
+                                            stdout=subprocess.PIPE, text=True)
             if any("Ready to accept connections" in line for line in self.process.stdout):
                 return
         sys.exit("redis-server does not start")
@@ -91,7 +92,8 @@ def measure(arguments, api, name, store, copy):
     """Prints the figures of one kind of store and returns whether they meet the goals."""
     program = os.path.join(arguments.bin, "server", "evpose-server")
     _, sessions, models = api
-    options = ["--max-sessions", str(arguments.sessions + arguments.calls + 1), "--max-session-memory", str(10**12), "--session-expiry", "86400"]
+    options = ["--max-sessions", str(arguments.sessions + arguments.calls + 1), "--max-session-memory", str(10**12),
+               "--session-expiry", "86400"]
     server = Server(program, store + options)
     model = server.upload(models, CUBE, 1).name
     created = server.unary("SessionService/CreateSession", create_request(sessions, model, 64), sessions.CreateSessionResponse)
@@ -99,14 +101,17 @@ def measure(arguments, api, name, store, copy):
     server, empty_s, empty_cpu_s = timed_start(program, store + options, sessions)
     empty_mb = resident_mb(server)
     server.end()
-    subprocess.run([os.path.join(arguments.bin, "tests", "bench", "copy_sessions"), *copy, created.session.name, str(arguments.sessions - 1)], check=True)
+    copy_sessions = os.path.join(arguments.bin, "tests", "bench", "copy_sessions")
+    subprocess.run([copy_sessions, *copy, created.session.name, str(arguments.sessions - 1)], check=True)
     server, start_s, start_cpu_s = timed_start(program, store + options, sessions)
     start_mb = resident_mb(server)
     lists_ms = list_pages(server, sessions, arguments.calls)
     creates_ms = create_sessions(server, sessions, model, arguments.calls)
-    print(f"{name}, {arguments.sessions} sessions: start {start_s:.2f} s, {start_cpu_s:.2f} s of processor time, {start_mb:.0f} MB resident "
-          f"(with one session {empty_s:.2f} s, {empty_cpu_s:.2f} s, {empty_mb:.0f} MB); of {arguments.calls} calls, ms: CreateSession p50 {percentile(creates_ms, 0.5):.1f}, p99 {percentile(creates_ms, 0.99):.1f}; "
-          f"ListSessions({PAGE_SIZE}) p50 {percentile(lists_ms, 0.5):.1f}, p99 {percentile(lists_ms, 0.99):.1f}", flush=True)
+    print(f"{name}, {arguments.sessions} sessions: start {start_s:.2f} s, {start_cpu_s:.2f} s of processor time, "
+          f"{start_mb:.0f} MB resident (with one session {empty_s:.2f} s, {empty_cpu_s:.2f} s, {empty_mb:.0f} MB); "
+          f"of {arguments.calls} calls, ms: CreateSession p50 {percentile(creates_ms, 0.5):.1f}, "
+          f"p99 {percentile(creates_ms, 0.99):.1f}; ListSessions({PAGE_SIZE}) p50 {percentile(lists_ms, 0.5):.1f}, "
+          f"p99 {percentile(lists_ms, 0.99):.1f}", flush=True)
     server.end()
     return (start_s <= GOAL_START_S and start_mb - empty_mb <= GOAL_MEMORY_MB
             and max(percentile(times_ms, 0.99) for times_ms in (creates_ms, lists_ms)) <= GOAL_CALL_MS)
