@@ -68,7 +68,8 @@ absl::StatusOr<int64_t> ReadPragma(SqliteDatabase& database, const std::string& 
 absl::Status MakeTables(SqliteDatabase& database) {
   EVPOSE_RETURN_IF_ERROR(database.Execute(kNewFileSettings));
   EVPOSE_RETURN_IF_ERROR(database.Execute(kWriterSettings));
-  return database.Execute(absl::StrCat("BEGIN IMMEDIATE;", kSqliteSchema, "PRAGMA application_id=", kApplicationId,
+  return database.Execute(absl::StrCat("BEGIN IMMEDIATE;", kSqliteSchemaVersion1, kSqliteAdditionsToVersion1,
+                                       "PRAGMA application_id=", kApplicationId,
                                        "; PRAGMA user_version=", kSchemaVersion, "; COMMIT"));
 }
 

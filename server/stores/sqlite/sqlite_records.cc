@@ -11,29 +11,23 @@
 
 namespace evpose::server {
 
-// Every blob has a checksum (checked_records.h). For the indexes, `ended_at_ns` is a copy of the value in the state,
-// and `tenant` and `request_id` are copies of those in the record. `lifecycle_write` is the number of the latest write
-// of the lifecycle, over all sessions.
-const char* const kSqliteSchema = R"sql(
+// Every blob has a checksum (checked_records.h). `ended_at_ns` is a copy of the value in the state, for the index.
+const char* const kSqliteSchemaVersion1 = R"sql(
 CREATE TABLE fencing (last INTEGER NOT NULL);
 INSERT INTO fencing VALUES (0);
 CREATE TABLE models (name TEXT NOT NULL, tenant TEXT NOT NULL, header BLOB NOT NULL, bytes BLOB NOT NULL,
   PRIMARY KEY (name, tenant));
 CREATE TABLE sessions (name TEXT NOT NULL PRIMARY KEY, ended_at_ns INTEGER, state BLOB NOT NULL, record BLOB NOT NULL,
-  lifecycle BLOB NOT NULL, tenant TEXT NOT NULL DEFAULT '', request_id TEXT NOT NULL DEFAULT '',
-  lifecycle_write INTEGER NOT NULL DEFAULT 0);
-CREATE INDEX sessions_of_tenant ON sessions (tenant, name);
-CREATE INDEX sessions_of_request ON sessions (tenant, request_id) WHERE request_id <> '';
-CREATE INDEX sessions_by_lifecycle_write ON sessions (lifecycle_write);
+  lifecycle BLOB NOT NULL);
 CREATE INDEX sessions_ended ON sessions (ended_at_ns) WHERE ended_at_ns IS NOT NULL;
 CREATE TABLE checkpoints (session TEXT NOT NULL PRIMARY KEY, bytes BLOB NOT NULL);
 CREATE TABLE poses (session TEXT NOT NULL, first_pose_seq INTEGER NOT NULL, last_pose_seq INTEGER NOT NULL,
   bytes BLOB NOT NULL, PRIMARY KEY (session, first_pose_seq));
 )sql";
 
-namespace {
-
-const char* const kAdditionsToVersion1 = R"sql(
+// For the indexes, `tenant` and `request_id` are copies of those in the record. `lifecycle_write` is the number of the
+// latest write of the lifecycle, over all sessions.
+const char* const kSqliteAdditionsToVersion1 = R"sql(
 ALTER TABLE sessions ADD COLUMN tenant TEXT NOT NULL DEFAULT '';
 ALTER TABLE sessions ADD COLUMN request_id TEXT NOT NULL DEFAULT '';
 ALTER TABLE sessions ADD COLUMN lifecycle_write INTEGER NOT NULL DEFAULT 0;
@@ -41,6 +35,8 @@ CREATE INDEX sessions_of_tenant ON sessions (tenant, name);
 CREATE INDEX sessions_of_request ON sessions (tenant, request_id) WHERE request_id <> '';
 CREATE INDEX sessions_by_lifecycle_write ON sessions (lifecycle_write);
 )sql";
+
+namespace {
 
 std::string StateOf(absl::string_view session) { return absl::StrCat("the state of ", session); }
 
@@ -292,7 +288,7 @@ absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadOldestLifecycles(SqliteDa
 }
 
 absl::Status SqliteUpgradeFromVersion1(SqliteDatabase& database) {
-  EVPOSE_RETURN_IF_ERROR(database.Execute(kAdditionsToVersion1));
+  EVPOSE_RETURN_IF_ERROR(database.Execute(kSqliteAdditionsToVersion1));
   std::vector<SessionRecord> records;
   {
     SqliteQuery query = database.Query("SELECT name, record FROM sessions");

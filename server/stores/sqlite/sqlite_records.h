@@ -19,10 +19,12 @@
 
 namespace evpose::server {
 
-// The statements that create the tables of an empty database.
-extern const char* const kSqliteSchema;
-// Adds what kSqliteSchema has beyond schema version 1: the columns and indexes of tenants, requests and writes of
-// lifecycles. Damaged records get no tenant. The caller opens the transaction.
+// The statements that create the tables of schema version 1, and those that make them the tables of this version. Both
+// together create the tables of an empty database.
+extern const char* const kSqliteSchemaVersion1;
+extern const char* const kSqliteAdditionsToVersion1;
+// Makes the tables of schema version 1 those of this version: adds columns and indexes of tenants, requests and writes
+// of lifecycles. Damaged records get no tenant. The caller opens the transaction.
 absl::Status SqliteUpgradeFromVersion1(SqliteDatabase& database);
 
 // The small mutable values of a session, beside lifecycle, checkpoint and poses.
