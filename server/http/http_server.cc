@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/http_server.h"
 
-#include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http.hpp>
@@ -11,15 +9,13 @@
 #include <limits>
 #include <list>
 #include <string>
-#include <thread>
 #include <utility>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
 #include "server/connections/listen_address.h"
-#include "server/runtime/out_of_memory.h"
+#include "server/http/listener_thread.h"
 
 namespace evpose::server {
 namespace {
@@ -30,7 +26,6 @@ using boost::asio::ip::tcp;
 using Error = boost::system::error_code;
 
 constexpr std::chrono::seconds kRequestTimeout(5);  // from the connection to the last byte of the response
-constexpr std::chrono::milliseconds kPause(100);    // until accept() is tried again after an error
 constexpr size_t kMaxRequestBytes = 8192;           // request line and headers; bodies are not read
 // Enough for the scrapers and probes of a server. Beyond it the oldest connection is closed: a probe sends its request
 // at once, whereas connections that wait are idle or hostile.
@@ -84,44 +79,13 @@ class Connection : public std::enable_shared_from_this<Connection> {
 class BeastServer : public HttpServer {
  public:
   explicit BeastServer(Pages pages) : pages_(std::move(pages)) {}
-  ~BeastServer() override {
-    context_.stop();
-    if (thread_.joinable()) thread_.join();
-  }
+  ~BeastServer() override { listener_.Stop(); }
 
-  absl::Status Listen(const ListenAddress& address) {
-    EVPOSE_ASSIGN_OR_RETURN(acceptors_, ListenOn(context_, address));
-    port_ = acceptors_.front().local_endpoint().port();
-    for (tcp::acceptor& acceptor : acceptors_) Accept(acceptor);
-    thread_ = std::thread([this] {
-      // A failed allocation ends its connection only.
-      for (bool has_ended = false; !has_ended;) {
-        RunUnlessOutOfMemory([this, &has_ended] {
-          context_.run();
-          has_ended = true;
-        });
-      }
-    });
-    return absl::OkStatus();
-  }
+  absl::Status Listen(const ListenAddress& address) { return listener_.Listen(address); }
 
-  int port() const override { return port_; }
+  int port() const override { return listener_.port(); }
 
  private:
-  void Accept(tcp::acceptor& acceptor) {
-    acceptor.async_accept([this, &acceptor](const Error& error, tcp::socket socket) {
-      if (error) return AcceptAfterPause(acceptor);
-      Accept(acceptor);
-      Add(std::move(socket));
-    });
-  }
-
-  // After an error, in particular when no descriptor is free.
-  void AcceptAfterPause(tcp::acceptor& acceptor) {
-    const auto pause = std::make_shared<boost::asio::steady_timer>(context_, kPause);
-    pause->async_wait([this, &acceptor, pause](const Error&) { Accept(acceptor); });
-  }
-
   void Add(tcp::socket socket) {
     if (connections_.size() == kMaxConnections) {
       connections_.front()->Close();
@@ -149,11 +113,8 @@ class BeastServer : public HttpServer {
 
   const Pages pages_;
   const Connection::MakePage make_page_ = [this](const auto& request) { return MakePage(request); };
-  boost::asio::io_context context_{1};
-  std::vector<tcp::acceptor> acceptors_;
+  ListenerThread listener_{[this](tcp::socket socket) { Add(std::move(socket)); }};
   std::list<std::shared_ptr<Connection>> connections_;  // the oldest first
-  int port_ = 0;
-  std::thread thread_;
 };
 
 }  // namespace
