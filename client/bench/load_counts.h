@@ -18,7 +18,7 @@ int64_t WindowDue_us(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
 // Counts of one place of a load test (load_place.h), or of all.
 struct LoadCounts {
   uint64_t created = 0;
-  uint64_t completed = 0;                    // sessions whose summary was received
+  uint64_t completed = 0;                    // sessions with a received summary
   std::map<std::string, uint64_t> refusals;  // creations that failed, by reason or status code
   std::map<std::string, uint64_t> failures;  // sessions that ended with an error, by reason or status code
   uint64_t unfinished = 0;                   // sessions without a summary at the end of the test

@@ -7,7 +7,7 @@ namespace evpose::client {
 namespace {
 
 TEST(LoadCountsTest, AWindowIsDueWithTheChunkAfterItsEnd) {
-  // The window of the first pose ends at 10 ms, whose event is in the chunk from 10 to 11 ms.
+  // The window of the first pose ends at 10 ms. An event at 10 ms is in the chunk from 10 to 11 ms.
   EXPECT_EQ(WindowDue_us(5'000, 15'000, 1'000), 11'000);
   EXPECT_EQ(WindowDue_us(5'000, 14'998, 1'000), 10'000);
   EXPECT_EQ(WindowDue_us(5'000, 15'000, 20'000), 20'000);

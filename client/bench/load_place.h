@@ -90,7 +90,7 @@ class LoadPlace {
     std::optional<Time> began_at;  // the sensor's time zero
     std::optional<Time> away_since;
     size_t servers_without = 0;  // servers that do not have the session, one after the other
-    // The last pose, whose window ends half-way to the next one.
+    // Of the last pose. Its window ends half-way to the next pose.
     int64_t last_t_us = -1;
     Time last_arrival{};
   };

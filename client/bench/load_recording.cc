@@ -65,7 +65,7 @@ absl::StatusOr<LoadRecording> LoadRecording::Make(double rate_hz, int64_t chunk_
   }
   LoadRecording recording;
   recording.chunk_us_ = chunk_us;
-  // The shortest period, of which the period is a multiple.
+  // The period is a multiple of both the chunk and the unit of TIME_HIGH.
   const int64_t unit_us = std::lcm(chunk_us, kTimeHighUnit_us);
   const auto [name, scene_rate_hz] = SceneFor(rate_hz);
   const double half_unit_s = 0.5e-6 * static_cast<double>(unit_us) * rate_hz / scene_rate_hz;

@@ -30,7 +30,7 @@ struct LoadOptions {
   // thread: the sessions go on, and are not measured, until is_read() returns true, but at most for 30 s.
   std::function<void()> on_begin, on_end;
   std::function<bool()> is_read;  // empty: such work is not waited for
-  // The longest time in which no server answers to a first creation.
+  // The start fails when no session has been created or refused for this time.
   absl::Duration max_outage = RetryOptions().max_outage;
 };
 

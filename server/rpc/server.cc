@@ -439,7 +439,7 @@ class ServerImpl : public Server, public Drainer {
   const int num_workers_;
   LoadMonitor load_;
   std::atomic<double> load_ratio_ = 0.0;  // of the latest measurement
-  WorkerPool pool_;                       // outlives the store, whose last callback may post to the turns of a session
+  WorkerPool pool_;                       // outlives the store: its last callback may post to the pool
   const std::unique_ptr<Store> store_;
   const std::unique_ptr<ModelRegistry> models_;
   SessionManager sessions_;

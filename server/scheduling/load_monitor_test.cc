@@ -12,7 +12,7 @@ using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 using std::chrono::seconds;
 
-// A monitor of two workers whose clock and processor time the test sets.
+// The tests set the clock and the processor time of a monitor of two workers.
 class LoadMonitorTest : public ::testing::Test {
  protected:
   LoadMonitor Make(double max_ratio) {

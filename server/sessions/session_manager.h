@@ -65,8 +65,8 @@ class SessionManager {
   absl::StatusOr<std::shared_ptr<Session>> Create(const std::string& tenant, const SessionConfig& config,
                                                   const std::string& request_id, const std::string& peer = "");
   // Reads the names of the sessions in the store, unless the store is shared. Each of them keeps its slot, and waits
-  // until the first call that needs it restores it. Sessions that nobody needs within the expiry time are deleted. Must
-  // be called before the other functions. Errors: those of the store.
+  // until the first call that needs it restores it. A session that no call needs within the expiry time is deleted.
+  // Must be called before the other functions. Errors: those of the store.
   absl::Status FindStored();
 
   // Returns a session of this server. Errors: NOT_FOUND (SESSION_NOT_FOUND).

@@ -90,7 +90,8 @@ class RedisClient {
   bool AwaitsReplica(const Job& job) const;
   // Converts the reply of WAIT behind commands of this size; sends further ones while no replica acknowledges them.
   absl::Status AwaitReplica(absl::StatusOr<RedisReply> reply, size_t bytes);
-  // Repeats a command whose script is missing, or for which there was no room. Returns true if it was repeated.
+  // Repeats a command that failed because Redis did not have its script, or because the memory of Redis was full.
+  // Returns whether it was repeated.
   bool RunAgain(const Job& job, absl::StatusOr<RedisReply>& reply);
   // Calls the callbacks of the jobs from `begin` to `end`, except those that were refused and run again: they are moved
   // to the end of this range. Returns the first one of them, or `end`.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tests of the Redis store with Sentinels: real servers, of which the master is killed.
+// Tests of the Redis store with Sentinels. They start real servers and kill the master.
 #include "server/stores/redis/redis_sentinel.h"
 
 #include <gmock/gmock.h>
@@ -104,7 +104,7 @@ class RedisSentinelFixture : public testing::Test {
     return PatientOptions(group_.url("", name));
   }
   std::unique_ptr<Store> Open() const { return OpenRedisStore(Options()).value(); }
-  // A store whose calls wait for a failover, for longer than any failover takes.
+  // A call of this store waits longer for a failover than any failover takes.
   std::unique_ptr<Store> OpenWaiting() const {
     RedisStoreOptions options = Options();
     options.client.sentinel.failover_wait = absl::Minutes(20);
