@@ -6,9 +6,11 @@
 #include <grpcpp/security/credentials.h>
 #include <grpcpp/support/client_interceptor.h>
 
+#include <algorithm>
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <stop_token>
 #include <string>
 #include <utility>
 #include <vector>
@@ -120,6 +122,17 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
   if (!options.token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>(options));
   return grpc::experimental::CreateCustomChannelWithInterceptors(address, credentials, arguments,
                                                                  std::move(interceptors));
+}
+
+bool ConnectNow(grpc::Channel& channel, absl::Duration longest, const std::stop_token& stop) {
+  constexpr absl::Duration kStopPeriod = absl::Milliseconds(50);  // a request to stop takes effect within it
+  const absl::Time deadline = absl::Now() + longest;
+  grpc::experimental::ChannelResetConnectionBackoff(&channel);
+  bool is_connected = false;
+  while (!is_connected && !stop.stop_requested() && absl::Now() < deadline) {
+    is_connected = channel.WaitForConnected(absl::ToChronoTime(std::min(absl::Now() + kStopPeriod, deadline)));
+  }
+  return is_connected;
 }
 
 }  // namespace evpose::client

@@ -6,10 +6,12 @@
 #include <grpcpp/channel.h>
 
 #include <memory>
+#include <stop_token>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "absl/time/time.h"
 #include "evpose/client.h"
 
 namespace evpose::client {
@@ -19,5 +21,10 @@ namespace evpose::client {
 // channels of this process with the same address and options use one connection.
 absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address, const ClientOptions& options,
                                                            bool shares_connection = true);
+
+// Connects a channel whose connection was lost, without a delay, and waits until it is connected, for at most `longest`
+// or until `stop`. Returns whether it is. A call fails at once while its channel is not connected, and gRPC only
+// processes a connection while something waits for it, and otherwise every 5 s (interval of its backup poller).
+bool ConnectNow(grpc::Channel& channel, absl::Duration longest, const std::stop_token& stop);
 
 }  // namespace evpose::client

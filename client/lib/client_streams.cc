@@ -112,9 +112,10 @@ absl::StatusOr<TrackSummary> ClientAccess::Track(Client& client, const TrackPosi
   Client::Impl& impl = *client.impl_;
   std::vector<StreamServer> servers;
   for (const Endpoint& endpoint : impl.endpoints) {
-    servers.push_back({endpoint.name, endpoint.sessions.get(), [channel = endpoint.channel.get()] {
-                         grpc::experimental::ChannelResetConnectionBackoff(channel);
-                       }});
+    const auto connect = [&impl, &options, channel = endpoint.channel.get()] {
+      ConnectAgain(*channel, impl.endpoints.size(), options.stop.get_token());
+    };
+    servers.push_back({endpoint.name, endpoint.sessions.get(), connect});
     if (impl.options.renew_token) {
       servers.back().auth_token = [&impl] { return impl.options.renew_token().value_or(""); };
     }

@@ -7,6 +7,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "client/lib/channel.h"
 #include "client/lib/conversion.h"
 #include "client/lib/status_details.h"
 
@@ -15,8 +16,15 @@ namespace {
 
 // Time for which a server that another one is tried after is waited for.
 constexpr absl::Duration kConnectionWait = absl::Milliseconds(100);
+// Time for which the only server is waited for: a few round trips of a long link, as TLS needs them.
+constexpr absl::Duration kOnlyConnectionWait = absl::Seconds(1);
 
 }  // namespace
+
+void ConnectAgain(grpc::Channel& channel, size_t num_servers, const std::stop_token& stop) {
+  if (channel.GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_TRANSIENT_FAILURE) return;
+  ConnectNow(channel, num_servers == 1 ? kOnlyConnectionWait : kConnectionWait, stop);
+}
 
 bool IsServerAway(const absl::Status& status) {
   switch (status.code()) {
@@ -33,7 +41,9 @@ bool IsServerAway(const absl::Status& status) {
 
 ServerChoice::ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
                            const std::stop_token& stop)
-    : endpoints_(endpoints), current_(current), clock_(clock), stop_(stop), index_(current), backoff_(RetryOptions()) {}
+    : endpoints_(endpoints), current_(current), clock_(clock), stop_(stop), index_(current), backoff_(RetryOptions()) {
+  ConnectAgain(*endpoint().channel, endpoints_.size(), stop_);
+}
 
 void ServerChoice::Responded() {
   // Without a failure the other calls stay where they are: a model may be known to their server alone.
@@ -59,10 +69,7 @@ bool ServerChoice::Next(const absl::Status& status) {
 }
 
 bool ServerChoice::Connect() const {
-  grpc::Channel& channel = *endpoint().channel;
-  grpc::experimental::ChannelResetConnectionBackoff(&channel);
-  const bool is_connected = channel.WaitForConnected(absl::ToChronoTime(absl::Now() + kConnectionWait));
-  return is_connected || num_failed_ >= (kMaxRounds - 1) * endpoints_.size();
+  return ConnectNow(*endpoint().channel, kConnectionWait, stop_) || num_failed_ >= (kMaxRounds - 1) * endpoints_.size();
 }
 
 absl::Status ServerChoice::Final(const absl::Status& status) const {

@@ -30,6 +30,10 @@ struct Endpoint {
   std::unique_ptr<v1::SessionService::StubInterface> sessions;
 };
 
+// Waits a moment for the connection of a channel whose last attempt to connect failed: longer if there are no other
+// servers to try.
+void ConnectAgain(grpc::Channel& channel, size_t num_servers, const std::stop_token& stop);
+
 // Returns whether a call failed because its server cannot be reached, shuts down or has lost its store, so that another
 // server may respond.
 bool IsServerAway(const absl::Status& status);
@@ -40,8 +44,8 @@ class ServerChoice {
   // Attempts at each server without a response, after which a call fails.
   static constexpr size_t kMaxRounds = 3;
 
-  // Begins with the server `current`, which is changed to the one that responds when others are away. `stop` is that of
-  // the call. The references must outlive the object.
+  // Begins with the server `current`, which is changed to the one that responds when others are away, and waits a
+  // moment for its connection if it was lost. `stop` is that of the call. The references must outlive the object.
   ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
                const std::stop_token& stop);
 

@@ -35,10 +35,10 @@ class OneOfTwo final : private v1::SessionService::Service,
                        private v1::ModelService::Service,
                        private v1::AdminService::Service {
  public:
-  OneOfTwo() {
+  explicit OneOfTwo(const std::string& listen = "127.0.0.1:0") {
     int port = 0;
     grpc::ServerBuilder builder;
-    builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
+    builder.AddListeningPort(listen, grpc::InsecureServerCredentials(), &port);
     builder.RegisterService(static_cast<v1::SessionService::Service*>(this));
     builder.RegisterService(static_cast<v1::ModelService::Service*>(this));
     builder.RegisterService(static_cast<v1::AdminService::Service*>(this));
@@ -289,6 +289,18 @@ TEST_F(ServerChoiceTest, NoServerIsAlive) {
   const absl::Status status = client_->GetSession("sessions/1").status();
   EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
   EXPECT_THAT(status.message(), HasSubstr("3 attempts each at " + first_.address + ", " + second_.address));
+}
+
+TEST_F(ServerChoiceTest, TheOnlyServerIsFoundByTheFirstCallAfterItsStart) {
+  const std::string address = first_.address;
+  const auto channel = grpc::CreateChannel(address, grpc::InsecureChannelCredentials());
+  const std::unique_ptr<Client> client = ClientAccess::OverChannels({{address, channel}}, clock_);
+  EXPECT_TRUE(client->ListSessions().ok());
+  first_.Stop();
+  EXPECT_EQ(client->ListSessions().status().code(), absl::StatusCode::kUnavailable);
+  EXPECT_EQ(client->ListSessions().status().code(), absl::StatusCode::kUnavailable);
+  const OneOfTwo again(address);
+  EXPECT_TRUE(client->ListSessions().ok());
 }
 
 TEST_F(ServerChoiceTest, AStopRequestEndsTheAttempts) {

@@ -22,7 +22,8 @@ namespace evpose::client {
 struct StreamServer {
   std::string name;
   v1::SessionService::StubInterface* stub = nullptr;
-  // Resets the reconnect delay of the channel, because the loop has waited already. May be empty.
+  // Waits a moment for the connection of the channel, without the channel's own delay, because the loop has waited
+  // already. May be empty.
   std::function<void()> connect_now = {};
   // Returns the authentication token that a call would now send. May be empty: the token never changes.
   std::function<std::string()> auth_token = {};
