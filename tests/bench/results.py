@@ -279,6 +279,11 @@ class Run:
         self.setup = setup  # command that makes its input
         self.needs = needs  # directory of input that is not part of the project; without it the sections are skipped
 
+    def output(self, arguments, version):
+        """What the command with these arguments prints."""
+        del version
+        return self.read(output_of(arguments))
+
     def arguments(self, is_quick):
         """Of --quick, the options replace those of the same name."""
         command = list(self.command)
@@ -290,6 +295,38 @@ class Run:
         return command
 
 
+class ModelsRun(Run):
+    """Runs the models shape by shape. The output for each shape is kept beside the models, and is used again by the same version with the
+    same arguments, so that an interrupted measurement of hours continues."""
+
+    def output(self, arguments, version):
+        folder = os.path.join(ROOT, arguments[arguments.index("--models") + 1])
+        with open(os.path.join(folder, "models.json"), encoding="utf-8") as file:
+            names = [entry["name"] for entry in json.load(file)]
+        rows = []
+        for shape in distinct(name.rpartition("-")[0] for name in names):
+            variants = [name for name in names if name.rpartition("-")[0] == shape]
+            rows += self.shape(folder, shape, arguments + ["--names", ",".join(variants)], version)["models"]
+        return {"models": rows}
+
+    def shape(self, folder, shape, arguments, version):
+        key = {"version": version, "arguments": arguments}
+        path = os.path.join(folder, "results", shape + ".json")
+        try:
+            with open(path, encoding="utf-8") as file:
+                kept = json.load(file)
+            if kept["key"] == key:
+                return self.read(kept["output"])
+        except FileNotFoundError:
+            pass
+        output = output_of(arguments)
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        with open(path + ".new", "w", encoding="utf-8") as file:
+            json.dump({"key": key, "output": output}, file)
+        os.replace(path + ".new", path)
+        return self.read(output)
+
+
 BENCH = ["evpose", "bench"]
 # Recordings that are not part of the project, in the folder EVPOSE_SHARED_DATA of CMake.
 REAL = os.path.join(cmake_value("EVPOSE_SHARED_DATA"), "real")
@@ -299,7 +336,7 @@ RUNS = [
     Run(["tests/bench/event_rate.sh"], [("--objects", "cube"), ("--seeds", "31")], {"event-rate": event_rates}, read=str),
     Run(["tests/bench/flicker.py"], [("--objects", "book"), ("--seeds", "1")], {"flicker": flicker}),
     # All tessellations of a shape are tracked on the same recordings.
-    Run(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
+    ModelsRun(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
         {"models": models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
     Run(BENCH + ["real", REAL], [("--starts", "3"), ("--parts", "present")], {"real": real}, needs=REAL),
     Run(BENCH + ["initialization"], [("--trials", "10"), ("--methods", "evpose,ransac")], {"first-pose": first_pose}),
@@ -347,8 +384,8 @@ def measure(run, sections, is_quick):
     arguments = run.arguments(is_quick)
     if run.setup:
         subprocess.run([os.path.join(ROOT, run.setup[0])] + run.setup[1:], cwd=ROOT, stderr=subprocess.DEVNULL, check=True)
-    result = run.read(output_of(arguments))
     version = subprocess.run([EVPOSE, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    result = run.output(arguments, version)
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
     command = " ".join("DIR" if argument == REAL else argument for argument in arguments)
     source = f"{kind} with `{command}`, {version}, on {machine()}."
