@@ -15,6 +15,9 @@
 #include "client/lib/client_access.h"
 #include "client/lib/client_impl.h"
 #include "client/lib/conversion.h"
+#include "client/lib/server_choice.h"
+#include "client/lib/status_details.h"
+#include "client/lib/stream/retry.h"
 #include "client/lib/tls_probe.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -40,6 +43,15 @@ std::string RandomRequestId() {
   std::string id;
   for (int i = 0; i < 4; ++i) absl::StrAppend(&id, absl::Hex(random(), absl::kZeroPad8));
   return id;
+}
+
+// Returns the refusal of a session after `num_waits` delays.
+absl::Status WithWaits(const absl::Status& refusal, int num_waits, absl::Duration waited) {
+  if (num_waits == 0) return refusal;
+  absl::Status result(refusal.code(), absl::StrCat(refusal.message(), "; gave up after ", num_waits, " more tries in ",
+                                                   absl::FormatDuration(absl::Trunc(waited, absl::Milliseconds(100)))));
+  SetDetails(result, GetDetails(refusal));
+  return result;
 }
 
 // Time after which the client checks whether TLS prevents the connection: a handshake that succeeds takes less.
@@ -263,14 +275,36 @@ absl::Status Client::DeleteModel(const std::string& name) {
   return impl_->AtAnyServer(call).status();
 }
 
-absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const std::string& request_id) {
+absl::StatusOr<v1::CreateSessionResponse> Client::Impl::CreateWhereRoomIs(const v1::CreateSessionRequest& request,
+                                                                          absl::Duration max_wait,
+                                                                          const std::stop_token& stop) {
+  const absl::Time begin = clock->Now();
+  Backoff backoff((RetryOptions()));
+  const auto create = [&](const Endpoint& endpoint, absl::Time deadline) {
+    return UnaryAt(endpoint, deadline, &Endpoint::sessions, &Sessions::CreateSession, request, stop);
+  };
+  for (int num_waits = 0;; ++num_waits) {
+    auto created = AtAnyServer(create, stop, /*skips_full_servers=*/true);
+    const absl::Status& status = created.status();
+    const absl::Duration retry_in = GetDetails(status).retry_in;
+    if (!IsServerFull(status) || retry_in == absl::ZeroDuration()) return created;
+    const absl::Duration delay = std::max(backoff.Next(), retry_in);
+    const absl::Duration waited = clock->Now() - begin;
+    if (waited + delay > max_wait) return WithWaits(status, num_waits, waited);
+    if (!clock->SleepUntil(clock->Now() + delay, stop)) {
+      return absl::CancelledError(absl::StrCat(endpoint().name, ": the call was cancelled"));
+    }
+  }
+}
+
+absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const std::string& request_id,
+                                              absl::Duration max_wait, const std::stop_token& stop) {
   v1::CreateSessionRequest request;
   // A server may have created the session before it went away: the next one then returns this session.
   const bool may_repeat = impl_->endpoints.size() > 1;
   request.set_request_id(request_id.empty() && may_repeat ? RandomRequestId() : request_id);
   *request.mutable_config() = ToProto(config);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::CreateSessionResponse created,
-                          impl_->Unary(&Endpoint::sessions, &Sessions::CreateSession, request));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::CreateSessionResponse created, impl_->CreateWhereRoomIs(request, max_wait, stop));
   if (created.session().name().empty()) {
     return absl::InternalError(
         absl::StrCat(impl_->endpoint().name, ": the server violates the protocol: the new session has no name"));

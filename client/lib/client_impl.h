@@ -54,13 +54,19 @@ struct Client::Impl {
   // upload.
   absl::StatusOr<ModelInfo> TryUpload(absl::Span<const uint8_t> bytes, const UploadOptions& upload);
 
+  // Creates a session at a server with room for it, which is waited for as Client::CreateSession() describes.
+  absl::StatusOr<v1::CreateSessionResponse> CreateWhereRoomIs(const v1::CreateSessionRequest& request,
+                                                              absl::Duration max_wait, const std::stop_token& stop);
+
   // Returns the StatusOr of `call(endpoint, deadline)` at the current server, and at the next ones while a server is
-  // away. A call that has reached a server may be made again, so that it must have the same effect as one call.
+  // away or, with `skips_full_servers`, IsServerFull(). A call that has reached a server may be made again, so that it
+  // must have the same effect as one call.
   template <typename Call>
   std::invoke_result_t<Call, const Endpoint&, absl::Time> AtAnyServer(const Call& call,
-                                                                      const std::stop_token& stop = {}) {
+                                                                      const std::stop_token& stop = {},
+                                                                      bool skips_full_servers = false) {
     const absl::Time deadline = absl::Now() + options.call_timeout;  // of all attempts together
-    ServerChoice choice(endpoints, current, *clock, stop);
+    ServerChoice choice(endpoints, current, *clock, stop, skips_full_servers);
     while (true) {
       auto result = call(choice.endpoint(), deadline);
       if (choice.Next(result.status())) continue;

@@ -3,6 +3,8 @@
 
 #include <grpcpp/grpcpp.h>
 
+#include <algorithm>
+
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
@@ -39,21 +41,41 @@ bool IsServerAway(const absl::Status& status) {
   }
 }
 
+bool IsServerFull(const absl::Status& status) {
+  if (!absl::IsResourceExhausted(status)) return false;
+  switch (ReasonOf(status)) {
+    case v1::OVERLOADED:
+    case v1::TOO_MANY_SESSIONS:
+    case v1::SESSION_MEMORY:
+    case v1::OUT_OF_MEMORY:
+      return true;
+    default:
+      return false;
+  }
+}
+
 ServerChoice::ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
-                           const std::stop_token& stop)
-    : endpoints_(endpoints), current_(current), clock_(clock), stop_(stop), index_(current), backoff_(RetryOptions()) {
+                           const std::stop_token& stop, bool skips_full_servers)
+    : endpoints_(endpoints),
+      current_(current),
+      clock_(clock),
+      stop_(stop),
+      index_(current),
+      backoff_(RetryOptions()),
+      skips_full_servers_(skips_full_servers) {
   ConnectAgain(*endpoint().channel, endpoints_.size(), stop_);
 }
 
 void ServerChoice::Responded() {
   // Without a failure the other calls stay where they are: a model may be known to their server alone.
-  if (num_failed_ > 0) current_ = index_;
+  if (num_failed_ > 0 || num_full_ > 0) current_ = index_;
   num_failed_ = 0;
   backoff_.Reset();
 }
 
 bool ServerChoice::Next(const absl::Status& status) {
   if (stop_.stop_requested()) return false;
+  if (skips_full_servers_ && IsServerFull(status)) return NextWithRoom(status);
   if (!IsServerAway(status)) {
     Responded();
     return false;
@@ -68,6 +90,15 @@ bool ServerChoice::Next(const absl::Status& status) {
   return !stop_.stop_requested();
 }
 
+bool ServerChoice::NextWithRoom(const absl::Status& refusal) {
+  const absl::Duration retry_in = GetDetails(refusal).retry_in;
+  if (retry_in > absl::ZeroDuration()) retry_in_ = std::min(retry_in_, retry_in);
+  ++num_full_;
+  if (num_full_ + num_failed_ >= endpoints_.size()) return false;  // each has been tried
+  Skip();
+  return true;
+}
+
 bool ServerChoice::Connect() const {
   return ConnectNow(*endpoint().channel, kConnectionWait, stop_) || num_failed_ >= (kMaxRounds - 1) * endpoints_.size();
 }
@@ -76,11 +107,16 @@ absl::Status ServerChoice::Final(const absl::Status& status) const {
   if (stop_.stop_requested() && IsServerAway(status)) {
     return absl::CancelledError(absl::StrCat(endpoint().name, ": the call was cancelled"));
   }
-  if (num_failed_ < kMaxRounds * endpoints_.size()) return status;
+  const bool is_full = num_full_ > 0 && IsServerFull(status);
+  if (endpoints_.size() == 1 || (!is_full && num_failed_ < kMaxRounds * endpoints_.size())) return status;
   const std::string names = absl::StrJoin(
       endpoints_, ", ", [](std::string* text, const Endpoint& endpoint) { absl::StrAppend(text, endpoint.name); });
-  absl::Status result(status.code(), absl::StrCat(status.message(), "; ", kMaxRounds, " attempts each at ", names));
-  SetDetails(result, GetDetails(status));
+  const std::string tried = is_full ? absl::StrCat("none of the servers ", names, " accepts the session")
+                                    : absl::StrCat(kMaxRounds, " attempts each at ", names);
+  absl::Status result(status.code(), absl::StrCat(status.message(), "; ", tried));
+  StatusDetails details = GetDetails(status);
+  if (is_full && retry_in_ < absl::InfiniteDuration()) details.retry_in = retry_in_;
+  SetDetails(result, details);
   return result;
 }
 

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/time/time.h"
 #include "client/lib/stream/retry.h"
 #include "evpose/clock.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
@@ -38,6 +39,10 @@ void ConnectAgain(grpc::Channel& channel, size_t num_servers, const std::stop_to
 // server may respond.
 bool IsServerAway(const absl::Status& status);
 
+// Returns whether a server has refused a new session because it has no room for it, so that another server may create
+// it. The quota of a tenant is not a reason: the caller can delete a session.
+bool IsServerFull(const absl::Status& status);
+
 // The servers that one call is made to, in turn. Used by one thread.
 class ServerChoice {
  public:
@@ -45,23 +50,26 @@ class ServerChoice {
   static constexpr size_t kMaxRounds = 3;
 
   // Begins with the server `current`, which is changed to the one that responds when others are away, and waits a
-  // moment for its connection if it was lost. `stop` is that of the call. The references must outlive the object.
+  // moment for its connection if it was lost. `stop` is that of the call. With `skips_full_servers`, a call goes to the
+  // next server also if IsServerFull(). The references must outlive the object.
   ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
-               const std::stop_token& stop);
+               const std::stop_token& stop, bool skips_full_servers = false);
 
   const Endpoint& endpoint() const { return endpoints_[index_]; }
   // Informs the object of a response of the server.
   void Responded();
   // Chooses the next server if `status` says that this one is away. Each server is tried once without delay, then again
   // after growing delays. Returns false if the call is not to be repeated: the server has responded, there is no other
-  // server, each has been tried kMaxRounds times, or a stop was requested.
+  // server, a stop was requested, or each has been tried kMaxRounds times, but once if one of them was full.
   bool Next(const absl::Status& status);
   // Chooses the next server, because this one has refused and another one may accept.
   void Skip() { index_ = (index_ + 1) % endpoints_.size(); }
-  // Returns the status of a call that is not repeated, with the servers that were tried.
+  // Returns the status of a call that is not repeated, with the servers that were tried. The delay of RetryInfo is the
+  // shortest one of the full servers.
   absl::Status Final(const absl::Status& status) const;
 
  private:
+  bool NextWithRoom(const absl::Status& refusal);
   // Waits a moment for the connection; in the last round the call waits itself, and its status has the cause.
   bool Connect() const;
 
@@ -72,6 +80,9 @@ class ServerChoice {
   size_t index_;
   size_t num_failed_ = 0;  // attempts since the last response
   Backoff backoff_;
+  const bool skips_full_servers_;
+  size_t num_full_ = 0;                                 // refusals by full servers
+  absl::Duration retry_in_ = absl::InfiniteDuration();  // the shortest delay of RetryInfo of the full servers
 };
 
 }  // namespace evpose::client

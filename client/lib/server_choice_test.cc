@@ -20,6 +20,7 @@
 #include "absl/synchronization/notification.h"
 #include "client/lib/client_access.h"
 #include "client/lib/fake_clock_testing.h"
+#include "client/lib/status_details.h"
 #include "client/lib/stream/scripted_server_testing.h"
 #include "evpose/client.h"
 
@@ -162,13 +163,15 @@ const grpc::Status kRefused(grpc::StatusCode::UNAVAILABLE, "the server shuts dow
 
 class ServerChoiceTest : public ::testing::Test {
  protected:
-  void SetUp() override {
+  void SetUp() override { client_ = ClientWith(clock_); }
+  std::unique_ptr<Client> ClientWith(Clock& clock) const {
     std::vector<std::pair<std::string, std::shared_ptr<grpc::Channel>>> servers;
     for (const OneOfTwo* server : {&first_, &second_}) {
       servers.emplace_back(server->address, grpc::CreateChannel(server->address, grpc::InsecureChannelCredentials()));
     }
-    client_ = ClientAccess::OverChannels(servers, clock_);
+    return ClientAccess::OverChannels(servers, clock);
   }
+  absl::Duration elapsed() { return clock_.Now() - absl::UnixEpoch(); }
 
   FakeClock clock_;
   OneOfTwo first_;
@@ -232,6 +235,119 @@ TEST_F(ServerChoiceTest, ARepeatedCreationHasTheSameRequestId) {
   EXPECT_EQ(first_.request_ids[0].size(), 32u);
   EXPECT_NE(first_.request_ids[0], first_.request_ids[1]);  // two calls are two sessions
   EXPECT_EQ(first_.request_ids[2], "mine");
+}
+
+TEST_F(ServerChoiceTest, ASessionIsCreatedAtTheServerWithRoom) {
+  for (const char* reason : {"OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"}) {
+    SetUp();
+    first_.status = Refusal(reason, 5);
+    const absl::Status status = client_->CreateSession({}).status();
+    EXPECT_TRUE(status.ok()) << reason << ": " << status;
+    // The session may be known to the second server alone.
+    EXPECT_TRUE(client_->GetSession("sessions/1").ok());
+    EXPECT_THAT(first_.TakeCalls(), ElementsAre("CreateSession"));
+    EXPECT_THAT(second_.TakeCalls(), ElementsAre("CreateSession", "GetSession"));
+  }
+  EXPECT_EQ(first_.request_ids, second_.request_ids);
+  EXPECT_EQ(elapsed(), absl::ZeroDuration());
+}
+
+TEST_F(ServerChoiceTest, FullServersAreWaitedForAsTheyRequest) {
+  first_.status = Refusal("OVERLOADED", 7);
+  second_.status = WithReason(grpc::StatusCode::RESOURCE_EXHAUSTED, "OUT_OF_MEMORY");  // does not say for how long
+  int num_calls = 0;
+  first_.on_call = [&] {
+    if (++num_calls == 2) first_.status = Refusal("TOO_MANY_SESSIONS", 5);
+    if (num_calls == 3) first_.status = grpc::Status::OK;
+  };
+  const absl::Status status = client_->CreateSession({}).status();
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_EQ(elapsed(), absl::Seconds(7 + 5));
+  EXPECT_THAT(first_.request_ids, ElementsAre(first_.request_ids[0], first_.request_ids[0], first_.request_ids[0]));
+  EXPECT_THAT(second_.request_ids, ElementsAre(first_.request_ids[0], first_.request_ids[0]));
+}
+
+TEST_F(ServerChoiceTest, TheWaitForRoomIsBounded) {
+  first_.status = Refusal("OVERLOADED", 60);
+  second_.status = Refusal("TOO_MANY_SESSIONS", 5);  // is the shortest delay
+  const std::string servers = first_.address + ", " + second_.address;
+  absl::Status status = client_->CreateSession({}).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(status.message(), second_.address + ": because of TOO_MANY_SESSIONS; none of the servers " + servers +
+                                  " accepts the session; gave up after 6 more tries in 30s");
+  EXPECT_EQ(GetDetails(status).reason, "TOO_MANY_SESSIONS");
+  EXPECT_EQ(GetDetails(status).retry_in, absl::Seconds(5));
+  EXPECT_EQ(elapsed(), absl::Seconds(30));
+  EXPECT_EQ(first_.TakeCalls().size(), 7u);
+  EXPECT_EQ(second_.TakeCalls().size(), 7u);
+
+  std::swap(first_.status, second_.status);
+  status = client_->CreateSession({}, "", absl::Seconds(4)).status();
+  EXPECT_EQ(status.message(),
+            second_.address + ": because of OVERLOADED; none of the servers " + servers + " accepts the session");
+  EXPECT_EQ(GetDetails(status).retry_in, absl::Seconds(5));
+  EXPECT_EQ(elapsed(), absl::Seconds(30));
+  EXPECT_EQ(first_.TakeCalls().size() + second_.TakeCalls().size(), 2u);
+}
+
+TEST_F(ServerChoiceTest, ARefusalThatNeitherAServerNorADelayChangesIsFinal) {
+  first_.status = second_.status = Refusal("TENANT_QUOTA", 5);
+  EXPECT_EQ(client_->CreateSession({}).status().message(), first_.address + ": because of TENANT_QUOTA");
+  EXPECT_THAT(second_.TakeCalls(), IsEmpty());
+  first_.TakeCalls();
+  first_.status = second_.status = WithReason(grpc::StatusCode::RESOURCE_EXHAUSTED, "SESSION_MEMORY");
+  EXPECT_EQ(client_->CreateSession({}).status().code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(first_.TakeCalls().size(), 1u);
+  EXPECT_EQ(second_.TakeCalls().size(), 1u);
+  EXPECT_EQ(elapsed(), absl::ZeroDuration());
+}
+
+TEST_F(ServerChoiceTest, AFullServerIsWaitedForWhileTheOtherOneIsAway) {
+  for (OneOfTwo* full : {&first_, &second_}) {
+    OneOfTwo& away = full == &first_ ? second_ : first_;
+    SetUp();
+    away.status = kRefused;
+    full->status = Refusal("OVERLOADED", 5);
+    away.TakeCalls();
+    full->TakeCalls();
+    EXPECT_THAT(client_->CreateSession({}, "", absl::ZeroDuration()).status().message(),
+                HasSubstr(full->address + ": because of OVERLOADED; none of the servers"));
+    EXPECT_THAT(away.TakeCalls(), ElementsAre("CreateSession"));
+    EXPECT_LE(full->TakeCalls().size(), 2u);
+    const absl::Time before = clock_.Now();
+    full->on_call = [&] {
+      if (clock_.Now() > before) full->status = grpc::Status::OK;
+    };
+    const absl::Status status = client_->CreateSession({}).status();
+    EXPECT_TRUE(status.ok()) << status;
+    EXPECT_EQ(clock_.Now() - before, absl::Seconds(5));
+  }
+}
+
+TEST_F(ServerChoiceTest, TheOnlyServerIsWaitedFor) {
+  client_ = ClientAccess::OverChannel(grpc::CreateChannel(first_.address, grpc::InsecureChannelCredentials()),
+                                      first_.address, clock_);
+  first_.status = Refusal("OVERLOADED", 5);
+  EXPECT_EQ(client_->CreateSession({}, "", absl::Seconds(9)).status().message(),
+            first_.address + ": because of OVERLOADED; gave up after 1 more tries in 5s");
+  EXPECT_EQ(first_.TakeCalls().size(), 2u);
+}
+
+TEST_F(ServerChoiceTest, AStopRequestEndsTheWaitForRoom) {
+  class StoppingClock final : public Clock {
+   public:
+    absl::Time Now() override { return absl::UnixEpoch(); }
+    bool SleepUntil(absl::Time, std::stop_token token) override {
+      stop.request_stop();
+      return !token.stop_requested();
+    }
+    std::stop_source stop;
+  };
+  StoppingClock clock;
+  first_.status = second_.status = Refusal("OVERLOADED", 5);
+  const auto session = ClientWith(clock)->CreateSession({}, "", absl::Seconds(30), clock.stop.get_token());
+  EXPECT_EQ(session.status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(second_.TakeCalls().size(), 1u);
 }
 
 TEST_F(ServerChoiceTest, CallsAboutOneServerAreNotRepeated) {

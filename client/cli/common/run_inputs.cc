@@ -248,7 +248,7 @@ absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client,
                                       const RunArguments& arguments, const RunInputs& inputs,
                                       const std::string& request_id) {
   const WaitMessage wait(context, "the server to create the session, for which it draws views of each model");
-  absl::StatusOr<Session> session = client.CreateSession(config, request_id);
+  absl::StatusOr<Session> session = client.CreateSession(config, request_id, /*max_wait=*/absl::ZeroDuration());
   if (session.ok()) return session;
   const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
     absl::StrAppend(text, object.model_path);

@@ -52,6 +52,7 @@ class Client:
 
     def close(self) -> None:
         """Ends all calls and closes the connections."""
+        self._servers.closed.set()
         for endpoint in self._servers.endpoints:
             endpoint.channel.close()
 
@@ -125,13 +126,27 @@ class Client:
 
     def create_session(self, objects: Objects, camera: Camera, encoding: Encoding = Encoding.FLAT64, *,
                        overload: Overload = Overload.BLOCK, max_lag_s: Optional[float] = None, estimator: Estimator = Estimator.MIXTURE,
-                       sensor: SensorProfile = SensorProfile(), request_id: str = "") -> Session:
+                       sensor: SensorProfile = SensorProfile(), request_id: str = "", max_wait_s: float = 30.0) -> Session:
         """Creates a session that tracks one model, or several TrackedObject, in events of this encoding (Recording.encoding; FLAT64
         for arrays). Calls with the same `request_id` return the same session, so that a call without a response can be repeated;
-        without one, each call creates a session. Raises EvposeError."""
+        without one, each call creates a session.
+
+        A server without room refuses with ResourceExhaustedError (OVERLOADED, TOO_MANY_SESSIONS, SESSION_MEMORY, OUT_OF_MEMORY). The
+        next servers are then tried at once. If all refuse, the call is made again after the shortest delay that a server proposes,
+        as long as these delays end within `max_wait_s` seconds from the start (0: never); then the last refusal is raised. A refusal
+        without a delay by all servers, and TENANT_QUOTA, are raised at once. The default permits several delays of 5 s, which is what
+        evpose-server proposes.
+
+        Raises InvalidArgumentError for a parameter, CancelledError if close() ended the wait, and EvposeError."""
+        if not max_wait_s >= 0.0:
+            raise InvalidArgumentError("max_wait_s must not be negative")
         config = SessionConfig(encoding, camera, _tracked_objects(objects), overload, max_lag_s, estimator, sensor)
         request = session_service_pb2.CreateSessionRequest(config=config.to_proto(), request_id=request_id or uuid.uuid4().hex)
-        created = self._servers.call(SESSIONS + "CreateSession", request, session_service_pb2.CreateSessionResponse, self._timeout_s)
+
+        def create(endpoint: Endpoint, timeout_s: float) -> Any:
+            return endpoint.call(SESSIONS + "CreateSession", request, session_service_pb2.CreateSessionResponse, timeout_s)
+
+        created = self._servers.where_room_is(create, self._timeout_s, max_wait_s)
         if not created.session.name:
             name = self._servers.endpoints[self._servers.current].name
             raise InternalError(f"{name}: the server violates the protocol: the new session has no name")
@@ -183,7 +198,7 @@ def connect(addresses: str, *, tls: Optional[Tls] = None, token: Optional[Token]
     """Connects to HOST:PORT, or to several of them, separated by commas, of servers that share their sessions. Waits until one
     responds (it may be starting); later calls go to the server that responded last. When it cannot be reached, shuts down or has
     lost its store, the next servers are tried in turn, three times each with growing delays. A call that is made again has the
-    effect of one call. Track has its own limit (RetryOptions).
+    effect of one call. Track has its own limit (RetryOptions); create_session() also goes to the next server if one is full.
 
     tls     encryption; None: none
     token   the authentication token, a secret, or a function that returns the current one, which is called before every call. It is

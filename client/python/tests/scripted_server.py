@@ -20,9 +20,9 @@ IDENTITY = {"translation_m": {"z": 1.0}, "rotation": {"w": 1.0}}
 class Fail(Exception):
     """Ends a stream with a status."""
 
-    def __init__(self, code, reason="", field=""):
+    def __init__(self, code, reason="", field="", retry_in_s=0):
         super().__init__(code)
-        self.code, self.reason, self.field = code, reason, field
+        self.code, self.reason, self.field, self.retry_in_s = code, reason, field, retry_in_s
 
     def apply(self, context):
         details = status_pb2.Status(code=self.code.value[0])
@@ -32,6 +32,9 @@ class Fail(Exception):
         if self.field:
             bad = error_details_pb2.BadRequest(field_violations=[{"field": self.field, "description": "is wrong"}])
             details.details.add(type_url="type.googleapis.com/google.rpc.BadRequest", value=bad.SerializeToString())
+        if self.retry_in_s:
+            retry = error_details_pb2.RetryInfo(retry_delay={"seconds": self.retry_in_s})
+            details.details.add(type_url="type.googleapis.com/google.rpc.RetryInfo", value=retry.SerializeToString())
         context.set_trailing_metadata([("grpc-status-details-bin", details.SerializeToString())])
         context.abort(self.code, "from the script")
 

@@ -21,6 +21,10 @@ CAMERA = evpose.Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
 REFUSED = Fail(grpc.StatusCode.UNAVAILABLE, "DRAINING")
 
 
+def full(reason, retry_in_s=5):
+    return Fail(grpc.StatusCode.RESOURCE_EXHAUSTED, reason, retry_in_s=retry_in_s)
+
+
 class OneOfTwo(grpc.GenericRpcHandler):
     """A server that records its calls in `calls`, and ends them with `failure`, unless it is None."""
 
@@ -29,6 +33,7 @@ class OneOfTwo(grpc.GenericRpcHandler):
         self.requests = []
         self.failure = None
         self.fails_after_pose = False
+        self.on_call = lambda: None
         self._first_pose_seq = first_pose_seq
         self._server = grpc.server(futures.ThreadPoolExecutor(8))
         self._server.add_generic_rpc_handlers([self])
@@ -53,6 +58,7 @@ class OneOfTwo(grpc.GenericRpcHandler):
         def record(message, context):
             self.calls.append(name)
             self.requests.append(message)
+            self.on_call()
             if self.failure is not None:
                 self.failure.apply(context)
             return response
@@ -86,9 +92,9 @@ class ServersTest(unittest.TestCase):
         self.model = pathlib.Path(directory.name) / "model.obj"
         self.model.write_text("v 0 0 0\n")
 
-    def client(self):
+    def client(self, *servers):
         self.clock = FakeClock()
-        endpoints = [Endpoint.open(server.address, None, TokenSource(None)) for server in (self.first, self.second)]
+        endpoints = [Endpoint.open(server.address, None, TokenSource(None)) for server in servers or (self.first, self.second)]
         client = Client(Servers(endpoints, True, 0, self.clock), 60.0)
         self.addCleanup(client.close)
         return client
@@ -138,6 +144,100 @@ class ServersTest(unittest.TestCase):
                 self.client().get_session("sessions/1")
             self.assertEqual(self.first.take_calls(), ["GetSession"])
             self.assertEqual(self.second.calls, [])
+
+    def refusal(self, client, **settings):
+        with self.assertRaises(evpose.ResourceExhaustedError) as caught:
+            client.create_session("models/1", CAMERA, **settings)
+        return caught.exception
+
+    def test_a_session_is_created_at_the_server_with_room(self):
+        for reason in ("OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"):
+            self.first.failure = full(reason)
+            # The session may be known to the second server alone.
+            self.client().create_session("models/1", CAMERA).info()
+            self.assertEqual(self.first.take_calls(), ["CreateSession"], reason)
+            self.assertEqual(self.second.take_calls(), ["CreateSession", "GetSession"])
+            self.assertEqual(self.clock.waits, [])
+            self.assertEqual(self.first.requests[-1], self.second.requests[-2])  # with the same request_id
+
+    def test_full_servers_are_waited_for_as_they_request(self):
+        # The failures of the calls. The second server does not say for how long to wait.
+        failures = [full("OVERLOADED", 7), full("TOO_MANY_SESSIONS", 5), None]
+        self.second.failure = full("OUT_OF_MEMORY", 0)
+
+        def on_call():
+            self.first.failure = failures.pop(0)
+
+        self.first.on_call = on_call
+        client = self.client()
+        client.create_session("models/1", CAMERA)
+        self.assertEqual(self.clock.waits, [7.0, 5.0])
+        self.assertEqual([len(each.take_calls()) for each in (self.first, self.second)], [3, 2])
+        self.assertEqual(len({each.request_id for each in self.first.requests + self.second.requests}), 1)
+
+    def test_the_wait_for_room_is_bounded(self):
+        self.first.failure, self.second.failure = full("OVERLOADED", 60), full("TOO_MANY_SESSIONS", 5)
+        names = f"{self.first.address}, {self.second.address}"
+        error = self.refusal(self.client())
+        self.assertEqual(str(error), f"{self.second.address}: from the script; none of the servers {names} accepts the session; "
+                                     "gave up after 6 more tries in 30.0 s")
+        self.assertEqual((error.reason, error.retry_in_s), ("TOO_MANY_SESSIONS", 5.0))
+        self.assertEqual(self.clock.waits, 6 * [5.0])
+        self.assertEqual([len(each.take_calls()) for each in (self.first, self.second)], [7, 7])
+        self.first.failure, self.second.failure = self.second.failure, self.first.failure
+        error = self.refusal(self.client(), max_wait_s=4.0)
+        self.assertEqual(str(error), f"{self.second.address}: from the script; none of the servers {names} accepts the session")
+        self.assertEqual((error.reason, error.retry_in_s), ("OVERLOADED", 5.0))
+        self.assertEqual([len(each.take_calls()) for each in (self.first, self.second)], [1, 1])
+        self.assertEqual(self.clock.waits, [])
+        with self.assertRaisesRegex(evpose.InvalidArgumentError, "max_wait_s"):
+            self.client().create_session("models/1", CAMERA, max_wait_s=-1.0)
+
+    def test_a_refusal_that_neither_a_server_nor_a_delay_changes_is_final(self):
+        self.first.failure = self.second.failure = full("TENANT_QUOTA")
+        self.assertEqual(self.refusal(self.client()).retry_in_s, 5.0)
+        self.assertEqual([each.take_calls() for each in (self.first, self.second)], [["CreateSession"], []])
+        self.first.failure = self.second.failure = full("SESSION_MEMORY", 0)
+        self.assertEqual(self.refusal(self.client()).retry_in_s, 0.0)
+        self.assertEqual([each.take_calls() for each in (self.first, self.second)], [["CreateSession"], ["CreateSession"]])
+        self.assertEqual(self.clock.waits, [])
+
+    def test_a_full_server_is_waited_for_while_the_other_one_is_away(self):
+        for at_limit, away in ((self.first, self.second), (self.second, self.first)):
+            at_limit.failure, away.failure = full("OVERLOADED"), REFUSED
+            client = self.client()
+            self.assertIn(f"{at_limit.address}: from the script; none of the servers", str(self.refusal(client, max_wait_s=0.0)))
+            self.assertEqual(away.take_calls(), ["CreateSession"])
+
+            def on_call(server=at_limit):
+                if self.clock.waits:
+                    server.failure = None
+
+            at_limit.on_call = on_call
+            client.create_session("models/1", CAMERA)
+            self.assertEqual(self.clock.waits, [5.0])
+            at_limit.on_call = lambda: None
+            at_limit.take_calls(), away.take_calls()
+
+    def test_the_only_server_is_waited_for(self):
+        self.first.failure = full("OVERLOADED")
+        error = self.refusal(self.client(self.first), max_wait_s=9.0)
+        self.assertEqual(str(error), f"{self.first.address}: from the script; gave up after 1 more tries in 5.0 s")
+        self.assertEqual(len(self.first.take_calls()), 2)
+
+    def test_close_ends_the_wait_for_room(self):
+        self.first.failure = self.second.failure = full("OVERLOADED")
+        client = self.client()
+
+        class ClosingClock(FakeClock):
+            def wait(self, seconds, stop):
+                client.close()
+                return super().wait(seconds, stop)
+
+        client._servers.clock = ClosingClock()
+        with self.assertRaisesRegex(evpose.CancelledError, "the client was closed"):
+            client.create_session("models/1", CAMERA)
+        self.assertEqual(len(self.second.take_calls()), 1)
 
     def test_watchers_continue_at_the_other_server(self):
         self.first.fails_after_pose = True

@@ -314,6 +314,21 @@ class ResumptionTest(StreamTest):
         with self.assertRaises(evpose.UnavailableError):
             self.serve(breaks).track([A], retry=evpose.RetryOptions(max_outage_s=0.0)).read_all()
 
+    def test_full_servers_are_tried_again_after_their_delay(self):
+        def refuses(stream):
+            stream.read("attach")
+            raise Fail(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", retry_in_s=7)
+            yield
+
+        def accepts(stream):
+            stream.read("attach")
+            yield from summary_at_once(stream)
+
+        for num_servers, waits in ((1, [7.0, 7.0]), (2, [0.0, 7.0])):
+            scripted = self.serve(refuses, refuses, accepts)
+            self.assertEqual(list(scripted.track([], num_servers=num_servers)), [])
+            self.assertEqual(scripted.clock.waits, waits)
+
     def test_every_server_is_asked_for_the_session(self):
         def has_not(stream):
             stream.read("attach")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import threading
 import time
 from typing import Any, Callable, Generator, Iterator, Sequence, TypeVar
@@ -11,7 +12,7 @@ from typing import Any, Callable, Generator, Iterator, Sequence, TypeVar
 import grpc
 
 from evpose.channel import Endpoint
-from evpose.errors import EvposeError, from_call
+from evpose.errors import CancelledError, EvposeError, from_call
 from evpose.stream.retry import Advice, Backoff, Clock, RetryOptions, advise_on
 
 _Result = TypeVar("_Result")
@@ -20,6 +21,8 @@ _Result = TypeVar("_Result")
 MAX_ROUNDS = 3
 # Codes of errors that may say something of the server alone.
 _AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
+# Reasons of RESOURCE_EXHAUSTED that are about one server. The quota of a tenant is not: the caller can delete a session.
+_FULL_REASONS = frozenset(("OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"))
 
 
 @dataclasses.dataclass
@@ -30,12 +33,14 @@ class Servers:
     outlive_sessions: bool  # sessions are in a persistent store
     current: int = 0
     clock: Clock = dataclasses.field(default_factory=Clock)
+    closed: threading.Event = dataclasses.field(default_factory=threading.Event)  # by the client; ends waits for room
 
-    def at_any(self, call: Callable[[Endpoint, float], _Result], timeout_s: float) -> _Result:
-        """Returns `call(endpoint, timeout_s)` at the current server, and at the next ones while a server is away; the attempts share the
-        time. A call that has reached a server may be made again, so that it must have the same effect as one call. Raises EvposeError."""
+    def at_any(self, call: Callable[[Endpoint, float], _Result], timeout_s: float, *, skips_full: bool = False) -> _Result:
+        """Returns `call(endpoint, timeout_s)` at the current server, and at the next ones while a server is away or, with `skips_full`,
+        has no room for a session; the attempts share the time. A call that has reached a server may be made again, so that it must have
+        the same effect as one call. Raises EvposeError."""
         deadline = time.monotonic() + timeout_s
-        choice = ServerChoice(self)
+        choice = ServerChoice(self, skips_full)
         while True:
             try:
                 result = call(choice.endpoint, max(deadline - time.monotonic(), 0.001))
@@ -45,6 +50,26 @@ class Servers:
                 raise choice.final(error) from None
             choice.responded()
             return result
+
+    def where_room_is(self, call: Callable[[Endpoint, float], _Result], timeout_s: float, max_wait_s: float) -> _Result:
+        """Returns the result of at_any() at a server with room for a session. If no server has room, makes the call again after the
+        shortest delay of RetryInfo, as long as these delays end within `max_wait_s` seconds from the start. `timeout_s` is the limit for
+        the calls between two delays. Raises EvposeError, the last refusal among others."""
+        begin, backoff, num_waits = self.clock.now(), Backoff(RetryOptions()), 0
+        while True:
+            try:
+                return self.at_any(call, timeout_s, skips_full=True)
+            except EvposeError as error:
+                if not _is_full(error) or error.retry_in_s == 0.0:
+                    raise
+                delay_s, waited_s = max(backoff.next(), error.retry_in_s), self.clock.now() - begin
+                if waited_s + delay_s > max_wait_s:
+                    if num_waits == 0:
+                        raise
+                    raise error.with_message(f"{error.message}; gave up after {num_waits} more tries in {waited_s:.1f} s") from None
+            if not self.clock.wait(delay_s, self.closed):
+                raise CancelledError(f"{self.endpoints[self.current].name}: the client was closed")
+            num_waits += 1
 
     def call(self, method: str, request: Any, response: Any, timeout_s: float) -> Any:
         """Makes a call with one request and one response at any server: see at_any(). Raises EvposeError."""
@@ -89,11 +114,20 @@ def _is_away(error: EvposeError) -> bool:
     return error.code in _AWAY_CODES and error.reason != "ROLLED_BACK" and advise_on(error) is Advice.TRY_AGAIN
 
 
-class ServerChoice:
-    """The servers that one call is made to, in turn, from the current one on. Used by one thread."""
+def _is_full(error: EvposeError) -> bool:
+    """Whether a server has refused a new session because it has no room for it, so that another server may create it."""
+    return error.code == "RESOURCE_EXHAUSTED" and error.reason in _FULL_REASONS
 
-    def __init__(self, servers: Servers) -> None:
+
+class ServerChoice:
+    """The servers that one call is made to, in turn, from the current one on. Used by one thread. With `skips_full`, a call goes to the
+    next server also if this one has no room for a session."""
+
+    def __init__(self, servers: Servers, skips_full: bool = False) -> None:
         self._servers = servers
+        self._skips_full = skips_full
+        self._num_full = 0  # refusals by full servers
+        self._retry_in_s = math.inf  # the shortest delay of RetryInfo of the full servers
         self._index = servers.current
         self._num_failed = 0  # attempts since the last response
         self._backoff = Backoff(RetryOptions())
@@ -106,14 +140,16 @@ class ServerChoice:
     def responded(self) -> None:
         """Informs the object of a response of the server."""
         # Without a failure the other calls stay where they are: a model may be known to their server alone.
-        if self._num_failed > 0:
+        if self._num_failed > 0 or self._num_full > 0:
             self._servers.current = self._index
         self._num_failed = 0
         self._backoff.reset()
 
     def next(self, error: EvposeError) -> bool:
         """Chooses the next server if this one is away. Each server is tried once without delay, then again after growing delays. Returns
-        False if the call is not to be repeated."""
+        False if the call is not to be repeated, also when each server has been tried and one of them was full."""
+        if self._skips_full and _is_full(error):
+            return self._next_with_room(error)
         if not _is_away(error):
             self.responded()
             return False
@@ -128,9 +164,26 @@ class ServerChoice:
             self._servers.clock.wait(self._backoff.next(), threading.Event())
         return True
 
+    def _next_with_room(self, refusal: EvposeError) -> bool:
+        if refusal.retry_in_s > 0.0:
+            self._retry_in_s = min(self._retry_in_s, refusal.retry_in_s)
+        self._num_full += 1
+        count = len(self._servers.endpoints)
+        if self._num_full + self._num_failed >= count:  # each has been tried
+            return False
+        self._index = (self._index + 1) % count
+        return True
+
     def final(self, error: EvposeError) -> EvposeError:
-        """Returns the error of a call that is not repeated, with the servers that were tried."""
-        if self._num_failed < MAX_ROUNDS * len(self._servers.endpoints):
+        """Returns the error of a call that is not repeated, with the servers that were tried. `retry_in_s` is the shortest delay of the
+        full servers."""
+        count = len(self._servers.endpoints)
+        is_full = self._num_full > 0 and _is_full(error)
+        if count == 1 or (not is_full and self._num_failed < MAX_ROUNDS * count):
             return error
         names = ", ".join(endpoint.name for endpoint in self._servers.endpoints)
+        if is_full:
+            refusal = error.with_message(f"{error.message}; none of the servers {names} accepts the session")
+            refusal.retry_in_s = self._retry_in_s if math.isfinite(self._retry_in_s) else 0.0
+            return refusal
         return error.with_message(f"{error.message}; {MAX_ROUNDS} attempts each at {names}")
