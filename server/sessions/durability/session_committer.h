@@ -25,10 +25,10 @@ namespace evpose::server {
 // Thread-safe.
 class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
  public:
-  // Delays before a commit is repeated.
+  // Delays before a commit is repeated. An outage of the store may last longer by `longest` for a session.
   struct Backoff {
     absl::Duration first = absl::Milliseconds(100);  // doubled with each repetition
-    absl::Duration longest = absl::Seconds(5);
+    absl::Duration longest = absl::Seconds(1);
   };
 
   struct Progress {

@@ -31,9 +31,9 @@ struct RedisClientOptions {
   absl::Duration timeout = absl::Seconds(5);
   // After a failure no new connection is tried for this time, doubled for each further failure up to `longest_backoff`.
   // Commands in the meantime fail immediately. A short interruption costs little with the first; with the last a server
-  // that returns is noticed after two seconds.
+  // that returns is noticed after one second.
   absl::Duration first_backoff = absl::Milliseconds(50);
-  absl::Duration longest_backoff = absl::Seconds(2);
+  absl::Duration longest_backoff = absl::Seconds(1);
   // Used if the address has Sentinels.
   RedisSentinelOptions sentinel;
   // The limit of each wait for a replica's acknowledgement, which takes one round trip while the replica keeps up; one

@@ -197,7 +197,7 @@ std::string RedisGroup::ConfigurationOf(const Sentinel& sentinel) const {
                    "/socket\nsentinel monitor ", kName, " 127.0.0.1 ", nodes_[0]->port(), " 2\n");
   absl::StrAppend(&lines, "sentinel down-after-milliseconds ", kName, " ", down_after_ms, "\n");
   // The Sentinels repeat a failed failover after twice this time.
-  absl::StrAppend(&lines, "sentinel failover-timeout ", kName, " 10000\n");
+  absl::StrAppend(&lines, "sentinel failover-timeout ", kName, " 3000\n");
   if (options_.password.empty()) return lines;
   absl::StrAppend(&lines, "requirepass ", options_.password, "\nsentinel sentinel-pass ", options_.password, "\n");
   absl::StrAppend(&lines, "sentinel auth-pass ", kName, " ", options_.password, "\n");
