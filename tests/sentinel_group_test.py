@@ -5,9 +5,9 @@
 usage: sentinel_group_test.py EVPOSE_SERVER
 
 Kills the master: the Sentinels must agree on one of the replicas, which accepts writes and has the data, the killed node must follow it
-when it starts again, and evpose-server must be ready again without a restart. Names are resolved as in the containers: each
-process has a mount namespace with a hosts file of its own, so the test needs root, and is skipped without (status 77). Ports are free
-ones instead of 6379 and 26379.
+when it starts again, and evpose-server must be ready again without a restart. Nodes that restart keep their roles. A master that has
+lost both replicas must reject writes. Names are resolved as in the containers: each process has a mount namespace with a hosts file of its
+own, so the test needs root, and is skipped without (status 77). Ports are free ones instead of 6379 and 26379.
 """
 import contextlib
 import os
@@ -98,6 +98,11 @@ class Group:
         while not re.search("eady to accept connections|[+]monitor master|Sentinel ID is", log.read_text()):
             check(process.poll() is None, name, "does not start:", log.read_text())
 
+    def kill(self, *names):
+        for name in names:
+            self.processes[name].send_signal(signal.SIGKILL)
+            self.processes[name].wait()
+
     def cli(self, name, *words):
         port = self.sentinel_port if name in SENTINELS else self.redis_port
         run = subprocess.run(["redis-cli", "--tls", "--cacert", self.secrets / "redis.crt", "-h", NODES[name], "-p", str(port), *words],
@@ -163,8 +168,7 @@ def check_failover(group, address):
     check(group.cli("redis-1", "set", "evpose-test", "kept") == "OK", "the master accepts no write")
     check(group.cli("redis-1", "wait", "2", "0") == "2", "a write does not reach both replicas")
     check("READONLY" in group.cli("redis-2", "set", "evpose-test", "wrong"), "a replica accepts a write")
-    group.processes["redis-1"].send_signal(signal.SIGKILL)
-    group.processes["redis-1"].wait()
+    group.kill("redis-1")
     await_that(lambda: len(set(group.masters())) == 1 and group.masters()[0] not in ("", "redis-1"))
     master = group.masters()[0]
     await_that(lambda: group.roles()[master] == "master" and group.replicas(master) == 1)
@@ -181,15 +185,23 @@ def check_failover(group, address):
 
 
 def check_restart(group, master):
-    """A node that restarts keeps the role that the Sentinels gave it."""
-    for name in NAMES:
-        group.processes[name].send_signal(signal.SIGKILL)
-        group.processes[name].wait()
+    """A node that restarts keeps the role that the Sentinels gave it, also without them."""
+    group.kill(*NAMES, *SENTINELS)
     for name in NAMES:
         group.start_node(name)
     roles = group.roles()
     check(sorted(roles.values()) == ["master", "slave", "slave"] and roles[master] == "master", "after a restart of all the roles are", roles)
     check(group.cli(master, "get", "evpose-test") == "new", "a restart of all loses writes")
+
+
+def check_loss_of_two(group, master):
+    """A master without replicas rejects writes, and accepts them when one has returned."""
+    others = [name for name in NAMES if name != master]
+    group.kill(*others)
+    await_that(lambda: "NOREPLICAS" in group.cli(master, "set", "evpose-test", "lost"))
+    group.start_node(others[0])
+    await_that(lambda: group.cli(master, "set", "evpose-test", "back") == "OK")
+    await_that(lambda: group.cli(others[0], "get", "evpose-test") == "back")
 
 
 def main():
@@ -207,6 +219,7 @@ def main():
         address = group.start_server()
         master = check_failover(group, address)
         check_restart(group, master)
+        check_loss_of_two(group, master)
         print("a killed master was replaced by", master, "and follows it; roles and writes outlast a restart of all three")
 
 
