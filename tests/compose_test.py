@@ -54,7 +54,7 @@ def check_tls(below, on_top):
 def check_versions():
     """Checks that the default version of the images is that of the project."""
     version = re.search(r"^project\(evpose VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text(), re.M)[1]
-    for name in ("Dockerfile", "compose.yaml", "compose.cluster.yaml"):
+    for name in ("Dockerfile", "compose.yaml", "compose.cluster.yaml", "compose.sentinel.yaml"):
         said = re.findall(r"VERSION(?:=|:-)([^}\s]*)", (ROOT / "deploy" / name).read_text())
         check(said and set(said) == {version}, name, "has the version", said, "and not", version)
 
@@ -67,7 +67,7 @@ def check_images():
         text = path.read_text()
         check(f"ARG BASE_IMAGE={images['BASE_IMAGE']}\n" in text, path.name, "has another base image than .env")
         check(set(re.findall(r"^FROM (\S+)", text, re.M)) <= {"${BASE_IMAGE}"}, path.name, "uses other base images")
-    for name in ("compose.yaml", "compose.cluster.yaml"):
+    for name in ("compose.yaml", "compose.cluster.yaml", "compose.sentinel.yaml"):
         for service, document in services(name).items():
             named = re.fullmatch(r"\$\{(\w+)\}", document["image"])
             check(named and named[1] in images or document["image"].startswith("evpose-"), service, "of", name, document["image"])
@@ -85,12 +85,36 @@ def check_view():
     check(view["ports"] == [f"127.0.0.1:{port}:{port}"], "view of compose.yaml publishes", view["ports"])
 
 
+def check_sentinels():
+    """Checks that the tunnels of a server have an address for each node and Sentinel of compose.sentinel.yaml, under the names that these
+    announce, and that the memory of a node is twice what it may store."""
+    found = services("compose.sentinel.yaml")
+    tunnels = (ROOT / "deploy/haproxy/store-sentinel.cfg").read_text()
+    ways = dict(re.findall(r"bind (\S+)\n  server (?:\S+) (\S+)$", tunnels, re.M))
+    for number in ("1", "2", "3"):
+        store, server = found["store-" + number], found["server-" + number]
+        check(server["network_mode"] == "service:store-" + number, "server", number, "has no tunnels on its loopback interface")
+        check(store["networks"]["inside"]["aliases"] == ["server-" + number], "HAProxy does not find server", number)
+        names = dict(entry.split(":") for entry in store["extra_hosts"])
+        check(ways[names["redis-" + number] + ":6379"] == f"redis-{number}:6379", "another node than", names)
+        sentinels = options(server["command"])["--store"].removeprefix("redis+sentinel://").removesuffix("/evpose").split(",")
+        check([ways[sentinel] for sentinel in sentinels] == [f"sentinel-{i}:26379" for i in (1, 2, 3)], "no tunnels to", sentinels)
+        for kind, word in (("redis", "node"), ("sentinel", "sentinel")):
+            name = f"{kind}-{number}"
+            check(found[name]["command"] == ["/etc/redis-group/start.sh", word, name, "redis-1"], name, "starts", found[name]["command"])
+            check(f"{name}:/data" in found[name]["volumes"], name, "has no volume of its own")
+        gigabytes = int(re.search(r"^maxmemory (\d+)gb$", (ROOT / "deploy/redis/node.conf").read_text(), re.M)[1])
+        check(int(found["redis-" + number]["mem_limit"].removesuffix("g")) >= 2 * gigabytes, "no room for the rewrite of a file")
+
+
 def main():
     check_versions()
     check_images()
     check_view()
     check_memory("compose.yaml")
     check_memory("compose.cluster.yaml")
+    check_memory("compose.sentinel.yaml")
+    check_sentinels()
     check_tls("compose.yaml", "compose.tls.yaml")
     check_tls("compose.cluster.yaml", "compose.cluster.tls.yaml")
 

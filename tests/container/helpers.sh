@@ -129,7 +129,7 @@ one_line() {
 check_files() {
   local file
   make_secrets
-  for file in compose.yaml compose.cluster.yaml; do
+  for file in compose.yaml compose.cluster.yaml compose.sentinel.yaml; do
     docker compose --file "deploy/$file" --profile '*' config --quiet || fail "deploy/$file is not valid"
   done
   for file in compose compose.cluster; do

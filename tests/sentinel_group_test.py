@@ -1,0 +1,245 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the three Redis servers, three Sentinels and the tunnels of compose.sentinel.yaml as processes, with the files that it mounts.
+
+usage: sentinel_group_test.py EVPOSE_SERVER
+
+Kills the master: the Sentinels must agree on one of the replicas, which accepts writes and has the data, the killed node must follow it
+when it starts again, and evpose-server must be ready again without a restart. Nodes that restart keep their roles. A master that has
+lost both replicas must reject writes. Names are resolved as in the containers: each process has a mount namespace with a hosts file of its
+own, so the test needs root, and is skipped without (status 77). Ports are free ones instead of 6379 and 26379.
+"""
+import contextlib
+import os
+import pathlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import urllib.error
+import urllib.request
+
+import yaml
+
+SERVER = os.path.realpath(sys.argv[1])
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+NAMES = ("redis-1", "redis-2", "redis-3")
+SENTINELS = ("sentinel-1", "sentinel-2", "sentinel-3")
+NODES = {f"{kind}-{i}": f"127.0.2.{i}" for kind in ("redis", "sentinel") for i in (1, 2, 3)}
+
+
+def check(condition, *words):
+    if not condition:
+        sys.exit("sentinel_group_test: " + " ".join(str(word) for word in words))
+
+
+def free_ports(count):
+    """Ports that are free at all addresses at this moment."""
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for each in sockets:
+            each.bind(("", 0))
+        return [each.getsockname()[1] for each in sockets]
+
+
+def accepts(address, port):
+    with socket.socket() as probe:
+        return probe.connect_ex((address, port)) == 0
+
+
+class Group:
+    def __init__(self, work, stack):
+        self.work, self.stack, self.processes = work, stack, {}
+        self.services = yaml.safe_load((ROOT / "deploy/compose.sentinel.yaml").read_text())["services"]
+        self.secrets = work / "secrets"
+        subprocess.run([ROOT / "deploy/make-secrets.sh", self.secrets], check=True, capture_output=True)
+        self.password = (self.secrets / "redis.password").read_text().strip()
+        self.redis_port, self.sentinel_port = free_ports(2)
+        self.write_hosts("nodes", NODES)
+        entries = [entry.split(":") for entry in self.services["store-1"]["extra_hosts"]]
+        self.write_hosts("server", dict(entries))
+
+    def write_hosts(self, name, addresses):
+        lines = [f"{address} {host}\n" for host, address in addresses.items()]
+        (self.work / f"{name}.hosts").write_text("".join(["127.0.0.1 localhost\n", *lines]))
+
+    def changed(self, text, data):
+        text = re.sub(r"\b26379\b", str(self.sentinel_port), re.sub(r"\b6379\b", str(self.redis_port), text))
+        return re.sub(r"(?<![\w/])/data\b", str(data), text.replace("/run/secrets", str(self.secrets)))
+
+    def start(self, name, hosts, command, **options):
+        mount = f"mount --bind {self.work}/{hosts}.hosts /etc/hosts && exec \"$@\""
+        process = subprocess.Popen(["unshare", "--mount", "sh", "-c", mount, "sh", *command], text=True, **options)
+        self.processes[name] = process
+
+        def end():
+            process.kill()
+            process.communicate()
+
+        self.stack.callback(end)
+        return process
+
+    def start_node(self, name):
+        """Starts a Redis server or a Sentinel with the command of its service, and waits until it listens."""
+        folder, data = self.work / name, self.work / name / "data"
+        data.mkdir(parents=True, exist_ok=True)
+        for path in (ROOT / "deploy/redis").iterdir():
+            text = self.changed(path.read_text(), data)
+            # Beside the others of this machine.
+            bind = f"bind {NODES[name]}\n" if path.suffix == ".conf" else ""
+            (folder / path.name).write_text(bind + text)
+        (folder / "start.sh").chmod(0o755)
+        words = self.services[name]["command"]
+        log = self.work / f"{name}.log"
+        with open(log, "w", encoding="utf-8") as out:
+            process = self.start(name, "nodes", ["bash", folder / "start.sh", *words[1:]], stdout=out, stderr=out)
+        while not re.search("eady to accept connections|[+]monitor master|Sentinel ID is", log.read_text()):
+            check(process.poll() is None, name, "does not start:", log.read_text())
+
+    def kill(self, *names):
+        for name in names:
+            self.processes[name].send_signal(signal.SIGKILL)
+            self.processes[name].wait()
+
+    def cli(self, name, *words):
+        port = self.sentinel_port if name in SENTINELS else self.redis_port
+        run = subprocess.run(["redis-cli", "--tls", "--cacert", self.secrets / "redis.crt", "-h", NODES[name], "-p", str(port), *words],
+                             capture_output=True, text=True, env={**os.environ, "REDISCLI_AUTH": self.password})
+        return run.stdout.strip()
+
+    def roles(self):
+        return {name: (self.cli(name, "role").splitlines() or ["away"])[0] for name in NAMES}
+
+    def masters(self):
+        """The master by each Sentinel."""
+        return [(self.cli(name, "sentinel", "get-master-addr-by-name", "evpose").splitlines() or [""])[0] for name in SENTINELS]
+
+    def agreed_master(self):
+        """The master, if all Sentinels name the same one and it accepts the role."""
+        names = set(self.masters())
+        name = names.pop()
+        return name if not names and name and self.roles()[name] == "master" else None
+
+    def know_all(self):
+        fields = [re.search(r"slaves=(\d+),sentinels=(\d+)", self.cli(name, "info", "sentinel")) for name in SENTINELS]
+        return all(found and found.groups() == ("2", "3") for found in fields)
+
+    def replicas(self, master):
+        return len(re.findall("state=online", self.cli(master, "info", "replication")))
+
+    def start_server(self):
+        """Starts HAProxy and the server as server-1 and store-1; returns the address of the metrics."""
+        folder = self.work / "haproxy"
+        folder.mkdir()
+        words = []
+        for word in self.services["store-1"]["command"]:
+            if word.endswith(".cfg"):
+                text = (ROOT / "deploy/haproxy" / pathlib.Path(word).name).read_text()
+                # The hosts file of the nodes is the DNS of this test.
+                word = folder / pathlib.Path(word).name
+                word.write_text(self.changed(text, folder).replace("init-addr none", "init-addr libc"))
+            words.append(word)
+        environment = {**os.environ, "PATH": os.environ["PATH"] + ":/usr/sbin"}
+        with open(self.work / "haproxy.log", "w", encoding="utf-8") as out:
+            self.start("haproxy", "nodes", words, env=environment, stdout=out, stderr=out)
+        while not accepts("127.0.1.1", self.redis_port):
+            check(self.processes["haproxy"].poll() is None, "haproxy:", (self.work / "haproxy.log").read_text())
+        command = [re.sub(r"^0\.0\.0\.0:\d+$", "127.0.0.1:0", self.changed(word, folder)) for word in self.services["server-1"]["command"]]
+        with open(self.work / "server.log", "w", encoding="utf-8") as out:
+            process = self.start("server", "server", [SERVER, *command], stdout=subprocess.PIPE, stderr=out)
+        lines = [process.stdout.readline() for _ in range(2)]
+        check(lines[1].startswith("metrics on "), "the server does not start:", (self.work / "server.log").read_text())
+        return re.search(r"127\.0\.0\.1:\d+", lines[1])[0]
+
+
+def is_ready(address):
+    try:
+        with urllib.request.urlopen(f"http://{address}/readyz") as page:
+            return page.status == 200
+    except urllib.error.HTTPError:
+        return False
+
+
+def await_that(condition):
+    """Without a limit of its own: CTest ends a test that hangs."""
+    while not condition():
+        pass  # each question starts a process or opens a connection
+
+
+def await_master(group, num_replicas):
+    """Waits for a master with this number of replicas, and returns its name. On a busy machine it need not be the first one."""
+    found = []
+
+    def is_found():
+        master = group.agreed_master()
+        found[:] = [master]
+        return master and group.replicas(master) == num_replicas and group.know_all()
+
+    await_that(is_found)
+    return found[0]
+
+
+def check_failover(group, address):
+    await_that(lambda: is_ready(address))
+    first = await_master(group, 2)
+    check(group.cli(first, "set", "evpose-test", "kept") == "OK", "the master accepts no write")
+    check(group.cli(first, "wait", "2", "0") == "2", "a write does not reach both replicas")
+    other = next(name for name in NAMES if name != first)
+    check("READONLY" in group.cli(other, "set", "evpose-test", "wrong"), "a replica accepts a write")
+    group.kill(first)
+    master = await_master(group, 1)
+    check(master != first, "the killed server is the master")
+    check(group.cli(master, "get", "evpose-test") == "kept", "the new master lacks a write that both replicas had")
+    await_that(lambda: group.cli(master, "set", "evpose-test", "new") == "OK")
+    await_that(lambda: is_ready(address))
+    check(group.processes["server"].poll() is None, "the server has ended")
+    group.start_node(first)
+    await_that(lambda: group.replicas(master) == 2)
+    await_that(lambda: group.cli(first, "get", "evpose-test") == "new")
+    roles = group.roles()
+    check(sorted(roles.values()) == ["master", "slave", "slave"] and roles[master] == "master", "after the return the roles are", roles)
+    return master
+
+
+def check_restart(group, master):
+    """A node that restarts keeps the role that the Sentinels gave it, also without them."""
+    group.kill(*NAMES, *SENTINELS)
+    for name in NAMES:
+        group.start_node(name)
+    roles = group.roles()
+    check(sorted(roles.values()) == ["master", "slave", "slave"] and roles[master] == "master", "after a restart of all the roles are", roles)
+    check(group.cli(master, "get", "evpose-test") == "new", "a restart of all loses writes")
+
+
+def check_loss_of_two(group, master):
+    """A master without replicas rejects writes, and accepts them when one has returned."""
+    others = [name for name in NAMES if name != master]
+    group.kill(*others)
+    await_that(lambda: "NOREPLICAS" in group.cli(master, "set", "evpose-test", "lost"))
+    group.start_node(others[0])
+    await_that(lambda: group.cli(master, "set", "evpose-test", "back") == "OK")
+    await_that(lambda: group.cli(others[0], "get", "evpose-test") == "back")
+
+
+def main():
+    if os.geteuid() != 0 or subprocess.run(["unshare", "--mount", "true"], capture_output=True).returncode != 0:
+        print("sentinel_group_test: SKIPPED: needs root, for mount namespaces")
+        sys.exit(77)
+    with tempfile.TemporaryDirectory() as work, contextlib.ExitStack() as stack:
+        group = Group(pathlib.Path(work), stack)
+        for name in (*NAMES, *SENTINELS):
+            group.start_node(name)
+        await_master(group, 2)
+        with socket.create_connection((NODES["redis-1"], group.redis_port)) as plain, contextlib.suppress(ConnectionResetError):
+            plain.sendall(b"PING\r\n")
+            check(not plain.recv(100).startswith((b"+", b"-")), "Redis answers without encryption")
+        address = group.start_server()
+        master = check_failover(group, address)
+        check_restart(group, master)
+        check_loss_of_two(group, master)
+        print("a killed master was replaced by", master, "and follows it; roles and writes outlast a restart of all three")
+
+
+main()
