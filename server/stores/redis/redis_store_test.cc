@@ -4,7 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <csignal>
+#include <cstdint>
 #include <functional>
 
 #include "absl/strings/str_cat.h"
@@ -263,10 +265,15 @@ TEST_F(RedisStoreFixture, SessionsAreListedInFewRoundTrips) {
     const std::string key = "total_reads_processed:";
     return std::stoul(info.substr(info.find(key) + key.size()));
   };
-  const size_t before = reads();
-  EXPECT_EQ(store_->ListSessions("lab", "", kListed)->records.size(), kListed);
-  EXPECT_EQ(store_->ReadOldestLifecycles(kListed)->size(), kListed);
-  EXPECT_LT(reads() - before, kListed / 2);
+  // One of several listings: on a busy machine Redis may read a request in pieces.
+  size_t fewest = SIZE_MAX;
+  for (int i = 0; i < 5; ++i) {
+    const size_t before = reads();
+    EXPECT_EQ(store_->ListSessions("lab", "", kListed)->records.size(), kListed);
+    EXPECT_EQ(store_->ReadOldestLifecycles(kListed)->size(), kListed);
+    fewest = std::min(fewest, reads() - before);
+  }
+  EXPECT_LT(fewest, kListed / 2);
 }
 
 TEST_F(RedisStoreFixture, SessionsOfAnEarlierVersionAreIndexedWhenTheStoreIsOpened) {
