@@ -123,6 +123,24 @@ class Endpoint:
         self.name = name
         self.channel = channel
         self.token = token
+        self._is_lost = False  # the last call failed because the server could not be reached, as far as is known
+
+    def lose(self) -> None:
+        """Informs the endpoint that a call found its server away."""
+        self._is_lost = True
+
+    def connect_again(self, longest_s: float) -> None:
+        """Waits for a lost connection, for at most `longest_s` seconds. A call fails at once while its channel is not connected, and gRPC
+        only processes a connection while something waits for it, and otherwise every 5 s."""
+        if not self._is_lost:
+            return
+        try:
+            grpc.channel_ready_future(self.channel).result(longest_s)
+        except grpc.FutureTimeoutError:
+            return
+        except ValueError:  # of gRPC, for a closed channel
+            return
+        self._is_lost = False
 
     @staticmethod
     def open(address: str, tls: Optional[Tls], token: TokenSource) -> Endpoint:

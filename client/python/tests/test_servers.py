@@ -28,7 +28,7 @@ def full(reason, retry_in_s=5):
 class OneOfTwo(grpc.GenericRpcHandler):
     """A server that records its calls in `calls`, and ends them with `failure`, unless it is None."""
 
-    def __init__(self, first_pose_seq):
+    def __init__(self, first_pose_seq, address="127.0.0.1:0"):
         self.calls = []
         self.requests = []
         self.failure = None
@@ -37,7 +37,7 @@ class OneOfTwo(grpc.GenericRpcHandler):
         self._first_pose_seq = first_pose_seq
         self._server = grpc.server(futures.ThreadPoolExecutor(8))
         self._server.add_generic_rpc_handlers([self])
-        self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        self.address = f"127.0.0.1:{self._server.add_insecure_port(address)}"
         self._server.start()
 
     def stop(self):
@@ -125,6 +125,18 @@ class ServersTest(unittest.TestCase):
         self.client().delete_model("models/1")
         # The first server may have deleted the model before it went away.
         self.assertEqual([each.requests[-1].allow_missing for each in (self.first, self.second)], [False, True])
+
+    def test_the_only_server_is_found_by_the_first_call_after_its_start(self):
+        client = self.client(self.first)
+        client.list_sessions()
+        self.first.stop()
+        for _ in range(2):
+            with self.assertRaises(evpose.UnavailableError):
+                client.list_sessions()
+        again = OneOfTwo(1, self.first.address)
+        self.addCleanup(again.stop)
+        client.list_sessions()
+        self.assertEqual(again.take_calls(), ["ListSessions"])
 
     def test_the_attempts_are_bounded(self):
         self.first.failure = self.second.failure = REFUSED

@@ -19,6 +19,10 @@ _Result = TypeVar("_Result")
 
 # Attempts at each server without a response, after which a call fails.
 MAX_ROUNDS = 3
+# Seconds for which a lost connection is waited for: to a server that others are tried after, and to the only one. gRPC tries to connect
+# about once a second.
+CONNECTION_WAIT_S = 0.1
+ONLY_CONNECTION_WAIT_S = 1.5
 # Codes of errors that may say something of the server alone.
 _AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
 # Reasons of RESOURCE_EXHAUSTED that are about one server. The quota of a tenant is not: the caller can delete a session.
@@ -34,6 +38,10 @@ class Servers:
     current: int = 0
     clock: Clock = dataclasses.field(default_factory=Clock)
     closed: threading.Event = dataclasses.field(default_factory=threading.Event)  # by the client; ends waits for room
+
+    def connect_again(self, index: int) -> None:
+        """Waits a moment for the connection to this server if a call found it away."""
+        self.endpoints[index].connect_again(ONLY_CONNECTION_WAIT_S if len(self.endpoints) == 1 else CONNECTION_WAIT_S)
 
     def at_any(self, call: Callable[[Endpoint, float], _Result], timeout_s: float, *, skips_full: bool = False) -> _Result:
         """Returns `call(endpoint, timeout_s)` at the current server, and at the next ones while a server is away or, with `skips_full`,
@@ -109,7 +117,7 @@ def _responses(call: Any) -> Iterator[Any]:
         return
 
 
-def _is_away(error: EvposeError) -> bool:
+def is_away(error: EvposeError) -> bool:
     """Whether the server cannot be reached, shuts down or has lost its store, so that another one may respond."""
     return error.code in _AWAY_CODES and error.reason != "ROLLED_BACK" and advise_on(error) is Advice.TRY_AGAIN
 
@@ -131,6 +139,7 @@ class ServerChoice:
         self._index = servers.current
         self._num_failed = 0  # attempts since the last response
         self._backoff = Backoff(RetryOptions())
+        servers.connect_again(self._index)
 
     @property
     def endpoint(self) -> Endpoint:
@@ -150,9 +159,10 @@ class ServerChoice:
         False if the call is not to be repeated, also when each server has been tried and one of them was full."""
         if self._skips_full and _is_full(error):
             return self._next_with_room(error)
-        if not _is_away(error):
+        if not is_away(error):
             self.responded()
             return False
+        self.endpoint.lose()
         count = len(self._servers.endpoints)
         if count == 1:
             return False
@@ -162,6 +172,7 @@ class ServerChoice:
         self._index = (self._index + 1) % count
         if self._num_failed % count == 0:
             self._servers.clock.wait(self._backoff.next(), threading.Event())
+        self._servers.connect_again(self._index)
         return True
 
     def _next_with_room(self, refusal: EvposeError) -> bool:

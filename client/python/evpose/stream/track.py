@@ -18,7 +18,7 @@ from evpose.stream.attempt import AttemptOptions, Callbacks, StreamAttempt, Trac
 from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import Advice, Backoff, Clock, RetryOptions, advise_on
-from evpose.stream.servers import Servers
+from evpose.stream.servers import Servers, is_away
 from evpose.types import ConnectionChange, Notice, PoseReset, TrackSummary
 
 # Attempts after which a damaged chunk is regarded as damaged at its source, not by the link.
@@ -172,6 +172,7 @@ class Track:
 
     def _make_attempt(self) -> StreamAttempt:
         position, retry = self.position, self._options.retry
+        self._servers.connect_again(self._index)
         self._auth_token = self._server.token.get()
         self._tokens = [token for token in (position.resume_token, position.previous_token) if token] + self._older_tokens
         options = AttemptOptions(
@@ -194,6 +195,8 @@ class Track:
 
     def _observe(self, attempt: StreamAttempt) -> None:
         now = self._clock.now()
+        if attempt.error is not None and is_away(attempt.error):
+            self._server.lose()
         self._fed_bytes = max(self._fed_bytes, attempt.fed_bytes)
         if attempt.was_attached:
             self._token_age, self._attaches_without_count = 0, False
