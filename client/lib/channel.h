@@ -23,8 +23,8 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
                                                            bool shares_connection = true);
 
 // Connects a channel whose connection was lost, without a delay, and waits until it is connected, for at most `longest`
-// or until `stop`. Returns whether it is. A call fails at once while its channel is not connected, and gRPC only
-// processes a connection while something waits for it, and otherwise every 5 s (interval of its backup poller).
+// or until `stop`. Returns whether it is. A call fails at once after an attempt to connect has failed, and gRPC
+// only processes a connection while something waits for it, and otherwise every 5 s (interval of its backup poller).
 bool ConnectNow(grpc::Channel& channel, absl::Duration longest, const std::stop_token& stop);
 
 }  // namespace evpose::client

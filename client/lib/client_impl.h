@@ -65,8 +65,8 @@ struct Client::Impl {
   std::invoke_result_t<Call, const Endpoint&, absl::Time> AtAnyServer(const Call& call,
                                                                       const std::stop_token& stop = {},
                                                                       bool skips_full_servers = false) {
-    const absl::Time deadline = absl::Now() + options.call_timeout;  // of all attempts together
     ServerChoice choice(endpoints, current, *clock, stop, skips_full_servers);
+    const absl::Time deadline = absl::Now() + options.call_timeout;  // of all attempts together
     while (true) {
       auto result = call(choice.endpoint(), deadline);
       if (choice.Next(result.status())) continue;
@@ -106,6 +106,7 @@ struct Client::Impl {
   absl::StatusOr<Response> UnaryOnce(std::unique_ptr<Stub> Endpoint::*stub,
                                      grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                                      const std::type_identity_t<Request>& request) {
+    ConnectAgain(*endpoint().channel, /*num_servers=*/1, {});
     return UnaryAt(endpoint(), absl::Now() + options.call_timeout, stub, method, request);
   }
 

@@ -83,11 +83,16 @@ bool ServerChoice::Next(const absl::Status& status) {
   if (endpoints_.size() == 1) return false;
   do {
     if (++num_failed_ == kMaxRounds * endpoints_.size()) return false;
-    Skip();
+    Advance();
     const bool is_next_round = num_failed_ % endpoints_.size() == 0;
     if (is_next_round && !clock_.SleepUntil(clock_.Now() + backoff_.Next(), stop_)) return false;
   } while (!Connect() && !stop_.stop_requested());
   return !stop_.stop_requested();
+}
+
+void ServerChoice::Skip() {
+  Advance();
+  ConnectAgain(*endpoint().channel, endpoints_.size(), stop_);
 }
 
 bool ServerChoice::NextWithRoom(const absl::Status& refusal) {

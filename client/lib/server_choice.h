@@ -62,13 +62,15 @@ class ServerChoice {
   // after growing delays. Returns false if the call is not to be repeated: the server has responded, there is no other
   // server, a stop was requested, or each has been tried kMaxRounds times, but once if one of them was full.
   bool Next(const absl::Status& status);
-  // Chooses the next server, because this one has refused and another one may accept.
-  void Skip() { index_ = (index_ + 1) % endpoints_.size(); }
+  // Chooses the next server, because this one has refused and another one may accept. Waits a moment for its connection
+  // if it was lost.
+  void Skip();
   // Returns the status of a call that is not repeated, with the servers that were tried. The delay of RetryInfo is the
   // shortest one of the full servers.
   absl::Status Final(const absl::Status& status) const;
 
  private:
+  void Advance() { index_ = (index_ + 1) % endpoints_.size(); }
   bool NextWithRoom(const absl::Status& refusal);
   // Waits a moment for the connection; in the last round the call waits itself, and its status has the cause.
   bool Connect() const;

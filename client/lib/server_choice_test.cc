@@ -44,6 +44,7 @@ class OneOfTwo final : private v1::SessionService::Service,
     builder.RegisterService(static_cast<v1::ModelService::Service*>(this));
     builder.RegisterService(static_cast<v1::AdminService::Service*>(this));
     server_ = builder.BuildAndStart();
+    EXPECT_NE(server_, nullptr) << listen << " is taken";
     address = "127.0.0.1:" + std::to_string(port);
   }
   ~OneOfTwo() override { Stop(); }
@@ -321,6 +322,7 @@ TEST_F(ServerChoiceTest, AFullServerIsWaitedForWhileTheOtherOneIsAway) {
     const absl::Status status = client_->CreateSession({}).status();
     EXPECT_TRUE(status.ok()) << status;
     EXPECT_EQ(clock_.Now() - before, absl::Seconds(5));
+    full->on_call = [] {};
   }
 }
 

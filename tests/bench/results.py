@@ -10,6 +10,7 @@ say so. Needs a release build and a machine that does nothing else. Sections tha
 page with the sections without running anything: each table of the page must stand between the marks of a section.
 """
 import argparse
+import hashlib
 import json
 import os
 import re
@@ -296,8 +297,8 @@ class Run:
 
 
 class ModelsRun(Run):
-    """Runs the models shape by shape. The output for each shape is kept beside the models, and is used again by the same version with the
-    same arguments, so that an interrupted measurement of hours continues."""
+    """Runs the models shape by shape. The output for each shape is kept beside the models, and is used again by the same program with the
+    same arguments on the same kind of machine, so that an interrupted measurement of hours continues."""
 
     def output(self, arguments, version):
         folder = os.path.join(ROOT, arguments[arguments.index("--models") + 1])
@@ -310,8 +311,11 @@ class ModelsRun(Run):
         return {"models": rows}
 
     def shape(self, folder, shape, arguments, version):
-        key = {"version": version, "arguments": arguments}
-        path = os.path.join(folder, "results", shape + ".json")
+        with open(EVPOSE, "rb") as file:
+            program = hashlib.sha256(file.read()).hexdigest()
+        key = {"version": version, "program": program, "arguments": arguments, "machine": machine()}
+        name = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:16]
+        path = os.path.join(folder, "results", f"{shape}-{name}.json")
         try:
             with open(path, encoding="utf-8") as file:
                 kept = json.load(file)

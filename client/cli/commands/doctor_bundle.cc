@@ -41,7 +41,7 @@ absl::StatusOr<Session> BeginBundle(const Bundle& bundle, const RecordingHeader&
     object.initial_camera_from_object = FromCore(pose);
   }
   config.objects.push_back(std::move(object));
-  return client.CreateSession(config);
+  return client.CreateSession(config, /*request_id=*/"", /*max_wait=*/absl::ZeroDuration());
 }
 
 absl::StatusOr<std::string> TrackParts(const Bundle& bundle, const std::string& name, const CliContext& context) {

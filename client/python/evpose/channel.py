@@ -8,6 +8,7 @@ import ipaddress
 import socket
 import ssl
 import threading
+import time
 from typing import Any, Callable, Optional, Union
 
 import grpc
@@ -26,6 +27,8 @@ _OPTIONS = [
     ("grpc.keepalive_time_ms", 20_000),
     ("grpc.keepalive_timeout_ms", 10_000),
 ]
+
+_STOP_PERIOD_S = 0.05  # a request to stop ends a wait for a connection within it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,24 +126,32 @@ class Endpoint:
         self.name = name
         self.channel = channel
         self.token = token
-        self._is_lost = False  # the last call failed because the server could not be reached, as far as is known
+        self._is_lost = False  # a call found the server away, and the channel has not been connected since
+        self._closed = threading.Event()
+
+    def close(self) -> None:
+        """Ends the calls, and closes the connection."""
+        self._closed.set()
+        self.channel.close()
 
     def lose(self) -> None:
         """Informs the endpoint that a call found its server away."""
         self._is_lost = True
 
-    def connect_again(self, longest_s: float) -> None:
-        """Waits for a lost connection, for at most `longest_s` seconds. A call fails at once while its channel is not connected, and gRPC
-        only processes a connection while something waits for it, and otherwise every 5 s."""
-        if not self._is_lost:
+    def connect_again(self, longest_s: float, stop: threading.Event) -> None:
+        """Waits for a lost connection, for at most `longest_s` seconds or until `stop`. A call fails at once after an attempt to connect has
+        failed, and gRPC only processes a connection while something waits for it, and otherwise every 5 s."""
+        if not self._is_lost or self._closed.is_set():
             return
-        try:
-            grpc.channel_ready_future(self.channel).result(longest_s)
-        except grpc.FutureTimeoutError:
-            return
-        except ValueError:  # of gRPC, for a closed channel
-            return
-        self._is_lost = False
+        ready = grpc.channel_ready_future(self.channel)
+        end = time.monotonic() + longest_s
+        while self._is_lost and time.monotonic() < end and not stop.is_set() and not self._closed.is_set():
+            try:
+                ready.result(min(_STOP_PERIOD_S, longest_s))
+                self._is_lost = False
+            except grpc.FutureTimeoutError:
+                continue
+        ready.cancel()
 
     @staticmethod
     def open(address: str, tls: Optional[Tls], token: TokenSource) -> Endpoint:

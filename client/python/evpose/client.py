@@ -22,7 +22,7 @@ from evpose.session import SERVICE as SESSIONS
 from evpose.session import Session
 from evpose.stream.attempt import TrackPosition
 from evpose.stream.feed import EventSource
-from evpose.stream.servers import Servers
+from evpose.stream.servers import Servers, is_away
 from evpose.stream.track import Track, TrackOptions
 from evpose.types import Estimator, Model, Overload, SensorProfile, ServerInfo, SessionConfig, SessionInfo, Surface, TrackedObject
 from evpose.rpc import health_pb2
@@ -54,7 +54,7 @@ class Client:
         """Ends all calls and closes the connections."""
         self._servers.closed.set()
         for endpoint in self._servers.endpoints:
-            endpoint.channel.close()
+            endpoint.close()
 
     def __enter__(self) -> Client:
         return self
@@ -69,8 +69,14 @@ class Client:
     def is_serving(self) -> bool:
         """Whether the server is ready (grpc.health.v1): not while it shuts down, nor while its store does not respond."""
         endpoint = self._servers.endpoints[self._servers.current]
-        response = endpoint.call(
-            "/grpc.health.v1.Health/Check", health_pb2.HealthCheckRequest(), health_pb2.HealthCheckResponse, self._timeout_s)
+        self._servers.connect_again(self._servers.current)
+        try:
+            response = endpoint.call(
+                "/grpc.health.v1.Health/Check", health_pb2.HealthCheckRequest(), health_pb2.HealthCheckResponse, self._timeout_s)
+        except EvposeError as error:
+            if is_away(error):
+                endpoint.lose()
+            raise
         return bool(response.status == health_pb2.HealthCheckResponse.SERVING)
 
     def upload_model(self, path: PathLike, *, metres_per_unit: float = 1.0, crease_angle_deg: float = 30.0,

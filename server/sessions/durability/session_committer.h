@@ -25,7 +25,7 @@ namespace evpose::server {
 // Thread-safe.
 class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
  public:
-  // Delays before a commit is repeated. An outage of the store may last longer by `longest` for a session.
+  // Delays before a commit is repeated. A session notices up to `longest` later that the store is back.
   struct Backoff {
     absl::Duration first = absl::Milliseconds(100);  // doubled with each repetition
     absl::Duration longest = absl::Seconds(1);

@@ -7,7 +7,7 @@ import dataclasses
 import math
 import threading
 import time
-from typing import Any, Callable, Generator, Iterator, Sequence, TypeVar
+from typing import Any, Callable, Generator, Iterator, Optional, Sequence, TypeVar
 
 import grpc
 
@@ -22,7 +22,7 @@ MAX_ROUNDS = 3
 # Seconds for which a lost connection is waited for: to a server that others are tried after, and to the only one. gRPC tries to connect
 # about once a second.
 CONNECTION_WAIT_S = 0.1
-ONLY_CONNECTION_WAIT_S = 1.5
+ONLY_CONNECTION_WAIT_S = 2.0
 # Codes of errors that may say something of the server alone.
 _AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
 # Reasons of RESOURCE_EXHAUSTED that are about one server. The quota of a tenant is not: the caller can delete a session.
@@ -39,16 +39,17 @@ class Servers:
     clock: Clock = dataclasses.field(default_factory=Clock)
     closed: threading.Event = dataclasses.field(default_factory=threading.Event)  # by the client; ends waits for room
 
-    def connect_again(self, index: int) -> None:
-        """Waits a moment for the connection to this server if a call found it away."""
-        self.endpoints[index].connect_again(ONLY_CONNECTION_WAIT_S if len(self.endpoints) == 1 else CONNECTION_WAIT_S)
+    def connect_again(self, index: int, stop: Optional[threading.Event] = None) -> None:
+        """Waits a moment, or until `stop`, for the connection to this server if a call found it away."""
+        longest_s = ONLY_CONNECTION_WAIT_S if len(self.endpoints) == 1 else CONNECTION_WAIT_S
+        self.endpoints[index].connect_again(longest_s, stop or self.closed)
 
     def at_any(self, call: Callable[[Endpoint, float], _Result], timeout_s: float, *, skips_full: bool = False) -> _Result:
         """Returns `call(endpoint, timeout_s)` at the current server, and at the next ones while a server is away or, with `skips_full`,
         has no room for a session; the attempts share the time. A call that has reached a server may be made again, so that it must have
         the same effect as one call. Raises EvposeError."""
-        deadline = time.monotonic() + timeout_s
         choice = ServerChoice(self, skips_full)
+        deadline = time.monotonic() + timeout_s
         while True:
             try:
                 result = call(choice.endpoint, max(deadline - time.monotonic(), 0.001))
@@ -183,6 +184,7 @@ class ServerChoice:
         if self._num_full + self._num_failed >= count:  # each has been tried
             return False
         self._index = (self._index + 1) % count
+        self._servers.connect_again(self._index)
         return True
 
     def final(self, error: EvposeError) -> EvposeError:

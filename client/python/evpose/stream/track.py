@@ -172,7 +172,7 @@ class Track:
 
     def _make_attempt(self) -> StreamAttempt:
         position, retry = self.position, self._options.retry
-        self._servers.connect_again(self._index)
+        self._servers.connect_again(self._index, self._stop)
         self._auth_token = self._server.token.get()
         self._tokens = [token for token in (position.resume_token, position.previous_token) if token] + self._older_tokens
         options = AttemptOptions(
