@@ -49,13 +49,9 @@ class RollbackTest : public RpcTest {
   RollbackTest() { Start(); }
 
   void Start() {
-    server_ = MakeServer();
-    Use(server_->InProcessChannel());
-  }
-
-  std::unique_ptr<Server> MakeServer() {
     std::shared_ptr<Store> store = MakeMemoryStore(replicated_);
-    return StartServer(Options(), FakeTrackers(gate_), std::make_unique<TroubledStore>(store, trouble_)).value();
+    server_ = StartServer(Options(), FakeTrackers(gate_), std::make_unique<TroubledStore>(store, trouble_)).value();
+    Use(server_->InProcessChannel());
   }
 
   // Attaches, sends the chunk `seq` with 10 ms of events, and ends the stream. Returns its poses, 9 of the first chunk
@@ -155,32 +151,6 @@ TEST_F(RollbackTest, OpenReadersEndWithTheSession) {
   EXPECT_EQ(Describe(AttachError(session, 3)), "DATA_LOSS ROLLED_BACK");
   while (watcher->Read(&response)) continue;
   EXPECT_EQ(Describe(watcher->Finish()), "DATA_LOSS ROLLED_BACK");
-}
-
-TEST_F(RollbackTest, ReadersAtAnotherServerAreToldOfLostPoses) {
-  CreatedSession session = CreateSession();
-  Feed(session, 1, 0);
-  const MemorySessions::Contents replica = replicated_->Copy();
-  Feed(session, 2, 9);
-  const std::unique_ptr<Server> other = MakeServer();
-  sessions_ = v1::SessionService::NewStub(other->InProcessChannel());
-  v1::WatchPosesResponse response;
-  {
-    grpc::ClientContext context;
-    const auto watcher = Watch(context, session.name(), 0);
-    int num_poses = 0;
-    while (num_poses < 19 && watcher->Read(&response)) num_poses += response.poses_size();
-    EXPECT_EQ(num_poses, 19);
-    replicated_->Replace(replica);
-    EXPECT_FALSE(watcher->Read(&response));
-    EXPECT_EQ(Describe(watcher->Finish()), "UNAVAILABLE ROLLED_BACK");
-  }
-  grpc::ClientContext context;
-  const auto watcher = Watch(context, session.name(), 19);
-  ASSERT_TRUE(watcher->Read(&response));
-  EXPECT_EQ(response.continues_after_pose_seq(), 9u);
-  context.TryCancel();
-  EXPECT_EQ(Describe(watcher->Finish()), "CANCELLED");
 }
 
 TEST_F(RollbackTest, AReaderBeyondTheLastPoseIsToldWhereTheSessionContinues) {

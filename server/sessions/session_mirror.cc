@@ -6,17 +6,8 @@
 #include "absl/strings/str_cat.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
-#include "server/sessions/durability/session_codec.h"
 
 namespace evpose::server {
-namespace {
-
-// All members, to the bit. The latency differs when a pose has been computed again.
-bool IsSamePose(const StoredPose& a, const StoredPose& b) {
-  return EncodePoses({&a, 1}).bytes == EncodePoses({&b, 1}).bytes;
-}
-
-}  // namespace
 
 std::shared_ptr<SessionMirror> SessionMirror::Start(SessionFactory::Stored stored, ReadStored read, size_t capacity,
                                                     absl::Duration period, WorkerPool& pool) {
@@ -69,7 +60,7 @@ void SessionMirror::Schedule() {
 }
 
 void SessionMirror::Refresh() {
-  auto stored = OrOutOfMemory([this] { return Read(); });
+  auto stored = OrOutOfMemory([this] { return read_(Watch().last_pose_seq); });
   bool is_news = false;
   {
     const std::lock_guard lock(mutex_);
@@ -79,47 +70,14 @@ void SessionMirror::Refresh() {
   if (is_news) watchers_->Notify();
 }
 
-// A store that has lost commits gets further ones only after a stream has attached again, which replaces the token.
-// Only then is the last known pose read once more, to be compared: each segment may have a thousand poses.
-absl::StatusOr<SessionFactory::Stored> SessionMirror::Read() const {
-  uint64_t last_pose_seq = 0;
-  std::string token_digest;
-  {
-    const std::lock_guard lock(mutex_);
-    last_pose_seq = pose_log_->last_pose_seq();
-    token_digest = token_digest_;
-  }
-  auto stored = read_(last_pose_seq);
-  if (!stored.ok() || last_pose_seq == 0 || stored->lifecycle.token_digest == token_digest) return stored;
-  return read_(last_pose_seq - 1);
-}
-
-// A stored pose never changes, and the number of poses in a checkpoint never decreases, unless the store loses commits.
-bool SessionMirror::HasLostPoses(const SessionFactory::Stored& stored) const {
-  if (stored.info.snapshot.health.poses < health_.poses) return true;
-  const std::vector<StoredPose> last = pose_log_->Read(pose_log_->last_pose_seq() - 1, 1);
-  if (stored.lifecycle.token_digest == token_digest_ || last.empty()) return false;
-  if (stored.poses.empty()) return true;
-  const uint64_t first = stored.poses.front().pose_seq;
-  if (first > last.front().pose_seq) return false;  // deleted: readers get the number of poses that they miss
-  const uint64_t index = last.front().pose_seq - first;
-  return index >= stored.poses.size() || !IsSamePose(stored.poses[index], last.front());
-}
-
 bool SessionMirror::Update(absl::StatusOr<SessionFactory::Stored> stored) {
   if (absl::IsNotFound(stored.status())) {
     status_ = WithReason(absl::NotFoundError(absl::StrCat(name_, " was deleted, or has expired")), v1::SESSION_DELETED,
                          {{"session", name_}});
   } else if (absl::IsDataLoss(stored.status())) {
     status_ = stored.status();
-  } else if (stored.ok() && HasLostPoses(*stored)) {
-    status_ =
-        WithReason(absl::UnavailableError(absl::StrCat("the store has lost poses of ", name_,
-                                                       " that were sent; call again to read on from what it has")),
-                   v1::ROLLED_BACK, {{"session", name_}});
   }
-  if (!stored.ok() || !status_.ok()) return !status_.ok();
-  token_digest_ = std::move(stored->lifecycle.token_digest);
+  if (!stored.ok()) return !status_.ok();
   health_ = std::move(stored->info.snapshot.health);
   ended_ = stored->info.snapshot.state == SessionState::kEnded;
   if (stored->poses.empty()) return ended_;

@@ -34,9 +34,8 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
   ~SessionMirror() override;
 
   const SessionConfig& config() const override { return config_; }
-  // The status of the view is NOT_FOUND (SESSION_DELETED) when the store no longer has the session, DATA_LOSS
-  // (SESSION_DAMAGED), or UNAVAILABLE (ROLLED_BACK) when the store has lost poses that this mirror has shown: readers
-  // call again and get a new mirror. It stays the same while the store is unreachable.
+  // The status of the view is NOT_FOUND (SESSION_DELETED) when the store no longer has the session, or DATA_LOSS
+  // (SESSION_DAMAGED). It stays the same while the store is unreachable.
   WatchView Watch() const override;
   std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const override;
   uint64_t max_poses_behind() const override { return capacity_; }
@@ -48,8 +47,6 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
                 WorkerPool& pool);
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Refresh();
-  absl::StatusOr<SessionFactory::Stored> Read() const;
-  bool HasLostPoses(const SessionFactory::Stored& stored) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Returns whether there is something new for watchers.
   bool Update(absl::StatusOr<SessionFactory::Stored> stored) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
@@ -63,7 +60,6 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
   mutable std::mutex mutex_;
   std::unique_ptr<PoseLog> pose_log_ ABSL_GUARDED_BY(mutex_);  // replaced after a gap: poses deleted before a read
   SessionHealth health_ ABSL_GUARDED_BY(mutex_);
-  std::string token_digest_ ABSL_GUARDED_BY(mutex_);  // of the resume token, which each attach replaces
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);

@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <condition_variable>
 #include <memory>
 #include <mutex>
@@ -48,31 +47,6 @@ class OtherServer {
     const std::lock_guard lock(mutex_);
     std::erase_if(stored_.poses, [&](const StoredPose& pose) { return pose.pose_seq < seq; });
   }
-  void Attach(const std::string& token_digest) {
-    const std::lock_guard lock(mutex_);
-    stored_.lifecycle.token_digest = token_digest;
-  }
-  void SetPosesOfCheckpoint(uint64_t poses) {
-    const std::lock_guard lock(mutex_);
-    stored_.info.snapshot.health.poses = poses;
-  }
-  // The store loses the poses after `seq`.
-  void RollBackTo(uint64_t seq) {
-    const std::lock_guard lock(mutex_);
-    Lose(seq);
-  }
-  // The store loses the poses after `seq`. A stream attaches again, and the session makes other poses up to `last`. No
-  // read takes place in between.
-  void RollBackAndContinue(uint64_t seq, uint64_t last) {
-    const std::lock_guard lock(mutex_);
-    Lose(seq);
-    stored_.lifecycle.token_digest = "continued";
-    for (StoredPose& pose : Poses(seq + 1, last)) {
-      pose.estimate.t_us = 1;
-      stored_.poses.push_back(pose);
-    }
-    stored_.info.snapshot.health.poses = last;
-  }
   void End() {
     const std::lock_guard lock(mutex_);
     stored_.info.snapshot.state = SessionState::kEnded;
@@ -100,12 +74,6 @@ class OtherServer {
   }
 
  private:
-  void Lose(uint64_t after_seq) {
-    std::erase_if(stored_.poses, [&](const StoredPose& pose) { return pose.pose_seq > after_seq; });
-    uint64_t& poses = stored_.info.snapshot.health.poses;
-    poses = std::min(poses, after_seq);
-  }
-
   std::mutex mutex_;
   std::condition_variable read_;
   int num_reads_ = 0;
@@ -130,13 +98,6 @@ class SessionMirrorTest : public testing::Test {
   }
   void WaitForStatus() {
     listener_->WaitUntil([&] { return !mirror_->Watch().status.ok(); });
-  }
-  // Expects that readers are told of lost poses, and get no pose after 15.
-  void ExpectRolledBack() {
-    WaitForStatus();
-    EXPECT_EQ(mirror_->Watch().status.code(), absl::StatusCode::kUnavailable);
-    EXPECT_EQ(GetErrorDetails(mirror_->Watch().status).reason, "ROLLED_BACK");
-    EXPECT_EQ(mirror_->Watch().last_pose_seq, 15u);
   }
 
   WorkerPool pool_{1};
@@ -200,56 +161,6 @@ TEST_F(SessionMirrorTest, AnUnreachableStoreChangesNothing) {
   other_.MakePoses(6, 7);
   other_.SetError(absl::OkStatus());
   WaitForPose(7);
-}
-
-TEST_F(SessionMirrorTest, EndsWhenTheStoreHasLostShownPoses) {
-  other_.MakePoses(1, 15);
-  Start();
-  other_.RollBackTo(5);
-  ExpectRolledBack();
-}
-
-// The poses of a long item are stored without a checkpoint.
-TEST_F(SessionMirrorTest, EndsWhenTheStoreHasLostPosesAfterTheCheckpoint) {
-  for (const uint64_t last_kept : {10, 12}) {  // the end of a segment; a part of one
-    other_.RollBackTo(0);
-    other_.Attach("first");
-    other_.MakePoses(1, 15);
-    other_.SetPosesOfCheckpoint(5);
-    Start();
-    other_.RollBackTo(last_kept);
-    other_.WaitForTwoReads();
-    EXPECT_EQ(mirror_->Watch().status, absl::OkStatus()) << "no other pose can follow before a stream attaches";
-    other_.Attach("second");
-    ExpectRolledBack();
-  }
-}
-
-TEST_F(SessionMirrorTest, EndsWhenOtherPosesHaveReplacedShownOnes) {
-  for (const uint64_t last : {15, 20}) {
-    other_.RollBackTo(0);
-    other_.Attach("first");
-    other_.MakePoses(1, 15);
-    Start();
-    other_.RollBackAndContinue(5, last);
-    ExpectRolledBack();
-  }
-}
-
-TEST_F(SessionMirrorTest, GoesOnWhenAStreamAttachesAgain) {
-  other_.MakePoses(1, 15);
-  Start();
-  other_.Attach("second");
-  other_.WaitForTwoReads();
-  EXPECT_EQ(mirror_->Watch().status, absl::OkStatus());
-  other_.MakePoses(16, 40);
-  WaitForPose(40);
-  EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-40");
-  other_.Attach("third");
-  other_.MakePoses(41, 60);
-  other_.ForgetPosesBefore(51);
-  WaitForPose(60);
-  EXPECT_EQ(mirror_->Watch().status, absl::OkStatus()) << "deleted poses are not lost ones";
 }
 
 TEST_F(SessionMirrorTest, EndsWhenTheSessionIsDeleted) {
