@@ -14,8 +14,8 @@ from google.protobuf import empty_pb2
 from evpose.cameras import Camera
 from evpose.channel import Endpoint, Tls, Token, TokenSource, explain_tls, parse_address
 from evpose.convert import model_from_message, server_from_message, session_from_message
-from evpose.errors import (AbortedError, FailedPreconditionError, InternalError, InvalidArgumentError, UnavailableError,
-                           UnimplementedError)
+from evpose.errors import (AbortedError, EvposeError, FailedPreconditionError, InternalError, InvalidArgumentError,
+                           UnavailableError, UnimplementedError)
 from evpose.events import Encoding
 from evpose.files import PathLike, read_file
 from evpose.session import SERVICE as SESSIONS
