@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Tests the images and the two compose files under faults: killed containers, disconnected networks, restarts. Every trajectory
+# Tests the images and compose.yaml and compose.cluster.yaml under faults: killed containers, disconnected networks, restarts. Every trajectory
 # must be identical to that of a replay without containers.
 #   tests/container/run.sh            all tests; prints SKIPPED where no container engine can run
 #   tests/container/run.sh single     compose.yaml only; or cluster: compose.cluster.yaml
