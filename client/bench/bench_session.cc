@@ -71,7 +71,8 @@ absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording
 }
 
 absl::StatusOr<std::unique_ptr<BenchSession>> BenchSession::Create(Client& client, const SessionConfig& config) {
-  EVPOSE_ASSIGN_OR_RETURN(Session session, client.CreateSession(config, /*request_id=*/"", /*max_wait=*/absl::ZeroDuration()));
+  EVPOSE_ASSIGN_OR_RETURN(Session session,
+                          client.CreateSession(config, /*request_id=*/"", /*max_wait=*/absl::ZeroDuration()));
   return std::unique_ptr<BenchSession>(new BenchSession(client, std::move(session)));
 }
 
