@@ -22,9 +22,10 @@ namespace evpose::client {
 absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address, const ClientOptions& options,
                                                            bool shares_connection = true);
 
-// Connects a channel whose connection was lost, without a delay, and waits until it is connected, for at most `longest`
-// or until `stop`. Returns whether it is. A call fails at once after an attempt to connect has failed, and gRPC
-// only processes a connection while something waits for it, and otherwise every 5 s (interval of its backup poller).
+// Starts a connection attempt of `channel` without gRPC's reconnect delay. Blocks until the channel is connected,
+// `longest` has passed or a stop is requested, and returns whether the channel is connected. After a failed attempt a
+// call does not wait for the next one, and gRPC processes an attempt only while a thread waits for the channel, and
+// otherwise every 5 s (interval of its backup poller).
 bool ConnectNow(grpc::Channel& channel, absl::Duration longest, const std::stop_token& stop);
 
 }  // namespace evpose::client

@@ -48,10 +48,8 @@ std::string RandomRequestId() {
 // Returns the refusal of a session after `num_waits` delays.
 absl::Status WithWaits(const absl::Status& refusal, int num_waits, absl::Duration waited) {
   if (num_waits == 0) return refusal;
-  absl::Status result(refusal.code(), absl::StrCat(refusal.message(), "; gave up after ", num_waits, " more tries in ",
-                                                   absl::FormatDuration(absl::Trunc(waited, absl::Milliseconds(100)))));
-  SetDetails(result, GetDetails(refusal));
-  return result;
+  return WithMessage(refusal, absl::StrCat(refusal.message(), "; gave up after ", num_waits, " more tries in ",
+                                           absl::FormatDuration(absl::Trunc(waited, absl::Milliseconds(100)))));
 }
 
 // Time after which the client checks whether TLS prevents the connection: a handshake that succeeds takes less.

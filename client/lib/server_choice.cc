@@ -118,10 +118,8 @@ absl::Status ServerChoice::Final(const absl::Status& status) const {
       endpoints_, ", ", [](std::string* text, const Endpoint& endpoint) { absl::StrAppend(text, endpoint.name); });
   const std::string tried = is_full ? absl::StrCat("none of the servers ", names, " accepts the session")
                                     : absl::StrCat(kMaxRounds, " attempts each at ", names);
-  absl::Status result(status.code(), absl::StrCat(status.message(), "; ", tried));
-  StatusDetails details = GetDetails(status);
-  if (is_full && retry_in_ < absl::InfiniteDuration()) details.retry_in = retry_in_;
-  SetDetails(result, details);
+  absl::Status result = WithMessage(status, absl::StrCat(status.message(), "; ", tried));
+  if (is_full && retry_in_ < absl::InfiniteDuration()) SetDetails(result, {.retry_in = retry_in_});
   return result;
 }
 

@@ -31,8 +31,8 @@ struct Endpoint {
   std::unique_ptr<v1::SessionService::StubInterface> sessions;
 };
 
-// Waits a moment for the connection of a channel whose last attempt to connect failed: longer if there are no other
-// servers to try.
+// If the last connection attempt of `channel` failed, starts another one, and blocks until the channel is connected or
+// a stop is requested: for at most 1 s if the client has one server, and for at most 0.1 s if it has several.
 void ConnectAgain(grpc::Channel& channel, size_t num_servers, const std::stop_token& stop);
 
 // Returns whether a call failed because its server cannot be reached, shuts down or has lost its store, so that another
@@ -60,7 +60,7 @@ class ServerChoice {
   void Responded();
   // Chooses the next server if `status` says that this one is away. Each server is tried once without delay, then again
   // after growing delays. Returns false if the call is not to be repeated: the server has responded, there is no other
-  // server, a stop was requested, or each has been tried kMaxRounds times, but once if one of them was full.
+  // server, a stop was requested, or each has been tried kMaxRounds times, or, if one was full, once or twice.
   bool Next(const absl::Status& status);
   // Chooses the next server, because this one has refused and another one may accept. Waits a moment for its connection
   // if it was lost.

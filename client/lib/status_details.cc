@@ -36,4 +36,10 @@ StatusDetails GetDetails(const absl::Status& status) {
   return details;
 }
 
+absl::Status WithMessage(const absl::Status& status, absl::string_view message) {
+  absl::Status result(status.code(), message);
+  SetDetails(result, GetDetails(status));
+  return result;
+}
+
 }  // namespace evpose::client

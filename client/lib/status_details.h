@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 
 namespace evpose::client {
@@ -18,5 +19,7 @@ struct StatusDetails {
 
 void SetDetails(absl::Status& status, const StatusDetails& details);
 StatusDetails GetDetails(const absl::Status& status);
+// Returns an error with the code and the details of `status` and another message.
+absl::Status WithMessage(const absl::Status& status, absl::string_view message);
 
 }  // namespace evpose::client

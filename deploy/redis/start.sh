@@ -30,7 +30,8 @@ write_sentinel() {
   {
     cat "$here/sentinel.conf"
     printf '%s\n' "sentinel announce-ip $name" "sentinel sentinel-pass $password" "sentinel monitor evpose $first $port 2" \
-      "sentinel auth-pass evpose $password" "sentinel down-after-milliseconds evpose 5000" "sentinel failover-timeout evpose 3000"
+      "sentinel auth-pass evpose $password" "sentinel down-after-milliseconds evpose 5000" "sentinel failover-timeout evpose 3000" \
+      "sentinel parallel-syncs evpose 1"
   } >"$file.new"
   mv "$file.new" "$file"
 }

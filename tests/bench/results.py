@@ -280,9 +280,8 @@ class Run:
         self.setup = setup  # command that makes its input
         self.needs = needs  # directory of input that is not part of the project; without it the sections are skipped
 
-    def output(self, arguments, version):
-        """What the command with these arguments prints."""
-        del version
+    def output(self, arguments):
+        """Returns what the command with these arguments prints."""
         return self.read(output_of(arguments))
 
     def arguments(self, is_quick):
@@ -297,38 +296,38 @@ class Run:
 
 
 class ModelsRun(Run):
-    """Runs the models shape by shape. The output for each shape is kept beside the models, and is used again by the same program with the
-    same arguments on the same kind of machine, so that an interrupted measurement of hours continues."""
+    """Runs the models shape by shape. The output for each shape is kept beside the models, and is used again for the same program, files,
+    arguments and machine, so that an interrupted measurement of hours continues."""
 
-    def output(self, arguments, version):
+    def output(self, arguments):
         folder = os.path.join(ROOT, arguments[arguments.index("--models") + 1])
         with open(os.path.join(folder, "models.json"), encoding="utf-8") as file:
-            names = [entry["name"] for entry in json.load(file)]
+            entries = json.load(file)
+        with open(EVPOSE, "rb") as file:
+            program = hashlib.sha256(file.read())
+        program.update(machine().encode())
         rows = []
-        for shape in distinct(name.rpartition("-")[0] for name in names):
-            variants = [name for name in names if name.rpartition("-")[0] == shape]
-            rows += self.shape(folder, shape, arguments + ["--names", ",".join(variants)], version)["models"]
+        for shape in distinct(entry["name"].rpartition("-")[0] for entry in entries):
+            variants = [entry for entry in entries if entry["name"].rpartition("-")[0] == shape]
+            key = program.copy()
+            key.update(json.dumps(arguments).encode())
+            for path in distinct(path for entry in variants for path in (entry["file"], entry["reference"])):
+                with open(os.path.join(folder, path), "rb") as file:
+                    key.update(file.read())
+            kept = os.path.join(folder, "results", f"{shape}-{key.hexdigest()[:16]}.json")
+            rows += self.shape(kept, arguments + ["--names", ",".join(entry["name"] for entry in variants)])["models"]
         return {"models": rows}
 
-    def shape(self, folder, shape, arguments, version):
-        with open(EVPOSE, "rb") as file:
-            program = hashlib.sha256(file.read()).hexdigest()
-        key = {"version": version, "program": program, "arguments": arguments, "machine": machine()}
-        name = hashlib.sha256(json.dumps(key).encode()).hexdigest()[:16]
-        path = os.path.join(folder, "results", f"{shape}-{name}.json")
-        try:
-            with open(path, encoding="utf-8") as file:
-                kept = json.load(file)
-            if kept["key"] == key:
-                return self.read(kept["output"])
-        except FileNotFoundError:
-            pass
-        output = output_of(arguments)
-        os.makedirs(os.path.dirname(path), exist_ok=True)
-        with open(path + ".new", "w", encoding="utf-8") as file:
-            json.dump({"key": key, "output": output}, file)
-        os.replace(path + ".new", path)
-        return self.read(output)
+    def shape(self, kept, arguments):
+        """Returns the output of the command, which the file `kept` has if it was run before."""
+        if not os.path.exists(kept):
+            text = output_of(arguments)
+            os.makedirs(os.path.dirname(kept), exist_ok=True)
+            with open(kept + ".new", "w", encoding="utf-8") as file:
+                file.write(text)
+            os.replace(kept + ".new", kept)
+        with open(kept, encoding="utf-8") as file:
+            return self.read(file.read())
 
 
 BENCH = ["evpose", "bench"]
@@ -389,7 +388,7 @@ def measure(run, sections, is_quick):
     if run.setup:
         subprocess.run([os.path.join(ROOT, run.setup[0])] + run.setup[1:], cwd=ROOT, stderr=subprocess.DEVNULL, check=True)
     version = subprocess.run([EVPOSE, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
-    result = run.output(arguments, version)
+    result = run.output(arguments)
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
     command = " ".join("DIR" if argument == REAL else argument for argument in arguments)
     source = f"{kind} with `{command}`, {version}, on {machine()}."

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Tests the images and compose.yaml and compose.cluster.yaml under faults: killed containers, disconnected networks, restarts. Every trajectory
-# must be identical to that of a replay without containers.
+# Tests the images, compose.yaml and compose.cluster.yaml under faults: killed containers, disconnected networks, restarts. Every
+# trajectory must be identical to that of a replay without containers.
 #   tests/container/run.sh            all tests; prints SKIPPED where no container engine can run
 #   tests/container/run.sh single     compose.yaml only; or cluster: compose.cluster.yaml
 # Uses a private engine, which cannot reach other machines once the images are built, and removes everything at the end.

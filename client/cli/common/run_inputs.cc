@@ -253,11 +253,9 @@ absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client,
   const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
     absl::StrAppend(text, object.model_path);
   });
-  absl::Status status(session.status().code(), absl::StrCat("no session for ", models, " seen by ", arguments.camera,
-                                                            ": ", session.status().message()));
-  // Whether and when to try again.
-  SetDetails(status, GetDetails(session.status()));
-  return status;
+  // The details say whether and when to try again.
+  return WithMessage(session.status(), absl::StrCat("no session for ", models, " seen by ", arguments.camera, ": ",
+                                                    session.status().message()));
 }
 
 RetainOptions RunArguments::retain() const {

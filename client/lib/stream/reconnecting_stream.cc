@@ -173,9 +173,7 @@ absl::Status ReconnectingStream::WithProgress(const absl::Status& status) const 
     absl::StrAppend(&text, "; gave up after ", tries_, " more tries in ",
                     absl::FormatDuration(absl::Trunc(clock().Now() - *away_since_, absl::Milliseconds(100))));
   }
-  absl::Status result(status.code(), text);
-  SetDetails(result, GetDetails(status));
-  return result;
+  return WithMessage(status, text);
 }
 
 }  // namespace evpose::client

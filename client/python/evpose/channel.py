@@ -139,8 +139,9 @@ class Endpoint:
         self._is_lost = True
 
     def connect_again(self, longest_s: float, stop: threading.Event) -> None:
-        """Waits for a lost connection, for at most `longest_s` seconds or until `stop`. A call fails at once after an attempt to connect has
-        failed, and gRPC only processes a connection while something waits for it, and otherwise every 5 s."""
+        """If a call found the server away, blocks until the channel is connected, for at most `longest_s` seconds or until `stop`. After a
+        failed connection attempt a call does not wait for the next one, and gRPC processes an attempt only while a thread waits for the
+        channel, and otherwise every 5 s."""
         if not self._is_lost or self._closed.is_set():
             return
         ready = grpc.channel_ready_future(self.channel)

@@ -37,7 +37,7 @@ class Servers:
     outlive_sessions: bool  # sessions are in a persistent store
     current: int = 0
     clock: Clock = dataclasses.field(default_factory=Clock)
-    closed: threading.Event = dataclasses.field(default_factory=threading.Event)  # by the client; ends waits for room
+    closed: threading.Event = dataclasses.field(default_factory=threading.Event)  # set by the client's close(), which ends all waits
 
     def connect_again(self, index: int, stop: Optional[threading.Event] = None) -> None:
         """Waits a moment, or until `stop`, for the connection to this server if a call found it away."""
@@ -108,7 +108,7 @@ class Servers:
             if error.reason != "FENCED" and (error.code, error.reason) != ("UNAVAILABLE", "ROLLED_BACK"):
                 raise choice.final(error)
             # The session's new server may not be known yet, or the store may name this one again.
-            self.clock.wait(backoff.next(), threading.Event())
+            self.clock.wait(backoff.next(), self.closed)
 
 
 def _responses(call: Any) -> Iterator[Any]:
@@ -172,7 +172,7 @@ class ServerChoice:
             return False
         self._index = (self._index + 1) % count
         if self._num_failed % count == 0:
-            self._servers.clock.wait(self._backoff.next(), threading.Event())
+            self._servers.clock.wait(self._backoff.next(), self._servers.closed)
         self._servers.connect_again(self._index)
         return True
 
