@@ -68,14 +68,14 @@ ServerChoice::ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<s
 
 void ServerChoice::Responded() {
   // Without a failure the other calls stay where they are: a model may be known to their server alone.
-  if (num_failed_ > 0 || num_full_ > 0) current_ = index_;
+  if (num_failed_ > 0 || num_refusals_ > 0) current_ = index_;
   num_failed_ = 0;
   backoff_.Reset();
 }
 
 bool ServerChoice::Next(const absl::Status& status) {
   if (stop_.stop_requested()) return false;
-  if (skips_full_servers_ && IsServerFull(status)) return NextWithRoom(status);
+  if (IsRefusal(status)) return NextWithRoom(status);
   if (!IsServerAway(status)) {
     Responded();
     return false;
@@ -95,11 +95,16 @@ void ServerChoice::Skip() {
   ConnectAgain(*endpoint().channel, endpoints_.size(), stop_);
 }
 
+bool ServerChoice::IsRefusal(const absl::Status& status) const {
+  return skips_full_servers_ && (IsServerFull(status) || (!refusal_.ok() && absl::IsNotFound(status)));
+}
+
 bool ServerChoice::NextWithRoom(const absl::Status& refusal) {
+  if (IsServerFull(refusal)) refusal_ = refusal;
   const absl::Duration retry_in = GetDetails(refusal).retry_in;
   if (retry_in > absl::ZeroDuration()) retry_in_ = std::min(retry_in_, retry_in);
-  ++num_full_;
-  if (num_full_ + num_failed_ >= endpoints_.size()) return false;  // each has been tried
+  ++num_refusals_;
+  if (num_refusals_ + num_failed_ >= endpoints_.size()) return false;  // each has been tried
   Skip();
   return true;
 }
@@ -112,14 +117,17 @@ absl::Status ServerChoice::Final(const absl::Status& status) const {
   if (stop_.stop_requested() && IsServerAway(status)) {
     return absl::CancelledError(absl::StrCat(endpoint().name, ": the call was cancelled"));
   }
-  const bool is_full = num_full_ > 0 && IsServerFull(status);
-  if (endpoints_.size() == 1 || (!is_full && num_failed_ < kMaxRounds * endpoints_.size())) return status;
+  const bool is_refused = num_refusals_ > 0 && IsRefusal(status);
+  if (endpoints_.size() == 1 || (!is_refused && num_failed_ < kMaxRounds * endpoints_.size())) return status;
   const std::string names = absl::StrJoin(
       endpoints_, ", ", [](std::string* text, const Endpoint& endpoint) { absl::StrAppend(text, endpoint.name); });
-  const std::string tried = is_full ? absl::StrCat("none of the servers ", names, " accepts the session")
-                                    : absl::StrCat(kMaxRounds, " attempts each at ", names);
-  absl::Status result = WithMessage(status, absl::StrCat(status.message(), "; ", tried));
-  if (is_full && retry_in_ < absl::InfiniteDuration()) SetDetails(result, {.retry_in = retry_in_});
+  if (!is_refused) {
+    return WithMessage(status, absl::StrCat(status.message(), "; ", kMaxRounds, " attempts each at ", names));
+  }
+  const std::string other = IsServerFull(status) ? "" : absl::StrCat("; ", status.message());
+  absl::Status result = WithMessage(
+      refusal_, absl::StrCat(refusal_.message(), "; none of the servers ", names, " accepts the session", other));
+  if (retry_in_ < absl::InfiniteDuration()) SetDetails(result, {.retry_in = retry_in_});
   return result;
 }
 

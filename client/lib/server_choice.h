@@ -60,17 +60,20 @@ class ServerChoice {
   void Responded();
   // Chooses the next server if `status` says that this one is away. Each server is tried once without delay, then again
   // after growing delays. Returns false if the call is not to be repeated: the server has responded, there is no other
-  // server, a stop was requested, or each has been tried kMaxRounds times, or, if one was full, once or twice.
+  // server, a stop was requested, or each has been tried kMaxRounds times, or, if one was full, once or twice. After a
+  // full server, one that does not know the model of the session (NOT_FOUND) is not the last one either.
   bool Next(const absl::Status& status);
   // Chooses the next server, because this one has refused and another one may accept. Waits a moment for its connection
   // if it was lost.
   void Skip();
-  // Returns the status of a call that is not repeated, with the servers that were tried. The delay of RetryInfo is the
-  // shortest one of the full servers.
+  // Returns the status of a call that is not repeated, with the servers that were tried: the refusal of a full server
+  // if there was one and the last server does not know the model, because the full one may accept the session later.
+  // The delay of RetryInfo is the shortest one of the full servers.
   absl::Status Final(const absl::Status& status) const;
 
  private:
   void Advance() { index_ = (index_ + 1) % endpoints_.size(); }
+  bool IsRefusal(const absl::Status& status) const;
   bool NextWithRoom(const absl::Status& refusal);
   // Waits a moment for the connection; in the last round the call waits itself, and its status has the cause.
   bool Connect() const;
@@ -83,7 +86,8 @@ class ServerChoice {
   size_t num_failed_ = 0;  // attempts since the last response
   Backoff backoff_;
   const bool skips_full_servers_;
-  size_t num_full_ = 0;                                 // refusals by full servers
+  absl::Status refusal_;                                // the last one by a full server
+  size_t num_refusals_ = 0;                             // by full servers, and afterwards by those without the model
   absl::Duration retry_in_ = absl::InfiniteDuration();  // the shortest delay of RetryInfo of the full servers
 };
 

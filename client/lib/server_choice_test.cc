@@ -326,6 +326,31 @@ TEST_F(ServerChoiceTest, AFullServerIsWaitedForWhileTheOtherOneIsAway) {
   }
 }
 
+TEST_F(ServerChoiceTest, AFullServerIsWaitedForIfTheOtherOneDoesNotKnowTheModel) {
+  first_.status = Refusal("OVERLOADED", 5);
+  second_.status = WithReason(grpc::StatusCode::NOT_FOUND, "MODEL_NOT_FOUND");
+  const absl::Status refusal = client_->CreateSession({}, "", absl::ZeroDuration()).status();
+  EXPECT_THAT(refusal.message(), HasSubstr(first_.address + ": because of OVERLOADED; none of the servers"));
+  EXPECT_THAT(refusal.message(), HasSubstr("accepts the session; " + second_.address + ": because of MODEL_NOT_FOUND"));
+  EXPECT_EQ(GetDetails(refusal).reason, "OVERLOADED");
+  EXPECT_EQ(GetDetails(refusal).retry_in, absl::Seconds(5));
+  EXPECT_THAT(first_.TakeCalls(), ElementsAre("CreateSession"));
+  EXPECT_THAT(second_.TakeCalls(), ElementsAre("CreateSession"));
+  // The other calls stay at the server that knows the model.
+  first_.on_call = [&] { first_.status = elapsed() < absl::Seconds(5) ? first_.status : grpc::Status::OK; };
+  EXPECT_TRUE(client_->CreateSession({}).ok());
+  EXPECT_EQ(elapsed(), absl::Seconds(5));
+  EXPECT_THAT(first_.TakeCalls(), ElementsAre("CreateSession", "CreateSession"));
+  EXPECT_THAT(second_.TakeCalls(), ElementsAre("CreateSession"));
+}
+
+TEST_F(ServerChoiceTest, AServerWithoutTheModelIsTheLastOneIfNoneWasFull) {
+  first_.status = WithReason(grpc::StatusCode::NOT_FOUND, "MODEL_NOT_FOUND");
+  second_.status = Refusal("OVERLOADED", 5);
+  EXPECT_EQ(client_->CreateSession({}).status().message(), first_.address + ": because of MODEL_NOT_FOUND");
+  EXPECT_THAT(second_.TakeCalls(), IsEmpty());
+}
+
 TEST_F(ServerChoiceTest, TheOnlyServerIsWaitedFor) {
   client_ = ClientAccess::OverChannel(grpc::CreateChannel(first_.address, grpc::InsecureChannelCredentials()),
                                       first_.address, clock_);

@@ -140,8 +140,8 @@ class Client:
         A server without room refuses with ResourceExhaustedError (OVERLOADED, TOO_MANY_SESSIONS, SESSION_MEMORY, OUT_OF_MEMORY). The
         next servers are then tried at once. If all refuse, the call is made again after at least the shortest delay that a server
         proposes, as long as these delays end within `max_wait_s` seconds from the start (0: never); then the last refusal is raised. A
-        refusal without a delay by all servers, and TENANT_QUOTA, are raised at once. The default permits several delays of 5 s, which is
-        what evpose-server proposes.
+        refusal without a delay by all servers, and TENANT_QUOTA, are raised at once. A server after a full one that does not know the
+        model counts as one without room. The default permits several delays of 5 s, which is what evpose-server proposes.
 
         Raises InvalidArgumentError for a parameter, CancelledError if close() ended the wait, and EvposeError."""
         if not max_wait_s >= 0.0:

@@ -231,6 +231,31 @@ class ServersTest(unittest.TestCase):
             at_limit.on_call = lambda: None
             at_limit.take_calls(), away.take_calls()
 
+    def test_a_full_server_is_waited_for_if_the_other_one_does_not_know_the_model(self):
+        self.first.failure, self.second.failure = full("OVERLOADED"), Fail(grpc.StatusCode.NOT_FOUND, "MODEL_NOT_FOUND")
+        client = self.client()
+        error = self.refusal(client, max_wait_s=0.0)
+        self.assertEqual(str(error), f"{self.first.address}: from the script; none of the servers {self.first.address}, "
+                         f"{self.second.address} accepts the session; {self.second.address}: from the script")
+        self.assertEqual((error.reason, error.retry_in_s), ("OVERLOADED", 5.0))
+        self.assertEqual([each.take_calls() for each in (self.first, self.second)], [["CreateSession"], ["CreateSession"]])
+
+        def on_call():
+            if self.clock.waits:
+                self.first.failure = None
+
+        self.first.on_call = on_call  # the other calls stay at the server that knows the model
+        client.create_session("models/1", CAMERA)
+        self.assertEqual(self.clock.waits, [5.0])
+        self.assertEqual(self.first.take_calls(), ["CreateSession", "CreateSession"])
+        self.assertEqual(self.second.take_calls(), ["CreateSession"])
+
+    def test_a_server_without_the_model_is_the_last_one_if_none_was_full(self):
+        self.first.failure, self.second.failure = Fail(grpc.StatusCode.NOT_FOUND, "MODEL_NOT_FOUND"), full("OVERLOADED")
+        with self.assertRaises(evpose.NotFoundError):
+            self.client().create_session("models/1", CAMERA)
+        self.assertEqual(self.second.take_calls(), [])
+
     def test_the_only_server_is_waited_for(self):
         self.first.failure = full("OVERLOADED")
         error = self.refusal(self.client(self.first), max_wait_s=9.0)

@@ -135,7 +135,8 @@ class ServerChoice:
     def __init__(self, servers: Servers, skips_full: bool = False) -> None:
         self._servers = servers
         self._skips_full = skips_full
-        self._num_full = 0  # refusals by full servers
+        self._refusal: Optional[EvposeError] = None  # the last one by a full server
+        self._num_refusals = 0  # by full servers, and afterwards by those without the model
         self._retry_in_s = math.inf  # the shortest delay of RetryInfo of the full servers
         self._index = servers.current
         self._num_failed = 0  # attempts since the last response
@@ -150,15 +151,16 @@ class ServerChoice:
     def responded(self) -> None:
         """Informs the object of a response of the server."""
         # Without a failure the other calls stay where they are: a model may be known to their server alone.
-        if self._num_failed > 0 or self._num_full > 0:
+        if self._num_failed > 0 or self._num_refusals > 0:
             self._servers.current = self._index
         self._num_failed = 0
         self._backoff.reset()
 
     def next(self, error: EvposeError) -> bool:
         """Chooses the next server if this one is away. Each server is tried once without delay, then again after growing delays. Returns
-        False if the call is not to be repeated, also when each server has been tried and one of them was full."""
-        if self._skips_full and _is_full(error):
+        False if the call is not to be repeated, also when each server has been tried and one of them was full. After a full server, one
+        that does not know the model of the session (NOT_FOUND) is not the last one either."""
+        if self._is_refusal(error):
             return self._next_with_room(error)
         if not is_away(error):
             self.responded()
@@ -176,27 +178,33 @@ class ServerChoice:
         self._servers.connect_again(self._index)
         return True
 
+    def _is_refusal(self, error: EvposeError) -> bool:
+        return self._skips_full and (_is_full(error) or (self._refusal is not None and error.code == "NOT_FOUND"))
+
     def _next_with_room(self, refusal: EvposeError) -> bool:
+        if _is_full(refusal):
+            self._refusal = refusal
         if refusal.retry_in_s > 0.0:
             self._retry_in_s = min(self._retry_in_s, refusal.retry_in_s)
-        self._num_full += 1
+        self._num_refusals += 1
         count = len(self._servers.endpoints)
-        if self._num_full + self._num_failed >= count:  # each has been tried
+        if self._num_refusals + self._num_failed >= count:  # each has been tried
             return False
         self._index = (self._index + 1) % count
         self._servers.connect_again(self._index)
         return True
 
     def final(self, error: EvposeError) -> EvposeError:
-        """Returns the error of a call that is not repeated, with the servers that were tried. `retry_in_s` is the shortest delay of the
-        full servers."""
+        """Returns the error of a call that is not repeated, with the servers that were tried: the refusal of a full server if there was
+        one and the last server does not know the model, because the full one may accept the session later. `retry_in_s` is the shortest
+        delay of the full servers."""
         count = len(self._servers.endpoints)
-        is_full = self._num_full > 0 and _is_full(error)
-        if count == 1 or (not is_full and self._num_failed < MAX_ROUNDS * count):
-            return error
         names = ", ".join(endpoint.name for endpoint in self._servers.endpoints)
-        if is_full:
-            refusal = error.with_message(f"{error.message}; none of the servers {names} accepts the session")
+        if count > 1 and self._refusal is not None and self._is_refusal(error):
+            other = "" if _is_full(error) else f"; {error.message}"
+            refusal = self._refusal.with_message(f"{self._refusal.message}; none of the servers {names} accepts the session{other}")
             refusal.retry_in_s = self._retry_in_s if math.isfinite(self._retry_in_s) else 0.0
             return refusal
+        if count == 1 or self._num_failed < MAX_ROUNDS * count:
+            return error
         return error.with_message(f"{error.message}; {MAX_ROUNDS} attempts each at {names}")
