@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Makes the secrets between evpose servers and Redis, for compose.cluster.yaml, compose.sentinel.yaml and kubernetes/secrets/redis: the servers' password,
-# the access control list of Redis with the digest of that password, and the certificate and key of Redis, which the servers' HAProxy
-# compares. Keeps existing files. Needs openssl.
+# Makes the secrets between evpose servers and Redis, for compose.cluster.yaml, compose.sentinel.yaml and kubernetes/secrets/redis: the
+# servers' password, the access control list of Redis with the digest of that password, and the certificate and key of Redis, which the
+# servers' HAProxy compares. Keeps existing files. Needs openssl.
 #   deploy/make-secrets.sh DIRECTORY
 set -euo pipefail
 directory=${1:?usage: $0 DIRECTORY}

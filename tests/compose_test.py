@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks that the compose files are consistent, without a container engine (tests/container/run.sh runs two of them, tests/sentinel_group_test.py the
-processes of compose.sentinel.yaml)."""
+"""Checks that the compose files are consistent, without a container engine. tests/container/run.sh runs two of them, and
+tests/sentinel_group_test.py runs the processes of compose.sentinel.yaml."""
 
 import pathlib
 import re
