@@ -14,10 +14,13 @@ import urllib.request
 
 import yaml
 
+import manifests
+
 SERVER, KUBECTL, WORK = sys.argv[1], sys.argv[2], pathlib.Path(sys.argv[3])
 MANIFESTS = WORK / "kubernetes"
+RENDERER = manifests.Renderer(MANIFESTS, KUBECTL)
 SECRETS = ("secrets/access", "secrets/redis")
-OVERLAYS = {"overlays/single": SECRETS[:1], "overlays/cluster": SECRETS}
+OVERLAYS = {"overlays/single": SECRETS[:1], "overlays/cluster": SECRETS, "overlays/sentinel": SECRETS}
 # Memory beside that of sessions, by the defaults of the server: --slow-threads times --model-memory; --max-model-store-bytes and
 # --max-transport-bytes, and the process itself.
 PREPARATION_BYTES = 2 << 30
@@ -27,33 +30,6 @@ OTHER_BYTES = (1 << 30) + 200_000_000
 def check(condition, *words):
     if not condition:
         sys.exit("kubernetes_test: " + " ".join(str(word) for word in words))
-
-
-def write_for_old_kustomize():
-    """Renames fields for Debian 12's kubectl, whose kustomize of 2018 has other names for them."""
-    for path in MANIFESTS.rglob("kustomization.yaml"):
-        content = yaml.safe_load(path.read_text())
-        resources = content.pop("resources", [])
-        content["bases"] = [name for name in resources if (path.parent / name).is_dir()]
-        content["resources"] = [name for name in resources if not (path.parent / name).is_dir()]
-        patches = content.pop("patches", [])
-        content["patchesStrategicMerge"] = [patch["path"] for patch in patches if "target" not in patch]
-        content["patchesJson6902"] = [patch for patch in patches if "target" in patch]
-        path.write_text(yaml.safe_dump({name: value for name, value in content.items() if value}))
-
-
-def render(folder):
-    run = subprocess.run([KUBECTL, "kustomize", MANIFESTS / folder], capture_output=True, text=True)
-    check(run.returncode == 0, folder, "does not render:", run.stderr)
-    check("deprecated" not in run.stderr, folder, "is written in an old way:", run.stderr)
-    objects = {}
-    for document in yaml.safe_load_all(run.stdout):
-        name = document["kind"], document["metadata"]["name"]
-        check(name not in objects, folder, "has", name, "twice")
-        in_namespace = document["metadata"].get("namespace") == "evpose"
-        check(in_namespace or document["kind"] == "Namespace", folder, name, "is in no namespace")
-        objects[name] = document
-    return objects
 
 
 def of_kind(objects, kind):
@@ -178,7 +154,7 @@ def check_references(pod, objects):
     return said
 
 
-def check_cluster(objects, pod, metrics):
+def check_scaling(objects, pod, metrics):
     scaler = one(objects, "HorizontalPodAutoscaler", "evpose-server")["spec"]
     check(("Deployment", scaler["scaleTargetRef"]["name"]) in objects, "the autoscaler scales nothing")
     check("replicas" not in pod.deployment["spec"], "an apply would reset the replicas of the autoscaler")
@@ -199,28 +175,87 @@ def check_cluster(objects, pod, metrics):
     alerts = pathlib.Path("deploy/prometheus/alerts.yml").read_text()
     check('state!="closed"' in adapter["metricsQuery"] and '(evpose_sessions{state!="closed"})' in alerts,
           "the autoscaler and the alert EvposeCapacity count different sessions")
+    return scaler["maxReplicas"] * int(pod.environment["EVPOSE_MAX_SESSIONS"])
+
+
+def check_service(objects, name, port):
+    """Checks that a Service leads to the pods of its StatefulSet, and that NetworkPolicies admit servers to them. Returns the container."""
+    service = objects["Service", name]["spec"]
+    labels = objects["StatefulSet", name]["spec"]["template"]["metadata"]["labels"]
+    check(objects["StatefulSet", name]["spec"]["serviceName"] == name, name, "belongs to another Service")
+    check(service["ports"][0]["port"] == port, name, "listens elsewhere than at", port)
+    check(selects(service["selector"], labels), "the Service selects nothing:", name)
+    check(reaches(objects, "evpose-server", name, port), "servers may not reach", name)
+    (container,) = objects["StatefulSet", name]["spec"]["template"]["spec"]["containers"]
+    check({entry["name"]: entry["containerPort"] for entry in container["ports"]}[service["ports"][0]["targetPort"]] == port, name)
+    return container
+
+
+def reaches(objects, source, target, port):
+    """Returns whether the NetworkPolicies of two kinds of pods allow connections from the source to a port of the target."""
+    (container,) = objects["StatefulSet", target]["spec"]["template"]["spec"]["containers"]
+    ports = {port, *(entry["name"] for entry in container["ports"] if entry["containerPort"] == port)}
+
+    def allows(rules, way, peer):
+        kind = "Deployment" if ("Deployment", peer) in objects else "StatefulSet"
+        labels = objects[kind, peer]["spec"]["template"]["metadata"]["labels"]
+        peers = [each for rule in rules if ports & {entry["port"] for entry in rule["ports"]} for each in rule[way]]
+        return any(each.keys() == {"podSelector"} and selects(each["podSelector"]["matchLabels"], labels) for each in peers)
+
+    egress, ingress = (objects["NetworkPolicy", name]["spec"] for name in (source, target))
+    return allows(egress.get("egress", []), "to", target) and allows(ingress["ingress"], "from", source)
+
+
+def check_redis(objects, pod, most_sessions):
     way = {entry["name"]: entry["value"] for entry in pod.sidecars["store"]["env"]}
     check(pod.environment["EVPOSE_STORE"] == "redis://" + way["STORE_BIND"], "the server's way to Redis is not encrypted")
     host, port = way["STORE_REDIS"].replace(".evpose.svc.cluster.local", "").split(":")
-    redis = objects["Service", host]
-    check(redis["spec"]["ports"][0]["port"] == int(port), "Redis listens elsewhere")
-    stateful = objects["StatefulSet", host]["spec"]["template"]
-    check(selects(redis["spec"]["selector"], stateful["metadata"]["labels"]), "the Service of Redis selects nothing")
-    egress = objects["NetworkPolicy", "evpose-server"]["spec"]["egress"]
-    to_redis = egress[0]["to"][0]["podSelector"]["matchLabels"]
-    check(selects(to_redis, stateful["metadata"]["labels"]), "servers may not reach Redis")
-    check(egress[0]["ports"][0]["port"] == int(port), "servers may not reach the port of Redis")
-    container = stateful["spec"]["containers"][0]
+    container = check_service(objects, host, int(port))
     options = dict(zip(container["args"][::2], container["args"][1::2]))
-    gigabytes = int(options["--maxmemory"].removesuffix("gb"))
     check(options["--port"] == "0" and options["--tls-port"] == port, "Redis accepts connections without TLS")
+    check_redis_memory(container, options["--maxmemory"], most_sessions, other_bytes=0)
+
+
+def check_redis_memory(container, maxmemory, most_sessions, other_bytes):
+    gigabytes = int(maxmemory.removesuffix("gb"))
     check(int(container["resources"]["limits"]["memory"].removesuffix("Gi")) >= 2 * gigabytes, "no room for the rewrite of Redis' file")
-    most_sessions = scaler["maxReplicas"] * int(pod.environment["EVPOSE_MAX_SESSIONS"])
-    check(most_sessions * 8.3e6 <= gigabytes * 2**30, most_sessions, "sessions have no room in Redis")
+    check(most_sessions * 8.3e6 + other_bytes <= gigabytes * 2**30, most_sessions, "sessions have no room in Redis")
+
+
+def check_group(objects, pod, most_sessions):
+    """Checks names and rules of the group of Redis servers; sentinel_group_test.py runs it."""
+    redis, sentinel = (check_service(objects, f"evpose-{kind}", port) for kind, port in (("redis", 6379), ("sentinel", 26379)))
+    for source, target, port in (("redis", "redis", 6379), ("sentinel", "redis", 6379), ("sentinel", "sentinel", 26379)):
+        check(reaches(objects, f"evpose-{source}", f"evpose-{target}", port), source, "may not reach", target)
+    way = {entry["name"]: entry["value"] for entry in pod.sidecars["store"]["env"]}
+    aliases = {name: alias["ip"] for alias in pod.spec["hostAliases"] for name in alias["hostnames"]}
+    for kind, container in (("redis", redis), ("sentinel", sentinel)):
+        name = f"evpose-{kind}"
+        check(objects["Service", name]["spec"]["clusterIP"] == "None", name, "gives its pods no names")
+        budget = objects["PodDisruptionBudget", name]["spec"]
+        labels = objects["StatefulSet", name]["spec"]["template"]["metadata"]["labels"]
+        check(budget["maxUnavailable"] == 1 and selects(budget["selector"]["matchLabels"], labels), name, "has no budget")
+        names = [f"{name}-{i}.{name}.evpose.svc.cluster.local" for i in range(3)]
+        check([way[f"{kind.upper()}_{i}"] for i in (1, 2, 3)] == names, "the tunnel leads elsewhere than to", names)
+        check(container["args"][2] == "evpose-redis-0.evpose-redis.evpose.svc.cluster.local", container["args"])
+        for constraint in objects["StatefulSet", name]["spec"]["template"]["spec"]["topologySpreadConstraints"]:
+            check(selects(constraint["labelSelector"]["matchLabels"], labels), name, "is not spread over machines")
+    check(aliases == {way[f"REDIS_{i}"]: f"127.0.1.{i}" for i in (1, 2, 3)}, "the server does not find the tunnels:", aliases)
+    config = objects["ConfigMap", pod.volumes["haproxy"]["configMap"]["name"]]["data"]["store-sentinel.cfg"]
+    for i in (1, 2, 3):
+        for port in (6379, 26379):
+            check(f"bind 127.0.1.{i}:{port}\n" in config, "the tunnel does not listen at", i, port)
+    stores = ",".join(f"127.0.1.{i}:26379" for i in (1, 2, 3))
+    check(pod.environment["EVPOSE_STORE"] == f"redis+sentinel://{stores}/evpose", "the server's way to the Sentinels is not encrypted")
+    files = one(objects, "ConfigMap", "evpose-redis-group")["data"]
+    settings = dict(line.split(maxsplit=1) for line in files["node.conf"].splitlines() if line and line[0] != "#")
+    check(settings["port"] == "0" and settings["tls-port"] == "6379", "Redis accepts connections without TLS")
+    backlog_bytes = int(settings["repl-backlog-size"].removesuffix("mb")) << 20
+    check_redis_memory(redis, settings["maxmemory"], most_sessions, backlog_bytes)
 
 
 def check_monitoring(pod, objects):
-    monitoring = render("monitoring")
+    monitoring = RENDERER.render("monitoring")
     monitor = one(monitoring, "ServiceMonitor", "evpose-server")["spec"]
     service = one(objects, "Service", "evpose-server")
     check(selects(monitor["selector"]["matchLabels"], service["metadata"]["labels"]), "the ServiceMonitor selects nothing")
@@ -293,42 +328,43 @@ def run_server(pod, root, redis):
     return metrics
 
 
+def check_overlay(folder, secrets, version, redis):
+    objects = RENDERER.render(folder)
+    pod = Pod(folder, objects, secrets)
+    check(pod.container["terminationMessagePolicy"] == "FallbackToLogsOnError", folder, "hides why a server does not start")
+    check(pod.container["image"] == f"evpose-server:{version}", folder, pod.container["image"], "is not", version)
+    check_security(folder, objects)
+    check_references(pod, objects)
+    root = WORK / folder
+    root.mkdir(parents=True)
+    is_single = folder == "overlays/single"
+    metrics = run_server(pod, root, None if is_single else redis)
+    workers = int(pod.container["resources"]["requests"]["cpu"])
+    check(f"\nevpose_workers {workers}\n" in metrics, folder, "has not a worker for each core")
+    check(f"\nevpose_max_sessions {pod.environment['EVPOSE_MAX_SESSIONS']}\n" in metrics, folder, "max_sessions")
+    if is_single:
+        check(pod.deployment["spec"]["strategy"]["type"] == "Recreate", "two writers of one file")
+        check(pod.deployment["spec"]["replicas"] == 1, "more than one writer")
+        check((root / "var/lib/evpose/evpose.db").exists(), "sessions are not on the volume")
+    else:
+        most_sessions = check_scaling(objects, pod, metrics)
+        check_store = check_redis if folder == "overlays/cluster" else check_group
+        check_store(objects, pod, most_sessions)
+    check_monitoring(pod, objects)
+
+
 def main():
-    version = subprocess.run([KUBECTL, "version", "--client", "--output=json"], capture_output=True, text=True, check=True)
-    if "kustomizeVersion" not in json.loads(version.stdout):
-        write_for_old_kustomize()
-    secrets = {folder: render(folder) for folder in SECRETS}
+    secrets = {folder: RENDERER.render(folder) for folder in SECRETS}
     version = subprocess.run([SERVER, "--version"], capture_output=True, text=True, check=True).stdout.split()[1]
-    for folder, needed in OVERLAYS.items():
-        objects = render(folder)
-        given = {name: document for part in needed for name, document in secrets[part].items()}
-        pod = Pod(folder, objects, given)
-        check(pod.container["terminationMessagePolicy"] == "FallbackToLogsOnError", folder, "hides why a server does not start")
-        check(pod.container["image"] == f"evpose-server:{version}", folder, pod.container["image"], "is not", version)
-        check_security(folder, objects)
-        check_references(pod, objects)
-        root = WORK / folder
-        root.mkdir(parents=True)
-        is_cluster = folder == "overlays/cluster"
-        redis = None
-        if is_cluster:
-            (WORK / "redis").mkdir()
-            redis = Redis(objects, given, WORK / "redis")
-        try:
-            metrics = run_server(pod, root, redis)
-        finally:
-            if redis is not None:
-                redis.end()
-        workers = int(pod.container["resources"]["requests"]["cpu"])
-        check(f"\nevpose_workers {workers}\n" in metrics, folder, "has not a worker for each core")
-        check(f"\nevpose_max_sessions {pod.environment['EVPOSE_MAX_SESSIONS']}\n" in metrics, folder, "max_sessions")
-        if is_cluster:
-            check_cluster(objects, pod, metrics)
-        else:
-            check(pod.deployment["spec"]["strategy"]["type"] == "Recreate", "two writers of one file")
-            check(pod.deployment["spec"]["replicas"] == 1, "more than one writer")
-            check((root / "var/lib/evpose/evpose.db").exists(), "sessions are not on the volume")
-        check_monitoring(pod, objects)
+    # The Redis of the overlay cluster is the store of the servers of both overlays that share one.
+    (WORK / "store").mkdir()
+    redis = Redis(RENDERER.render("overlays/cluster"), secrets["secrets/redis"], WORK / "store")
+    try:
+        for folder, needed in OVERLAYS.items():
+            given = {name: document for part in needed for name, document in secrets[part].items()}
+            check_overlay(folder, given, version, redis)
+    finally:
+        redis.end()
     print("deploy/kubernetes:", len(OVERLAYS), "overlays are consistent")
 
 

@@ -17,7 +17,7 @@ cmp "$work/prometheusrule.yaml" deploy/kubernetes/monitoring/prometheusrule.yaml
   fail "run deploy/kubernetes/monitoring/make-prometheusrule.sh: the alerts have changed"
 
 # The files that an operator provides, made as in server/auth/README.md.
-cp -r deploy/kubernetes deploy/haproxy "$work"
+cp -r deploy/kubernetes deploy/haproxy deploy/redis "$work"
 secrets=$work/kubernetes/secrets
 openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj "/CN=evpose-server" \
   -keyout "$secrets/access/tls.key" -out "$secrets/access/tls.crt" 2>"$work/openssl" || { cat "$work/openssl" >&2; fail "openssl"; }
