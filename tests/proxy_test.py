@@ -122,7 +122,8 @@ class Fixture:
 def check_files(fixture):
     cluster = services("compose.cluster.yaml")["haproxy"]["command"]
     commands = {"pod": pod_command(), "store of a pod": store_command(), "passthrough": cluster + ["passthrough.cfg"]}
-    for name in ("compose.yaml", "compose.tls.yaml", "compose.cluster.yaml", "compose.cluster.tls.yaml", "compose.sentinel.yaml"):
+    for name in ("compose.yaml", "compose.tls.yaml", "compose.cluster.yaml", "compose.cluster.tls.yaml", "compose.sentinel.yaml",
+                 "compose.sentinel.tls.yaml"):
         for service, document in services(name).items():
             if document.get("command", [""])[0] == "haproxy":
                 commands[f"{service} of {name}"] = document["command"]
