@@ -30,9 +30,14 @@ case "${1:-}" in
 esac
 
 jobs=$(nproc)
+phases=()
+begin() {
+  phases+=("$(printf '== %5d s  %s' "$SECONDS" "$*")")
+  echo "${phases[-1]}"
+}
 deploy/install-dependencies.sh --test
 
-echo "== $SECONDS s  lint"
+begin lint
 tests/lint/run.sh
 tests/lint/tidy.sh
 
@@ -55,10 +60,12 @@ for preset in "${presets[@]}"; do
     selection+=(--label-regex "^$label\$")
   fi
   [[ -z $label ]] || selection+=(--label-exclude '^long$')
-  echo "== $SECONDS s  $preset: build"
+  begin "$preset: build"
   cmake --preset "$preset" -DEVPOSE_BUILD_TESTS=ON >/dev/null
   cmake --build --preset "$preset" -j "$jobs" --target "$target"
-  echo "== $SECONDS s  $preset: tests"
+  begin "$preset: tests"
   ctest --test-dir "build/$preset" -j "$jobs" --output-on-failure --no-tests=error "${selection[@]}"
 done
-echo "== $SECONDS s  done"
+# All again, because they are far apart in a log.
+begin "done"
+printf '%s\n' "${phases[@]}"
