@@ -238,8 +238,13 @@ def check_group(objects, pod, most_sessions):
         names = [f"{name}-{i}.{name}.evpose.svc.cluster.local" for i in range(3)]
         check([way[f"{kind.upper()}_{i}"] for i in (1, 2, 3)] == names, "the tunnel leads elsewhere than to", names)
         check(container["args"][2] == "evpose-redis-0.evpose-redis.evpose.svc.cluster.local", container["args"])
-        for constraint in objects["StatefulSet", name]["spec"]["template"]["spec"]["topologySpreadConstraints"]:
-            check(selects(constraint["labelSelector"]["matchLabels"], labels), name, "is not spread over machines")
+        spec = objects["StatefulSet", name]["spec"]["template"]["spec"]
+        (term,) = spec["affinity"]["podAntiAffinity"]["requiredDuringSchedulingIgnoredDuringExecution"]
+        is_apart = term["topologyKey"] == "kubernetes.io/hostname" and selects(term["labelSelector"]["matchLabels"], labels)
+        check(is_apart, "two pods of", name, "may share a machine")
+        (constraint,) = spec["topologySpreadConstraints"]
+        check(constraint["topologyKey"] == "topology.kubernetes.io/zone", name, constraint)
+        check(selects(constraint["labelSelector"]["matchLabels"], labels), name, "is not spread over zones")
     check(aliases == {way[f"REDIS_{i}"]: f"127.0.1.{i}" for i in (1, 2, 3)}, "the server does not find the tunnels:", aliases)
     config = objects["ConfigMap", pod.volumes["haproxy"]["configMap"]["name"]]["data"]["store-sentinel.cfg"]
     for i in (1, 2, 3):

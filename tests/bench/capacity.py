@@ -5,14 +5,15 @@
 A cell has servers in three zones and one Redis group; it shares nothing with other cells. Each camera has a rate of events that changes
 between given values at random times, and a session of random duration, after which another one follows. New sessions and those of lost
 servers are distributed as by deploy/haproxy/cluster.cfg: of two servers that are drawn by their weights (100 less the load in percent), the
-one with fewer streams relative to its weight gets the session, and refuses it if it is full or its load has been above --max-load for 5 s;
-then the client tries again a second later. In the middle of the run, servers are lost for the rest of it.
+one with fewer streams relative to its weight gets the session; with --balance uniform, as by a Service of Kubernetes, any server gets it. A
+server refuses the session if it is full or its load has been above --max-load for 5 s, and the client tries again 5 s later. In the middle
+of the run, servers are lost for the rest of it.
 
-A session is *delayed* in each second in which the cameras of its server need more than all of its cores, and *waits* in each second
-without a server. A cell takes the largest number of cameras for which, in the worst of all runs, both together are at most --delayed of the
-time of all sessions before the loss, and at most --delayed-after during the minutes after the loss of a whole zone.
+A session is *delayed* in each second at whose end its server has events that it has not processed, because the cameras needed more than its
+cores; it *waits* in each second without a server. A cell takes the largest number of cameras for which, in the mean of all runs, both
+together are at most --delayed of the time of all sessions before the loss, and at most --delayed-after of it after the loss of a zone.
 
-The costs are those of deploy/sizing.md, which names the commands that measure them. Each one is an option.
+The costs are those of deploy/sizing.md. Each one is an option.
 """
 import argparse
 import dataclasses
@@ -20,6 +21,7 @@ import math
 
 import numpy
 
+RETRY_S = 5  # that a refusal states (server/runtime/errors.h)
 TIME_CONSTANT_S = 5  # of the load that a server states, and of its hold before it refuses (server/scheduling/load_monitor.h)
 ZONES = 3
 REDIS_NODES = 3  # of a cell, as many as Sentinels, which run beside them
@@ -33,10 +35,15 @@ class Camera:
     shares: list[float]
     dwell_s: float
     common: float
-    cores_per_mev_s: float
+    costs: list[tuple[float, float]]  # pairs of Mev/s and cores, between which the cost is linear, as below the first one
+
+    def cores(self):
+        """Returns the cores that the camera needs at each of its rates."""
+        rates, cores = zip((0, 0), *self.costs)
+        return numpy.interp(self.rates, rates, cores)
 
     def mean_cores(self):
-        return self.cores_per_mev_s * float(numpy.dot(self.rates, self.shares))
+        return float(numpy.dot(self.cores(), self.shares))
 
     def demands(self, random, num_cameras, duration_s):
         """Returns the cores that each camera needs in each second, of shape (duration_s, num_cameras)."""
@@ -50,7 +57,7 @@ class Camera:
         own, shared = states(num_cameras), states(1)
         num_common = round(self.common * num_cameras)
         own[:, :num_common] = shared
-        return self.cores_per_mev_s * numpy.asarray(self.rates)[own]
+        return self.cores()[own]
 
 
 @dataclasses.dataclass
@@ -59,6 +66,7 @@ class Servers:
     cores: int
     max_sessions: int
     max_load: float
+    has_weights: bool = True
 
 
 @dataclasses.dataclass
@@ -79,6 +87,8 @@ class Cell:
         self._server_of = numpy.full(demands.shape[1], -1)
         self._load = numpy.zeros(servers.count)
         self._above_s = numpy.zeros(servers.count)
+        self._backlog = numpy.zeros(servers.count)  # core-seconds
+        self._tries_at = numpy.zeros(demands.shape[1], int)
         self._is_alive = numpy.ones(servers.count, bool)
 
     def lose(self, servers):
@@ -89,24 +99,30 @@ class Cell:
         """Advances by one second. Returns the numbers of delayed and of waiting sessions."""
         ended = self._random.random(self._server_of.size) < 1 / self._session_s
         self._server_of[ended] = -1
-        self._place(numpy.flatnonzero(self._server_of < 0))
+        self._place(numpy.flatnonzero((self._server_of < 0) & (self._tries_at <= second)), second)
         is_placed = self._server_of >= 0
         cores = numpy.bincount(self._server_of[is_placed], self._demands[second, is_placed], self._servers.count)
-        used = numpy.minimum(cores / self._servers.cores, 1)
+        used = numpy.minimum((cores + self._backlog) / self._servers.cores, 1)
+        self._backlog = numpy.maximum(self._backlog + cores - self._servers.cores, 0)
         self._load += (used - self._load) / TIME_CONSTANT_S
         self._above_s = numpy.where(self._load > self._servers.max_load, self._above_s + 1, 0)
-        is_delayed = cores > self._servers.cores
+        is_delayed = self._backlog > 0
         return numpy.count_nonzero(is_delayed[self._server_of[is_placed]]), numpy.count_nonzero(~is_placed)
 
-    def _place(self, cameras):
+    def _place(self, cameras, second):
         counts = numpy.bincount(self._server_of[self._server_of >= 0], minlength=self._servers.count)
-        weights = numpy.where(self._is_alive, numpy.maximum(1, 100 - numpy.round(100 * self._load)), 0)
+        # A server states the largest part that is in use.
+        stated = numpy.maximum(self._load, counts / self._servers.max_sessions)
+        weights = numpy.maximum(1, 100 - numpy.round(100 * stated)) if self._servers.has_weights else numpy.ones(self._servers.count)
+        weights = numpy.where(self._is_alive, weights, 0)
         for camera in cameras:
-            drawn = self._random.choice(self._servers.count, size=2, p=weights / weights.sum())
+            drawn = self._random.choice(self._servers.count, size=2 if self._servers.has_weights else 1, p=weights / weights.sum())
             server = min(drawn, key=lambda each: counts[each] / weights[each])
             if counts[server] < self._servers.max_sessions and self._above_s[server] <= TIME_CONSTANT_S:
                 self._server_of[camera] = server
                 counts[server] += 1
+            else:
+                self._tries_at[camera] = second + RETRY_S
 
 
 def simulate(seed, servers, camera, num_cameras, options, lost):
@@ -124,10 +140,10 @@ def simulate(seed, servers, camera, num_cameras, options, lost):
     return [Times(*(part.mean(axis=0) / num_cameras)) for part in parts]
 
 
-def worst(servers, camera, num_cameras, options, lost):
-    """Returns the Times before and after with the largest sums of all seeds."""
+def bad_shares(servers, camera, num_cameras, options, lost):
+    """Returns the shares of the time that are delayed or waiting, of shape (seeds, 2): before and after the loss."""
     runs = [simulate(seed, servers, camera, num_cameras, options, lost) for seed in range(1, options.seeds + 1)]
-    return [max(part, key=lambda times: times.bad) for part in zip(*runs)]
+    return numpy.array([[part.bad for part in run] for run in runs])
 
 
 def num_lost(servers):
@@ -136,8 +152,8 @@ def num_lost(servers):
 
 
 def is_enough(servers, camera, num_cameras, options):
-    before, after = worst(servers, camera, num_cameras, options, num_lost(servers))
-    return before.bad <= options.delayed and after.bad <= options.delayed_after
+    before, after = bad_shares(servers, camera, num_cameras, options, num_lost(servers)).mean(axis=0)
+    return before <= options.delayed and after <= options.delayed_after
 
 
 def most_cameras(servers, camera, options):
@@ -165,21 +181,23 @@ def redis_limits(options):
 def print_cells(camera, options):
     """Prints what cells of each size take. Returns cameras and servers of the cell with the most cameras for each machine, with those of Redis."""
     limits = redis_limits(options)
-    print(f"A camera needs {camera.mean_cores():.2f} cores on average, at most {camera.cores_per_mev_s * max(camera.rates):.2f}.")
+    print(f"A camera needs {camera.mean_cores():.2f} cores on average, at most {max(camera.cores()):.2f}.")
     print("A Redis group has room for " + ", ".join(f"{count} sessions by its {reason}" for reason, count in limits.items()) + ".\n")
-    print("| servers | cameras | per server | load | delayed or waiting | after the loss of one server | of a zone |")
+    print("Delayed or waiting: mean / worst of the runs.\n")
+    print("| servers | cameras | for each server | load | delayed or waiting | after the loss of one server | after the loss of a zone |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     best = 0, 1
     for count in options.servers:
-        servers = Servers(count, options.cores, options.max_sessions, options.max_load)
+        servers = Servers(count, options.cores, options.max_sessions, options.max_load, options.balance == "haproxy")
         cameras = min(most_cameras(servers, camera, options), *limits.values())
         if cameras == 0:
             print(f"| {count} | 0 | | | | | |")
             continue
-        before, after_zone = worst(servers, camera, cameras, options, num_lost(servers))
-        _, after_one = worst(servers, camera, cameras, options, 1)
+        before, after_zone = bad_shares(servers, camera, cameras, options, num_lost(servers)).T
+        _, after_one = bad_shares(servers, camera, cameras, options, 1).T
+        parts = " | ".join(f"{part.mean():.2%} / {part.max():.1%}" for part in (before, after_one, after_zone))
         load = cameras * camera.mean_cores() / (count * options.cores)
-        print(f"| {count} | {cameras} | {cameras / count:.1f} | {load:.0%} | {before.bad:.2%} | {after_one.bad:.2%} | {after_zone.bad:.2%} |")
+        print(f"| {count} | {cameras} | {cameras / count:.1f} | {load:.0%} | {parts} |")
         best = max(best, (cameras, count), key=lambda cell: cell[0] / (cell[1] + REDIS_NODES))
     return best
 
@@ -195,6 +213,11 @@ def print_totals(cameras_of_cell, servers_of_cell, options):
               f"{options.server_pause_s:g} s | {per_cell:.0f} pause for {options.redis_pause_s:g} s | {per_cell:.0f} stop, {per_cell / cameras:.1%} |")
 
 
+def cost(text):
+    rate, cores = text.split(":")
+    return float(rate), float(cores)
+
+
 def parse(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     camera = parser.add_argument_group("cameras")
@@ -204,12 +227,14 @@ def parse(arguments=None):
     camera.add_argument("--dwell-s", type=float, default=10, help="mean time between changes of the rate (default: 10)")
     camera.add_argument("--common", type=float, default=0, help="share of the cameras that change together, such as those of one scene (default: 0)")
     camera.add_argument("--session-s", type=float, default=3600, help="mean duration of a session (default: 3600)")
-    camera.add_argument("--cores-per-mev-s", type=float, default=0.42, help="of a core, for 1 Mev/s (default: 0.42)")
+    camera.add_argument("--costs", type=cost, nargs="+", default=[(1, 0.42), (10, 0.81)], metavar="MEV_S:CORES",
+                        help="cores at rates of events, between which the cost is linear (default: 1:0.42 10:0.81)")
     servers = parser.add_argument_group("servers")
     servers.add_argument("--servers", type=int, nargs="+", default=[3, 6, 12, 24, 48], help="of a cell (default: 3 6 12 24 48)")
     servers.add_argument("--cores", type=int, default=4, help="of a server (default: 4)")
     servers.add_argument("--max-sessions", type=int, default=12, help="of a server (default: 12, that of deploy/kubernetes)")
     servers.add_argument("--max-load", type=float, default=0.9, help="above which a server refuses sessions (default: 0.9)")
+    servers.add_argument("--balance", choices=["haproxy", "uniform"], default="haproxy", help="who chooses the server (default: haproxy)")
     servers.add_argument("--server-pause-s", type=float, default=3.9, help="of a session whose server is lost (default: 3.9)")
     redis = parser.add_argument_group("Redis")
     redis.add_argument("--redis-gb", type=float, default=1.88, help="of a node for sessions (default: 1.88, 2 GiB less the backlog)")
@@ -223,19 +248,21 @@ def parse(arguments=None):
     run.add_argument("--delayed", type=float, default=0.001, help="bound of the share of the time before the loss (default: 0.001)")
     run.add_argument("--delayed-after", type=float, default=0.01, help="bound after the loss of a zone (default: 0.01)")
     run.add_argument("--half-s", type=int, default=900, help="seconds before and after the loss (default: 900)")
-    run.add_argument("--seeds", type=int, default=3, help="runs, of which the worst counts (default: 3)")
+    run.add_argument("--seeds", type=int, default=20, help="number of runs (default: 20)")
     options = parser.parse_args(arguments)
     if len(options.rates) != len(options.shares) or not math.isclose(sum(options.shares), 1):
         parser.error("--shares needs a share for each of --rates, and their sum must be 1")
     if min(options.servers) < ZONES:
         parser.error(f"--servers: a cell needs a server in each of {ZONES} zones")
+    if options.costs != sorted(options.costs) or options.costs[0][0] <= 0 or max(options.rates) > options.costs[-1][0]:
+        parser.error("--costs must have increasing rates above 0, up to the highest of --rates")
     if options.half_s <= 4 * TIME_CONSTANT_S or options.dwell_s < 1 or options.session_s < 1 or not 0 <= options.common <= 1:
         parser.error(f"--half-s must be above {4 * TIME_CONSTANT_S}, --dwell-s and --session-s at least 1, --common between 0 and 1")
     return options
 
 
 def camera_of(options):
-    return Camera(options.rates, options.shares, options.dwell_s, options.common, options.cores_per_mev_s)
+    return Camera(options.rates, options.shares, options.dwell_s, options.common, options.costs)
 
 
 def main():
