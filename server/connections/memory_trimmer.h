@@ -11,11 +11,13 @@ namespace evpose::server {
 
 class MemoryTrimmer {
  public:
-  // The steps from the first closed connection to the trim: gRPC releases the memory of a connection some time after
-  // its descriptor.
+  // The steps from the first closed connection to the first trim: gRPC releases the memory of a connection some time
+  // after its descriptor. A flood of resets is released only when gRPC has processed it, so further trims follow, each
+  // after twice as many steps as the one before, up to kMaxSteps.
   static constexpr int kSteps = 5;
-  // Trimming locks the heap for milliseconds. It is done only when the process has grown by this much since the last
-  // time.
+  static constexpr int kMaxSteps = 160;
+  // Trimming locks the heap for milliseconds. The first trim is done only when the process has grown by this much since
+  // the last time, and the further ones only after it.
   static constexpr size_t kMinGrowthBytes = size_t{64} << 20;
 
   MemoryTrimmer();
@@ -28,7 +30,8 @@ class MemoryTrimmer {
  private:
   const std::function<size_t()> resident_bytes_;
   const std::function<void()> trim_;
-  int num_steps_left_ = 0;  // 0: no connection has been closed
+  int num_steps_left_ = 0;  // until the next trim; 0: none follows
+  int interval_ = 0;        // steps before that trim
   size_t trimmed_bytes_ = 0;
 };
 
