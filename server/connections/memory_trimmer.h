@@ -17,7 +17,7 @@ class MemoryTrimmer {
   static constexpr int kSteps = 5;
   static constexpr int kMaxSteps = 160;
   // Trimming locks the heap for milliseconds. The first trim is done only when the process has grown by this much since
-  // the last time, and the further ones only after it.
+  // the last trim. Without a first trim there are no further ones.
   static constexpr size_t kMinGrowthBytes = size_t{64} << 20;
 
   MemoryTrimmer();

@@ -9,9 +9,10 @@ one with fewer streams relative to its weight gets the session; with --balance u
 server refuses the session if it is full or its load has been above --max-load for 5 s, and the client tries again 5 s later. In the middle
 of the run, servers are lost for the rest of it.
 
-A session is *delayed* in each second at whose end its server has events that it has not processed, because the cameras needed more than its
-cores; it *waits* in each second without a server. A cell takes the largest number of cameras for which, in the mean of all runs, both
-together are at most --delayed of the time of all sessions before the loss, and at most --delayed-after of it after the loss of a zone.
+A server has a backlog when its sessions need more processor time than its cores have. A session is *delayed* in each second that ends
+with a backlog of its server, and it *waits* in each second in which it has no server. The capacity of a cell is the largest number of
+cameras for which delayed and waiting sessions together, in the mean of all runs, take at most the share --delayed of the time of all
+sessions before the loss, and at most the share --delayed-after after the loss of a zone.
 
 The costs are those of deploy/sizing.md. Each one is an option.
 """
@@ -24,7 +25,7 @@ import numpy
 RETRY_S = 5  # that a refusal states (server/runtime/errors.h)
 TIME_CONSTANT_S = 5  # of the load that a server states, and of its hold before it refuses (server/scheduling/load_monitor.h)
 ZONES = 3
-REDIS_NODES = 3  # of a cell, as many as Sentinels, which run beside them
+REDIS_NODES = 3  # of a cell; a Sentinel runs beside each of them
 
 
 @dataclasses.dataclass
