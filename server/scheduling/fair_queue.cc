@@ -22,6 +22,10 @@ constexpr double kCreditS = 0.1;
 // Processor time, seconds, by which a tenant may be ahead of the others and its sessions still keep their priority.
 // With less, the ordinary variation of the turns would cost cameras their priority.
 constexpr double kLeadS = 0.05;
+// Part of the processor time of a live session that counts against its share. A camera that has lost its priority, by
+// an expensive search or a busy machine, catches up before replays of the same tenant have more than a small part of
+// the time: with an equal share, a camera that needs more than that would stay behind for ever.
+constexpr double kLiveCost = 1.0 / 64;
 // Time constant of CpuMeter::Rate(), seconds.
 constexpr double kMeanS = 1.0;
 // Time at the limit that an idle session or tenant may use at once.
@@ -102,7 +106,7 @@ SessionShare* FairQueue::Pop(Time now) {
 }
 
 void FairQueue::Charge(SessionShare& session, std::chrono::nanoseconds cpu, Time now) {
-  session.used_s += Seconds(cpu);
+  session.used_s += (session.arrival == Arrival::kLive ? kLiveCost : 1.0) * Seconds(cpu);
   session.since_drained += cpu;
   if (!session.KeepsPace()) session.paced_since = now;
   session.meter.Charge(cpu, now, limits_.session);

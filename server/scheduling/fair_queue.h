@@ -44,10 +44,15 @@ struct TenantShare {
   CpuMeter meter;
 };
 
+// kLive: data arrive as a camera records them; kBulk: faster, as those of a replay at full speed (ArrivalMonitor).
+enum class Arrival { kLive, kBulk };
+
 struct SessionShare {
   std::shared_ptr<TenantShare> tenant;
-  CpuMeter::Time received_at{};               // time of the oldest data that wait
-  double used_s = 0.0;                        // as TenantShare::used_s, among the sessions of the tenant
+  CpuMeter::Time received_at{};  // time of the oldest data that wait
+  Arrival arrival = Arrival::kLive;
+  // As TenantShare::used_s, among the sessions of the tenant; the time of live sessions counts as a small part of it.
+  double used_s = 0.0;
   std::chrono::nanoseconds since_drained{0};  // processor time since no data waited
   CpuMeter::Time drained_at{};                // no data waited then for the last time
   CpuMeter::Time paced_since{};               // the session has kept its pace since

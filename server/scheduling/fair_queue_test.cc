@@ -86,6 +86,24 @@ TEST_F(FairQueueTest, ACameraThatHasKeptItsPaceMayCatchUp) {
   EXPECT_FALSE(camera.KeepsPace()) << "it has to earn it again";
 }
 
+// Its data cost 0.4 of the time, and it has lost its priority with 300 ms of work behind.
+TEST_F(FairQueueTest, ACameraThatHasLostItsPaceCatchesUpBesideReplays) {
+  std::vector<SessionShare*> all = {&AddSession("", true)};
+  SessionShare& camera = *all[0];
+  for (int i = 0; i < 8; ++i) all.push_back(&AddSession("", true));
+  for (size_t i = 1; i < all.size(); ++i) all[i]->arrival = Arrival::kBulk;
+  for (SessionShare* session : all) queue_->Add(*session);
+  double behind_ms = 300.0;
+  int turns = 0, of_replays = 0;
+  for (; behind_ms > 0.0 && turns < 5000; ++turns) {
+    const bool is_camera = Run(1, all)[0] == &camera;
+    behind_ms += 0.4 - (is_camera ? 1.0 : 0.0);
+    of_replays += !is_camera;
+  }
+  EXPECT_LT(turns, 700) << "300 ms divided by 0.6 less the share of the replays";
+  EXPECT_GT(of_replays, 0) << "replays go on beside a live session, however much it needs";
+}
+
 TEST_F(FairQueueTest, ReplaysShareByTenantThenBySession) {
   SessionShare& alone = AddSession("alice", true);
   std::vector<SessionShare*> all = {&alone};

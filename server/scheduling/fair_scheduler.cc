@@ -62,8 +62,8 @@ class SessionTurns::Pause : public Yielder {
   bool is_resumed_ = false;  // guarded by the scheduler's lock
 };
 
-void SessionTurns::Post(std::function<void()> step, CpuMeter::Time first_received_at) {
-  scheduler_.Post(*this, std::move(step), first_received_at);
+void SessionTurns::Post(std::function<void()> step, CpuMeter::Time first_received_at, Arrival its_arrival) {
+  scheduler_.Post(*this, std::move(step), first_received_at, its_arrival);
 }
 
 SessionTurns::Use SessionTurns::use() const {
@@ -104,10 +104,12 @@ std::shared_ptr<SessionTurns> FairScheduler::AddSession(const std::string& tenan
   return std::shared_ptr<SessionTurns>(new SessionTurns(*this, queue_.FindTenant(tenant)));
 }
 
-void FairScheduler::Post(SessionTurns& session, std::function<void()> step, CpuMeter::Time received_at) {
+void FairScheduler::Post(SessionTurns& session, std::function<void()> step, CpuMeter::Time received_at,
+                         Arrival arrival) {
   const std::lock_guard lock(mutex_);
   session.step_ = std::move(step);
   session.received_at = received_at;
+  session.arrival = arrival;
   // Nothing waited between the last step and the receipt of these data.
   if (received_at >= session.step_ended_at_) session.RecordDrained(received_at);
   if (session.state_ != SessionTurns::State::kIdle) return;

@@ -34,7 +34,7 @@ class SessionTurns : private SessionShare, public std::enable_shared_from_this<S
 
   // Runs `step` in a turn of the session. At most one step may wait; the step that runs may post the next one, which
   // then belongs to the same turn as long as the turn's time lasts. `received_at`: of the oldest data that wait.
-  void Post(std::function<void()> step, CpuMeter::Time received_at);
+  void Post(std::function<void()> step, CpuMeter::Time received_at, Arrival arrival = Arrival::kLive);
   Use use() const;
 
  private:
@@ -88,7 +88,7 @@ class FairScheduler {
   using Lock = std::unique_lock<std::mutex>;
 
   static SessionTurns& TurnsOf(SessionShare& share) { return static_cast<SessionTurns&>(share); }
-  void Post(SessionTurns& session, std::function<void()> step, CpuMeter::Time received_at);
+  void Post(SessionTurns& session, std::function<void()> step, CpuMeter::Time received_at, Arrival arrival);
   // Gives free places to the sessions that wait. `caller_is_idle`: the caller takes the first of begun_ itself.
   void Dispatch(bool caller_is_idle) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RunThread() ABSL_NO_THREAD_SAFETY_ANALYSIS;

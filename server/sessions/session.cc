@@ -341,7 +341,8 @@ CheckpointPolicy::Counters Session::MakeCounters() const {
 
 void Session::Schedule() {
   if (is_scheduled_ || !IsRunnable()) return;
-  turns_->Post([self = shared_from_this()] { self->Run(); }, queue_.oldest_received_at().value_or(clocks_.steady()));
+  turns_->Post([self = shared_from_this()] { self->Run(); }, queue_.oldest_received_at().value_or(clocks_.steady()),
+               arrivals_.arrival());
   is_scheduled_ = true;
 }
 
@@ -391,7 +392,9 @@ void Session::Publish(const WorkResult& result) {
     report_.Add(result, gate_.is_attached(), *metrics_);
     if (has_ended) ended_pipeline = worker_.ReleasePipeline();
     if (result.finished.has_value()) {
+      const SteadyTime received_at = *queue_.oldest_received_at();
       queue_.FinishCurrent();
+      arrivals_.Update(received_at, result.sensor_time_us, !queue_.has_items());
       gate_.OnProcessed(result.finished->stream, result.finished->bytes);
       if (has_ended) gate_.OnEndProcessed();
     }

@@ -20,6 +20,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "server/runtime/worker_pool.h"
+#include "server/scheduling/arrival_monitor.h"
 #include "server/scheduling/pace_monitor.h"
 #include "server/sessions/durability/checkpoint_policy.h"
 #include "server/sessions/durability/session_committer.h"
@@ -172,6 +173,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   StreamGate gate_ ABSL_GUARDED_BY(mutex_);
   WorkQueue queue_ ABSL_GUARDED_BY(mutex_);
   SessionReport report_ ABSL_GUARDED_BY(mutex_);
+  ArrivalMonitor arrivals_ ABSL_GUARDED_BY(mutex_);
   PaceMonitor pace_ ABSL_GUARDED_BY(mutex_);
   CheckpointPolicy checkpoints_ ABSL_GUARDED_BY(mutex_);
   TokenRequests token_requests_ ABSL_GUARDED_BY(mutex_);

@@ -89,15 +89,15 @@ def create(api):
     return api("CreateSession", config={"encoding": EVT3, "camera": camera_model(), "objects": objects})
 
 
-def track(address, tenant):
-    """Replays the recording at the camera's pace."""
+def track(address, tenant, is_pose_given):
+    """Replays the recording at the camera's pace. Without a given pose, it begins with a search, an expensive step."""
     files = recording()
     poses = files.parent / f"poses_{os.getpid()}.csv"
     pose = initial_pose()
-    numbers = [*pose["translation_m"].values(), *pose["rotation"].values()]
+    numbers = " ".join(map(str, [*pose["translation_m"].values(), *pose["rotation"].values()]))
     environment = {**os.environ, "EVPOSE_TOKEN": server.token(tenant)} if tenant else None
     command = [server.EVPOSE, "replay", files / "recording.raw", "--model", files / "model.obj", "--camera", files / "camera.yaml",
-               "--init-pose", " ".join(map(str, numbers)), "--server", address, "--connect-timeout", str(server.PATIENCE_S),
+               *(["--init-pose", numbers] if is_pose_given else []), "--server", address, "--connect-timeout", str(server.PATIENCE_S),
                "--rate", "1", "--json", "--out", poses]
     report = json.loads(subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True).stdout)
     digest = hashlib.sha256(poses.read_bytes()).hexdigest()
@@ -108,8 +108,8 @@ def track(address, tenant):
 class Camera:
     """Starts the tenant as a process, which tracks the recording at least once, and again until `seconds` have passed."""
 
-    def __init__(self, running, tenant=None, seconds=0.0):
-        command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds)]
+    def __init__(self, running, tenant=None, seconds=0.0, is_pose_given=True):
+        command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds), str(is_pose_given)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
 
     def runs(self):
@@ -137,10 +137,10 @@ def assert_undisturbed(test, alone, beside, p50_ratio, p99_ratio):
 
 
 def main():
-    address, tenant, seconds = sys.argv[1:]
+    address, tenant, seconds, is_pose_given = sys.argv[1:]
     end = time.monotonic() + float(seconds)
     while True:
-        print(json.dumps(dataclasses.asdict(track(address, tenant))), flush=True)
+        print(json.dumps(dataclasses.asdict(track(address, tenant, is_pose_given == "True"))), flush=True)
         if time.monotonic() >= end:
             break
 

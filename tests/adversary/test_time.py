@@ -12,7 +12,7 @@ import grpc
 
 import server
 from api import EVT3, client, failure_of
-from camera import Camera, assert_undisturbed, camera_model, chunks, create, initial_pose, recording
+from camera import Camera, assert_same_poses, assert_undisturbed, camera_model, chunks, create, initial_pose, recording
 from hostile_models import CUBE, tangle
 
 PIECE_BYTES = 1 << 18
@@ -71,6 +71,15 @@ class FairTimeTest(server.AdversaryTest):
                 if share < 0.5:
                     self.skipTest(f"the machine is too busy: the server had {share:.0%} of its processor time")
                 self.check(f"beside 8 bulk replays of {'another' if tenant == 'mallory' else 'its own'} tenant", runs)
+
+    def test_a_search_beside_more_replays_than_an_equal_share_allows(self):
+        """The search takes more processor time than a session may take with priority, and the camera needs more than its part afterwards."""
+        (alone,) = Camera(self.running, "alice", is_pose_given=False).runs()
+        replays = Replays(self.running, client(self, self.running, "alice"), 24)
+        runs = Camera(self.running, "alice", is_pose_given=False).runs()
+        self.assertGreater(replays.waiting_bytes(), 0, "the replays ended before the camera")
+        replays.end()
+        assert_same_poses(self, alone, runs)
 
     def test_beside_sessions_with_an_expensive_model(self):
         mallory = client(self, self.running, "mallory")
