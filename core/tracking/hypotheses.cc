@@ -2,6 +2,7 @@
 #include "core/tracking/hypotheses.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 #include <type_traits>
@@ -18,6 +19,9 @@ namespace {
 // rounded to pixels.
 constexpr double kWidestPx = 0.5 * PoseTrack::kScoredPx;
 constexpr double kNarrowestPx = 1.5;
+// Pixels. An event says nothing about two poses if its distances from their lines differ by less: two fits to the same
+// line differ by as much, and all events of the line would prefer the same one.
+constexpr double kRegistrationPx = 1.0;
 
 // Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
 // it, so that the integral across the line, and with it the mean over uniform clutter, is zero. The triangle has the
@@ -135,12 +139,8 @@ bool Hypotheses::LooksLike(const RigidTransform& a, const RigidTransform& b) con
 
 void Hypotheses::Append(Entry entry) {
   entries_.push_back(std::move(entry));
-  entries_.back().difference.clear();
-  entries_.back().squares.clear();
-  for (Entry& each : entries_) {
-    each.difference.resize(entries_.size(), 0.0);
-    each.squares.resize(entries_.size(), 0.0);
-  }
+  entries_.back().comparisons.clear();
+  for (Entry& each : entries_) each.comparisons.resize(entries_.size());
 }
 
 void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
@@ -172,6 +172,7 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
     if (!event) continue;
     for (Entry& entry : entries_) entry.events[k] = entry.track->NearestLine(*event, others);
   }
+  WeighEvents();
   for (size_t i = 0; i < entries_.size(); ++i) {
     for (size_t j = i + 1; j < entries_.size(); ++j) {
       if (entries_[i].is_settled() && entries_[j].is_settled()) CompareScores(i, j);
@@ -179,23 +180,43 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   }
 }
 
+void Hypotheses::WeighEvents() {
+  std::array<double, 2> weights{};  // of both polarities
+  for (const Entry& entry : entries_) {
+    if (!entry.is_settled()) continue;
+    const double half_px = HalfWidthPx(entry.track->spread_px(), 0.0);
+    std::array<double, 2> near{}, beside{};
+    for (size_t k = 0; k < entry.events.size(); ++k) {
+      YieldPoint(k);
+      const double score = ScoreOf(entry.events[k], half_px);
+      (score > 0.0 ? near : beside)[compared_events_[k].polarity] += std::abs(score);
+    }
+    for (size_t polarity = 0; polarity < weights.size(); ++polarity) {
+      if (near[polarity] == 0.0) continue;
+      weights[polarity] = std::max(weights[polarity], 1.0 - beside[polarity] / near[polarity]);
+    }
+  }
+  event_weights_.clear();
+  for (const WindowEvent& event : compared_events_) event_weights_.push_back(weights[event.polarity]);
+}
+
 void Hypotheses::CompareScores(size_t i, size_t j) {
   Entry &a = entries_[i], &b = entries_[j];
   const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
+  double sum = 0.0, squares = 0.0;
   for (size_t k = 0; k < a.events.size(); ++k) {
     YieldPoint(k);
-    const double difference = ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px);
-    a.difference[j] += difference;
-    b.difference[i] -= difference;
-    a.squares[j] += difference * difference;
-    b.squares[i] += difference * difference;
+    if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < kRegistrationPx) continue;
+    const double difference = event_weights_[k] * (ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px));
+    sum += difference;
+    squares += difference * difference;
   }
+  a.comparisons[j].Add(sum, squares);
+  b.comparisons[i].Add(-sum, squares);
 }
 
 double Hypotheses::Preference(size_t i, size_t j) const {
-  // Events are correlated between neighbouring pixels and at one pixel: see HealthOptions::dispersion.
-  const double variance = entries_[i].squares[j] * context_.options.health.dispersion;
-  return variance > 0.0 ? entries_[i].difference[j] / std::sqrt(variance) : 0.0;
+  return entries_[i].comparisons[j].Sigma(context_.options.health.dispersion);
 }
 
 double Hypotheses::LogLikelihoodRatio(size_t i, size_t j) const {
@@ -298,22 +319,17 @@ void Hypotheses::PutBestFirst(double min_sigma) {
   }
   if (best == 0 || Preference(best, 0) < min_sigma) return;
   std::swap(entries_[0], entries_[best]);
-  for (Entry& entry : entries_) {
-    std::swap(entry.difference[0], entry.difference[best]);
-    std::swap(entry.squares[0], entry.squares[best]);
-  }
+  for (Entry& entry : entries_) std::swap(entry.comparisons[0], entry.comparisons[best]);
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, estimate, events, difference, squares, origin, has_rivals_tested, pending, won_against] = self;
+  auto& [track, estimate, events, comparisons, origin, has_rivals_tested, pending, won_against] = self;
   archive(*track, estimate);
   VisitOrigin(archive, origin);
   archive(has_rivals_tested, AtMost(pending, kSettlingWindows + kComparedWindows));
   archive(won_against);
   archive.Check(won_against.size() <= kMaxWonAgainst, "more rejected poses than are kept");
-  // Both have one element per entry.
-  for (auto& value : difference) archive(Finite(value));
-  for (auto& value : squares) archive(Finite(value));
+  for (auto& comparison : comparisons) archive(comparison);  // one for each entry
 }
 
 // Stored as two bools.
@@ -348,10 +364,7 @@ void Hypotheses::Remove(size_t index, LossCause cause) {
   if (index == 0) first_removed_because_ = cause;
   const auto offset = static_cast<std::ptrdiff_t>(index);
   entries_.erase(entries_.begin() + offset);
-  for (Entry& entry : entries_) {
-    entry.difference.erase(entry.difference.begin() + offset);
-    entry.squares.erase(entry.squares.begin() + offset);
-  }
+  for (Entry& entry : entries_) entry.comparisons.erase(entry.comparisons.begin() + offset);
 }
 
 }  // namespace evpose

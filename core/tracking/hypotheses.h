@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "absl/functional/function_ref.h"
+#include "core/tracking/evidence/score_comparison.h"
 #include "core/tracking/pose_track.h"
 
 namespace evpose {
@@ -100,10 +101,8 @@ class Hypotheses {
   struct Entry {
     std::unique_ptr<PoseTrack> track;
     std::optional<PoseEstimate> estimate;
-    std::vector<PoseTrack::Nearness> events;  // the compared ones of the window
-    // For each other entry, in the order of `entries_`: sum of the differences of the scores, and of their squares.
-    std::vector<double> difference;
-    std::vector<double> squares;
+    std::vector<PoseTrack::Nearness> events;   // the compared ones of the window
+    std::vector<ScoreComparison> comparisons;  // with each other entry, in the order of `entries_`
     Origin origin = Origin::kSearch;
     bool has_rivals_tested = false;  // MarkFirstTested()
     int pending = 0;  // windows that are left until the comparison with the first hypothesis is undecided
@@ -115,7 +114,9 @@ class Hypotheses {
   };
 
   void Compare(const EventWindow& window, const Competitors* others);
-  // Adds the differences of the scores of the compared events to the sums of both.
+  // Sets event_weights_.
+  void WeighEvents();
+  // Adds the differences of the scores of the compared events to the comparisons of both.
   void CompareScores(size_t i, size_t j);
   // Standard deviations by which entry i is better supported than entry j.
   double Preference(size_t i, size_t j) const;
@@ -134,6 +135,7 @@ class Hypotheses {
   const TrackContext& context_;
   std::vector<Entry> entries_;
   std::vector<WindowEvent> compared_events_;
+  std::vector<double> event_weights_;  // of the compared events (README, equation (2))
   LossCause first_removed_because_ = LossCause::kNone;
 };
 

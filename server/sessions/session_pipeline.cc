@@ -18,7 +18,7 @@ namespace {
 constexpr int64_t kSliceUs = 1000;
 
 // Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
-constexpr uint32_t kTrackerStateVersion = 6;
+constexpr uint32_t kTrackerStateVersion = 7;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);

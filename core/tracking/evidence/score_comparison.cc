@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/evidence/score_comparison.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace evpose {
+
+void ScoreComparison::Add(double difference, double squares) {
+  if (squares <= 0.0) return;
+  difference_ += difference;
+  squares_ += squares;
+  differences2_ += difference * difference;
+  products_ += difference * squares;
+  squares2_ += squares * squares;
+  ++num_windows_;
+}
+
+double ScoreComparison::Sigma(double dispersion) const {
+  if (squares_ <= 0.0) return 0.0;
+  double variance = dispersion * squares_;
+  if (num_windows_ > 1) {
+    const double ratio = difference_ / squares_;
+    const double residuals2 = differences2_ - 2.0 * ratio * products_ + ratio * ratio * squares2_;
+    variance = std::max(variance, residuals2 * num_windows_ / (num_windows_ - 1));
+  }
+  return difference_ / std::sqrt(variance);
+}
+
+}  // namespace evpose

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The evidence for one of two poses, summed over windows (core/tracking/README.md, equation (2)).
+#pragma once
+
+#include <cstdint>
+
+#include "core/base/state_io.h"
+
+namespace evpose {
+
+class ScoreComparison {
+ public:
+  // Adds a window: the sum over its events of the differences of both scores, positive if the first pose is the better
+  // one, and the sum of the squares of these differences.
+  void Add(double difference, double squares);
+  // Standard deviations by which the first pose is the better one. `dispersion`: HealthOptions::dispersion.
+  double Sigma(double dispersion) const;
+
+  static void VisitState(auto& archive, auto& self);
+
+ private:
+  double difference_ = 0.0;
+  double squares_ = 0.0;
+  // Sums over the windows of the products of both sums of a window.
+  double differences2_ = 0.0;
+  double products_ = 0.0;
+  double squares2_ = 0.0;
+  int32_t num_windows_ = 0;
+};
+
+void ScoreComparison::VisitState(auto& archive, auto& self) {
+  auto& [difference, squares, differences2, products, squares2, num_windows] = self;
+  archive(Finite(difference), Finite(squares), Finite(differences2), Finite(products), Finite(squares2), num_windows);
+  archive.Check(num_windows >= 0, "a negative number of windows");
+}
+
+}  // namespace evpose
