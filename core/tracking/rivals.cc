@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "core/base/yield_point.h"
 #include "core/models/continuous_symmetry.h"
@@ -155,6 +156,9 @@ RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
   // Eigenvalues of the second moments that differ by less, relative to the largest, do not determine their axes: the
   // object is nearly a cube, or turns into itself.
   constexpr double kDistinct = 0.02;
+  // Moments across an axis that differ by less are those of a profile that is nearly the same after a quarter turn,
+  // such as that of a square bar with grooves in two of its sides: the widths differ by an eighth.
+  constexpr double kEqualWidth = 0.25;
   const Moments moments = MomentsOf(model);
   if (!(moments.measure > 0.0)) return;
   centroid_ = moments.first / moments.measure;
@@ -164,11 +168,16 @@ RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
   for (int k = 0; k < 3; ++k) {
     double gap = values[2];
     for (int j = 0; j < 3; ++j) gap = j == k ? gap : std::min(gap, std::abs(values[j] - values[k]));
-    if (gap > kDistinct * values[2]) axes_.push_back(solver.eigenvectors().col(k));
+    if (gap <= kDistinct * values[2]) continue;
+    axes_.push_back(solver.eigenvectors().col(k));
+    const auto [least, most] = std::minmax(values[(k + 1) % 3], values[(k + 2) % 3]);
+    if (most - least > kEqualWidth * most) continue;
+    for (const double angle : {0.5 * std::numbers::pi, -0.5 * std::numbers::pi}) {
+      quarter_turns_.push_back(AboutCentroid(ExpSo3(angle * axes_.back())));
+    }
   }
   const auto add_half_turn = [this](const Vector3d& axis) {
-    const Matrix3d turn = 2.0 * axis * axis.transpose() - Matrix3d::Identity();
-    half_turns_.push_back({turn, centroid_ - turn * centroid_});
+    half_turns_.push_back(AboutCentroid(2.0 * axis * axis.transpose() - Matrix3d::Identity()));
   };
   for (const Vector3d& axis : axes_) add_half_turn(axis);
   // The principal axes across the axis of a round object are not determined, but all half turns about them are equal.
@@ -189,6 +198,7 @@ std::vector<MotionState> RivalGenerator::RivalsOf(const MotionState& state, doub
     if (!is_known) rivals.push_back(rival);
   };
   for (const RigidTransform& turn : half_turns_) add(MovedState(state, turn, focal_px, options));
+  for (const RigidTransform& turn : quarter_turns_) add(MovedState(state, turn, focal_px, options));
   for (const Vector3d& axis : axes_) {
     const MotionState mirrored = MirroredState(state, centroid_, axis, focal_px, options);
     add(mirrored);

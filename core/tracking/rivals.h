@@ -60,18 +60,22 @@ class RivalGenerator {
   explicit RivalGenerator(const ObjectModel& model);
 
   // Returns the rivals of a state, at most kMaxRivals: half turns about the principal axes of the edges, or of the
-  // surface if it has contours, and the reflections of these axes, each also after a half turn. Those that equal the
-  // state or an earlier rival by the symmetry of the model, or nearly (`merge_rad`), are left out.
+  // surface if it has contours, quarter turns about those across which it is about equally wide, and the reflections of
+  // these axes, each also after a half turn. Those that equal the state or an earlier rival by the symmetry of the
+  // model, or nearly (`merge_rad`), are left out.
   std::vector<MotionState> RivalsOf(const MotionState& state, double focal_px, const InitialPoseOptions& options,
                                     double merge_rad) const;
-  // Three half turns, three reflections, and each reflection after each half turn.
-  static constexpr int kMaxRivals = 15;
+  // Three half turns, two quarter turns about each axis, three reflections, and each reflection after each half turn.
+  static constexpr int kMaxRivals = 21;
 
  private:
+  RigidTransform AboutCentroid(const Eigen::Matrix3d& turn) const { return {turn, centroid_ - turn * centroid_}; }
+
   const ObjectModel& model_;
   Eigen::Vector3d centroid_ = Eigen::Vector3d::Zero();
-  std::vector<Eigen::Vector3d> axes_;       // principal axes that are determined
-  std::vector<RigidTransform> half_turns_;  // about these, or across the axis of a round object
+  std::vector<Eigen::Vector3d> axes_;          // principal axes that are determined
+  std::vector<RigidTransform> half_turns_;     // about these, or across the axis of a round object
+  std::vector<RigidTransform> quarter_turns_;  // about those across which the object is about equally wide
 };
 
 }  // namespace evpose

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <string>
 #include <vector>
@@ -157,7 +158,7 @@ TEST(RivalGeneratorTest, APlateHasItsFlip) {
   const MotionState state = InclinedFace(0.5, 0.0);
   const std::vector<MotionState> rivals = generator.RivalsOf(state, kCamera.fx_px, InitialPoseOptions(), 0.02);
   ASSERT_FALSE(rivals.empty());
-  ASSERT_LE(rivals.size(), 15u);
+  ASSERT_LE(rivals.size(), static_cast<size_t>(RivalGenerator::kMaxRivals));
   const auto differ = [&](const MotionState& a, const MotionState& b) {
     const RigidTransform nearest = NearestEquivalent(a.camera_from_object, plate, b.camera_from_object);
     return RotationAngle(nearest.rotation, b.camera_from_object.rotation);
@@ -165,6 +166,32 @@ TEST(RivalGeneratorTest, APlateHasItsFlip) {
   for (size_t i = 0; i < rivals.size(); ++i) {
     EXPECT_GE(differ(rivals[i], state), 0.02) << i;
     for (size_t j = 0; j < i; ++j) EXPECT_GE(differ(rivals[i], rivals[j]), 0.02) << i << ", " << j;
+  }
+}
+
+TEST(RivalGeneratorTest, ASquareBarHasItsQuarterTurn) {
+  for (const double height_m : {0.04, 0.06}) {
+    ObjectModel bar;
+    const Vector3d corners[] = {{-0.02, -0.5 * height_m, 0.0},
+                                {0.02, -0.5 * height_m, 0.0},
+                                {0.02, 0.5 * height_m, 0.0},
+                                {-0.02, 0.5 * height_m, 0.0}};
+    const Vector3d along(0.0, 0.0, 0.1), groove(0.005, 0.0, 0.0);
+    for (int i = 0; i < 4; ++i) {
+      for (const Vector3d& end : {Vector3d(Vector3d::Zero()), along}) {
+        bar.lines.push_back({corners[i] + end, corners[(i + 1) % 4] + end, {}, EdgeKind::kCrease});
+      }
+      bar.lines.push_back({corners[i], corners[i] + along, {}, EdgeKind::kCrease});
+    }
+    bar.lines.push_back({corners[0] + groove, corners[0] + groove + along, {}, EdgeKind::kPainted});
+    const MotionState state = InclinedFace(0.5, 0.0);
+    const std::vector<MotionState> rivals =
+        RivalGenerator(bar).RivalsOf(state, kCamera.fx_px, InitialPoseOptions(), 0.02);
+    const auto is_quarter = [&](const MotionState& rival) {
+      const double angle = RotationAngle(rival.camera_from_object.rotation, state.camera_from_object.rotation);
+      return std::abs(angle - 0.5 * std::numbers::pi) < 1e-9;
+    };
+    EXPECT_EQ(std::count_if(rivals.begin(), rivals.end(), is_quarter) >= 2, height_m == 0.04) << height_m;
   }
 }
 
