@@ -19,9 +19,8 @@ namespace {
 // rounded to pixels.
 constexpr double kWidestPx = 0.5 * PoseTrack::kScoredPx;
 constexpr double kNarrowestPx = 1.5;
-// Pixels. An event says nothing about two poses if its distances from their lines differ by less: two fits to the same
-// line differ by as much, and all events of the line would prefer the same one.
-constexpr double kRegistrationPx = 1.0;
+// Memory of the share of clutter: two periods of a lamp at the frequency of the mains, 50 or 60 Hz.
+constexpr double kClutterMemoryUs = 20'000.0;
 
 // Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
 // it, so that the integral across the line, and with it the mean over uniform clutter, is zero. The triangle has the
@@ -172,7 +171,7 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
     if (!event) continue;
     for (Entry& entry : entries_) entry.events[k] = entry.track->NearestLine(*event, others);
   }
-  WeighEvents();
+  WeighEvents(window.t_mid_us());
   for (size_t i = 0; i < entries_.size(); ++i) {
     for (size_t j = i + 1; j < entries_.size(); ++j) {
       if (entries_[i].is_settled() && entries_[j].is_settled()) CompareScores(i, j);
@@ -180,8 +179,9 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
   }
 }
 
-void Hypotheses::WeighEvents() {
+void Hypotheses::WeighEvents(int64_t t_us) {
   std::array<double, 2> weights{};  // of both polarities
+  double signal_ratio = 0.0;
   for (const Entry& entry : entries_) {
     if (!entry.is_settled()) continue;
     const double half_px = HalfWidthPx(entry.track->spread_px(), 0.0);
@@ -195,7 +195,12 @@ void Hypotheses::WeighEvents() {
       if (near[polarity] == 0.0) continue;
       weights[polarity] = std::max(weights[polarity], 1.0 - beside[polarity] / near[polarity]);
     }
+    const double all_near = near[0] + near[1];
+    if (all_near > 0.0) signal_ratio = std::max(signal_ratio, 1.0 - (beside[0] + beside[1]) / all_near);
   }
+  const double elapsed_us = std::max(0.0, static_cast<double>(t_us - clutter_us_));
+  clutter_ratio_ = std::max(1.0 - signal_ratio, clutter_ratio_ * kClutterMemoryUs / (kClutterMemoryUs + elapsed_us));
+  clutter_us_ = t_us;
   event_weights_.clear();
   for (const WindowEvent& event : compared_events_) event_weights_.push_back(weights[event.polarity]);
 }
@@ -203,10 +208,12 @@ void Hypotheses::WeighEvents() {
 void Hypotheses::CompareScores(size_t i, size_t j) {
   Entry &a = entries_[i], &b = entries_[j];
   const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
+  // README: clutter displaces the lines of a pose by up to this much.
+  const double displacement_px = clutter_ratio_ * PoseTrack::kScoredPx;
   double sum = 0.0, squares = 0.0;
   for (size_t k = 0; k < a.events.size(); ++k) {
     YieldPoint(k);
-    if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < kRegistrationPx) continue;
+    if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < displacement_px) continue;
     const double difference = event_weights_[k] * (ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px));
     sum += difference;
     squares += difference * difference;
@@ -345,12 +352,15 @@ void Hypotheses::Entry::VisitOrigin(auto& archive, auto& origin) {
 }
 
 void Hypotheses::SaveState(StateWriter& writer) const {
+  writer(clutter_ratio_, clutter_us_);
   writer.Count(entries_.size());
   for (const Entry& entry : entries_) writer(entry);
 }
 
 void Hypotheses::LoadState(StateReader& reader) {
   entries_.clear();
+  reader(Finite(clutter_ratio_), clutter_us_);
+  reader.Check(clutter_ratio_ >= 0.0 && clutter_ratio_ <= 1.0, "a share of clutter outside 0 to 1");
   size_t count = 0;
   reader.Count(count);
   // A single pose that was given needs no candidates.

@@ -114,8 +114,8 @@ class Hypotheses {
   };
 
   void Compare(const EventWindow& window, const Competitors* others);
-  // Sets event_weights_.
-  void WeighEvents();
+  // Sets event_weights_ and clutter_ratio_ from the compared events of a window.
+  void WeighEvents(int64_t t_us);
   // Adds the differences of the scores of the compared events to the comparisons of both.
   void CompareScores(size_t i, size_t j);
   // Standard deviations by which entry i is better supported than entry j.
@@ -136,6 +136,8 @@ class Hypotheses {
   std::vector<Entry> entries_;
   std::vector<WindowEvent> compared_events_;
   std::vector<double> event_weights_;  // of the compared events (README, equation (2))
+  double clutter_ratio_ = 0.0;  // share of clutter in the events near the lines, the largest one of the last windows
+  int64_t clutter_us_ = 0;      // the time of its last update
   LossCause first_removed_because_ = LossCause::kNone;
 };
 
