@@ -19,6 +19,9 @@ namespace {
 // rounded to pixels.
 constexpr double kWidestPx = 0.5 * PoseTrack::kScoredPx;
 constexpr double kNarrowestPx = 1.5;
+// Pixels. Fits to the same line differ by this much even without clutter: edges are rounded, contours approximated, and
+// sensors have a bias.
+constexpr double kLeastDisplacementPx = 0.5;
 // Memory of the share of clutter: two periods of a lamp at the frequency of the mains, 50 or 60 Hz.
 constexpr double kClutterMemoryUs = 20'000.0;
 
@@ -209,7 +212,7 @@ void Hypotheses::CompareScores(size_t i, size_t j) {
   Entry &a = entries_[i], &b = entries_[j];
   const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
   // README: clutter displaces the lines of a pose by up to this much.
-  const double displacement_px = clutter_ratio_ * PoseTrack::kScoredPx;
+  const double displacement_px = std::max(kLeastDisplacementPx, clutter_ratio_ * PoseTrack::kScoredPx);
   double sum = 0.0, squares = 0.0;
   for (size_t k = 0; k < a.events.size(); ++k) {
     YieldPoint(k);
