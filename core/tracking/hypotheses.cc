@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -20,10 +21,13 @@ namespace {
 constexpr double kWidestPx = 0.5 * PoseTrack::kScoredPx;
 constexpr double kNarrowestPx = 1.5;
 // Pixels. Fits to the same line differ by this much even without clutter: edges are rounded, contours approximated, and
-// sensors have a bias.
+// sensors displace edges (SensorProfile).
 constexpr double kLeastDisplacementPx = 0.5;
-// Memory of the share of clutter: two periods of a lamp at the frequency of the mains, 50 or 60 Hz.
+// Time constant with which the share of clutter decays: a period of the mains at 50 Hz, in which a lamp becomes
+// brighter and darker twice.
 constexpr double kClutterMemoryUs = 20'000.0;
+// Sum of the scores near the lines in a window; with less, the share of clutter is chance.
+constexpr double kMinNear = 20.0;
 
 // Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
 // it, so that the integral across the line, and with it the mean over uniform clutter, is zero. The triangle has the
@@ -46,6 +50,11 @@ double HalfWidthPx(double spread_px, double other_spread_px) {
 }  // namespace
 
 void Hypotheses::Add(const MotionState& start) {
+  if (entries_.empty()) {
+    // The share of clutter was measured with other poses.
+    clutter_ratio_ = 0.0;
+    clutter_us_ = 0;
+  }
   Entry entry;
   entry.track = std::make_unique<PoseTrack>(context_, start);
   Append(std::move(entry));
@@ -184,7 +193,7 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
 
 void Hypotheses::WeighEvents(int64_t t_us) {
   std::array<double, 2> weights{};  // of both polarities
-  double signal_ratio = 0.0;
+  std::optional<double> clutter_ratio;
   for (const Entry& entry : entries_) {
     if (!entry.is_settled()) continue;
     const double half_px = HalfWidthPx(entry.track->spread_px(), 0.0);
@@ -199,10 +208,12 @@ void Hypotheses::WeighEvents(int64_t t_us) {
       weights[polarity] = std::max(weights[polarity], 1.0 - beside[polarity] / near[polarity]);
     }
     const double all_near = near[0] + near[1];
-    if (all_near > 0.0) signal_ratio = std::max(signal_ratio, 1.0 - (beside[0] + beside[1]) / all_near);
+    if (all_near < kMinNear) continue;
+    clutter_ratio = std::min(clutter_ratio.value_or(1.0), (beside[0] + beside[1]) / all_near);
   }
   const double elapsed_us = std::max(0.0, static_cast<double>(t_us - clutter_us_));
-  clutter_ratio_ = std::max(1.0 - signal_ratio, clutter_ratio_ * kClutterMemoryUs / (kClutterMemoryUs + elapsed_us));
+  clutter_ratio_ *= kClutterMemoryUs / (kClutterMemoryUs + elapsed_us);
+  clutter_ratio_ = std::max(clutter_ratio_, clutter_ratio.value_or(0.0));
   clutter_us_ = t_us;
   event_weights_.clear();
   for (const WindowEvent& event : compared_events_) event_weights_.push_back(weights[event.polarity]);
@@ -211,7 +222,7 @@ void Hypotheses::WeighEvents(int64_t t_us) {
 void Hypotheses::CompareScores(size_t i, size_t j) {
   Entry &a = entries_[i], &b = entries_[j];
   const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
-  // README: clutter displaces the lines of a pose by up to this much.
+  // Difference of the distances that a displaced fit can cause (README, section 2).
   const double displacement_px = std::max(kLeastDisplacementPx, clutter_ratio_ * PoseTrack::kScoredPx);
   double sum = 0.0, squares = 0.0;
   for (size_t k = 0; k < a.events.size(); ++k) {
@@ -355,21 +366,20 @@ void Hypotheses::Entry::VisitOrigin(auto& archive, auto& origin) {
 }
 
 void Hypotheses::SaveState(StateWriter& writer) const {
-  writer(clutter_ratio_, clutter_us_);
   writer.Count(entries_.size());
   for (const Entry& entry : entries_) writer(entry);
+  writer(clutter_ratio_, clutter_us_);
 }
 
 void Hypotheses::LoadState(StateReader& reader) {
   entries_.clear();
-  reader(Finite(clutter_ratio_), clutter_us_);
-  reader.Check(clutter_ratio_ >= 0.0 && clutter_ratio_ <= 1.0, "a share of clutter outside 0 to 1");
   size_t count = 0;
   reader.Count(count);
   // A single pose that was given needs no candidates.
   reader.Check(count <= std::max<size_t>(1, MaxEntries()), "more hypotheses than are followed");
   for (size_t i = 0; i < count && reader.ok(); ++i) Add(MotionState());
   for (Entry& entry : entries_) reader(entry);
+  reader(InRange(clutter_ratio_, 0.0, 1.0), InRange(clutter_us_, -kMaxStateTime_us, kMaxStateTime_us));
   if (!reader.ok()) entries_.clear();
 }
 

@@ -3,6 +3,7 @@
 // Competing hypotheses about the pose of one object (core/tracking/README.md, section 2).
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -136,8 +137,8 @@ class Hypotheses {
   std::vector<Entry> entries_;
   std::vector<WindowEvent> compared_events_;
   std::vector<double> event_weights_;  // of the compared events (README, equation (2))
-  double clutter_ratio_ = 0.0;  // share of clutter in the events near the lines, the largest one of the last windows
-  int64_t clutter_us_ = 0;      // the time of its last update
+  double clutter_ratio_ = 0.0;         // share of clutter in the events near the lines (README, section 2)
+  int64_t clutter_us_ = 0;             // the time of its last update
   LossCause first_removed_because_ = LossCause::kNone;
 };
 

@@ -77,12 +77,17 @@ void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
   hypotheses.MarkFirstTested();
   if (context_.options.estimator_factory) return;
   const MotionState start = hypotheses.first().motion();
+  const std::vector<MotionState> all = RivalsOf(start);
+  for (size_t next = 0; next < all.size();) next = AddEqualRivals(start, all, next, hypotheses);
+}
+
+size_t ObjectTracker::AddEqualRivals(const MotionState& start, const std::vector<MotionState>& all, size_t next,
+                                     Hypotheses& hypotheses) {
   Hypotheses trial(context_);
   trial.Add(start);
   std::vector<std::pair<const PoseTrack*, MotionState>> rivals;
-  for (const MotionState& rival : RivalsOf(start)) {
-    const PoseTrack* track = trial.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);
-    if (track != nullptr) rivals.emplace_back(track, rival);
+  for (; next < all.size() && !trial.is_full(); ++next) {
+    rivals.emplace_back(trial.AddRival(all[next], Hypotheses::RivalKind::kOtherEdges), all[next]);
   }
   for (size_t i = 0; i < memory_.size() && trial.HasRival(); ++i) {
     const EventWindow past = memory_.At(i);
@@ -96,6 +101,7 @@ void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
       hypotheses.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);  // there were too few windows to refine it
     }
   }
+  return next;
 }
 
 }  // namespace evpose

@@ -109,6 +109,9 @@ class ObjectTracker {
   // Adds the generated rivals of the first of `hypotheses`, which is in its start state, that explain the stored events
   // as well as it does, to decide between them before one is published.
   void AddEqualRivals(Hypotheses& hypotheses);
+  // The same for those of the rivals from `next` on that are followed together. Returns the first one that is left.
+  size_t AddEqualRivals(const MotionState& start, const std::vector<MotionState>& all, size_t next,
+                        Hypotheses& hypotheses);
   // Whether a search is allowed while hypotheses exist, and the search: the poses that are found become competing
   // hypotheses.
   bool MaySearchAgain() const;

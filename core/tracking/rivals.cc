@@ -156,8 +156,8 @@ RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
   // Eigenvalues of the second moments that differ by less, relative to the largest, do not determine their axes: the
   // object is nearly a cube, or turns into itself.
   constexpr double kDistinct = 0.02;
-  // Moments across an axis that differ by less are those of a profile that is nearly the same after a quarter turn,
-  // such as that of a square bar with grooves in two of its sides: the widths differ by an eighth.
+  // Relative difference of the two moments across an axis below which a quarter turn about it is a rival: the widths
+  // then differ by less than an eighth, as those of a square bar with grooves in two of its sides.
   constexpr double kEqualWidth = 0.25;
   const Moments moments = MomentsOf(model);
   if (!(moments.measure > 0.0)) return;

@@ -11,7 +11,7 @@
 
 namespace evpose::server {
 
-// Not thread-safe, without a clock. Until there are two items, the data count as live.
+// Not thread-safe, without a clock.
 class ArrivalMonitor {
  public:
   using Time = std::chrono::steady_clock::time_point;
@@ -20,13 +20,15 @@ class ArrivalMonitor {
   // `is_drained`: no other data wait.
   void Update(Time received_at, int64_t sensor_time_us, bool is_drained);
 
-  // kBulk: since the last time at which no data waited, more sensor time was received than time has passed. A camera
-  // cannot send so, a replay at full speed does. A camera that is processed too slowly stays kLive.
+  // kBulk: the sensor time is ahead of the time of receipt by more than it was for any item after which no data waited,
+  // and data have waited ever since. A replay at full speed arrives so. A camera cannot send faster than it records: it
+  // stays kLive although it is processed too slowly. kLive at first.
   Arrival arrival() const { return arrival_; }
 
  private:
   Arrival arrival_ = Arrival::kLive;
-  std::optional<double> first_lead_s_;  // sensor time minus time of receipt of the first item that is compared
+  // Sensor time minus time of receipt: the largest one of the items after which no data waited, or of the first item.
+  std::optional<double> reference_lead_s_;
 };
 
 }  // namespace evpose::server

@@ -46,6 +46,22 @@ TEST_F(ArrivalMonitorTest, ACameraIsLiveAfterItsClientWasAway) {
   EXPECT_EQ(monitor_.arrival(), Arrival::kLive);
 }
 
+TEST_F(ArrivalMonitorTest, ACameraWhoseFirstItemWasLateIsLive) {
+  Process(0, 10, 300, 1.0, true);  // while the session was created
+  Process(10, 310, 301, 1000.0, false);
+  EXPECT_EQ(monitor_.arrival(), Arrival::kBulk) << "it has caught up as a replay does";
+  Process(310, 320, 310, 1.0, true);
+  EXPECT_EQ(monitor_.arrival(), Arrival::kLive);
+  Process(320, 5000, 320, 1.0, false);
+  EXPECT_EQ(monitor_.arrival(), Arrival::kLive);
+}
+
+TEST_F(ArrivalMonitorTest, AFastClockOfTheSensorIsFollowed) {
+  Process(0, 1'000'000, 0, 1.001, true);
+  Process(1'000'000, 1'010'000, 999'000, 1.001, false);
+  EXPECT_EQ(monitor_.arrival(), Arrival::kLive);
+}
+
 TEST_F(ArrivalMonitorTest, ADrainedSessionIsComparedFromThereOn) {
   Process(0, 1000, 0, 100.0, false);
   ASSERT_EQ(monitor_.arrival(), Arrival::kBulk);

@@ -22,9 +22,9 @@ constexpr double kCreditS = 0.1;
 // Processor time, seconds, by which a tenant may be ahead of the others and its sessions still keep their priority.
 // With less, the ordinary variation of the turns would cost cameras their priority.
 constexpr double kLeadS = 0.05;
-// Part of the processor time of a live session that counts against its share. A camera that has lost its priority, by
-// an expensive search or a busy machine, catches up before replays of the same tenant have more than a small part of
-// the time: with an equal share, a camera that needs more than that would stay behind for ever.
+// Part of the processor time of a live session that is counted. With all of it, a camera that needs more than an equal
+// share beside replays of its tenant would never catch up after it has lost its priority, by an expensive search or on
+// a busy machine.
 constexpr double kLiveCost = 1.0 / 64;
 // Time constant of CpuMeter::Rate(), seconds.
 constexpr double kMeanS = 1.0;

@@ -87,7 +87,7 @@ TEST_F(FairQueueTest, ACameraThatHasKeptItsPaceMayCatchUp) {
 }
 
 // Its data cost 0.4 of the time, and it has lost its priority with 300 ms of work behind.
-TEST_F(FairQueueTest, ACameraThatHasLostItsPaceCatchesUpBesideReplays) {
+TEST_F(FairQueueTest, ACameraThatHasLostItsPriorityCatchesUpBesideReplays) {
   std::vector<SessionShare*> all = {&AddSession("", true)};
   SessionShare& camera = *all[0];
   for (int i = 0; i < 8; ++i) all.push_back(&AddSession("", true));
@@ -100,7 +100,7 @@ TEST_F(FairQueueTest, ACameraThatHasLostItsPaceCatchesUpBesideReplays) {
     behind_ms += 0.4 - (is_camera ? 1.0 : 0.0);
     of_replays += !is_camera;
   }
-  EXPECT_LT(turns, 700) << "300 ms divided by 0.6 less the share of the replays";
+  EXPECT_LT(turns, 700) << "300 ms / (64/72 - 0.4) = 614 turns";
   EXPECT_GT(of_replays, 0) << "replays go on beside a live session, however much it needs";
 }
 

@@ -34,6 +34,7 @@ class SessionTurns : private SessionShare, public std::enable_shared_from_this<S
 
   // Runs `step` in a turn of the session. At most one step may wait; the step that runs may post the next one, which
   // then belongs to the same turn as long as the turn's time lasts. `received_at`: of the oldest data that wait.
+  // `arrival`: ArrivalMonitor::arrival(); determines the part of the processor time that is counted.
   void Post(std::function<void()> step, CpuMeter::Time received_at, Arrival arrival = Arrival::kLive);
   Use use() const;
 

@@ -109,7 +109,7 @@ class Camera:
     """Starts the tenant as a process, which tracks the recording at least once, and again until `seconds` have passed."""
 
     def __init__(self, running, tenant=None, seconds=0.0, is_pose_given=True):
-        command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds), str(is_pose_given)]
+        command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds), *([] if is_pose_given else ["--search"])]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
 
     def runs(self):
@@ -137,10 +137,10 @@ def assert_undisturbed(test, alone, beside, p50_ratio, p99_ratio):
 
 
 def main():
-    address, tenant, seconds, is_pose_given = sys.argv[1:]
+    address, tenant, seconds, *options = sys.argv[1:]
     end = time.monotonic() + float(seconds)
     while True:
-        print(json.dumps(dataclasses.asdict(track(address, tenant, is_pose_given == "True"))), flush=True)
+        print(json.dumps(dataclasses.asdict(track(address, tenant, "--search" not in options))), flush=True)
         if time.monotonic() >= end:
             break
 

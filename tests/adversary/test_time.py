@@ -73,12 +73,16 @@ class FairTimeTest(server.AdversaryTest):
                 self.check(f"beside 8 bulk replays of {'another' if tenant == 'mallory' else 'its own'} tenant", runs)
 
     def test_a_search_beside_more_replays_than_an_equal_share_allows(self):
-        """The search takes more processor time than a session may take with priority, and the camera needs more than its part afterwards."""
+        """The search takes more processor time than a session has with priority, and the camera then needs more than an equal share."""
         (alone,) = Camera(self.running, "alice", is_pose_given=False).runs()
         replays = Replays(self.running, client(self, self.running, "alice"), 24)
+        before_s, start_s = self.running.cpu_s(), time.monotonic()
         runs = Camera(self.running, "alice", is_pose_given=False).runs()
+        share = (self.running.cpu_s() - before_s) / (time.monotonic() - start_s) / os.cpu_count()
         self.assertGreater(replays.waiting_bytes(), 0, "the replays ended before the camera")
         replays.end()
+        if share < 0.5:
+            self.skipTest(f"the machine is too busy: the server had {share:.0%} of its processor time")
         assert_same_poses(self, alone, runs)
 
     def test_beside_sessions_with_an_expensive_model(self):

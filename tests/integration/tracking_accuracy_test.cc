@@ -8,13 +8,17 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
 
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/evaluation/evaluate.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
 #include "core/models/symmetry.h"
 #include "core/simulation/simulator.h"
 #include "core/tracking/tracker.h"
@@ -111,11 +115,11 @@ std::shared_ptr<const ObjectModel> AsFile(const ObjectModel& model) {
       ParseObjectModel({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, ModelFormat::kObj, {}).value());
 }
 
-// The plate differs from its flipped and turned poses by one line, and each of its edges has some ten times as many
-// events of the lamp as of the motion.
+// The plate differs from its flipped and turned poses by one line, and its edges have about ten times as many events of
+// the lamp as of the motion.
 TEST(TrackingAccuracy, NoFlippedPlateIsTrackedUnderALampThatSwingsByHalf) {
-  int tracked = 0;
   for (const uint64_t seed : {3, 5}) {
+    int tracked = 0;
     SimulationOptions options = SimulationPreset("planar", "evk4", 1.5).value();
     options.seed = seed;
     options.duration_us = 80'000;
@@ -134,8 +138,8 @@ TEST(TrackingAccuracy, NoFlippedPlateIsTrackedUnderALampThatSwingsByHalf) {
       EXPECT_LT(RotationAngle(estimate.camera_from_object.rotation, truth->camera_from_object.rotation), 0.2)
           << "seed " << seed << ", " << estimate.t_us << " us";
     }
+    EXPECT_GT(tracked, 5) << "seed " << seed << ": a tracker that reports nothing would pass otherwise";
   }
-  EXPECT_GT(tracked, 10) << "it is not the answer to report nothing";
 }
 
 TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) {

@@ -22,7 +22,8 @@ double ScoreComparison::Sigma(double dispersion) const {
   if (num_windows_ > 1) {
     const double ratio = difference_ / squares_;
     const double residuals2 = differences2_ - 2.0 * ratio * products_ + ratio * ratio * squares2_;
-    variance = std::max(variance, residuals2 * num_windows_ / (num_windows_ - 1));
+    const auto count = static_cast<double>(num_windows_);
+    variance = std::max(variance, residuals2 * count / (count - 1.0));
   }
   return difference_ / std::sqrt(variance);
 }
