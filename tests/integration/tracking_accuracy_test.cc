@@ -118,7 +118,7 @@ std::shared_ptr<const ObjectModel> AsFile(const ObjectModel& model) {
 // The plate differs from its flipped and turned poses by one line, and its edges have about ten times as many events of
 // the lamp as of the motion.
 TEST(TrackingAccuracy, NoFlippedPlateIsTrackedUnderALampThatSwingsByHalf) {
-  for (const uint64_t seed : {3, 5}) {
+  for (const uint64_t seed : {5, 11}) {
     int tracked = 0;
     SimulationOptions options = SimulationPreset("planar", "evk4", 1.5).value();
     options.seed = seed;
