@@ -2,7 +2,6 @@
 #include "core/tracking/hypotheses.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <optional>
 #include <string>
@@ -183,21 +182,21 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
     if (!event) continue;
     for (Entry& entry : entries_) entry.events[k] = entry.track->NearestLine(*event, others);
   }
-  WeighEvents(window.t_mid_us());
+  const ByPolarity weights = WeighEvents(window.t_mid_us());
   for (size_t i = 0; i < entries_.size(); ++i) {
     for (size_t j = i + 1; j < entries_.size(); ++j) {
-      if (entries_[i].is_settled() && entries_[j].is_settled()) CompareScores(i, j);
+      if (entries_[i].is_settled() && entries_[j].is_settled()) CompareScores(i, j, weights);
     }
   }
 }
 
-void Hypotheses::WeighEvents(int64_t t_us) {
-  std::array<double, 2> weights{};  // of both polarities
+ByPolarity Hypotheses::WeighEvents(int64_t t_us) {
+  ByPolarity weights{};
   std::optional<double> clutter_ratio;
   for (const Entry& entry : entries_) {
     if (!entry.is_settled()) continue;
     const double half_px = HalfWidthPx(entry.track->spread_px(), 0.0);
-    std::array<double, 2> near{}, beside{};
+    ByPolarity near{}, beside{};
     for (size_t k = 0; k < entry.events.size(); ++k) {
       YieldPoint(k);
       const double score = ScoreOf(entry.events[k], half_px);
@@ -215,11 +214,10 @@ void Hypotheses::WeighEvents(int64_t t_us) {
   clutter_ratio_ *= kClutterMemoryUs / (kClutterMemoryUs + elapsed_us);
   clutter_ratio_ = std::max(clutter_ratio_, clutter_ratio.value_or(0.0));
   clutter_us_ = t_us;
-  event_weights_.clear();
-  for (const WindowEvent& event : compared_events_) event_weights_.push_back(weights[event.polarity]);
+  return weights;
 }
 
-void Hypotheses::CompareScores(size_t i, size_t j) {
+void Hypotheses::CompareScores(size_t i, size_t j, const ByPolarity& weights) {
   Entry &a = entries_[i], &b = entries_[j];
   const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
   // Difference of the distances that a displaced fit can cause (README, section 2).
@@ -228,7 +226,8 @@ void Hypotheses::CompareScores(size_t i, size_t j) {
   for (size_t k = 0; k < a.events.size(); ++k) {
     YieldPoint(k);
     if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < displacement_px) continue;
-    const double difference = event_weights_[k] * (ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px));
+    const double weight = weights[compared_events_[k].polarity];
+    const double difference = weight * (ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px));
     sum += difference;
     squares += difference * difference;
   }

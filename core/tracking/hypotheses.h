@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/functional/function_ref.h"
+#include "core/events/event.h"
 #include "core/tracking/evidence/score_comparison.h"
 #include "core/tracking/pose_track.h"
 
@@ -115,10 +116,10 @@ class Hypotheses {
   };
 
   void Compare(const EventWindow& window, const Competitors* others);
-  // Sets event_weights_ and clutter_ratio_ from the compared events of a window.
-  void WeighEvents(int64_t t_us);
+  // Returns the weights of the compared events of a window (README, equation (2)), and updates clutter_ratio_.
+  ByPolarity WeighEvents(int64_t t_us);
   // Adds the differences of the scores of the compared events to the comparisons of both.
-  void CompareScores(size_t i, size_t j);
+  void CompareScores(size_t i, size_t j, const ByPolarity& weights);
   // Standard deviations by which entry i is better supported than entry j.
   double Preference(size_t i, size_t j) const;
   // Natural logarithm of the likelihood of entry i divided by that of entry j.
@@ -136,9 +137,8 @@ class Hypotheses {
   const TrackContext& context_;
   std::vector<Entry> entries_;
   std::vector<WindowEvent> compared_events_;
-  std::vector<double> event_weights_;  // of the compared events (README, equation (2))
-  double clutter_ratio_ = 0.0;         // share of clutter in the events near the lines (README, section 2)
-  int64_t clutter_us_ = 0;             // the time of its last update
+  double clutter_ratio_ = 0.0;  // share of clutter in the events near the lines (README, section 2)
+  int64_t clutter_us_ = 0;      // the time of its last update
   LossCause first_removed_because_ = LossCause::kNone;
 };
 
