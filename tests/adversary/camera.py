@@ -109,7 +109,8 @@ class Camera:
     """Starts the tenant as a process, which tracks the recording at least once, and again until `seconds` have passed."""
 
     def __init__(self, running, tenant=None, seconds=0.0, is_pose_given=True):
-        command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds), *([] if is_pose_given else ["--search"])]
+        options = [] if is_pose_given else ["--search"]
+        command = [sys.executable, __file__, "--bin", str(server.BIN), running.address, tenant or "", str(seconds), *options]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
 
     def runs(self):

@@ -57,32 +57,32 @@ class FairTimeTest(server.AdversaryTest):
         server.figures["live camera alone, p50 / p99"] = f"{self.alone.p50_us / 1e3:.1f} / {self.alone.p99_us / 1e3:.1f} ms"
         assert_undisturbed(self, self.alone, runs, p50_ratio, p99_ratio)
 
+    def runs_beside(self, replays, alone, is_pose_given=True):
+        """Tracks the recording beside the replays, which it ends. The poses must be those without them; skips the rest of the test if other
+        processes had most of the machine."""
+        before_s, start_s = self.running.cpu_s(), time.monotonic()
+        runs = Camera(self.running, "alice", is_pose_given=is_pose_given).runs()
+        share = (self.running.cpu_s() - before_s) / (time.monotonic() - start_s) / os.cpu_count()
+        self.assertGreater(replays.waiting_bytes(), 0, "the replays ended before the camera")
+        replays.end()
+        self.assertEqual({run.digest for run in runs}, {alone.digest})
+        if share < 0.5:
+            self.skipTest(f"the machine is too busy: the server had {share:.0%} of its processor time")
+        return runs
+
     def test_beside_bulk_replays(self):
         """As many bytes at a time as the server takes, from another tenant or from the same one."""
         for tenant in ("mallory", "alice"):
             with self.subTest(tenant):
                 replays = Replays(self.running, client(self, self.running, tenant), 8)
-                before_s, start_s = self.running.cpu_s(), time.monotonic()
-                runs = Camera(self.running, "alice").runs()
-                share = (self.running.cpu_s() - before_s) / (time.monotonic() - start_s) / os.cpu_count()
-                self.assertGreater(replays.waiting_bytes(), 0, "the replays ended before the camera")
-                replays.end()
-                self.assertEqual({run.digest for run in runs}, {self.alone.digest})
-                if share < 0.5:
-                    self.skipTest(f"the machine is too busy: the server had {share:.0%} of its processor time")
+                runs = self.runs_beside(replays, self.alone)
                 self.check(f"beside 8 bulk replays of {'another' if tenant == 'mallory' else 'its own'} tenant", runs)
 
     def test_a_search_beside_more_replays_than_an_equal_share_allows(self):
         """The search takes more processor time than a session has with priority, and the camera then needs more than an equal share."""
         (alone,) = Camera(self.running, "alice", is_pose_given=False).runs()
         replays = Replays(self.running, client(self, self.running, "alice"), 24)
-        before_s, start_s = self.running.cpu_s(), time.monotonic()
-        runs = Camera(self.running, "alice", is_pose_given=False).runs()
-        share = (self.running.cpu_s() - before_s) / (time.monotonic() - start_s) / os.cpu_count()
-        self.assertGreater(replays.waiting_bytes(), 0, "the replays ended before the camera")
-        replays.end()
-        if share < 0.5:
-            self.skipTest(f"the machine is too busy: the server had {share:.0%} of its processor time")
+        runs = self.runs_beside(replays, alone, is_pose_given=False)
         assert_same_poses(self, alone, runs)
 
     def test_beside_sessions_with_an_expensive_model(self):
