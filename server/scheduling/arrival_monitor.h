@@ -16,6 +16,9 @@ class ArrivalMonitor {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
+  // `kept_before`: the client may have kept the data of this time, because it had no server. It sends them at once.
+  explicit ArrivalMonitor(std::chrono::seconds kept_before = std::chrono::seconds(0)) : kept_before_(kept_before) {}
+
   // An item that was received at `received_at` is processed, and with it the data up to this sensor time.
   // `is_drained`: no other data wait.
   void Update(Time received_at, int64_t sensor_time_us, bool is_drained);
@@ -26,8 +29,10 @@ class ArrivalMonitor {
   Arrival arrival() const { return arrival_; }
 
  private:
+  const std::chrono::seconds kept_before_;
   Arrival arrival_ = Arrival::kLive;
-  // Sensor time minus time of receipt: the largest one of the items after which no data waited, or of the first item.
+  // Sensor time minus time of receipt: the largest one of the items after which no data waited, or that of the first
+  // item and the time before it.
   std::optional<double> reference_lead_s_;
 };
 

@@ -26,6 +26,15 @@ class ArrivalMonitorTest : public testing::Test {
   ArrivalMonitor monitor_;
 };
 
+TEST(RestoredArrivalMonitorTest, ACameraIsLiveAfterItsServerWasLost) {
+  ArrivalMonitor monitor(std::chrono::seconds(10));
+  monitor.Update(kStart, 0, false);
+  monitor.Update(kStart + milliseconds(20), 9'900'000, false);
+  EXPECT_EQ(monitor.arrival(), Arrival::kLive);
+  monitor.Update(kStart + milliseconds(40), 10'200'000, false);
+  EXPECT_EQ(monitor.arrival(), Arrival::kBulk) << "a replay is recognized after the time that a client may have kept";
+}
+
 TEST_F(ArrivalMonitorTest, AReplayAtFullSpeedIsNotLive) {
   Process(0, 50, 0, 1000.0, false);
   EXPECT_EQ(monitor_.arrival(), Arrival::kLive) << "a network may deliver 50 ms at once";

@@ -22,10 +22,13 @@ constexpr double kCreditS = 0.1;
 // Processor time, seconds, by which a tenant may be ahead of the others and its sessions still keep their priority.
 // With less, the ordinary variation of the turns would cost cameras their priority.
 constexpr double kLeadS = 0.05;
-// Part of the processor time of a live session that is counted. With all of it, a camera that needs more than an equal
-// share beside replays of its tenant would never catch up after it has lost its priority, by an expensive search or on
-// a busy machine.
-constexpr double kLiveCost = 1.0 / 64;
+// The live sessions of a tenant get this many times the time of its others, or an equal share for each session if that
+// is more. With equal shares, a camera that needs more beside replays of its tenant would never catch up after it has
+// lost its priority, by an expensive search or on a busy machine.
+constexpr double kLiveWeight = 7.0;
+// Turns by priority in a row while another session waits, so that those without priority continue, however slowly, when
+// cameras take all the time.
+constexpr int kMostTurnsByPriority = 15;
 // Time constant of CpuMeter::Rate(), seconds.
 constexpr double kMeanS = 1.0;
 // Time at the limit that an idle session or tenant may use at once.
@@ -37,11 +40,16 @@ bool HasPriority(const SessionShare& session, double least_used_s) {
   return session.KeepsPace() && session.tenant->used_s <= least_used_s + kLeadS;
 }
 
-bool IsBefore(const SessionShare& a, const SessionShare& b, double least_used_s) {
-  const bool has_priority = HasPriority(a, least_used_s);
-  if (has_priority != HasPriority(b, least_used_s)) return has_priority;
-  if (has_priority) return a.received_at < b.received_at;
+// Of two sessions that have a turn by their shares.
+bool HasUsedLess(const SessionShare& a, const SessionShare& b) {
   return std::tie(a.tenant->used_s, a.used_s) < std::tie(b.tenant->used_s, b.used_s);
+}
+
+// The part of a session's processor time that is counted among the sessions of its tenant.
+double CountedPart(const SessionShare& session) {
+  const TenantShare& tenant = *session.tenant;
+  if (session.arrival == Arrival::kBulk || tenant.num_bulk == 0) return 1.0;
+  return std::min(1.0, static_cast<double>(tenant.num_live) / (kLiveWeight * static_cast<double>(tenant.num_bulk)));
 }
 
 }  // namespace
@@ -78,35 +86,65 @@ std::shared_ptr<TenantShare> FairQueue::FindTenant(const std::string& name) {
 void FairQueue::Add(SessionShare& session) {
   Push(session);  // first, because it may throw
   TenantShare& tenant = *session.tenant;
-  if (tenant.num_active++ == 0) tenant.used_s = std::max(tenant.used_s, clock_s_ - kCreditS);
+  const bool was_idle = tenant.num_live + tenant.num_bulk == 0;
+  if (was_idle) tenant.used_s = std::max(tenant.used_s, clock_s_ - kCreditS);
   session.used_s = std::max(session.used_s, tenant.clock_s - kCreditS);
+  session.is_active = true;
+  ++tenant.NumActive(session.arrival);
+}
+
+void FairQueue::Remove(SessionShare& session) {
+  session.is_active = false;
+  --session.tenant->NumActive(session.arrival);
+}
+
+void FairQueue::SetArrival(SessionShare& session, Arrival arrival) {
+  if (session.is_active) {
+    --session.tenant->NumActive(session.arrival);
+    ++session.tenant->NumActive(arrival);
+  }
+  session.arrival = arrival;
 }
 
 FairQueue::Time FairQueue::FreeAt(const SessionShare& session) const {
   return has_limits_ ? std::max(session.meter.free_at(), session.tenant->meter.free_at()) : Time::min();
 }
 
-SessionShare* FairQueue::Pop(Time now) {
+FairQueue::Choice FairQueue::Choose(Time now) {
   double least_used_s = std::numeric_limits<double>::infinity();
   for (const SessionShare* session : waiting_) {
     if (FreeAt(*session) <= now) least_used_s = std::min(least_used_s, session->tenant->used_s);
   }
-  auto best = waiting_.end();
-  for (auto next = waiting_.begin(); next != waiting_.end(); ++next) {
-    if (FreeAt(**next) > now) continue;
-    if (best == waiting_.end() || IsBefore(**next, **best, least_used_s)) best = next;
+  const auto none = waiting_.end();
+  auto by_priority = none, by_share = none;
+  for (auto next = waiting_.begin(); next != none; ++next) {
+    const SessionShare& session = **next;
+    if (FreeAt(session) > now) continue;
+    if (HasPriority(session, least_used_s)) {
+      if (by_priority == none || session.received_at < (*by_priority)->received_at) by_priority = next;
+    } else if (by_share == none || HasUsedLess(session, **by_share)) {
+      by_share = next;
+    }
   }
-  if (best == waiting_.end()) return nullptr;
-  SessionShare* const session = *best;
-  waiting_.erase(best);
+  const bool has_priority = by_priority != none && (by_share == none || turns_by_priority_ < kMostTurnsByPriority);
+  turns_by_priority_ = has_priority && by_share != none ? turns_by_priority_ + 1 : 0;
+  return {has_priority ? by_priority : by_share, has_priority};
+}
+
+SessionShare* FairQueue::Pop(Time now) {
+  const auto [next, has_priority] = Choose(now);
+  if (next == waiting_.end()) return nullptr;
+  SessionShare* const session = *next;
+  waiting_.erase(next);
+  session->has_priority_turn = has_priority;
   TenantShare& tenant = *session->tenant;
   clock_s_ = std::max(clock_s_, tenant.used_s);
-  tenant.clock_s = std::max(tenant.clock_s, session->used_s);
+  if (!has_priority) tenant.clock_s = std::max(tenant.clock_s, session->used_s);
   return session;
 }
 
 void FairQueue::Charge(SessionShare& session, std::chrono::nanoseconds cpu, Time now) {
-  session.used_s += (session.arrival == Arrival::kLive ? kLiveCost : 1.0) * Seconds(cpu);
+  if (!session.has_priority_turn) session.used_s += CountedPart(session) * Seconds(cpu);
   session.since_drained += cpu;
   if (!session.KeepsPace()) session.paced_since = now;
   session.meter.Charge(cpu, now, limits_.session);

@@ -37,21 +37,29 @@ class CpuMeter {
   Time free_at_{};
 };
 
-struct TenantShare {
-  double used_s = 0.0;    // processor time, raised after idle time so that it is not saved up
-  double clock_s = 0.0;   // the largest SessionShare::used_s with which a session of the tenant was chosen
-  size_t num_active = 0;  // sessions that wait or have their turn
-  CpuMeter meter;
-};
-
 // kLive: data arrive as a camera records them; kBulk: faster, as those of a replay at full speed (ArrivalMonitor).
 enum class Arrival { kLive, kBulk };
+
+struct TenantShare {
+  double used_s = 0.0;  // processor time, raised after idle time so that it is not saved up
+  double clock_s =
+      0.0;  // the largest SessionShare::used_s with which a session of the tenant had its turn by its share
+  // Sessions that wait or have their turn.
+  size_t num_live = 0;
+  size_t num_bulk = 0;
+  CpuMeter meter;
+
+  size_t& NumActive(Arrival arrival) { return arrival == Arrival::kLive ? num_live : num_bulk; }
+};
 
 struct SessionShare {
   std::shared_ptr<TenantShare> tenant;
   CpuMeter::Time received_at{};  // time of the oldest data that wait
   Arrival arrival = Arrival::kLive;
-  // As TenantShare::used_s, among the sessions of the tenant; the time of live sessions counts as a small part of it.
+  bool is_active = false;          // it waits or has its turn
+  bool has_priority_turn = false;  // its turn is one that it has by its priority, and not by its share
+  // As TenantShare::used_s, among the sessions of the tenant, without the time that the session had by its priority;
+  // the time of live sessions counts as a part of it.
   double used_s = 0.0;
   std::chrono::nanoseconds since_drained{0};  // processor time since no data waited
   CpuMeter::Time drained_at{};                // no data waited then for the last time
@@ -77,7 +85,8 @@ class FairQueue {
   // The session waits for its next turn.
   void Push(SessionShare& session) { waiting_.push_back(&session); }
   // The session is idle. Precondition: it was popped.
-  void Remove(SessionShare& session) { --session.tenant->num_active; }
+  void Remove(SessionShare& session);
+  static void SetArrival(SessionShare& session, Arrival arrival);
   // Removes the session that has the next turn. Null: none waits, or those that wait have reached their limits.
   SessionShare* Pop(Time now);
   void Charge(SessionShare& session, std::chrono::nanoseconds cpu, Time now);
@@ -89,10 +98,17 @@ class FairQueue {
 
  private:
   Time FreeAt(const SessionShare& session) const;
+  struct Choice {
+    std::vector<SessionShare*>::iterator session;  // the end of waiting_ if all have reached their limits
+    bool has_priority = false;
+  };
+  // Chooses the session that has the next turn, and counts the turns by priority.
+  Choice Choose(Time now);
 
   const CpuLimits limits_;
   bool has_limits_ = true;
-  double clock_s_ = 0.0;  // the largest TenantShare::used_s with which a tenant was chosen
+  double clock_s_ = 0.0;       // the largest TenantShare::used_s with which a tenant was chosen
+  int turns_by_priority_ = 0;  // since a session without priority had a turn or none waited
   std::map<std::string, std::weak_ptr<TenantShare>> tenants_;
   std::vector<SessionShare*> waiting_;  // in the order of Push()
 };

@@ -91,7 +91,7 @@ TEST_F(FairQueueTest, ACameraThatHasLostItsPriorityCatchesUpBesideReplays) {
   std::vector<SessionShare*> all = {&AddSession("", true)};
   SessionShare& camera = *all[0];
   for (int i = 0; i < 8; ++i) all.push_back(&AddSession("", true));
-  for (size_t i = 1; i < all.size(); ++i) all[i]->arrival = Arrival::kBulk;
+  for (size_t i = 1; i < all.size(); ++i) FairQueue::SetArrival(*all[i], Arrival::kBulk);
   for (SessionShare* session : all) queue_->Add(*session);
   double behind_ms = 300.0;
   int turns = 0, of_replays = 0;
@@ -100,8 +100,45 @@ TEST_F(FairQueueTest, ACameraThatHasLostItsPriorityCatchesUpBesideReplays) {
     behind_ms += 0.4 - (is_camera ? 1.0 : 0.0);
     of_replays += !is_camera;
   }
-  EXPECT_LT(turns, 700) << "300 ms / (64/72 - 0.4) = 614 turns";
-  EXPECT_GT(of_replays, 0) << "replays go on beside a live session, however much it needs";
+  EXPECT_LT(turns, 700) << "300 ms / (7/8 - 0.4) = 632 turns";
+  EXPECT_NEAR(of_replays, turns / 8, 2) << "replays continue beside a live session, however much it needs";
+}
+
+TEST_F(FairQueueTest, AReplayGetsNoMoreThanALiveSession) {
+  std::vector<SessionShare*> all;
+  for (int i = 0; i < 15; ++i) all.push_back(&AddSession("", true));
+  for (SessionShare* session : all) queue_->Add(*session);
+  SessionShare& replay = *all[0];
+  FairQueue::SetArrival(replay, Arrival::kBulk);
+  EXPECT_NEAR(Count(Run(1500, all), replay), 100, 2);
+  FairQueue::SetArrival(replay, Arrival::kLive);
+  EXPECT_NEAR(Count(Run(1500, all), replay), 100, 2);
+}
+
+TEST_F(FairQueueTest, ACameraThatIsLateContinuesBesideOthersThatTakeAllTheTime) {
+  SessionShare& late = AddSession("", true);
+  SessionShare& punctual = AddSession("", false);
+  for (SessionShare* session : {&late, &punctual}) queue_->Add(*session);
+  int of_late = 0;
+  for (int i = 0; i < 1600; ++i) {
+    punctual.RecordDrained(now_);
+    of_late += Run(1, {&late, &punctual})[0] == &late;
+  }
+  EXPECT_EQ(of_late, 100);
+}
+
+// What a session has used by its priority is not held against it afterwards.
+TEST_F(FairQueueTest, ACameraThatHasJustLostItsPriorityDoesNotWait) {
+  SessionShare& late = AddSession("", true);
+  SessionShare& camera = AddSession("", false);
+  for (SessionShare* session : {&late, &camera}) queue_->Add(*session);
+  for (int i = 0; i < 3000; ++i) {
+    camera.RecordDrained(now_);
+    Run(1, {&late, &camera});
+  }
+  Run(1000, {&late, &camera});
+  ASSERT_FALSE(camera.KeepsPace());
+  EXPECT_NEAR(Count(Run(100, {&late, &camera}), camera), 50, 2);
 }
 
 TEST_F(FairQueueTest, ReplaysShareByTenantThenBySession) {

@@ -109,7 +109,7 @@ void FairScheduler::Post(SessionTurns& session, std::function<void()> step, CpuM
   const std::lock_guard lock(mutex_);
   session.step_ = std::move(step);
   session.received_at = received_at;
-  session.arrival = arrival;
+  FairQueue::SetArrival(session, arrival);
   // Nothing waited between the last step and the receipt of these data.
   if (received_at >= session.step_ended_at_) session.RecordDrained(received_at);
   if (session.state_ != SessionTurns::State::kIdle) return;

@@ -19,6 +19,10 @@
 namespace evpose::server {
 namespace {
 
+// A client may have kept the data of its camera for this time before it found the server that has restored its session:
+// by default it searches no longer.
+constexpr std::chrono::seconds kLongestSearch{120};
+
 StreamGate::Options GateOptions(const SessionConfig& config, const SessionLimits& limits,
                                 const std::shared_ptr<SessionLog>& log) {
   const auto describe = [](const GateState& state) {
@@ -54,6 +58,7 @@ Session::Session(Parts parts, WorkerPool& pool)
       gate_(GateOptions(config_, limits_, log_),
             GateStart(parts.beginning, std::move(parts.resume_token), clocks_.wall())),
       report_(parts.beginning, worker_.Objects()),
+      arrivals_(gate_.resume_token().empty() ? kLongestSearch : std::chrono::seconds(0)),  // empty: restored
       checkpoints_(limits_.writes_checkpoints, LastCheckpoint(parts.beginning), LastPoseSeq(parts.beginning)),
       model_uses_(std::move(parts.model_uses)) {
   // Makes the initialization visible, for race detectors, to the threads that take the lock later.
