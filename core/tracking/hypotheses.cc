@@ -22,12 +22,6 @@ constexpr double kNarrowestPx = 1.5;
 // Pixels. Fits to the same line differ by this much even without clutter: edges are rounded, contours approximated, and
 // sensors displace edges (SensorProfile).
 constexpr double kLeastDisplacementPx = 0.5;
-// Time constant with which the share of clutter decays: a period of the mains at 50 Hz, in which a lamp becomes
-// brighter and darker twice.
-constexpr double kClutterMemoryUs = 20'000.0;
-// Sum of the scores near the lines in a window; with less, the share of clutter is chance.
-constexpr double kMinNear = 20.0;
-
 // Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
 // it, so that the integral across the line, and with it the mean over uniform clutter, is zero. The triangle has the
 // spread of most lines. The events of a contour may lie farther from it, where the surface is approximated or the edge
@@ -49,11 +43,7 @@ double HalfWidthPx(double spread_px, double other_spread_px) {
 }  // namespace
 
 void Hypotheses::Add(const MotionState& start) {
-  if (entries_.empty()) {
-    // The share of clutter was measured with other poses.
-    clutter_ratio_ = 0.0;
-    clutter_us_ = 0;
-  }
+  if (entries_.empty()) clutter_ = ClutterShare();  // it was measured with other poses
   Entry entry;
   entry.track = std::make_unique<PoseTrack>(context_, start);
   Append(std::move(entry));
@@ -191,37 +181,24 @@ void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
 }
 
 ByPolarity Hypotheses::WeighEvents(int64_t t_us) {
-  ByPolarity weights{};
-  std::optional<double> clutter_ratio;
+  std::vector<ClutterShare::Scores> scores;
   for (const Entry& entry : entries_) {
     if (!entry.is_settled()) continue;
     const double half_px = HalfWidthPx(entry.track->spread_px(), 0.0);
-    ByPolarity near{}, beside{};
+    ClutterShare::Scores& sums = scores.emplace_back();
     for (size_t k = 0; k < entry.events.size(); ++k) {
       YieldPoint(k);
-      const double score = ScoreOf(entry.events[k], half_px);
-      (score > 0.0 ? near : beside)[compared_events_[k].polarity] += std::abs(score);
+      sums.Add(ScoreOf(entry.events[k], half_px), compared_events_[k].polarity);
     }
-    for (size_t polarity = 0; polarity < weights.size(); ++polarity) {
-      if (near[polarity] == 0.0) continue;
-      weights[polarity] = std::max(weights[polarity], 1.0 - beside[polarity] / near[polarity]);
-    }
-    const double all_near = near[0] + near[1];
-    if (all_near < kMinNear) continue;
-    clutter_ratio = std::min(clutter_ratio.value_or(1.0), (beside[0] + beside[1]) / all_near);
   }
-  const double elapsed_us = std::max(0.0, static_cast<double>(t_us - clutter_us_));
-  clutter_ratio_ *= kClutterMemoryUs / (kClutterMemoryUs + elapsed_us);
-  clutter_ratio_ = std::max(clutter_ratio_, clutter_ratio.value_or(0.0));
-  clutter_us_ = t_us;
-  return weights;
+  return clutter_.Update(scores, t_us);
 }
 
 void Hypotheses::CompareScores(size_t i, size_t j, const ByPolarity& weights) {
   Entry &a = entries_[i], &b = entries_[j];
   const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
   // Difference of the distances that a displaced fit can cause (README, section 2).
-  const double displacement_px = std::max(kLeastDisplacementPx, clutter_ratio_ * PoseTrack::kScoredPx);
+  const double displacement_px = std::max(kLeastDisplacementPx, clutter_.ratio() * PoseTrack::kScoredPx);
   double sum = 0.0, squares = 0.0;
   for (size_t k = 0; k < a.events.size(); ++k) {
     YieldPoint(k);
@@ -367,7 +344,7 @@ void Hypotheses::Entry::VisitOrigin(auto& archive, auto& origin) {
 void Hypotheses::SaveState(StateWriter& writer) const {
   writer.Count(entries_.size());
   for (const Entry& entry : entries_) writer(entry);
-  writer(clutter_ratio_, clutter_us_);
+  writer(clutter_);
 }
 
 void Hypotheses::LoadState(StateReader& reader) {
@@ -378,7 +355,7 @@ void Hypotheses::LoadState(StateReader& reader) {
   reader.Check(count <= std::max<size_t>(1, MaxEntries()), "more hypotheses than are followed");
   for (size_t i = 0; i < count && reader.ok(); ++i) Add(MotionState());
   for (Entry& entry : entries_) reader(entry);
-  reader(InRange(clutter_ratio_, 0.0, 1.0), InRange(clutter_us_, -kMaxStateTime_us, kMaxStateTime_us));
+  reader(clutter_);
   if (!reader.ok()) entries_.clear();
 }
 

@@ -10,6 +10,7 @@
 
 #include "absl/functional/function_ref.h"
 #include "core/events/event.h"
+#include "core/tracking/evidence/clutter_share.h"
 #include "core/tracking/evidence/score_comparison.h"
 #include "core/tracking/pose_track.h"
 
@@ -116,7 +117,7 @@ class Hypotheses {
   };
 
   void Compare(const EventWindow& window, const Competitors* others);
-  // Returns the weights of the compared events of a window (README, equation (2)), and updates clutter_ratio_.
+  // Returns the weights of the compared events of a window (README, equation (2)), and updates clutter_.
   ByPolarity WeighEvents(int64_t t_us);
   // Adds the differences of the scores of the compared events to the comparisons of both.
   void CompareScores(size_t i, size_t j, const ByPolarity& weights);
@@ -137,8 +138,7 @@ class Hypotheses {
   const TrackContext& context_;
   std::vector<Entry> entries_;
   std::vector<WindowEvent> compared_events_;
-  double clutter_ratio_ = 0.0;  // share of clutter in the events near the lines (README, section 2)
-  int64_t clutter_us_ = 0;      // the time of its last update
+  ClutterShare clutter_;
   LossCause first_removed_because_ = LossCause::kNone;
 };
 
