@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/yield_point.h"
+#include "core/geometry/single_precision.h"
 #include "core/models/continuous_symmetry.h"
 #include "core/tracking/event_extent.h"
 #include "core/tracking/tracker_options.h"
@@ -203,6 +204,8 @@ void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& es
   // A search after a loss processes stored windows again; poses of some of them have already been published.
   if (estimate.t_us <= last_published_us_) return;
   last_published_us_ = estimate.t_us;
+  estimate.covariance = InSinglePrecision(estimate.covariance);
+  estimate.twist = InSinglePrecision(estimate.twist);
   estimates.push_back(estimate);
 }
 

@@ -128,7 +128,8 @@ class PoseAlternatives {
   uint32_t size_ = 0;
 };
 
-// Pose of one object at one time, in the notation of the Pose message of the API.
+// Pose of one object at one time, in the notation of the Pose message of the API. Covariance and twist of a published
+// pose are numbers of single precision (core/geometry/single_precision.h).
 struct PoseEstimate {
   uint32_t object_index = 0;
   // Sensor time of the pose: the middle of the window, where its uncertainty is smallest (core/estimation/README.md,

@@ -8,6 +8,7 @@
 #include <future>
 
 #include "server/runtime/errors.h"
+#include "server/sessions/durability/pose_codec.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session.h"
 #include "server/sessions/session_testing.h"

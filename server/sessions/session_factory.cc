@@ -13,6 +13,7 @@
 #include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/random_name.h"
+#include "server/sessions/durability/pose_codec.h"
 #include "server/sessions/durability/session_codec.h"
 
 namespace evpose::server {

@@ -6,6 +6,7 @@
 
 #include "core/base/yield_point.h"
 #include "server/runtime/random_name.h"
+#include "server/sessions/durability/pose_codec.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session.h"
 

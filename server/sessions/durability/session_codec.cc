@@ -9,8 +9,8 @@
 #include "core/base/status_macros.h"
 #include "evpose/storage/v1/session.pb.h"
 #include "google/protobuf/arena.h"
-#include "google/protobuf/generated_enum_reflection.h"
 #include "server/runtime/enum_number.h"
+#include "server/sessions/durability/stored_fields.h"
 
 namespace evpose::server {
 namespace {
@@ -28,61 +28,7 @@ static_assert(EnumNumber(kLastInitializationStatus) == pb::InitializationStatus_
 static_assert(static_cast<int>(LossCause::kUnconfirmed) == pb::LossCause_MAX);
 static_assert(EnumNumber(LensModel::kFisheye) == pb::LensModel_MAX);
 
-// Collects the first error of a record. Decoding continues after it; the decoded values are not used then.
-class RecordCheck {
- public:
-  explicit RecordCheck(absl::string_view record) : record_(record) {}
-
-  void Require(bool good, absl::string_view what) {
-    if (!good && what_.empty()) what_ = std::string(what);
-  }
-  void Parse(absl::string_view bytes, google::protobuf::MessageLite& message) {
-    Require(message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size())), "it cannot be parsed");
-  }
-  absl::Status Finish() const {
-    if (what_.empty()) return absl::OkStatus();
-    return absl::DataLossError(absl::StrCat("the ", record_, " is damaged: ", what_));
-  }
-
- private:
-  const std::string record_;
-  std::string what_;
-};
-
-// An enum that is absent keeps the default of `value`.
-template <typename Value, typename Stored>
-void EnumFromStored(Stored stored, RecordCheck& check, Value& value) {
-  const bool is_known = google::protobuf::GetEnumDescriptor<Stored>()->FindValueByNumber(stored) != nullptr;
-  check.Require(is_known, "a choice that this version does not know");
-  if (is_known && stored != Stored()) value = EnumValue<Value>(stored);
-}
-
 // The value that earlier servers know and that comes nearest to `value` (proto/evpose/storage/README.md, rule 5).
-TrackState Earlier(TrackState state) { return state == TrackState::kAmbiguous ? TrackState::kDegraded : state; }
-
-InitializationStatus Earlier(InitializationStatus status) {
-  switch (status) {
-    case InitializationStatus::kNotEnoughMotion:
-      return InitializationStatus::kWaitingForEvents;
-    case InitializationStatus::kTooSmall:
-      return InitializationStatus::kTooFewLines;
-    case InitializationStatus::kNotSupported:
-      return InitializationStatus::kNoPoseFits;
-    default:
-      return status;
-  }
-}
-
-using Numbers = google::protobuf::RepeatedField<double>;
-
-void SetNumbers(const auto& matrix, Numbers& numbers) { numbers.Assign(matrix.data(), matrix.data() + matrix.size()); }
-
-void GetNumbers(const Numbers& numbers, RecordCheck& check, auto& matrix) {
-  const bool fits = numbers.size() == static_cast<int>(matrix.size());
-  check.Require(fits, "a matrix or a vector has another size");
-  if (fits) std::copy(numbers.begin(), numbers.end(), matrix.data());
-}
-
 void ToStored(const CameraModel& camera, pb::Camera& stored) {
   const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
   stored.set_width_px(width_px);
@@ -309,64 +255,6 @@ void FromStored(const pb::StreamPosition& stored, RecordCheck& check, StreamPosi
   position.slice_end_us = stored.slice_end_us();
 }
 
-void ToStored(const PoseAlternative& alternative, pb::PoseAlternative& stored) {
-  SetNumbers(alternative.camera_from_object.rotation, *stored.mutable_rotation());
-  SetNumbers(alternative.camera_from_object.translation_m, *stored.mutable_translation_m());
-  stored.set_log_likelihood_ratio(alternative.log_likelihood_ratio);
-}
-
-PoseAlternative FromStored(const pb::PoseAlternative& stored, RecordCheck& check) {
-  PoseAlternative alternative;
-  GetNumbers(stored.rotation(), check, alternative.camera_from_object.rotation);
-  GetNumbers(stored.translation_m(), check, alternative.camera_from_object.translation_m);
-  alternative.log_likelihood_ratio = stored.log_likelihood_ratio();
-  return alternative;
-}
-
-void ToStored(const StoredPose& pose, pb::Pose& stored) {
-  const auto& [pose_seq, object_index, estimate, latency_us] = pose;
-  const auto& [estimate_object, t_us, camera_from_object, covariance, twist, state, num_events, explained_ratio,
-               residual_rms_px, alternatives] = estimate;
-  stored.set_pose_seq(pose_seq);
-  stored.set_object_index(object_index);
-  stored.set_t_us(t_us);
-  SetNumbers(camera_from_object.rotation, *stored.mutable_rotation());
-  SetNumbers(camera_from_object.translation_m, *stored.mutable_translation_m());
-  SetNumbers(covariance, *stored.mutable_covariance());
-  SetNumbers(twist, *stored.mutable_twist());
-  stored.set_state(EnumNumber<pb::TrackState>(Earlier(state)));
-  if (state != Earlier(state)) stored.set_later_state(EnumNumber<pb::TrackState>(state));
-  for (const PoseAlternative& alternative : alternatives) ToStored(alternative, *stored.add_alternatives());
-  stored.set_num_events(num_events);
-  stored.set_explained_ratio(explained_ratio);
-  stored.set_residual_rms_px(residual_rms_px);
-  stored.set_latency_us(latency_us);
-}
-
-StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
-  StoredPose pose;
-  PoseEstimate& estimate = pose.estimate;
-  pose.pose_seq = stored.pose_seq();
-  pose.object_index = estimate.object_index = stored.object_index();
-  estimate.t_us = stored.t_us();
-  GetNumbers(stored.rotation(), check, estimate.camera_from_object.rotation);
-  GetNumbers(stored.translation_m(), check, estimate.camera_from_object.translation_m);
-  GetNumbers(stored.covariance(), check, estimate.covariance);
-  GetNumbers(stored.twist(), check, estimate.twist);
-  EnumFromStored(stored.state(), check, estimate.state);
-  EnumFromStored(stored.later_state(), check, estimate.state);
-  const bool has_space = static_cast<size_t>(stored.alternatives_size()) <= PoseAlternatives::kMaxSize;
-  check.Require(has_space, "a pose has more alternatives than there may be");
-  for (const pb::PoseAlternative& alternative : stored.alternatives()) {
-    estimate.alternatives.Add(FromStored(alternative, check));
-  }
-  estimate.num_events = stored.num_events();
-  estimate.explained_ratio = stored.explained_ratio();
-  estimate.residual_rms_px = stored.residual_rms_px();
-  pose.latency_us = stored.latency_us();
-  return pose;
-}
-
 }  // namespace
 
 std::string EncodeConfig(const SessionConfig& config) {
@@ -401,13 +289,14 @@ absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes) {
 }
 
 std::string EncodeLifecycle(const SessionLifecycle& lifecycle) {
-  const auto& [token_digest, previous_token_digest, num_attaches, detached_at, num_renewals] = lifecycle;
+  const auto& [token_digest, previous_token_digest, num_attaches, detached_at, num_renewals, lost_from_seq] = lifecycle;
   pb::SessionLifecycle stored;
   stored.set_token_digest(token_digest);
   stored.set_previous_token_digest(previous_token_digest);
   stored.set_num_attaches(num_attaches);
   if (detached_at.has_value()) stored.set_detached_at_ns(absl::ToUnixNanos(*detached_at));
   stored.set_num_renewals(num_renewals);
+  stored.set_lost_from_seq(lost_from_seq);
   return stored.SerializeAsString();
 }
 
@@ -418,7 +307,8 @@ absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes) {
   SessionLifecycle lifecycle = {.token_digest = stored.token_digest(),
                                 .previous_token_digest = stored.previous_token_digest(),
                                 .num_attaches = stored.num_attaches(),
-                                .num_renewals = stored.num_renewals()};
+                                .num_renewals = stored.num_renewals(),
+                                .lost_from_seq = stored.lost_from_seq()};
   if (stored.has_detached_at_ns()) lifecycle.detached_at = absl::FromUnixNanos(stored.detached_at_ns());
   check.Require(lifecycle.token_digest.size() == kDigestBytes, "the digest of the resume token has another length");
   check.Require(lifecycle.previous_token_digest.empty() || lifecycle.previous_token_digest.size() == kDigestBytes,
@@ -462,34 +352,6 @@ absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size
   }
   EVPOSE_RETURN_IF_ERROR(check.Finish());
   return checkpoint;
-}
-
-PoseSegment EncodePoses(absl::Span<const StoredPose> poses) {
-  google::protobuf::Arena arena;
-  auto& stored = *google::protobuf::Arena::CreateMessage<pb::PoseSegment>(&arena);
-  stored.mutable_poses()->Reserve(static_cast<int>(poses.size()));
-  for (const StoredPose& pose : poses) ToStored(pose, *stored.add_poses());
-  return {.first_pose_seq = poses.front().pose_seq,
-          .last_pose_seq = poses.back().pose_seq,
-          .bytes = stored.SerializeAsString()};
-}
-
-absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects) {
-  RecordCheck check(absl::StrCat("segment of poses ", segment.first_pose_seq, " to ", segment.last_pose_seq));
-  google::protobuf::Arena arena;
-  auto& stored = *google::protobuf::Arena::CreateMessage<pb::PoseSegment>(&arena);
-  check.Parse(segment.bytes, stored);
-  std::vector<StoredPose> poses;
-  poses.reserve(static_cast<size_t>(stored.poses_size()));
-  uint64_t expected = segment.first_pose_seq;
-  for (const pb::Pose& pose : stored.poses()) {
-    poses.push_back(FromStored(pose, check));
-    check.Require(pose.pose_seq() == expected++, "the poses are not numbered in a row");
-    check.Require(pose.object_index() < num_objects, "a pose is of an object that the session does not have");
-  }
-  check.Require(!poses.empty() && expected == segment.last_pose_seq + 1, "poses are missing");
-  EVPOSE_RETURN_IF_ERROR(check.Finish());
-  return poses;
 }
 
 }  // namespace evpose::server

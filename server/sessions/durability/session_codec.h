@@ -29,8 +29,4 @@ std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint);
 // `num_objects`: the number of objects in the session's configuration.
 absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects);
 
-// `poses`: consecutive, at least one.
-PoseSegment EncodePoses(absl::Span<const StoredPose> poses);
-absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects);
-
 }  // namespace evpose::server

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "evpose/storage/v1/session.pb.h"
+#include "server/sessions/durability/pose_codec.h"
 #include "server/sessions/session_testing.h"
 
 namespace evpose::server {
@@ -32,7 +33,8 @@ SessionLifecycle ALifecycle() {
           .previous_token_digest = TokenDigest("old"),
           .num_attaches = 7,
           .detached_at = absl::FromUnixNanos(1'700'000'000'123'456'789),
-          .num_renewals = 5};
+          .num_renewals = 5,
+          .lost_from_seq = 6};
 }
 
 SessionCheckpoint ACheckpoint() {
@@ -97,6 +99,7 @@ TEST(SessionCodecTest, LifecycleRoundTrip) {
   EXPECT_EQ(lifecycle.num_attaches, 7u);
   EXPECT_EQ(lifecycle.detached_at, ALifecycle().detached_at);
   EXPECT_EQ(lifecycle.num_renewals, 5u);
+  EXPECT_EQ(lifecycle.lost_from_seq, 6u);
   SessionLifecycle attached = ALifecycle();
   attached.detached_at.reset();
   attached.previous_token_digest.clear();

@@ -40,7 +40,7 @@ void SessionCommitter::Batch::Append(Batch later) {
 void SessionCommitter::CommitLifecycle(uint64_t number, std::string lifecycle) {
   {
     const std::lock_guard lock(mutex_);
-    if (number <= newest_lifecycle_) return;
+    if (is_finishing_ || number <= newest_lifecycle_) return;
     newest_lifecycle_ = number;
     waiting_.Append({.commit = {.lifecycle = std::move(lifecycle)}, .lifecycle = number});
   }
@@ -51,6 +51,7 @@ void SessionCommitter::CommitCheckpoint(SessionCommit checkpoint, uint64_t seq,
                                         std::chrono::steady_clock::time_point begun_at) {
   {
     const std::lock_guard lock(mutex_);
+    if (is_finishing_) return;
     const uint64_t last_pose_seq = checkpoint.poses.empty() ? 0 : checkpoint.poses.back().last_pose_seq;
     waiting_.Append({.commit = std::move(checkpoint),
                      .seq = seq,
@@ -68,8 +69,14 @@ SessionCommitter::Progress SessionCommitter::progress() const {
   return progress;
 }
 
+void SessionCommitter::Finish() {
+  const std::lock_guard lock(mutex_);
+  is_finishing_ = true;
+}
+
 void SessionCommitter::Close() {
   const std::lock_guard lock(mutex_);
+  if (is_finishing_) return;
   is_closed_ = true;
   waiting_ = Batch();
   timer_.reset();

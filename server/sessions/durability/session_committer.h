@@ -68,6 +68,8 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   Progress progress() const;
   const FencingToken& token() const { return lease_->token(); }
 
+  // Accepts no further records. Those that wait are still committed, also after Close().
+  void Finish();
   // Starts no further commit.
   void Close();
 
@@ -106,6 +108,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   Batch in_flight_ ABSL_GUARDED_BY(mutex_);  // kept until it has been persisted, for repetitions
   bool is_in_flight_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_closed_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_finishing_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Duration retry_after_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);  // until the next repetition; null otherwise
 };

@@ -166,6 +166,19 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), 0u);
 }
 
+TEST_F(SessionCommitterTest, AFinishedCommitterStillCommitsWhatWaits) {
+  committer_->CommitLifecycle(1, "first");
+  committer_->CommitLifecycle(2, "second");
+  committer_->Finish();
+  committer_->CommitLifecycle(3, "third");
+  committer_->Close();
+  EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "first");
+  EXPECT_EQ(Answer(absl::UnavailableError("the network")).lifecycle, "second");
+  EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "second") << "the commit is repeated";
+  EXPECT_EQ(NumWaiting(), 0u);
+  EXPECT_EQ(committer_->progress().lifecycle, 2u);
+}
+
 TEST_F(SessionCommitterTest, AClosedCommitterStartsNoCommit) {
   committer_->CommitLifecycle(1, "x");
   committer_->CommitLifecycle(2, "y");

@@ -87,6 +87,9 @@ struct SessionLifecycle {
   uint64_t num_attaches = 0;
   std::optional<absl::Time> detached_at;  // absent while a stream is attached
   uint64_t num_renewals = 0;  // incremented regularly while a stream is attached: shows that the server is alive
+  // The store has lost the items from this one on, and the client can no longer send them: the session has ended with
+  // DATA_LOSS. 0: it has not.
+  uint64_t lost_from_seq = 0;
 };
 
 // Position from which decoding resumes, and the object states that the stream has been notified of.
