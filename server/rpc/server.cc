@@ -332,6 +332,7 @@ class ServerImpl : public Server, public Drainer {
       state.store_bytes = usage->bytes;
       if (usage->max_bytes != 0) state.store_max_bytes = usage->max_bytes;
     }
+    state.unreplicated_commits = store_->unreplicated_commits();
     if (acceptor_ != nullptr) {
       state.connections = acceptor_->num_connections();
       state.listening = acceptor_->status();

@@ -110,6 +110,11 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
                          state.store_bytes);
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
+  if (state.unreplicated_commits.has_value()) {
+    families.Begin("evpose_store_unreplicated_commits_total", MetricType::Counter,
+                   "Commits that Redis has executed and no replica has acknowledged in time; they are repeated.");
+    families.Value(static_cast<double>(*state.unreplicated_commits));
+  }
   families.AddGauge("evpose_connections", "Connections of clients.", static_cast<double>(state.connections));
   families.AddGauge("evpose_load_ratio",
                     "Part of the server that is in use: the largest of the processor time of the workers per second "

@@ -250,6 +250,7 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   state.max_session_memory_bytes = 13;
   state.num_tokens = 0;
   state.store_bytes = 12;
+  state.unreplicated_commits = 16;
   state.sessions.image_watchers = 14;
   state.connections = 12;
   state.load_ratio = 0.25;
@@ -283,6 +284,7 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_ready"), 0.0);
   EXPECT_EQ(parsed.At("evpose_tokens"), 0.0);
   EXPECT_EQ(parsed.At("evpose_store_bytes"), 12.0);
+  EXPECT_EQ(parsed.At("evpose_store_unreplicated_commits_total"), 16.0);
   EXPECT_EQ(parsed.types.count("evpose_store_max_bytes"), 0u) << "there is no limit";
   EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
 }

@@ -179,9 +179,16 @@ std::vector<absl::StatusOr<RedisReply>> RedisClient::RunBatch(std::vector<Job>& 
     if (runs_again) {
       acknowledged = AwaitReplica(connection_->Run(WaitCommand(options_.replica_timeout)), SizeBytes(job.command));
     }
-    if (!acknowledged.ok()) replies[i] = acknowledged;
+    if (acknowledged.ok()) continue;
+    replies[i] = acknowledged;
+    if (job.script != nullptr) ++unreplicated_commits_;
   }
   return replies;
+}
+
+std::optional<uint64_t> RedisClient::unreplicated_commits() const {
+  if (options_.address.sentinels.empty()) return std::nullopt;
+  return unreplicated_commits_.load();
 }
 
 bool RedisClient::AwaitsReplica(const Job& job) const {

@@ -73,6 +73,9 @@ class RedisClient {
   // Processes the waiting commands, each with the bounded wait, and closes the connection. To be called once.
   void Close();
 
+  // Scripts that had run and that no replica acknowledged in time; nullopt without Sentinels. Thread-safe.
+  std::optional<uint64_t> unreplicated_commits() const;
+
   // Returns the names of the sessions that were deleted since the last call because the memory of Redis was full.
   std::vector<std::string> TakeDeletedForRoom();
 
@@ -108,6 +111,7 @@ class RedisClient {
 
   const RedisClientOptions options_;
   std::atomic<bool> is_closing_ = false;
+  std::atomic<uint64_t> unreplicated_commits_ = 0;
   // Used by the client's thread only.
   std::unique_ptr<RedisSentinels> sentinels_;  // null without Sentinels
   std::unique_ptr<RedisConnection> connection_;
