@@ -135,7 +135,7 @@ TEST_F(RollbackTest, AWriterThatCannotSendAgainEndsTheSession) {
   EXPECT_EQ(Describe(AttachError(other, 3)), "PERMISSION_DENIED WRONG_TOKEN") << "no one else can end it";
   const grpc::Status status = AttachError(session, 3);
   EXPECT_EQ(Describe(status), "DATA_LOSS ROLLED_BACK");
-  EXPECT_THAT(status.error_message(), testing::HasSubstr("from 2 on, and the client can send those from 3 on only"));
+  EXPECT_THAT(status.error_message(), testing::HasSubstr("from 2 on, and the client can no longer send them"));
   EXPECT_EQ(DetailOf<google::rpc::ErrorInfo>(status).metadata().at("expected_seq"), "2");
   EXPECT_EQ(Describe(AttachError(session, 3)), "DATA_LOSS ROLLED_BACK");
 }
@@ -151,6 +151,23 @@ TEST_F(RollbackTest, OpenReadersEndWithTheSession) {
   EXPECT_EQ(Describe(AttachError(session, 3)), "DATA_LOSS ROLLED_BACK");
   while (watcher->Read(&response)) continue;
   EXPECT_EQ(Describe(watcher->Finish()), "DATA_LOSS ROLLED_BACK");
+}
+
+TEST_F(RollbackTest, ReadersAtOtherServersAreTold) {
+  CreatedSession session = CreateSession();
+  const std::vector<std::string> poses = Feed(session, 1, 0);
+  EXPECT_EQ(Describe(AttachError(session, 3)), "DATA_LOSS ROLLED_BACK");
+  server_.reset();  // writes what waits
+  Start();
+  UploadCube();
+  grpc::ClientContext context;
+  const auto watcher = Watch(context, session.name(), 0);
+  v1::WatchPosesResponse response;
+  size_t num_poses = 0;
+  while (watcher->Read(&response)) num_poses += static_cast<size_t>(response.poses_size());
+  EXPECT_EQ(Describe(watcher->Finish()), "DATA_LOSS ROLLED_BACK");
+  EXPECT_EQ(num_poses, poses.size()) << "what the store has stays readable";
+  EXPECT_EQ(Describe(AttachError(session, 1)), "DATA_LOSS ROLLED_BACK");
 }
 
 TEST_F(RollbackTest, AReaderBeyondTheLastPoseIsToldWhereTheSessionContinues) {

@@ -168,8 +168,11 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
   {
     const std::lock_guard lock(mutex_);
     rolled_back = gate_.CheckFirstSeq(digest, first_seq);
+    if (!rolled_back.ok()) gate_.RecordLoss();
   }
   if (!rolled_back.ok()) {
+    CommitLifecycle();  // for the readers at other servers
+    committer_->Finish();
     Close(rolled_back);
     return rolled_back;
   }

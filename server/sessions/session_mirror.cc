@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
+#include "server/sessions/stream/stream_gate.h"
 
 namespace evpose::server {
 
@@ -80,7 +81,9 @@ bool SessionMirror::Update(absl::StatusOr<SessionFactory::Stored> stored) {
   if (!stored.ok()) return !status_.ok();
   health_ = std::move(stored->info.snapshot.health);
   ended_ = stored->info.snapshot.state == SessionState::kEnded;
-  if (stored->poses.empty()) return ended_;
+  const uint64_t lost_from_seq = stored->lifecycle.lost_from_seq;
+  if (lost_from_seq > 0) status_ = ItemsLost(name_, lost_from_seq);
+  if (stored->poses.empty()) return ended_ || !status_.ok();
   const uint64_t first = stored->poses.front().pose_seq;
   const bool is_first = pose_log_->first_pose_seq() > pose_log_->last_pose_seq();
   if (is_first || first > pose_log_->last_pose_seq() + 1) pose_log_ = std::make_unique<PoseLog>(capacity_, first);

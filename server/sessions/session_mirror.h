@@ -35,7 +35,8 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
 
   const SessionConfig& config() const override { return config_; }
   // The status of the view is NOT_FOUND (SESSION_DELETED) when the store no longer has the session, or DATA_LOSS
-  // (SESSION_DAMAGED). It stays the same while the store is unreachable.
+  // (SESSION_DAMAGED; ROLLED_BACK: the store and the client have lost chunks). It stays the same while the store is
+  // unreachable.
   WatchView Watch() const override;
   std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const override;
   uint64_t max_poses_behind() const override { return capacity_; }

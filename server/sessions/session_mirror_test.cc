@@ -51,6 +51,10 @@ class OtherServer {
     const std::lock_guard lock(mutex_);
     stored_.info.snapshot.state = SessionState::kEnded;
   }
+  void LoseItems(uint64_t from_seq) {
+    const std::lock_guard lock(mutex_);
+    stored_.lifecycle.lost_from_seq = from_seq;
+  }
   void SetError(const absl::Status& error) {
     const std::lock_guard lock(mutex_);
     error_ = error;
@@ -169,6 +173,17 @@ TEST_F(SessionMirrorTest, EndsWhenTheSessionIsDeleted) {
   WaitForStatus();
   EXPECT_EQ(mirror_->Watch().status.code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(GetErrorDetails(mirror_->Watch().status).reason, "SESSION_DELETED");
+}
+
+TEST_F(SessionMirrorTest, EndsWhenStoreAndClientHaveLostItems) {
+  other_.MakePoses(1, 15);
+  Start();
+  other_.MakePoses(16, 20);
+  other_.LoseItems(7);
+  WaitForStatus();
+  EXPECT_EQ(mirror_->Watch().status.code(), absl::StatusCode::kDataLoss);
+  EXPECT_EQ(GetErrorDetails(mirror_->Watch().status).reason, "ROLLED_BACK");
+  EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-20");
 }
 
 TEST_F(SessionMirrorTest, EndsWhenTheSessionIsDamaged) {

@@ -27,6 +27,15 @@ absl::Status WrongToken(absl::string_view session) {
                     v1::WRONG_TOKEN);
 }
 
+absl::Status ItemsLost(absl::string_view session, uint64_t lost_from_seq) {
+  return WithReason(
+      absl::DataLossError(absl::StrCat(
+          "the store has lost the chunks of ", session, " from ", lost_from_seq,
+          " on, and the client can no longer send them: the session has ended; its stored poses stay readable, and a "
+          "new session can track the rest")),
+      v1::ROLLED_BACK, {{"session", std::string(session)}, {"expected_seq", absl::StrCat(lost_from_seq)}});
+}
+
 StreamGate::StreamGate(Options options, Start start)
     : options_(std::move(options)),
       stream_(start.lifecycle.num_attaches),
@@ -35,10 +44,12 @@ StreamGate::StreamGate(Options options, Start start)
       token_digest_(std::move(start.lifecycle.token_digest)),
       previous_token_digest_(std::move(start.lifecycle.previous_token_digest)),
       num_renewals_(start.lifecycle.num_renewals),
+      lost_from_seq_(start.lifecycle.lost_from_seq),
       next_seq_(start.processed_seq + 1),
       max_seen_pose_seq_(start.max_seen_pose_seq),
       credit_(options_.credit_bytes, options_.overload_policy) {
   if (start.has_ended) state_.input = InputState::kEnded;
+  if (lost_from_seq_ > 0) closed_ = ItemsLost(options_.session, lost_from_seq_);
 }
 
 void StreamGate::ChangeState(GateEvent event) {
@@ -56,7 +67,8 @@ SessionLifecycle StreamGate::lifecycle() const {
           .previous_token_digest = previous_token_digest_,
           .num_attaches = stream_,
           .detached_at = detached_at(),
-          .num_renewals = num_renewals_};
+          .num_renewals = num_renewals_,
+          .lost_from_seq = lost_from_seq_};
 }
 
 std::optional<uint64_t> StreamGate::TakeChangedLifecycle() {
@@ -78,12 +90,12 @@ absl::Status StreamGate::CheckAttach(absl::string_view token_digest, uint64_t la
 absl::Status StreamGate::CheckFirstSeq(absl::string_view token_digest, uint64_t first_seq) const {
   if (!closed_.ok() || has_ended() || first_seq <= next_seq_) return absl::OkStatus();
   if (!IsDigestGood(token_digest, lifecycle())) return absl::OkStatus();
-  return WithReason(
-      absl::DataLossError(absl::StrCat(
-          "the store has lost the chunks of ", options_.session, " from ", next_seq_,
-          " on, and the client can send those from ", first_seq,
-          " on only: the session has ended; its stored poses stay readable, and a new session can track the rest")),
-      v1::ROLLED_BACK, {{"session", options_.session}, {"expected_seq", absl::StrCat(next_seq_)}});
+  return ItemsLost(options_.session, next_seq_);
+}
+
+void StreamGate::RecordLoss() {
+  lost_from_seq_ = next_seq_;
+  ++lifecycle_number_;
 }
 
 uint64_t StreamGate::Attach(std::string new_token, std::string token_digest, uint64_t queued_bytes,

@@ -27,6 +27,9 @@ bool IsDigestGood(absl::string_view digest, const SessionLifecycle& lifecycle);
 // Returns the error PERMISSION_DENIED (WRONG_TOKEN).
 absl::Status WrongToken(absl::string_view session);
 
+// Returns the error DATA_LOSS (ROLLED_BACK) of a session with SessionLifecycle::lost_from_seq.
+absl::Status ItemsLost(absl::string_view session, uint64_t lost_from_seq);
+
 // Not thread-safe; uses no lock, thread or clock. Streams are numbered from 1. The number serves as a fence: only the
 // latest stream may write. The ownership record (SessionLifecycle) has a number of its own, which grows with each
 // change.
@@ -53,8 +56,9 @@ class StreamGate {
     return state_.writer == WriterState::kAttaching || state_.writer == WriterState::kAttached;
   }
   bool has_ended() const { return state_.input == InputState::kEnded; }
-  const absl::Status& closed() const { return closed_; }  // OK until Close
-  uint64_t stream() const { return stream_; }             // the latest; 0: none yet
+  // OK until Close(), unless the gate starts with SessionLifecycle::lost_from_seq.
+  const absl::Status& closed() const { return closed_; }
+  uint64_t stream() const { return stream_; }  // the latest; 0: none yet
   // Returns the time since when no stream has been attached; absent while one is attached.
   std::optional<absl::Time> detached_at() const;
   const std::string& resume_token() const { return resume_token_; }
@@ -69,6 +73,8 @@ class StreamGate {
   // Errors: DATA_LOSS (ROLLED_BACK) if the session is open and expects an item before `first_seq`, the first one that
   // the client can still send (0: unknown). A wrong token and a closed session are left to CheckAttach.
   absl::Status CheckFirstSeq(absl::string_view token_digest, uint64_t first_seq) const;
+  // Records that the items from next_seq() on are lost. The gate is to be closed when that has been committed.
+  void RecordLoss();
   // To be called after CheckAttach(). Fences the previous stream. `queued_bytes` are those of earlier streams. The
   // token with `token_digest` stays valid until the stream sends its first item. Returns the number of the stream.
   uint64_t Attach(std::string new_token, std::string token_digest, uint64_t queued_bytes, uint64_t sent_pose_seq);
@@ -120,6 +126,7 @@ class StreamGate {
   std::string token_digest_;
   std::string previous_token_digest_;  // empty: no longer valid
   uint64_t num_renewals_ = 0;
+  uint64_t lost_from_seq_ = 0;
   uint64_t lifecycle_number_ = 0;
   uint64_t taken_lifecycle_ = 0;   // number of the record that TakeChangedLifecycle returned last
   uint64_t attach_lifecycle_ = 0;  // the number of the record with which the latest stream attached

@@ -100,6 +100,17 @@ TEST_F(StreamGateTest, OnlyItsClientCanReportLostItems) {
   EXPECT_TRUE(gate.CheckFirstSeq(TokenDigest("first"), 6).ok()) << "CheckAttach() states why the session is closed";
 }
 
+TEST_F(StreamGateTest, LostItemsEndTheSessionForGood) {
+  StreamGate gate = MakeGate({.lifecycle = {.token_digest = TokenDigest("first")}, .processed_seq = 4});
+  gate.RecordLoss();
+  EXPECT_TRUE(gate.TakeChangedLifecycle().has_value());
+  EXPECT_EQ(gate.lifecycle().lost_from_seq, 5u);
+  EXPECT_TRUE(gate.closed().ok()) << "the record is to be committed first";
+  const StreamGate restored = MakeGate({.lifecycle = gate.lifecycle(), .processed_seq = 4});
+  EXPECT_EQ(ReasonOf(restored.closed()), "ROLLED_BACK");
+  EXPECT_EQ(ReasonOf(restored.CheckAttach(TokenDigest("first"), 0, 0)), "ROLLED_BACK");
+}
+
 TEST_F(StreamGateTest, AStreamFencesTheOneBefore) {
   const uint64_t first = Attach(gate_);
   EXPECT_EQ(first, 1u);
