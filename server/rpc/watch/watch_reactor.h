@@ -131,7 +131,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (is_finished_ || is_writing_) return;
     const WatchView view = failure_.ok() ? session_->Watch() : WatchView();
-    Fail(view.status);
+    // What was made before data were lost stays readable.
+    if (!absl::IsDataLoss(view.status)) Fail(view.status);
     if (!failure_.ok()) return Finish(failure_);
     response_.Clear();
     bool is_last = false, has_response = false;
@@ -143,7 +144,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     if (has_response) {
       is_writing_ = true;
       this->StartWrite(&response_);
-    } else if (!failure_.ok() || is_last) {
+    } else if (!failure_.ok() || !view.status.ok() || is_last) {
+      Fail(view.status);
       Finish(failure_);
     }
   }
