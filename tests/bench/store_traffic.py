@@ -6,7 +6,7 @@
 
 Starts redis-server, an evpose-server on it and `evpose bench load`, and prints, for each session: poses per second, bytes that Redis
 receives per second and per pose, commits per second, the share of a core that Redis uses, and the largest memory of Redis. After
-20,000 poses the log of a session is full and its memory no longer grows. From that it calculates how many such sessions a Redis of
+16,384 poses the log of a session is full and its memory no longer grows. From that it calculates how many such sessions a Redis of
 3 GB has room for, at 70 % of its memory. Needs redis-server, python3-grpcio and python3-protobuf.
 """
 import argparse
@@ -23,7 +23,7 @@ from stored_sessions import Redis
 
 REDIS_BYTES = 3e9
 USABLE = 0.7
-LOG_CAPACITY = 20000
+LOG_CAPACITY = 16384
 
 
 def redis_state(port):

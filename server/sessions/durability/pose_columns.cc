@@ -104,14 +104,10 @@ Eigen::Matrix3d DecodeRotation(const CodedRotation& coded) {
 // Appends the numbers of all poses as in PoseColumns.
 template <typename Number, size_t kPerPose>
 std::string Interleave(const std::vector<std::array<Number, kPerPose>>& rows) {
-  std::string bytes;
-  bytes.reserve(rows.size() * sizeof(rows[0]));
-  for (size_t column = 0; column < kPerPose; ++column) {
-    for (size_t byte = 0; byte < sizeof(Number); ++byte) {
-      for (const auto& row : rows) {
-        bytes.push_back(std::bit_cast<std::array<char, sizeof(Number)>>(row[column])[byte]);
-      }
-    }
+  std::string bytes(rows.size() * sizeof(rows[0]), '\0');
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const auto row = std::bit_cast<std::array<char, sizeof(rows[0])>>(rows[i]);
+    for (size_t byte = 0; byte < row.size(); ++byte) bytes[byte * rows.size() + i] = row[byte];
   }
   return bytes;
 }
@@ -120,14 +116,10 @@ std::string Interleave(const std::vector<std::array<Number, kPerPose>>& rows) {
 template <typename Number, size_t kPerPose>
 std::vector<std::array<Number, kPerPose>> Deinterleave(absl::string_view bytes, size_t num_rows) {
   std::vector<std::array<Number, kPerPose>> rows(num_rows);
-  for (size_t column = 0; column < kPerPose; ++column) {
-    for (size_t i = 0; i < num_rows; ++i) {
-      std::array<char, sizeof(Number)> number{};
-      for (size_t byte = 0; byte < sizeof(Number); ++byte) {
-        number[byte] = bytes[(column * sizeof(Number) + byte) * num_rows + i];
-      }
-      rows[i][column] = std::bit_cast<Number>(number);
-    }
+  for (size_t i = 0; i < num_rows; ++i) {
+    std::array<char, sizeof(rows[0])> row{};
+    for (size_t byte = 0; byte < row.size(); ++byte) row[byte] = bytes[byte * num_rows + i];
+    rows[i] = std::bit_cast<std::array<Number, kPerPose>>(row);
   }
   return rows;
 }
