@@ -29,6 +29,8 @@ Ours FromProto(Theirs value, Ours otherwise) {
   return is_known ? static_cast<Ours>(value) : otherwise;
 }
 
+Loss FromProto(const v1::Loss& loss) { return {loss.t_us(), FromProto(loss.cause(), LossCause::kUnknown)}; }
+
 ObjectHealth FromProto(const v1::ObjectHealth& object) {
   ObjectHealth health = {.object_id = object.object_id(),
                          .state = FromProto(object.state(), TrackState::kUnknown),
@@ -45,7 +47,7 @@ ObjectHealth FromProto(const v1::ObjectHealth& object) {
                                       .poses_found = object.searches().poses_found()},
                          .followed_poses = object.followed_poses()};
   if (object.has_latest_loss()) {
-    health.latest_loss = {object.latest_loss().t_us(), FromProto(object.latest_loss().cause(), LossCause::kUnknown)};
+    health.latest_loss = FromProto(object.latest_loss());
   }
   return health;
 }
@@ -375,6 +377,7 @@ absl::StatusOr<Pose> FromProto(const v1::Pose& message) {
     if (!other.ok()) return error(absl::StrCat("alternatives: ", other.status().message()));
     pose.alternatives.push_back({*other, alternative.log_likelihood_ratio()});
   }
+  if (message.has_latest_loss()) pose.latest_loss = FromProto(message.latest_loss());
   return pose;
 }
 

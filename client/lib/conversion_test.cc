@@ -294,7 +294,7 @@ TEST(ConversionTest, HealthHasTheLatestLossAndTheSearches) {
   EXPECT_EQ(FromProto(message).objects.at(0).latest_loss->cause, LossCause::kUnknown);
 }
 
-TEST(ConversionTest, AnAmbiguousPoseHasItsAlternatives) {
+TEST(ConversionTest, APoseHasItsAlternativesAndTheLatestLoss) {
   v1::Pose message;
   message.mutable_covariance()->mutable_upper_triangle()->Resize(21, 0.0);
   message.mutable_twist()->mutable_linear_m_per_s();
@@ -311,6 +311,10 @@ TEST(ConversionTest, AnAmbiguousPoseHasItsAlternatives) {
   ASSERT_EQ(pose->alternatives.size(), 1u);
   EXPECT_EQ(pose->alternatives[0].log_likelihood_ratio, -1.5);
   EXPECT_EQ(pose->alternatives[0].camera_from_object.translation_m.z(), 2.0);
+  EXPECT_FALSE(pose->latest_loss.has_value());
+  message.mutable_latest_loss()->set_t_us(12);
+  message.mutable_latest_loss()->set_cause(v1::LOSS_CAUSE_UNCERTAIN);
+  EXPECT_TRUE(FromProto(message)->latest_loss == (Loss{12, LossCause::kUncertain}));
   alternative.mutable_camera_from_object()->mutable_rotation()->set_x(0.0);
   EXPECT_THAT(FromProto(message).status().message(), HasSubstr("alternatives"));
 }

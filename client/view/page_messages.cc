@@ -13,6 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "absl/time/time.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
@@ -264,6 +265,8 @@ std::string StateText(const std::string& object_id, int64_t t_us, TrackState sta
   return Dump(
       {{"type", "state"}, {"object", object_id}, {"t_us", t_us}, {"state", StateName(state)}, {"reason", reason}});
 }
+
+std::string CauseText(LossCause cause) { return absl::StrReplaceAll(LowerCase(LossCauseName(cause)), {{"_", " "}}); }
 
 std::string HealthText(const SessionHealth& health, const LinkCounts& link) {
   Json objects = Json::array();

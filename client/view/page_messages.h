@@ -91,6 +91,8 @@ std::string SessionsText(const std::vector<Session>& sessions);
 std::string PosesText(const std::string& object_id, absl::Span<const Pose> poses, bool is_truth,
                       absl::Span<const Eigen::Quaterniond> rotations = {});
 std::string StateText(const std::string& object_id, int64_t t_us, TrackState state, const std::string& reason);
+// The cause of a loss as the reason of a state: "better pose" for BETTER_POSE.
+std::string CauseText(LossCause cause);
 std::string HealthText(const SessionHealth& health, const LinkCounts& link);
 std::string PositionText(int64_t t_us, bool is_playing, double speed);
 std::string RangeText(const TimeRange& range, bool is_complete, const EventCounts& counts);

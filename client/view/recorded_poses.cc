@@ -2,6 +2,7 @@
 #include "client/view/recorded_poses.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -60,6 +61,10 @@ absl::Status RecordedPoses::Add(const Pose& pose, const Eigen::Quaterniond& rota
     KeepEverySecond(sent_rotations_);
     stride_ *= 2;
   }
+  // Each pose has the latest loss before it.
+  if (pose.latest_loss && (losses_.empty() || losses_.back().loss != *pose.latest_loss)) {
+    losses_.push_back({trajectory_.size(), *pose.latest_loss});
+  }
   trajectory_.push_back({pose.t_us, ToCore(pose.camera_from_object)});
   states_.push_back(pose.state);
   return absl::OkStatus();
@@ -71,19 +76,41 @@ TrackState RecordedPoses::StateAt(int64_t t_us) const {
   return states_[after == trajectory_.begin() ? 0 : static_cast<size_t>(after - trajectory_.begin()) - 1];
 }
 
+void RecordedPoses::AppendLoss(size_t index, const Loss* loss,
+                               absl::FunctionRef<void(int64_t t_us, const std::string& reason)> append) const {
+  const int64_t t_us = trajectory_[index].t_us;
+  const int64_t before_us = index == 0 ? std::numeric_limits<int64_t>::min() : trajectory_[index - 1].t_us;
+  const int64_t gap_us = index == 0 ? 0 : t_us - before_us;
+  // The page replaces a state by that of a pose at the same time.
+  const int64_t earliest_us = before_us + 1;
+  const std::string gap = absl::StrFormat("no pose for %.3f s", static_cast<double>(gap_us) * 1e-6);
+  if (loss == nullptr) {
+    if (gap_us > kMaxGapUs) append(earliest_us, gap);
+    return;
+  }
+  const std::string cause = CauseText(loss->cause);
+  // A pose is that of the middle of its window, and a loss is at the end of a window.
+  const bool is_between = loss->t_us > before_us && loss->t_us < t_us;
+  if (is_between || index > 0) {
+    append(is_between ? loss->t_us : earliest_us, index == 0 ? cause : absl::StrCat(cause, "; ", gap));
+  }
+}
+
 void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, PageOutbox::Prepared& frames) const {
   size_t num_states = 0;
   const auto add_state = [&](int64_t t_us, TrackState state, const std::string& reason) {
     if (num_states++ < kMaxStates) frames.push_back({StateText(object_id, t_us, state, reason)});
   };
+  auto next_loss = losses_.begin();
   for (size_t i = 0; i < trajectory_.size() && !is_truth; ++i) {
-    const int64_t t_us = trajectory_[i].t_us;
-    const int64_t gap_us = i == 0 ? 0 : t_us - trajectory_[i - 1].t_us;
-    if (gap_us > kMaxGapUs) {
-      add_state(trajectory_[i - 1].t_us, TrackState::kLost,
-                absl::StrFormat("no pose for %.3f s", static_cast<double>(gap_us) * 1e-6));
-    }
-    if (i == 0 || gap_us > kMaxGapUs || states_[i] != states_[i - 1]) add_state(t_us, states_[i], "");
+    const bool has_loss = next_loss != losses_.end() && next_loss->index == i;
+    bool is_new = i == 0 || states_[i] != states_[i - 1];
+    AppendLoss(i, has_loss ? &next_loss->loss : nullptr, [&](int64_t t_us, const std::string& reason) {
+      add_state(t_us, TrackState::kLost, reason);
+      is_new = true;
+    });
+    if (has_loss) ++next_loss;
+    if (is_new) add_state(trajectory_[i].t_us, states_[i], "");
   }
   for (size_t first = 0; first < sent_.size(); first += kPosesPerFrame) {
     const auto poses = absl::MakeConstSpan(sent_).subspan(first, kPosesPerFrame);

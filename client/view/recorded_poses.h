@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/functional/function_ref.h"
 #include "absl/status/statusor.h"
 #include "client/view/page_outbox.h"
 #include "core/geometry/trajectory.h"
@@ -39,12 +40,24 @@ class RecordedPoses {
   // Precondition: there is a pose.
   TrackState StateAt(int64_t t_us) const;
 
-  // Appends the messages of the poses and, unless they are the truth, of the state changes. In gaps the state is LOST.
+  // Appends the messages of the poses and, unless they are the truth, of the state changes. After a loss that the
+  // file states, and in gaps, the state is LOST.
   void AppendFrames(const std::string& object_id, bool is_truth, PageOutbox::Prepared& frames) const;
 
  private:
+  // The loss before the pose with this index.
+  struct LossBefore {
+    size_t index = 0;
+    Loss loss;
+  };
+  // Appends the state LOST before the pose with this index, if the object was lost there. `loss` is null if the file
+  // states none.
+  void AppendLoss(size_t index, const Loss* loss,
+                  absl::FunctionRef<void(int64_t t_us, const std::string& reason)> append) const;
+
   Trajectory trajectory_;
   std::vector<TrackState> states_;
+  std::vector<LossBefore> losses_;
   std::vector<Pose> sent_;  // every `stride_`-th one
   std::vector<Eigen::Quaterniond> sent_rotations_;
   uint64_t stride_ = 1;

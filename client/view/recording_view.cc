@@ -198,6 +198,17 @@ void RecordingView::OnProgress() {
   if (!progress.status.ok()) {
     outbox_->AddNote(NoticeText(NoticeLevel::kError, std::string(progress.status.message())));
   }
+  if (progress.is_complete) SendEnds(progress.range.to_us);
+}
+
+void RecordingView::SendEnds(int64_t to_us) {
+  for (const Track& track : tracks_) {
+    const Trajectory& trajectory = track.poses.trajectory();
+    if (track.is_truth || trajectory.empty()) continue;
+    const int64_t last_us = trajectory.back().t_us;
+    if (to_us - last_us <= RecordedPoses::kMaxGapUs) continue;
+    outbox_->AddNote(StateText(track.id, last_us + 1, TrackState::kLost, "no pose until the end of the recording"));
+  }
 }
 
 }  // namespace evpose::client

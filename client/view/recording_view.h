@@ -58,6 +58,9 @@ class RecordingView : public PageView {
   PageImage MakeImage(int64_t t_us, const ImageSettings& settings);
   // Called after a piece of the recording was read.
   void OnProgress();
+  // Sends the state LOST for the objects without a pose at the end of the recording. A file of poses does not have the
+  // cause, because a loss is stated by the poses after it.
+  void SendEnds(int64_t to_us);
 
   const RecordingSource& source_;
   const std::shared_ptr<PageOutbox> outbox_;

@@ -79,8 +79,8 @@ class RecordingViewTest : public ::testing::Test {
     if (has_truth) inputs.truth = *ReadRecordedPoses(directory_.File("truth.tum"), {"object"});
     return inputs;
   }
-  void Open(bool has_truth = false) {
-    RecordingInputs inputs = Inputs(has_truth);
+  void Open(bool has_truth = false) { Open(Inputs(has_truth)); }
+  void Open(RecordingInputs inputs) {
     WriteRecording(inputs.path, events_);
     auto reader = OpenRecording(inputs.path);
     ASSERT_TRUE(reader.ok()) << reader.status();
@@ -130,12 +130,65 @@ TEST_F(RecordingViewTest, BeginsWithTheSceneAndTheFirstPose) {
   const std::vector<size_t> counts = counted["counts"];
   EXPECT_EQ(counts.size(), static_cast<size_t>((events_.back().t_us - events_.front().t_us) / 1024 + 1));
   EXPECT_EQ(std::accumulate(counts.begin(), counts.end(), size_t{0}), events_.size());
-  // The states: tracking, lost in the gap, degraded behind it, tracking again.
+  // The states: tracking, lost in the gap, degraded after it, tracking again.
   std::vector<std::string> states;
   for (const ReceivedMessage& state : messages["state"]) states.push_back(state.header["state"]);
   EXPECT_THAT(states, ::testing::ElementsAre("tracking", "lost", "degraded", "tracking"));
-  EXPECT_EQ(messages["state"].at(1).header["t_us"], kBeginUs + 70'000);
+  EXPECT_EQ(messages["state"].at(1).header["t_us"], kBeginUs + 70'001);
   EXPECT_EQ(messages["state"].at(1).header["reason"], "no pose for 0.060 s");
+}
+
+// The state messages of the poses in a .csv file, as "time state reason".
+std::vector<std::string> StatesOf(const std::vector<Pose>& poses) {
+  RecordedPoses recorded;
+  for (const Pose& pose : poses) EXPECT_TRUE(recorded.Add(pose).ok());
+  PageOutbox::Prepared frames;
+  recorded.AppendFrames("object", /*is_truth=*/false, frames);
+  std::vector<std::string> states;
+  for (const PageOutbox::Frame& frame : frames) {
+    const nlohmann::json message = nlohmann::json::parse(frame.bytes);
+    if (message["type"] != "state") continue;
+    states.push_back(absl::StrCat(message["t_us"].get<int64_t>(), " ", message["state"].get<std::string>(), " ",
+                                  message["reason"].get<std::string>()));
+  }
+  return states;
+}
+
+TEST(RecordedPosesTest, LossesHaveTheCausesOfTheFile) {
+  std::vector<Pose> poses;
+  const auto add = [&](int64_t t_us, std::optional<Loss> latest_loss) {
+    Pose& pose = poses.emplace_back();
+    pose.t_us = t_us;
+    pose.state = TrackState::kTracking;
+    pose.latest_loss = latest_loss;
+  };
+  const Loss given{5'000, LossCause::kContradicted}, first{21'000, LossCause::kOutOfView};
+  const Loss second{300'000, LossCause::kBetterPose}, outside{420'000, LossCause::kUncertain};
+  add(10'000, given);  // a pose that was given was rejected before the first one
+  add(20'000, given);
+  add(30'000, first);  // found again at once
+  add(40'000, first);
+  add(400'000, second);
+  add(500'000, second);   // a gap without a loss
+  add(510'000, outside);  // not between its poses
+  EXPECT_THAT(StatesOf(poses),
+              ::testing::ElementsAre("5000 lost contradicted", "10000 tracking ",                         //
+                                     "21000 lost out of view; no pose for 0.010 s", "30000 tracking ",    //
+                                     "300000 lost better pose; no pose for 0.360 s", "400000 tracking ",  //
+                                     "400001 lost no pose for 0.100 s", "500000 tracking ",               //
+                                     "500001 lost uncertain; no pose for 0.010 s", "510000 tracking "));
+}
+
+TEST_F(RecordingViewTest, AnObjectWithoutAPoseAtTheEndIsLost) {
+  RecordingInputs inputs = Inputs(/*has_truth=*/true);
+  inputs.poses["object"] = RecordedPoses();
+  ASSERT_TRUE(inputs.poses["object"].Add(Poses()[0]).ok());
+  Open(std::move(inputs));
+  ReceivedMessage state = reader_.ReadUntil("state");
+  if (state.header["state"] != "lost") state = reader_.ReadUntil("state");
+  EXPECT_EQ(state.header["state"], "lost");
+  EXPECT_EQ(state.header["t_us"], kBeginUs + 50'001);
+  EXPECT_EQ(state.header["reason"], "no pose until the end of the recording");
 }
 
 TEST_F(RecordingViewTest, AnImageHasExactlyTheEventsOfItsWindow) {

@@ -3,9 +3,7 @@
 
 #include <utility>
 
-#include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_replace.h"
 #include "client/view/repeated_call.h"
 
 namespace evpose::client {
@@ -13,11 +11,6 @@ namespace {
 
 constexpr double kPoseRateHz = 60.0;                               // of each object: displays show no more
 constexpr absl::Duration kHealthPeriod = absl::Milliseconds(250);  // numbers that change faster cannot be read
-
-// "better pose" for BETTER_POSE.
-std::string InWords(std::string_view name) {
-  return absl::StrReplaceAll(absl::AsciiStrToLower(std::string(name)), {{"_", " "}});
-}
 
 }  // namespace
 
@@ -104,7 +97,7 @@ void SessionWatch::SendStates(const SessionHealth& health) {
     if (object.latest_loss && shown.lost_at_us != object.latest_loss->t_us) {
       shown.lost_at_us = object.latest_loss->t_us;
       outbox_->AddNote(StateText(object.object_id, object.latest_loss->t_us, TrackState::kLost,
-                                 InWords(LossCauseName(object.latest_loss->cause))));
+                                 CauseText(object.latest_loss->cause)));
       shown.state = TrackState::kLost;
     }
     if (!is_new && shown.state == object.state && shown.detail == object.detail) continue;

@@ -206,6 +206,8 @@ void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& es
   last_published_us_ = estimate.t_us;
   estimate.covariance = InSinglePrecision(estimate.covariance);
   estimate.twist = InSinglePrecision(estimate.twist);
+  estimate.loss_cause = report_.loss_cause;
+  estimate.lost_at_us = report_.lost_at_us;
   estimates.push_back(estimate);
 }
 

@@ -145,10 +145,14 @@ struct PoseEstimate {
   float explained_ratio = 0.0f;  // share of the gated events that the lines explain
   float residual_rms_px = 0.0f;
   PoseAlternatives alternatives;  // empty unless the state is kAmbiguous
+  // The object's latest loss before this pose, as in InitializationReport. Set when the pose is published.
+  LossCause loss_cause = LossCause::kNone;
+  int64_t lost_at_us = 0;
 
+  // The loss is not saved: the estimates in the state of a tracker are not published again.
   static void VisitState(auto& archive, auto& self) {
     auto& [object_index, t_us, pose, covariance, twist, state, num_events, explained_ratio, residual_rms_px,
-           alternatives] = self;
+           alternatives, loss_cause, lost_at_us] = self;
     archive(object_index, t_us, pose, covariance, twist, AtMost(state, TrackState::kAmbiguous), num_events,
             explained_ratio, residual_rms_px, alternatives);
   }

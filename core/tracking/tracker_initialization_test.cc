@@ -151,8 +151,10 @@ TEST(TrackerInitialization, IsLostWhenTheObjectLeavesAndTracksWhenItIsBack) {
   EXPECT_GT(tracker->initialization().lost_at_us, 50'000);
   EXPECT_LE(tracker->initialization().lost_at_us, 250'000);
   EXPECT_GE(FirstRightUs(*cube, estimates, away, 0), 0);
-
+  EXPECT_EQ(estimates.back().loss_cause, LossCause::kNone);
   tracker->AddEvents(CubeEvents(1'000'000, 150'000), estimates);
+  EXPECT_EQ(estimates.back().loss_cause, LossCause::kOutOfView);
+  EXPECT_EQ(estimates.back().lost_at_us, tracker->initialization().lost_at_us);
   const int64_t back_us = FirstRightUs(*cube, estimates, ConstantTwist(kStart, kTwist), 1'000'000);
   EXPECT_GE(back_us, 0);
   EXPECT_LT(back_us, 1'100'000);

@@ -200,6 +200,13 @@ double PerSecond(uint64_t count, int64_t duration_us) {
   return duration_us > 0 ? 1e6 * static_cast<double>(count) / static_cast<double>(duration_us) : 0.0;
 }
 
+v1::Loss LossToProto(LossCause cause, int64_t lost_at_us) {
+  v1::Loss out;
+  out.set_t_us(lost_at_us);
+  out.set_cause(static_cast<v1::LossCause>(cause));
+  return out;
+}
+
 }  // namespace
 
 google::protobuf::Timestamp ToProto(absl::Time time) {
@@ -327,8 +334,7 @@ v1::SessionHealth ToProto(const SessionHealth& health, const SessionConfig& conf
     *object.mutable_searches() = ToProto(initialization.searches);
     object.set_followed_poses(initialization.num_poses);
     if (initialization.loss_cause == LossCause::kNone) continue;
-    object.mutable_latest_loss()->set_t_us(initialization.lost_at_us);
-    object.mutable_latest_loss()->set_cause(static_cast<v1::LossCause>(initialization.loss_cause));
+    *object.mutable_latest_loss() = LossToProto(initialization.loss_cause, initialization.lost_at_us);
   }
   return out;
 }
@@ -401,6 +407,9 @@ v1::Pose ToProto(const StoredPose& pose, const SessionConfig& config) {
     v1::PoseAlternative& added = *out.add_alternatives();
     *added.mutable_camera_from_object() = ToProto(alternative.camera_from_object);
     added.set_log_likelihood_ratio(alternative.log_likelihood_ratio);
+  }
+  if (estimate.loss_cause != LossCause::kNone) {
+    *out.mutable_latest_loss() = LossToProto(estimate.loss_cause, estimate.lost_at_us);
   }
   return out;
 }

@@ -203,6 +203,36 @@ class RecordingView(ViewTest):
         self.assertEqual(page.data.get("session"), None)
 
 
+class LossesOfARecording(ViewTest):
+    def test_the_time_line_has_the_causes_of_the_file(self):
+        # The events contradict this pose, so that the object is lost and found again.
+        wrong = f"{START_US + 1000000} 0.05 0.05 0.6 0 0 0 1"
+        files = [f"{self.dir}/losses.csv", f"{self.dir}/losses.jsonl"]
+        for file in files:
+            evpose("replay", self.recording, *self.inputs, "--reset-pose", wrong, "--out", file)
+        poses = read_poses(files[1])
+        found = [(before, pose) for before, pose in zip(poses, poses[1:]) if pose["lost_at_us"] != before["lost_at_us"]]
+        self.assertEqual({pose["loss_cause"] for _, pose in found}, {"CONTRADICTED"})
+        # The search after a loss gives poses of events before the loss, too.
+        starts = [max(before["t_us"] + 1, pose["lost_at_us"]) if pose["lost_at_us"] < pose["t_us"] else before["t_us"] + 1 for before, pose in found]
+        times = sorted(f"{t_us / 1e6:.3f} s" for t_us in starts)
+        for file in files:
+            page = self.open_page(self.serve_page(self.recording, *self.inputs, "--poses", file).url)
+            page.wait(lambda: len(self.losses(page)) >= len(times), "the losses")
+            self.assertEqual(sorted(time for time, _ in self.losses(page)), times)
+            for _, reason in self.losses(page):
+                self.assertIn("contradicted; no pose for ", reason)
+            self.assert_silent(page)
+
+    def losses(self, page):
+        """The losses in the list of states: the time that is shown, and the reason."""
+        return page.run(
+            """return [...document.querySelectorAll('.change')]
+              .filter((row) => row.querySelector('.state').textContent.includes('lost'))
+              .map((row) => [row.querySelector('.numbers').textContent, row.querySelector('.reason').textContent]);"""
+        )
+
+
 class LiveView(ViewTest):
     def setUp(self):
         scratch = tempfile.TemporaryDirectory()

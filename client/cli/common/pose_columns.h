@@ -15,6 +15,10 @@ inline constexpr std::array<const char*, 6> kTwistColumns = {"vx_m_per_s",   "vy
 inline constexpr std::array<const char*, 6> kCovarianceAxes = {"tx", "ty", "tz", "rx", "ry", "rz"};
 // The columns of alternative N are altN_NAME, with the names of kPoseColumns and this one.
 inline constexpr char kLikelihoodColumn[] = "log_likelihood_ratio";
+// The object's latest loss before the pose: its time, and its cause (LossCauseName()). The columns are empty, and the
+// fields of JSON lines null, before the first loss.
+inline constexpr char kLossTimeColumn[] = "lost_at_us";
+inline constexpr char kLossCauseColumn[] = "loss_cause";
 // As many as the API has at most; the columns of absent ones are empty.
 inline constexpr size_t kAlternativesInCsv = 4;
 // Of a file whose poses are not camera_from_object. JSON lines have a field with this name.

@@ -31,6 +31,8 @@ void VisitUpper(const Eigen::Matrix<double, 6, 6>& matrix, const Visit& visit) {
 
 std::string StateName(const Pose& pose) { return std::string(TrackStateName(pose.state)); }
 
+std::string CauseName(const Loss& loss) { return std::string(LossCauseName(loss.cause)); }
+
 // The translation and the quaternion [x y z w].
 std::array<double, 7> Numbers(const Transform& transform) {
   const Eigen::Vector3d& t = transform.translation_m;
@@ -51,6 +53,7 @@ std::string CsvHeader(const PoseFrame& frame) {
     for (const char* const name : kPoseColumns) absl::StrAppend(&line, ",alt", i, "_", name);
     absl::StrAppend(&line, ",alt", i, "_", kLikelihoodColumn);
   }
+  absl::StrAppend(&line, ",", kLossTimeColumn, ",", kLossCauseColumn);
   if (!frame.is_default()) absl::StrAppend(&line, ",", kTransformKey);
   return line + "\n";
 }
@@ -71,6 +74,11 @@ std::string CsvLine(const Pose& pose, const PoseFrame& frame) {
     const PoseAlternative& alternative = pose.alternatives[i];
     for (const double value : Numbers(alternative.camera_from_object)) absl::StrAppendFormat(&line, ",%.17g", value);
     absl::StrAppendFormat(&line, ",%.9g", alternative.log_likelihood_ratio);
+  }
+  if (pose.latest_loss) {
+    absl::StrAppend(&line, ",", pose.latest_loss->t_us, ",", CauseName(*pose.latest_loss));
+  } else {
+    absl::StrAppend(&line, ",,");
   }
   if (!frame.is_default()) absl::StrAppend(&line, ",", frame.transform());
   return line + "\n";
@@ -103,6 +111,12 @@ nlohmann::ordered_json PoseJson(const Pose& pose, const PoseFrame& frame) {
     SetTransform(alternative.camera_from_object, item);
     item["log_likelihood_ratio"] = alternative.log_likelihood_ratio;
     json["alternatives"].push_back(std::move(item));
+  }
+  json[kLossTimeColumn] = nullptr;
+  json[kLossCauseColumn] = nullptr;
+  if (pose.latest_loss) {
+    json[kLossTimeColumn] = pose.latest_loss->t_us;
+    json[kLossCauseColumn] = CauseName(*pose.latest_loss);
   }
   return json;
 }

@@ -137,6 +137,22 @@ TEST(PoseFormat, CsvHasANameForEachNumber) {
   EXPECT_EQ(value("num_alternatives"), "0");
 }
 
+TEST(PoseFormat, TheLatestLossIsInCsvAndJsonLines) {
+  const std::string without = PoseLine(PoseFormat::kCsv, MakePose());
+  EXPECT_THAT(PoseHeader(PoseFormat::kCsv), ::testing::EndsWith(",lost_at_us,loss_cause\n"));
+  EXPECT_THAT(without, ::testing::EndsWith(",,\n"));
+  nlohmann::json json = nlohmann::json::parse(PoseLine(PoseFormat::kJsonLines, MakePose()));
+  EXPECT_TRUE(json.at("lost_at_us").is_null() && json.at("loss_cause").is_null()) << json;
+  Pose lost = MakePose();
+  lost.latest_loss = {15'000'000, LossCause::kOutOfView};
+  EXPECT_EQ(PoseLine(PoseFormat::kCsv, lost),
+            std::string(absl::StripSuffix(without, ",\n")) + "15000000,OUT_OF_VIEW\n");
+  json = nlohmann::json::parse(PoseLine(PoseFormat::kJsonLines, lost));
+  EXPECT_EQ(json["lost_at_us"], 15'000'000);
+  EXPECT_EQ(json["loss_cause"], "OUT_OF_VIEW");
+  EXPECT_EQ(PoseLine(PoseFormat::kTum, lost), PoseLine(PoseFormat::kTum, MakePose()));
+}
+
 TEST(PoseFormat, JsonLine) {
   const nlohmann::json json = nlohmann::json::parse(PoseLine(PoseFormat::kJsonLines, MakePose()));
   EXPECT_EQ(json["pose_seq"], 7);
@@ -262,7 +278,7 @@ TEST(PoseFrameTest, DescriptionsDifferWithTheNumbers) {
 TEST(PoseFormat, TheStateOfAConfirmedPoseDoesNotRepeatThePose) {
   EXPECT_EQ(StateJson(MakePose()),
             R"({"pose_seq":7,"object_id":"object","t_us":16000250,"state":"DEGRADED","num_events":321,)"
-            R"("explained_ratio":0.5,"residual_rms_px":0.75})");
+            R"("explained_ratio":0.5,"residual_rms_px":0.75,"lost_at_us":null,"loss_cause":null})");
   // That of an AMBIGUOUS pose has what a JSON line has: no other message has the pose.
   EXPECT_EQ(StateJson(AmbiguousPose()) + "\n", PoseLine(PoseFormat::kJsonLines, AmbiguousPose()));
 }

@@ -128,6 +128,7 @@ Pose FullPose(int64_t t_us, const std::string& object) {
   pose.explained_ratio = 0.625f;
   for (int i = 0; i < 6; ++i) pose.twist[i] = 0.1 * i - 0.3;
   pose.alternatives = {{{ExpSo3({0.0, 0.0, 1.5}), {0.0, 0.25, 2.0}}, -1.5}};
+  if (t_us > 5) pose.latest_loss = {-3, LossCause::kBetterPose};
   return pose;
 }
 
@@ -155,11 +156,36 @@ TEST(PoseRecordsTest, AllThatAFormatStatesIsRead) {
       EXPECT_EQ(read[i].explained_ratio, 0.625f);
       EXPECT_EQ(read[i].twist, written[i].twist);
       EXPECT_EQ(read[i].covariance, written[i].covariance);
+      EXPECT_TRUE(read[i].latest_loss == written[i].latest_loss);
       ASSERT_EQ(read[i].alternatives.size(), 1u);
       EXPECT_EQ(read[i].alternatives[0].log_likelihood_ratio, -1.5);
       EXPECT_EQ(read[i].alternatives[0].camera_from_object.translation_m, Eigen::Vector3d(0.0, 0.25, 2.0));
     }
   }
+}
+
+TEST(PoseRecordsTest, LossesMayBeAbsentOrOfALaterVersion) {
+  std::vector<std::optional<Loss>> losses;
+  const auto keep = [&](const FilePose& pose) {
+    losses.push_back(pose.latest_loss);
+    return absl::OkStatus();
+  };
+  const std::string columns = "t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw", numbers = "1,1,2,3,0,0,0,1";
+  const std::string fields = R"({"t_us":1,"translation_m":[1,2,3],"quaternion_xyzw":[0,0,0,1])";
+  EXPECT_TRUE(VisitCsvPoses(columns + "\n" + numbers + "\n", "p.csv", keep).ok());
+  EXPECT_TRUE(VisitJsonPoses(fields + "}", "p.jsonl", keep).ok());
+  EXPECT_THAT(losses, ::testing::ElementsAre(std::nullopt, std::nullopt));
+  losses.clear();
+  const std::string header = columns + ",lost_at_us,loss_cause\n";
+  EXPECT_TRUE(VisitCsvPoses(header + numbers + ",7,SOMETHING\n", "p.csv", keep).ok());
+  EXPECT_TRUE(VisitJsonPoses(fields + R"(,"lost_at_us":7,"loss_cause":"SOMETHING"})", "p.jsonl", keep).ok());
+  EXPECT_TRUE(losses.at(0) == (Loss{7, LossCause::kUnknown}) && losses.at(1) == losses[0]);
+  EXPECT_EQ(VisitCsvPoses(header + numbers + ",soon,UNCERTAIN\n", "p.csv", keep).status().message(),
+            "p.csv:2: lost_at_us: \"soon\" is no time in microseconds");
+  EXPECT_EQ(VisitJsonPoses(fields + R"(,"lost_at_us":"soon"})", "p.jsonl", keep).status().message(),
+            "p.jsonl:1: lost_at_us is no number");
+  EXPECT_EQ(VisitJsonPoses(fields + R"(,"lost_at_us":7,"loss_cause":7})", "p.jsonl", keep).status().message(),
+            "p.jsonl:1: loss_cause is no text");
 }
 
 TEST(PoseRecordsTest, AQuaternionKeepsItsDigits) {

@@ -40,6 +40,14 @@ TrackState StateOfName(absl::string_view name) {
   return TrackState::kUnknown;
 }
 
+LossCause CauseOfName(absl::string_view name) {
+  for (const LossCause cause : {LossCause::kContradicted, LossCause::kUncertain, LossCause::kOutOfView,
+                                LossCause::kBetterPose, LossCause::kOccupied, LossCause::kUnconfirmed}) {
+    if (name == std::string(LossCauseName(cause))) return cause;
+  }
+  return LossCause::kUnknown;
+}
+
 // Translation and quaternion x y z w.
 using PoseNumbers = std::array<double, 7>;
 
@@ -94,6 +102,7 @@ class PoseTable {
     return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is no number"));
   }
   absl::Status ReadAlternatives(const Fields& fields, Pose& pose) const;
+  absl::Status ReadLoss(const Fields& fields, Pose& pose) const;
 
   size_t count_ = 0;
   size_t t_us_ = 0;
@@ -101,7 +110,7 @@ class PoseTable {
   std::vector<size_t> covariance_;  // upper triangle row by row
   std::vector<size_t> twist_;       // 6, or fewer if a column is missing
   std::array<std::vector<size_t>, kAlternativesInCsv> alternatives_;
-  Index object_id_, seq_, state_, explained_, transform_;
+  Index object_id_, seq_, state_, explained_, lost_at_, loss_cause_, transform_;
 };
 
 Index FindColumn(const Fields& header, absl::string_view name) {
@@ -129,6 +138,8 @@ absl::StatusOr<PoseTable> PoseTable::Make(const Fields& header) {
   table.seq_ = FindColumn(header, "pose_seq");
   table.state_ = FindColumn(header, "state");
   table.explained_ = FindColumn(header, "explained_ratio");
+  table.lost_at_ = FindColumn(header, kLossTimeColumn);
+  table.loss_cause_ = FindColumn(header, kLossCauseColumn);
   table.transform_ = FindColumn(header, kTransformKey);
   for (const char* const name : kTwistColumns) add(name, table.twist_);
   for (size_t row = 0; row < kCovarianceAxes.size(); ++row) {
@@ -159,6 +170,17 @@ absl::Status PoseTable::ReadAlternatives(const Fields& fields, Pose& pose) const
   return absl::OkStatus();
 }
 
+absl::Status PoseTable::ReadLoss(const Fields& fields, Pose& pose) const {
+  if (!lost_at_ || !loss_cause_ || fields[*lost_at_].empty()) return absl::OkStatus();
+  Loss loss = {.cause = CauseOfName(fields[*loss_cause_])};
+  if (!absl::SimpleAtoi(fields[*lost_at_], &loss.t_us)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(kLossTimeColumn, ": \"", fields[*lost_at_], "\" is no time in microseconds"));
+  }
+  pose.latest_loss = loss;
+  return absl::OkStatus();
+}
+
 absl::StatusOr<FilePose> PoseTable::Read(const Fields& fields) const {
   if (fields.size() != count_) {
     return absl::InvalidArgumentError(absl::StrCat("has ", fields.size(), " fields and not ", count_));
@@ -185,6 +207,7 @@ absl::StatusOr<FilePose> PoseTable::Read(const Fields& fields) const {
     EVPOSE_ASSIGN_OR_RETURN(pose.twist[static_cast<int>(i)], Number(fields[twist_[i]]));
   }
   EVPOSE_RETURN_IF_ERROR(ReadAlternatives(fields, pose));
+  EVPOSE_RETURN_IF_ERROR(ReadLoss(fields, pose));
   if (!has_covariances()) return pose;
   EVPOSE_RETURN_IF_ERROR(SetCovariance([&](size_t i) { return Number(fields[covariance_[i]]); }, pose));
   return pose;
@@ -276,6 +299,19 @@ absl::Status ReadJsonAlternatives(const nlohmann::json& json, Pose& pose) {
   return absl::OkStatus();
 }
 
+absl::Status ReadJsonLoss(const nlohmann::json& json, Pose& pose) {
+  const auto time = json.find(kLossTimeColumn);
+  if (time == json.end() || time->is_null()) return absl::OkStatus();
+  const JsonFields fields(json);
+  Loss loss;
+  EVPOSE_RETURN_IF_ERROR(fields.Integer(kLossTimeColumn, loss.t_us));
+  std::string cause;
+  EVPOSE_RETURN_IF_ERROR(fields.Text(kLossCauseColumn, cause));
+  loss.cause = CauseOfName(cause);
+  pose.latest_loss = loss;
+  return absl::OkStatus();
+}
+
 absl::StatusOr<FilePose> ReadJsonPose(absl::string_view line, PoseFileFacts& facts) {
   const nlohmann::json json = nlohmann::json::parse(line.begin(), line.end(), nullptr, /*allow_exceptions=*/false);
   if (!json.is_object()) return absl::InvalidArgumentError("is no JSON object");
@@ -302,6 +338,7 @@ absl::StatusOr<FilePose> ReadJsonPose(absl::string_view line, PoseFileFacts& fac
     EVPOSE_RETURN_IF_ERROR(SetCovariance([&](size_t i) { return absl::StatusOr<double>(upper[i]); }, pose));
   }
   EVPOSE_RETURN_IF_ERROR(ReadJsonAlternatives(json, pose));
+  EVPOSE_RETURN_IF_ERROR(ReadJsonLoss(json, pose));
   return pose;
 }
 

@@ -63,14 +63,21 @@ def notice_from_message(message: Any) -> Optional[Notice]:
     return None
 
 
+def latest_loss(message: Any) -> tuple[Optional[int], str]:
+    """Returns sensor time (microseconds) and cause of the field latest_loss; (None, "") without it."""
+    if not message.HasField("latest_loss"):
+        return None, ""
+    return message.latest_loss.t_us, _name(session_pb2.LossCause, message.latest_loss.cause, "LOSS_CAUSE_")
+
+
 def _object_health(message: Any) -> ObjectHealth:
-    has_loss = message.HasField("latest_loss")
+    loss_t_us, loss_cause = latest_loss(message)
     return ObjectHealth(
         object_id=message.object_id, state=TrackState(message.state), losses=message.losses, explained_ratio=message.explained_ratio,
         initialization=_name(session_pb2.InitializationStatus, message.initialization, "INITIALIZATION_STATUS_"),
         initialization_attempts=message.initialization_attempts, detail=message.detail,
-        latest_loss_t_us=message.latest_loss.t_us if has_loss else None,
-        latest_loss_cause=_name(session_pb2.LossCause, message.latest_loss.cause, "LOSS_CAUSE_") if has_loss else "",
+        latest_loss_t_us=loss_t_us,
+        latest_loss_cause=loss_cause,
         searches=SearchCounts(
             no_signal=message.searches.no_signal, too_small=message.searches.too_small, too_few_lines=message.searches.too_few_lines,
             not_enough_motion=message.searches.not_enough_motion, no_pose_fits=message.searches.no_pose_fits,

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import dataclasses
 import pathlib
-from typing import Any, Iterable, Sequence, Union
+from typing import Any, Iterable, Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
 
-from evpose.convert import seconds
+from evpose.convert import latest_loss, seconds
 from evpose.geometry import Matrix, Transform, quaternion_from_message, transform_from_message
 from evpose.types import TrackState
 
@@ -66,6 +66,8 @@ class Pose:
     latency_s         from the receipt of the last events to the pose, on the server's clock; the only field that is not a
                       function of the session's bytes
     alternatives      with AMBIGUOUS: the other likely poses, at most 4, the most likely first
+    latest_loss_t_us  sensor time of the object's latest loss before this pose, microseconds; None before its first loss
+    latest_loss_cause such as "OUT_OF_VIEW"; "" before the first loss
     """
 
     seq: int
@@ -81,6 +83,8 @@ class Pose:
     residual_rms_px: float
     latency_s: float
     alternatives: tuple[Alternative, ...]
+    latest_loss_t_us: Optional[int] = None
+    latest_loss_cause: str = ""
 
     @property
     def camera_from_object(self) -> Transform:
@@ -113,13 +117,15 @@ def defect(message: Any) -> str:
 def pose_from_message(message: Any) -> Pose:
     """Converts a message without defect()."""
     transform = transform_from_message(message.camera_from_object)
+    loss_t_us, loss_cause = latest_loss(message)
     return Pose(
         seq=message.pose_seq, object_id=message.object_id, t_us=message.t_us, translation_m=transform.translation_m,
         quaternion_xyzw=transform.quaternion_xyzw, covariance=np.array(message.covariance.upper_triangle)[_FROM_UPPER],
         twist=np.array(_twist(message)), state=TrackState(message.state), num_events=message.num_events,
         explained_ratio=message.explained_ratio, residual_rms_px=message.residual_rms_px, latency_s=seconds(message.latency),
         alternatives=tuple(
-            Alternative(transform_from_message(each.camera_from_object), each.log_likelihood_ratio) for each in message.alternatives))
+            Alternative(transform_from_message(each.camera_from_object), each.log_likelihood_ratio) for each in message.alternatives),
+        latest_loss_t_us=loss_t_us, latest_loss_cause=loss_cause)
 
 
 def poses_from_messages(messages: Iterable[Any], object_ids: Sequence[str]) -> npt.NDArray[Any]:

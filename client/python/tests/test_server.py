@@ -84,9 +84,10 @@ class ServerTest(unittest.TestCase):
         for pose, each in zip(poses, expected):
             self.assertEqual(
                 (pose.seq, pose.object_id, pose.t_us, pose.translation_m.tolist(), pose.quaternion_xyzw.tolist(), pose.twist.tolist(),
-                 pose.covariance[rows, columns].tolist(), pose.state.name, pose.num_events),
+                 pose.covariance[rows, columns].tolist(), pose.state.name, pose.num_events, pose.latest_loss_t_us,
+                 pose.latest_loss_cause),
                 (each["pose_seq"], each["object_id"], each["t_us"], each["translation_m"], each["quaternion_xyzw"], each["twist"],
-                 each["covariance_upper"], each["state"], each["num_events"]))
+                 each["covariance_upper"], each["state"], each["num_events"], each["lost_at_us"], each["loss_cause"] or ""))
 
 
 class PoseTest(ServerTest):

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <deque>
 
+#include "server/rpc/conversion.h"
 #include "server/rpc/server_testing.h"
 
 namespace evpose::server {
@@ -188,6 +189,17 @@ TEST_F(WatchTest, ACancelledWatcherIsRemoved) {
     EXPECT_EQ(Describe(watcher->Finish()), "CANCELLED");
   }
   server_->Shutdown(absl::InfiniteDuration());  // returns, because no stream is left
+}
+
+TEST(PoseMessageTest, APoseHasTheLatestLossOfItsObject) {
+  SessionConfig config;
+  config.objects.emplace_back();
+  StoredPose pose;
+  EXPECT_FALSE(ToProto(pose, config).has_latest_loss());
+  pose.estimate.loss_cause = LossCause::kOutOfView;
+  pose.estimate.lost_at_us = -7;
+  EXPECT_EQ(ToProto(pose, config).latest_loss().cause(), v1::LOSS_CAUSE_OUT_OF_VIEW);
+  EXPECT_EQ(ToProto(pose, config).latest_loss().t_us(), -7);
 }
 
 }  // namespace

@@ -34,7 +34,7 @@ PoseAlternative FromStored(const pb::PoseAlternative& stored, RecordCheck& check
 void ToStored(const StoredPose& pose, pb::Pose& stored) {
   const auto& [pose_seq, object_index, estimate, latency_us] = pose;
   const auto& [estimate_object, t_us, camera_from_object, covariance, twist, state, num_events, explained_ratio,
-               residual_rms_px, alternatives] = estimate;
+               residual_rms_px, alternatives, loss_cause, lost_at_us] = estimate;
   stored.set_pose_seq(pose_seq);
   stored.set_object_index(object_index);
   stored.set_t_us(t_us);
@@ -49,6 +49,8 @@ void ToStored(const StoredPose& pose, pb::Pose& stored) {
   stored.set_explained_ratio(explained_ratio);
   stored.set_residual_rms_px(residual_rms_px);
   stored.set_latency_us(latency_us);
+  stored.set_loss_cause(static_cast<pb::LossCause>(loss_cause));
+  stored.set_lost_at_us(lost_at_us);
 }
 
 StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
@@ -72,6 +74,9 @@ StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
   estimate.explained_ratio = stored.explained_ratio();
   estimate.residual_rms_px = stored.residual_rms_px();
   pose.latency_us = stored.latency_us();
+  check.Require(pb::LossCause_IsValid(stored.loss_cause()), "a cause of a loss that this version does not know");
+  estimate.loss_cause = static_cast<LossCause>(stored.loss_cause());
+  estimate.lost_at_us = stored.lost_at_us();
   return pose;
 }
 

@@ -25,7 +25,7 @@ namespace pb = storage::v1;
 
 constexpr size_t kDoubles = 6, kFloats = 29, kElements = 9;
 // Numbers of PoseColumns::doubles and PoseColumns::floats, and room for the other fields.
-constexpr size_t kMaxBytesOfPose = 8 * kDoubles + 4 * kFloats + 10 * (kElements + 6);
+constexpr size_t kMaxBytesOfPose = 8 * kDoubles + 4 * kFloats + 10 * (kElements + 8);
 
 // A rotation as in PoseColumns.
 struct CodedRotation {
@@ -133,8 +133,8 @@ bool IsComplete(const pb::PoseColumns& columns) {
   const auto count = static_cast<size_t>(columns.t_us_size());
   const auto has = [count](int size) { return static_cast<size_t>(size) == count; };
   return has(columns.object_index_size()) && has(columns.latency_us_size()) && has(columns.state_size()) &&
-         has(columns.num_events_size()) && has(columns.largest_size()) &&
-         static_cast<size_t>(columns.rotation_ulps_size()) == count * kElements &&
+         has(columns.num_events_size()) && has(columns.largest_size()) && has(columns.loss_cause_size()) &&
+         has(columns.lost_at_us_size()) && static_cast<size_t>(columns.rotation_ulps_size()) == count * kElements &&
          columns.doubles().size() == count * kDoubles * sizeof(double) &&
          columns.floats().size() == count * kFloats * sizeof(float);
 }
@@ -159,7 +159,7 @@ DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses) {
   pb::PoseColumns columns;
   std::vector<std::array<double, kDoubles>> doubles;
   std::vector<std::array<float, kFloats>> floats;
-  int64_t before_us = 0;
+  int64_t before_us = 0, lost_before_us = 0;
   for (const StoredPose& pose : poses) {
     const PoseEstimate& estimate = pose.estimate;
     columns.add_t_us(estimate.t_us - std::exchange(before_us, estimate.t_us));
@@ -167,6 +167,8 @@ DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses) {
     columns.add_latency_us(pose.latency_us);
     columns.add_state(EnumNumber<pb::TrackState>(estimate.state));
     columns.add_num_events(estimate.num_events);
+    columns.add_loss_cause(static_cast<pb::LossCause>(estimate.loss_cause));
+    columns.add_lost_at_us(estimate.lost_at_us - std::exchange(lost_before_us, estimate.lost_at_us));
     const CodedRotation rotation = *EncodeRotation(estimate.camera_from_object.rotation);
     columns.add_largest(rotation.largest);
     columns.mutable_rotation_ulps()->Add(rotation.ulps.begin(), rotation.ulps.end());
@@ -208,7 +210,7 @@ absl::StatusOr<std::vector<StoredPose>> DecodeColumns(absl::string_view bytes, u
   const auto doubles = Deinterleave<double, kDoubles>(columns.doubles(), count);
   const auto floats = Deinterleave<float, kFloats>(columns.floats(), count);
   std::vector<StoredPose> poses(count);
-  uint64_t t_us = 0;  // unsigned, because damaged differences may overflow
+  uint64_t t_us = 0, lost_at_us = 0;  // unsigned, because damaged differences may overflow
   for (size_t i = 0; i < count; ++i) {
     const auto at = static_cast<int>(i);
     StoredPose& pose = poses[i];
@@ -219,6 +221,9 @@ absl::StatusOr<std::vector<StoredPose>> DecodeColumns(absl::string_view bytes, u
     if (!IsStateOfColumns(columns.state(at))) return Damaged("a state that this version does not know");
     estimate.state = EnumValue<TrackState>(columns.state(at));
     estimate.num_events = columns.num_events(at);
+    if (!pb::LossCause_IsValid(columns.loss_cause(at))) return Damaged("a cause that this version does not know");
+    estimate.loss_cause = static_cast<LossCause>(columns.loss_cause(at));
+    estimate.lost_at_us = static_cast<int64_t>(lost_at_us += static_cast<uint64_t>(columns.lost_at_us(at)));
     CodedRotation rotation = {.largest = columns.largest(at)};
     if (rotation.largest > 3) return Damaged("a quaternion has four components");
     std::copy_n(doubles[i].begin(), 3, rotation.others.begin());

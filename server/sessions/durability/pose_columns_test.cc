@@ -31,6 +31,8 @@ void ExpectEqualBits(const StoredPose& a, const StoredPose& b) {
   EXPECT_EQ(a.estimate.t_us, b.estimate.t_us);
   EXPECT_EQ(a.estimate.state, b.estimate.state);
   EXPECT_EQ(a.estimate.num_events, b.estimate.num_events);
+  EXPECT_EQ(a.estimate.loss_cause, b.estimate.loss_cause);
+  EXPECT_EQ(a.estimate.lost_at_us, b.estimate.lost_at_us);
   EXPECT_EQ(std::bit_cast<uint32_t>(a.estimate.explained_ratio), std::bit_cast<uint32_t>(b.estimate.explained_ratio));
   EXPECT_EQ(std::bit_cast<uint32_t>(a.estimate.residual_rms_px), std::bit_cast<uint32_t>(b.estimate.residual_rms_px));
   const RigidTransform &pose_a = a.estimate.camera_from_object, &pose_b = b.estimate.camera_from_object;
@@ -62,6 +64,8 @@ class PoseColumnsTest : public testing::Test {
     estimate.twist = InSinglePrecision(Vector6d(Normal(6, 1)));
     estimate.state = seq_ % 5 == 0 ? TrackState::kDegraded : TrackState::kTracking;
     estimate.num_events = static_cast<uint32_t>(600 + seq_ % 50);
+    estimate.loss_cause = seq_ > 20 ? LossCause::kOutOfView : LossCause::kNone;
+    estimate.lost_at_us = seq_ > 20 ? 5'004'000 : 0;
     estimate.explained_ratio = 0.95f;
     estimate.residual_rms_px = 0.5f + 1e-3f * static_cast<float>(normal_(random_));
     return pose;

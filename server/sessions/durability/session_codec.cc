@@ -193,7 +193,7 @@ void FromStored(const pb::ObjectHealth& stored, RecordCheck& check, ObjectHealth
   report.extent_px = stored.extent_px();
   report.num_poses = stored.followed_poses();
   check.Require(pb::LossCause_IsValid(stored.loss_cause()), "a cause of a loss that this version does not know");
-  if (pb::LossCause_IsValid(stored.loss_cause())) report.loss_cause = static_cast<LossCause>(stored.loss_cause());
+  report.loss_cause = static_cast<LossCause>(stored.loss_cause());
   report.lost_at_us = stored.lost_at_us();
 }
 

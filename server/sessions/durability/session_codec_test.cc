@@ -79,6 +79,8 @@ std::vector<StoredPose> SomePoses() {
     pose.estimate.explained_ratio = 0.3f;
     pose.estimate.residual_rms_px = 0.7f;
     pose.latency_us = 55;
+    if (i > 0) pose.estimate.loss_cause = LossCause::kOutOfView;
+    pose.estimate.lost_at_us = -int64_t{i};
     poses.push_back(pose);
   }
   return poses;

@@ -179,6 +179,8 @@ struct SearchCounts {
 struct Loss {
   int64_t t_us = 0;
   LossCause cause = LossCause::kUnknown;
+
+  bool operator==(const Loss&) const = default;
 };
 
 struct ObjectHealth {
@@ -248,6 +250,7 @@ struct Pose {
   float residual_rms_px = 0.0f;
   absl::Duration latency;
   std::vector<PoseAlternative> alternatives;  // kAmbiguous only: at most 4, the most likely one first
+  std::optional<Loss> latest_loss;            // of the object, before this pose; absent before its first loss
 };
 
 // A pose given by the caller; tracking of the object restarts from it.
