@@ -79,9 +79,13 @@ void SessionWatch::WatchEvents(const std::stop_token& stop, const ImageSettings&
     page_image.is_continuation = true;
     outbox_->SetImage(std::move(page_image));
   };
-  // WatchHealth() reports lost connections. A server that is stopped ends its calls with CANCELLED.
+  // WatchHealth() reports lost connections. A server that is stopped ends its calls with CANCELLED, and gRPC those of a
+  // connection that a proxy has closed with UNKNOWN.
+  const auto is_lost = [](const absl::Status& status) {
+    return absl::IsUnavailable(status) || absl::IsCancelled(status) || absl::IsUnknown(status);
+  };
   const auto on_error = [&](const absl::Status& status) {
-    if (absl::IsUnavailable(status) || absl::IsCancelled(status) || noted == status.message()) return;
+    if (is_lost(status) || noted == status.message()) return;
     noted = std::string(status.message());
     outbox_->AddNote(NoticeText(NoticeLevel::kError, absl::StrCat("no events are shown: ", noted)));
   };

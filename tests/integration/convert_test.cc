@@ -152,6 +152,14 @@ TEST_F(ConvertTest, ReplayReadsContainersAndCountsFromEitherZero) {
   for (size_t i = 0; i < sensor.size(); ++i) {
     EXPECT_EQ(std::llround((sensor[i] - metavision[i]) * 1e6), info["metavision_zero_us"].get<int64_t>());
   }
+  // The times of losses, too: the events contradict this pose.
+  const auto lost_at_us = [this](const std::string& zero) {
+    const std::string out = zero + ".jsonl";
+    EXPECT_EQ(Run(ReplayArguments(out, {"--time-zero", zero, "--init-pose", "0.05 0.05 0.6 0 0 0 1"})).status, 0);
+    const std::string lines = ReadText(out);
+    return nlohmann::json::parse(lines.substr(0, lines.find('\n')))["lost_at_us"].get<int64_t>();
+  };
+  EXPECT_EQ(lost_at_us("sensor") - lost_at_us("metavision"), info["metavision_zero_us"].get<int64_t>());
 
   ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("a.csv")}).status, 0);
   std::string text = ReadText("a.csv");

@@ -127,7 +127,7 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "Without --server, the command runs a server in its own process. Times are on the sensor's clock. No pose is "
       "written before the object is found, and none while it is lost; the report gives the reason. An AMBIGUOUS pose, "
       "the most likely of several, is in .csv and .jsonl files, with the others as alternatives, and in the states of "
-      ".mcap files.\n\n"
+      ".mcap files. In these files, lost_at_us and loss_cause are the latest loss before a pose.\n\n"
       "Among the equivalent poses of a symmetric object, the first one that is reported is the nearest to the identity "
       "rotation, and each later one is the nearest to its predecessor.\n\n"
       "After an interrupt or an error, the poses received so far are written; after an error with --resume, the same "

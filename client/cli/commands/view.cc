@@ -142,8 +142,10 @@ CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
                  absl::StrCat("Recording: ", kRecordingFormats,
                               ". With --server: the session, sessions/ID; without it, the page lists the sessions"))
       ->type_name("FILE|SESSION");
-  AddFile(app, "--poses", arguments->poses,
-          "Poses: .tum, .csv or .jsonl; {object} in the name stands for the ID of each object");
+  AddFile(
+      app, "--poses", arguments->poses,
+      "Poses: .tum, .csv or .jsonl; the latter two have states and the causes of losses. {object} in the name stands "
+      "for the ID of each object");
   AddFile(app, "--truth", arguments->truth, "True poses in the same formats, which are drawn beside the others");
   AddObjectModels(app, arguments->model, arguments->objects);
   AddFile(app, "--camera", arguments->camera, kCameraFiles);

@@ -217,6 +217,7 @@ void SessionRun::PrintLine(const std::string& text) {
 void SessionRun::WritePose(const Pose& pose) {
   Pose written = pose;
   written.t_us -= TimeZero_us();
+  if (written.latest_loss) written.latest_loss->t_us -= TimeZero_us();
   poses_->Write(written);
 }
 
