@@ -80,13 +80,32 @@ await_images() {
   done
 }
 
+# Prints why the images have no page of evpose view, or no browser could show it; nothing if they can be tested. The packages of npm
+# are not on the Debian mirror, the only host that the images are built from. So the page comes from the build before.
+page_bundle=$bin/client/view/page/dist
+page_obstacle() {
+  local program
+  [[ -f $page_bundle/app.js ]] || { echo "$bin has no page: node, npm or its packages were missing"; return; }
+  [[ -z $(find client/view/page/src client/view/page/build.mjs client/view/page/package-lock.json -newer "$page_bundle/app.js") ]] ||
+    { echo "the page in $bin is older than its source"; return; }
+  for program in chromium chromedriver; do
+    command -v "$program" >/dev/null || { echo "$program is missing: deploy/install-dependencies.sh --test installs it"; return; }
+  done
+  /usr/bin/python3 -c 'import selenium' 2>/dev/null || echo "python3-selenium is missing: deploy/install-dependencies.sh --test installs it"
+}
+
 declare -A builds
 build_images() {
   local context=$work/context since=$SECONDS target
-  # Without the page of evpose view, whose packages are not on the Debian mirror, the only host that the build needs then.
-  local arguments=(--file "$context/deploy/Dockerfile" --build-arg "VERSION=$version" --build-arg "REVISION=$revision" --build-arg EVPOSE_VIEW=OFF
+  local arguments=(--file "$context/deploy/Dockerfile" --build-arg "VERSION=$version" --build-arg "REVISION=$revision"
     ${LANG+--build-arg "LANG=$LANG"} "$context")
   mkdir "$context"
+  page_missing=$(page_obstacle)
+  if [[ -z $page_missing ]]; then
+    cp -r "$page_bundle" "$context/.page"
+  else
+    arguments+=(--build-arg EVPOSE_VIEW=OFF)
+  fi
   # The files of the work tree with uncommitted changes, including the Dockerfile.
   git ls-files -co --exclude-standard -z | tar --create --null --files-from - | tar --extract --directory "$context"
   copy_ccache "$context/.ccache"

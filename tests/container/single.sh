@@ -4,12 +4,13 @@
 compose_file=deploy/compose.yaml
 project=evpose
 server=evpose-server-1
+view=evpose-view-1
 reference=$work/cube/reference.tum
 
-# start_replay NAME: starts the replay of the demo at the rate of the camera, with poses in /data/NAME.tum.
+# start_replay NAME [RATE]: starts the replay of the demo at this multiple of the rate of the camera, with poses in /data/NAME.tum.
 start_replay() {
   compose run --detach --no-deps --name "$1" client replay /data/cube/recording.raw --model /data/cube/model.obj \
-    --camera /data/cube/camera.yaml --server haproxy:50051 --rate 1 --out "/data/$1.tum" >/dev/null
+    --camera /data/cube/camera.yaml --server haproxy:50051 --rate "${2:-1}" --out "/data/$1.tum" >/dev/null
 }
 poses() { metric 9464 evpose_poses_total; }
 # await_poses NAME COUNT: waits until 800 poses more than COUNT have been received.
@@ -39,13 +40,17 @@ check_images() {
 }
 label() { docker image inspect --format "{{index .Config.Labels \"org.opencontainers.image.$2\"}}" "evpose-$1:$version"; }
 
+# check_confinement CONTAINER PATH: the container is that of a user without rights, and no file can be made at PATH.
 check_confinement() {
   local status
-  status=/proc/$(pid_of "$server")/status
-  [[ $(awk '/^Uid:/ {print $2 $3 $4 $5}' "$status") == 10001100011000110001 ]] || fail "the server runs as another user"
-  [[ $(awk '/^CapBnd:/ {print $2}' "$status") =~ ^0+$ ]] || fail "the server may get capabilities"
-  [[ $(awk '/^NoNewPrivs:/ {print $2}' "$status") == 1 ]] || fail "the server may get privileges"
-  ! docker exec "$server" touch /tmp/written 2>/dev/null || fail "the server's root can be written to"
+  status=/proc/$(pid_of "$1")/status
+  [[ $(awk '/^Uid:/ {print $2 $3 $4 $5}' "$status") == 10001100011000110001 ]] || fail "$1 runs as another user"
+  [[ $(awk '/^CapBnd:/ {print $2}' "$status") =~ ^0+$ ]] || fail "$1 may get capabilities"
+  [[ $(awk '/^NoNewPrivs:/ {print $2}' "$status") == 1 ]] || fail "$1 may get privileges"
+  ! docker exec "$1" touch "$2" 2>/dev/null || fail "the root of $1 can be written to"
+}
+
+check_health() {
   # A health check runs every 10 s and must not leave a zombie process.
   docker exec "$server" evpose-health-check || fail "the health check in the image fails"
   [[ -z $(docker top "$server" -o pid,stat | awk '$2 ~ /^Z/') ]] || fail "there are zombies in the server's container"
@@ -89,12 +94,49 @@ network_cut() {
   finish_replay cut
 }
 
+is_published() { page_address=$(docker logs "$view" 2>&1 | grep -o 'http://127.0.0.1:8051/#.*' | tail -n 1); [[ -n $page_address ]]; }
+# The next line of the browser, which must be this one.
+expect_of_browser() {
+  local line
+  read -r line <&"$browser_says" && [[ $line == "$1" ]] || fail "the page of evpose view: the browser ends before \"$1\""
+}
+answer_browser() { echo >&"${browser[1]}"; }
+
+# The page in the browser of this machine, during a replay in which the server is killed.
+watch_page() {
+  local address
+  compose --profile view up --detach --wait --no-build view 2>/dev/null || fail "the page's container cannot be started"
+  await "the address of the page" is_published
+  check_confinement "$view" /var/tmp/written
+  [[ $(docker port "$view") == "8051/tcp -> 127.0.0.1:8051" ]] || fail "the page is published at $(docker port "$view")"
+  address=$(docker inspect --format '{{range .NetworkSettings.Networks}}{{.Gateway}}{{end}}' "$view")
+  ! nsenter "--net=/run/netns/$engine_namespace" bash -c "exec 3<>/dev/tcp/$address/8051" 2>/dev/null || fail "the page is published at $address, too"
+  coproc browser { exec nsenter "--net=/run/netns/$engine_namespace" /usr/bin/python3 "$here/page_watch.py" "$page_address" "$reference"; }
+  # shellcheck disable=SC2154  # coproc sets it
+  background=("$browser_PID")
+  exec {browser_says}<&"${browser[0]}"
+  expect_of_browser open
+  start_replay watched 0.3  # images and poses must follow the restart of the server
+  answer_browser
+  expect_of_browser shown
+  kill_and_await "$server"
+  answer_browser
+  expect_of_browser again
+  finish_replay watched
+  answer_browser
+  expect_of_browser end
+  exec {browser_says}<&-
+  background=()
+  compose rm --stop --force view >/dev/null 2>&1
+}
+
 say "compose.yaml"
 since=$SECONDS
 compose up --detach --wait --no-build --quiet-pull 2>&1 | tail -n 3
 echo "up: $((SECONDS - since)) s"
 check_images
-check_confinement
+check_confinement "$server" /tmp/written
+check_health
 check_bad_starts
 
 say "the demo, through a client's container"
@@ -119,6 +161,15 @@ start_replay killed
 await_poses killed "$before"
 kill_and_await "$server"
 finish_replay killed
+
+if [[ -z $page_missing ]]; then
+  say "the page of evpose view in a browser, while the server is killed"
+  since=$SECONDS
+  watch_page
+  echo "page: $((SECONDS - since)) s"
+else
+  say "the page of evpose view: SKIPPED: $page_missing"
+fi
 
 say "a client drains the server during a replay"
 before=$(poses)
