@@ -22,7 +22,7 @@ absl::Status CheckIsOperator(const Caller& caller, absl::string_view deed) {
 }
 
 static_assert(EnumNumber(LogLevel::kOff) == v1::LogLevel_MAX);
-static_assert(EnumNumber(StoreKind::kRedis) == v1::StoreKind_MAX);
+static_assert(EnumNumber(StoreKind::kPostgresql) == v1::StoreKind_MAX);
 
 absl::StatusOr<LogLevel> LogLevelFromProto(v1::LogLevel level) {
   if (level >= v1::LOG_LEVEL_DEBUG && level <= v1::LOG_LEVEL_OFF) return EnumValue<LogLevel>(level);

@@ -94,6 +94,7 @@ TEST(EnumNumberTest, TheApiHasTheSameNumbers) {
   EXPECT_EQ(EnumNumber(StoreKind::kMemory), v1::STORE_KIND_MEMORY);
   EXPECT_EQ(EnumNumber(StoreKind::kSqlite), v1::STORE_KIND_SQLITE);
   EXPECT_EQ(EnumNumber(StoreKind::kRedis), v1::STORE_KIND_REDIS);
+  EXPECT_EQ(EnumNumber(StoreKind::kPostgresql), v1::STORE_KIND_POSTGRESQL);
   EXPECT_EQ(EnumNumber(LogLevel::kDebug), v1::LOG_LEVEL_DEBUG);
   EXPECT_EQ(EnumNumber(LogLevel::kInfo), v1::LOG_LEVEL_INFO);
   EXPECT_EQ(EnumNumber(LogLevel::kWarning), v1::LOG_LEVEL_WARNING);

@@ -10,8 +10,11 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "server/stores/memory/memory_store.h"
 #include "server/stores/open_store.h"
+#include "server/stores/postgres/postgres_store.h"
+#include "server/stores/postgres/postgres_testing.h"
 #include "server/stores/redis/redis_store.h"
 #include "server/stores/redis/redis_testing.h"
 #include "server/stores/sqlite/sqlite_database.h"
@@ -111,6 +114,37 @@ class SentinelHouse : public StoreHouse {
   RedisGroup group_{{.password = "", .down_after = absl::Minutes(5)}};
 };
 
+class PostgresHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenSmall(UINT64_MAX); }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    PostgresStoreOptions options;
+    options.client.address = ParsePostgresAddress(postgres_.url()).value();
+    options.client.timeout = absl::Seconds(120);  // a busy machine must not be taken for a lost server
+    options.client.max_bytes = max_bytes;
+    return OpenPostgresStore(options);
+  }
+  void RepeatLastNumber() override {
+    postgres_.Run("SELECT setval('evpose.fencing', last_value, false) FROM evpose.fencing");
+  }
+  std::function<void()> Snapshot() override {
+    std::string copy = "BEGIN; ";
+    std::string restore = "BEGIN; ";
+    for (const char* const table : {"sessions", "leases", "poses"}) {
+      absl::StrAppend(&copy, "CREATE TABLE public.", table, " AS TABLE evpose.", table, "; ");
+      absl::StrAppend(&restore, "DELETE FROM evpose.", table, "; INSERT INTO evpose.", table, " TABLE public.", table,
+                      "; ");
+    }
+    const std::string last = postgres_.Run("SELECT last_value FROM evpose.fencing");
+    postgres_.Run(copy + "COMMIT");
+    absl::StrAppend(&restore, "SELECT setval('evpose.fencing', ", last, "); COMMIT");
+    return [this, restore] { postgres_.Run(restore); };
+  }
+
+ private:
+  PostgresServer postgres_;
+};
+
 class StoreSuite : public testing::TestWithParam<TestedStore> {
  protected:
   void SetUp() override {
@@ -130,7 +164,8 @@ inline const auto kTestedStores =
     testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
                     TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
                     TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }},
-                    TestedStore{"Sentinel", [] { return std::make_unique<SentinelHouse>(); }});
+                    TestedStore{"Sentinel", [] { return std::make_unique<SentinelHouse>(); }},
+                    TestedStore{"Postgres", [] { return std::make_unique<PostgresHouse>(); }});
 inline std::string NameOfTestedStore(const testing::TestParamInfo<TestedStore>& tested) { return tested.param.name; }
 
 }  // namespace evpose::server

@@ -158,7 +158,7 @@ struct StoreUsage {
   uint64_t max_bytes = 0;  // 0: no limit
 };
 
-enum class StoreKind { kMemory, kSqlite, kRedis };
+enum class StoreKind { kMemory, kSqlite, kRedis, kPostgresql };
 
 // Stores bytes without interpreting them. Thread-safe. All functions but SessionLease::Commit block until the store has
 // responded, for a bounded time. Errors of all functions, beside those that they name:
@@ -173,7 +173,7 @@ class Store {
 
   virtual StoreKind kind() const = 0;
   // Several servers use the store, and each of them can take any session.
-  bool is_shared() const { return kind() == StoreKind::kRedis; }
+  bool is_shared() const { return kind() == StoreKind::kRedis || kind() == StoreKind::kPostgresql; }
   bool outlives_process() const { return kind() != StoreKind::kMemory; }
 
   // Returns OK when the store responds.

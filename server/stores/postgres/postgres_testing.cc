@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/postgres/postgres_testing.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <pwd.h>
+#include <signal.h>
+#include <sys/file.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+
+namespace evpose::server {
+namespace {
+
+constexpr char kPrograms[] = "/usr/lib/postgresql/15/bin/";  // Debian's package adds them to no PATH
+
+// The user that runs PostgreSQL; null: the present one.
+const passwd* OtherUser() { return geteuid() == 0 ? getpwnam("nobody") : nullptr; }
+
+void GiveToUser(const std::string& path) {
+  const passwd* const user = OtherUser();
+  if (user == nullptr) return;
+  const auto give = [user](const std::string& place) {
+    if (lchown(place.c_str(), user->pw_uid, user->pw_gid) != 0) throw std::runtime_error("lchown of " + place);
+  };
+  give(path);
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(path)) give(entry.path());
+}
+
+// Starts a program whose output is written to `log`.
+pid_t StartProgram(std::vector<std::string> arguments, int log) {
+  arguments[0].insert(0, kPrograms);
+  std::vector<char*> words;
+  for (std::string& argument : arguments) words.push_back(argument.data());
+  words.push_back(nullptr);
+  const passwd* const user = OtherUser();
+  const pid_t process = fork();
+  if (process != 0) return process;
+  if (user != nullptr && (setgid(user->pw_gid) != 0 || setuid(user->pw_uid) != 0)) _exit(126);
+  prctl(PR_SET_PDEATHSIG, SIGQUIT);  // ends all processes of the server
+  dup2(log, STDOUT_FILENO);
+  dup2(log, STDERR_FILENO);
+  if (chdir("/") != 0) _exit(126);
+  execv(words[0], words.data());
+  _exit(127);
+}
+
+// Runs a program until it ends, or until it has written a line that contains `ready`. Returns what it has written.
+std::string RunProgram(const std::vector<std::string>& arguments, const std::string& ready, pid_t& process) {
+  int log[2];
+  if (pipe2(log, O_CLOEXEC) != 0) throw std::runtime_error("there is no pipe left");
+  process = StartProgram(arguments, log[1]);
+  close(log[1]);
+  FILE* const lines = fdopen(log[0], "r");
+  char line[1024];
+  std::string said;
+  while (std::fgets(line, sizeof(line), lines) != nullptr) {
+    said += line;
+    if (!ready.empty() && absl::StrContains(said, ready)) break;
+  }
+  std::fclose(lines);  // later output is lost
+  return said;
+}
+
+void RunToEnd(const std::vector<std::string>& arguments) {
+  pid_t process = -1;
+  const std::string said = RunProgram(arguments, "", process);
+  int status = 0;
+  waitpid(process, &status, 0);
+  if (status != 0) {
+    throw std::runtime_error(absl::StrCat(arguments[0], " (deploy/install-dependencies.sh --test) failed: ", said));
+  }
+}
+
+// Copies an empty cluster to a directory. It is made once and kept beside the test program, because initdb takes more
+// than a second.
+void CopyEmptyCluster(const std::string& to) {
+  namespace fs = std::filesystem;
+  const std::string kept = fs::read_symlink("/proc/self/exe").parent_path() / "empty_postgresql_15";
+  const int lock = open((kept + ".lock").c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0644);
+  if (lock >= 0) flock(lock, LOCK_EX);
+  if (!fs::exists(kept)) {
+    const TemporaryDirectory scratch;
+    GiveToUser(scratch.path());
+    RunToEnd({"initdb", "-D", scratch.File("data"), "-U", "evpose", "-A", "trust", "-E", "UTF8", "--locale=C",
+              "--no-sync", "--wal-segsize=1"});
+    std::ofstream(scratch.File("data/pg_hba.conf"))
+        << "local all keyed scram-sha-256\nlocal all all trust\nlocal replication all trust\n";
+    fs::remove_all(kept + ".partial");
+    fs::copy(scratch.File("data"), kept + ".partial", fs::copy_options::recursive);
+    fs::rename(kept + ".partial", kept);
+  }
+  fs::copy(kept, to, fs::copy_options::recursive);
+  if (lock >= 0) close(lock);
+}
+
+}  // namespace
+
+PostgresServer::PostgresServer(const std::vector<std::string>& settings) : settings_(settings) {
+  CopyEmptyCluster(data());
+  GiveToUser(directory_.path());
+  Start();
+}
+
+PostgresServer::PostgresServer(StandbyOf standby) {
+  GiveToUser(directory_.path());
+  RunToEnd({"pg_basebackup", "-D", data(), "-d",
+            "host=" + standby.primary.host() + " user=evpose application_name=standby", "-R", "-X", "stream", "-c",
+            "fast", "--no-sync"});
+  Start();
+}
+
+PostgresServer::~PostgresServer() {
+  if (process_ <= 0) return;
+  kill(process_, SIGCONT);
+  kill(process_, SIGQUIT);
+  waitpid(process_, nullptr, 0);
+}
+
+absl::Status PostgresServer::TryStart() {
+  std::vector<std::string> words = {"postgres", "-D", data(), "-c", "listen_addresses=", "-c",
+                                    "unix_socket_directories=" + directory_.path(), "-c", "shared_buffers=16MB",
+                                    // A busy machine must not make the primary take the standby for lost.
+                                    "-c", "wal_sender_timeout=0", "-c", "wal_receiver_timeout=0"};
+  for (const std::string& setting : settings_) words.insert(words.end(), {"-c", setting});
+  const std::string said = RunProgram(words, "ready to accept", process_);
+  if (absl::StrContains(said, "ready to accept")) return absl::OkStatus();
+  waitpid(process_, nullptr, 0);
+  process_ = -1;
+  return absl::UnavailableError("postgres did not start: " + said);
+}
+
+void PostgresServer::Start() {
+  while (true) {
+    const absl::Status started = TryStart();
+    // The other processes of a killed server have not ended yet.
+    if (absl::StrContains(started.message(), "shared memory block")) continue;
+    EXPECT_EQ(started, absl::OkStatus());
+    return;
+  }
+}
+
+void PostgresServer::Kill() {
+  if (process_ <= 0) return;
+  kill(process_, SIGKILL);
+  waitpid(process_, nullptr, 0);
+  process_ = -1;
+}
+
+void PostgresServer::Signal(int signal) const { kill(process_, signal); }
+
+std::string PostgresServer::Run(const std::string& sql) const {
+  auto connection = PostgresConnection::Open(ParsePostgresAddress(url()).value(), absl::Seconds(60)).value();
+  const auto rows = connection->Execute(sql.c_str());
+  EXPECT_EQ(rows.status(), absl::OkStatus()) << sql;
+  return rows.ok() && rows->size() > 0 ? rows->Bytes(0, 0) : "";
+}
+
+}  // namespace evpose::server
