@@ -52,15 +52,17 @@ void PostgresClient::Discard(std::unique_ptr<PostgresConnection> connection) {
     const std::lock_guard lock(mutex_);
     // If one connection has failed, the others to the same server probably have, too.
     std::erase_if(idle_, [](const auto& idle) { return !idle->IsAlive(); });
-    if (connection->has_timed_out() && !idle_.empty()) {
+    if (connection->has_timed_out() && !idle_.empty() && !is_closed_) {
       other = std::move(idle_.back());
       idle_.pop_back();
     }
   }
+  if (!connection->has_timed_out()) return;
+  if (other == nullptr) other = Connect().value_or(nullptr);
   if (other == nullptr) return;
   const bool is_cancelled = other->Run({{.statement = &kPostgresCancel, .values = {connection->process()}}}).ok();
   const std::lock_guard lock(mutex_);
-  if (!is_cancelled) idle_.clear();
+  if (!is_cancelled) idle_.clear();  // the server does not respond on any connection
   if (is_cancelled && !is_closed_) idle_.push_back(std::move(other));
 }
 

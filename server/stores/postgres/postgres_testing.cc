@@ -122,14 +122,14 @@ PostgresServer::PostgresServer(StandbyOf standby) {
 
 PostgresServer::~PostgresServer() {
   if (process_ <= 0) return;
-  kill(process_, SIGCONT);
   kill(process_, SIGQUIT);
   waitpid(process_, nullptr, 0);
 }
 
 absl::Status PostgresServer::TryStart() {
   std::vector<std::string> words = {"postgres", "-D", data(), "-c", "listen_addresses=", "-c",
-                                    "unix_socket_directories=" + directory_.path(), "-c", "shared_buffers=16MB",
+                                    "unix_socket_directories=" + directory_.path(), "-c", "shared_buffers=16MB", "-c",
+                                    "wal_init_zero=off",
                                     // A busy machine must not make the primary take the standby for lost.
                                     "-c", "wal_sender_timeout=0", "-c", "wal_receiver_timeout=0"};
   for (const std::string& setting : settings_) words.insert(words.end(), {"-c", setting});
@@ -157,10 +157,16 @@ void PostgresServer::Kill() {
   process_ = -1;
 }
 
-void PostgresServer::Signal(int signal) const { kill(process_, signal); }
+void PostgresServer::Stop() {
+  kill(process_, SIGINT);
+  waitpid(process_, nullptr, 0);
+  process_ = -1;
+}
 
 std::string PostgresServer::Run(const std::string& sql) const {
-  auto connection = PostgresConnection::Open(ParsePostgresAddress(url()).value(), absl::Seconds(60)).value();
+  // Without target_session_attrs, because a standby answers, too.
+  const PostgresAddress address = {.parameters = {{"host", host()}, {"user", "evpose"}, {"dbname", "postgres"}}};
+  auto connection = PostgresConnection::Open(address, absl::Seconds(60)).value();
   const auto rows = connection->Execute(sql.c_str());
   EXPECT_EQ(rows.status(), absl::OkStatus()) << sql;
   return rows.ok() && rows->size() > 0 ? rows->Bytes(0, 0) : "";

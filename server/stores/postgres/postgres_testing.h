@@ -38,10 +38,10 @@ class PostgresServer {
 
   // Sends SIGKILL to the server's first process; the others end when they see it.
   void Kill();
-  // Starts a killed server again on the same data.
+  // Ends the server in order: it closes all connections.
+  void Stop();
+  // Starts the server again on the same data.
   void Start();
-  // Sends a signal to the server's first process.
-  void Signal(int signal) const;
 
   // Runs statements as the superuser on a new connection; returns the first value of the last one as text.
   std::string Run(const std::string& sql) const;
