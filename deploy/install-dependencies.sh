@@ -16,14 +16,14 @@ build_packages=(
   libopencv-calib3d-dev libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev libopencv-videoio-dev
   libminizip-dev libpcl-common1.13 libpcl-features1.13 libpcl-filters1.13 libpcl-kdtree1.13 libpcl-octree1.13
   libpcl-sample-consensus1.13 libpcl-search1.13 libpcl-segmentation1.13
-  libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev libzstd-dev nlohmann-json3-dev nodejs npm prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
+  libpq-dev libprotobuf-dev libpugixml-dev libspdlog-dev libsqlite3-dev libssl-dev libyaml-cpp-dev libzstd-dev nlohmann-json3-dev nodejs npm prometheus-cpp-dev protobuf-compiler protobuf-compiler-grpc
   zlib1g-dev
 )
 # OpenCASCADE: 180 MB with its dependencies.
 step_packages=(libocct-data-exchange-dev libocct-foundation-dev libocct-modeling-algorithms-dev libocct-modeling-data-dev)
 hdf5_packages=(libhdf5-dev)
 package_packages=("${step_packages[@]}" "${hdf5_packages[@]}" dpkg-dev file python3)
-test_packages=("${package_packages[@]}" chromium chromium-driver clang clang-format clang-tidy codespell groff-base haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld man-db mandoc openssl python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-selenium python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd zsh)
+test_packages=("${package_packages[@]}" chromium chromium-driver clang clang-format clang-tidy codespell groff-base haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld man-db mandoc openssl postgresql python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-selenium python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd zsh)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool

@@ -22,6 +22,7 @@
 #include "core/command_line/help.h"
 #include "server/connections/listen_address.h"
 #include "server/runtime/errors.h"
+#include "server/stores/postgres/postgres_address.h"
 #include "server/stores/redis/redis_address.h"
 
 namespace evpose::server {
@@ -53,6 +54,8 @@ For other machines, with a certificate and a token:
   evpose sessions list --server localhost:50051 --tls-ca ca.crt --token-file lab.token
 For several servers that take over each other's sessions, each with
   evpose-server --listen 127.0.0.1:50051 --store redis://127.0.0.1:6379 --store-password-file redis.password
+or, if no acknowledged commit may be lost, on PostgreSQL with a synchronous standby:
+  evpose-server --store 'postgresql://evpose@db1,db2/evpose?sslmode=verify-full' --store-password-file pg.password
 or with the whole address, including the password, in the environment variable EVPOSE_STORE. Every user of the machine
 can read a password on the command line.
 )";
@@ -103,11 +106,14 @@ void DefineSurvival(CLI::App& app, Arguments& arguments) {
          "Store of sessions, poses and models: sqlite, one file in --data-dir; memory, lost when the server ends; "
          "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions; "
          "redis+sentinel://[USER:PASSWORD@]HOST:PORT,.../NAME[/DB], the same with the addresses of "
-         "Sentinels, which replace a failed master of this name")
+         "Sentinels, which replace a failed master of this name; "
+         "postgresql://[USER:PASSWORD@]HOST[:PORT],.../DATABASE, "
+         "for several servers, without the loss of an acknowledged commit if PostgreSQL has a synchronous standby")
       ->envname("EVPOSE_STORE")
       ->type_name("NAME|ADDRESS");
-  app.add_option("--store-password-file", arguments.program.store_password_file,
-                 "File with the password of a redis:// or redis+sentinel:// store if its address has none")
+  app.add_option(
+         "--store-password-file", arguments.program.store_password_file,
+         "File with the password of a redis://, redis+sentinel:// or postgresql:// store if its address has none")
       ->type_name("FILE");
   app.add_option(
          "--data-dir", options.store.data_dir,
@@ -116,8 +122,9 @@ void DefineSurvival(CLI::App& app, Arguments& arguments) {
       ->type_name("DIR");
   app.add_option(
          "--store-max-bytes", options.store.max_bytes,
-         "Maximum bytes of --store sqlite and memory; when it is reached, ended sessions are deleted, the oldest "
-         "first, and then streams end with an error; Redis has its own limit, maxmemory")
+         "Maximum bytes of --store sqlite, memory and postgresql:// (sessions and models); when it is reached, ended "
+         "sessions are deleted, the oldest first, and then streams end with an error; Redis has its own limit, "
+         "maxmemory")
       ->type_name("BYTES");
   app.add_option(
          "--session-expiry", arguments.session_expiry_s,
@@ -325,19 +332,25 @@ absl::Status ChooseDataDirectory(StoreOptions& options) {
 // Checks --store without opening the store. The error never contains a possible password.
 absl::Status CheckStore(const std::string& store) {
   if (store == "sqlite" || store == "memory") return absl::OkStatus();
+  if (IsPostgresUrl(store)) return ParsePostgresAddress(store).status();
   if (absl::StrContains(store, "://")) return ParseRedisAddress(store).status();
   return absl::InvalidArgumentError(
       absl::StrCat("there is no store ", absl::StrContains(store, '@') ? "of this name" : store,
-                   ": give memory, sqlite, redis://HOST:PORT or redis+sentinel://HOST:PORT,.../NAME"));
+                   ": give memory, sqlite, redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME or "
+                   "postgresql://HOST:PORT/DATABASE"));
 }
 
 // Checks that --store-password-file and --store are consistent.
 absl::Status CheckStorePassword(const ProgramOptions& options) {
   if (options.store_password_file.empty()) return absl::OkStatus();
-  const auto address = ParseRedisAddress(options.server.store.store);
-  if (!address.ok())
-    return absl::InvalidArgumentError("is for --store redis://HOST:PORT and redis+sentinel://HOST:PORT,.../NAME");
-  if (address->password.empty()) return absl::OkStatus();
+  const std::string& store = options.server.store.store;
+  const auto redis = ParseRedisAddress(store);
+  const auto postgres = ParsePostgresAddress(store);
+  if (!redis.ok() && !postgres.ok()) {
+    return absl::InvalidArgumentError(
+        "is for --store redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME and postgresql://HOST:PORT/DATABASE");
+  }
+  if (redis.ok() ? redis->password.empty() : postgres->Get("password").empty()) return absl::OkStatus();
   return absl::InvalidArgumentError("the address of --store has a password already: give one of them");
 }
 
@@ -346,10 +359,11 @@ absl::Status CheckStoreLimit(const StoreOptions& store) {
   if (store.max_bytes < kMinBytes) {
     return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; at least ", kMinBytes));
   }
-  if (store.max_bytes == StoreOptions().max_bytes || !absl::StrContains(store.store, "://")) {
+  if (store.max_bytes == StoreOptions().max_bytes || !absl::StrContains(store.store, "://") ||
+      IsPostgresUrl(store.store)) {
     return absl::OkStatus();
   }
-  return absl::InvalidArgumentError("is for --store sqlite and memory; set maxmemory in Redis instead");
+  return absl::InvalidArgumentError("is for --store sqlite, memory and postgresql://; set maxmemory in Redis instead");
 }
 
 absl::Status CheckMetricsAddress(const ProgramOptions& options) {
@@ -377,10 +391,12 @@ absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std
   EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(file, kMaxPasswordBytes));
   const absl::string_view password = absl::StripAsciiWhitespace(contents);
   if (password.empty()) return absl::InvalidArgumentError(absl::StrCat(file, ": there is no password in it"));
+  std::string escaped;
+  for (const char c : password) escaped += absl::StrFormat("%%%02X", static_cast<unsigned char>(c));
+  if (IsPostgresUrl(store)) return WithPostgresPassword(store, escaped);
   const size_t user = store.find("://") + 3;
   const size_t at = store.rfind('@');
-  std::string text = at == std::string::npos || at == user ? ":" : "";
-  for (const char c : password) text += absl::StrFormat("%%%02X", static_cast<unsigned char>(c));
+  const std::string text = absl::StrCat(at == std::string::npos || at == user ? ":" : "", escaped);
   if (at != std::string::npos) return absl::StrCat(store.substr(0, at), text, store.substr(at));
   return absl::StrCat(store.substr(0, user), text, "@", store.substr(user));
 }
@@ -453,6 +469,7 @@ absl::Status CompleteStore(ProgramOptions& options) {
 
 std::string StoreForLog(const StoreOptions& options) {
   if (options.store == "sqlite") return absl::StrCat("sqlite in ", options.data_dir);
+  if (const auto address = ParsePostgresAddress(options.store); address.ok()) return address->Printable();
   const auto address = ParseRedisAddress(options.store);
   return address.ok() ? address->Printable() : options.store;
 }

@@ -21,6 +21,7 @@
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "server/http/http_client_testing.h"
 #include "server/program/program_testing.h"
+#include "server/stores/postgres/postgres_testing.h"
 #include "server/stores/redis/redis_testing.h"
 #include "server/telemetry/prometheus_testing.h"
 
@@ -90,12 +91,13 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--max-transport-bytes", "8"}, "--max-transport-bytes: is 8; at least 67108864"},
       {{"--credit-bytes", "8"}, "--credit-bytes: is 8; at least "},
       {{"--tenant-max-model-bytes", "8"}, "--tenant-max-model-bytes: is 8; 0 (no own limit) or at least "},
-      {{"--store", "foo"}, "--store: there is no store foo: give memory, sqlite, redis://HOST:PORT or redis+sentinel:"},
+      {{"--store", "foo"}, "--store: there is no store foo: give memory, sqlite, redis://HOST:PORT, redis+sentinel:"},
       {{"--store", "redis://"}, "--store: the store's address has no host"},
       {{"--store-max-bytes", "1000"}, "--store-max-bytes: is 1000; at least 1048576"},
       {{"--store", "redis://localhost", "--store-max-bytes", "2000000"}, "set maxmemory in Redis instead"},
-      {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT and redis+sentinel:"},
+      {{"--store-password-file", "p"}, "--store-password-file: is for --store redis://HOST:PORT, redis+sentinel:"},
       {{"--store", "redis://:one@localhost", "--store-password-file", "p"}, "has a password already"},
+      {{"--store", "postgresql://:one@localhost/db", "--store-password-file", "p"}, "has a password already"},
       {{"--event-images", "perhaps"}, "--event-images"},
       {{"--log-level", "loud"}, "--log-level"},
       {{"--log-format", "xml"}, "--log-format"},
@@ -228,6 +230,33 @@ TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
   Program program({"--listen", "127.0.0.1:0", "--store", redis.url(":right-secret@")});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
   EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr("secret")));
+}
+
+TEST(ProgramTest, APostgresqlThatCannotBeUsedIsOneLineWithoutItsPassword) {
+  const PostgresServer postgres;
+  const std::string password = "right:secret@/% \xc3\xa9";  // characters that are reserved in an address
+  postgres.Run("CREATE ROLE keyed LOGIN SUPERUSER PASSWORD '" + password + "'");
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"postgresql://user:wrong-secret@127.0.0.1", "has no database: give postgresql://"},
+      {"postgresql://user:wrong-secret@/db?host=/no/such", "/no/such/db does not answer: [^\n]*start PostgreSQL there"},
+      {postgres.url("keyed:wrong-secret"),
+       "password authentication failed[^\n]*check the user and password of --store"},
+      {postgres.url("evpose", "nowhere"), "\"nowhere\" does not exist: create it"},
+  };
+  for (const auto& [store, expected] : cases) {
+    Program program({"--listen", "127.0.0.1:0", "--store", store});
+    EXPECT_EQ(program.Wait(), absl::StrContains(expected, "give postgresql://") ? 2 : 1) << store;
+    const std::string said = program.Stderr();
+    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*" + expected + "[^\n]*\n")) << store;
+    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret"))) << store;
+  }
+  const std::string path = TemporaryPath("password");
+  std::ofstream(path) << password << "\n";
+  Program program({"--listen", "127.0.0.1:0", "--store", postgres.url("keyed"), "--store-password-file", path});
+  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr(" store=postgresql:///"));
+  EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr("secret")));
+  unlink(path.c_str());
 }
 
 TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {

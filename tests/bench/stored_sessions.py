@@ -2,18 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures a server on a store that has many sessions: the start, its memory, CreateSession and ListSessions.
 
-  tests/bench/stored_sessions.py --bin build/release [--stores sqlite redis] [--sessions 100000] [--calls 200] [--check]
+  tests/bench/stored_sessions.py --bin build/release [--stores sqlite redis postgresql] [--sessions 100000] [--calls 200] [--check]
 
 For each kind of store it stores a session without events (about 2 kB), copies it under other names with copy_sessions, starts
 evpose-server, and prints: the time and the processor time until the first call has been answered, the resident memory then, and the
 latency of CreateSession with a request_id and of ListSessions with pages of 50, at random places of the list. With --check, status 1 if
 a goal is missed: 1 s, 50 MB more than with an empty store, and 50 ms for 99 % of the calls. Needs the target copy_sessions,
-redis-server, python3-grpcio and python3-protobuf.
+redis-server, postgresql-15, python3-grpcio and python3-protobuf.
 """
 import argparse
 import os
 import pathlib
 import random
+import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -46,6 +48,32 @@ class Redis:
     def end(self):
         self.process.kill()
         self.process.wait()
+
+
+class Postgres:
+    """A PostgreSQL server on a socket in a folder of its own; it does not run as root."""
+
+    def __init__(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.user = {}
+        if os.geteuid() == 0:
+            shutil.chown(self.folder.name, "nobody", "nogroup")
+            self.user = {"user": "nobody", "group": "nogroup", "extra_groups": []}
+        programs = "/usr/lib/postgresql/15/bin/"
+        data = self.folder.name + "/data"
+        subprocess.run([programs + "initdb", "-D", data, "-U", "evpose", "-A", "trust", "-E", "UTF8", "--locale=C"], check=True,
+                       stdout=subprocess.DEVNULL, cwd="/", **self.user)
+        self.process = subprocess.Popen([programs + "postgres", "-D", data, "-c", "listen_addresses=", "-c",
+                                         "unix_socket_directories=" + self.folder.name],
+                                        stderr=subprocess.PIPE, text=True, cwd="/", **self.user)
+        if not any("ready to accept connections" in line for line in self.process.stderr):
+            sys.exit("postgres does not start")
+        self.address = f"postgresql://evpose@/postgres?host={self.folder.name}"
+
+    def end(self):
+        self.process.send_signal(signal.SIGQUIT)
+        self.process.wait()
+        self.folder.cleanup()
 
 
 def resident_mb(server):
@@ -120,7 +148,8 @@ def measure(arguments, api, name, store, copy):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", default="build/release", help="folder of the build")
-    parser.add_argument("--stores", nargs="+", choices=("sqlite", "redis"), default=["sqlite", "redis"])
+    parser.add_argument("--stores", nargs="+", choices=("sqlite", "redis", "postgresql"),
+                        default=["sqlite", "redis", "postgresql"])
     parser.add_argument("--sessions", type=int, default=100_000, help="sessions in the store")
     parser.add_argument("--calls", type=int, default=200, help="calls of CreateSession and of ListSessions")
     parser.add_argument("--check", action="store_true", help="status 1 if a goal is missed")
@@ -136,6 +165,10 @@ def main():
             address = f"redis://127.0.0.1:{redis.port}"
             is_good &= measure(arguments, api, "Redis", ["--store", address], [address, ""])
             redis.end()
+        if "postgresql" in arguments.stores:
+            postgres = Postgres()
+            is_good &= measure(arguments, api, "PostgreSQL", ["--store", postgres.address], [postgres.address, ""])
+            postgres.end()
     sys.exit(1 if arguments.check and not is_good else 0)
 
 

@@ -18,6 +18,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "server/http/http_client_testing.h"
+#include "server/stores/postgres/postgres_testing.h"
 #include "server/stores/redis/redis_testing.h"
 #include "tests/integration/survival_testing.h"
 
@@ -102,6 +103,32 @@ TEST_F(SurvivalTest, KilledServersLoseNothingWithSqlite) {
 TEST_F(SurvivalTest, KilledServersLoseNothingWithRedis) {
   const server::RedisServer redis;
   KillAtRandom([&redis](int) { return OnRedis(redis); });
+}
+
+TEST_F(SurvivalTest, KilledServersLoseNothingWithPostgresql) {
+  const server::PostgresServer postgres;
+  KillAtRandom([&postgres](int) {
+    return std::vector<std::string>{"--store", postgres.url(), "--log-level", "warning"};
+  });
+}
+
+TEST_F(SurvivalTest, AKilledPrimaryOfPostgresqlLosesNothing) {
+  const std::vector<std::string> expected = Undisturbed();
+  server::PostgresServer primary;
+  server::PostgresServer standby(server::PostgresServer::StandbyOf{primary});
+  primary.AwaitSynchronous("standby");
+  RunningServer server({"--store", primary.url() + "," + standby.host(), "--log-level", "warning"});
+  RawClient client = MakeClient(server);
+  bool is_killed = false;
+  client.OnPose([&](size_t poses) {
+    if (is_killed || poses < expected.size() / 3) return;
+    is_killed = true;
+    primary.Kill();
+    EXPECT_EQ(standby.Run("SELECT pg_promote()"), "t");
+  });
+  EXPECT_TRUE(client.Stream(server, SIZE_MAX));
+  EXPECT_TRUE(is_killed);
+  EXPECT_TRUE(client.poses() == expected);
 }
 
 TEST_F(SurvivalTest, ASessionMovesBetweenServersOnOneRedis) {

@@ -394,7 +394,7 @@ class ServerInfo:
 
     version             of the program
     commit              that it was built from; "unknown" if the build had none
-    store               "memory", "sqlite" or "redis"
+    store               "memory", "sqlite", "redis" or "postgresql"
     active_sessions     in any state: of all tenants for an operator, else of the caller's tenant
     max_sessions        limit of all sessions
     max_chunk_bytes     limit of a chunk of a new session, and of a piece of a model's file

@@ -163,6 +163,17 @@ void PostgresServer::Stop() {
   process_ = -1;
 }
 
+void PostgresServer::SetSynchronous(const std::string& standby) const {
+  Run("ALTER SYSTEM SET synchronous_standby_names = '" + standby + "'");
+  Run("SELECT pg_reload_conf()");
+  while (Run("SHOW synchronous_standby_names") != standby) continue;
+}
+
+void PostgresServer::AwaitSynchronous(const std::string& standby) const {
+  SetSynchronous(standby);
+  while (Run("SELECT count(*) FROM pg_stat_replication WHERE sync_state = 'sync'") != "1") continue;
+}
+
 std::string PostgresServer::Run(const std::string& sql) const {
   // Without target_session_attrs, because a standby answers, too.
   const PostgresAddress address = {.parameters = {{"host", host()}, {"user", "evpose"}, {"dbname", "postgres"}}};

@@ -43,6 +43,11 @@ class PostgresServer {
   // Starts the server again on the same data.
   void Start();
 
+  // Makes commits wait for a standby of this name; empty: for none.
+  void SetSynchronous(const std::string& standby) const;
+  // The same, and waits until that standby follows.
+  void AwaitSynchronous(const std::string& standby) const;
+
   // Runs statements as the superuser on a new connection; returns the first value of the last one as text.
   std::string Run(const std::string& sql) const;
 

@@ -105,7 +105,7 @@ enum class LogLevel { kDebug = 1, kInfo, kWarning, kError, kOff };
 struct ServerInfo {
   std::string version;
   std::string commit;  // commit of the build
-  std::string store;   // "memory", "sqlite" or "redis"; "unknown" for a kind of a later server
+  std::string store;   // "memory", "sqlite", "redis" or "postgresql"; "unknown" for a kind of a later server
   uint32_t active_sessions = 0;
   uint32_t max_sessions = 0;
   uint32_t max_chunk_bytes = 0;
