@@ -122,7 +122,8 @@ absl::Status PostgresClient::MakeRoom(PostgresConnection& connection, uint64_t b
       return absl::OkStatus();
     }
   }
-  while (true) {
+  // More from time to time, because the sessions may be small, and each reading takes some time.
+  for (uint64_t num_deleted = 1;; num_deleted = std::min<uint64_t>(2 * num_deleted, 1000)) {
     EVPOSE_ASSIGN_OR_RETURN(const auto rows, connection.Run({{.statement = &kPostgresUsedBytes}}));
     const uint64_t used = rows[0].Unsigned(0, 0);
     std::unique_lock lock(mutex_);
@@ -134,7 +135,7 @@ absl::Status PostgresClient::MakeRoom(PostgresConnection& connection, uint64_t b
     }
     lock.unlock();
     std::vector<std::string> names;
-    EVPOSE_RETURN_IF_ERROR(DeleteEnded(connection, std::numeric_limits<int64_t>::max(), 1, names));
+    EVPOSE_RETURN_IF_ERROR(DeleteEnded(connection, std::numeric_limits<int64_t>::max(), num_deleted, names));
     if (names.empty()) {
       return absl::ResourceExhaustedError(
           absl::StrCat(options_.address.Printable(), ": the store is full: ", bytes, " bytes do not fit beside ", used,

@@ -191,6 +191,7 @@ absl::StatusOr<std::vector<PostgresRows>> PostgresConnection::Read(size_t num_co
   std::vector<PostgresRows> rows;
   absl::Status error;
   size_t num_ended = 0;
+  bool is_replaced = false;
   while (true) {
     EVPOSE_ASSIGN_OR_RETURN(PGresult* const result, Next());
     if (result == nullptr) {
@@ -205,12 +206,15 @@ absl::StatusOr<std::vector<PostgresRows>> PostgresConnection::Read(size_t num_co
       rows.push_back(owned);
     } else if (error.ok() && status != PGRES_PIPELINE_ABORTED) {
       error = MakeError(result);
-      // The last message of a server that ends the connection is an error of its own.
-      if (PQstatus(connection_.get()) != CONNECTION_OK) is_broken_ = true;
+      // The last message of a server that ends the connection is an error of its own. A connection to a server that was
+      // made a standby, or without the prepared statements, is not used again.
+      const char* const state = PQresultErrorField(result, PG_DIAG_SQLSTATE);
+      is_replaced = state != nullptr && (absl::string_view(state) == "25006" || absl::string_view(state) == "26000");
     }
   }
   if (!error.ok()) {
     RollBack();
+    is_broken_ |= is_replaced;
     return error;
   }
   if (!warning_.empty()) return absl::UnavailableError(absl::StrCat(name_, ": ", warning_));

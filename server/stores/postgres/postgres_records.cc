@@ -11,7 +11,7 @@
 
 namespace evpose::server {
 
-const PostgresStatement kPostgresBegin = {"begin", "BEGIN ISOLATION LEVEL READ COMMITTED READ WRITE"};
+const PostgresStatement kPostgresBegin = {"begin", "BEGIN ISOLATION LEVEL READ COMMITTED"};
 const PostgresStatement kPostgresBeginReading = {"begin_reading", "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"};
 const PostgresStatement kPostgresCommit = {"commit", "COMMIT"};
 const PostgresStatement kPostgresLock = {"lock", R"sql(

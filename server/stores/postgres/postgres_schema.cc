@@ -55,7 +55,7 @@ absl::StatusOr<bool> Exists(PostgresConnection& connection, const char* sql) {
   return rows.size() > 0 && rows.Bytes(0, 0) == "t";
 }
 
-absl::StatusOr<bool> HasTables(PostgresConnection& connection) {
+absl::StatusOr<bool> TablesExist(PostgresConnection& connection) {
   return Exists(connection,
                 "SELECT EXISTS (SELECT FROM pg_catalog.pg_class c JOIN pg_catalog.pg_namespace n ON "
                 "n.oid = c.relnamespace WHERE n.nspname = 'evpose' AND c.relname = 'schema_version')");
@@ -63,7 +63,7 @@ absl::StatusOr<bool> HasTables(PostgresConnection& connection) {
 
 absl::Status CreateTables(PostgresConnection& connection) {
   EVPOSE_RETURN_IF_ERROR(connection.Execute(kLock).status());
-  EVPOSE_ASSIGN_OR_RETURN(const bool has_tables, HasTables(connection));
+  EVPOSE_ASSIGN_OR_RETURN(const bool has_tables, TablesExist(connection));
   if (!has_tables) {
     // An administrator may have created the schema for a role that may not create schemas.
     EVPOSE_ASSIGN_OR_RETURN(
@@ -109,7 +109,7 @@ SHOW synchronous_commit
 
 absl::Status CreatePostgresSchema(PostgresConnection& connection, absl::string_view address) {
   EVPOSE_RETURN_IF_ERROR(CheckServer(connection, address));
-  EVPOSE_ASSIGN_OR_RETURN(const bool has_tables, HasTables(connection));
+  EVPOSE_ASSIGN_OR_RETURN(const bool has_tables, TablesExist(connection));
   if (!has_tables) {
     const absl::Status created = CreateTables(connection);
     if (absl::IsPermissionDenied(created)) {

@@ -172,6 +172,24 @@ TEST_F(PostgresStoreFixture, ReconnectsAfterARestartOfTheServer) {
   EXPECT_EQ(store->ReadSession("sessions/a")->checkpoint, "4");
 }
 
+// A primary that was replaced, and has not ended its connections.
+TEST_F(PostgresStoreFixture, AServerThatBecomesReadOnlyIsLeft) {
+  const std::unique_ptr<Store> store = Open();
+  auto lease = store->CreateSession(Record("sessions/a"), "").value();
+  postgres_.Run("ALTER SYSTEM SET default_transaction_read_only = on");
+  postgres_.Run("SELECT pg_reload_conf()");
+  absl::Status status;
+  while (status.ok()) status = CommitNow(*lease, {.checkpoint = "1"});
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable) << status;
+  status = CommitNow(*lease, {.checkpoint = "1"});
+  EXPECT_EQ(status.code(), StatusCode::kUnavailable) << status;
+  EXPECT_THAT(std::string(status.message()), HasSubstr("session is read-only")) << "it looks for another server";
+  postgres_.Run("ALTER SYSTEM RESET default_transaction_read_only");
+  postgres_.Run("SELECT pg_reload_conf()");
+  while (!CommitNow(*lease, {.checkpoint = "2"}).ok()) continue;
+  EXPECT_EQ(store->ReadSession("sessions/a")->checkpoint, "2");
+}
+
 TEST_F(PostgresStoreFixture, ThePreviousHolderOnAnotherServerIsFenced) {
   const std::unique_ptr<Store> one = Open();
   const std::unique_ptr<Store> other = Open();
