@@ -105,9 +105,11 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
   families.AddKnownGauge("evpose_tokens",
                          "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
                          state.num_tokens);
-  families.AddKnownGauge("evpose_store_bytes",
-                         "Bytes in use: memory of Redis (used_memory), file and log of SQLite, or sessions in memory.",
-                         state.store_bytes);
+  families.AddKnownGauge(
+      "evpose_store_bytes",
+      "Bytes in use: memory of Redis (used_memory), file and log of SQLite, sessions in memory, or sessions and "
+      "models in PostgreSQL.",
+      state.store_bytes);
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
   if (state.unreplicated_commits.has_value()) {
