@@ -17,6 +17,7 @@
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/durability/session_codec.h"
+#include "server/stores/common/record_version.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
@@ -47,7 +48,7 @@ bool UsesModel(const SessionRecord& record, absl::string_view model) {
 // The file name of a summary of any version; empty if there is none.
 std::string FileNameOf(const ModelRecord& record) {
   storage::v1::ModelSummary stored;
-  return stored.ParseFromString(record.summary) ? stored.file_name() : "";
+  return ParseRecord(record.summary, stored) ? stored.file_name() : "";
 }
 
 std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_hex, uint64_t prepared_bytes,
@@ -65,13 +66,13 @@ std::string EncodeSummary(const ObjectModel& model, const std::string& sha256_he
   stored.set_sha256_hex(sha256_hex);
   stored.set_prepared_bytes(prepared_bytes);
   for (const std::string& notice : model.notices) stored.add_notices(notice);
-  return stored.SerializeAsString();
+  return SerializeRecord(stored);
 }
 
 // nullopt if another version has prepared the model.
 std::optional<storage::v1::ModelSummary> CurrentSummary(const ModelRecord& record) {
   storage::v1::ModelSummary stored;
-  if (!stored.ParseFromString(record.summary) || stored.version() != kPreparationVersion) return std::nullopt;
+  if (!ParseRecord(record.summary, stored) || stored.version() != kPreparationVersion) return std::nullopt;
   return stored;
 }
 
@@ -196,7 +197,7 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
                         .bytes = bytes};
   storage::v1::ModelSummary named;
   named.set_file_name(file_name);
-  record.summary = named.SerializeAsString();
+  record.summary = SerializeRecord(named);
   const Key key(tenant, record.name);
   if (IsCurrent(key)) {
     const absl::Status stored = CheckStored(tenant, record.name);

@@ -3,7 +3,6 @@
 // Models as they are derived from their files, serialized (proto/evpose/storage/v1/model.proto).
 #pragma once
 
-#include <cstdint>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -11,10 +10,6 @@
 #include "core/models/object_model.h"
 
 namespace evpose::server {
-
-// To be raised with every change of core/models, core/mesh, core/contours or core/initialization that alters the result
-// of ParseObjectModel() or MakeSearchViews().
-inline constexpr uint32_t kPreparationVersion = 6;
 
 // With the views, if the model has them.
 std::string EncodePreparedModel(const ObjectModel& model);

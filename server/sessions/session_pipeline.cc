@@ -9,6 +9,7 @@
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 #include "server/runtime/errors.h"
+#include "server/stores/common/record_version.h"
 
 namespace evpose::server {
 namespace {
@@ -16,9 +17,6 @@ namespace {
 // The stream is divided into slices of this sensor time, microseconds, counted from 0. State changes are detected at
 // the ends of slices, which depend on the stream only.
 constexpr int64_t kSliceUs = 1000;
-
-// Version of the output of Tracker::SaveState. Incremented with every change of its contents or their meaning.
-constexpr uint32_t kTrackerStateVersion = 7;
 
 void WriteModel(const ObjectModel* model, StateWriter& writer) {
   writer(model != nullptr);

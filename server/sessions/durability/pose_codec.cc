@@ -11,6 +11,7 @@
 #include "server/runtime/enum_number.h"
 #include "server/sessions/durability/pose_columns.h"
 #include "server/sessions/durability/stored_fields.h"
+#include "server/stores/common/record_version.h"
 
 namespace evpose::server {
 namespace {
@@ -100,7 +101,7 @@ PoseSegment EncodePoses(absl::Span<const StoredPose> poses) {
   }
   return {.first_pose_seq = poses.front().pose_seq,
           .last_pose_seq = poses.back().pose_seq,
-          .bytes = stored.SerializeAsString()};
+          .bytes = SerializeRecord(stored)};
 }
 
 absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects) {

@@ -11,6 +11,7 @@
 #include "google/protobuf/arena.h"
 #include "server/runtime/enum_number.h"
 #include "server/sessions/durability/stored_fields.h"
+#include "server/stores/common/record_version.h"
 
 namespace evpose::server {
 namespace {
@@ -28,7 +29,6 @@ static_assert(EnumNumber(kLastInitializationStatus) == pb::InitializationStatus_
 static_assert(static_cast<int>(LossCause::kUnconfirmed) == pb::LossCause_MAX);
 static_assert(EnumNumber(LensModel::kFisheye) == pb::LensModel_MAX);
 
-// The value that earlier servers know and that comes nearest to `value` (proto/evpose/storage/README.md, rule 5).
 void ToStored(const CameraModel& camera, pb::Camera& stored) {
   const auto& [width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, lens_model] = camera;
   stored.set_width_px(width_px);
@@ -267,7 +267,7 @@ std::string EncodeConfig(const SessionConfig& config) {
   ToStored(sensor, *stored.mutable_sensor());
   stored.set_overload_policy(EnumNumber<pb::OverloadPolicy>(overload_policy));
   if (max_lag.has_value()) stored.set_max_lag_ns(absl::ToInt64Nanoseconds(*max_lag));
-  return stored.SerializeAsString();
+  return SerializeRecord(stored);
 }
 
 absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes) {
@@ -297,7 +297,7 @@ std::string EncodeLifecycle(const SessionLifecycle& lifecycle) {
   if (detached_at.has_value()) stored.set_detached_at_ns(absl::ToUnixNanos(*detached_at));
   stored.set_num_renewals(num_renewals);
   stored.set_lost_from_seq(lost_from_seq);
-  return stored.SerializeAsString();
+  return SerializeRecord(stored);
 }
 
 absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes) {
@@ -330,7 +330,7 @@ std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint) {
     stored.mutable_tracker()->set_configuration(pipeline->tracker.configuration);
     stored.mutable_tracker()->set_state(pipeline->tracker.bytes);
   }
-  return stored.SerializeAsString();
+  return SerializeRecord(stored);
 }
 
 absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects) {

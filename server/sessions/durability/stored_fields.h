@@ -11,9 +11,10 @@
 #include "absl/strings/string_view.h"
 #include "core/tracking/pose_estimate.h"
 #include "google/protobuf/generated_enum_reflection.h"
-#include "google/protobuf/message_lite.h"
+#include "google/protobuf/message.h"
 #include "google/protobuf/repeated_field.h"
 #include "server/runtime/enum_number.h"
+#include "server/stores/common/record_version.h"
 
 namespace evpose::server {
 
@@ -25,8 +26,8 @@ class RecordCheck {
   void Require(bool good, absl::string_view what) {
     if (!good && what_.empty()) what_ = std::string(what);
   }
-  void Parse(absl::string_view bytes, google::protobuf::MessageLite& message) {
-    Require(message.ParseFromArray(bytes.data(), static_cast<int>(bytes.size())), "it cannot be parsed");
+  void Parse(absl::string_view bytes, google::protobuf::Message& message) {
+    Require(ParseRecord(bytes, message), "it cannot be parsed");
   }
   absl::Status Finish() const {
     if (what_.empty()) return absl::OkStatus();

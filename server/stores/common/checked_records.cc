@@ -12,6 +12,7 @@
 #include "core/numerics/hash.h"
 #include "evpose/storage/v1/store.pb.h"
 #include "server/runtime/enum_number.h"
+#include "server/stores/common/record_version.h"
 
 namespace evpose::server {
 namespace {
@@ -79,13 +80,13 @@ std::string EncodeRecord(const SessionRecord& record) {
   stored.set_request_id(record.request_id);
   stored.set_create_time_ns(absl::ToUnixNanos(record.create_time));
   stored.set_config(record.config);
-  return AddChecksum(RecordOf(record.name), stored.SerializeAsString());
+  return AddChecksum(RecordOf(record.name), SerializeRecord(stored));
 }
 
 absl::StatusOr<SessionRecord> DecodeRecord(absl::string_view session, std::string encoded) {
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(RecordOf(session), std::move(encoded)));
   storage::v1::SessionRecord stored;
-  if (!stored.ParseFromString(bytes)) return Damaged(RecordOf(session), "it cannot be parsed");
+  if (!ParseRecord(bytes, stored)) return Damaged(RecordOf(session), "it cannot be parsed");
   return SessionRecord{.name = std::string(session),
                        .tenant = stored.tenant(),
                        .request_id = stored.request_id(),
@@ -102,7 +103,7 @@ std::string EncodeModelHeader(const ModelRecord& model) {
   stored.set_create_time_ns(absl::ToUnixNanos(model.create_time));
   stored.set_summary(model.summary);
   stored.set_file_bytes(model.bytes->size());
-  return AddChecksum(ModelHeaderOf(model.tenant, model.name), stored.SerializeAsString());
+  return AddChecksum(ModelHeaderOf(model.tenant, model.name), SerializeRecord(stored));
 }
 
 absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::string_view name, std::string encoded,
@@ -110,7 +111,7 @@ absl::StatusOr<ModelRecord> DecodeModelHeader(absl::string_view tenant, absl::st
   const std::string what = ModelHeaderOf(tenant, name);
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, VerifyChecksum(what, std::move(encoded)));
   storage::v1::ModelHeader stored;
-  if (!stored.ParseFromString(bytes)) return Damaged(what, "it cannot be parsed");
+  if (!ParseRecord(bytes, stored)) return Damaged(what, "it cannot be parsed");
   if (stored.format() < storage::v1::MODEL_FORMAT_OBJ || stored.format() > storage::v1::MODEL_FORMAT_MESH) {
     return Damaged(what, "the format of the file is unknown");
   }
