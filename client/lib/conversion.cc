@@ -31,6 +31,12 @@ Ours FromProto(Theirs value, Ours otherwise) {
 
 Loss FromProto(const v1::Loss& loss) { return {loss.t_us(), FromProto(loss.cause(), LossCause::kUnknown)}; }
 
+TrackingRestarted FromProto(const v1::TrackResponse::TrackingRestarted& message) {
+  TrackingRestarted restarted{message.after_seq(), message.detail(), std::nullopt};
+  if (message.has_after_pose_seq()) restarted.after_pose_seq = message.after_pose_seq();
+  return restarted;
+}
+
 ObjectHealth FromProto(const v1::ObjectHealth& object) {
   ObjectHealth health = {.object_id = object.object_id(),
                          .state = FromProto(object.state(), TrackState::kUnknown),
@@ -394,7 +400,7 @@ std::optional<Notice> FromProto(const v1::TrackResponse::Notice& message) {
       return StateChange{message.state_change().object_id(), message.state_change().t_us(),
                          FromProto(message.state_change().state(), TrackState::kUnknown)};
     case v1::TrackResponse::Notice::kTrackingRestarted:
-      return TrackingRestarted{message.tracking_restarted().after_seq(), message.tracking_restarted().detail()};
+      return FromProto(message.tracking_restarted());
     case v1::TrackResponse::Notice::kLagChange:
       return LagChange{message.lag_change().falls_behind(), FromProto(message.lag_change().lag())};
     case v1::TrackResponse::Notice::kTriggers:

@@ -358,6 +358,7 @@ v1::TrackResponse::Notice ToProto(const SessionNotice& notice, const SessionConf
     v1::TrackResponse::TrackingRestarted& added = *out.mutable_tracking_restarted();
     added.set_after_seq(restarted->after_seq);
     added.set_detail(restarted->detail);
+    added.set_after_pose_seq(restarted->after_pose_seq);
   }
   if (const auto* change = std::get_if<LagChange>(&notice.what)) {
     v1::TrackResponse::LagChange& added = *out.mutable_lag_change();

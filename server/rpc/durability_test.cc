@@ -9,6 +9,7 @@
 
 #include "core/base/temporary_directory_testing.h"
 #include "server/rpc/server_testing.h"
+#include "server/sessions/durability/session_codec.h"
 #include "server/sessions/store_testing.h"
 #include "server/stores/memory/memory_store.h"
 
@@ -44,6 +45,28 @@ TEST_F(DurableEndTest, AClientThatHalfClosesBehindItsEndGetsTheSummary) {
   }
 }
 
+// The client of a server that shuts down closes its half of the stream and attaches at another server, which has only
+// what is stored.
+TEST_F(DurableEndTest, AStreamThatTheClientLeavesEndsWhenAllIsStored) {
+  CreatedSession session = CreateSession();
+  for (uint64_t seq = 1; seq <= 5; ++seq) {
+    RawTrack track(*sessions_);
+    ASSERT_TRUE(track.Attach(session.name(), session.resume_token()));
+    v1::TrackResponse response;
+    ASSERT_TRUE(track.ReadUntil(v1::TrackResponse::kAttached, response));
+    session.set_resume_token(response.attached().resume_token());
+    const auto begin_ms = static_cast<int64_t>(10 * seq);
+    ASSERT_TRUE(track.Events(seq, Flat64(SomeEvents(begin_ms, begin_ms + 10))));
+    track.WritesDone();
+    uint64_t durable_seq = 0;
+    while (track.Read(response)) {
+      if (response.has_ack()) durable_seq = response.ack().durable_seq();
+    }
+    EXPECT_EQ(Describe(track.Finish()), "OK");
+    EXPECT_EQ(durable_seq, seq);
+  }
+}
+
 class RollbackTest : public RpcTest {
  protected:
   RollbackTest() { Start(); }
@@ -55,7 +78,7 @@ class RollbackTest : public RpcTest {
   }
 
   // Attaches, sends the chunk `seq` with 10 ms of events, and ends the stream. Returns its poses, 9 of the first chunk
-  // and 10 of each later one, when they are stored. The token of `session` is then the new one.
+  // and 10 of each later one, when all is stored. The token of `session` is then the new one.
   std::vector<std::string> Feed(CreatedSession& session, uint64_t seq, uint64_t last_pose_seq) {
     RawTrack track(*sessions_);
     EXPECT_TRUE(track.Attach(session.name(), session.resume_token(), last_pose_seq));
@@ -71,8 +94,10 @@ class RollbackTest : public RpcTest {
       if (response.has_pose()) poses.push_back(WithoutLatency(response.pose()));
     }
     EXPECT_EQ(Describe(track.Finish()), "OK");
-    const auto stored = [&] { return replicated_->Read(session.name(), 0)->poses; };
-    while (stored().empty() || stored().back().last_pose_seq < 10 * seq - 1) std::this_thread::yield();
+    EXPECT_EQ(replicated_->Read(session.name(), 0)->poses.back().last_pose_seq, 10 * seq - 1);
+    // The ownership record is written behind the end of the stream.
+    const auto lifecycle = [&] { return DecodeLifecycle(replicated_->Read(session.name(), 0)->lifecycle).value(); };
+    while (!lifecycle().detached_at.has_value()) std::this_thread::yield();
     return poses;
   }
 

@@ -68,11 +68,11 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       const std::lock_guard lock(mutex_);
       read_ = ReadState::kHalfClosed;
       ChangePhase(StreamInput::kHalfClosed);
+      if (session_ != nullptr) session_->Leave(stream_);
     } else if (request_.has_attach() && session_ == nullptr) {
       return StartAttach(request_.attach());
     }
-    // Only the reading side uses the request: it is handled, and the checksum of its payload computed, without the
-    // lock.
+    // Only the reading side uses the request, which it handles, with the checksum of its payload, without the lock.
     const absl::Status handled = ok ? OrOutOfMemory([this] { return HandleRequest(); }) : absl::OkStatus();
     // The session may have accepted a chunk without queueing it.
     if (IsOutOfMemory(handled) && session_ != nullptr) session_->Close(handled);
@@ -374,7 +374,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     }
     if (phase_ == StreamPhase::kFailing) return Finish(failure_);
     if (phase_ == StreamPhase::kEnding && view.ended) return WriteSummary();
-    if (phase_ == StreamPhase::kDraining && view.is_idle) Finish(absl::OkStatus());
+    if (phase_ == StreamPhase::kDraining && view.is_idle && view.is_persisted) Finish(absl::OkStatus());
   }
 
   // Fills response_ with the next response, if there is one. Poses precede the ack of their chunk, and notices have

@@ -14,7 +14,7 @@ enum class StreamPhase {
   kConfirming,      // attached; the response `attached` waits until the store has the ownership record
   kOpen,            // messages are read, responses written
   kEnding,          // the client has sent `end`: the summary follows the last response
-  kDraining,        // the client has half-closed without `end`: the stream finishes after the last response
+  kDraining,        // the client has half-closed without `end`: the stream finishes when everything is persisted
   kFailing,         // the stream finishes with an error as soon as the write in flight is done
   kFinished,        // the call has been finished; final
 };

@@ -184,7 +184,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
       metrics_->reattaches.Add();
     }
     is_taken_over = gate_.is_attached();
-    const uint64_t sent_pose_seq = std::max(last_pose_seq, pose_log_.first_pose_seq() - 1);
+    const uint64_t sent_pose_seq = std::max(report_.LastValidPose(last_pose_seq), pose_log_.first_pose_seq() - 1);
     const uint64_t stream = gate_.Attach(std::move(new_token), std::move(digest), queue_.bytes(), sent_pose_seq);
     report_.StartNotices(sent_pose_seq);
     fenced = stream_listener_.lock();
@@ -207,6 +207,12 @@ void Session::Detach(uint64_t stream) {
     Schedule();  // the session no longer waits for a reader
   }
   CommitLifecycle();
+}
+
+void Session::Leave(uint64_t stream) {
+  const std::lock_guard lock(mutex_);
+  leaving_stream_ = stream;
+  Schedule();
 }
 
 absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
@@ -274,6 +280,7 @@ StreamView Session::View(uint64_t stream) const {
   view.ended = checkpoints_.IsEndPersisted(gate_.has_ended(), committer_->progress());
   view.last_pose_seq = checkpoints_.LastPoseSeqToSend(report_.poses(), committer_->progress());
   view.is_idle = !queue_.has_items() && !queue_.is_working() && view.last_pose_seq == report_.poses();
+  view.is_persisted = checkpoints_.IsFlushed(MakeCounters(), committer_->progress());
   view.ack = MakeAck();
   return view;
 }
@@ -344,7 +351,7 @@ CheckpointPolicy::Counters Session::MakeCounters() const {
           .processing_us = report_.health().processing_us,
           .is_working = queue_.is_working(),
           .has_waiting = queue_.has_items(),
-          .is_attached = gate_.is_attached()};
+          .is_attached = gate_.is_attached() && gate_.stream() != leaving_stream_};
 }
 
 void Session::Schedule() {

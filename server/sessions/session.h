@@ -98,6 +98,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
                                     std::weak_ptr<SessionListener> listener, const std::string& peer = "",
                                     uint64_t first_seq = 0);
   void Detach(uint64_t stream);
+  // The client of the stream sends no more: what it has sent is persisted as soon as it has been processed.
+  void Leave(uint64_t stream);
   // A push is accepted even without room. Memory stays bounded because a stream reads only while StreamView::has_room
   // is true.
   absl::Status PushEvents(uint64_t stream, EventChunk chunk);
@@ -179,7 +181,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   TokenRequests token_requests_ ABSL_GUARDED_BY(mutex_);
   std::weak_ptr<SessionListener> stream_listener_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::shared_ptr<const void>> model_uses_ ABSL_GUARDED_BY(mutex_);
-  bool is_scheduled_ ABSL_GUARDED_BY(mutex_) = false;  // Run has been posted
+  uint64_t leaving_stream_ ABSL_GUARDED_BY(mutex_) = 0;  // the last one whose client sends no more; 0: none
+  bool is_scheduled_ ABSL_GUARDED_BY(mutex_) = false;    // Run has been posted
 };
 
 }  // namespace evpose::server

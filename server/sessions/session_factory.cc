@@ -217,7 +217,7 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionFactory::RestorePipeline
     if (!beginning.poses.empty()) {
       checkpoint.health.poses = std::max(checkpoint.health.poses, beginning.poses.back().pose_seq);
     }
-    beginning.restarted = {checkpoint.processed_seq, std::string(loaded.message())};
+    beginning.restarted = {checkpoint.processed_seq, std::string(loaded.message()), checkpoint.health.poses};
   }
   EVPOSE_RETURN_IF_ERROR(pipeline->LoadPosition(state.position));
   return pipeline;

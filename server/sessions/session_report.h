@@ -3,6 +3,7 @@
 // Progress and health of a session, for readers, streams and checkpoints.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -37,6 +38,11 @@ class SessionReport {
   // an attached stream.
   void Add(const WorkResult& result, bool is_attached, ServerMetrics& metrics);
 
+  // Returns the last of a writer's poses that the session has, too: if tracking was restarted and no stream has taken
+  // the notice of it, other poses have the numbers of those that were not stored.
+  uint64_t LastValidPose(uint64_t last_pose_seq) const {
+    return restarted_.has_value() ? std::min(last_pose_seq, restarted_->after_pose_seq) : last_pose_seq;
+  }
   // A new stream receives only the notice that tracking was restarted, if no earlier stream has taken it.
   void StartNotices(uint64_t sent_pose_seq);
   void ClearNotices() { notices_.clear(); }

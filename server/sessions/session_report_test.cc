@@ -167,7 +167,7 @@ TEST_F(SessionReportTest, KeepsNoNoticesWithoutAStream) {
 }
 
 TEST(SessionReportRestartTest, EachStreamReceivesTheRestartUntilOneHasTakenIt) {
-  const SessionBeginning beginning = {.restarted = TrackingRestarted{.after_seq = 3}};
+  const SessionBeginning beginning = {.restarted = TrackingRestarted{.after_seq = 3, .after_pose_seq = 7}};
   SessionReport report(beginning, {});
   EXPECT_EQ(report.num_notices(), 0u) << "no stream yet";
   report.StartNotices(7);
@@ -178,6 +178,17 @@ TEST(SessionReportRestartTest, EachStreamReceivesTheRestartUntilOneHasTakenIt) {
   EXPECT_EQ(notices[0].after_pose_seq, 9u);
   report.StartNotices(9);
   EXPECT_EQ(report.num_notices(), 0u);
+}
+
+TEST(SessionReportRestartTest, PosesThatWereNotStoredAreNotThoseOfTheNewTracker) {
+  const SessionBeginning beginning = {.restarted = TrackingRestarted{.after_seq = 3, .after_pose_seq = 7}};
+  SessionReport report(beginning, {});
+  EXPECT_EQ(report.LastValidPose(5), 5u);
+  EXPECT_EQ(report.LastValidPose(9), 7u);
+  report.StartNotices(7);
+  (void)report.TakeNotices();
+  EXPECT_EQ(report.LastValidPose(9), 9u) << "the writer knows";
+  EXPECT_EQ(SessionReport(SessionBeginning(), {}).LastValidPose(9), 9u) << "the same poses are computed again";
 }
 
 }  // namespace

@@ -73,8 +73,8 @@ class SessionRestoreTest : public testing::Test {
     session->AddWatcher(waiting);
     waiting->WaitUntil(is_true);
   }
-  Attachment Attach(const std::shared_ptr<Session>& session, const std::string& token) {
-    const Attachment attachment = session->Attach(token, 0, listener_).value();
+  Attachment Attach(const std::shared_ptr<Session>& session, const std::string& token, uint64_t last_pose_seq = 0) {
+    const Attachment attachment = session->Attach(token, last_pose_seq, listener_).value();
     Until(session, [&] { return session->View(attachment.stream).attached; });
     return attachment;
   }
@@ -86,6 +86,13 @@ class SessionRestoreTest : public testing::Test {
             .ok());
     session->Detach(attachment.stream);
     Until(session, [&] { return session->View(attachment.stream).ack.durable_seq == seq; });
+  }
+
+  void MakeTrackerStateUnreadable(const std::string& name) {
+    auto taken = store_->TakeSession(name).value();
+    SessionCheckpoint checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
+    checkpoint.pipeline->tracker.version = 1'000'000;
+    ASSERT_TRUE(CommitNow(*taken.lease, {.checkpoint = EncodeCheckpoint(checkpoint)}).ok());
   }
 
   void SlowWorkIsDone() {
@@ -188,12 +195,7 @@ TEST_F(SessionRestoreTest, ATrackersStateOfAnotherVersionLeadsToANewSearch) {
   const SessionHealth before = session->Snapshot().health;
   ASSERT_GT(before.poses, 0u);
   Kill(server);
-  {
-    auto taken = store_->TakeSession(name).value();
-    SessionCheckpoint checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
-    checkpoint.pipeline->tracker.version = 1'000'000;
-    ASSERT_TRUE(CommitNow(*taken.lease, {.checkpoint = EncodeCheckpoint(checkpoint)}).ok());
-  }
+  MakeTrackerStateUnreadable(name);
 
   captured_log.Take();
   server = Open();
@@ -203,11 +205,14 @@ TEST_F(SessionRestoreTest, ATrackersStateOfAnotherVersionLeadsToANewSearch) {
   EXPECT_THAT(captured_log.Take(),
               testing::AllOf(testing::HasSubstr("tracker_state_unreadable"), testing::HasSubstr("version 1000000"),
                              testing::HasSubstr("next_chunk")));
-  const Attachment again = Attach(restored, attachment.resume_token);
+  // The writer has poses that were not stored. It receives those that have their numbers.
+  const Attachment again = Attach(restored, attachment.resume_token, before.poses + 5);
+  EXPECT_EQ(again.first_pose_seq, before.poses + 1);
   EXPECT_EQ(again.next_seq, 2u);
   const std::vector<SessionNotice> notices = restored->TakeNotices(again.stream);
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_EQ(std::get<TrackingRestarted>(notices[0].what).after_seq, 1u);
+  EXPECT_EQ(std::get<TrackingRestarted>(notices[0].what).after_pose_seq, before.poses);
 
   // The tracker starts without a pose, and the numbers of its poses continue.
   ASSERT_TRUE(restored->PushEvents(again.stream, {.seq = 2, .payload = Flat64(SomeEvents(20, 30))}).ok());

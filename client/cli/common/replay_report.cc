@@ -91,8 +91,9 @@ void ReplayReport::PrintInput(std::ostream& stream) const {
         summary.lost_poses > 0 ? absl::StrCat(summary.lost_poses, " poses are missing") : "nothing was lost");
   }
   for (const TrackingRestarted& restart : restarts_) {
-    stream << "tracking: restarted after chunk " << restart.after_seq
-           << ", every object was searched for again: " << restart.detail << "\n";
+    stream << "tracking: restarted after chunk " << restart.after_seq;
+    if (restart.after_pose_seq) stream << " and pose " << *restart.after_pose_seq;
+    stream << ", every object was searched for again: " << restart.detail << "\n";
   }
   if (health.skipped_events > 0) {
     stream << absl::StrFormat("skipped: %d events, %.3f s, that the server could not track in time\n",

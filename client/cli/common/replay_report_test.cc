@@ -27,6 +27,8 @@ TEST(ReplayReportTest, NamesEveryRestartOfTheTracking) {
   EXPECT_THAT(Printed(report), HasSubstr("tracking: restarted after chunk 7, every object was searched for again: "
                                          "written by another version\n"));
   EXPECT_EQ(report.ToJson()["tracking_restarts"], 1);
+  report.Add(TrackingRestarted{8, "written by another version", 70});
+  EXPECT_THAT(Printed(report), HasSubstr("tracking: restarted after chunk 8 and pose 70, every object was"));
 }
 
 TEST(ReplayReportTest, SumsDecodeFaultsAndNamesTheFirst) {

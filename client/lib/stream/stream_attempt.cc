@@ -177,8 +177,12 @@ bool StreamAttempt::HandleNotice(const v1::TrackResponse::Notice& message) {
     is_left_ = true;
     uplink_.Leave();
   }
-  // The poses after the restart are not ordered with those that the server stored before.
-  if (std::holds_alternative<TrackingRestarted>(*notice)) last_t_us_.clear();
+  if (const auto* restarted = std::get_if<TrackingRestarted>(&*notice)) {
+    // The poses after the restart are not ordered with those before, and have the numbers of those that were not
+    // stored.
+    last_t_us_.clear();
+    position_.last_pose_seq = std::min(position_.last_pose_seq, restarted->after_pose_seq.value_or(UINT64_MAX));
+  }
   if (callbacks_.on_notice) callbacks_.on_notice(*notice);
   return true;
 }

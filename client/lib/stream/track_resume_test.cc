@@ -61,6 +61,38 @@ TEST_F(TrackResumeTest, ContinuesAtTheServersPositionAndDropsRepeatedPoses) {
   EXPECT_EQ(changes_[1].away_for, absl::Milliseconds(100));
 }
 
+// The poses 3 and 4 were not stored. Those of the new search have their numbers, and are delivered, unless the server
+// has a version that does not say from where on it sends them.
+TEST_F(TrackResumeTest, DeliversThePosesOfANewSearchThatReplaceDeliveredOnes) {
+  for (const bool has_pose_seq : {true, false}) {
+    SCOPED_TRACE(has_pose_seq);
+    ClearStreams();
+    poses_.clear();
+    notices_.clear();
+    const auto restarted = [has_pose_seq](const v1::TrackRequest::Attach&, ServerStream& stream) {
+      stream.Write(AttachedAt(2, 3, "T2"));
+      v1::TrackResponse notice;
+      notice.mutable_notice()->mutable_tracking_restarted()->set_after_seq(1);
+      if (has_pose_seq) notice.mutable_notice()->mutable_tracking_restarted()->set_after_pose_seq(2);
+      stream.Write(notice);
+      ReadToEnd(stream);
+      for (uint64_t seq = 3; seq <= 6; ++seq) stream.Write(PoseMessage(seq));
+      stream.Write(SummaryMessage(6));
+      return grpc::Status::OK;
+    };
+    scripts_ = {BreakAfter(3, 1, 4, kCut, "T1"), restarted};
+    const auto summary = Run();
+    ASSERT_TRUE(summary.ok()) << summary.status();
+    EXPECT_EQ(PoseSeqs(), has_pose_seq ? std::vector<uint64_t>({1, 2, 3, 4, 3, 4, 5, 6})
+                                       : std::vector<uint64_t>({1, 2, 3, 4, 5, 6}));
+    EXPECT_EQ(summary->poses, 6u);
+    EXPECT_EQ(summary->lost_poses, 0u);
+    ASSERT_EQ(notices_.size(), 1u);
+    EXPECT_EQ(std::get<TrackingRestarted>(notices_[0]).after_pose_seq,
+              has_pose_seq ? std::optional<uint64_t>(2) : std::nullopt);
+  }
+}
+
 TEST_F(TrackResumeTest, BreaksAtEveryChunk) {
   for (uint64_t chunk = 1; chunk <= 5; ++chunk) {
     scripts_.push_back(BreakAfter(chunk, chunk, chunk, kCut, "T" + std::to_string(chunk), chunk));

@@ -55,7 +55,7 @@ def notice_from_message(message: Any) -> Optional[Notice]:
     if kind == "state_change":
         return StateChange(item.object_id, item.t_us, TrackState(item.state))
     if kind == "tracking_restarted":
-        return TrackingRestarted(item.after_seq, item.detail)
+        return TrackingRestarted(item.after_seq, item.detail, item.after_pose_seq if item.HasField("after_pose_seq") else None)
     if kind == "lag_change":
         return LagChange(item.falls_behind, seconds(item.lag))
     if kind == "triggers":

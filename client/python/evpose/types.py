@@ -208,10 +208,15 @@ class StateChange:
 
 @dataclasses.dataclass(frozen=True)
 class TrackingRestarted:
-    """The state of the tracker could not be restored; every object is searched for again."""
+    """The state of the tracker could not be restored; every object is searched for again.
+
+    `after_pose_seq` is the last stored pose. If later ones were delivered before, poses of the new search are delivered with the
+    same numbers. None: the server has an earlier version, which does not send those.
+    """
 
     after_seq: int
     detail: str
+    after_pose_seq: Optional[int] = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -204,6 +204,23 @@ class ResumptionTest(StreamTest):
         position = evpose.TrackPosition("sessions/1", "token", last_pose_seq=9)
         self.assertEqual([each.seq for each in self.serve(refuses, computes_again).track([], position)], [10])
 
+    def test_poses_of_a_new_search_replace_those_that_were_not_stored(self):
+        for after_pose_seq, expected in ((7, [8, 9, 10]), (None, [10])):
+            def searches_again(stream):
+                assert stream.read("attach").last_pose_seq == 9
+                yield attached(first_pose=8)
+                yield notice(tracking_restarted=dict(after_seq=1, after_pose_seq=after_pose_seq))
+                stream.read("end")
+                for seq in (8, 9, 10):
+                    yield pose(seq)
+                yield summary(10)
+
+            notices = []
+            position = evpose.TrackPosition("sessions/1", "token", last_pose_seq=9)
+            track = self.serve(searches_again).track([], position, on_notice=notices.append)
+            self.assertEqual([each.seq for each in track], expected)
+            self.assertEqual(notices, [evpose.TrackingRestarted(1, "", after_pose_seq)])
+
     def test_poses_that_are_no_longer_stored_are_reported(self):
         def script(stream):
             stream.read("attach")

@@ -37,6 +37,8 @@ struct StateChange {
 struct TrackingRestarted {
   uint64_t after_seq = 0;  // the last chunk that the previous tracker processed
   std::string detail;      // the reason, for people
+  // The last pose that is stored. Later ones, which the writer may have received, are not reproduced.
+  uint64_t after_pose_seq = 0;
 };
 // The session has begun or ceased to be processed more slowly than its camera sends (server/scheduling/pace_monitor.h).
 struct LagChange {
@@ -74,11 +76,12 @@ struct Attachment {
 
 // State of the session from which a stream decides its next action.
 struct StreamView {
-  absl::Status status;    // not OK: the stream must end with this status (fenced, deleted)
-  bool has_room = false;  // the session accepts another message
-  bool is_idle = false;   // everything pushed has been processed, and all its poses may be sent
-  bool attached = false;  // the attachment has been persisted: the response `attached` may be sent
-  bool ended = false;     // `end` has been processed, and all its results have been persisted
+  absl::Status status;        // not OK: the stream must end with this status (fenced, deleted)
+  bool has_room = false;      // the session accepts another message
+  bool is_idle = false;       // everything pushed has been processed, and all its poses may be sent
+  bool is_persisted = false;  // everything that was processed has been persisted, and no item is being processed
+  bool attached = false;      // the attachment has been persisted: the response `attached` may be sent
+  bool ended = false;         // `end` has been processed, and all its results have been persisted
   SessionAck ack;
   uint64_t last_pose_seq = 0;  // highest number of a pose that may be sent
 };

@@ -73,7 +73,8 @@ struct ConnectionChange {
 // Called in the thread that called Track(), in the order in which the server sent the messages. A slow callback delays
 // the stream and loses no data.
 struct TrackCallbacks {
-  std::function<void(const Pose&)> on_pose;  // once for each pose, in order
+  // Once for each pose, in order. After TrackingRestarted, a number can be that of a pose which was not stored.
+  std::function<void(const Pose&)> on_pose;
   std::function<void(const Notice&)> on_notice;
   std::function<void(const TrackProgress&)> on_progress;  // after each increase of the processed data
   std::function<void(const ConnectionChange&)> on_connection;

@@ -332,6 +332,9 @@ struct EventsDropped {
 struct TrackingRestarted {
   uint64_t after_seq = 0;  // the last chunk that was tracked before
   std::string detail;      // the reason, for people
+  // The last stored pose. If later ones were delivered before, poses of the new search are delivered with the same
+  // numbers. Absent: the server has an earlier version, which does not send those.
+  std::optional<uint64_t> after_pose_seq;
 };
 // The server has begun or ceased to process the events more slowly than they were recorded.
 struct LagChange {

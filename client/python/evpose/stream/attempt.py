@@ -331,8 +331,10 @@ class StreamAttempt:
             self._is_leaving = True
             self._stop_uplink()
         if isinstance(notice, TrackingRestarted):
-            # The poses after the restart are not ordered with those that the server stored before.
+            # The poses after the restart are not ordered with those before, and have the numbers of those that were not stored.
             self._last_t_us.clear()
+            if notice.after_pose_seq is not None:
+                self._position.last_pose_seq = min(self._position.last_pose_seq, notice.after_pose_seq)
         if notice is not None:
             self._notify(notice)
         return True
