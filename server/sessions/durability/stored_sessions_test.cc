@@ -1,18 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Stores of earlier versions, in tests/data/storage/: a server opens them and resumes their sessions. If the
-// environment variable EVPOSE_WRITE_STORE names a new directory, the last test writes a store of this version there:
-//   EVPOSE_WRITE_STORE=tests/data/storage/v1 build/release/server/sessions/sessions_test
+// Stores of this version and of earlier ones, in tests/data/storage/: a server opens them, reads what their
+// expected.txt says, and resumes their sessions. If the environment variable EVPOSE_WRITE_STORE names a new directory,
+// the last test writes a store of this version there (tests/data/storage/SOURCE.txt says when):
+//   EVPOSE_WRITE_STORE=$PWD/tests/data/storage/v4 build/release/server/sessions/sessions_test
 //   --gtest_filter='*AStoreIsWritten'
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "core/base/state_io.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/estimation/ideal_events_testing.h"
+#include "core/numerics/hash.h"
 #include "server/sessions/durability/session_codec.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/session_testing.h"
@@ -49,6 +55,41 @@ std::string Chunk(uint64_t seq) {
   options.clutter_per_s = 5'000;
   options.seed = seq;
   return Flat64(evpose::testing::MakeIdealEvents(*evpose::testing::MakeCube(0.2), config.camera, PoseAt, options));
+}
+
+// All numbers of a pose, to the bit.
+void AppendPose(const StoredPose& pose, StateWriter& writer) {
+  const PoseEstimate& estimate = pose.estimate;
+  writer(pose.pose_seq, pose.object_index, estimate.t_us, estimate.camera_from_object, estimate.covariance,
+         estimate.twist, static_cast<uint32_t>(estimate.state), estimate.num_events, estimate.explained_ratio,
+         estimate.residual_rms_px, pose.latency_us);
+}
+
+// A line with what a reader must find in a stored session.
+std::string Describe(const std::string& request_id, const Session& session) {
+  const SessionConfig& config = session.config();
+  const SensorProfile& sensor = config.sensor;
+  StateWriter configuration;
+  configuration(static_cast<uint32_t>(config.encoding), static_cast<uint32_t>(config.estimator), config.camera.width_px,
+                config.camera.height_px, config.camera.fx_px, config.camera.fy_px, config.camera.cx_px,
+                config.camera.cy_px, sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold,
+                sensor.refractory_us, sensor.latency_us, static_cast<uint32_t>(config.overload_policy));
+  for (const double coefficient : config.camera.Coefficients()) configuration(coefficient);
+  for (const ObjectConfig& object : config.objects) {
+    configuration.Bytes(object.object_id);
+    configuration(object.initial_camera_from_object, object.reference_rotation);
+  }
+  StateWriter poses;
+  for (const StoredPose& pose : session.ReadPoses(0, SIZE_MAX)) AppendPose(pose, poses);
+  const auto digest = [](StateWriter& writer) {
+    const std::string bytes = writer.Take();
+    return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}).substr(0, 16);
+  };
+  const SessionHealth health = session.Snapshot().health;
+  return absl::StrCat(request_id, " configuration ", digest(configuration), " poses ", health.poses, " ", digest(poses),
+                      " events ", health.counts.cd_events, " bytes ", health.processed_bytes, " sensor_time_us ",
+                      health.sensor_time_us, " t_us ", health.t_us, " state ",
+                      static_cast<int>(health.objects.at(0).state), "\n");
 }
 
 class StoredSessionsTest : public ::testing::Test {
@@ -103,10 +144,10 @@ class StoredSessionsTest : public ::testing::Test {
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
 };
 
-class EarlierStoreTest : public StoredSessionsTest, public ::testing::WithParamInterface<std::string> {
+class EarlierStoreTest : public StoredSessionsTest, public ::testing::WithParamInterface<const char*> {
  protected:
   void SetUp() override {
-    fs::copy(FindTestData("storage/" + GetParam()), directory_.path(), fs::copy_options::recursive);
+    fs::copy(FindTestData(absl::StrCat("storage/", GetParam())), directory_.path(), fs::copy_options::recursive);
     for (const auto& entry : fs::recursive_directory_iterator(directory_.path())) {
       fs::permissions(entry.path(), fs::perms::owner_write, fs::perm_options::add);
     }
@@ -118,7 +159,43 @@ class EarlierStoreTest : public StoredSessionsTest, public ::testing::WithParamI
   TemporaryDirectory directory_;
   std::string log_;
 };
-INSTANTIATE_TEST_SUITE_P(Versions, EarlierStoreTest, ::testing::Values("v1"));
+constexpr const char* kVersions[] = {"v1", "v2", "v3"};
+INSTANTIATE_TEST_SUITE_P(Versions, EarlierStoreTest, ::testing::ValuesIn(kVersions));
+
+TEST(EarlierStoresTest, EachIsRead) {
+  size_t num_stores = 0;
+  for (const auto& entry : fs::directory_iterator(FindTestData("storage"))) num_stores += entry.is_directory() ? 1 : 0;
+  EXPECT_EQ(num_stores, std::size(kVersions)) << "a new folder of tests/data/storage must be in kVersions";
+}
+
+TEST_P(EarlierStoreTest, EverythingIsReadAsItWasWritten) {
+  std::ifstream file(FindTestData(absl::StrCat("storage/", GetParam(), "/expected.txt")));
+  const std::string expected((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  std::string found;
+  for (const char* request_id : kRequests) {
+    const auto session = Find(request_id);
+    ASSERT_NE(session, nullptr);
+    absl::StrAppend(&found, Describe(request_id, *session));
+    const StoredSession stored = store_->ReadSession(session->name(), 0).value();
+    const auto lifecycle = DecodeLifecycle(stored.lifecycle);
+    ASSERT_TRUE(lifecycle.ok()) << lifecycle.status();
+    EXPECT_EQ(lifecycle->token_digest, TokenDigest(kToken));
+    EXPECT_EQ(lifecycle->num_attaches, 1u);
+    EXPECT_EQ(lifecycle->detached_at, absl::FromUnixSeconds(1'000'000));
+    const auto checkpoint = DecodeCheckpoint(stored.checkpoint, 1);
+    ASSERT_TRUE(checkpoint.ok()) << checkpoint.status();
+    EXPECT_EQ(checkpoint->ended, request_id == std::string("ended"));
+    EXPECT_GE(checkpoint->processed_seq, kNumChunks);
+    EXPECT_EQ(checkpoint->pipeline.has_value(), !checkpoint->ended);
+    if (checkpoint->ended) continue;
+    EXPECT_EQ(checkpoint->processed_seq, kNumChunks);
+    EXPECT_GE(checkpoint->pipeline->position.first_t_us, 0);
+    EXPECT_EQ(checkpoint->pipeline->position.now_us, checkpoint->health.t_us);
+    EXPECT_LT(checkpoint->pipeline->position.now_us, static_cast<int64_t>(kNumChunks) * kChunkUs);
+    EXPECT_FALSE(checkpoint->pipeline->tracker.bytes.empty());
+  }
+  EXPECT_EQ(found, expected);
+}
 
 TEST_P(EarlierStoreTest, ItsSessionsAreListedAndTheirPosesAreRead) {
   EXPECT_EQ(sessions_->List(kStoredTenant, "", 10)->size(), std::size(kRequests));
@@ -168,6 +245,7 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
   SessionConfig config = SomeConfig({"cube"}, models_->Upload(kStoredTenant, {}, "", cube).value().name);
   config.sensor = evpose::testing::UnbiasedSensor();
   config.objects[0].initial_camera_from_object = PoseAt(0.0);
+  std::string expected;
   for (const std::string request_id : kRequests) {
     const auto session = sessions_->Create(kStoredTenant, config, request_id).value();
     const uint64_t stream = session->Attach(session->resume_token(), 0, listener_)->stream;
@@ -179,6 +257,7 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
     session->Detach(stream);
     session->Flush();
     Until(session, [&] { return session->IsFlushed(); });
+    absl::StrAppend(&expected, Describe(request_id, *session));
   }
   sessions_->CloseAll(absl::CancelledError("written"));
   const SessionPage page = store_->ListSessions(kStoredTenant, "", SIZE_MAX >> 1).value();
@@ -191,6 +270,7 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
         CommitNow(*taken.lease, {.checkpoint = EncodeCheckpoint(checkpoint), .lifecycle = EncodeLifecycle(lifecycle)})
             .ok());
   }
+  std::ofstream(fs::path(directory) / "expected.txt") << expected;
 }
 
 }  // namespace
