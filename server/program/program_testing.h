@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
@@ -30,16 +31,18 @@ inline std::string TemporaryPath(const std::string& name) {
   return testing::TempDir() + "/evpose_server_program_test." + std::to_string(getpid()) + "." + name;
 }
 
-// A running evpose-server; its standard output is a pipe, its standard error a file.
+// A running evpose-server, or another program with its options; its standard output is a pipe, its standard error a
+// file.
 class Program {
  public:
-  explicit Program(std::vector<std::string> arguments) : stderr_path_(TemporaryPath("stderr")) {
+  explicit Program(std::vector<std::string> arguments, const char* program = EVPOSE_SERVER)
+      : stderr_path_(TemporaryPath("stderr." + std::to_string(++num_started_))) {
     // By default the server stores in memory, so that it leaves no files and shares nothing with other tests.
     const bool has_store = std::find(arguments.begin(), arguments.end(), "--store") != arguments.end();
     if (!has_store && std::getenv("EVPOSE_STORE") == nullptr) {
       arguments.insert(arguments.begin(), {"--store", "memory"});
     }
-    arguments.insert(arguments.begin(), EVPOSE_SERVER);
+    arguments.insert(arguments.begin(), program);
     std::vector<char*> argv;
     for (std::string& argument : arguments) argv.push_back(argument.data());
     argv.push_back(nullptr);
@@ -50,7 +53,7 @@ class Program {
     posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
     posix_spawn_file_actions_addclose(&actions, out[0]);
     posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, stderr_path_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    EXPECT_EQ(posix_spawn(&pid_, EVPOSE_SERVER, &actions, nullptr, argv.data(), environ), 0);
+    EXPECT_EQ(posix_spawn(&pid_, program, &actions, nullptr, argv.data(), environ), 0);
     posix_spawn_file_actions_destroy(&actions);
     close(out[1]);
     stdout_ = fdopen(out[0], "r");
@@ -89,6 +92,7 @@ class Program {
   std::string Stderr() const { return Contents(stderr_path_); }
 
  private:
+  static inline std::atomic<int> num_started_ = 0;
   const std::string stderr_path_;
   pid_t pid_ = 0;
   FILE* stdout_ = nullptr;

@@ -42,7 +42,8 @@ inline int NumberFrom(const char* variable, int by_default) {
 // A server process and stubs connected to it.
 class RunningServer {
  public:
-  explicit RunningServer(std::vector<std::string> arguments) : program_(WithAddress(std::move(arguments))) {
+  explicit RunningServer(std::vector<std::string> arguments, const char* program = EVPOSE_SERVER)
+      : program_(WithAddress(std::move(arguments)), program) {
     const std::string line = program_.ReadLine();
     EXPECT_TRUE(absl::StartsWith(line, "listening on ")) << line << program_.Stderr();
     address_ = line.substr(line.rfind(' ') + 1);
