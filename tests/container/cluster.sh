@@ -1,91 +1,11 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Tests compose.cluster.yaml. To be sourced by run.sh.
-compose_file=deploy/compose.cluster.yaml
-project=evpose-cluster
-servers=(evpose-cluster-server-{1,2,3}-1)
-longest_wait_ms=0
-clients=(client-{1..6})
-reference=$work/long/reference.tum
-
-# Starts six clients through HAProxy, each at the rate of its camera, and the meter that reads their poses.
-start_clients() {
-  rm -f "$data"/*.tum "$data"/*.copy "$data/counts"
-  coproc meter { exec python3 "$here/pose_meter.py" "$data" "${clients[@]}"; }
-  # shellcheck disable=SC2154  # coproc sets it
-  background=("$meter_PID")
-  exec {meter_says}<&"${meter[0]}"  # can be read also after the meter has ended
-  read -r _ <&"$meter_says"
-  local name start starts=()
-  # All clients start at once; otherwise, on a slow machine, the first would be far ahead of the last.
-  for name in "${clients[@]}"; do
-    docker run --detach --init --read-only --cap-drop ALL --name "$name" --network "${project}_outside" --volume "${project}_demo:/data" \
-      "evpose-client:$version" replay /data/long/recording.raw --model /data/long/model.obj --camera /data/long/camera.yaml \
-      --server haproxy:50051 --rate 1 --out "/data/$name.tum" >/dev/null &
-    starts+=($!)
-  done
-  for start in "${starts[@]}"; do wait "$start" || fail "not all clients could be started"; done
-  await "all six clients to get poses" are_all_above 0
-}
-counts() { cat "$data/counts" 2>/dev/null || echo 0; }
-are_all_above() {
-  local count
-  for count in $(counts); do ((count > $1)) || return 1; done
-}
-# Waits until each of the six clients has received this number of further poses.
-await_poses_each() {
-  local most
-  most=$(counts | tr ' ' '\n' | sort -n | tail -n 1)
-  await "poses of all six" are_all_above $((most + $1))
-}
-all_are_streaming() { [[ $(docker inspect --format '{{.State.Running}}' "${clients[@]}" | grep -c true) == "${#clients[@]}" ]]; }
-# Makes sure that the next fault occurs in the middle of six streams. On a slow machine a recording may have ended; then the
-# clients are started again.
-begin_fault() {
-  local tries
-  for tries in 1 2 3; do
-    if all_are_streaming && is_above 0 poses_left; then
-      await_poses_each 600
-      ! all_are_streaming || return 0
-    fi
-    finish_clients "$1"
-    start_clients
-  done
-  fail "$1: all $tries times a client ended before the first disturbance"
-}
-# The number of poses that the client that is furthest has left, less a reserve for the duration of the fault.
-poses_left() { echo $(($(wc -l <"$reference") - 6000 - $(counts | tr ' ' '\n' | sort -n | tail -n 1))); }
-
-# Checks that the six trajectories are identical to the reference. Prints the longest wait for a pose.
-finish_clients() {
-  local name longest_ms worst_ms=0
-  for name in "${clients[@]}"; do [[ $(docker wait "$name") == 0 ]] || fail "$1: the client $name failed"; done
-  while read -r name _ longest_ms; do
-    same "$data/$name.copy" "$reference" "$1, client $name"
-    worst_ms=$((longest_ms > worst_ms ? longest_ms : worst_ms))
-  done <&"$meter_says"
-  exec {meter_says}<&-
-  background=()
-  echo "$1: 6 trajectories identical; times that clients were away: $(outages); longest wait for a pose: $worst_ms ms"
-  longest_wait_ms=$((longest_wait_ms > worst_ms ? longest_wait_ms : worst_ms))
-  docker rm "${clients[@]}" >/dev/null
-}
-outages() {
-  local name
-  for name in "${clients[@]}"; do docker logs "$name" 2>&1 | grep -c ": back after" || true; done | paste -sd ' '
-}
-is_in_rotation() { [[ $(page 8404/metrics | grep "^haproxy_server_status{proxy=\"servers\",server=\"$1\",state=\"UP\"}" | cut -d ' ' -f 2) == 1 ]]; }
-await_rotation() { await "HAProxy to send streams to $1" is_in_rotation "$1"; }
+# shellcheck source=cluster_helpers.sh
+source "$here/cluster_helpers.sh"
 
 say "compose.cluster.yaml"
-since=$SECONDS
-compose up --detach --wait --no-build 2>&1 | tail -n 3
-echo "up: $((SECONDS - since)) s"
-docker volume create --label "com.docker.compose.project=$project" --label com.docker.compose.volume=demo "${project}_demo" >/dev/null
-docker run --rm --volume "${project}_demo:/data" --entrypoint true "evpose-client:$version"
-data=$(directory_of_volume "${project}_demo")
-cp -r "$work/long" "$data/"
-for number in 1 2 3; do await_rotation "server-$number"; done
+start_cluster
 
 say "each server is killed in turn, then Redis is restarted, under six streams"
 start_clients
@@ -114,4 +34,4 @@ finish_clients "rolling restart"
 
 say "the cluster without its Redis reports it"
 one_line 1 redis --network "${project}_inside" "evpose-server:$version" --store redis://nowhere:6379
-compose --profile '*' down --volumes --remove-orphans 2>/dev/null
+stop_cluster

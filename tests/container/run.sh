@@ -3,7 +3,8 @@
 # Tests the images, compose.yaml and compose.cluster.yaml under faults: killed containers, disconnected networks, restarts. Every
 # trajectory must be identical to that of a replay without containers.
 #   tests/container/run.sh            all tests; prints SKIPPED where no container engine can run
-#   tests/container/run.sh single     compose.yaml only; or cluster: compose.cluster.yaml
+#   tests/container/run.sh single     compose.yaml only; or cluster: compose.cluster.yaml; or upgrade, which the tests without arguments
+#                                     leave out: the servers of compose.cluster.yaml are replaced by the next version, and back
 # Uses a private engine, which cannot reach other machines once the images are built, and removes everything at the end.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -11,7 +12,7 @@ cd "$here/../.."
 parts=("$@")
 ((${#parts[@]})) || parts=(single cluster)
 for part in "${parts[@]}"; do
-  [[ -f $here/$part.sh && $part =~ ^(single|cluster)$ ]] || { echo "usage: $0 [single] [cluster]" >&2; exit 2; }
+  [[ -f $here/$part.sh && $part =~ ^(single|cluster|upgrade)$ ]] || { echo "usage: $0 [single] [cluster] [upgrade]" >&2; exit 2; }
 done
 
 ENGINE_DIR=$(mktemp -d /tmp/evpose-containers.XXXXXX)
