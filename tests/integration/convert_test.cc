@@ -155,9 +155,11 @@ TEST_F(ConvertTest, ReplayReadsContainersAndCountsFromEitherZero) {
   // The times of losses, too: the events contradict this pose.
   const auto lost_at_us = [this](const std::string& zero) {
     const std::string out = zero + ".jsonl";
-    EXPECT_EQ(Run(ReplayArguments(out, {"--time-zero", zero, "--init-pose", "0.05 0.05 0.6 0 0 0 1"})).status, 0);
+    EXPECT_EQ(Run(ReplayArguments(out, {"--time-zero", zero, "--reset-pose", "16050000 0.05 0.05 0.6 0 0 0 1"})).status,
+              0);
     const std::string lines = ReadText(out);
-    return nlohmann::json::parse(lines.substr(0, lines.find('\n')))["lost_at_us"].get<int64_t>();
+    const size_t last = lines.rfind('\n', lines.size() - 2);
+    return nlohmann::json::parse(lines.substr(last + 1))["lost_at_us"].get<int64_t>();
   };
   EXPECT_EQ(lost_at_us("sensor") - lost_at_us("metavision"), info["metavision_zero_us"].get<int64_t>());
 
