@@ -95,16 +95,7 @@ class Families {
   std::vector<MetricFamily> families_;
 };
 
-void AddState(const ServerState& state, const BuildVersion& build, Families& families) {
-  families.Begin("evpose_build_info", MetricType::Gauge,
-                 "Always 1; the labels have the version and commit of the server.");
-  families.Value(1.0, {{"version", build.version}, {"commit", build.commit}});
-  families.AddGauge("evpose_ready", "1 while the server accepts sessions (/readyz is 200), else 0.",
-                    state.readiness.ok() ? 1.0 : 0.0);
-  families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
-  families.AddKnownGauge("evpose_tokens",
-                         "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
-                         state.num_tokens);
+void AddStore(const ServerState& state, Families& families) {
   families.AddKnownGauge(
       "evpose_store_bytes",
       "Bytes in use: memory of Redis (used_memory), file and log of SQLite, sessions in memory, or sessions and "
@@ -117,6 +108,19 @@ void AddState(const ServerState& state, const BuildVersion& build, Families& fam
                    "Commits that Redis has executed and no replica has acknowledged in time; they are repeated.");
     families.Value(static_cast<double>(*state.unreplicated_commits));
   }
+}
+
+void AddState(const ServerState& state, const BuildVersion& build, Families& families) {
+  families.Begin("evpose_build_info", MetricType::Gauge,
+                 "Always 1; the labels have the version and commit of the server.");
+  families.Value(1.0, {{"version", build.version}, {"commit", build.commit}});
+  families.AddGauge("evpose_ready", "1 while the server accepts sessions (/readyz is 200), else 0.",
+                    state.readiness.ok() ? 1.0 : 0.0);
+  families.AddGauge("evpose_workers", "Threads that decode and track.", state.num_workers);
+  families.AddKnownGauge("evpose_tokens",
+                         "Valid tokens of --token-file. 0: it is missing or empty and nobody is admitted.",
+                         state.num_tokens);
+  AddStore(state, families);
   families.AddGauge("evpose_connections", "Connections of clients.", static_cast<double>(state.connections));
   families.AddGauge("evpose_load_ratio",
                     "Part of the server that is in use: the largest of the processor time of the workers per second "
