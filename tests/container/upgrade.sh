@@ -47,15 +47,16 @@ for number in 1 2 3; do
 done
 versions=([1]=this [2]=this [3]=this)
 start_cluster
+declare -A names=([next]="the next version" [this]="this version")
 for target in next this; do
-  say "the servers are replaced one after another by the $target version, under six streams"
+  say "the servers are replaced one after another by ${names[$target]}, under six streams"
   start_clients
   num_searched=0
   for number in 1 2 3; do
-    begin_fault "to the $target version"
+    begin_fault "to ${names[$target]}"
     replace_server "$number" "$target"
   done
-  finish_clients "to the $target version"
+  finish_clients "to ${names[$target]}"
   ((num_searched > 0)) || fail "no session was searched for again: the servers have the same version"
   echo "$num_searched sessions were searched for again"
 done
