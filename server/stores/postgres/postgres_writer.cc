@@ -22,9 +22,10 @@ PostgresWriter::PostgresWriter(std::shared_ptr<PostgresClient> client)
     : client_(std::move(client)), thread_([this](std::vector<Job> jobs) { Process(std::move(jobs)); }) {}
 
 void PostgresWriter::Push(PostgresCommit commit, SessionLease::Done done) {
-  thread_.Push({.commit = std::make_unique<const PostgresCommit>(std::move(commit)),
-                .refusal = absl::OkStatus(),
-                .done = std::move(done)});
+  Job job;
+  job.commit = std::make_unique<const PostgresCommit>(std::move(commit));
+  job.done = std::move(done);
+  thread_.Push(std::move(job));
 }
 
 void PostgresWriter::Refuse(absl::Status status, SessionLease::Done done) {
