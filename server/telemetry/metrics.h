@@ -154,7 +154,7 @@ struct ServerState {
   // Absent for a store that does not tell them, before the first check, and without a limit.
   std::optional<uint64_t> store_bytes;
   std::optional<uint64_t> store_max_bytes;
-  std::optional<uint64_t> unreplicated_commits;  // Store::unreplicated_commits()
+  uint64_t unreplicated_commits = 0;  // Store::unreplicated_commits()
   size_t connections = 0;
   absl::Status listening = absl::OkStatus();  // an error explains why the server accepts no connections
   absl::Status readiness;                     // an error explains why the server accepts no sessions

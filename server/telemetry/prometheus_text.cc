@@ -103,11 +103,10 @@ void AddStore(const ServerState& state, Families& families) {
       state.store_bytes);
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
-  if (state.unreplicated_commits.has_value()) {
-    families.Begin("evpose_store_unreplicated_commits_total", MetricType::Counter,
-                   "Commits that Redis has executed and no replica has acknowledged in time; they are repeated.");
-    families.Value(static_cast<double>(*state.unreplicated_commits));
-  }
+  families.Begin("evpose_store_unreplicated_commits_total", MetricType::Counter,
+                 "Commits that Redis has executed and no replica has acknowledged in time; they are repeated. 0 if the "
+                 "store waits for no replica.");
+  families.Value(static_cast<double>(state.unreplicated_commits));
 }
 
 void AddState(const ServerState& state, const BuildVersion& build, Families& families) {

@@ -183,8 +183,8 @@ class Store {
   virtual std::optional<StoreUsage> Usage() { return std::nullopt; }
 
   // The writes of sessions and models that the store had executed and that ended with UNAVAILABLE because no replica
-  // acknowledged them in time, since the start; nullopt if the store waits for no replica. Does not block.
-  virtual std::optional<uint64_t> unreplicated_commits() const { return std::nullopt; }
+  // acknowledged them in time, since the start; 0 if the store waits for no replica. Does not block.
+  virtual uint64_t unreplicated_commits() const { return 0; }
 
   // The damaged records that were found when the store was opened and are skipped. One line for each, naming the
   // session or model.

@@ -186,11 +186,6 @@ std::vector<absl::StatusOr<RedisReply>> RedisClient::RunBatch(std::vector<Job>& 
   return replies;
 }
 
-std::optional<uint64_t> RedisClient::unreplicated_commits() const {
-  if (options_.address.sentinels.empty()) return std::nullopt;
-  return unreplicated_commits_.load();
-}
-
 bool RedisClient::AwaitsReplica(const Job& job) const {
   return sentinels_ != nullptr && job.acknowledgement == Acknowledgement::kReplica;
 }

@@ -73,8 +73,8 @@ class RedisClient {
   // Processes the waiting commands, each with the bounded wait, and closes the connection. To be called once.
   void Close();
 
-  // Scripts that had run and that no replica acknowledged in time; nullopt without Sentinels. Thread-safe.
-  std::optional<uint64_t> unreplicated_commits() const;
+  // Scripts that had run and that no replica acknowledged in time; 0 without Sentinels. Thread-safe.
+  uint64_t unreplicated_commits() const { return unreplicated_commits_; }
 
   // Returns the names of the sessions that were deleted since the last call because the memory of Redis was full.
   std::vector<std::string> TakeDeletedForRoom();

@@ -136,7 +136,7 @@ class RedisStore : public Store {
   absl::Status CheckHealth() override { return shared_->client.Call({"PING"}, Acknowledgement::kReplica).status(); }
   std::vector<std::string> damage() const override { return damage_; }
 
-  std::optional<uint64_t> unreplicated_commits() const override { return shared_->client.unreplicated_commits(); }
+  uint64_t unreplicated_commits() const override { return shared_->client.unreplicated_commits(); }
 
   // nullopt also for a user who may not call INFO.
   std::optional<StoreUsage> Usage() override {
