@@ -221,6 +221,11 @@ TEST_F(SurvivalTest, AReplayThatFilledTheStoreContinuesWhenSpaceIsAvailable) {
   std::vector<std::string> small = Sqlite("data");
   small.insert(small.end(), {"--store-max-bytes", "1048576"});
   RunningServer full(small);
+  // A model of 0.5 MB, most of it comments: the poses alone do not fill the smallest store that is permitted.
+  std::string large = ReadText("cube/model.obj");
+  for (int line = 0; line < 6000; ++line) large += "#" + std::string(78, ' ') + "\n";
+  WriteText("large.obj", large);
+  ASSERT_EQ(Run({"models", "upload", Path("large.obj"), "--server", full.address()}).status, 0);
   const CliResult stopped = replay(full);
   EXPECT_EQ(stopped.status, 1);
   EXPECT_THAT(stopped.err, testing::HasSubstr("make room"));
