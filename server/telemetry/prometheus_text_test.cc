@@ -107,8 +107,9 @@ class CounterSeries {
     Count(metrics_.overload_refusals, "evpose_overload_refusals_total");
     Count(metrics_.event_images, "evpose_event_images_total");
     Count(metrics_.skipped_event_images, "evpose_event_images_skipped_total");
-    expected_["evpose_out_of_memory_total"] = 0.0;        // of the process
-    expected_["evpose_process_cpu_seconds_total"] = 0.0;  // in ServerState
+    expected_["evpose_out_of_memory_total"] = 0.0;               // of the process
+    expected_["evpose_process_cpu_seconds_total"] = 0.0;         // in ServerState
+    expected_["evpose_store_unreplicated_commits_total"] = 0.0;  // likewise
   }
 
   void CountTransitions() {
