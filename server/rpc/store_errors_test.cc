@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tests, through raw stubs, the errors of an unreachable, full, failing or damaged store, and several servers with one
-// store.
+// Tests, through raw stubs, errors of an unreachable, full, failing or damaged store, and servers that share a store.
 #include <future>
 #include <numeric>
 #include <thread>
@@ -457,8 +456,7 @@ TEST_F(StoreErrorsTest, ImagesOfEventsAreMadeWhereTheyAreTracked) {
 TEST_F(StoreErrorsTest, WatchersAtAnotherServerReceiveErrorsOfTheStore) {
   const CreatedSession session = CreateSession();
   { MakePoses(*Attached(session)); }
-  // An error of the store closes the session at its server: poses that are not stored then are lost.
-  while (store_->ReadSession(session.name())->poses.empty()) std::this_thread::yield();
+  while (store_->ReadSession(session.name())->poses.empty()) std::this_thread::yield();  // else an error loses them
   Use(StartOnStore());
   EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
   trouble_->Set(absl::UnavailableError("gone"));
