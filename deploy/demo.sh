@@ -63,5 +63,10 @@ run "$bin/client/cli/evpose" render "$out/cube/recording.raw" --poses "$out/mixt
   --window-ms 30 -o "$out/picture.png"
 echo "trajectory: $out/mixture.tum"
 echo "picture:    $out/picture.png"
-# The recording with its poses on a page in the browser, if this build has the page (node and npm).
-echo "to see it:  $bin/client/cli/evpose view $out/cube/recording.raw --poses $out/mixture.tum --truth $out/cube/truth.tum ${inputs[*]} --open"
+# The recording with its poses on a page in the browser. A build without node or the registry of npm has no page.
+without_page=$(sed -n 's/^-- evpose view: left out: //p' "$scratch/configure.log")
+if [[ -z $without_page ]]; then
+  echo "to see it:  $bin/client/cli/evpose view $out/cube/recording.raw --poses $out/mixture.tum --truth $out/cube/truth.tum ${inputs[*]} --open"
+else
+  echo "page:       this build has none, so that evpose view cannot show the result: $without_page"
+fi

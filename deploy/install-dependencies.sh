@@ -6,6 +6,8 @@
 #   deploy/install-dependencies.sh --hdf5     also for evpose-hdf5, which reads and writes recordings in HDF5
 #   deploy/install-dependencies.sh --package  also for making Debian packages, those of both programs included
 #   deploy/install-dependencies.sh --test     all of these, and for tests and linters
+#   deploy/install-dependencies.sh --arm64    for building and running, and for tests/arm64/run.sh
+#   deploy/install-dependencies.sh --list-libraries   prints the libraries of the build, one on each line, and installs nothing
 # Needs root or sudo. Does nothing if everything is installed.
 set -euo pipefail
 
@@ -22,8 +24,10 @@ build_packages=(
 # OpenCASCADE: 180 MB with its dependencies.
 step_packages=(libocct-data-exchange-dev libocct-foundation-dev libocct-modeling-algorithms-dev libocct-modeling-data-dev)
 hdf5_packages=(libhdf5-dev)
+# A cross compiler, an emulator, and a program that unpacks packages of another architecture.
+arm64_packages=(g++-aarch64-linux-gnu mmdebstrap qemu-user-static)
 package_packages=("${step_packages[@]}" "${hdf5_packages[@]}" dpkg-dev file python3)
-test_packages=("${package_packages[@]}" chromium chromium-driver clang clang-format clang-tidy codespell groff-base haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld man-db mandoc openssl postgresql python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-protobuf python3-selenium python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd zsh)
+test_packages=("${package_packages[@]}" chromium chromium-driver clang clang-format clang-tidy codespell groff-base haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld man-db mandoc openssl postgresql python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-prometheus-client python3-protobuf python3-selenium python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd zsh)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool
@@ -38,7 +42,12 @@ case "${1:-}" in
   --hdf5) wanted+=("${hdf5_packages[@]}") ;;
   --package) wanted+=("${package_packages[@]}") ;;
   --test) wanted+=("${test_packages[@]}") is_for_tests=true ;;
-  *) echo "usage: $0 [--step | --hdf5 | --package | --test]" >&2; exit 2 ;;
+  --arm64) wanted+=("${arm64_packages[@]}") ;;
+  --list-libraries)
+    printf '%s\n' "${build_packages[@]}" | grep -E -- '^lib|-dev$'
+    exit 0
+    ;;
+  *) echo "usage: $0 [--step | --hdf5 | --package | --test | --arm64 | --list-libraries]" >&2; exit 2 ;;
 esac
 
 # Tests read .mcap files with packages of npm. Other vendors' packages of nodejs include npm and conflict with Debian's.

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Tests the installed client library: deploy/example builds against it outside the project's tree, and receives the same poses
-# from a server as evpose replay.
+# Tests the installed client library: deploy/example builds against it outside the project's tree, and receives poses with
+# the same times from a server as evpose replay.
 #   tests/client_package_test.sh BUILD_DIRECTORY
 set -euo pipefail
 build=$(realpath "${1:?usage: $0 BUILD_DIRECTORY}")
@@ -36,7 +36,7 @@ built/track_recording cube/recording.raw cube/model.obj cube/camera.yaml "$addre
 awk '{ printf "%.0f\n", $1 * 1e6 }' expected.tum >expected.times
 cut -d ' ' -f 1 poses >pose.times
 [[ -s pose.times ]] || fail "the example got no poses"
-cmp pose.times expected.times || fail "the example has other poses than evpose replay"
+cmp pose.times expected.times || fail "the example has poses at other times than evpose replay"
 [[ $(cat said) == "$(wc -l <pose.times) poses" ]] || fail "the example prints: $(cat said)"
 if built/track_recording no-such.raw cube/model.obj cube/camera.yaml "$address" 2>said; then fail "a missing file is no error"; fi
 grep -q 'no-such.raw' said || fail "the example prints for a missing file: $(cat said)"

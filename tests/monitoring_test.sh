@@ -19,12 +19,21 @@ trap 'kill "$evpose_PID"; rm "$tokens"' EXIT
 read -r _ <&"${evpose[0]}"
 read -r _ _ address <&"${evpose[0]}"
 
-python3 - "$address" <<'PYTHON'
+/usr/bin/python3 - "$address" <<'PYTHON'
 import json, pathlib, re, subprocess, sys, tempfile, urllib.request
 
 import yaml
 
 page = urllib.request.urlopen(f"http://{sys.argv[1]}/metrics").read().decode()
+# OpenMetrics, as Prometheus asks for it: the parser of Prometheus's Python client is strict.
+from prometheus_client.openmetrics import parser
+
+request = urllib.request.Request(f"http://{sys.argv[1]}/metrics", headers={
+    "Accept": "application/openmetrics-text;version=1.0.0,application/openmetrics-text;version=0.0.1;q=0.75,text/plain;version=0.0.4;q=0.5"})
+answer = urllib.request.urlopen(request)
+assert answer.headers["Content-Type"] == "application/openmetrics-text; version=1.0.0; charset=utf-8", answer.headers
+open_metrics = {sample.name for family in parser.text_string_to_metric_families(answer.read().decode()) for sample in family.samples}
+assert open_metrics == {name for name in re.findall(r"^(evpose_\w+)", page, re.M)}, "the two formats have different series"
 # Checks names and help texts against Prometheus's rules.
 subprocess.run(["promtool", "check", "metrics"], input=page, text=True, check=True)
 told = set()

@@ -18,12 +18,16 @@ for component in server client dev; do
   [[ $(dpkg-deb --field "$package" Depends) == *libgrpc++* ]] || fail "evpose-$component does not name its libraries"
   [[ -f $work/root/usr/share/doc/evpose-$component/copyright ]] || fail "evpose-$component has no copyright"
 done
+programs=(evpose evpose-server)
+pages=(man1/evpose.1 man1/evpose-replay.1 man1/evpose-sessions-list.1 man8/evpose-server.8)
 # Only where OpenCASCADE is installed.
 if [[ -x $build/client/convert_step/evpose-convert-step ]]; then
   package=$(echo "$work"/packages/evpose-convert-step_*.deb)
   dpkg-deb --extract "$package" "$work/root"
   [[ $(dpkg-deb --field "$package" Depends) == *libocct* ]] || fail "evpose-convert-step does not name its libraries"
   [[ $("$work/root/usr/bin/evpose-convert-step" --help) == *"Usage: "* ]] || fail "evpose-convert-step does not run"
+  programs+=(evpose-convert-step)
+  pages+=(man1/evpose-convert-step.1)
 fi
 # Only where HDF5 is installed.
 if [[ -x $build/client/convert_hdf5/evpose-hdf5 ]]; then
@@ -31,6 +35,8 @@ if [[ -x $build/client/convert_hdf5/evpose-hdf5 ]]; then
   dpkg-deb --extract "$package" "$work/root"
   [[ $(dpkg-deb --field "$package" Depends) == *libhdf5* ]] || fail "evpose-hdf5 does not name its libraries"
   [[ $("$work/root/usr/bin/evpose-hdf5" --help) == *"Usage: "* ]] || fail "evpose-hdf5 does not run"
+  programs+=(evpose-hdf5)
+  pages+=(man1/evpose-hdf5.1)
 fi
 if [[ -d $build/client/python/evpose ]]; then
   package=$(echo "$work"/packages/python3-evpose_*_all.deb)
@@ -41,16 +47,16 @@ if [[ -d $build/client/python/evpose ]]; then
   PYTHONPATH=$work/root/usr/lib/python3/dist-packages /usr/bin/python3 -c 'import evpose; evpose.TrackState' || fail "python3-evpose cannot be imported"
 fi
 version=$(dpkg-deb --field "$work"/packages/evpose-server_*.deb Version)
-for program in evpose evpose-server; do
+for program in "${programs[@]}"; do
   said=$("$work/root/usr/bin/$program" --version)
   [[ $said == *"$version"* ]] || fail "$program prints $said, but its package has version $version"
 done
-for page in man1/evpose.1 man1/evpose-replay.1 man1/evpose-sessions-list.1 man8/evpose-server.8; do
+for page in "${pages[@]}"; do
   man --warnings --local-file "$work/root/usr/share/man/$page" >"$work/page" 2>"$work/problems" || fail "man cannot display $page"
   [[ ! -s $work/problems ]] || { cat "$work/problems" >&2; fail "$page has problems"; }
   grep -q 'EXIT STATUS' "$work/page" || fail "$page has no exit status"
 done
-for program in evpose evpose-server; do
+for program in "${programs[@]}"; do
   bash -n "$work/root/usr/share/bash-completion/completions/$program" || fail "there is no completion of $program for bash"
   grep -q "^#compdef $program\$" "$work/root/usr/share/zsh/vendor-completions/_$program" || fail "there is no completion of $program for zsh"
 done

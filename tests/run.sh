@@ -5,7 +5,7 @@
 #   tests/run.sh                    everything; under a sanitizer, tests that read untrusted bytes or have threads
 #   tests/run.sh --preset NAME      one preset (release, debug, asan or tsan) with all of its tests; under a sanitizer without
 #                                   those with the label "long"
-#   tests/run.sh --tidy             clang-tidy on every source file, about an hour (tests/lint/tidy.sh: on the changed files)
+#   tests/run.sh --tidy             clang-tidy on every source file, 50 minutes on two cores (tests/lint/tidy.sh: on the changed files)
 #   tests/run.sh --fuzz SECONDS     every fuzz target for this time, from tests/fuzz/seeds (tests/fuzz/run.sh)
 #   tests/run.sh --adversary SECONDS [SEED]   a hostile tenant beside a live camera for this time (tests/adversary/mix.py)
 set -euo pipefail

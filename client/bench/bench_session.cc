@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/client_access.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/models/object_model.h"
 

@@ -12,8 +12,8 @@
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
-#include "core/events/recording_reader.h"
 #include "core/experiments/speed/speed_recordings.h"
+#include "core/recordings/recording_reader.h"
 #include "evpose/client.h"
 
 namespace evpose::client {

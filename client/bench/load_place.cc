@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/lib/conversion.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/conversion.h"
+#include "client/lib/messages/status_details.h"
 
 namespace evpose::client {
 namespace {

@@ -14,7 +14,7 @@
 #include "absl/strings/str_split.h"
 #include "client/bench/load_place.h"
 #include "client/lib/channel.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/speed/measured_time.h"
 

@@ -16,8 +16,8 @@
 #include "core/base/status_macros.h"
 #include "core/experiments/speed/measured_time.h"
 #include "core/numerics/statistics.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 
 namespace evpose::client {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose-help-files: writes the manual pages and the shell completion of evpose and evpose-server to a directory,
+// evpose-help-files: writes the manual pages and the shell completion of the programs that users call to a directory,
 // during the build.
 #include <algorithm>
 #include <filesystem>
@@ -9,12 +9,16 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/cli.h"
+#include "client/convert_hdf5/hdf5_arguments.h"
+#include "client/convert_step/step_arguments.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/command_line/completion.h"
+#include "core/command_line/help.h"
 #include "core/command_line/man_page.h"
 #include "server/program/options.h"
 
@@ -68,31 +72,29 @@ absl::Status WriteAll(const std::filesystem::path& directory) {
   client::CommandRunners runners;
   EVPOSE_RETURN_IF_ERROR(
       WriteProgram(*client::MakeParser(context, runners), kUserCommands, "evpose-server(8)", directory));
+  client::StepArguments step;
+  EVPOSE_RETURN_IF_ERROR(WriteProgram(*client::MakeStepParser(step), kUserCommands, "evpose(1)", directory));
+  client::Hdf5Arguments hdf5;
+  EVPOSE_RETURN_IF_ERROR(WriteProgram(*client::MakeHdf5Parser(hdf5), kUserCommands, "evpose(1)", directory));
   absl::Status status;
   server::UseParser(
       [&](const CLI::App& program) { status = WriteProgram(program, kAdministration, "evpose(1)", directory); });
   return status;
 }
 
-int Main(const std::vector<std::string>& arguments) {
+absl::StatusOr<int> Run(const std::vector<std::string>& arguments) {
   if (arguments.size() != 1) {
     std::cerr << "usage: evpose-help-files DIRECTORY\n";
     return 2;
   }
-  const absl::Status status = WriteAll(arguments.front());
-  if (status.ok()) return 0;
-  std::cerr << "evpose-help-files: " << status.message() << "\n";
-  return 1;
+  EVPOSE_RETURN_IF_ERROR(WriteAll(arguments.front()));
+  return 0;
 }
 
 }  // namespace
 }  // namespace evpose
 
 int main(int argc, char** argv) {
-  try {
-    return evpose::Main(std::vector<std::string>(argv + 1, argv + argc));
-  } catch (const std::exception& error) {
-    std::cerr << "evpose-help-files: " << error.what() << "\n";
-    return 1;
-  }
+  return evpose::RunProgram("evpose-help-files",
+                            [&] { return evpose::Run(std::vector<std::string>(argv + 1, argv + argc)); });
 }

@@ -10,7 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "client/containers/container_format.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

@@ -8,13 +8,14 @@
 #include <zlib.h>
 #include <zstd.h>
 
+#include <fstream>
 #include <functional>
 
 #include "client/containers/containers_testing.h"
 #include "client/containers/mcap_records.h"
 #include "client/containers/ros_messages.h"
 #include "core/base/temporary_directory_testing.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 namespace {
@@ -250,6 +251,19 @@ TEST(BagTest, DamagedAndOtherPacketsAreLossesToo) {
   EXPECT_EQ(recording->num_skipped("damaged packets"), 2);
   EXPECT_EQ(recording->num_skipped("packets of another encoding, byte order or sensor size"), 1);
   EXPECT_THAT(recording->losses, ElementsAre(1));
+}
+
+TEST(BagTest, ASqliteFileThatChangesWhileItIsReadIsAnError) {
+  const TemporaryDirectory directory;
+  const TestTopic topic = {"/events", kPackets, {MakePacket({1, EventAt(5, 7)}), MakePacket({2, EventAt(9, 8)})}};
+  const std::string path = WriteSqliteBag(directory.File("a.db3"), {topic});
+  auto reader = OpenRecording(path).value();
+  std::ofstream(path, std::ios::app) << "more";
+  Chunker chunker(*reader, {.max_duration_us = 1 << 20});
+  absl::StatusOr<EventChunkBytes> chunk = chunker.Next();
+  while (chunk.ok() && !chunk->bytes.empty()) chunk = chunker.Next();
+  EXPECT_EQ(chunk.status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(chunk.status().message(), HasSubstr("a.db3: changed while it was read: its size was"));
 }
 
 TEST(BagTest, PublishersThatDoNotCountHaveNoGaps) {

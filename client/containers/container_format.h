@@ -9,9 +9,9 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
-#include "core/events/byte_source.h"
 #include "core/events/event.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/byte_source.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

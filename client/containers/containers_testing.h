@@ -13,7 +13,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "client/containers/open_recording.h"
-#include "core/events/event_reader.h"
+#include "core/recordings/event_reader.h"
 
 namespace evpose::client {
 

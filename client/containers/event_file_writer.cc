@@ -11,7 +11,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/events/encoder.h"
-#include "core/events/recording_writer.h"
+#include "core/recordings/recording_writer.h"
 
 namespace evpose::client {
 namespace {

@@ -12,7 +12,7 @@
 
 #include "absl/status/statusor.h"
 #include "core/events/event.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

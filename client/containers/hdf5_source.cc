@@ -19,7 +19,7 @@ constexpr std::string_view kHdf5Signature("\x89HDF\r\n\x1a\n", 8);
 
 absl::StatusOr<std::unique_ptr<ChildProcess>> StartProgram(const char* command, const std::string& path) {
   const std::optional<std::string> program = FindProgram(kHdf5Program, "../convert_hdf5");
-  if (program.has_value()) return ChildProcess::Start(*program, {command, path});
+  if (program.has_value()) return ChildProcess::Start(*program, {command, PathArgument(path)});
   return absl::FailedPreconditionError(absl::StrCat(path, ": HDF5 needs the program ", kHdf5Program,
                                                     ", which is neither beside this program nor in the PATH: install "
                                                     "the Debian package ",

@@ -12,8 +12,8 @@
 
 #include "absl/status/statusor.h"
 #include "client/containers/compression/frame_decompressor.h"
-#include "core/events/byte_source.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/byte_source.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

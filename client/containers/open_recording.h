@@ -9,7 +9,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

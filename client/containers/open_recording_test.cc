@@ -8,7 +8,7 @@
 
 #include "client/containers/containers_testing.h"
 #include "core/base/temporary_directory_testing.h"
-#include "core/events/recording_writer.h"
+#include "core/recordings/recording_writer.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::client {

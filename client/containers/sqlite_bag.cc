@@ -5,11 +5,13 @@
 #include <sqlite3.h>
 
 #include <filesystem>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "client/containers/bag.h"
+#include "core/base/file_version.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -31,11 +33,17 @@ absl::Status DatabaseError(const std::string& path, sqlite3* database) {
       absl::StrCat(path, ": cannot be read as a rosbag2 file: ", sqlite3_errmsg(database)));
 }
 
+// A bag with a write-ahead log may grow while it is read: SQLite reads it as it was at first.
+bool HasLog(const std::string& path) {
+  std::error_code error;
+  return std::filesystem::exists(path + "-wal", error);
+}
+
 absl::StatusOr<Database> OpenDatabase(const std::string& path) {
   // With "immutable" SQLite creates no files beside the bag, so that a folder without write permission suffices. A bag
   // with a write-ahead log is not immutable, because its latest pages are in the log.
   std::error_code error;
-  const bool has_journal = std::filesystem::exists(path + "-wal", error);
+  const bool has_journal = HasLog(path);
   std::string uri =
       absl::StrReplaceAll(std::filesystem::absolute(path, error).string(), {{"%", "%25"}, {"?", "%3f"}, {"#", "%23"}});
   uri = absl::StrCat("file:", uri, has_journal ? "?mode=ro" : "?mode=ro&immutable=1");
@@ -77,8 +85,12 @@ absl::StatusOr<std::vector<BagTopic>> ReadTopics(const std::string& path, sqlite
 
 class SqliteStream final : public MessageStream {
  public:
-  SqliteStream(Database database, Statement statement)
-      : database_(std::move(database)), statement_(std::move(statement)) {}
+  // `opened`: of the file at `path` if it must not change while it is read.
+  SqliteStream(std::string path, std::optional<FileVersion> opened, Database database, Statement statement)
+      : path_(std::move(path)),
+        opened_(std::move(opened)),
+        database_(std::move(database)),
+        statement_(std::move(statement)) {}
 
   absl::StatusOr<bool> Next(std::string& message) override {
     if (at_end_) return false;
@@ -90,6 +102,11 @@ class SqliteStream final : public MessageStream {
       return true;
     }
     at_end_ = true;
+    if (opened_.has_value()) {
+      if (const absl::Status status = opened_->CheckUnchanged(); !status.ok()) {
+        return absl::Status(status.code(), absl::StrCat(path_, ": ", status.message()));
+      }
+    }
     // The pages behind the damage cannot be found.
     num_damages_ += result != SQLITE_DONE ? 1 : 0;
     return false;
@@ -101,6 +118,8 @@ class SqliteStream final : public MessageStream {
   }
 
  private:
+  const std::string path_;
+  const std::optional<FileVersion> opened_;
   const Database database_;  // destroyed after the statement
   const Statement statement_;
   bool at_end_ = false;
@@ -108,6 +127,10 @@ class SqliteStream final : public MessageStream {
 };
 
 absl::StatusOr<std::unique_ptr<MessageStream>> OpenSqliteStream(const std::string& path, const BagTopic& topic) {
+  std::optional<FileVersion> opened;
+  if (!HasLog(path)) {
+    EVPOSE_ASSIGN_OR_RETURN(opened, FileVersion::Of(path));
+  }
   EVPOSE_ASSIGN_OR_RETURN(Database database, OpenDatabase(path));
   // In the order of the rows, which is that of their arrival, so that no row has to be sorted.
   EVPOSE_ASSIGN_OR_RETURN(
@@ -119,7 +142,7 @@ absl::StatusOr<std::unique_ptr<MessageStream>> OpenSqliteStream(const std::strin
       SQLITE_OK) {
     return DatabaseError(path, database.get());
   }
-  return std::make_unique<SqliteStream>(std::move(database), std::move(statement));
+  return std::make_unique<SqliteStream>(path, std::move(opened), std::move(database), std::move(statement));
 }
 
 bool MatchesSqlite(std::string_view prefix) { return prefix.starts_with(kSqliteMagic); }

@@ -7,7 +7,7 @@
 #include "client/containers/containers_testing.h"
 #include "client/containers/decimal.h"
 #include "core/base/temporary_directory_testing.h"
-#include "core/events/event_digest.h"
+#include "core/recordings/event_digest.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::client {

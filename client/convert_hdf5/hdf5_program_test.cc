@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -13,6 +14,7 @@
 #include "client/containers/hdf5_source.h"
 #include "client/containers/open_recording.h"
 #include "client/convert_hdf5/hdf5_testing.h"
+#include "core/base/environment_testing.h"
 #include "core/base/temporary_directory_testing.h"
 #include "tests/data/test_data.h"
 
@@ -26,13 +28,11 @@ using ::testing::IsEmpty;
 
 class Hdf5ProgramTest : public testing::Test {
  protected:
-  // The program is found in the PATH, as an installed one.
-  static void SetUpTestSuite() {
-    const std::string folder = std::filesystem::path(EVPOSE_HDF5_PROGRAM).parent_path().string();
-    setenv("PATH", (folder + ":" + std::getenv("PATH")).c_str(), 1);
-  }
   std::string path() const { return directory_.File("a.hdf5"); }
 
+  // The program is found in the PATH, as an installed one.
+  const ScopedEnvironmentVariable programs_{
+      "PATH", std::filesystem::path(EVPOSE_HDF5_PROGRAM).parent_path().string() + ":" + std::getenv("PATH")};
   const TemporaryDirectory directory_;
 };
 
@@ -85,6 +85,17 @@ TEST_F(Hdf5ProgramTest, ErrorsOfTheProgramHaveThePath) {
   EXPECT_FALSE(std::filesystem::exists(directory_.File("b.hdf5")));
 }
 
+// The file is much larger than the pipe to the program, so that its end is read after the change.
+TEST_F(Hdf5ProgramTest, AFileThatChangesWhileItIsReadIsAnError) {
+  ASSERT_TRUE(WriteHdf5(path(), {.header = {"", {1280, 720}, 0}, .events = TestEvents(1'000'000)}).ok());
+  const auto reader = OpenRecording(path()).value();
+  std::filesystem::last_write_time(path(), std::filesystem::last_write_time(path()) + std::chrono::seconds(1));
+  Chunker chunker(*reader, {});
+  absl::StatusOr<EventChunkBytes> chunk = chunker.Next();
+  while (chunk.ok() && !chunk->bytes.empty()) chunk = chunker.Next();
+  EXPECT_THAT(chunk.status().message(), HasSubstr("a.hdf5: changed while it was read: it was written to"));
+}
+
 TEST_F(Hdf5ProgramTest, AnOutputThatIsNotClosedLeavesNoFile) {
   {
     const auto output = Hdf5Output::Create(path(), {640, 480}, 0).value();
@@ -118,12 +129,21 @@ TEST_F(Hdf5ProgramTest, ChangedFilesGiveAnErrorOrACount) {
   EXPECT_GT(num_errors, 0);
 }
 
+TEST_F(Hdf5ProgramTest, ANameThatBeginsWithAMinusIsNoOption) {
+  ASSERT_TRUE(WriteHdf5(path(), {.header = {"", {640, 480}, 0}, .events = TestEvents(10)}).ok());
+  const std::filesystem::path before = std::filesystem::current_path();
+  std::filesystem::current_path(std::filesystem::path(path()).parent_path());
+  std::filesystem::rename("a.hdf5", "-a.hdf5");
+  const auto read = ReadAll("-a.hdf5");
+  std::filesystem::current_path(before);
+  ASSERT_TRUE(read.ok()) << read.status();
+  EXPECT_EQ(read->events.size(), 10u);
+}
+
 TEST_F(Hdf5ProgramTest, WithoutTheProgramTheErrorNamesThePackage) {
-  const std::string former = std::getenv("PATH");
-  setenv("PATH", "/nowhere", 1);
+  const ScopedEnvironmentVariable no_programs("PATH", "/nowhere");
   ASSERT_TRUE(WriteHdf5(path(), {.header = {"", {640, 480}, 0}, .events = TestEvents(10)}).ok());
   const auto recording = OpenRecording(path());
-  setenv("PATH", former.c_str(), 1);
   if (recording.ok()) GTEST_SKIP() << "the program is beside this one";
   EXPECT_THAT(recording.status().message(), HasSubstr("install the Debian package evpose-hdf5"));
 }

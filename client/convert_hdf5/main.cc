@@ -9,16 +9,21 @@
 #include <csignal>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "client/containers/hdf5/event_pipe.h"
+#include "client/convert_hdf5/hdf5_arguments.h"
 #include "client/convert_hdf5/hdf5_reader.h"
 #include "client/convert_hdf5/hdf5_writer.h"
+#include "core/base/file_version.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/help.h"
 
 namespace {
 
@@ -33,13 +38,7 @@ using evpose::client::PipeRecord;
 using evpose::client::PipeRecordKind;
 
 constexpr int kFailed = 1;
-constexpr int kUsage = 2;
 constexpr size_t kReadBytes = size_t{64} * 1024;  // the capacity of a pipe
-
-constexpr char kHelp[] =
-    "Usage: evpose-hdf5 read FILE | write FILE\n"
-    "Reads a recording in HDF5 and writes its events, as records of evpose, to standard output; or writes those of\n"
-    "standard input to an HDF5 file of Metavision (ECF). evpose runs it for files in HDF5.\n";
 
 absl::Status WriteAll(absl::Span<const uint8_t> bytes) {
   while (!bytes.empty()) {
@@ -77,6 +76,7 @@ void BoundStep() {
 absl::Status ReadFile(const std::string& path) {
   BoundMemory();
   BoundStep();
+  const absl::StatusOr<evpose::FileVersion> opened = evpose::FileVersion::Of(path);
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Hdf5Reader> reader, Hdf5Reader::Open(path));
   std::vector<uint8_t> bytes;
   AppendPipeHeader(reader->header(), bytes);
@@ -95,6 +95,7 @@ absl::Status ReadFile(const std::string& path) {
     EVPOSE_RETURN_IF_ERROR(WriteAll(bytes));
     bytes.clear();
   }
+  if (opened.ok()) EVPOSE_RETURN_IF_ERROR(opened->CheckUnchanged());
   AppendPipeLosses(reader->losses(), bytes);
   AppendPipeEnd(bytes);
   return WriteAll(bytes);
@@ -143,20 +144,16 @@ absl::Status WriteFile(const std::string& path) {
   }
 }
 
+absl::StatusOr<int> Run(int argc, char** argv) {
+  evpose::client::Hdf5Arguments arguments;
+  const std::unique_ptr<CLI::App> parser = evpose::client::MakeHdf5Parser(arguments);
+  if (const std::optional<int> answer = evpose::ParseOrAnswer(*parser, argc, argv)) return *answer;
+  EVPOSE_RETURN_IF_ERROR(arguments.action == "read" ? ReadFile(arguments.path) : WriteFile(arguments.path));
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  const absl::string_view command = argc > 1 ? argv[1] : "";
-  if (argc == 2 && command == "--help") {
-    std::cout << kHelp;
-    return 0;
-  }
-  if (argc != 3 || (command != "read" && command != "write")) {
-    std::cerr << kHelp;
-    return kUsage;
-  }
-  const absl::Status status = command == "read" ? ReadFile(argv[2]) : WriteFile(argv[2]);
-  if (status.ok()) return 0;
-  std::cerr << "evpose-hdf5: " << status.message() << std::endl;
-  return kFailed;
+  return evpose::RunProgram("evpose-hdf5", [argc, argv] { return Run(argc, argv); });
 }

@@ -6,24 +6,21 @@
 
 #include <cerrno>
 #include <iostream>
+#include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "client/convert_step/step_arguments.h"
 #include "client/convert_step/step_reader.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/help.h"
 #include "server/models/mesh_message.h"
 
 namespace {
-
-constexpr int kFailed = 1;
-constexpr int kUsage = 2;
-
-constexpr char kHelp[] =
-    "Usage: evpose-convert-step FILE [OUTPUT]\n"
-    "Converts a STEP or IGES file into the Mesh of evpose's API, in metres; without OUTPUT, on standard output.\n"
-    "evpose runs it for files named .step, .stp, .iges or .igs.\n";
 
 // OpenCASCADE prints reports on standard output. Returns a descriptor of the former standard output.
 int RedirectReports() {
@@ -51,19 +48,16 @@ absl::Status Convert(const std::string& input, const std::string& output) {
   return output.empty() ? WriteAll(standard_output, message) : evpose::WriteFile(output, message);
 }
 
+absl::StatusOr<int> Run(int argc, char** argv) {
+  evpose::client::StepArguments arguments;
+  const std::unique_ptr<CLI::App> parser = evpose::client::MakeStepParser(arguments);
+  if (const std::optional<int> answer = evpose::ParseOrAnswer(*parser, argc, argv)) return *answer;
+  EVPOSE_RETURN_IF_ERROR(Convert(arguments.input, arguments.output));
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc == 2 && absl::string_view(argv[1]) == "--help") {
-    std::cout << kHelp;
-    return 0;
-  }
-  if (argc < 2 || argc > 3) {
-    std::cerr << kHelp;
-    return kUsage;
-  }
-  const absl::Status status = Convert(argv[1], argc == 3 ? argv[2] : "");
-  if (status.ok()) return 0;
-  std::cerr << "evpose-convert-step: " << status.message() << std::endl;
-  return kFailed;
+  return evpose::RunProgram("evpose-convert-step", [argc, argv] { return Run(argc, argv); });
 }

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "client/convert_step/face_surface.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose::client {
 namespace {
@@ -70,9 +71,7 @@ bool AreSmooth(const EdgeInFace& a, const EdgeInFace& b) {
     if (!of_a[i].isZero(0.0) && !of_b[i].isZero(0.0)) cosines.push_back(of_a[i].dot(of_b[i]));
   }
   if (cosines.empty()) return false;
-  const auto middle = cosines.begin() + static_cast<std::ptrdiff_t>(cosines.size() / 2);
-  std::nth_element(cosines.begin(), middle, cosines.end());
-  return *middle > std::cos(kMaxSmoothAngle);
+  return UpperMedian(cosines) > std::cos(kMaxSmoothAngle);
 }
 
 ExactEdge DescribeCurve(const BRepAdaptor_Curve& curve, double scale) {

@@ -77,7 +77,7 @@ absl::StatusOr<std::string> Take(Files& files, const std::string& name) {
   return std::move(found->second);
 }
 
-absl::StatusOr<Files> WithoutFolder(Files archive) {
+absl::StatusOr<Files> WithoutFolder(Files&& archive) {
   Files files;
   for (auto& [name, contents] : archive) {
     if (!name.starts_with(kFolder)) {

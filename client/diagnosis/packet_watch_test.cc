@@ -16,9 +16,9 @@ PacketWatch Watch(int period_ms, double ratio) {
   const absl::Time begin = absl::UnixEpoch();
   for (int t_ms = 0; t_ms < 2000; t_ms += period_ms) {
     const absl::Time now = begin + absl::Milliseconds(t_ms / ratio);
-    watch.Add(now, absl::Milliseconds(period_ms / ratio), 1000 * t_ms);
+    watch.Add(now, absl::Milliseconds(period_ms / ratio), int64_t{1000} * t_ms);
     // The rest of the packet arrives without a wait.
-    watch.Add(now, absl::ZeroDuration(), 1000 * t_ms);
+    watch.Add(now, absl::ZeroDuration(), int64_t{1000} * t_ms);
   }
   return watch;
 }

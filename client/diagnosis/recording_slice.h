@@ -11,7 +11,7 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

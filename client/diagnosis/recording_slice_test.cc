@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "core/events/encoder.h"
-#include "core/events/event_reader.h"
+#include "core/recordings/event_reader.h"
 
 namespace evpose::client {
 namespace {

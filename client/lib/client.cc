@@ -14,9 +14,9 @@
 #include "client/lib/channel.h"
 #include "client/lib/client_access.h"
 #include "client/lib/client_impl.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
+#include "client/lib/messages/status_details.h"
 #include "client/lib/server_choice.h"
-#include "client/lib/status_details.h"
 #include "client/lib/stream/retry.h"
 #include "client/lib/tls_probe.h"
 #include "core/base/output_file.h"
@@ -115,8 +115,8 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
   }
   if (is_connected) return info.status();
   return absl::UnavailableError(absl::StrCat("no server at ", addresses, ": tried to connect for ",
-                                             absl::FormatDuration(options.connect_timeout),
-                                             "; is evpose-server running there? (", info.status().message(), ")"));
+                                             absl::ToDoubleSeconds(options.connect_timeout),
+                                             " s; is evpose-server running there? (", info.status().message(), ")"));
 }
 
 std::unique_ptr<Client> ClientAccess::OverChannel(std::shared_ptr<grpc::Channel> channel, const std::string& name,

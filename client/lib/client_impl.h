@@ -19,7 +19,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
 #include "client/lib/server_choice.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"

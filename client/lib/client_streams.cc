@@ -10,7 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/lib/client_access.h"
 #include "client/lib/client_impl.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
 #include "client/lib/server_choice.h"
 #include "client/lib/stream/event_feed.h"
 #include "client/lib/stream/reconnecting_stream.h"

@@ -235,7 +235,7 @@ TEST_F(WatchTest, AStopRequestEndsTheStreamOfHealth) {
 class ResetTest : public TrackTest {
  protected:
   // A chunk of eight bytes.
-  static EventChunk Chunk(uint8_t value) { return {std::vector<uint8_t>(8, value), 1000 * value}; }
+  static EventChunk Chunk(uint8_t value) { return {std::vector<uint8_t>(8, value), int64_t{1000} * value}; }
 
   // Reads all messages up to `end` and acknowledges each of them.
   static grpc::Status ReadAll(ServerStream& stream, std::vector<v1::TrackRequest>& requests) {

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
 

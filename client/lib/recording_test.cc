@@ -9,7 +9,7 @@
 #include <fstream>
 #include <string>
 
-#include "core/events/recording_header.h"
+#include "core/recordings/recording_header.h"
 
 namespace evpose::client {
 namespace {

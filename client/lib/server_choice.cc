@@ -10,15 +10,15 @@
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
 #include "client/lib/channel.h"
-#include "client/lib/conversion.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/conversion.h"
+#include "client/lib/messages/status_details.h"
 
 namespace evpose::client {
 namespace {
 
-// Time for which a server that another one is tried after is waited for.
+// Longest wait for the connection to one server when there are others to try.
 constexpr absl::Duration kConnectionWait = absl::Milliseconds(100);
-// Time for which the only server is waited for: a few round trips of a long link, as TLS needs them.
+// The same for the only server: a few round trips of a long link, as TLS needs them.
 constexpr absl::Duration kOnlyConnectionWait = absl::Seconds(1);
 
 }  // namespace

@@ -20,7 +20,7 @@
 #include "absl/synchronization/notification.h"
 #include "client/lib/client_access.h"
 #include "client/lib/fake_clock_testing.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/status_details.h"
 #include "client/lib/stream/scripted_server_testing.h"
 #include "evpose/client.h"
 

@@ -3,8 +3,8 @@
 
 #include <Eigen/LU>
 
-#include "client/lib/conversion.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/conversion.h"
+#include "client/lib/messages/core_types.h"
 #include "evpose/v1/session.pb.h"
 
 namespace evpose::client {

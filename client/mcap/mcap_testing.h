@@ -19,7 +19,7 @@
 #include "absl/strings/str_split.h"
 #include "client/containers/byte_view.h"
 #include "client/containers/mcap_records.h"
-#include "core/events/byte_source.h"
+#include "core/recordings/byte_source.h"
 
 namespace evpose::client {
 

@@ -85,7 +85,7 @@ TEST(PoseRecorder, OnlyConfirmedPosesAreMessagesOfPoses) {
   EXPECT_THAT(TimesOf(OfTopic(messages, "/evpose/part/state")),
               ElementsAre(10'000, 20'000, 30'000, 40'000, 50'000, 60'000, 70'000));
   EXPECT_EQ(messages.size(), 13u);
-  const TestMessage lost = messages.back();
+  const TestMessage& lost = messages.back();
   EXPECT_EQ(MessageReader(lost.type, lost.definition, lost.bytes).Text("data"),
             R"({"object_id":"part","t_us":70,"state":"LOST"})");
 }

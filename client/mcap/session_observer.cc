@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/status_details.h"
 #include "client/lib/stream/retry.h"
 #include "client/mcap/event_png.h"
 #include "evpose/clock.h"

@@ -22,7 +22,8 @@ constexpr size_t kReadBytes = size_t{64} * 1024;  // the capacity of a pipe
 }  // namespace
 
 absl::StatusOr<std::string> RunConverter(const std::string& program, const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<ChildProcess> process, ChildProcess::Start(program, {path}));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<ChildProcess> process,
+                          ChildProcess::Start(program, {PathArgument(path)}));
   std::string output;
   std::vector<uint8_t> buffer(kReadBytes);
   while (true) {

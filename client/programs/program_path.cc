@@ -8,6 +8,8 @@
 #include <system_error>
 #include <vector>
 
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/string_view.h"
 
@@ -27,6 +29,10 @@ std::optional<std::string> FindProgram(const std::string& name, const std::strin
     if (std::filesystem::is_regular_file(program, error) && access(program.c_str(), X_OK) == 0) return program;
   }
   return std::nullopt;
+}
+
+std::string PathArgument(const std::string& path) {
+  return absl::StartsWith(path, "-") ? absl::StrCat("./", path) : path;
 }
 
 }  // namespace evpose::client

@@ -12,4 +12,7 @@ namespace evpose::client {
 // that of this program, otherwise in PATH. nullopt if there is none.
 std::optional<std::string> FindProgram(const std::string& name, const std::string& in_build);
 
+// Returns a path to the same file that a program does not take for an option: "./-x" for "-x".
+std::string PathArgument(const std::string& path);
+
 }  // namespace evpose::client

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "client/lib/stalled_server_testing.h"
 #include "client/view/outbox_reader_testing.h"
 #include "client/view/recordings_testing.h"

@@ -18,7 +18,7 @@
 #include "client/view/page_messages.h"
 #include "core/events/decoder.h"
 #include "core/events/event_counts.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

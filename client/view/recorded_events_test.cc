@@ -12,7 +12,7 @@
 #include "client/containers/open_recording.h"
 #include "client/view/recordings_testing.h"
 #include "core/base/temporary_directory_testing.h"
-#include "core/events/event_reader.h"
+#include "core/recordings/event_reader.h"
 
 namespace evpose::client {
 namespace {

@@ -10,7 +10,7 @@
 #include "absl/strings/str_join.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/pose_records.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "client/view/keep_every_second.h"
 #include "core/base/status_macros.h"
 

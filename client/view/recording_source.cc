@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "client/view/recording_view.h"
 #include "core/base/status_macros.h"
 #include "core/models/display_geometry.h"

@@ -16,9 +16,9 @@
 #include "client/view/shared_frames.h"
 #include "client/view/view_source.h"
 #include "core/association/visible_edges.h"
-#include "core/events/recording_reader.h"
 #include "core/geometry/camera.h"
 #include "core/models/object_model.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

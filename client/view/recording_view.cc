@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "core/events/event_bitmap.h"
-#include "core/tracking/outline/object_outline.h"
+#include "core/tracking/object/object_outline.h"
 
 namespace evpose::client {
 namespace {
@@ -131,7 +131,10 @@ RecordingView::Work RecordingView::NextWork(const std::stop_token& stop) {
   Work work{t_us_, settings_, is_playing_, speed_, !is_to_show_};
   if (work.is_tick) {
     work.t_us = PlayedUs();
-    next_tick_ = Clock::now() + std::chrono::microseconds(std::llround(1e6 / settings_.rate_hz));
+    // Ticks follow each other by the period, however late each of them is noticed. After a long image the next one is
+    // not due at once, so that the rate stays bounded.
+    const std::chrono::microseconds period(std::llround(1e6 / settings_.rate_hz));
+    next_tick_ = std::max(next_tick_ + period, Clock::now() + period / 2);
     // A play waits at the end of what has been read, and stops at the end of the recording.
     const RecordedEvents::Progress progress = source_.events().progress();
     if (*work.t_us >= progress.range.to_us) {

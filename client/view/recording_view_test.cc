@@ -14,7 +14,7 @@
 
 #include "client/cli/common/pose_format.h"
 #include "client/containers/open_recording.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "client/view/outbox_reader_testing.h"
 #include "client/view/page_client_testing.h"
 #include "client/view/recordings_testing.h"
@@ -207,7 +207,8 @@ TEST_F(RecordingViewTest, AnImageHasExactlyTheEventsOfItsWindow) {
         uint64_t count = 0;
         for (const Event& event : events_) {
           if (event.t_us < t_us - half_us || event.t_us >= t_us + half_us) continue;
-          const auto cell = static_cast<size_t>(event.y / cell_px * width + event.x / cell_px);
+          const int place = event.y / cell_px * width + event.x / cell_px;
+          const auto cell = static_cast<size_t>(place);
           cells[cell / 4] |= static_cast<uint8_t>((event.polarity != 0 ? 1 : 2) << (2 * (cell % 4)));
           ++count;
         }

@@ -14,7 +14,7 @@
 
 #include "absl/strings/match.h"
 #include "core/events/encoder.h"
-#include "core/events/recording_writer.h"
+#include "core/recordings/recording_writer.h"
 
 namespace evpose::client {
 

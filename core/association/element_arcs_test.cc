@@ -66,7 +66,7 @@ class ElementArcsTest : public ::testing::Test {
   void Project() { ProjectLines(camera_, state_, lines_, images_); }
 
   const CameraModel camera_ = MakeCamera(640, 480, 600.0);
-  const EdgeElementOptions options_;
+  const EdgeElementOptions options_{};
   MotionState state_ = StateAt({0.3, -0.4, 0.2});
   std::vector<EdgeElement> elements_;
   std::vector<TrackedLine> lines_;

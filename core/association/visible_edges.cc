@@ -343,8 +343,9 @@ void VisibleEdges::ChooseLines(const RigidTransform& camera_from_object) {
   const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
   const double focal_px = camera_.MaxFocalPx();
   std::vector<Candidate> candidates;
+  size_t position = 0;
   for (const int index : edges_.lines()) {
-    YieldPoint(static_cast<size_t>(index));
+    YieldPoint(position++);
     const ModelLine& line = edges_.model().lines[index];
     const auto is_facing = [&](const Eigen::Vector3d& normal) { return normal.dot(eye - line.p1) > 0.0; };
     const auto facing = std::count_if(line.face_normals.begin(), line.face_normals.end(), is_facing);

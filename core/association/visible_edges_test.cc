@@ -9,7 +9,7 @@
 #include "core/contours/contour_shapes_testing.h"
 #include "core/contours/facet_outline_testing.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 namespace {

@@ -2,6 +2,7 @@
 #include "core/base/state_io.h"
 
 #include "absl/strings/str_cat.h"
+#include "core/base/yield_point.h"
 
 namespace evpose {
 
@@ -12,13 +13,33 @@ void StateWriter::Count(const size_t& count) {
 
 void StateWriter::Varint(const uint64_t& number) {
   uint64_t rest = number;
-  for (; rest >= 0x80; rest >>= 7) bytes_.push_back(static_cast<char>(0x80 | (rest & 0x7f)));
-  bytes_.push_back(static_cast<char>(rest));
+  for (; rest >= 0x80; rest >>= 7) piece_.push_back(static_cast<char>(0x80 | (rest & 0x7f)));
+  const auto last = static_cast<char>(rest);
+  Raw(&last, 1);
 }
 
 void StateWriter::Bytes(absl::string_view bytes) {
   Count(bytes.size());
   Raw(bytes.data(), bytes.size());
+}
+
+void StateWriter::EndPiece() {
+  ended_bytes_ += piece_.size();
+  ended_.push_back(std::exchange(piece_, std::string()));
+  piece_.reserve(kPieceBytes + 64);  // the last field ends a little beyond kPieceBytes
+  YieldPoint();
+}
+
+std::string StateWriter::Take() {
+  if (ended_.empty()) return std::move(piece_);
+  std::string bytes;
+  bytes.reserve(size());
+  for (std::string& piece : ended_) {
+    bytes += std::exchange(piece, std::string());  // frees each piece, because the state may be large
+    YieldPoint();
+  }
+  bytes += piece_;
+  return bytes;
 }
 
 void StateReader::Count(size_t& count) {

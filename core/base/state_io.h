@@ -49,9 +49,12 @@ namespace evpose {
 static_assert(std::endian::native == std::endian::little,
               "numbers are copied from memory, whose order must be little-endian");
 
+// Has a yield point (yield_point.h) after every kPieceBytes, because a state may have many megabytes. The bytes are
+// kept in pieces of this size until Take(): a string that grew to such a size would be copied as a whole at one point.
 class StateWriter {
  public:
   static constexpr bool kReading = false;
+  static constexpr size_t kPieceBytes = size_t{64} * 1024;
 
   template <typename... Fields>
   void operator()(const Fields&... fields);
@@ -62,15 +65,22 @@ class StateWriter {
   // byte.
   void Varint(const uint64_t& number);
   void Bytes(absl::string_view bytes);  // preceded by their length
-  void Raw(const void* bytes, size_t size) { bytes_.append(static_cast<const char*>(bytes), size); }
+  void Raw(const void* bytes, size_t size) {
+    piece_.append(static_cast<const char*>(bytes), size);
+    if (piece_.size() >= kPieceBytes) EndPiece();
+  }
   // A condition on values that were read; a writer does not test it.
   void Check(bool, absl::string_view) {}
 
-  size_t size() const { return bytes_.size(); }
-  std::string Take() { return std::move(bytes_); }
+  size_t size() const { return ended_bytes_ + piece_.size(); }
+  std::string Take();
 
  private:
-  std::string bytes_;
+  void EndPiece();
+
+  std::vector<std::string> ended_;  // the pieces before piece_
+  size_t ended_bytes_ = 0;          // of their bytes
+  std::string piece_;
 };
 
 class StateReader {

@@ -5,7 +5,9 @@
 
 #include <cmath>
 #include <limits>
+#include <new>
 
+#include "core/base/yields_testing.h"
 #include "core/numerics/random.h"
 
 namespace evpose {
@@ -193,6 +195,55 @@ TEST(StateIoTest, SmallNumbersAreShort) {
   endless.Varint(read);
   EXPECT_EQ(endless.Finish().code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(read, 0u);
+}
+
+TEST(StateIoTest, LargeStatesHaveYieldPoints) {
+  constexpr uint64_t kNumbers = 50'000;
+  const std::string large(3 * StateWriter::kPieceBytes, 'x');
+  StateWriter writer;
+  const size_t num_yields = CountYields([&] {
+    for (uint64_t i = 0; i < kNumbers; ++i) {
+      writer(i);
+      writer.Varint(i);
+    }
+    writer.Bytes(large);
+  });
+  const size_t size = writer.size();
+  EXPECT_EQ(num_yields, size / StateWriter::kPieceBytes - 2) << "a field has one yield point at most";
+  std::string bytes;
+  EXPECT_EQ(CountYields([&] { bytes = writer.Take(); }), num_yields) << "one for each piece";
+  EXPECT_EQ(bytes.size(), size);
+  StateReader reader(bytes);
+  for (uint64_t i = 0; i < kNumbers; ++i) {
+    uint64_t number = 0, varint = 0;
+    reader(number);
+    reader.Varint(varint);
+    ASSERT_EQ(number, i);
+    ASSERT_EQ(varint, i);
+  }
+  EXPECT_TRUE(reader.Bytes() == large);
+  EXPECT_EQ(reader.Finish(), absl::OkStatus());
+}
+
+TEST(StateIoTest, CodeThatMayHoldLocksIsNotPaused) {
+  const size_t num_yields = CountYields([] {
+    {
+      const ScopedWithoutYielder without;
+      YieldPoint();
+    }
+    YieldPoint();
+  });
+  EXPECT_EQ(num_yields, 1u);
+}
+
+TEST(StateIoTest, ADestructorGoesOnIfItCannotBePaused) {
+  class Throws : public Yielder {
+   public:
+    void Yield() override { throw std::bad_alloc(); }
+  } yielder;
+  const ScopedYielder scope(yielder);
+  EXPECT_THROW(YieldPoint(), std::bad_alloc);
+  YieldPointOfDestructor();
 }
 
 TEST(StateIoTest, RangesAreKept) {

@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <exception>
 
 namespace evpose {
 
@@ -31,6 +32,18 @@ class ScopedYielder {
   ScopedYielder& operator=(const ScopedYielder&) = delete;
 };
 
+// Removes the yielder of the present thread until the end of the scope: for calls of code that may hold locks.
+class ScopedWithoutYielder {
+ public:
+  ScopedWithoutYielder() { internal::yielder = nullptr; }
+  ~ScopedWithoutYielder() { internal::yielder = yielder_; }
+  ScopedWithoutYielder(const ScopedWithoutYielder&) = delete;
+  ScopedWithoutYielder& operator=(const ScopedWithoutYielder&) = delete;
+
+ private:
+  Yielder* const yielder_ = internal::yielder;
+};
+
 // To be called in loops whose body takes less than about 0.5 ms. Without a yielder it costs one load and one branch.
 inline void YieldPoint() {
   if (internal::yielder != nullptr) internal::yielder->Yield();
@@ -38,6 +51,16 @@ inline void YieldPoint() {
 // For loops with a body of less than about 5 us: yields at every 64th index.
 inline void YieldPoint(size_t index) {
   if (index % 64 == 0) YieldPoint();
+}
+
+// For destructors that release many megabytes. An exception of the yielder, which may need memory to pause the thread,
+// is not propagated: the thread goes on.
+inline void YieldPointOfDestructor() noexcept {
+  try {
+    YieldPoint();
+  } catch (const std::exception&) {
+    return;
+  }
 }
 
 // The time for which the present thread has been paused so far. A measured duration of processing excludes it.

@@ -102,7 +102,7 @@ TEST(CalibrationTarget, PdfHasTrueScaleAndCorrectOffsets) {
   ASSERT_NE(table, std::string::npos);
   for (int number = 1; number <= 5; ++number) {
     int offset = 0;
-    ASSERT_TRUE(absl::SimpleAtoi(pdf.substr(table + 9 + 20 * number, 10), &offset));
+    ASSERT_TRUE(absl::SimpleAtoi(pdf.substr(table + 9 + size_t{20} * static_cast<size_t>(number), 10), &offset));
     EXPECT_EQ(pdf.substr(offset, 7), std::to_string(number) + " 0 obj");
   }
   EXPECT_THAT(pdf, HasSubstr("startxref\n" + std::to_string(table) + "\n%%EOF"));

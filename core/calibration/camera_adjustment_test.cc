@@ -293,7 +293,10 @@ TEST(CameraAdjustment, WeakIntervalsAreRemoved) {
   EXPECT_EQ(made.samples.size(), all);
   // The samples of two lines do not determine a pose.
   std::erase_if(made.samples, [](const LineSample& sample) { return sample.interval == 7 && sample.line > 1; });
-  for (int i = 0; i < 6; ++i) made.samples.insert(made.samples.begin() + 7 * 66, made.samples[7 * 66]);
+  constexpr int kFirstOfInterval = 7 * 66;
+  for (int i = 0; i < 6; ++i) {
+    made.samples.insert(made.samples.begin() + kFirstOfInterval, made.samples[kFirstOfInterval]);
+  }
   RemoveWeakIntervals(made.samples);
   EXPECT_EQ(made.samples.size(), all - 66);
 }

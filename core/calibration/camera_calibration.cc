@@ -12,7 +12,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/undistortion_table.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 namespace {

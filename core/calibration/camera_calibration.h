@@ -16,7 +16,7 @@
 #include "core/calibration/camera_adjustment.h"
 #include "core/calibration/tracked_recording.h"
 #include "core/events/event.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose {
 

@@ -8,9 +8,9 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
-#include "core/events/event_reader.h"
+#include "core/recordings/event_reader.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 
 namespace evpose {
 namespace {

@@ -13,10 +13,10 @@
 #include "absl/status/statusor.h"
 #include "core/calibration/line_samples.h"
 #include "core/estimation/sensor_profile.h"
-#include "core/events/recording_reader.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose {
 

@@ -39,8 +39,7 @@ class CompletionTest : public ::testing::Test {
     server->add_subcommand("level", "Set it")->add_option("level", text_, "Level")->check(CLI::IsMember({"on", "off"}));
     std::filesystem::remove_all(directory_);
     std::filesystem::create_directories(directory_ / "models");
-    std::ofstream(directory_ / "cube.raw");
-    std::ofstream(directory_ / "a space.raw");
+    for (const char* name : {"cube.raw", "a space.raw"}) const std::ofstream file(directory_ / name);
     std::ofstream(directory_ / "completion.bash") << BashCompletion(app_);
     std::ofstream(directory_ / "_tool") << ZshCompletion(app_);
   }

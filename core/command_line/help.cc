@@ -6,6 +6,8 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <exception>
+#include <iostream>
 #include <memory>
 
 #include "absl/strings/match.h"
@@ -81,6 +83,19 @@ void AppendCommands(const HelpPage& page, size_t width, std::string& text) {
   }
 }
 
+void AppendUsages(const HelpPage& page, size_t width, std::string& text) {
+  constexpr absl::string_view kTitle = "Usage: ";
+  constexpr size_t kMaxIndentation = 16;  // of the lines that continue a usage, which are below the first argument
+  const size_t indentation = std::min(kTitle.size() + page.name.size() + 1, kMaxIndentation);
+  for (const std::string& words : page.usages) {
+    const std::vector<std::string> lines = WrapWords(absl::StrCat(page.name, " ", words), width - indentation);
+    const bool is_first = &words == &page.usages.front();
+    absl::StrAppend(&text, is_first ? "\n" : "", is_first ? kTitle : std::string(kTitle.size(), ' '), lines.front(),
+                    "\n");
+    AppendLines({lines.begin() + 1, lines.end()}, indentation, text);
+  }
+}
+
 class ProjectFormatter final : public CLI::FormatterBase {
  public:
   std::string make_help(const CLI::App* app, std::string, CLI::AppFormatMode) const override {
@@ -105,11 +120,7 @@ std::string Suggestion(const CLI::App& command, const std::string& error) {
 std::string FormatHelp(const HelpPage& page, size_t width) {
   std::string text;
   AppendLines(WrapWords(page.description, width), 0, text);
-  const std::string begin = absl::StrCat("Usage: ", page.name, " ");
-  const size_t indentation = std::min<size_t>(begin.size(), 16);
-  std::vector<std::string> usage = WrapWords(absl::StrCat(begin, page.Usage()), width - indentation);
-  absl::StrAppend(&text, "\n", usage.front(), "\n");
-  AppendLines({usage.begin() + 1, usage.end()}, indentation, text);
+  AppendUsages(page, width, text);
   AppendCommands(page, width, text);
   for (const HelpGroup& group : page.groups) {
     absl::StrAppend(&text, "\n", group.title, ":\n");
@@ -145,9 +156,33 @@ void UseHelp(CLI::App& program) {
   for (CLI::App* const below : program.get_subcommands([](CLI::App*) { return true; })) UseHelp(*below);
 }
 
+std::optional<int> ParseOrAnswer(CLI::App& program, int argc, const char* const* argv) {
+  constexpr int kWrongUsage = 2;
+  program.failure_message(
+      [](const CLI::App* parser, const CLI::Error& error) { return UsageMessage(*parser, error) + "\n"; });
+  try {
+    program.parse(argc, argv);
+    return std::nullopt;
+  } catch (const CLI::ParseError& error) {
+    return program.exit(error) == 0 ? 0 : kWrongUsage;
+  }
+}
+
 std::string HelpHint(const CLI::App& command) {
   const bool has_commands = !command.get_subcommands([](const CLI::App*) { return true; }).empty();
   return absl::StrCat(FullCommandName(command), " --help lists the ", has_commands ? "commands" : "options");
+}
+
+int RunProgram(absl::string_view name, absl::FunctionRef<absl::StatusOr<int>()> run) {
+  constexpr int kFailed = 1;
+  try {
+    const absl::StatusOr<int> status = run();
+    if (status.ok()) return *status;
+    std::cerr << name << ": " << status.status().message() << std::endl;
+  } catch (const std::exception& error) {
+    std::cerr << name << ": " << error.what() << std::endl;
+  }
+  return kFailed;
 }
 
 std::string UsageMessage(const CLI::App& command, const CLI::Error& error) {

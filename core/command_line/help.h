@@ -5,8 +5,12 @@
 
 #include <CLI/CLI.hpp>
 #include <cstddef>
+#include <optional>
 #include <string>
 
+#include "absl/functional/function_ref.h"
+#include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "core/command_line/help_page.h"
 
 namespace evpose {
@@ -24,6 +28,14 @@ size_t TextWidth(int descriptor);
 // Gives a parser and all of its commands this help, for the terminal on standard output. To be called when all commands
 // have been added.
 void UseHelp(CLI::App& program);
+
+// Parses the arguments of a program. Returns the exit status with which the program has to end: 0 after it has printed
+// the help or the version, 2 after an error of usage, which it has printed on standard error; nullopt if it has to run.
+std::optional<int> ParseOrAnswer(CLI::App& program, int argc, const char* const* argv);
+
+// Runs a program whose work is `run`: returns the exit status of `run`. An error of it, or an exception, is printed on
+// standard error as "NAME: cause", and the status is 1.
+int RunProgram(absl::string_view name, absl::FunctionRef<absl::StatusOr<int>()> run);
 
 // The error of a parser in one line, after the name of its command: "evpose replay: The following argument was not
 // expected: --modle; did you mean --model? evpose replay --help lists the options".

@@ -73,6 +73,12 @@ std::string Exclusions(const CLI::Option& option) {
   return absl::StrJoin(names, ", ");
 }
 
+// Arguments have names of their own; one that may be of several kinds is named after them, "FILE|SESSION".
+std::string PositionalName(const CLI::Option& option) {
+  const std::string type = option.get_type_name();
+  return absl::StrContains(type, '|') ? type : absl::AsciiStrToUpper(option.get_name(true));
+}
+
 void AddFacts(const CLI::Option& option, HelpOption& help) {
   const bool is_flag = option.get_expected_max() == 0;
   if (option.get_required()) help.facts.insert(help.facts.begin(), "required");
@@ -84,7 +90,9 @@ void AddFacts(const CLI::Option& option, HelpOption& help) {
   // The options of the connection all need --server.
   if (option.get_group() != kConnectionGroup) {
     std::vector<std::string> needed;
-    for (const CLI::Option* const other : option.get_needs()) needed.push_back(other->get_name());
+    for (const CLI::Option* const other : option.get_needs()) {
+      needed.push_back(other->get_positional() ? PositionalName(*other) : other->get_name());
+    }
     std::sort(needed.begin(), needed.end());
     if (!needed.empty()) help.facts.push_back(absl::StrCat("with: ", absl::StrJoin(needed, ", ")));
   }
@@ -103,7 +111,7 @@ HelpOption DescribeOption(const CLI::Option& option) {
   const bool is_flag = option.get_expected_max() == 0;
   help.is_repeated = option.get_items_expected_max() > 1;
   if (!is_flag) ReadType(option.get_type_name(), help);
-  if (help.is_positional()) help.value = absl::AsciiStrToUpper(option.get_name(true));
+  if (help.is_positional()) help.value = PositionalName(option);
   AddFacts(option, help);
   return help;
 }
@@ -192,20 +200,51 @@ std::vector<HelpNote> ReadNotes(absl::string_view text) {
   return notes;
 }
 
-// Moves the entries below "Exit status:" out of the notes.
-std::vector<HelpNote> TakeExitStatuses(std::vector<HelpNote>& notes) {
-  const auto title = std::find_if(notes.begin(), notes.end(), [](const HelpNote& note) {
-    return note.term.empty() && note.text == "Exit status:";
-  });
-  if (title == notes.end()) {
-    return {{"0", "Success"},
-            {"1", "Failure; its cause and remedy are on standard error"},
-            {"2", "Wrong usage: an unknown or missing option, or a value of a wrong form"}};
-  }
+// Moves the entries below a paragraph with this text out of the notes.
+std::vector<HelpNote> TakeEntries(absl::string_view text, std::vector<HelpNote>& notes) {
+  const auto title = std::find_if(notes.begin(), notes.end(),
+                                  [&](const HelpNote& note) { return note.term.empty() && note.text == text; });
+  if (title == notes.end()) return {};
   const auto end = std::find_if(title + 1, notes.end(), [](const HelpNote& note) { return note.term.empty(); });
-  std::vector<HelpNote> statuses(title + 1, end);
+  std::vector<HelpNote> entries(title + 1, end);
   notes.erase(title, end);
-  return statuses;
+  return entries;
+}
+
+std::vector<HelpNote> TakeExitStatuses(std::vector<HelpNote>& notes) {
+  std::vector<HelpNote> statuses = TakeEntries("Exit status:", notes);
+  if (!statuses.empty()) return statuses;
+  return {{"0", "Success"},
+          {"1", "Failure; its cause and remedy are on standard error"},
+          {"2", "Wrong usage: an unknown or missing option, or a value of a wrong form"}};
+}
+
+// The positional arguments and the required options.
+std::string UsageOfParser(const HelpPage& page) {
+  std::vector<std::string> words;
+  if (!page.commands.empty()) words.emplace_back("COMMAND");
+  std::vector<std::string> required;
+  for (const HelpGroup& group : page.groups) {
+    for (const HelpOption& option : group.options) {
+      if (option.is_positional()) {
+        words.push_back(option.is_required ? option.Term() : absl::StrCat("[", option.Term(), "]"));
+      } else if (option.is_required) {
+        required.push_back(absl::StrCat(option.names.back(), " ", option.value));
+      }
+    }
+  }
+  words.insert(words.end(), required.begin(), required.end());
+  return absl::StrJoin(words, " ");
+}
+
+std::vector<std::string> TakeUsages(HelpPage& page) {
+  std::vector<std::string> usages;
+  for (const HelpNote& entry : TakeEntries("Usage:", page.notes)) {
+    usages.push_back(absl::StrCat(entry.term, entry.text.empty() ? "" : " ", entry.text));
+  }
+  if (usages.empty()) usages.push_back(UsageOfParser(page));
+  for (std::string& usage : usages) absl::StrAppend(&usage, usage.empty() ? "" : " ", "[OPTION]...");
+  return usages;
 }
 
 }  // namespace
@@ -221,24 +260,6 @@ std::string HelpOption::Text() const {
   return text;
 }
 
-std::string HelpPage::Usage() const {
-  std::vector<std::string> words;
-  if (!commands.empty()) words.emplace_back("COMMAND");
-  std::vector<std::string> required;
-  for (const HelpGroup& group : groups) {
-    for (const HelpOption& option : group.options) {
-      if (option.is_positional()) {
-        words.push_back(option.is_required ? option.Term() : absl::StrCat("[", option.Term(), "]"));
-      } else if (option.is_required) {
-        required.push_back(absl::StrCat(option.names.back(), " ", option.value));
-      }
-    }
-  }
-  words.insert(words.end(), required.begin(), required.end());
-  words.emplace_back("[OPTION]...");
-  return absl::StrJoin(words, " ");
-}
-
 HelpPage DescribeCommand(const CLI::App& command) {
   HelpPage page;
   page.name = FullCommandName(command);
@@ -250,6 +271,7 @@ HelpPage DescribeCommand(const CLI::App& command) {
   const size_t example = absl::StartsWith(footer, kExample) ? 0 : footer.find(absl::StrCat("\n", kExample));
   page.notes = ReadNotes(absl::string_view(footer).substr(0, example));
   page.exit_statuses = TakeExitStatuses(page.notes);
+  page.usages = TakeUsages(page);
   if (example == std::string::npos) return page;
   ReadExamples(absl::string_view(footer).substr(example + kExample.size()), page.examples);
   return page;

@@ -76,14 +76,15 @@ struct HelpPage {
   std::vector<HelpNote> notes;
   std::vector<HelpNote> exit_statuses;  // "0" and its meaning
   std::vector<HelpExample> examples;
-
-  // The words after the name: positional arguments and required options.
-  std::string Usage() const;
+  // The words after the name, "FILE --out FILE [OPTION]...", one text for each form of the command.
+  std::vector<std::string> usages;
 };
 
 // Reads the footer as text in which single line feeds are spaces and empty lines end a paragraph. Indented lines are
-// entries, "  TERM  TEXT", continued by lines with a deeper indentation. The entries below "Exit status:" and the lines
-// below "Example:" at the end have fields of their own. Without "Exit status:", the exit statuses are the project's.
+// entries, "  TERM  TEXT", continued by lines with a deeper indentation. The entries below "Usage:" and "Exit status:"
+// and the lines below "Example:" at the end have fields of their own. Without "Exit status:", the exit statuses are the
+// project's. Without "Usage:", the usage has the positional arguments and the required options: the parser does not
+// know that one of several options is required, or that the command has several forms.
 HelpPage DescribeCommand(const CLI::App& command);
 
 // "evpose sessions list"

@@ -6,8 +6,10 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <stdexcept>
 
 #include "absl/strings/str_split.h"
+#include "core/base/environment_testing.h"
 
 namespace evpose {
 namespace {
@@ -85,6 +87,30 @@ then
 )");
 }
 
+TEST_F(HelpTest, AFooterCanHaveTheUsageOfSeveralForms) {
+  draw_.footer(
+      "Usage:\n  FILE --out FILE (--to NAME | --size N)\n  --list\n\nA paragraph.\n\nExample:\n  tool draw a.raw --out "
+      "a.png");
+  EXPECT_THAT(FormatHelp(DescribeCommand(draw_), 80),
+              HasSubstr("\nUsage: tool draw FILE --out FILE (--to NAME | --size N) [OPTION]...\n"
+                        "       tool draw --list [OPTION]...\n\nOutputs:"));
+  EXPECT_THAT(FormatHelp(DescribeCommand(draw_), 50),
+              HasSubstr("\nUsage: tool draw FILE --out FILE (--to\n                NAME | --size N) [OPTION]...\n"
+                        "       tool draw --list [OPTION]...\n\nOutputs:"));
+  EXPECT_THAT(FormatHelp(DescribeCommand(draw_), 80), HasSubstr("\nA paragraph.\n"));
+}
+
+TEST_F(HelpTest, APositionalArgumentOfSeveralKindsIsNamedAfterThem) {
+  CLI::App show("Show something", "show");
+  CLI::Option* const what = show.add_option("what", file_, "A recording or a session")->type_name("FILE|SESSION");
+  show.add_option("place", file_, "Where")->type_name("FILE");
+  show.add_flag("--loop", is_quick_, "Begin again at the end")->needs(what);
+  const std::string help = FormatHelp(DescribeCommand(show), 80);
+  EXPECT_THAT(help, HasSubstr("Usage: show [FILE|SESSION] [PLACE] [OPTION]...\n"));
+  EXPECT_THAT(help, HasSubstr("  FILE|SESSION            A recording or a session\n"));
+  EXPECT_THAT(help, HasSubstr("Begin again at the end [with: FILE|SESSION]\n"));
+}
+
 TEST_F(HelpTest, LinesAreNotLongerThanTheWidth) {
   for (const size_t width : {40, 50, 72, 80, 100}) {
     for (const absl::string_view line : absl::StrSplit(FormatHelp(DescribeCommand(draw_), width), '\n')) {
@@ -146,11 +172,20 @@ TEST_F(HelpTest, ErrorsEndWithAHintAndASuggestion) {
 TEST(TextWidthTest, IsThatOfTheVariableWithinLimits) {
   for (const auto& [columns, width] :
        std::vector<std::pair<const char*, size_t>>{{"60", 60}, {"1000", 100}, {"2", 40}, {"many", 80}, {"0", 80}}) {
-    setenv("COLUMNS", columns, 1);
+    const ScopedEnvironmentVariable variable("COLUMNS", columns);
     EXPECT_EQ(TextWidth(-1), width) << columns;
   }
-  unsetenv("COLUMNS");
   EXPECT_EQ(TextWidth(-1), 80u) << "no terminal";
+}
+
+TEST(RunProgramTest, AnErrorOrAnExceptionEndsTheProgramWithAMessage) {
+  EXPECT_EQ(RunProgram("evpose-test", [] { return absl::StatusOr<int>(2); }), 2);
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(RunProgram("evpose-test", [] { return absl::StatusOr<int>(absl::DataLossError("the file is cut")); }), 1);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "evpose-test: the file is cut\n");
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(RunProgram("evpose-test", []() -> absl::StatusOr<int> { throw std::runtime_error("no memory"); }), 1);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "evpose-test: no memory\n");
 }
 
 }  // namespace

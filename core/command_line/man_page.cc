@@ -104,7 +104,9 @@ std::string FormatManPage(const HelpPage& page, int section, const std::string& 
   AppendSection("Name", text);
   absl::StrAppend(&text, Escape(name), " \\- ", Escape(NameDescription(page)), "\n");
   AppendSection("Synopsis", text);
-  absl::StrAppend(&text, Bold(page.name), " ", Escape(page.Usage()), "\n");
+  for (const std::string& usage : page.usages) {
+    absl::StrAppend(&text, &usage == &page.usages.front() ? "" : ".br\n", Bold(page.name), " ", Escape(usage), "\n");
+  }
   AppendSection("Description", text);
   AppendText(absl::StrCat(page.description, "."), text);
   AppendCommands(page, text);

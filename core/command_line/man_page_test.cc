@@ -15,6 +15,7 @@ HelpPage Page() {
   HelpPage page;
   page.name = "tool draw";
   page.description = "Draw a recording";
+  page.usages = {"FILE [OPTION]...", "--list [OPTION]..."};
   page.groups = {{"Outputs",
                   {{.names = {"-o", "--out"},
                     .value = "FILE",
@@ -30,8 +31,8 @@ TEST(ManPageTest, HasTheSectionsOfAManualPage) {
   const std::string page = FormatManPage(Page(), 1, "1.2.3", {"tool(1)", "tool-server(8)"});
   EXPECT_EQ(ManPageName(Page()), "tool-draw");
   EXPECT_THAT(page, StartsWith(".TH TOOL\\-DRAW 1 \"\" \"evpose 1.2.3\" \"evpose manual\"\n"));
-  EXPECT_THAT(page,
-              HasSubstr("\n.SH NAME\ntool\\-draw \\- draw a recording\n.SH SYNOPSIS\n\\fBtool draw\\fR [OPTION]...\n"));
+  EXPECT_THAT(page, HasSubstr("\n.SH NAME\ntool\\-draw \\- draw a recording\n.SH SYNOPSIS\n"
+                              "\\fBtool draw\\fR FILE [OPTION]...\n.br\n\\fBtool draw\\fR \\-\\-list [OPTION]...\n"));
   EXPECT_THAT(page, HasSubstr("\n.SS Outputs\n.TP\n\\fB\\-o\\fR, \\fB\\-\\-out\\fR \\fIFILE\\fR\n"));
   EXPECT_THAT(page, HasSubstr("\n.SH NOTES\nA paragraph.\n.PP\nColumns:\n.TP\n\\fBfirst\\fR\nwhat it is\n"));
   EXPECT_THAT(page, HasSubstr("\n.EX\ntool draw \\-o a.png\n.EE\n.PP\nthen\n.EX\ntool list\n.EE\n"));

@@ -62,7 +62,8 @@ TEST(CreasesTest, RimsBehindAreSeenThroughTheHoleOnly) {
   const ObjectModel plate = Plate();
   for (const Eigen::Vector3d& eye : {Eigen::Vector3d(0, 0, 0.4), Eigen::Vector3d(0.25, 0.1, 0.2)}) {
     const auto elements = ElementsOf(plate, eye);
-    for (const auto& [curve, x] : {std::pair(1u, -0.06), std::pair(3u, 0.06)}) {
+    for (const auto& [curve, hole_x] : {std::pair(1u, -0.06), std::pair(3u, 0.06)}) {
+      const double x = hole_x;
       const auto is_open = [&](const Eigen::Vector3d& point, double tolerance_m) {
         const double fraction = -point.z() / (eye.z() - point.z());
         const Eigen::Vector3d in_front = point + fraction * (eye - point);

@@ -19,6 +19,7 @@ constexpr double kParallelSine = 0.26;
 // on one side of the object.
 constexpr int kTilesPerSide = 4;
 constexpr int kOrientations = 4;
+constexpr size_t kCells = size_t{kTilesPerSide} * kTilesPerSide * kOrientations;
 
 struct Ranked {
   uint32_t index = 0;
@@ -48,7 +49,7 @@ void RankInCells(std::vector<Ranked>& ranked) {
   Eigen::AlignedBox2d box;
   for (const Ranked& element : ranked) box.extend(element.middle_px);
   const Eigen::Vector2d size = box.sizes();
-  std::array<int, kTilesPerSide* kTilesPerSide* kOrientations> counts = {};
+  std::array<int, kCells> counts = {};
   const auto tile = [&](const Ranked& element, int axis) {
     if (!(size[axis] > 0.0)) return 0;
     const double position = (element.middle_px[axis] - box.min()[axis]) / size[axis];

@@ -17,7 +17,9 @@ constexpr double kJumpM = 0.01;  // a difference of depth between neighbouring s
 class DepthImage {
  public:
   explicit DepthImage(const CameraModel& camera)
-      : width_(camera.width_px * kSamples), height_(camera.height_px * kSamples), inverse_(width_ * height_, 0.0f) {}
+      : width_(camera.width_px * kSamples),
+        height_(camera.height_px * kSamples),
+        inverse_(static_cast<size_t>(width_) * height_, 0.0f) {}
 
   void Draw(const CameraModel& camera, const RigidTransform& pose, const ObjectModel& model) {
     for (const auto& corners : model.triangles) {
@@ -84,7 +86,7 @@ class PointGrid {
     double least = std::numeric_limits<double>::infinity();
     for (int dy = -1; dy <= 1; ++dy) {
       for (int dx = -1; dx <= 1; ++dx) {
-        for (const Eigen::Vector2d& other : cells_[CellOf(point) + dy * width_ + dx]) {
+        for (const Eigen::Vector2d& other : cells_[CellOf(point + Eigen::Vector2d(dx, dy))]) {
           least = std::min(least, (other - point).norm());
         }
       }

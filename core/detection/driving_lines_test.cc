@@ -11,7 +11,7 @@
 #include "core/baselines/first_pose/lsd_detector.h"
 #include "core/detection/plane_detector.h"
 #include "core/events/decoder.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 #include "tests/data/test_data.h"
 
 namespace evpose {

@@ -10,10 +10,16 @@
 #include <pcl/search/search.h>
 #include <pcl/segmentation/region_growing.h>
 
+// The templates are compiled here, with -ffp-contract=off: PCL's libraries for arm64 have fused multiply-adds.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <numbers>
+#include <pcl/features/impl/feature.hpp>
+#include <pcl/features/impl/normal_3d.hpp>
+#include <pcl/sample_consensus/impl/ransac.hpp>
+#include <pcl/sample_consensus/impl/sac_model_plane.hpp>
+#include <pcl/segmentation/impl/region_growing.hpp>
 
 #include "core/base/check_range.h"
 #include "core/base/yield_point.h"

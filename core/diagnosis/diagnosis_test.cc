@@ -90,8 +90,8 @@ TEST(DiagnosisTest, ResultDoesNotDependOnTheCuts) {
 TEST(DiagnosisTest, HotPixelsAreListedWithTheWorstFirst) {
   std::vector<Event> events = CleanEvents();
   const int64_t begin_us = events.front().t_us;
-  for (int i = 0; i < 9000; ++i) events.push_back({begin_us + 60 * i, 5, 7, 1});
-  for (int i = 0; i < 3000; ++i) events.push_back({begin_us + 180 * i, 300, 200, 1});
+  for (int i = 0; i < 9000; ++i) events.push_back({begin_us + int64_t{60} * i, 5, 7, 1});
+  for (int i = 0; i < 3000; ++i) events.push_back({begin_us + int64_t{180} * i, 300, 200, 1});
   std::stable_sort(events.begin(), events.end(), [](const Event& a, const Event& b) { return a.t_us < b.t_us; });
   const Finding finding = Find(Diagnose(events), "hot-pixels");
   EXPECT_GE(finding.verdict, Verdict::kAdvice);

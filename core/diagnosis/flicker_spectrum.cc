@@ -54,7 +54,7 @@ void FlickerSpectrum::Add(absl::Span<const Event> events) {
 
 void FlickerSpectrum::Advance(int64_t bin) {
   constexpr int kHalf = kBins / 2;
-  if (bin >= begin_bin_ + 2 * kBins) {
+  if (bin >= begin_bin_ + int64_t{2} * kBins) {
     // A gap, which a segment must not contain; the time after it may be any multiple of the step later.
     AddSegment();
     begin_bin_ += (bin - begin_bin_) / kHalf * kHalf;

@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "core/numerics/statistics.h"
-#include "core/tracking/event_extent.h"
+#include "core/tracking/object/event_extent.h"
 
 namespace evpose {
 namespace {

@@ -9,8 +9,8 @@
 #include "core/diagnosis/finding.h"
 #include "core/diagnosis/pixel_counts.h"
 #include "core/events/decoder.h"
-#include "core/events/recording_header.h"
 #include "core/geometry/camera.h"
+#include "core/recordings/recording_header.h"
 
 namespace evpose {
 

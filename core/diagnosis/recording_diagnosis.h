@@ -19,7 +19,7 @@
 #include "core/diagnosis/pixel_runs.h"
 #include "core/events/decoder.h"
 #include "core/events/event.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose {
 

@@ -11,6 +11,7 @@
 #include "core/estimation/event_deficit.h"
 #include "core/estimation/event_dispersion.h"
 #include "core/estimation/flicker_bias.h"
+#include "core/numerics/math.h"
 #include "core/numerics/reusable_vector.h"
 
 namespace evpose {
@@ -299,7 +300,7 @@ class MixtureEstimator : public WindowEstimator {
     }
     if (!HasEvents(first)) return;
     LineEquations equations(sums_[first].sums, lines[first], scale_of(first));
-    const double line_px = std::hypot(displacement_px, NarrowFacePx(tracked[first]));
+    const double line_px = Hypotenuse(displacement_px, NarrowFacePx(tracked[first]));
     if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines[first]), line_px});
     equations.AddTo(hessian, gradient);
   }
@@ -341,7 +342,7 @@ class MixtureEstimator : public WindowEstimator {
     const auto lag_of = [&](const ImageLine& line) -> Eigen::Vector3d {
       if (!line.in_view()) return Eigen::Vector3d::Zero();
       const double speed = line.a_dot.dot(BearingOf(camera_, line.PointAt(0.5)));
-      return {0.0, 0.0, -speed / std::hypot(speed, kSlowPxPerS)};
+      return {0.0, 0.0, -speed / Hypotenuse(speed, kSlowPxPerS)};
     };
     return {gradient_of(bias_of), gradient_of(lag_of)};
   }
@@ -363,7 +364,7 @@ class MixtureEstimator : public WindowEstimator {
       equations.Add(camera_, sums_[k].sums, lines[k], scale_of(k), position, length_px / arc_px);
       narrow_px = std::max(narrow_px, NarrowFacePx(tracked[k]));
     }
-    equations.AddTo(std::hypot(displacement_px, narrow_px), hessian, gradient);
+    equations.AddTo(Hypotenuse(displacement_px, narrow_px), hessian, gradient);
   }
   double MovementPx(const Vector12d& dx, double duration_s) const {
     double largest = 0.0;

@@ -6,7 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "core/events/formats/word_decoder.h"
+#include "core/events/word_decoder.h"
 
 namespace evpose {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "core/events/formats/word_encoder.h"
+#include "core/events/word_encoder.h"
 
 namespace evpose {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Encoders of event streams (core/events/README.md, section 5).
+// Encoders of event streams (core/events/README.md, section 4).
 #pragma once
 
 #include <cstdint>

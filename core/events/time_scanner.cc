@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/events/time_scanner.h"
 
-#include "core/events/formats/word_decoder.h"
-#include "core/events/formats/word_types.h"
+#include "core/events/word_decoder.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
 bool TimeScanner::AdvanceTo(int64_t now_us, int64_t max_duration_us) {

@@ -7,7 +7,7 @@
 #include <cstdint>
 
 #include "core/events/decoder.h"
-#include "core/events/formats/sensor_clock.h"
+#include "core/events/sensor_clock.h"
 
 namespace evpose {
 

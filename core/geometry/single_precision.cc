@@ -27,7 +27,8 @@ std::optional<CovarianceRoot> RoundedRoot(const Matrix6d& covariance) {
 
 Matrix6d CovarianceOf(const CovarianceRoot& root) {
   const auto element = [&root](int row, int column) {
-    return static_cast<double>(root[static_cast<size_t>(row * (row + 1) / 2 + column)]);
+    const int index = row * (row + 1) / 2 + column;
+    return static_cast<double>(root[static_cast<size_t>(index)]);
   };
   Matrix6d covariance;
   for (int row = 0; row < 6; ++row) {

@@ -23,7 +23,7 @@ Matrix6d CovarianceOf(const CovarianceRoot& root);
 Matrix6d InSinglePrecision(const Matrix6d& covariance);
 Vector6d InSinglePrecision(const Vector6d& twist);
 
-// The root of which `covariance` is CovarianceOf(), to the bit; nullopt if there is none or it is not found.
+// Returns the root for which CovarianceOf() has the same bits as `covariance`, or nullopt if no such root is found.
 std::optional<CovarianceRoot> FindCovarianceRoot(const Matrix6d& covariance);
 
 }  // namespace evpose

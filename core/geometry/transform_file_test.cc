@@ -6,6 +6,8 @@
 
 #include <string>
 
+#include "absl/strings/str_replace.h"
+
 namespace evpose {
 namespace {
 
@@ -31,22 +33,21 @@ std::string TransformErrorOf(const std::string& text) {
 }
 
 TEST(TransformFileTest, AllFormsAreTheSameTransform) {
-  const std::string s = "0.70710678118654757";
-  for (const std::string& text : {
-           "# world_from_camera\n0.5 -1 2 0 0 " + s + " " + s + "\n",
-           "0.5, -1, 2, 0, 0, " + s + ", " + s,
-           std::string("0 -1 0 0.5\n1 0 0 -1\n0 0 1 2\n0 0 0 1\n"),
-           std::string("[[0, -1, 0, 0.5], [1, 0, 0, -1],\n [0, 0, 1, 2], [0, 0, 0, 1]]"),
-           std::string("[0 -1 0 0.5; 1 0 0 -1; 0 0 1 2; 0 0 0 1]"),
-           "translation: [0.5, -1, 2]\nrotation: [0, 0, " + s + ", " + s + "]\n",
-           std::string("translation: [0.5, -1, 2]\nrotation: [[0, -1, 0], [1, 0, 0], [0, 0, 1]]\n"),
-           "# ros2 topic echo --once /tf_static\nheader:\n  frame_id: world\nchild_frame_id: camera\ntransform:\n"
-           "  translation:\n    x: 0.5\n    y: -1.0\n    z: 2.0\n  rotation: {x: 0, y: 0, z: " +
-               s + ", w: " + s + "}\n---\n",
-           "parameters:\n  eye_on_hand: false\ntransformation: {x: 0.5, y: -1, z: 2, qx: 0, qy: 0, qz: " + s +
-               ", qw: " + s + "}\n",
-           "{\"translation\": [0.5, -1, 2], \"rotation\": [0, 0, " + s + ", " + s + "]}",
+  // S stands for the sine of 45 degrees.
+  for (const char* form : {
+           "# world_from_camera\n0.5 -1 2 0 0 S S\n",
+           "0.5, -1, 2, 0, 0, S, S",
+           "0 -1 0 0.5\n1 0 0 -1\n0 0 1 2\n0 0 0 1\n",
+           "[[0, -1, 0, 0.5], [1, 0, 0, -1],\n [0, 0, 1, 2], [0, 0, 0, 1]]",
+           "[0 -1 0 0.5; 1 0 0 -1; 0 0 1 2; 0 0 0 1]",
+           "translation: [0.5, -1, 2]\nrotation: [0, 0, S, S]\n",
+           "translation: [0.5, -1, 2]\nrotation: [[0, -1, 0], [1, 0, 0], [0, 0, 1]]\n",
+           ("# ros2 topic echo --once /tf_static\nheader:\n  frame_id: world\nchild_frame_id: camera\ntransform:\n"
+            "  translation:\n    x: 0.5\n    y: -1.0\n    z: 2.0\n  rotation: {x: 0, y: 0, z: S, w: S}\n---\n"),
+           "parameters:\n  eye_on_hand: false\ntransformation: {x: 0.5, y: -1, z: 2, qx: 0, qy: 0, qz: S, qw: S}\n",
+           "{\"translation\": [0.5, -1, 2], \"rotation\": [0, 0, S, S]}",
        }) {
+    const std::string text = absl::StrReplaceAll(form, {{"S", "0.70710678118654757"}});
     const auto transform = ParseTransform(text, "mount");
     ASSERT_TRUE(transform.ok()) << transform.status() << "\n" << text;
     EXPECT_LT(DistanceFrom(QuarterTurn(), transform->target_from_source), 1e-12) << text;

@@ -51,7 +51,7 @@ const RigidTransform kPosterPose = {ExpSo3({0.2, -0.15, 0.3}), {0.03, -0.02, 0.9
 // `count` lines of the poster, as a detector finds them.
 void AddLines(const ObjectModel& poster, int count, Random& random, std::vector<ImageSegment>& segments) {
   for (int i = 0; i < count; ++i) {
-    const ModelLine& line = poster.lines[(7 * i) % poster.lines.size()];
+    const ModelLine& line = poster.lines[size_t{7} * static_cast<size_t>(i) % poster.lines.size()];
     const auto project = [&](const Vector3d& point) -> Vector2d {
       const double x = random.Normal(), y = random.Normal();
       return SmallCamera().Project(kPosterPose * point) + 0.5 * Vector2d(x, y);

@@ -6,6 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <utility>
+#include <vector>
 
 #include "core/base/yield_point.h"
 #include "core/numerics/math.h"
@@ -189,8 +194,6 @@ class RotationSearch {
     kept_.push_back({rotation, cost});
   }
 
-  static bool Cheaper(const RotationCandidate& a, const RotationCandidate& b) { return a.cost < b.cost; }
-
   // Gauss-Newton on the truncated cost, with the uncertainty of each line about its assigned direction. A prior keeps
   // the result close to the rotation of the sweep: the lines of a flat object leave its tilt almost undetermined, and
   // then all rotations of the flat valley must be examined instead of the minimum that noise selects.
@@ -236,16 +239,26 @@ class RotationSearch {
     return best.w() < 0.0 ? Eigen::Vector4d(-best) : best;
   }
 
-  // Returns the candidates without duplicates, the cheapest one of each, in order of cost and at most `max_count`.
-  std::vector<RotationCandidate> CheapestDistinct(std::vector<RotationCandidate> candidates, size_t max_count) const {
-    std::stable_sort(candidates.begin(), candidates.end(), Cheaper);
+  // Returns the candidates without duplicates, the cheapest one of each, in order of cost and at most `max_count`. Of
+  // equal costs, the first candidate comes first.
+  std::vector<RotationCandidate> CheapestDistinct(const auto& candidates, size_t max_count) const {
+    // A heap, because a sort of all candidates takes milliseconds without a yield point, and few are taken.
+    std::vector<std::pair<double, uint32_t>> heap;
+    heap.reserve(candidates.size());
+    for (const RotationCandidate& candidate : candidates) {
+      YieldPoint(heap.size());
+      heap.emplace_back(candidate.cost, static_cast<uint32_t>(heap.size()));
+    }
+    std::make_heap(heap.begin(), heap.end(), std::greater<>());
     // The dot product of two quaternions is the cosine of half the angle.
     const double least_dot = 1.0 - options_.same_rotation_rad * options_.same_rotation_rad / 8.0;
     std::vector<Eigen::Vector4d> taken;
     std::vector<RotationCandidate> distinct;
-    for (const RotationCandidate& candidate : candidates) {
+    while (!heap.empty() && distinct.size() < max_count) {
       YieldPoint();
-      if (distinct.size() >= max_count) break;
+      std::pop_heap(heap.begin(), heap.end(), std::greater<>());
+      const RotationCandidate& candidate = candidates[heap.back().second];
+      heap.pop_back();
       const Eigen::Vector4d q = Canonical(candidate.rotation);
       const auto is_near = [&](const Eigen::Vector4d& other) { return std::abs(other.dot(q)) > least_dot; };
       if (std::any_of(taken.begin(), taken.end(), is_near)) continue;
@@ -262,7 +275,7 @@ class RotationSearch {
       YieldPoint();
       candidate = RefineRotation(candidate);
     }
-    return CheapestDistinct(std::move(refined), options_.max_candidates);
+    return CheapestDistinct(refined, options_.max_candidates);
   }
 
   const SearchModel& model_;
@@ -276,7 +289,7 @@ class RotationSearch {
                                                                                    : options_.valley_of_line_cost));
   std::vector<Eigen::Quaterniond> symmetries_;  // symmetries of the directions
   std::vector<Eigen::Vector3f> directions_, turned_;
-  std::vector<RotationCandidate> kept_;
+  std::deque<RotationCandidate> kept_;  // grows without copies: there may be tens of thousands
 };
 
 }  // namespace

@@ -195,8 +195,8 @@ bool SearchModel::AreOfThisModel(const SearchViews::LineViews& views) const {
   const auto has_lines = [&](const std::vector<ViewLine>& view) {
     return view.size() <= lines_.size() && std::all_of(view.begin(), view.end(), is_of_model);
   };
-  return views.size() == static_cast<size_t>(6 * cells_per_side_ * cells_per_side_) &&
-         std::all_of(views.begin(), views.end(), has_lines);
+  const int num_cells = 6 * cells_per_side_ * cells_per_side_;
+  return views.size() == static_cast<size_t>(num_cells) && std::all_of(views.begin(), views.end(), has_lines);
 }
 
 std::vector<ViewLine> SearchModel::MakeView(int cell) const {

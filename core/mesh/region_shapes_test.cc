@@ -311,7 +311,7 @@ TEST(RegionShapesTest, RoundedRimStaysFreeAndContinuesTheNormalOfItsPlane) {
 SurfacePatch Revolved(const std::vector<Eigen::Vector2d>& profile, uint32_t sides) {
   const uint32_t rows = static_cast<uint32_t>(profile.size()) - 1;
   return GridPatch({.u = sides, .v = rows, .wraps_u = true}, [&](double u, double v) -> Eigen::Vector3d {
-    const Eigen::Vector2d point = profile[std::lround(v * rows)];
+    const Eigen::Vector2d& point = profile[std::lround(v * rows)];
     return point.x() * OnCircle(u) + point.y() * Eigen::Vector3d::UnitZ();
   });
 }

@@ -161,11 +161,13 @@ class RegionSimplifier {
     const double share = static_cast<double>(target) / static_cast<double>(count);
     std::vector<uint32_t> reduced, of_cell;
     for (size_t i = 0; i < count; ++i) {
-      const uint32_t t = order[i].second, cell = order[i].first;
+      const auto [cell, triangle] = order[i];
+      const size_t t = triangle;
       of_cell.insert(of_cell.end(), {indices[3 * t], indices[3 * t + 1], indices[3 * t + 2]});
       if (i + 1 < count && order[i + 1].first == cell) continue;
-      ReduceCell(static_cast<size_t>(share * static_cast<double>(of_cell.size() / 3)), error_m,
-                 RemovedAround(cell, removed), of_cell);
+      const size_t num_triangles = of_cell.size() / 3;
+      ReduceCell(static_cast<size_t>(share * static_cast<double>(num_triangles)), error_m, RemovedAround(cell, removed),
+                 of_cell);
       reduced.insert(reduced.end(), of_cell.begin(), of_cell.end());
       of_cell.clear();
     }

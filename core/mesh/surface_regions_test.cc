@@ -241,11 +241,11 @@ RawMesh Sheet(uint32_t squares, double height) {
 
 TEST(SurfaceRegionsTest, ShortCreaseThatEndsInNothingIsDropped) {
   // The file states a crease at some inner edges of a sheet, each 1.8 % of the diameter.
-  constexpr uint32_t kSquares = 40;
+  constexpr size_t kSquares = 40;
   RawMesh sheet = Sheet(kSquares, 0.0);
   sheet.corner_normals.resize(sheet.triangles.size(),
                               {Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()});
-  const auto mark = [&](uint32_t x) {  // the edge between the rows 19 and 20
+  const auto mark = [&](size_t x) {  // the edge between the rows 19 and 20
     sheet.corner_normals[2 * (19 * kSquares + x) + 1].fill(Eigen::Vector3f(0, -0.14f, 1).normalized());
     sheet.corner_normals[2 * (20 * kSquares + x)].fill(Eigen::Vector3f(0, 0.14f, 1).normalized());
   };

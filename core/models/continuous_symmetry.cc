@@ -75,7 +75,7 @@ class Confirmation {
     const CentredSurface surface(model_, centre, surface_tolerance_m_);
     int64_t samples = 0;
     if (!has_rings || !surface.IsMappedOntoItself(IrrationalRotations(direction, false), kMaxSamples, samples)) {
-      AddNotice(has_rings ? "surface" : "lines", direction, notices);
+      AddNotice(has_rings ? "surface contradicts" : "lines contradict", direction, notices);
       return std::nullopt;
     }
     ContinuousSymmetry symmetry = {ContinuousSymmetry::Kind::kAxis, centre, direction, false};
@@ -88,12 +88,12 @@ class Confirmation {
   }
 
  private:
-  static void AddNotice(const char* part, const Vector3d& axis, std::vector<std::string>* notices) {
+  static void AddNotice(const char* contradiction, const Vector3d& axis, std::vector<std::string>* notices) {
     if (notices == nullptr) return;
-    notices->push_back(absl::StrFormat(
-        "nearly symmetric about the axis (%.3f, %.3f, %.3f), but its %s contradict it: the rotation about the "
-        "axis is estimated from small parts",
-        axis.x(), axis.y(), axis.z(), part));
+    notices->push_back(
+        absl::StrFormat("nearly symmetric about the axis (%.3f, %.3f, %.3f), but its %s it: the rotation about the "
+                        "axis is estimated from small parts",
+                        axis.x(), axis.y(), axis.z(), contradiction));
   }
 
   const ObjectModel& model_;

@@ -203,7 +203,9 @@ TEST(ContinuousSymmetryTest, APaintedLineBreaksTheSymmetryAndIsReported) {
   Paint({0.3, 0, -0.2}, {0.3, 0, 0.2}, model);
   std::vector<std::string> notices;
   EXPECT_FALSE(FindContinuousSymmetry(model, &notices).has_value());
-  EXPECT_THAT(notices, ElementsAre(HasSubstr("nearly symmetric about the axis (0.000, 0.000, 1.000), but its lines")));
+  EXPECT_THAT(
+      notices,
+      ElementsAre(HasSubstr("nearly symmetric about the axis (0.000, 0.000, 1.000), but its lines contradict it")));
 }
 
 TEST(ContinuousSymmetryTest, ALineOnTheAxisDoesNot) {

@@ -34,7 +34,8 @@ ObjectModel DisplaySphere(int rows) {
 ObjectModel Soup(size_t count) {
   ObjectModel model;
   for (size_t i = 0; i < count; ++i) {
-    const double x = 1e-3 * static_cast<double>(i % 300), y = 1e-3 * static_cast<double>(i / 300);
+    const size_t column = i % 300, row = i / 300;
+    const double x = 1e-3 * static_cast<double>(column), y = 1e-3 * static_cast<double>(row);
     const auto first = static_cast<uint32_t>(model.vertices.size());
     model.vertices.insert(model.vertices.end(), {{x, y, 0}, {x + 5e-4, y, 0}, {x, y + 5e-4, 0}});
     model.triangles.push_back({first, first + 1, first + 2});

@@ -14,6 +14,7 @@
 #include "core/models/exact_curves.h"
 #include "core/models/model_lines.h"
 #include "core/models/smooth_curve.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -50,9 +51,7 @@ SmoothCurve CurveThrough(const EdgeChain& chain, const RawMesh& mesh, double dia
 double MedianTurn(const EdgeChain& chain, absl::Span<const MeshEdge> edges) {
   std::vector<double> turns;
   for (const uint32_t edge : chain.edges) turns.push_back(edges[edge].turn_rad);
-  const auto middle = turns.begin() + static_cast<std::ptrdiff_t>(turns.size() / 2);
-  std::nth_element(turns.begin(), middle, turns.end());
-  return *middle;
+  return UpperMedian(turns);
 }
 
 EdgeCurve CurveOf(const EdgeChain& chain, SmoothCurve smooth, const RawMesh& mesh, const SurfaceEdges& edges) {

@@ -5,6 +5,7 @@
 // pose uses these functions. sqrt and the four operations need none: IEEE 754 requires them to be rounded correctly.
 #pragma once
 
+#include <cmath>
 #include <numbers>
 
 namespace evpose {
@@ -21,7 +22,17 @@ struct SinCos {
 // Sine and cosine of an angle in radians, |angle| <= 1e5, with an absolute error below 1e-15 max(1, |angle|).
 SinCos DeterministicSinCos(double angle_rad);
 
+// The length of the vector (x, y), within 1 ulp if neither square overflows or underflows. The std::hypot of some
+// processors uses a fused multiply-add.
+inline double Hypotenuse(double x, double y) { return std::sqrt(x * x + y * y); }
+
 // The angle of the vector (x, y) in radians, in (-pi, pi], within 4 ulp; 0 for the zero vector.
 double DeterministicAtan2(double y, double x);
+
+// The nearest integer of a number above -0.5, in one instruction on every processor. std::lround() calls the C library.
+template <typename Real>
+int RoundNonNegative(Real value) {
+  return static_cast<int>(value + Real{0.5});  // NOLINT(bugprone-incorrect-roundings): see above
+}
 
 }  // namespace evpose

@@ -31,6 +31,13 @@ TEST(DeterministicMathTest, ExpAtItsLimits) {
   EXPECT_TRUE(std::isnan(DeterministicExp(NAN)));
 }
 
+TEST(RoundNonNegativeTest, IsTheNearestInteger) {
+  for (const double value : {-0.49, 0.0, 0.49, 0.5, 0.51, 1.5, 7.25, 1e6 + 0.75}) {
+    EXPECT_EQ(RoundNonNegative(value), static_cast<int>(std::floor(value + 0.5))) << value;
+    EXPECT_EQ(RoundNonNegative(static_cast<float>(value)), RoundNonNegative(value)) << value;
+  }
+}
+
 TEST(DeterministicMathTest, SinCosIsCloseToTheLibrary) {
   Random random(2);
   for (double range : {1.0, 10.0, 1e5}) {

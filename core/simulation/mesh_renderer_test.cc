@@ -52,7 +52,7 @@ const CameraModel kPinhole = {640, 480, 500.0, 500.0, 319.5, 239.5, {}};
 std::vector<float> PictureOf(const ObjectModel& model, const SceneOptions& options, double depth_m) {
   MeshRenderer renderer(model, options, kPinhole, depth_m - 0.1);
   renderer.Render({Eigen::Matrix3d::Identity(), {-0.02, 0.0, depth_m}}, 1.0);
-  std::vector<float> picture(640 * 480, 0.0f);
+  std::vector<float> picture(size_t{640} * 480, 0.0f);
   renderer.CompositeOnto(picture);
   return picture;
 }

@@ -12,7 +12,7 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
-#include "core/events/recording_writer.h"
+#include "core/recordings/recording_writer.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose {

@@ -12,7 +12,7 @@
 
 #include "core/base/output_file.h"
 #include "core/camera_files/camera_file.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 #include "core/simulation/simulate_testing.h"
 #include "core/simulation/simulator.h"
 

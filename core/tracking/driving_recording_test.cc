@@ -9,10 +9,10 @@
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/events/decoder.h"
-#include "core/events/recording_reader.h"
 #include "core/numerics/random.h"
+#include "core/recordings/recording_reader.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "tests/data/test_data.h"
 
 namespace evpose {

@@ -13,7 +13,7 @@
 
 #include "core/contours/contour_shapes_testing.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "core/tracking/hypotheses.h"
+#include "core/tracking/object/hypotheses.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracking_testing.h"
 

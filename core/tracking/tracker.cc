@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "core/association/competitors.h"
 #include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
@@ -16,9 +15,9 @@
 #include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_model.h"
-#include "core/tracking/object_tracker.h"
-#include "core/tracking/tracker_options.h"
-#include "core/tracking/views/view_tracker.h"
+#include "core/tracking/object/object_tracker.h"
+#include "core/tracking/object/tracker_options.h"
+#include "core/tracking/view_tracker.h"
 
 namespace evpose {
 namespace {
@@ -28,6 +27,14 @@ class WindowTracker : public Tracker {
   WindowTracker(const WindowOptions& options, const SensorGeometry& sensor,
                 std::vector<std::unique_ptr<ObjectTracker>> objects)
       : windower_(options, sensor), objects_(std::move(objects)) {}
+  WindowTracker(const WindowTracker&) = delete;
+  WindowTracker& operator=(const WindowTracker&) = delete;
+  ~WindowTracker() override {
+    for (auto& object : objects_) {
+      YieldPointOfDestructor();
+      object.reset();
+    }
+  }
 
   void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) override {
     windower_.Add(events, [&](const EventWindow& window) { OnWindow(window, estimates); });
@@ -76,6 +83,7 @@ class WindowTracker : public Tracker {
   void OnWindow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
     for (const auto& object : objects_) object->BeginWindow();
     for (size_t i = 0; i < objects_.size(); ++i) {
+      YieldPoint();
       const size_t first = estimates.size();
       objects_[i]->OnWindow(window, estimates);
       for (size_t k = first; k < estimates.size(); ++k) estimates[k].object_index = static_cast<uint32_t>(i);
@@ -86,21 +94,8 @@ class WindowTracker : public Tracker {
   }
 
   EventWindower windower_;
-  const std::vector<std::unique_ptr<ObjectTracker>> objects_;
+  std::vector<std::unique_ptr<ObjectTracker>> objects_;
 };
-
-absl::Status CheckModel(const ObjectModel* model) {
-  if (model == nullptr) return absl::InvalidArgumentError("the model is missing; give a model with edges");
-  if (model->lines.empty() && !HasCurvedEdges(*model)) {
-    return absl::InvalidArgumentError("the model has no line or curve to track; give a model with edges");
-  }
-  for (size_t k = 0; k < model->lines.size(); ++k) {
-    if (!model->lines[k].p1.allFinite() || !model->lines[k].p2.allFinite()) {
-      return absl::InvalidArgumentError(absl::StrCat("model line ", k, " has an end point that is not finite"));
-    }
-  }
-  return absl::OkStatus();
-}
 
 absl::StatusOr<std::vector<std::shared_ptr<LineDetector>>> MakeDetectors(const InitializationOptions& options,
                                                                          SensorGeometry sensor) {
@@ -180,34 +175,6 @@ InitializationStatus MostFrequentResult(const SearchCounts& searches) {
     if (result.first > 0 && result.first >= most.first) most = result;
   }
   return most.second;
-}
-
-absl::Status ObjectToTrack::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckModel(model.get()));
-  if (edges != nullptr && &edges->model() != model.get()) {
-    return absl::InvalidArgumentError("edges are those of another model; make them from the same one");
-  }
-  if (initial_camera_from_object &&
-      !(initial_camera_from_object->rotation.allFinite() && initial_camera_from_object->translation_m.allFinite() &&
-        initial_camera_from_object->translation_m.norm() > 1e-9)) {
-    return absl::InvalidArgumentError(
-        "initial_camera_from_object must be finite, and its translation must not be zero");
-  }
-  if (initial_camera_from_object) {
-    const BoundingSphere sphere = BoundingSphereOf(*model);
-    const double depth_m = (*initial_camera_from_object * sphere.centre).z();
-    if (!(depth_m + sphere.radius_m > 0.0)) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "initial_camera_from_object: the object is behind the camera, its centre at z = %.4g m; the z "
-          "axis of the camera points away from it, to the object",
-          depth_m));
-    }
-  }
-  if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
-      reference_rotation.determinant() < 0.0) {
-    return absl::InvalidArgumentError("reference_rotation must be a rotation matrix");
-  }
-  return absl::OkStatus();
 }
 
 absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTrack> objects, const CameraModel& camera,

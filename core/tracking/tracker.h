@@ -9,7 +9,6 @@
 #include <optional>
 #include <vector>
 
-#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "core/base/state_io.h"
@@ -17,37 +16,18 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
-#include "core/tracking/outline/object_outline.h"
-#include "core/tracking/pose_estimate.h"
-#include "core/tracking/track_phase.h"
+#include "core/tracking/object/object_outline.h"
+#include "core/tracking/object/object_to_track.h"
+#include "core/tracking/object/pose_estimate.h"
+#include "core/tracking/object/track_phase.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {
 
 struct CameraTables;
-class ModelEdges;
-class SearchModel;
-class TemplateModel;
 
 // Declared in tracker_options.h, with unit, default and reason of each field.
 struct TrackerOptions;
-
-// An object to be tracked.
-struct ObjectToTrack {
-  std::shared_ptr<const ObjectModel> model;  // shared by all sessions and objects with the same model
-  // The pose at the first event; without one, a search finds it from the events.
-  std::optional<RigidTransform> initial_camera_from_object;
-  // camera_from_object. Among the equivalent poses of a symmetric object, the one nearest to this rotation is reported.
-  Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
-  std::shared_ptr<const SearchModel> search_model;  // search tables of the model; null: computed when they are needed
-  // Views of a model with curved edges; null: the same.
-  std::shared_ptr<const TemplateModel> template_model;
-  // Finds the edges of the model with TrackerOptions::visibility and elements; null: the same.
-  std::shared_ptr<const ModelEdges> edges;
-
-  // INVALID_ARGUMENT names the field or the defect of the model.
-  absl::Status Validate() const;
-};
 
 // Turns a stream of events into pose estimates.
 class PoseSource {

@@ -13,9 +13,9 @@
 #include "core/estimation/ideal_events_testing.h"
 #include "core/initialization/templates/template_model.h"
 #include "core/models/continuous_symmetry.h"
-#include "core/tracking/pose_track.h"
+#include "core/tracking/object/pose_track.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "core/tracking/tracking_testing.h"
 
 namespace evpose {

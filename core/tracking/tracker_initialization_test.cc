@@ -9,8 +9,8 @@
 
 #include "core/estimation/ideal_events_testing.h"
 #include "core/models/symmetry.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "core/tracking/tracking_testing.h"
 
 namespace evpose {
@@ -342,7 +342,7 @@ TEST(TrackerInitialization, AnAmbiguousPlateIsReportedWithItsAlternatives) {
     ASSERT_EQ(estimate.state, TrackState::kAmbiguous);
     ASSERT_GE(estimate.alternatives.size(), 1u);
     // An alternative that is better by half of decision_sigma is reported itself; one that is worse by decision_sigma
-    // is rejected (equation (3)).
+    // is rejected (README, equation (4)).
     for (const PoseAlternative& alternative : estimate.alternatives) {
       EXPECT_GT(alternative.log_likelihood_ratio, -8.0);
       EXPECT_LT(alternative.log_likelihood_ratio, 2.0);

@@ -8,8 +8,8 @@
 #include "core/detection/line_detector.h"
 #include "core/detection/plane_detector.h"
 #include "core/initialization/pose_search.h"
-#include "core/tracking/tracker_options.h"
-#include "core/tracking/views/lens_views.h"
+#include "core/tracking/lens_views.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/windows/pixel_history.h"
 
 namespace evpose {

@@ -8,8 +8,8 @@
 #include "core/detection/line_detector.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/math.h"
-#include "core/tracking/tracker_options.h"
-#include "core/tracking/views/lens_views.h"
+#include "core/tracking/lens_views.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 namespace {

@@ -15,8 +15,8 @@
 #include "core/estimation/ideal_events_testing.h"
 #include "core/initialization/templates/template_model.h"
 #include "core/numerics/random.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "core/tracking/tracking_testing.h"
 
 namespace evpose {

@@ -7,7 +7,7 @@
 
 #include "core/estimation/ideal_events_testing.h"
 #include "core/models/symmetry.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 

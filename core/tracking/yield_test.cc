@@ -10,6 +10,7 @@
 
 #include "core/base/state_io.h"
 #include "core/base/yield_point.h"
+#include "core/base/yields_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracker.h"
 #include "core/tracking/tracking_testing.h"
@@ -94,6 +95,14 @@ TEST(YieldTest, PausesDoNotChangeThePoses) {
   EXPECT_GT(yielder.num_batches(), 10u);
   EXPECT_TRUE(paused_poses == first_poses);
   EXPECT_TRUE(between.Finish() == second_poses);
+}
+
+TEST(YieldTest, ATrackerIsDestroyedInPieces) {
+  constexpr size_t kNumObjects = 4;
+  std::vector<ObjectToTrack> objects(kNumObjects);
+  for (ObjectToTrack& object : objects) object.model = Cube();
+  std::unique_ptr<Tracker> tracker = Tracker::Create(objects, kCamera, IdealSensor()).value();
+  EXPECT_GE(CountYields([&] { tracker.reset(); }), kNumObjects);
 }
 
 }  // namespace

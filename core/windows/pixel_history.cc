@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "core/base/yield_point.h"
+
 namespace evpose {
 namespace {
 
@@ -13,6 +15,9 @@ constexpr uint32_t kStates = 3;     // states of a pixel: OFF, ON, no event yet
 constexpr uint8_t kMaxGroup = 242;  // 3^5 - 1
 constexpr uint8_t kRepeat = 255;    // the marker of a repetition, which is no group
 constexpr size_t kMinRun = 3;       // repetitions; shorter runs need as many bytes without the marker
+
+constexpr size_t kGroupsBetweenYields =
+    4096;  // the writer's own yield points are too rare: a run of groups has few bytes
 
 }  // namespace
 
@@ -29,6 +34,7 @@ void PixelHistory::SaveState(StateWriter& writer) const {
     run = 0;
   };
   for (size_t begin = 0; begin < num_pixels(); begin += kGroup) {
+    if (begin % (kGroup * kGroupsBetweenYields) == 0) YieldPoint();
     uint32_t states = 0;
     for (size_t i = begin; i < std::min(begin + kGroup, num_pixels()); ++i) states = states * kStates + StateOf(i);
     const auto group = static_cast<uint8_t>(states);

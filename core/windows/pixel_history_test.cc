@@ -5,6 +5,8 @@
 
 #include <vector>
 
+#include "core/base/state_io.h"
+#include "core/base/yields_testing.h"
 #include "core/numerics/random.h"
 
 namespace evpose {
@@ -33,7 +35,7 @@ TEST(PixelHistory, IsUnknownOutsideTheSensor) {
 TEST(PixelHistory, PixelsThatShareAByteAreIndependent) {
   constexpr uint16_t kWidth = 7, kHeight = 5;  // the last byte has fewer than four pixels
   PixelHistory history({kWidth, kHeight});
-  std::vector<int> last(kWidth * kHeight, -1);
+  std::vector<int> last(size_t{kWidth} * kHeight, -1);
   Random random(5);
   for (int i = 0; i < 10'000; ++i) {
     const auto x = static_cast<uint16_t>(random.Uniform(0.0, kWidth));
@@ -46,6 +48,13 @@ TEST(PixelHistory, PixelsThatShareAByteAreIndependent) {
     ASSERT_EQ(history.Next({i, x, y, polarity}).previous, previous) << i;
     expected = polarity;
   }
+}
+
+TEST(PixelHistory, SavingALargeOneHasYieldPoints) {
+  const PixelHistory history({2048, 1024});  // without events it is saved as one run of few bytes
+  StateWriter writer;
+  EXPECT_GT(CountYields([&] { history.SaveState(writer); }), 100u);
+  EXPECT_LT(writer.size(), 16u);
 }
 
 }  // namespace

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Determines the caller of a call. Without gRPC types: server/rpc/authentication.h extracts the credentials from a
-// call.
+// Determines the caller of a call. Without gRPC types: server/rpc/common/authentication.h extracts the credentials from
+// a call.
 #pragma once
 
 #include <cstdint>

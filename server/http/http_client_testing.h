@@ -46,12 +46,12 @@ struct HttpAnswer {
   std::string body;
 };
 
-// Sends one request and returns the response.
+// Sends one request and returns the response. Each line of `headers` ends with CR LF.
 inline HttpAnswer Ask(int port, const std::string& path, const std::string& method = "GET",
-                      const std::string& sent_body = "") {
+                      const std::string& sent_body = "", const std::string& headers = "") {
   HttpConnection connection(port);
-  connection.Write(absl::StrCat(method, " ", path, " HTTP/1.1\r\nHost: test\r\nContent-Length: ", sent_body.size(),
-                                "\r\n\r\n", sent_body));
+  connection.Write(absl::StrCat(method, " ", path, " HTTP/1.1\r\nHost: test\r\n", headers,
+                                "Content-Length: ", sent_body.size(), "\r\n\r\n", sent_body));
   const std::string bytes = connection.ReadAll();
   HttpAnswer answer;
   const size_t end = bytes.find("\r\n\r\n");

@@ -31,6 +31,16 @@ constexpr size_t kMaxRequestBytes = 8192;           // request line and headers;
 // at once, whereas connections that wait are idle or hostile.
 constexpr size_t kMaxConnections = 32;
 
+std::string AcceptOf(const http::request<http::empty_body>& request) {
+  std::string accept;
+  const auto [begin, end] = request.equal_range(http::field::accept);
+  for (auto it = begin; it != end; ++it) {
+    const auto value = it->value();
+    absl::StrAppend(&accept, accept.empty() ? "" : ",", absl::string_view(value.data(), value.size()));
+  }
+  return accept;
+}
+
 // One request and its response. Used by the server's thread only.
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
@@ -104,7 +114,7 @@ class BeastServer : public HttpServer {
       return {.status = 404, .body = absl::StrCat("there is no such page; the pages are: ", Paths(), "\n")};
     }
     const bool is_read = request.method() == http::verb::get || request.method() == http::verb::head;
-    return is_read ? page->second() : HttpPage{.status = 405, .body = "only GET and HEAD\n"};
+    return is_read ? page->second(AcceptOf(request)) : HttpPage{.status = 405, .body = "only GET and HEAD\n"};
   }
 
   std::string Paths() const {

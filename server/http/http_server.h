@@ -23,9 +23,10 @@ struct HttpPage {
 // has 5 s, and the oldest is closed when there are too many.
 class HttpServer {
  public:
-  // The functions that generate the pages, by path ("/metrics"). They are called on the thread of the server and must
-  // neither block nor throw.
-  using Pages = std::map<std::string, std::function<HttpPage()>>;
+  // The functions that generate the pages, by path ("/metrics"), from the header Accept of the request: several are
+  // joined by commas, and it is empty if there is none. They are called on the thread of the server and must neither
+  // block nor throw.
+  using Pages = std::map<std::string, std::function<HttpPage(const std::string& accept)>>;
 
   // `listen_address` is HOST:PORT; port 0 chooses a free port. Errors: INVALID_ARGUMENT for a malformed address;
   // UNAVAILABLE, with cause and remedy, when the server cannot listen on it.

@@ -19,9 +19,11 @@ class HttpServerTest : public testing::Test {
  protected:
   HttpServerTest() {
     const HttpServer::Pages pages = {
-        {"/count", [this] { return HttpPage{.body = std::to_string(++num_made_)}; }},
-        {"/broken", [] { return HttpPage{.status = 503, .content_type = "text/html", .body = "no\n"}; }},
-        {"/large", [] { return HttpPage{.body = std::string(1 << 20, 'x')}; }},
+        {"/count", [this](const std::string&) { return HttpPage{.body = std::to_string(++num_made_)}; }},
+        {"/broken",
+         [](const std::string&) { return HttpPage{.status = 503, .content_type = "text/html", .body = "no\n"}; }},
+        {"/large", [](const std::string&) { return HttpPage{.body = std::string(1 << 20, 'x')}; }},
+        {"/accept", [](const std::string& accept) { return HttpPage{.body = accept}; }},
     };
     server_ = HttpServer::Start("127.0.0.1:0", pages).value();
     port_ = server_->port();
@@ -49,6 +51,11 @@ TEST_F(HttpServerTest, RendersThePageForEachRequest) {
   EXPECT_EQ(broken.status, 503);
   EXPECT_EQ(broken.body, "no\n");
   EXPECT_THAT(broken.head, HasSubstr("Content-Type: text/html\r\n"));
+}
+
+TEST_F(HttpServerTest, ThePageDependsOnTheHeaderAccept) {
+  EXPECT_EQ(Ask(port_, "/accept").body, "");
+  EXPECT_EQ(Ask(port_, "/accept", "GET", "", "Accept: a/b;q=0.5\r\naccept: c/d\r\n").body, "a/b;q=0.5,c/d");
 }
 
 TEST_F(HttpServerTest, HeadIsThePageWithoutItsBody) {
@@ -102,7 +109,8 @@ TEST_F(HttpServerTest, ClosesTheOldestOfTooManyConnections) {
 }
 
 TEST_F(HttpServerTest, TwoAtATime) {
-  const auto second = HttpServer::Start("localhost:0", {{"/", [] { return HttpPage{.body = "second"}; }}}).value();
+  const auto second =
+      HttpServer::Start("localhost:0", {{"/", [](const std::string&) { return HttpPage{.body = "second"}; }}}).value();
   EXPECT_NE(second->port(), port_);
   EXPECT_EQ(Ask(second->port(), "/").body, "second");
   EXPECT_EQ(Ask(port_, "/count").body, "1");

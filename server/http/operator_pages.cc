@@ -25,17 +25,20 @@ absl::StatusOr<std::unique_ptr<OperatorPages>> OperatorPages::Start(const std::s
                                                                     BuildVersion build) {
   std::unique_ptr<OperatorPages> pages(new OperatorPages(std::move(build)));
   const HttpServer::Pages made = {
-      {"/metrics", [pages = pages.get()] { return pages->Metrics(); }},
-      {"/healthz", [] { return HttpPage{.body = "alive\n"}; }},
-      {"/readyz", [pages = pages.get()] { return pages->Readiness(); }},
+      {"/metrics", [pages = pages.get()](const std::string& accept) { return pages->Metrics(accept); }},
+      {"/healthz", [](const std::string&) { return HttpPage{.body = "alive\n"}; }},
+      {"/readyz", [pages = pages.get()](const std::string&) { return pages->Readiness(); }},
   };
   EVPOSE_ASSIGN_OR_RETURN(pages->http_, HttpServer::Start(listen_address, made));
   return pages;
 }
 
-HttpPage OperatorPages::Metrics() const {
+HttpPage OperatorPages::Metrics(const std::string& accept) const {
   const Server* const shown = server_;
   if (shown == nullptr) return Starting();
+  if (PrefersOpenMetrics(accept)) {
+    return {.content_type = kOpenMetricsContentType, .body = OpenMetricsText(shown->metrics(), shown->state(), build_)};
+  }
   return {.content_type = kPrometheusContentType, .body = PrometheusText(shown->metrics(), shown->state(), build_)};
 }
 

@@ -27,7 +27,7 @@ class OperatorPages {
 
  private:
   explicit OperatorPages(BuildVersion build) : build_(std::move(build)) {}
-  HttpPage Metrics() const;
+  HttpPage Metrics(const std::string& accept) const;
   HttpPage Readiness() const;
 
   const BuildVersion build_;

@@ -6,6 +6,7 @@
 #include <set>
 #include <string>
 
+#include "core/base/trace_context.h"
 #include "server/http/http_client_testing.h"
 #include "server/rpc/server_testing.h"
 #include "server/sessions/store_testing.h"
@@ -167,6 +168,29 @@ TEST_F(OperatorPagesTest, SessionsAddNoSeries) {
     EXPECT_THAT(answer.body, testing::Not(HasSubstr(session.name())));
     EXPECT_THAT(answer.body, testing::Not(HasSubstr(session.resume_token())));
   }
+}
+
+TEST_F(OperatorPagesTest, OpenMetricsHaveExemplarsOfTheTrace) {
+  const CreatedSession session = CreateSession();
+  const auto track = Attached(session);
+  track->Events(1, Flat64(SomeEvents(1, 11)));
+  track->End();
+  EXPECT_EQ(Describe(track->Finish()), "OK");
+  const std::string exemplar = " # {trace_id=\"" + TraceIdOf(session.name()) + "\"} ";
+  const HttpAnswer plain = Get("/metrics");
+  EXPECT_THAT(plain.body, testing::Not(HasSubstr("trace_id")));
+  const HttpAnswer answer =
+      Ask(pages_->port(), "/metrics", "GET", "",
+          "Accept: application/openmetrics-text;version=1.0.0,text/plain;version=0.0.4;q=0.5,*/*;q=0.1\r\n");
+  EXPECT_EQ(answer.status, 200);
+  EXPECT_THAT(answer.head, HasSubstr("Content-Type: application/openmetrics-text; version=1.0.0; charset=utf-8\r\n"));
+  for (const char* histogram : {"pose_latency", "turn", "decode_duration", "track_duration", "checkpoint_duration"}) {
+    EXPECT_THAT(answer.body, testing::ContainsRegex(absl::StrCat("\nevpose_", histogram, "_seconds_bucket[^\n]*",
+                                                                 TraceIdOf(session.name()))));
+  }
+  EXPECT_THAT(answer.body, HasSubstr(exemplar));
+  EXPECT_THAT(answer.body, testing::EndsWith("\n# EOF\n"));
+  EXPECT_THAT(answer.body, testing::Not(HasSubstr(session.name()))) << "the port has no authentication";
 }
 
 }  // namespace

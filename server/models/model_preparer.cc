@@ -198,7 +198,9 @@ class ChildPreparer : public ModelPreparer {
 
   static absl::Status TooExpensive(absl::string_view step, absl::string_view budget) {
     return WithReason(absl::InvalidArgumentError(
-                          absl::StrCat("the model takes more than ", budget, " while ", step, ": simplify it")),
+                          absl::StrCat("the model takes more than ", budget, " while ", step,
+                                       ": simplify it, or start the server with a larger --model-cpu-seconds or "
+                                       "--model-memory")),
                       v1::MODEL_TOO_EXPENSIVE, {{"step", std::string(step)}});
   }
 

@@ -31,10 +31,12 @@ std::unique_ptr<ModelPreparer> MakeModelPreparer();
 
 // The bounds of the preparation of one model.
 struct PreparationBudget {
-  // Processor time, seconds. Meshes of 2 million triangles take 6 s. The views, which take up to a second, have the
-  // same time once more.
+  // Processor time, seconds. For meshes of a million triangles, tests/bench/model_preparation.py printed 5 to 9 s on a
+  // machine with other load, 0.5 to 2 s of it for the views. These have the same time once more. Some meshes of 2
+  // million triangles exceed the default.
   uint32_t cpu_seconds = 10;
-  // Address space, bytes. Files of 64 MiB take up to 640 MB.
+  // Address space, bytes. Binary STL files of 64 MiB (1.34 million triangles) took up to 732 MB of resident memory
+  // there.
   uint64_t memory_bytes = 1ull << 30;
 };
 

@@ -82,10 +82,9 @@ TEST_F(ModelRegistryTest, TheStoreIsFullOfFilesAndOfWhatWasDerivedFromThem) {
   ModelReading other;
   other.metres_per_unit = 2.0;
   const auto upload = [&](uint64_t max_store_bytes) {
-    return ModelRegistry::Create({.limits = {.max_store_bytes = max_store_bytes}, .preparer = preparer_}, *store_)
-        .value()
-        ->Upload("lab", other, "", CubeFile())
-        .status();
+    ModelRegistry::Options options = {.preparer = preparer_};
+    options.limits.max_store_bytes = max_store_bytes;
+    return ModelRegistry::Create(options, *store_).value()->Upload("lab", other, "", CubeFile()).status();
   };
   const uint64_t taken = cube.size_bytes + prepared_bytes;
   EXPECT_EQ(GetErrorDetails(upload(taken + prepared_bytes / 2)).reason, "MODEL_STORE_FULL");

@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
@@ -153,15 +154,9 @@ int Main(int argc, char** argv) {
   setenv("GRPC_VERBOSITY", "NONE", 0);
   Arguments arguments;
   CLI::App app("Check whether an evpose-server accepts sessions", "evpose-health-check");
-  try {
-    DefineArguments(app, arguments);
-    evpose::UseHelp(app);
-    app.failure_message(
-        [](const CLI::App* parser, const CLI::Error& error) { return evpose::UsageMessage(*parser, error) + "\n"; });
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kWrongUsage;
-  }
+  DefineArguments(app, arguments);
+  evpose::UseHelp(app);
+  if (const std::optional<int> status = evpose::ParseOrAnswer(app, argc, argv)) return *status;
   if (const std::string wrong = WrongUsage(arguments); !wrong.empty()) return Fail(kWrongUsage, wrong);
   const absl::Status checked = Check(arguments);
   return checked.ok() ? 0 : Fail(kFailed, std::string(checked.message()));

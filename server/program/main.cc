@@ -32,6 +32,7 @@
 #include "server/program/thread_check.h"
 #include "server/rpc/server.h"
 #include "server/runtime/out_of_memory.h"
+#include "server/stores/open_store.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
@@ -189,7 +190,9 @@ void LogTenantLimits(const ServerOptions::TenantLimits& limits) {
        {"max_uploads", limits.max_uploads.value_or(0)},
        {"max_streams", limits.max_streams.value_or(0)},
        {"max_watchers", limits.max_watchers.value_or(0)},
-       {"max_bytes_per_s", limits.max_bytes_per_s.value_or(0)}});
+       {"max_bytes_per_s", limits.max_bytes_per_s.value_or(0)},
+       {"max_cpu", absl::StrCat(limits.max_cpu.value_or(0.0))},  // the log has no fractions
+       {"max_health_per_s", limits.max_health_per_s}});
 }
 
 // The path of another program of this installation, which is in the same folder as this one.
@@ -265,6 +268,12 @@ int Serve(const ProgramOptions& options) {
   return is_stalled ? kFailed : 0;
 }
 
+// --divide-store.
+int PrintMoves(const StoreOptions& options) {
+  const absl::Status divided = DivideStore(options, [](const std::string& line) { std::cout << line << std::endl; });
+  return divided.ok() ? 0 : Fail(kFailed, absl::StrCat("--divide-store: ", divided.message()));
+}
+
 int Main(int argc, char** argv) {
   // Before any thread is created, because all threads must leave these signals to WaitForEndSignal().
   BlockSignals();
@@ -281,7 +290,7 @@ int Main(int argc, char** argv) {
   if (const absl::Status completed = CompleteStore(options); !completed.ok()) {
     return Fail(kFailed, std::string(completed.message()));
   }
-  return Serve(options);
+  return options.divides_store ? PrintMoves(options.server.store) : Serve(options);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <iostream>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -21,9 +22,10 @@
 #include "core/base/version.h"
 #include "core/command_line/help.h"
 #include "server/connections/listen_address.h"
+#include "server/program/session_memory.h"
+#include "server/program/store_options.h"
 #include "server/runtime/errors.h"
-#include "server/stores/postgres/postgres_address.h"
-#include "server/stores/redis/redis_address.h"
+#include "server/sessions/memory/available_memory.h"
 
 namespace evpose::server {
 namespace {
@@ -33,7 +35,8 @@ constexpr char kDescription[] = "Track objects in streams of events: receive eve
 
 constexpr char kNotes[] =
     "The files of Access are read again when they change. A limit of a tenant that is 0 means that only the limits of "
-    "the server apply; with tokens or client certificates its default is half of the server's limit, otherwise 0.\n\n"
+    "the server apply. With tokens or client certificates its default is half of the server's limit, except those of "
+    "processor time, bytes and health messages per second; without them it is 0.\n\n"
     "With port 0 a free port is chosen. When the server is ready it prints \"listening on HOST:PORT\" on standard "
     "output and, with --metrics-listen, a second line, \"metrics on HOST:PORT\", and with "
     "--load-listen another one, \"load on HOST:PORT\"; its log goes to standard error. "
@@ -63,6 +66,7 @@ can read a password on the command line.
 // The options, and the values for which CLI11 has no type: durations in seconds.
 struct Arguments {
   ProgramOptions& program;
+  std::optional<uint64_t> max_session_memory;  // not given: the default depends on other options
   double session_expiry_s = absl::ToDoubleSeconds(ServerOptions().session_expiry);
   double listener_timeout_s = absl::ToDoubleSeconds(ServerOptions().listener_timeout);
   double stream_idle_timeout_s = absl::ToDoubleSeconds(ServerOptions().stream_idle_timeout);
@@ -107,14 +111,19 @@ void DefineSurvival(CLI::App& app, Arguments& arguments) {
          "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions; "
          "redis+sentinel://[USER:PASSWORD@]HOST:PORT,.../NAME[/DB], the same with the addresses of "
          "Sentinels, which replace a failed master of this name; "
+         "redis-groups:FILE, several of these, among which the sessions are divided, each as a line NAME ADDRESS; "
          "postgresql://[USER:PASSWORD@]HOST[:PORT],.../DATABASE, "
          "for several servers, without the loss of an acknowledged commit if PostgreSQL has a synchronous standby")
       ->envname("EVPOSE_STORE")
       ->type_name("NAME|ADDRESS");
-  app.add_option(
-         "--store-password-file", arguments.program.store_password_file,
-         "File with the password of a redis://, redis+sentinel:// or postgresql:// store if its address has none")
+  app.add_option("--store-password-file", arguments.program.store_password_file,
+                 "File with the password of a redis://, redis+sentinel:// or postgresql:// store if its address has "
+                 "none, and of "
+                 "the addresses of redis-groups:FILE that have none")
       ->type_name("FILE");
+  app.add_flag("--divide-store", arguments.program.divides_store,
+               "Move sessions until all Redis groups of --store redis-groups:FILE have equal parts of the store, and "
+               "exit; for a new group, which the files of all servers must name before. Servers may run meanwhile");
   app.add_option(
          "--data-dir", options.store.data_dir,
          "Directory of --store sqlite, used by one server only; by default $STATE_DIRECTORY, which systemd sets, "
@@ -139,9 +148,12 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.option_defaults()->group("Limits");
   app.add_option("--max-sessions", options.max_sessions,
                  "Sessions at a time, including ended ones until they are deleted or expire");
-  app.add_option("--max-session-memory", options.max_session_memory,
-                 "Bytes of memory for all sessions together; each counts with the most that it may take, and the "
-                 "default is 75 % of the memory of the machine or the control group, whichever is smaller")
+  app.add_option(
+         "--max-session-memory", arguments.max_session_memory,
+         "Bytes of memory for all sessions together; each counts with the most that it may take. Default: 75 % "
+         "of the memory of the machine or the control group, or what --slow-threads preparations with "
+         "--model-memory each, --max-model-store-bytes, --max-transport-bytes and 0.2 GB leave of it, whichever "
+         "is less, but at least 25 %")
       ->type_name("BYTES");
   app.add_option("--max-connections", options.max_connections,
                  "Connections at a time; 0: half of the descriptors that the process may have, at most 4096");
@@ -204,8 +216,9 @@ void DefineTenantLimits(CLI::App& app, ServerOptions& options) {
   app.add_option("--tenant-max-watchers", options.tenant.max_watchers, "Readers of poses, health and images at a time");
   app.add_option("--tenant-max-uploads", options.tenant.max_uploads, "Uploads of models at a time");
   app.add_option("--tenant-max-bytes-per-s", options.tenant.max_bytes_per_s,
-                 "Bytes of events per second; the server reads faster streams more slowly. Default: 0")
-      ->type_name("BYTES");
+                 "Bytes of events per second; the server reads faster streams more slowly; 0: no limit")
+      ->type_name("BYTES")
+      ->default_str("0");
   app.add_option("--tenant-max-health-per-s", options.tenant.max_health_per_s,
                  "Messages per second to readers of health; the server sends more of them less often; 0: no limit")
       ->type_name("HZ");
@@ -302,70 +315,6 @@ std::string Exposure(const ProgramOptions& program, const ListenAddress& address
   return "";
 }
 
-// The default of --data-dir.
-std::string DefaultDataDirectory() {
-  constexpr std::pair<const char*, const char*> kPlaces[] = {
-      {"STATE_DIRECTORY", ""}, {"XDG_STATE_HOME", "/evpose"}, {"HOME", "/.local/state/evpose"}};
-  for (const auto& [variable, below] : kPlaces) {
-    const char* directory = std::getenv(variable);
-    if (directory != nullptr && *directory != '\0') return absl::StrCat(directory, below);
-  }
-  return "";
-}
-
-// Chooses the default data directory and creates its parents. The parent of a directory given by the user must exist,
-// so that a misspelled path is an error.
-absl::Status ChooseDataDirectory(StoreOptions& options) {
-  if (options.store != "sqlite" || !options.data_dir.empty()) return absl::OkStatus();
-  options.data_dir = DefaultDataDirectory();
-  if (options.data_dir.empty()) {
-    return absl::InvalidArgumentError(
-        "there is no home directory to keep sessions in: give --data-dir, or --store memory");
-  }
-  std::error_code error;
-  std::filesystem::create_directories(std::filesystem::path(options.data_dir).parent_path(), error);
-  if (!error) return absl::OkStatus();
-  return absl::PermissionDeniedError(absl::StrCat("cannot make the directory for ", options.data_dir, ": ",
-                                                  error.message(), "; give --data-dir, or --store memory"));
-}
-
-// Checks --store without opening the store. The error never contains a possible password.
-absl::Status CheckStore(const std::string& store) {
-  if (store == "sqlite" || store == "memory") return absl::OkStatus();
-  if (IsPostgresUrl(store)) return ParsePostgresAddress(store).status();
-  if (absl::StrContains(store, "://")) return ParseRedisAddress(store).status();
-  return absl::InvalidArgumentError(
-      absl::StrCat("there is no store ", absl::StrContains(store, '@') ? "of this name" : store,
-                   ": give memory, sqlite, redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME or "
-                   "postgresql://HOST:PORT/DATABASE"));
-}
-
-// Checks that --store-password-file and --store are consistent.
-absl::Status CheckStorePassword(const ProgramOptions& options) {
-  if (options.store_password_file.empty()) return absl::OkStatus();
-  const std::string& store = options.server.store.store;
-  const auto redis = ParseRedisAddress(store);
-  const auto postgres = ParsePostgresAddress(store);
-  if (!redis.ok() && !postgres.ok()) {
-    return absl::InvalidArgumentError(
-        "is for --store redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME and postgresql://HOST:PORT/DATABASE");
-  }
-  if (redis.ok() ? redis->password.empty() : postgres->Get("password").empty()) return absl::OkStatus();
-  return absl::InvalidArgumentError("the address of --store has a password already: give one of them");
-}
-
-absl::Status CheckStoreLimit(const StoreOptions& store) {
-  constexpr uint64_t kMinBytes = 1u << 20;  // a smaller number is one of megabytes, by mistake
-  if (store.max_bytes < kMinBytes) {
-    return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; at least ", kMinBytes));
-  }
-  if (store.max_bytes == StoreOptions().max_bytes || !absl::StrContains(store.store, "://") ||
-      IsPostgresUrl(store.store)) {
-    return absl::OkStatus();
-  }
-  return absl::InvalidArgumentError("is for --store sqlite, memory and postgresql://; set maxmemory in Redis instead");
-}
-
 absl::Status CheckMetricsAddress(const ProgramOptions& options) {
   if (options.metrics_listen.empty()) return absl::OkStatus();
   EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.metrics_listen));
@@ -385,24 +334,10 @@ absl::Status CheckLoadAddress(const ProgramOptions& options) {
   return absl::OkStatus();
 }
 
-// Returns the store's address with the password from the file, escaped with %XX.
-absl::StatusOr<std::string> AddStorePassword(const std::string& store, const std::string& file) {
-  constexpr size_t kMaxPasswordBytes = 4096;  // a longer file is not that of a password
-  EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(file, kMaxPasswordBytes));
-  const absl::string_view password = absl::StripAsciiWhitespace(contents);
-  if (password.empty()) return absl::InvalidArgumentError(absl::StrCat(file, ": there is no password in it"));
-  std::string escaped;
-  for (const char c : password) escaped += absl::StrFormat("%%%02X", static_cast<unsigned char>(c));
-  if (IsPostgresUrl(store)) return WithPostgresPassword(store, escaped);
-  const size_t user = store.find("://") + 3;
-  const size_t at = store.rfind('@');
-  const std::string text = absl::StrCat(at == std::string::npos || at == user ? ":" : "", escaped);
-  if (at != std::string::npos) return absl::StrCat(store.substr(0, at), text, store.substr(at));
-  return absl::StrCat(store.substr(0, user), text, "@", store.substr(user));
-}
-
-// Copies the seconds of the command line to the durations of the options.
-void TakeSeconds(const Arguments& arguments, ServerOptions& options) {
+// Copies what the options do not have as on the command line: seconds, and a default that depends on other options.
+void TakeValues(const Arguments& arguments, ServerOptions& options) {
+  options.max_session_memory =
+      arguments.max_session_memory.value_or(DefaultSessionMemory(options, AvailableMemoryBytes()));
   arguments.program.shutdown_notice = absl::Seconds(arguments.shutdown_notice_s);
   options.attach_timeout = absl::Seconds(arguments.attach_timeout_s);
   options.listener_timeout = absl::Seconds(arguments.listener_timeout_s);
@@ -429,7 +364,7 @@ ParsedOptions ParseOptions(int argc, char** argv) {
     if (parsed.is_wrong) std::cerr << UsageMessage(app, error) << std::endl;
     return parsed;
   }
-  TakeSeconds(arguments, parsed.options.server);
+  TakeValues(arguments, parsed.options.server);
   return parsed;
 }
 
@@ -446,6 +381,7 @@ std::string WrongUsage(const ProgramOptions& options) {
   if (const absl::Status status = options.server.Validate(); !status.ok()) return InOptions(status);
   const std::pair<const char*, absl::Status> checks[] = {{"--store", CheckStore(options.server.store.store)},
                                                          {"--store-password-file", CheckStorePassword(options)},
+                                                         {"--divide-store", CheckDivideStore(options)},
                                                          {"--metrics-listen", CheckMetricsAddress(options)},
                                                          {"--load-listen", CheckLoadAddress(options)},
                                                          {"--store-max-bytes", CheckStoreLimit(options.server.store)}};
@@ -457,21 +393,6 @@ std::string WrongUsage(const ProgramOptions& options) {
   }
   const auto address = ParseListenAddress(options.server.listen_address);
   return address.ok() ? Exposure(options, *address) : std::string(address.status().message());
-}
-
-absl::Status CompleteStore(ProgramOptions& options) {
-  StoreOptions& store = options.server.store;
-  EVPOSE_RETURN_IF_ERROR(ChooseDataDirectory(store));
-  if (options.store_password_file.empty()) return absl::OkStatus();
-  EVPOSE_ASSIGN_OR_RETURN(store.store, AddStorePassword(store.store, options.store_password_file));
-  return absl::OkStatus();
-}
-
-std::string StoreForLog(const StoreOptions& options) {
-  if (options.store == "sqlite") return absl::StrCat("sqlite in ", options.data_dir);
-  if (const auto address = ParsePostgresAddress(options.store); address.ok()) return address->Printable();
-  const auto address = ParseRedisAddress(options.store);
-  return address.ok() ? address->Printable() : options.store;
 }
 
 }  // namespace evpose::server

@@ -24,6 +24,7 @@ struct ProgramOptions {
   absl::Duration shutdown_notice;   // from a signal until streams are asked to finish
   bool insecure = false;
   std::string new_token;            // tenant for which a token is made; empty: the server is started
+  bool divides_store = false;       // the groups of the store get equal parts of it; the server is not started
   bool is_operator = false;         // the new token is an operator's
   std::string log_level = "info";   // a name of ParseLogLevel()
   std::string log_format = "text";  // a name of ParseLogFormat()

@@ -130,6 +130,9 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
       {{"--store", "redis://localhost", "--store-password-file", "/dev/null"}, "/dev/null[^\n]*not a file[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", empty}, empty + "[^\n]*there is no password in it"},
       {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not answer: [^\n]*start Redis there[^\n]*"},
+      {{"--store", "redis-groups:/no/such/groups"}, "/no/such/groups[^\n]*"},
+      {{"--store", "redis-groups:/no/such/groups", "--divide-store"}, "--divide-store: /no/such/groups[^\n]*"},
+      {{"--store", "redis-groups:" + empty}, empty + ": there is no group: give each a line NAME ADDRESS"},
       {{"--store", "sqlite", "--data-dir", "/dev/null"}, "data directory /dev/null: [^\n]*another --data-dir"},
       {{"--store", "sqlite", "--data-dir", "/proc/evpose"}, "data directory /proc/evpose: [^\n]*another --data-dir"},
       {{"--store", "sqlite", "--data-dir", "/sys/evpose"},
@@ -190,12 +193,13 @@ TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
   const std::string path = TemporaryPath("tokens");
   std::ofstream(path) << said.substr(said.find("lab "));
   Program program({"--listen", "127.0.0.1:0", "--token-file", path, "--max-sessions", "12", "--tenant-max-watchers",
-                   "3", "--tenant-max-streams", "0", "--max-session-memory", "1000000000"});
+                   "3", "--tenant-max-streams", "0", "--max-session-memory", "1000000000", "--tenant-max-cpu", "1.5"});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
   EXPECT_THAT(
       program.Stderr(),
       testing::HasSubstr(" tenant_limits max_sessions=6 max_session_memory=500000000 "
-                         "max_model_bytes=268435456 max_uploads=32 max_streams=0 max_watchers=3 max_bytes_per_s=0\n"));
+                         "max_model_bytes=268435456 max_uploads=32 max_streams=0 max_watchers=3 max_bytes_per_s=0 "
+                         "max_cpu=1.5 max_health_per_s=1000\n"));
   unlink(path.c_str());
 }
 
@@ -335,6 +339,18 @@ TEST(ProgramTest, ServesThePagesForOperators) {
                             "program has this port: give another, or 0 for a free one\n"));
   program.Signal(SIGTERM);
   EXPECT_EQ(program.Wait(), 0);
+}
+
+TEST(ProgramTest, ReportsWrongUsageOfRedisGroups) {
+  const std::pair<std::vector<std::string>, const char*> cases[] = {
+      {{"--store", "redis-groups:"}, "--store: redis-groups: has no FILE"},
+      {{"--store", "redis-groups:file", "--store-max-bytes", "2000000"}, "set maxmemory in Redis instead"},
+      {{"--divide-store"}, "--divide-store: is for --store redis-groups:FILE"}};
+  for (const auto& [arguments, expected] : cases) {
+    Program program(arguments);
+    EXPECT_EQ(program.Wait(), 2) << expected;
+    EXPECT_THAT(program.Stderr(), testing::HasSubstr(expected));
+  }
 }
 
 TEST(ProgramTest, ReportsWrongUsageOfTheLoad) {

@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/models/display_geometry.h"
-#include "server/rpc/status_mapping.h"
+#include "server/rpc/common/status_mapping.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 

@@ -21,13 +21,14 @@
 #include "server/connections/connection_acceptor.h"
 #include "server/connections/listen_address.h"
 #include "server/models/model_registry.h"
+#include "server/models/outdated_models.h"
 #include "server/rpc/admin_service.h"
+#include "server/rpc/common/service_context.h"
+#include "server/rpc/common/stream_registry.h"
 #include "server/rpc/model_service.h"
 #include "server/rpc/server_impl.h"
-#include "server/rpc/service_context.h"
 #include "server/rpc/session_service.h"
 #include "server/rpc/store_check.h"
-#include "server/rpc/stream_registry.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/runtime/server_clock.h"
@@ -209,8 +210,8 @@ TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr
 
 FairScheduler::Options SchedulerOptions(const ServerOptions& options, const std::shared_ptr<ServerMetrics>& metrics) {
   return {.limits = {.session = options.max_session_cpu, .tenant = options.tenant.max_cpu.value_or(0.0)},
-          .on_turn = [metrics](std::chrono::nanoseconds cpu) {
-            metrics->turn_time.Add(cpu);
+          .on_turn = [metrics](std::chrono::nanoseconds cpu, const std::string& trace_id) {
+            metrics->turn_time.Add(cpu, trace_id);
             metrics->turn_ns.Add(static_cast<uint64_t>(std::max<int64_t>(cpu.count(), 0)));
           }};
 }
@@ -272,17 +273,7 @@ class ServerImpl : public Server, public Drainer {
 
   absl::Status FindStored() { return sessions_.FindStored(); }
 
-  // Prepares the models that an earlier version stored, so that their first sessions need not wait for it. They are
-  // the server's own work, so that an upload of their tenant does not wait for all of them.
-  void PrepareOutdatedModels() {
-    for (const auto& [tenant, name] : models_->Outdated()) {
-      pool_.preparations().PostOwn([this, model = name, owner = tenant] {
-        const absl::Status status = models_->UseStored(owner, model).status();
-        if (status.ok() || absl::IsUnavailable(status)) return;
-        Log(LogLevel::kError, "model_not_loaded", {{"model", model}, {"tenant", owner}, {"message", status.message()}});
-      });
-    }
-  }
+  void PrepareOutdatedModels() { server::PrepareOutdatedModels(*models_, pool_.preparations()); }
 
   absl::Status Listen(const ServerOptions& options) {
     grpc::ServerBuilder builder;
@@ -333,6 +324,7 @@ class ServerImpl : public Server, public Drainer {
       if (usage->max_bytes != 0) state.store_max_bytes = usage->max_bytes;
     }
     state.unreplicated_commits = store_->unreplicated_commits();
+    state.store_groups = store_->Groups();
     if (acceptor_ != nullptr) {
       state.connections = acceptor_->num_connections();
       state.listening = acceptor_->status();

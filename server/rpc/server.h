@@ -58,7 +58,7 @@ struct ServerOptions {
   uint32_t max_sessions = 64;
   // Maximum memory of all sessions together, bytes: each is charged with the most that it may take
   // (server/sessions/memory). Default: 75 % of the memory that the process may take; models, connections and the store
-  // have the rest.
+  // have the rest. (evpose-server leaves more to them on a small machine: server/program/session_memory.h.)
   uint64_t max_session_memory = AvailableMemoryBytes() / 4 * 3;
   // Maximum size of a model file, bytes.
   uint64_t max_model_bytes = 64ull << 20;

@@ -59,7 +59,11 @@ inline std::string Describe(const grpc::Status& status) {
 // A Track call through the raw stub.
 class RawTrack {
  public:
-  explicit RawTrack(v1::SessionService::Stub& stub) : stream_(stub.Track(&context_)) {}
+  // `traceparents`: values of the header of that name.
+  explicit RawTrack(v1::SessionService::Stub& stub, const std::vector<std::string>& traceparents = {}) {
+    for (const std::string& value : traceparents) context_.AddMetadata("traceparent", value);
+    stream_ = stub.Track(&context_);
+  }
   // Cancels and finishes the call, because gRPC requires every call to be finished.
   ~RawTrack() {
     context_.TryCancel();

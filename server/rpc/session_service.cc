@@ -8,10 +8,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "server/rpc/authentication.h"
-#include "server/rpc/conversion.h"
+#include "server/rpc/common/authentication.h"
+#include "server/rpc/common/conversion.h"
+#include "server/rpc/common/status_mapping.h"
 #include "server/rpc/standard_methods.h"
-#include "server/rpc/status_mapping.h"
 #include "server/rpc/track_reactor.h"
 #include "server/rpc/watch/watch_reactors.h"
 #include "server/runtime/errors.h"

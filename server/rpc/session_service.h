@@ -2,7 +2,7 @@
 #pragma once
 
 #include "evpose/v1/session_service.grpc.pb.h"
-#include "server/rpc/service_context.h"
+#include "server/rpc/common/service_context.h"
 
 namespace evpose::server {
 

@@ -43,6 +43,21 @@ std::optional<StoreUsage> StoreCheck::usage() const {
   return usage_;
 }
 
+void StoreCheck::LogChanges(const std::vector<StoreGroup>& groups) {
+  for (const StoreGroup& group : groups) {
+    const bool was_away = groups_away_.contains(group.name);
+    if (group.health.ok() == !was_away) continue;
+    if (group.health.ok()) {
+      groups_away_.erase(group.name);
+      Log(LogLevel::kInfo, "store_group_back", {{"group", group.name}});
+    } else {
+      groups_away_.insert(group.name);
+      Log(LogLevel::kWarning, "store_group_away",
+          {{"group", group.name}, {"parts", group.parts}, {"message", group.health.message()}});
+    }
+  }
+}
+
 void StoreCheck::Ask() {
   {
     const std::lock_guard lock(mutex_);
@@ -54,8 +69,10 @@ void StoreCheck::Ask() {
     if (status.ok()) usage = store_.Usage();
     return status;
   });
+  const std::vector<StoreGroup> groups = store_.Groups();
   const std::lock_guard lock(mutex_);
   if (is_stopped_) return;
+  LogChanges(groups);
   if (IsOutOfMemory(health)) return Arm();  // a failed allocation says nothing about the store
   if (usage.has_value()) usage_ = usage;
   const bool has_changed = health.ok() != answer_.ok();

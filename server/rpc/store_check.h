@@ -8,6 +8,9 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
+#include <string>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
@@ -40,6 +43,8 @@ class StoreCheck {
  private:
   void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Ask();
+  // Logs the groups of the store that have stopped to respond, or respond again.
+  void LogChanges(const std::vector<StoreGroup>& groups) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   Store& store_;
   WorkerPool& pool_;
@@ -48,6 +53,7 @@ class StoreCheck {
   mutable std::mutex mutex_;
   absl::Status answer_ ABSL_GUARDED_BY(mutex_);
   std::optional<StoreUsage> usage_ ABSL_GUARDED_BY(mutex_);
+  std::set<std::string> groups_away_ ABSL_GUARDED_BY(mutex_);
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };

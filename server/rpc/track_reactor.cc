@@ -16,10 +16,10 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "server/rpc/authentication.h"
-#include "server/rpc/conversion.h"
-#include "server/rpc/status_mapping.h"
-#include "server/rpc/stream_registry.h"
+#include "server/rpc/common/authentication.h"
+#include "server/rpc/common/conversion.h"
+#include "server/rpc/common/status_mapping.h"
+#include "server/rpc/common/stream_registry.h"
 #include "server/rpc/track_reactor_phase.h"
 #include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
@@ -64,18 +64,16 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void OnReadDone(bool ok) override {
-    if (!ok) {
-      const std::lock_guard lock(mutex_);
-      read_ = ReadState::kHalfClosed;
-      ChangePhase(StreamInput::kHalfClosed);
-      if (session_ != nullptr) session_->Leave(stream_);
-    } else if (request_.has_attach() && session_ == nullptr) {
-      return StartAttach(request_.attach());
-    }
-    // Only the reading side uses the request, which it handles, with the checksum of its payload, without the lock.
-    const absl::Status handled = ok ? OrOutOfMemory([this] { return HandleRequest(); }) : absl::OkStatus();
+    const bool is_attach = ok && request_.has_attach() && session_ == nullptr;
+    // Without the lock: only the reading side uses the request. This also computes the checksum of its payload.
+    const absl::Status handled = OrOutOfMemory([this, ok, is_attach] {
+      if (is_attach) return StartAttach(request_.attach()), absl::OkStatus();
+      return ok ? HandleRequest() : HandleHalfClose();
+    });
+    if (is_attach && handled.ok()) return;
     // The session may have accepted a chunk without queueing it.
-    if (IsOutOfMemory(handled) && session_ != nullptr) session_->Close(handled);
+    const bool must_close = IsOutOfMemory(handled) && !is_attach && session_ != nullptr;
+    if (must_close) RunUnlessOutOfMemory([&] { session_->Close(handled); });
     const std::lock_guard lock(mutex_);
     OnReadHandled();
     Fail(handled);
@@ -87,7 +85,6 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     is_writing_ = false;
     silence_.OnWritten();
     if (!ok) Fail(absl::CancelledError("the client has disconnected"));
-    if (session_ != nullptr) session_->ReportSent(stream_, sent_pose_seq_);
     Pump();
   }
 
@@ -101,7 +98,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     {
       // With the lock: an attach that was too late may still be running on another thread.
       const std::lock_guard lock(mutex_);
-      if (session_ != nullptr) session_->log().StreamEnded(caller_->peer, stream_, failure_);
+      if (session_ != nullptr) session_->log().StreamEnded(origin_, stream_, failure_);
     }
     services_.streams.Remove(this);
     const std::shared_ptr<TrackReactor> last = std::move(self_);
@@ -159,11 +156,19 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     return HandleEnd();
   }
 
+  absl::Status HandleHalfClose() {
+    const std::lock_guard lock(mutex_);
+    read_ = ReadState::kHalfClosed;
+    ChangePhase(StreamInput::kHalfClosed);
+    if (session_ != nullptr) session_->Leave(stream_);
+    return absl::OkStatus();
+  }
+
   // The only function that changes the phase.
   void ChangePhase(StreamInput input) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const StreamPhase from = std::exchange(phase_, NextPhase(phase_, input));
     if (session_ == nullptr || phase_ == from) return;
-    session_->log().StreamPhaseChanged(caller_->peer, stream_, StreamPhaseName(from), StreamPhaseName(phase_));
+    session_->log().StreamPhaseChanged(origin_, stream_, StreamPhaseName(from), StreamPhaseName(phase_));
   }
 
   void OnReadHandled() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -171,15 +176,14 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     silence_.OnMessage();
   }
 
-  // A session that this server does not have is resumed from the store, which blocks too long for gRPC's threads.
-  // Nothing is read meanwhile.
+  // A session that this server does not have is resumed on another thread, because that waits for the store.
   void StartAttach(const v1::TrackRequest::Attach& attach) {
     {
       const std::lock_guard lock(mutex_);
       ChangePhase(StreamInput::kAttachReceived);
+      origin_ = OriginOf(*context_, caller_->peer, attach.session());
     }
-    std::shared_ptr<Session> session =
-        services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token());
+    auto session = services_.sessions.FindForAttach(caller_->tenant, attach.session(), attach.resume_token());
     if (session != nullptr) return OnAttached(attach, Join(attach, std::move(session)));
     PostResume(attach);
   }
@@ -210,7 +214,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       SetSession(*std::move(joined));
     } else {
       SessionLog(attach.session().substr(0, kMaxNameBytes), caller_->tenant)
-          .NotAttached(caller_->peer, status, services_.log_limiter);
+          .NotAttached(origin_, status, services_.log_limiter);
     }
     Fail(status);
     Pump();
@@ -230,9 +234,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   absl::StatusOr<Joined> Join(const v1::TrackRequest::Attach& attach, std::shared_ptr<Session> session) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
     // Without the lock: Attach notifies the stream that this one fences, and that stream takes its own lock.
-    EVPOSE_ASSIGN_OR_RETURN(Attachment attachment,
-                            session->Attach(attach.resume_token(), attach.last_pose_seq(), weak_from_this(),
-                                            caller_->peer, attach.first_seq()));
+    EVPOSE_ASSIGN_OR_RETURN(Attachment attachment, session->Attach(attach.resume_token(), attach.last_pose_seq(),
+                                                                   weak_from_this(), origin_, attach.first_seq()));
     return Joined{std::move(session), std::move(attachment)};
   }
 
@@ -277,7 +280,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     alarm->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(std::min(duration, kLongestHold)),
                [weak = weak_from_this(), on_alarm](bool has_fired) {
                  if (!has_fired) return;  // cancelled: the stream may have ended
-                 if (const auto self = weak.lock()) (self.get()->*on_alarm)();
+                 const auto self = weak.lock();
+                 if (self != nullptr) RunUnlessOutOfMemory([&] { (self.get()->*on_alarm)(); });
                });
   }
 
@@ -290,21 +294,14 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (phase_ != StreamPhase::kOpen) return;
     const absl::Duration left = services_.stream_idle_timeout - MeasureSilence(session_->View(stream_));
     if (left > absl::ZeroDuration()) return SetAlarm(idle_alarm_, left, &TrackReactor::OnIdleAlarm);
-    Fail(WithReason(absl::DeadlineExceededError(absl::StrCat(
-                        "the stream has sent no message for ", absl::FormatDuration(services_.stream_idle_timeout),
-                        ": attach again to continue, and send empty chunks while there are no events")),
-                    v1::STREAM_IDLE));
+    Fail(StreamIdleError(services_.stream_idle_timeout));
     Pump();
   }
 
   void OnAlarm() {
     const std::lock_guard lock(mutex_);
     is_held_ = false;
-    if (session_ == nullptr) {
-      Fail(WithReason(absl::DeadlineExceededError(absl::StrCat("the stream has not attached within ",
-                                                               absl::FormatDuration(services_.attach_timeout))),
-                      v1::ATTACH_TIMEOUT));
-    }
+    if (session_ == nullptr) Fail(AttachTimeoutError(services_.attach_timeout));
     Pump();
   }
 
@@ -314,12 +311,16 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (!failure_.ok()) ChangePhase(StreamInput::kFailure);
   }
 
-  void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    ChangePhase(StreamInput::kFinish);
-    services_.metrics.stream_ends[StreamKind::kTrack][status.code()].Add();
+  void PrepareFinish(absl::StatusCode code) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    RunUnlessOutOfMemory([this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { ChangePhase(StreamInput::kFinish); });
+    services_.metrics.stream_ends[StreamKind::kTrack][code].Add();
     alarm_.reset();
     idle_alarm_.reset();
-    if (session_ != nullptr) session_->Detach(stream_);
+    if (session_ != nullptr) RunUnlessOutOfMemory([this] { session_->Detach(stream_); });
+  }
+
+  void Finish(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    PrepareFinish(status.code());
     grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackResponse>::Finish(ToGrpcStatus(status));
   }
 
@@ -338,11 +339,21 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     PostResume(attach_);
   }
 
+  // If memory is exhausted, the stream ends. An exception would end the process: the callers are threads of gRPC.
   void Pump() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const auto proceed = [this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return Proceed(), absl::OkStatus(); };
+    const absl::Status status = OrOutOfMemory(proceed);
+    if (status.ok() || phase_ == StreamPhase::kFinished) return;
+    RunUnlessOutOfMemory([this, status]() ABSL_NO_THREAD_SAFETY_ANALYSIS { Fail(status); });
+    if (!is_writing_) Finish(failure_);
+  }
+
+  void Proceed() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (phase_ == StreamPhase::kFinished) return;
     StreamView view;
     view.has_room = true;
     if (session_ != nullptr) {
+      if (!is_writing_) session_->ReportSent(stream_, sent_pose_seq_);
       view = session_->View(stream_);
       if (MustReclaim(view)) return Reclaim();
       Fail(view.status);
@@ -381,7 +392,10 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   // their place among the poses.
   bool PickResponse(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (phase_ == StreamPhase::kConfirming) return view.attached && PickAttached();
-    if (go_away_.has_value()) return PickGoAway();
+    if (go_away_.has_value()) {
+      *response_.mutable_notice()->mutable_go_away()->mutable_deadline() = ToProto(*std::exchange(go_away_, {}));
+      return true;
+    }
     if (notices_.empty()) {
       for (SessionNotice& notice : session_->TakeNotices(stream_)) notices_.push_back(std::move(notice));
     }
@@ -397,13 +411,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   bool PickAttached() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    v1::TrackResponse::Attached& attached = *response_.mutable_attached();
-    attached.set_next_seq(attachment_->next_seq);
-    attached.set_resume_token(attachment_->resume_token);
-    attached.set_send_limit_bytes(attachment_->send_limit_bytes);
-    *attached.mutable_resume_window() = ToProto(session_->limits().expiry);
-    attached.set_max_chunk_bytes(session_->limits().max_chunk_bytes);
-    attached.set_first_pose_seq(attachment_->first_pose_seq);
+    auto& attached = (*response_.mutable_attached() = ToProto(*attachment_, session_->limits()));
     attachment_.reset();
     ChangePhase(StreamInput::kConfirmed);
     if (services_.stream_idle_timeout > absl::ZeroDuration()) {
@@ -413,17 +421,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     return true;
   }
 
-  bool PickGoAway() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    *response_.mutable_notice()->mutable_go_away()->mutable_deadline() = ToProto(*go_away_);
-    go_away_.reset();
-    return true;
-  }
-
   bool PickAck() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    v1::TrackResponse::Ack& ack = *response_.mutable_ack();
-    ack.set_processed_seq(ack_->processed_seq);
-    ack.set_durable_seq(ack_->durable_seq);
-    ack.set_send_limit_bytes(ack_->send_limit_bytes);
+    *response_.mutable_ack() = ToProto(*ack_);
     sent_ack_ = *ack_;
     ack_.reset();
     return true;
@@ -448,9 +447,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void WriteSummary() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     *response_.mutable_summary()->mutable_health() = ToProto(session_->Snapshot().health, session_->config());
-    ChangePhase(StreamInput::kFinish);
-    services_.metrics.stream_ends[StreamKind::kTrack][absl::StatusCode::kOk].Add();
-    session_->Detach(stream_);
+    PrepareFinish(absl::StatusCode::kOk);
     StartWriteAndFinish(&response_, grpc::WriteOptions(), grpc::Status::OK);
   }
 
@@ -464,6 +461,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   v1::TrackRequest request_;
   std::shared_ptr<Session> session_;
   uint64_t stream_ = 0;
+  StreamOrigin origin_;  // set once, when `attach` has been read
 
   std::mutex mutex_;
   StreamPhase phase_ ABSL_GUARDED_BY(mutex_) = StreamPhase::kAwaitingAttach;

@@ -6,7 +6,7 @@
 #include <grpcpp/server_context.h>
 
 #include "evpose/v1/session_service.grpc.pb.h"
-#include "server/rpc/service_context.h"
+#include "server/rpc/common/service_context.h"
 
 namespace evpose::server {
 

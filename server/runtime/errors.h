@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Errors with details that a program can test. The details are payloads of absl::Status, so that nothing below
-// server/rpc depends on gRPC; server/rpc/status_mapping.h turns them into google.rpc messages.
+// server/rpc depends on gRPC; server/rpc/common/status_mapping.h turns them into google.rpc messages.
 #pragma once
 
 #include <initializer_list>

@@ -77,7 +77,9 @@ class WorkerPool {
   void PostLowPriority(Work&& work) {
     boost::asio::post(on_.low_priority, [work = std::forward<Work>(work)]() mutable { RunUnlessOutOfMemory(work); });
   }
-  std::shared_ptr<SessionTurns> AddSession(const std::string& tenant) { return scheduler_.AddSession(tenant); }
+  std::shared_ptr<SessionTurns> AddSession(const std::string& tenant, const std::string& trace_id = "") {
+    return scheduler_.AddSession(tenant, trace_id);
+  }
 
   // Returns when all work posted to the pool's own threads has finished. Nothing may be posted afterwards. Does nothing
   // with the caller's executors.

@@ -9,9 +9,11 @@
 namespace evpose::server {
 namespace {
 
-// Processor time within which a session that keeps its pace processes all data that wait: the data of 10 ms at the
-// highest cost that one thread can process in real time.
-constexpr std::chrono::milliseconds kPaceTime{10};
+// Processor time within which a session that keeps its pace processes all data that wait. kBulk: the data of 10 ms at
+// the highest cost that one thread can process in real time. kLive: a search for the objects, too, and what arrives
+// during it.
+constexpr std::chrono::milliseconds kBulkPaceTime{10};
+constexpr std::chrono::milliseconds kLivePaceTime{100};
 // A session that has kept its pace for some time may need more after a disturbance, this part of that time, so that a
 // camera does not lose its priority by the delay that others have caused. A replay does not earn it.
 constexpr int kEarnedPart = 5;
@@ -72,7 +74,8 @@ void SessionShare::RecordDrained(CpuMeter::Time now) {
 
 bool SessionShare::KeepsPace() const {
   const std::chrono::nanoseconds earned = (drained_at - paced_since) / kEarnedPart;
-  return since_drained < kPaceTime + std::clamp<std::chrono::nanoseconds>(earned, std::chrono::seconds(0), kMostEarned);
+  const std::chrono::nanoseconds allowed = arrival == Arrival::kLive ? kLivePaceTime : kBulkPaceTime;
+  return since_drained < allowed + std::clamp<std::chrono::nanoseconds>(earned, std::chrono::seconds(0), kMostEarned);
 }
 
 std::shared_ptr<TenantShare> FairQueue::FindTenant(const std::string& name) {

@@ -42,8 +42,8 @@ enum class Arrival { kLive, kBulk };
 
 struct TenantShare {
   double used_s = 0.0;  // processor time, raised after idle time so that it is not saved up
-  double clock_s =
-      0.0;  // the largest SessionShare::used_s with which a session of the tenant had its turn by its share
+  // The largest SessionShare::used_s with which a session of the tenant had a turn by its share.
+  double clock_s = 0.0;
   // Sessions that wait or have their turn.
   size_t num_live = 0;
   size_t num_bulk = 0;
@@ -57,7 +57,7 @@ struct SessionShare {
   CpuMeter::Time received_at{};  // time of the oldest data that wait
   Arrival arrival = Arrival::kLive;
   bool is_active = false;          // it waits or has its turn
-  bool has_priority_turn = false;  // its turn is one that it has by its priority, and not by its share
+  bool has_priority_turn = false;  // its present or last turn was by its priority, and not by its share
   // As TenantShare::used_s, among the sessions of the tenant, without the time that the session had by its priority;
   // the time of live sessions counts as a part of it.
   double used_s = 0.0;
@@ -86,6 +86,7 @@ class FairQueue {
   void Push(SessionShare& session) { waiting_.push_back(&session); }
   // The session is idle. Precondition: it was popped.
   void Remove(SessionShare& session);
+  // To be used instead of an assignment: a session that is active is counted by its arrival.
   static void SetArrival(SessionShare& session, Arrival arrival);
   // Removes the session that has the next turn. Null: none waits, or those that wait have reached their limits.
   SessionShare* Pop(Time now);

@@ -62,13 +62,19 @@ TEST_F(FairQueueTest, CamerasComeBeforeReplaysAndTheOldestReceiptFirst) {
   EXPECT_THAT(Run(4, {&replay}), ElementsAre(&early, &late, &replay, &replay));
 }
 
-TEST_F(FairQueueTest, ASessionWhoseDataWaitBecomesAReplay) {
-  SessionShare& session = AddSession("", false);
-  queue_->Add(session);
-  Run(9, {&session});
-  EXPECT_TRUE(session.KeepsPace());
-  Run(1, {&session});
-  EXPECT_FALSE(session.KeepsPace());
+TEST_F(FairQueueTest, ASessionWhoseDataWaitLosesItsPriority) {
+  const auto expect_turns_with_priority = [this](Arrival arrival, int num_turns) {
+    SessionShare& session = AddSession("", false);
+    FairQueue::SetArrival(session, arrival);
+    queue_->Add(session);
+    Run(num_turns - 1, {&session});
+    EXPECT_TRUE(session.KeepsPace());
+    Run(1, {&session});
+    EXPECT_FALSE(session.KeepsPace());
+    queue_->Pop(now_);
+  };
+  expect_turns_with_priority(Arrival::kBulk, 10);
+  expect_turns_with_priority(Arrival::kLive, 100);
 }
 
 TEST_F(FairQueueTest, ACameraThatHasKeptItsPaceMayCatchUp) {
@@ -77,12 +83,12 @@ TEST_F(FairQueueTest, ACameraThatHasKeptItsPaceMayCatchUp) {
   now_ += std::chrono::seconds(1);
   camera.RecordDrained(now_);
   queue_->Add(camera);
-  Run(209, {&camera});
-  EXPECT_TRUE(camera.KeepsPace()) << "10 ms and a fifth of a second";
+  Run(299, {&camera});
+  EXPECT_TRUE(camera.KeepsPace()) << "100 ms and a fifth of a second";
   Run(1, {&camera});
   EXPECT_FALSE(camera.KeepsPace());
   camera.RecordDrained(now_);
-  Run(10, {&camera});
+  Run(100, {&camera});
   EXPECT_FALSE(camera.KeepsPace()) << "it has to earn it again";
 }
 
@@ -101,7 +107,7 @@ TEST_F(FairQueueTest, ACameraThatHasLostItsPriorityCatchesUpBesideReplays) {
     of_replays += !is_camera;
   }
   EXPECT_LT(turns, 700) << "300 ms / (7/8 - 0.4) = 632 turns";
-  EXPECT_NEAR(of_replays, turns / 8, 2) << "replays continue beside a live session, however much it needs";
+  EXPECT_NEAR(of_replays, 0.125 * turns, 2.0) << "replays continue beside a live session, however much it needs";
 }
 
 TEST_F(FairQueueTest, AReplayGetsNoMoreThanALiveSession) {

@@ -68,7 +68,9 @@ void SessionTurns::Post(std::function<void()> step, CpuMeter::Time first_receive
 
 SessionTurns::Use SessionTurns::use() const {
   const std::lock_guard lock(scheduler_.mutex_);
-  return {meter.Rate(scheduler_.options_.now()), scheduler_.options_.limits.session};
+  const CpuMeter::Time now = scheduler_.options_.now();
+  const CpuLimits& limits = scheduler_.options_.limits;
+  return {meter.Rate(now), limits.session, tenant->meter.Rate(now), limits.tenant};
 }
 
 FairScheduler::FairScheduler(int num_threads, Options options)
@@ -99,9 +101,9 @@ std::chrono::nanoseconds FairScheduler::ThreadCpuTime() {
   return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
 }
 
-std::shared_ptr<SessionTurns> FairScheduler::AddSession(const std::string& tenant) {
+std::shared_ptr<SessionTurns> FairScheduler::AddSession(const std::string& tenant, const std::string& trace_id) {
   const std::lock_guard lock(mutex_);
-  return std::shared_ptr<SessionTurns>(new SessionTurns(*this, queue_.FindTenant(tenant)));
+  return std::shared_ptr<SessionTurns>(new SessionTurns(*this, queue_.FindTenant(tenant), trace_id));
 }
 
 void FairScheduler::Post(SessionTurns& session, std::function<void()> step, CpuMeter::Time received_at,
@@ -190,7 +192,7 @@ void FairScheduler::RunOne() {
 
 void FairScheduler::Charge(SessionTurns& session, std::chrono::nanoseconds cpu) {
   queue_.Charge(session, cpu, options_.now());
-  options_.on_turn(cpu);
+  options_.on_turn(cpu, session.trace_id_);
 }
 
 void FairScheduler::RunTurn(SessionTurns& session, Lock& lock) {

@@ -28,8 +28,10 @@ class FairScheduler;
 class SessionTurns : private SessionShare, public std::enable_shared_from_this<SessionTurns> {
  public:
   struct Use {
-    double cpu_per_s = 0.0;  // processor seconds per second, averaged with a time constant of one second
-    double limit = 0.0;      // bound of cpu_per_s; 0: none
+    double cpu_per_s = 0.0;         // processor seconds per second, averaged with a time constant of one second
+    double limit = 0.0;             // bound of cpu_per_s; 0: none
+    double tenant_cpu_per_s = 0.0;  // as cpu_per_s, of all sessions of the tenant
+    double tenant_limit = 0.0;      // bound of tenant_cpu_per_s; 0: none
   };
 
   // Runs `step` in a turn of the session. At most one step may wait; the step that runs may post the next one, which
@@ -43,11 +45,13 @@ class SessionTurns : private SessionShare, public std::enable_shared_from_this<S
   class Pause;
   enum class State { kIdle, kWaiting, kRunning };
 
-  SessionTurns(FairScheduler& scheduler, std::shared_ptr<TenantShare> its_tenant) : scheduler_(scheduler) {
+  SessionTurns(FairScheduler& scheduler, std::shared_ptr<TenantShare> its_tenant, std::string trace_id)
+      : scheduler_(scheduler), trace_id_(std::move(trace_id)) {
     tenant = std::move(its_tenant);
   }
 
   FairScheduler& scheduler_;
+  const std::string trace_id_;
   // The lock of the scheduler guards these members and the share.
   State state_ = State::kIdle;
   std::function<void()> step_;
@@ -63,7 +67,9 @@ class FairScheduler {
     CpuLimits limits;
     std::function<CpuMeter::Time()> now = std::chrono::steady_clock::now;
     std::function<std::chrono::nanoseconds()> cpu_now = ThreadCpuTime;  // processor time of the calling thread
-    std::function<void(std::chrono::nanoseconds)> on_turn = [](std::chrono::nanoseconds) {};  // its processor time
+    // Called after each turn with its processor time and the trace ID of its session. It must not block.
+    std::function<void(std::chrono::nanoseconds, const std::string&)> on_turn = [](std::chrono::nanoseconds,
+                                                                                   const std::string&) {};
   };
 
   // Work runs on `num_threads` threads at a time. A step that reaches a yield point (core/base/yield_point.h) after its
@@ -79,7 +85,8 @@ class FairScheduler {
   static constexpr std::chrono::milliseconds kTurn{1};
   static std::chrono::nanoseconds ThreadCpuTime();
 
-  std::shared_ptr<SessionTurns> AddSession(const std::string& tenant);
+  // `trace_id` is only passed on to Options::on_turn.
+  std::shared_ptr<SessionTurns> AddSession(const std::string& tenant, const std::string& trace_id = "");
   // Returns when all steps have finished. Nothing may be posted afterwards, except by steps. Does nothing with the
   // caller's executor.
   void Join();

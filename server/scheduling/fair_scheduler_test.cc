@@ -144,7 +144,8 @@ TEST(FairSchedulerTest, ThereIsAtMostOneFurtherThreadForEachPausedStep) {
 TEST(FairSchedulerTest, ALimitedSessionContinuesWhenItMay) {
   // A step takes 50 ms of processor time at a limit of 10 s per s: after the first steps each one waits.
   std::atomic<int64_t> cpu_ms = 0;
-  FairScheduler scheduler(1, {.limits = {.session = 10.0}, .cpu_now = [&] { return milliseconds(cpu_ms.load()); }});
+  FairScheduler scheduler(
+      1, {.limits = {.session = 10.0, .tenant = 20.0}, .cpu_now = [&] { return milliseconds(cpu_ms.load()); }});
   const auto session = scheduler.AddSession("");
   std::binary_semaphore done(0);
   int steps = 0;
@@ -158,6 +159,10 @@ TEST(FairSchedulerTest, ALimitedSessionContinuesWhenItMay) {
   done.acquire();
   EXPECT_GE(std::chrono::steady_clock::now() - begin, milliseconds(90));
   EXPECT_EQ(session->use().limit, 10.0);
+  EXPECT_EQ(session->use().tenant_limit, 20.0);
+  const auto other = scheduler.AddSession("");
+  EXPECT_EQ(other->use().cpu_per_s, 0.0);
+  EXPECT_GT(other->use().tenant_cpu_per_s, 0.0) << "of all sessions of the tenant";
 }
 
 }  // namespace

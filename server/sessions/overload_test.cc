@@ -371,7 +371,7 @@ class WorkerFairnessTest : public ::testing::Test {
 // Eight replays with full queues and one live camera.
 TEST_F(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
   constexpr int kBusy = 8;
-  constexpr size_t kChunks = 100;
+  constexpr size_t kChunks = 250;
   // 16 KiB, one millisecond: one slice, and one call of the tracker.
   const std::string slice = Flat64(std::vector<Event>(2048, {500, 9, 9, 1}));
   std::binary_semaphore go(0);
@@ -382,13 +382,13 @@ TEST_F(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
       ASSERT_TRUE(sessions_[i]->PushEvents(stream, {.seq = seq, .payload = slice}).ok());
     }
   }
-  // After the slices in which the replays have shown that they are replays, a chunk of the camera arrives in every 7th
-  // slice.
-  constexpr size_t kBegin = 100;
+  // After the slices in which the replays have lost their priority, 100 of each, because the time of their events does
+  // not show that they are replays, a chunk of the camera arrives in every 7th slice.
+  constexpr size_t kBegin = 900, kEnd = kBegin + 600;
   const uint64_t camera = AddSession(kBusy);
   uint64_t camera_seq = 0;
   on_slice_ = [&] {
-    if (slices_.size() < kBegin || slices_.size() % 7 != 0 || slices_.size() > 700 || slices_.back() == kBusy) return;
+    if (slices_.size() < kBegin || slices_.size() % 7 != 0 || slices_.size() > kEnd || slices_.back() == kBusy) return;
     ASSERT_TRUE(sessions_[kBusy]->PushEvents(camera, {.seq = ++camera_seq, .payload = slice}).ok());
   };
   go.release();
@@ -398,7 +398,7 @@ TEST_F(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
   std::vector<int> replays;
   for (size_t i = kBegin; i < slices_.size(); ++i) {
     if (slices_[i] != kBusy) replays.push_back(slices_[i]);
-    if (i % 7 == 0 && i <= 700 && slices_[i - 1] != kBusy) {
+    if (i % 7 == 0 && i <= kEnd && slices_[i - 1] != kBusy) {
       EXPECT_EQ(slices_[i], kBusy) << "slice " << i;
     }
   }

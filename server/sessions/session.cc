@@ -52,12 +52,12 @@ Session::Session(Parts parts, WorkerPool& pool)
       watchers_(std::make_shared<Watchers>(pool)),
       images_(std::make_shared<EventImages>(config_, parts.tenant, clocks_.steady, pool, metrics_)),
       pose_log_(limits_.pose_log_capacity, FirstPoseSeq(parts.beginning)),
-      turns_(pool.AddSession(parts.tenant)),
+      turns_(pool.AddSession(parts.tenant, log_->trace_id())),
       worker_(config_, {clocks_.steady, metrics_, log_, images_}, std::move(parts.pipeline),
               parts.beginning.checkpoint.health),
       gate_(GateOptions(config_, limits_, log_),
             GateStart(parts.beginning, std::move(parts.resume_token), clocks_.wall())),
-      report_(parts.beginning, worker_.Objects()),
+      report_(parts.beginning, worker_.Objects(), log_->trace_id()),
       arrivals_(gate_.resume_token().empty() ? kLongestSearch : std::chrono::seconds(0)),  // empty: restored
       checkpoints_(limits_.writes_checkpoints, LastCheckpoint(parts.beginning), LastPoseSeq(parts.beginning)),
       model_uses_(std::move(parts.model_uses)) {
@@ -73,7 +73,11 @@ Session::~Session() { const std::lock_guard lock(mutex_); }
 std::shared_ptr<Session> Session::Start(Parts parts, WorkerPool& pool) {
   const std::shared_ptr<Session> session(new Session(std::move(parts), pool));
   session->committer_->SetListener([weak = session->weak_from_this()] {
-    if (const auto self = weak.lock()) self->OnCommitProgress();
+    const auto self = weak.lock();
+    if (self == nullptr) return;
+    const absl::Status status = OrOutOfMemory([&self] { return self->OnCommitProgress(), absl::OkStatus(); });
+    // The session may have missed its next turn.
+    if (!status.ok()) RunUnlessOutOfMemory([&] { self->Close(status); });
   });
   return session;
 }
@@ -112,8 +116,15 @@ SessionSnapshot Session::Snapshot() const {
   snapshot.health = report_.HealthWithLatencies();
   snapshot.health.queue_age_us = QueueAgeUs();
   const SessionTurns::Use use = turns_->use();
-  snapshot.health.processing = {use.cpu_per_s, use.limit, pace_.is_behind()};
+  snapshot.health.processing = {use.cpu_per_s, use.limit, pace_.is_behind(), use.tenant_cpu_per_s, use.tenant_limit};
   return snapshot;
+}
+
+SessionSums Session::Sums() const {
+  SessionSnapshot snapshot = Snapshot();
+  return {.health = std::move(snapshot.health),
+          .lifetime = clocks_.wall() - create_time_,
+          .was_reported = snapshot.state == SessionState::kEnded || absl::IsDataLoss(snapshot.closed)};
 }
 
 void Session::AddTo(SessionTotals& totals) const {
@@ -152,12 +163,14 @@ std::optional<LagChange> Session::UpdatePace(int64_t sensor_time_us) {
 }
 
 void Session::NotifyListeners(const std::shared_ptr<SessionListener>& stream_listener) {
+  // Listeners hold their own locks, for which threads of gRPC wait: a turn must not be paused there.
+  const ScopedWithoutYielder without_pauses;
   if (stream_listener != nullptr) stream_listener->OnSessionChanged();
   watchers_->Notify();
 }
 
 absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint64_t last_pose_seq,
-                                           std::weak_ptr<SessionListener> listener, const std::string& peer,
+                                           std::weak_ptr<SessionListener> listener, const StreamOrigin& origin,
                                            uint64_t first_seq) {
   EVPOSE_ASSIGN_OR_RETURN(std::string new_token, RandomHex128());
   std::string digest = TokenDigest(resume_token);
@@ -171,6 +184,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
     if (!rolled_back.ok()) gate_.RecordLoss();
   }
   if (!rolled_back.ok()) {
+    log_->RolledBack(origin, rolled_back, Sums());
     CommitLifecycle();  // for the readers at other servers
     committer_->Finish();
     Close(rolled_back);
@@ -192,7 +206,7 @@ absl::StatusOr<Attachment> Session::Attach(absl::string_view resume_token, uint6
     attachment = {stream, gate_.next_seq(), gate_.resume_token(), gate_.SendLimit(), sent_pose_seq + 1};
     Schedule();
   }
-  log_->Attached(peer, attachment.stream, attachment.next_seq, is_taken_over);
+  log_->Attached(origin, attachment.stream, attachment.next_seq, is_taken_over);
   if (fenced != nullptr) fenced->OnSessionChanged();
   CommitLifecycle();
   return attachment;
@@ -419,7 +433,7 @@ void Session::Publish(const WorkResult& result) {
     stream_listener = stream_listener_.lock();
   }
   if (lag.has_value()) log_->PaceChanged(lag->is_behind, lag->lag_us);
-  if (has_ended) log_->Ended(Snapshot().health);
+  if (has_ended) log_->Ended(Sums());
   NotifyListeners(stream_listener);
   if (has_ended) images_->Notify();
 }

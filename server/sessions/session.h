@@ -79,6 +79,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   SessionSnapshot Snapshot() const;
   void AddTo(SessionTotals& totals) const;
   SessionInfo Describe() const { return {name(), config_, create_time_, Snapshot()}; }
+  SessionSums Sums() const;                       // for the log
   std::optional<absl::Time> expire_time() const;  // absent while a stream is attached
 
   WatchView Watch() const override;
@@ -91,14 +92,14 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   void AddWatcher(std::weak_ptr<SessionListener> watcher) override { watchers_->Add(std::move(watcher)); }
 
   // The calls of a stream. Their statuses and reasons are those that the API promises for Track.
-  // Attach() fences the previous stream: the status of its view is then ABORTED. `peer` is the address for the log. If
+  // Attach() fences the previous stream: the status of its view is then ABORTED. `origin` is for the log. If
   // the session expects an item before `first_seq`, which the client no longer has, the session closes with DATA_LOSS
   // (ROLLED_BACK).
   absl::StatusOr<Attachment> Attach(absl::string_view resume_token, uint64_t last_pose_seq,
-                                    std::weak_ptr<SessionListener> listener, const std::string& peer = "",
+                                    std::weak_ptr<SessionListener> listener, const StreamOrigin& origin = {},
                                     uint64_t first_seq = 0);
   void Detach(uint64_t stream);
-  // The client of the stream sends no more: what it has sent is persisted as soon as it has been processed.
+  // The client of the stream has half-closed it: what it has sent is persisted as soon as it has been processed.
   void Leave(uint64_t stream);
   // A push is accepted even without room. Memory stays bounded because a stream reads only while StreamView::has_room
   // is true.
@@ -181,7 +182,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   TokenRequests token_requests_ ABSL_GUARDED_BY(mutex_);
   std::weak_ptr<SessionListener> stream_listener_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::shared_ptr<const void>> model_uses_ ABSL_GUARDED_BY(mutex_);
-  uint64_t leaving_stream_ ABSL_GUARDED_BY(mutex_) = 0;  // the last one whose client sends no more; 0: none
+  uint64_t leaving_stream_ ABSL_GUARDED_BY(mutex_) = 0;  // the latest stream that its client has half-closed; 0: none
   bool is_scheduled_ ABSL_GUARDED_BY(mutex_) = false;    // Run has been posted
 };
 

@@ -64,14 +64,12 @@ absl::StatusOr<SessionBeginning> DecodeBeginning(const StoredSession& stored, si
   return beginning;
 }
 
-SessionInfo Describe(const SessionRecord& record, SessionConfig config, SessionBeginning beginning,
+SessionInfo Describe(const SessionRecord& record, SessionConfig config, const SessionBeginning& beginning,
                      absl::Duration expiry) {
   SessionInfo info = {.name = record.name, .config = std::move(config), .create_time = record.create_time};
   SessionSnapshot& snapshot = info.snapshot;
-  snapshot.health = std::move(beginning.checkpoint.health);
+  snapshot.health = StoredHealth(beginning.checkpoint, beginning.lifecycle);
   snapshot.health.objects.resize(info.config.objects.size());
-  snapshot.health.latency_p50_us = beginning.checkpoint.latencies.Percentile(0.5);
-  snapshot.health.latency_p99_us = beginning.checkpoint.latencies.Percentile(0.99);
   const std::optional<absl::Time> detached_at = beginning.lifecycle.detached_at;
   snapshot.state = detached_at.has_value() ? SessionState::kDetached : SessionState::kAttached;
   if (beginning.checkpoint.ended) snapshot.state = SessionState::kEnded;
@@ -124,8 +122,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
   if (!models.ok()) return absl::IsDataLoss(models.status()) ? FromStore(models.status()) : models.status();
   EVPOSE_ASSIGN_OR_RETURN(MemoryCharge charge, options_.memory->Charge(tenant, MemoryOf(config, models->models),
                                                                        MemoryOfModels(models->models)));
-  EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
-  Session::Parts parts = MakeParts(absl::StrCat("sessions/", id), tenant);
+  EVPOSE_ASSIGN_OR_RETURN(const std::string name, store_.NewSessionName(tenant, request_id));
+  Session::Parts parts = MakeParts(name, tenant);
   EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models->models, options_.make_tracker));
   parts.pipeline->HoldCharge(std::move(charge.tracking));
   parts.memory_charge = std::move(charge.other);
@@ -231,8 +229,8 @@ absl::StatusOr<SessionFactory::Stored> SessionFactory::Read(absl::string_view na
   auto beginning = DecodeBeginning(*stored, config->objects.size(), after_pose_seq);
   if (!beginning.ok()) return StoreError(name, beginning.status());
   Stored out = {.record = std::move(stored->record), .lifecycle = beginning->lifecycle};
+  out.info = Describe(out.record, *std::move(config), *beginning, options_.limits.expiry);
   out.poses = std::move(beginning->poses);
-  out.info = Describe(out.record, *std::move(config), *std::move(beginning), options_.limits.expiry);
   return out;
 }
 

@@ -53,6 +53,11 @@ class SessionFactory {
     SessionLifecycle lifecycle;
     SessionInfo info;
     std::vector<StoredPose> poses;
+
+    SessionSums Sums(absl::Time now) const {  // for the log
+      const bool has_ended = info.snapshot.state == SessionState::kEnded || lifecycle.lost_from_seq > 0;
+      return {.health = info.snapshot.health, .lifetime = now - record.create_time, .was_reported = has_ended};
+    }
   };
   absl::StatusOr<Stored> Read(absl::string_view name, uint64_t after_pose_seq = 0) const;
 

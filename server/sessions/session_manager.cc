@@ -350,7 +350,7 @@ absl::Status SessionManager::DeleteStored(const std::string& tenant, const std::
   if (deleted.ok()) {
     StopWaiting(name);
     if (stored.ok()) {
-      SessionLog(name, tenant).Deleted(peer, "request", stored->info.snapshot.health);
+      SessionLog(name, tenant).Deleted(peer, "request", stored->Sums(options_.now()));
     } else {
       SessionLog(name, tenant).DeletedUnread(peer, "request; it was damaged");
     }
@@ -428,11 +428,11 @@ bool SessionManager::IsHere(const std::string& name) const {
   return sessions_.contains(name);
 }
 
-SessionHealth SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
+SessionSums SessionManager::CloseRemoved(const Entry& entry, const char* reason) {
   const std::string& name = entry.session->name();
   entry.session->Close(
       WithReason(absl::NotFoundError(absl::StrCat(name, " ", reason)), v1::SESSION_DELETED, {{"session", name}}));
-  return entry.session->Snapshot().health;
+  return entry.session->Sums();
 }
 
 void SessionManager::Drain() {

@@ -171,7 +171,7 @@ class SessionManager {
   void Insert(const std::shared_ptr<Session>& session, const Request& request) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint32_t CountSessions(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void ReleaseSlot(const std::string& tenant) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  static SessionHealth CloseRemoved(const Entry& entry, const char* reason);  // returns the sums of the session
+  static SessionSums CloseRemoved(const Entry& entry, const char* reason);
 
   const Options options_;
   Store& store_;

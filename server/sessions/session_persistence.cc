@@ -11,6 +11,25 @@
 #include "server/sessions/session.h"
 
 namespace evpose::server {
+namespace {
+
+// As PoseLog::Read() without a limit, with yield points: thousands of poses may wait, and Read() copies them with the
+// lock of the log. Only turns of the session append to the log.
+std::vector<StoredPose> ReadPosesInPages(const PoseLog& log, uint64_t after_pose_seq) {
+  constexpr size_t kPosesPerPage = 64;  // some 50 KB
+  std::vector<StoredPose> poses;
+  const uint64_t last = log.last_pose_seq();
+  if (last > after_pose_seq) poses.reserve(last - std::max(after_pose_seq, log.first_pose_seq() - 1));
+  while (true) {
+    const std::vector<StoredPose> page =
+        log.Read(poses.empty() ? after_pose_seq : poses.back().pose_seq, kPosesPerPage);
+    if (page.empty()) return poses;
+    poses.insert(poses.end(), page.begin(), page.end());
+    YieldPoint();
+  }
+}
+
+}  // namespace
 
 bool Session::WriteDueCheckpoint() {
   {
@@ -42,12 +61,14 @@ void Session::WriteCheckpoint() {
     if (state.ended) out.ended_at = clocks_.wall();
   }
   state.health.received_bytes = state.health.processed_bytes;
-  const std::vector<StoredPose> poses = pose_log_.Read(after_pose_seq, SIZE_MAX);
+  // There are yield points up to CommitCheckpoint(): no lock is held, and other calls of the session may come between.
+  const std::vector<StoredPose> poses = ReadPosesInPages(pose_log_, after_pose_seq);
   if (!poses.empty()) out.poses.push_back(EncodePoses(poses));
   out.first_pose_seq_kept = pose_log_.first_pose_seq();
   if (is_whole) {
-    if (worker_.has_pipeline()) state.pipeline = worker_.SaveState();
-    out.checkpoint = EncodeCheckpoint(state);
+    SessionCheckpoint whole = state;
+    if (worker_.has_pipeline()) whole.pipeline = worker_.SaveState();
+    out.checkpoint = EncodeCheckpoint(std::move(whole));
   }
   const int64_t cost_us = std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() -
                                                                                 begin - (PausedTime() - paused_before))

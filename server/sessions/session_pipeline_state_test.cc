@@ -15,7 +15,7 @@
 #include "core/models/symmetry.h"
 #include "core/numerics/random.h"
 #include "core/simulation/simulator.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/session_testing.h"
 

@@ -15,24 +15,19 @@ uint64_t Increase(uint64_t before, uint64_t now) { return now - std::min(before,
 
 }  // namespace
 
-SessionReport::SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects)
-    : health_(beginning.checkpoint.health),
+SessionReport::SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects, std::string trace_id)
+    : trace_id_(std::move(trace_id)),
+      health_(beginning.checkpoint.health),
       latencies_(beginning.checkpoint.latencies),
       processed_seq_(beginning.checkpoint.processed_seq),
       restarted_(beginning.restarted) {
   if (health_.objects.empty()) health_.objects = std::move(objects);
   health_.received_bytes = health_.processed_bytes;
-  const uint64_t attaches = beginning.lifecycle.num_attaches;
-  health_.reattaches = static_cast<uint32_t>(attaches > 0 ? attaches - 1 : 0);
+  health_.reattaches = NumReattaches(beginning.lifecycle);
   acked_pose_seq_ = health_.poses;
 }
 
-SessionHealth SessionReport::HealthWithLatencies() const {
-  SessionHealth health = health_;
-  health.latency_p50_us = latencies_.Percentile(0.5);
-  health.latency_p99_us = latencies_.Percentile(0.99);
-  return health;
-}
+SessionHealth SessionReport::HealthWithLatencies() const { return WithLatencies(health_, latencies_); }
 
 void SessionReport::Count(const WorkResult& result, ServerMetrics& metrics) const {
   const DecodeCounts& before = health_.counts;
@@ -45,6 +40,10 @@ void SessionReport::Count(const WorkResult& result, ServerMetrics& metrics) cons
       Increase(static_cast<uint64_t>(health_.sensor_time_us), static_cast<uint64_t>(result.sensor_time_us)));
   metrics.poses.Add(result.poses.size());
   for (const StoredPose& pose : result.poses) metrics.pose_latency.Add(std::chrono::microseconds(pose.latency_us));
+  // One exemplar is enough: the poses of a slice have the same latency.
+  if (!result.poses.empty()) {
+    metrics.pose_latency.SetExemplar(std::chrono::microseconds(result.poses.back().latency_us), trace_id_);
+  }
   for (size_t i = 0; i < result.objects.size(); ++i) {
     metrics.track_losses.Add(Increase(health_.objects[i].losses, result.objects[i].losses));
   }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "server/runtime/latency_histogram.h"
@@ -20,8 +21,8 @@ namespace evpose::server {
 class SessionReport {
  public:
   // Starts from the checkpoint and the member `restarted` of `beginning`. `objects` is the state of the objects of a
-  // new session.
-  SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects);
+  // new session. `trace_id` is that of the session, for the exemplars of the metrics.
+  SessionReport(const SessionBeginning& beginning, std::vector<ObjectHealth> objects, std::string trace_id = "");
 
   uint64_t poses() const { return health_.poses; }
   uint64_t processed_seq() const { return processed_seq_; }    // last item that has been processed
@@ -38,8 +39,8 @@ class SessionReport {
   // an attached stream.
   void Add(const WorkResult& result, bool is_attached, ServerMetrics& metrics);
 
-  // Returns the last of a writer's poses that the session has, too: if tracking was restarted and no stream has taken
-  // the notice of it, other poses have the numbers of those that were not stored.
+  // Returns the last pose number up to which the writer and the session have the same poses. After a restart of
+  // tracking, higher numbers belong to other poses until a stream has received the notice of the restart.
   uint64_t LastValidPose(uint64_t last_pose_seq) const {
     return restarted_.has_value() ? std::min(last_pose_seq, restarted_->after_pose_seq) : last_pose_seq;
   }
@@ -57,6 +58,7 @@ class SessionReport {
   void AddNotices(const WorkResult& result);
   void AddTriggers(uint64_t pose_seq, const ChunkTriggers& triggers);
 
+  const std::string trace_id_;
   SessionHealth health_;
   LatencyHistogram latencies_;
   uint64_t processed_seq_ = 0;

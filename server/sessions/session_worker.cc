@@ -45,7 +45,7 @@ SessionWorker::SessionWorker(const SessionConfig& config, Options options, std::
     if (pipeline_ != nullptr) earlier_losses_[i] = health.objects[i].losses - pipeline_->tracker().losses(i);
   }
   if (pipeline_ == nullptr) return;
-  pipeline_->Measure({options_.metrics, [this] { return WorkTime(); }});
+  pipeline_->Measure({options_.metrics, [this] { return WorkTime(); }, options_.log->trace_id()});
   pipeline_->SetPhaseListener([this](const PhaseTransition& transition) { OnPhaseTransition(transition); });
 }
 

@@ -108,6 +108,9 @@ class TroubledStore : public Store {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
     return store_->DeleteModel(tenant, name);
   }
+  absl::StatusOr<std::string> NewSessionName(absl::string_view tenant, absl::string_view request_id) const override {
+    return store_->NewSessionName(tenant, request_id);
+  }
   absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                               const std::string& lifecycle) override {
     EVPOSE_RETURN_IF_ERROR(trouble_->Ask());

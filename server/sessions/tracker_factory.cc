@@ -13,8 +13,8 @@
 #include "core/initialization/pose_search.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_model.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/weak_cache.h"
 

@@ -1,15 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stores/open_store.h"
 
+#include <cstring>
+#include <utility>
+#include <vector>
+
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/stores/memory/memory_store.h"
 #include "server/stores/postgres/postgres_store.h"
+#include "server/stores/redis/redis_groups_file.h"
 #include "server/stores/redis/redis_store.h"
 #include "server/stores/sqlite/sqlite_store.h"
 
 namespace evpose::server {
+namespace {
+
+absl::StatusOr<std::vector<RedisGroupOptions>> GroupsOf(const StoreOptions& options) {
+  EVPOSE_ASSIGN_OR_RETURN(
+      auto addresses, ReadRedisGroups(options.store.substr(std::strlen(kRedisGroupsPrefix)), options.groups_password));
+  std::vector<RedisGroupOptions> groups;
+  for (RedisGroupAddress& group : addresses) {
+    groups.push_back({.name = std::move(group.name), .client = {.address = std::move(group.address)}});
+  }
+  return groups;
+}
+
+}  // namespace
 
 absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options) {
   if (options.store == "memory") return MakeMemoryStore(options.max_bytes);
@@ -22,6 +40,11 @@ absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options) {
     postgres.client.max_bytes = options.max_bytes;
     return OpenPostgresStore(postgres);
   }
+  if (absl::StartsWith(options.store, kRedisGroupsPrefix)) {
+    RedisStoreOptions redis;
+    EVPOSE_ASSIGN_OR_RETURN(redis.groups, GroupsOf(options));
+    return OpenRedisStore(redis);
+  }
   if (absl::StrContains(options.store, "://")) {
     RedisStoreOptions redis;
     EVPOSE_ASSIGN_OR_RETURN(redis.client.address, ParseRedisAddress(options.store));
@@ -29,8 +52,26 @@ absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options) {
   }
   return absl::InvalidArgumentError(
       absl::StrCat("there is no store \"", options.store,
-                   "\": give memory, sqlite, redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME or "
-                   "postgresql://HOST:PORT/DATABASE"));
+                   "\": give memory, sqlite, redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME, "
+                   "redis-groups:FILE or postgresql://HOST:PORT/DATABASE"));
+}
+
+absl::Status DivideStore(const StoreOptions& options, const std::function<void(const std::string&)>& print) {
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<RedisGroupOptions> group_options, GroupsOf(options));
+  RedisGroups groups(group_options);
+  int num_moves = 0;
+  absl::Status status = groups.Open();
+  if (status.ok()) {
+    status = groups.Divide([&](const RedisGroups::Move& move) {
+      ++num_moves;
+      print(absl::StrCat("bucket ", move.bucket, " moved from ", move.from, " to ", move.to));
+    });
+  }
+  std::string parts;
+  for (const StoreGroup& group : groups.groups()) absl::StrAppend(&parts, ", ", group.name, " has ", group.parts);
+  groups.Close();
+  if (status.ok()) print(absl::StrCat(num_moves, " buckets moved", parts));
+  return status;
 }
 
 }  // namespace evpose::server

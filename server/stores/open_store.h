@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -15,15 +16,21 @@ namespace evpose::server {
 struct StoreOptions {
   // "memory": nothing outlives the process. "sqlite": one file in `data_dir`. Otherwise the address of a Redis server,
   // or of the Sentinels that name it, in the form of ParseRedisAddress(); or of a PostgreSQL database, in the form of
-  // ParsePostgresAddress().
+  // ParsePostgresAddress(). "redis-groups:FILE": several Redis groups, which the file names (ParseRedisGroups()).
   std::string store = "memory";
-  std::string data_dir;  // used by "sqlite"
+  std::string groups_password;  // of the addresses in that file that have none
+  std::string data_dir;         // used by "sqlite"
   uint64_t max_bytes =
       64ull << 30;  // size of sessions in memory or PostgreSQL, or of the SQLite file; Redis has its own
 };
 
 // Errors: INVALID_ARGUMENT for an unknown kind of store; those of OpenSqliteStore(), ParseRedisAddress(),
-// OpenRedisStore(), ParsePostgresAddress() and OpenPostgresStore(). No error contains a password.
+// ReadRedisGroups(), OpenRedisStore(), ParsePostgresAddress() and OpenPostgresStore(). No error contains a password.
 absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options);
+
+// Moves sessions and models until all groups of "redis-groups:FILE" have equal parts of the store, while servers use it
+// (RedisGroups::Divide()). Calls `print` with a line for each move, and one at the end. Errors: those of
+// ReadRedisGroups(), RedisGroups::Open() and RedisGroups::Divide().
+absl::Status DivideStore(const StoreOptions& options, const std::function<void(const std::string&)>& print);
 
 }  // namespace evpose::server

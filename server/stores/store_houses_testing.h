@@ -15,6 +15,7 @@
 #include "server/stores/open_store.h"
 #include "server/stores/postgres/postgres_store.h"
 #include "server/stores/postgres/postgres_testing.h"
+#include "server/stores/redis/redis_keys.h"
 #include "server/stores/redis/redis_store.h"
 #include "server/stores/redis/redis_testing.h"
 #include "server/stores/sqlite/sqlite_database.h"
@@ -70,6 +71,10 @@ inline void LimitMemory(const RedisServer& redis, uint64_t max_bytes) {
   redis.Run({"CONFIG", "SET", "maxmemory", std::to_string(limit)});
 }
 
+inline void RepeatNumberOn(const RedisServer& redis) {
+  redis.Run({"HINCRBY", RedisBucketKey(RedisBucketOf("sessions/a")), "fencing", "-1"});
+}
+
 class RedisHouse : public StoreHouse {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override {
@@ -82,13 +87,54 @@ class RedisHouse : public StoreHouse {
     LimitMemory(redis_, max_bytes);
     return Open();
   }
-  void RepeatLastNumber() override { redis_.Run({"DECR", "evpose:fencing"}); }
+  void RepeatLastNumber() override { RepeatNumberOn(redis_); }
   std::function<void()> Snapshot() override {
     return [this, contents = redis_.Contents()] { redis_.Replace(contents); };
   }
 
  private:
   RedisServer redis_;
+};
+
+// Two Redis groups without replicas.
+class RedisGroupsHouse : public StoreHouse {
+ public:
+  absl::StatusOr<std::unique_ptr<Store>> Open() override {
+    RedisStoreOptions options;
+    for (const auto& [name, redis] : Servers()) {
+      RedisClientOptions client;
+      client.address = ParseRedisAddress(redis->url()).value();
+      client.timeout = absl::Seconds(120);  // a busy machine must not be taken for a lost server
+      options.groups.push_back({.name = name, .client = client});
+    }
+    return OpenRedisStore(options);
+  }
+  absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
+    for (const auto& [name, redis] : Servers()) LimitMemory(*redis, max_bytes);
+    return Open();
+  }
+  void RepeatLastNumber() override { RepeatNumberOn(*PlaceOf("sessions/a")); }
+  bool AreTogether(const std::string& session, const std::string& other) const override {
+    return PlaceOf(session) == PlaceOf(other);
+  }
+  std::function<void()> Snapshot() override {
+    std::vector<std::function<void()>> replace;
+    for (const auto& [name, redis] : Servers()) {
+      replace.push_back([redis = redis, contents = redis->Contents()] { redis->Replace(contents); });
+    }
+    return [replace] {
+      for (const auto& one : replace) one();
+    };
+  }
+
+ private:
+  std::vector<std::pair<std::string, const RedisServer*>> Servers() const { return {{"a", &a_}, {"b", &b_}}; }
+  const RedisServer* PlaceOf(const std::string& session) const {
+    return Servers()[static_cast<size_t>(RedisBucketOf(session) % 2)].second;
+  }
+
+  RedisServer a_;
+  RedisServer b_;
 };
 
 class SentinelHouse : public StoreHouse {
@@ -105,7 +151,7 @@ class SentinelHouse : public StoreHouse {
     LimitMemory(group_.master(), max_bytes);
     return Open();
   }
-  void RepeatLastNumber() override { group_.master().Run({"DECR", "evpose:fencing"}); }
+  void RepeatLastNumber() override { RepeatNumberOn(group_.master()); }
   std::function<void()> Snapshot() override {
     return [this, contents = group_.master().Contents()] { group_.master().Replace(contents); };
   }
@@ -164,6 +210,7 @@ inline const auto kTestedStores =
     testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
                     TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
                     TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }},
+                    TestedStore{"RedisGroups", [] { return std::make_unique<RedisGroupsHouse>(); }},
                     TestedStore{"Sentinel", [] { return std::make_unique<SentinelHouse>(); }},
                     TestedStore{"Postgres", [] { return std::make_unique<PostgresHouse>(); }});
 inline std::string NameOfTestedStore(const testing::TestParamInfo<TestedStore>& tested) { return tested.param.name; }

@@ -27,7 +27,10 @@ std::vector<std::string> Names(const SessionPage& page) {
 }
 
 TEST_P(StoreSuite, ReturnsCommittedData) {
-  auto lease = store_->CreateSession(Record("sessions/a"), "life 0").value();
+  SessionRecord record = Record(store_->NewSessionName("lab", "request").value());
+  record.tenant = "lab";
+  record.request_id = "request";
+  auto lease = store_->CreateSession(record, "life 0").value();
   const std::string checkpoint("check\0point", 11);
   ASSERT_TRUE(
       CommitNow(*lease,
@@ -35,12 +38,12 @@ TEST_P(StoreSuite, ReturnsCommittedData) {
           .ok());
   ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 5, 9)}}).ok()) << "nothing else changes";
   if (house_->keeps()) Reopen();
-  const StoredSession session = store_->ReadSession("sessions/a").value();
-  EXPECT_EQ(session.record.name, "sessions/a");
-  EXPECT_EQ(session.record.tenant, "tenant of sessions/a");
-  EXPECT_EQ(session.record.request_id, "request of sessions/a");
-  EXPECT_EQ(session.record.create_time, Record("").create_time);
-  EXPECT_EQ(session.record.config, Record("sessions/a").config);
+  const StoredSession session = store_->ReadSession(record.name).value();
+  EXPECT_EQ(session.record.name, record.name);
+  EXPECT_EQ(session.record.tenant, "lab");
+  EXPECT_EQ(session.record.request_id, "request");
+  EXPECT_EQ(session.record.create_time, record.create_time);
+  EXPECT_EQ(session.record.config, record.config);
   EXPECT_EQ(session.checkpoint, checkpoint);
   EXPECT_EQ(session.lifecycle, "life 1");
   ASSERT_EQ(Ranges(session.poses), "1-3 4-4 5-9");
@@ -133,33 +136,34 @@ TEST_P(StoreSuite, ListsTheSessionsOfATenantByPages) {
 }
 
 TEST_P(StoreSuite, ATenantHasOneSessionForARequest) {
-  const SessionRecord record = {.name = "sessions/a", .tenant = "lab", .request_id = "1", .config = "config"};
-  const auto like = [&record](const std::string& name, const std::string& tenant, const std::string& request_id) {
-    SessionRecord changed = record;
-    changed.name = name;
-    changed.tenant = tenant;
-    changed.request_id = request_id;
-    return changed;
+  const auto record = [this](const std::string& tenant, const std::string& request_id) {
+    return SessionRecord{.name = store_->NewSessionName(tenant, request_id).value(),
+                         .tenant = tenant,
+                         .request_id = request_id,
+                         .config = "config"};
   };
-  ASSERT_TRUE(store_->CreateSession(record, "").ok());
-  EXPECT_EQ(store_->CreateSession(like("sessions/b", "lab", "1"), "").status().code(), StatusCode::kAlreadyExists);
-  EXPECT_TRUE(store_->CreateSession(like("sessions/c", "lab", "2"), "").ok());
-  EXPECT_TRUE(store_->CreateSession(like("sessions/d", "other", "1"), "").ok());
-  for (const char* const name : {"sessions/e", "sessions/f"}) {
-    EXPECT_TRUE(store_->CreateSession(like(name, "lab", ""), "").ok()) << "an empty request_id is none";
+  const SessionRecord first = record("lab", "1");
+  const SessionRecord of_other = record("other", "1");
+  ASSERT_TRUE(store_->CreateSession(first, "").ok());
+  EXPECT_EQ(store_->CreateSession(record("lab", "1"), "").status().code(), StatusCode::kAlreadyExists);
+  EXPECT_TRUE(store_->CreateSession(record("lab", "2"), "").ok());
+  EXPECT_TRUE(store_->CreateSession(of_other, "").ok());
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_TRUE(store_->CreateSession(record("lab", ""), "").ok()) << "an empty request_id is none";
   }
   if (house_->keeps()) Reopen();
-  EXPECT_EQ(store_->FindRequest("lab", "1")->name, "sessions/a");
+  EXPECT_EQ(store_->FindRequest("lab", "1")->name, first.name);
   EXPECT_EQ(store_->FindRequest("lab", "1")->config, "config");
-  EXPECT_EQ(store_->FindRequest("other", "1")->name, "sessions/d");
+  EXPECT_EQ(store_->FindRequest("other", "1")->name, of_other.name);
   EXPECT_EQ(store_->FindRequest("other", "2").status().code(), StatusCode::kNotFound);
   EXPECT_EQ(store_->FindRequest("lab", "").status().code(), StatusCode::kNotFound);
-  ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
+  ASSERT_TRUE(store_->DeleteSession(first.name).ok());
   EXPECT_EQ(store_->FindRequest("lab", "1").status().code(), StatusCode::kNotFound);
-  EXPECT_EQ(store_->ReadTenant("sessions/a").status().code(), StatusCode::kNotFound);
-  ASSERT_TRUE(store_->CreateSession(like("sessions/b", "lab", "1"), "").ok());
-  EXPECT_EQ(store_->FindRequest("lab", "1")->name, "sessions/b");
-  EXPECT_EQ(store_->ReadTenant("sessions/b").value(), "lab");
+  EXPECT_EQ(store_->ReadTenant(first.name).status().code(), StatusCode::kNotFound);
+  const SessionRecord again = record("lab", "1");
+  ASSERT_TRUE(store_->CreateSession(again, "").ok());
+  EXPECT_EQ(store_->FindRequest("lab", "1")->name, again.name);
+  EXPECT_EQ(store_->ReadTenant(again.name).value(), "lab");
 }
 
 TEST_P(StoreSuite, ReturnsTheLifecyclesThatWereWrittenLeastRecently) {
@@ -409,9 +413,10 @@ TEST_P(StoreSuite, EveryCommitIsCompleteWhenTheStoreIsDestroyed) {
 TEST_P(StoreSuite, FencingNumbersRiseAcrossOpenings) {
   const uint64_t first = store_->CreateSession(Record("sessions/a"), "").value()->token().number;
   if (house_->keeps()) Reopen();
-  Store::Taken taken = store_->TakeSession("sessions/a").value();
-  EXPECT_GT(taken.lease->token().number, first);
-  EXPECT_GT(store_->CreateSession(Record("sessions/b"), "").value()->token().number, taken.lease->token().number);
+  const uint64_t second = store_->TakeSession("sessions/a").value().lease->token().number;
+  EXPECT_GT(second, first);
+  ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
+  EXPECT_GT(store_->CreateSession(Record("sessions/a"), "").value()->token().number, second);
 }
 
 TEST_P(StoreSuite, DeletesSessionsThatEndedBefore) {
@@ -464,20 +469,27 @@ TEST_P(StoreSuite, AFullStoreRejectsCommitsUntilSpaceIsAvailable) {
   EXPECT_TRUE(store_->ReadSession("sessions/living")->checkpoint == Noise(4u << 20, 1));
 }
 
+// A group of a store can delete only its own sessions.
 TEST_P(StoreSuite, EndedSessionsAreDeletedForActiveOnes) {
   store_.reset();
   store_ = house_->OpenSmall(8u << 20).value();
+  const auto beside_first = [this](std::string name) {
+    while (!house_->AreTogether(name, "sessions/1")) name += "x";
+    return name;
+  };
+  const std::string second = beside_first("sessions/2");
+  const std::string active = beside_first("sessions/living");
   const absl::Time start = absl::FromUnixSeconds(1'700'000'000);
-  for (const int i : {2, 1}) {
-    auto lease = store_->CreateSession(Record("sessions/" + std::to_string(i)), "").value();
-    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise(2u << 20, 1), .ended_at = start + absl::Seconds(i)}).ok());
+  for (const auto& [name, end_s] : {std::pair(second, 2), std::pair(std::string("sessions/1"), 1)}) {
+    auto lease = store_->CreateSession(Record(name), "").value();
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise(2u << 20, 1), .ended_at = start + absl::Seconds(end_s)}).ok());
   }
-  auto living = store_->CreateSession(Record("sessions/living"), "").value();
+  auto living = store_->CreateSession(Record(active), "").value();
   for (uint64_t seq = 1; seq < 64 && store_->ReadSession("sessions/1").ok(); ++seq) {
     const PoseSegment poses = {.first_pose_seq = seq, .last_pose_seq = seq, .bytes = Noise(512u << 10, seq)};
     ASSERT_TRUE(CommitNow(*living, {.poses = {poses}}).ok()) << seq;
   }
-  EXPECT_THAT(NamesOf(*store_), ElementsAre("sessions/2", "sessions/living")) << "the older end goes";
+  EXPECT_THAT(NamesOf(*store_), ElementsAre(second, active)) << "the older end goes";
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre("sessions/1"));
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre());
 }

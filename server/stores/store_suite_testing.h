@@ -28,11 +28,14 @@ class StoreHouse {
   virtual absl::StatusOr<std::unique_ptr<Store>> Open() = 0;
   // Opens a store with space for about `max_bytes`.
   virtual absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) = 0;
-  // Makes the store give the last fencing number again, as a replica does that had missed it and became the master.
+  // Makes the store give the last fencing number of the session sessions/a again, as a replica does that had missed it
+  // and became the master.
   virtual void RepeatLastNumber() = 0;
   // Returns a function that replaces the contents of the store by the present ones; null if nothing can do that to a
   // store in use.
   virtual std::function<void()> Snapshot() { return nullptr; }
+  // False if the sessions are in different groups of the store, each with memory of its own.
+  virtual bool AreTogether(const std::string& /*session*/, const std::string& /*other*/) const { return true; }
   // True if the data outlive the store object.
   virtual bool keeps() const { return true; }
 };
@@ -47,7 +50,7 @@ struct TestedStore {
 inline SessionRecord Record(const std::string& name) {
   return {.name = name,
           .tenant = "tenant of " + name,
-          .request_id = "request of " + name,
+          .request_id = "",
           .create_time = absl::FromUnixNanos(1'700'000'000'123'456'789),
           .config = std::string("config\0of ", 10) + name};
 }

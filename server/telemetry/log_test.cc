@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/trace_context.h"
 #include "server/runtime/errors.h"
 #include "server/telemetry/log_testing.h"
 #include "server/telemetry/session_log.h"
@@ -102,25 +103,96 @@ TEST(LogTest, LinesBelowTheLevelAreNotWritten) {
   EXPECT_EQ(captured_log.Take(), "error loud\n");
 }
 
-TEST(SessionLogTest, EachLineNamesSessionTenantAndPeer) {
+// The fields that every line of the session has, with the span if there is one.
+std::string Place(const std::string& peer, const std::string& span_id) {
+  return absl::StrCat(" session=sessions/1 tenant=lab peer=", peer, " trace_id=", TraceIdOf("sessions/1"),
+                      span_id.empty() ? "" : " span_id=", span_id);
+}
+
+TEST(SessionLogTest, EachLineNamesSessionTenantPeerAndTrace) {
   captured_log.Take();
   SessionLog log("sessions/1", "lab");
   log.Created("peer:1", {});
-  EXPECT_THAT(captured_log.Take(), HasSubstr("info session_created session=sessions/1 tenant=lab peer=peer:1 "));
-  log.Attached("peer:2", 1, 1, false);
-  log.Attached("peer:2", 2, 5, false);
-  log.Attached("peer:3", 3, 7, true);
+  EXPECT_THAT(captured_log.Take(), HasSubstr("info session_created" + Place("peer:1", "") + " encoding="));
+  log.Attached({"peer:2", "a1", ""}, 1, 1, false);
+  log.Attached({"peer:2", "b2", "0af7"}, 2, 5, false);
+  log.Attached({"peer:3", "c3", ""}, 3, 7, true);
   EXPECT_EQ(captured_log.Take(),
-            "info session_attached session=sessions/1 tenant=lab peer=peer:2 stream=1 next_chunk=1\n"
-            "info session_reattached session=sessions/1 tenant=lab peer=peer:2 stream=2 next_chunk=5\n"
-            "info session_taken_over session=sessions/1 tenant=lab peer=peer:3 stream=3 next_chunk=7\n");
-  log.StreamEnded("peer:2", 2, WithReason(absl::AbortedError("another stream"), v1::FENCED));
-  EXPECT_EQ(captured_log.Take(),
-            "info stream_ended session=sessions/1 tenant=lab peer=peer:2 stream=2 code=ABORTED reason=FENCED "
-            "message=\"another stream\"\n");
+            absl::StrCat("info session_attached", Place("peer:2", "a1"), " stream=1 next_chunk=1\n",
+                         "info session_reattached", Place("peer:2", "b2"),
+                         " stream=2 next_chunk=5 client_trace_id=0af7\n",  //
+                         "info session_taken_over", Place("peer:3", "c3"), " stream=3 next_chunk=7\n"));
+  log.StreamEnded({"peer:2", "b2", ""}, 2, WithReason(absl::AbortedError("another stream"), v1::FENCED));
+  EXPECT_EQ(captured_log.Take(), absl::StrCat("info stream_ended", Place("peer:2", "b2"),
+                                              " stream=2 code=ABORTED reason=FENCED message=\"another stream\"\n"));
   log.Drained(7, false);
   EXPECT_EQ(captured_log.Take(),
-            "warning session_drained session=sessions/1 tenant=lab peer=peer:3 poses=7 durable=false\n");
+            absl::StrCat("warning session_drained", Place("peer:3", "c3"), " poses=7 durable=false\n"));
+}
+
+// The store's lines are those of the stream that attached last.
+TEST(SessionLogTest, LinesAboutTheStoreNameTheStream) {
+  captured_log.Take();
+  SessionLog log("sessions/1", "lab");
+  log.Attached({"peer:1", "a1", ""}, 1, 1, false);
+  captured_log.Take();
+  const std::string place = Place("peer:1", "a1");
+  log.CommitSlow(absl::Milliseconds(1500), 77);
+  EXPECT_EQ(captured_log.Take(), "warning session_commit_slow" + place + " duration_us=1500000 bytes=77\n");
+  log.CommitFailed(WithReason(absl::AbortedError("taken"), v1::FENCED));
+  EXPECT_EQ(captured_log.Take(), "info session_commit_failed" + place + " code=ABORTED reason=FENCED message=taken\n");
+  log.CommitFailed(WithReason(absl::InternalError("bad page"), v1::STORE_FAILED));
+  EXPECT_THAT(captured_log.Take(), HasSubstr("error session_commit_failed" + place));
+  log.StoreAway(absl::UnavailableError("away"));
+  log.StoreBack();
+  EXPECT_EQ(captured_log.Take(), "warning session_waits_for_store" + place +
+                                     " code=UNAVAILABLE reason=\"\" message=away\ninfo session_store_back" + place +
+                                     "\n");
+}
+
+TEST(SessionLogTest, OneLineHasTheSumsOfTheSession) {
+  captured_log.Take();
+  const SessionLog log("sessions/1", "lab");
+  SessionSums sums;
+  SessionHealth& health = sums.health;
+  sums.lifetime = absl::Seconds(90);
+  health.poses = 1;
+  health.counts = {.cd_events = 2, .dropped_before_time = 1, .dropped_outside_sensor = 2, .unknown_words = 3};
+  health.counts.broken_vectors = 1;
+  health.skipped_events = 5;
+  health.skipped_us = 6;
+  health.received_bytes = 8;
+  health.processed_bytes = 7;
+  health.sensor_time_us = 9;
+  health.processing_us = 10;
+  health.latency_p50_us = 11;
+  health.latency_p99_us = 12;
+  health.objects.resize(2);
+  health.objects[0].losses = 6;
+  health.objects[1].losses = 7;
+  health.reattaches = 14;
+  const std::string fields =
+      " lifetime_us=90000000 objects=2 poses=1 events=2 dropped_events=3 invalid_words=4 skipped_events=5 skipped_us=6 "
+      "received_bytes=8 bytes=7 sensor_time_us=9 processing_us=10 latency_p50_us=11 latency_p99_us=12 losses=13 "
+      "reattaches=14\n";
+  const std::string place = Place("\"\"", "");
+  log.Ended(sums);
+  EXPECT_EQ(captured_log.Take(), "info session_ended" + place + " cause=end_of_input" + fields);
+  log.Expired(sums);
+  EXPECT_EQ(captured_log.Take(), "info session_expired" + place + " cause=expired" + fields);
+  log.Deleted("peer:9", "request", sums);
+  EXPECT_EQ(captured_log.Take(), "info session_deleted" + Place("peer:9", "") + " why=request cause=deleted" + fields);
+  log.Orphaned(sums);
+  EXPECT_EQ(captured_log.Take(),
+            "info session_deleted" + place + " why=\"no server has it, and it has expired\" cause=expired" + fields);
+  log.RolledBack({"peer:9", "a1", ""}, absl::DataLossError("lost"), sums);
+  EXPECT_EQ(captured_log.Take(), "error session_rolled_back" + Place("peer:9", "a1") +
+                                     " code=DATA_LOSS reason=\"\" message=lost cause=rolled_back" + fields);
+  sums.was_reported = true;
+  log.Expired(sums);
+  log.Deleted("peer:9", "request", sums);
+  EXPECT_EQ(captured_log.Take(),
+            "info session_expired" + place + "\ninfo session_deleted" + Place("peer:9", "") + " why=request\n");
 }
 
 TEST(SessionLogTest, PhaseTransitionsAreLoggedAtLevelDebugOnly) {
@@ -135,10 +207,9 @@ TEST(SessionLogTest, PhaseTransitionsAreLoggedAtLevelDebugOnly) {
   log.PhaseChanged("cube", object);
   log.PhaseChanged("cube", track);
   EXPECT_EQ(captured_log.Take(),
-            "debug object_phase session=sessions/1 tenant=lab peer=\"\" object=cube from=VERIFYING to=PUBLISHED "
-            "sensor_time_us=1200\n"
-            "debug track_phase session=sessions/1 tenant=lab peer=\"\" object=cube from=CONFIRMED to=COASTING "
-            "sensor_time_us=1300\n");
+            absl::StrCat("debug object_phase", Place("\"\"", ""), " object=cube from=VERIFYING to=PUBLISHED ",
+                         "sensor_time_us=1200\n", "debug track_phase", Place("\"\"", ""),
+                         " object=cube from=CONFIRMED to=COASTING sensor_time_us=1300\n"));
 }
 
 }  // namespace

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The counters and histograms of a server; prometheus_text.h formats them. Counting takes no lock and allocates no
-// memory, and no pose depends on a counter.
+// The counters and histograms of a server; prometheus_text.h formats them. Counting waits for no other thread
+// and allocates no memory, and no pose depends on a counter.
 #pragma once
 
 #include <algorithm>
@@ -11,11 +11,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <string_view>
+#include <vector>
 
 #include "absl/status/status.h"
-#include "core/tracking/track_phase.h"
+#include "core/tracking/object/track_phase.h"
 #include "server/sessions/types/overload.h"
 #include "server/sessions/types/session_state.h"
+#include "server/stores/common/store.h"
 
 namespace evpose::server {
 
@@ -40,6 +43,34 @@ class OneFor {
   std::array<What, kNumKinds> all_;
 };
 
+// A recent duration in a bucket of a histogram, with the session that it belongs to.
+struct Exemplar {
+  std::array<char, 32> trace_id = {};  // TraceIdOf() the session (core/base/trace_context.h)
+  std::chrono::nanoseconds duration{0};
+  std::chrono::system_clock::time_point time;
+
+  std::string_view trace_id_text() const { return {trace_id.data(), trace_id.size()}; }
+};
+
+// Keeps the latest exemplar. Thread-safe. A writer never waits: if another thread is using the slot, its exemplar is
+// dropped, because any one will do.
+class ExemplarSlot {
+ public:
+  void Set(const Exemplar& exemplar) {
+    if (is_in_use_.exchange(true, std::memory_order_acquire)) return;
+    exemplar_ = exemplar;
+    is_set_ = true;
+    is_in_use_.store(false, std::memory_order_release);
+  }
+  // Waits for a writer, which holds the slot for some nanoseconds, or until it runs again if it was interrupted.
+  std::optional<Exemplar> Get() const;
+
+ private:
+  mutable std::atomic<bool> is_in_use_ = false;
+  bool is_set_ = false;  // this and the exemplar only while in use
+  Exemplar exemplar_;
+};
+
 // A histogram of durations. Thread-safe.
 class DurationHistogram {
  public:
@@ -51,23 +82,40 @@ class DurationHistogram {
       10,     25,     50,      100,     250,     500,       1000,      2500,      5000,      10'000,
       25'000, 50'000, 100'000, 250'000, 500'000, 1'000'000, 2'500'000, 5'000'000, 10'000'000};
 
+  static constexpr size_t kNumBuckets = kUpperBounds_us.size() + 1;
+
   void Add(Duration duration) {
-    const auto bucket =
-        std::lower_bound(kUpperBounds_us.begin(), kUpperBounds_us.end(), duration,
-                         [](int64_t bound_us, Duration value) { return std::chrono::microseconds(bound_us) < value; });
-    counts_[static_cast<size_t>(bucket - kUpperBounds_us.begin())].Add();
+    counts_[BucketOf(duration)].Add();
     sum_ns_.Add(static_cast<uint64_t>(std::max<int64_t>(std::chrono::nanoseconds(duration).count(), 0)));
   }
+  // Adds a duration that is also the exemplar of its bucket. Without a trace ID of 32 digits it is none.
+  void Add(Duration duration, std::string_view trace_id) {
+    Add(duration);
+    SetExemplar(duration, trace_id);
+  }
+  // Sets the exemplar for a duration that was added before.
+  void SetExemplar(Duration duration, std::string_view trace_id,
+                   std::chrono::system_clock::time_point time = std::chrono::system_clock::now());
 
   struct Reading {
-    std::array<uint64_t, kUpperBounds_us.size() + 1> counts = {};  // by bucket, not cumulative
+    std::array<uint64_t, kNumBuckets> counts = {};  // by bucket, not cumulative
     double sum_s = 0.0;
   };
   Reading Read() const;
+  // The exemplars by bucket. A Reading that is taken afterwards counts their durations.
+  std::array<std::optional<Exemplar>, kNumBuckets> ReadExemplars() const;
 
  private:
-  std::array<Counter, kUpperBounds_us.size() + 1> counts_;
+  static size_t BucketOf(Duration duration) {
+    const auto bucket =
+        std::lower_bound(kUpperBounds_us.begin(), kUpperBounds_us.end(), duration,
+                         [](int64_t bound_us, Duration value) { return std::chrono::microseconds(bound_us) < value; });
+    return static_cast<size_t>(bucket - kUpperBounds_us.begin());
+  }
+
+  std::array<Counter, kNumBuckets> counts_;
   Counter sum_ns_;
+  std::array<ExemplarSlot, kNumBuckets> exemplars_;
 };
 
 enum class StreamKind { kTrack, kWatch };
@@ -154,7 +202,8 @@ struct ServerState {
   // Absent for a store that does not tell them, before the first check, and without a limit.
   std::optional<uint64_t> store_bytes;
   std::optional<uint64_t> store_max_bytes;
-  uint64_t unreplicated_commits = 0;  // Store::unreplicated_commits()
+  uint64_t unreplicated_commits = 0;     // Store::unreplicated_commits()
+  std::vector<StoreGroup> store_groups;  // Store::Groups()
   size_t connections = 0;
   absl::Status listening = absl::OkStatus();  // an error explains why the server accepts no connections
   absl::Status readiness;                     // an error explains why the server accepts no sessions

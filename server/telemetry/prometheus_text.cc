@@ -5,6 +5,7 @@
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>
 
+#include <algorithm>
 #include <array>
 #include <limits>
 #include <optional>
@@ -14,7 +15,11 @@
 #include <vector>
 
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_split.h"
 #include "server/runtime/out_of_memory.h"
+#include "server/telemetry/open_metrics.h"
 
 namespace evpose::server {
 namespace {
@@ -43,6 +48,7 @@ class Families {
  public:
   void Begin(const char* name, MetricType type, const char* help) {
     families_.push_back({.name = name, .help = help, .type = type, .metric = {}});
+    exemplars_.emplace_back();
   }
   void Value(double value, Labels labels = {}) {
     ClientMetric metric;
@@ -76,6 +82,7 @@ class Families {
   }
   void AddHistogram(const char* name, const char* help, const DurationHistogram& histogram) {
     Begin(name, MetricType::Histogram, help);
+    exemplars_.back() = histogram.ReadExemplars();  // first: the counts then include them
     const DurationHistogram::Reading reading = histogram.Read();
     ClientMetric metric;
     metric.histogram.sample_sum = reading.sum_s;
@@ -90,23 +97,60 @@ class Families {
   }
 
   const std::vector<MetricFamily>& all() const { return families_; }
+  const std::vector<BucketExemplars>& exemplars() const { return exemplars_; }  // of each family
 
  private:
   std::vector<MetricFamily> families_;
+  std::vector<BucketExemplars> exemplars_;
 };
 
+// The groups of a store that has several; otherwise there are names without values.
+void AddStoreGroups(const std::vector<StoreGroup>& groups, Families& families) {
+  const auto add = [&](const char* name, MetricType type, const char* help, const auto& value_of) {
+    families.Begin(name, type, help);
+    for (const StoreGroup& group : groups) {
+      const std::optional<double> value = value_of(group);
+      if (value.has_value()) families.Value(*value, {{"group", group.name}});
+    }
+  };
+  using Known = std::optional<double>;
+  add("evpose_store_group_up", MetricType::Gauge,
+      "1 if the group of the store has responded to the last check, else 0.",
+      [](const StoreGroup& group) -> Known { return group.health.ok() ? 1.0 : 0.0; });
+  add("evpose_store_group_buckets", MetricType::Gauge, "The part of the store's 256 buckets that the group has.",
+      [](const StoreGroup& group) -> Known { return group.parts; });
+  add("evpose_store_group_bytes", MetricType::Gauge, "Bytes in use in the group (used_memory).",
+      [](const StoreGroup& group) -> Known {
+        if (!group.usage.has_value()) return std::nullopt;
+        return static_cast<double>(group.usage->bytes);
+      });
+  add("evpose_store_group_max_bytes", MetricType::Gauge, "Limit of evpose_store_group_bytes (maxmemory).",
+      [](const StoreGroup& group) -> Known {
+        if (!group.usage.has_value() || group.usage->max_bytes == 0) return std::nullopt;
+        return static_cast<double>(group.usage->max_bytes);
+      });
+  add("evpose_store_group_commits_total", MetricType::Counter, "Commits that the group has answered.",
+      [](const StoreGroup& group) -> Known { return static_cast<double>(group.commits); });
+  add("evpose_store_group_commit_seconds_total", MetricType::Counter, "The sum of the durations of these commits.",
+      [](const StoreGroup& group) -> Known { return group.commit_s; });
+  add("evpose_store_group_unreplicated_commits_total", MetricType::Counter,
+      "The part of evpose_store_unreplicated_commits_total that is the group's.",
+      [](const StoreGroup& group) -> Known { return static_cast<double>(group.unreplicated_commits); });
+}
+
 void AddStore(const ServerState& state, Families& families) {
-  families.AddKnownGauge(
-      "evpose_store_bytes",
-      "Bytes in use: memory of Redis (used_memory), file and log of SQLite, sessions in memory, or sessions and "
-      "models in PostgreSQL.",
-      state.store_bytes);
+  families.AddKnownGauge("evpose_store_bytes",
+                         "Bytes in use: memory of Redis (used_memory; of the fullest group if there are several), file "
+                         "and log of SQLite, sessions in memory, or sessions and "
+                         "models in PostgreSQL.",
+                         state.store_bytes);
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
   families.Begin("evpose_store_unreplicated_commits_total", MetricType::Counter,
                  "Commits that Redis has executed and no replica has acknowledged in time; they are repeated. 0 if the "
                  "store waits for no replica.");
   families.Value(static_cast<double>(state.unreplicated_commits));
+  AddStoreGroups(state.store_groups, families);
 }
 
 void AddState(const ServerState& state, const BuildVersion& build, Families& families) {
@@ -301,15 +345,49 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
   families.Value(static_cast<double>(OutOfMemoryCount()));
 }
 
-}  // namespace
-
-std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, const BuildVersion& build) {
+Families AllFamilies(const ServerMetrics& metrics, const ServerState& state, const BuildVersion& build) {
   Families families;
   AddState(state, build, families);
   AddEvents(metrics, families);
   AddTracking(metrics, families);
   AddCalls(metrics, families);
-  return prometheus::TextSerializer().Serialize(families.all());
+  return families;
+}
+
+// The weight of a media range of the header Accept; 1 unless it states another one, 0 for one that is no number.
+double WeightOf(const std::vector<std::string>& parameters) {
+  for (size_t i = 1; i < parameters.size(); ++i) {
+    const absl::string_view parameter = absl::StripAsciiWhitespace(parameters[i]);
+    if (!absl::StartsWithIgnoreCase(parameter, "q=")) continue;
+    double weight = 0.0;
+    return absl::SimpleAtod(parameter.substr(2), &weight) && weight > 0.0 ? weight : 0.0;
+  }
+  return 1.0;
+}
+
+}  // namespace
+
+std::string PrometheusText(const ServerMetrics& metrics, const ServerState& state, const BuildVersion& build) {
+  return prometheus::TextSerializer().Serialize(AllFamilies(metrics, state, build).all());
+}
+
+std::string OpenMetricsText(const ServerMetrics& metrics, const ServerState& state, const BuildVersion& build) {
+  const Families families = AllFamilies(metrics, state, build);
+  return OpenMetricsOf(families.all(), families.exemplars());
+}
+
+bool PrefersOpenMetrics(absl::string_view accept) {
+  double open_metrics = 0.0, text = 0.0;
+  for (const absl::string_view range : absl::StrSplit(accept, ',')) {
+    const std::vector<std::string> parts = absl::StrSplit(range, ';');
+    const absl::string_view type = absl::StripAsciiWhitespace(parts[0]);
+    if (absl::EqualsIgnoreCase(type, "application/openmetrics-text")) {
+      open_metrics = std::max(open_metrics, WeightOf(parts));
+    } else if (absl::EqualsIgnoreCase(type, "text/plain")) {
+      text = std::max(text, WeightOf(parts));
+    }
+  }
+  return open_metrics > 0.0 && open_metrics >= text;
 }
 
 }  // namespace evpose::server

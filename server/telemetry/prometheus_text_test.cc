@@ -290,5 +290,28 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
 }
 
+TEST(PrometheusTextTest, AStoreWithSeveralGroupsHasTheirState) {
+  ServerState state;
+  state.store_groups = {{.name = "a",
+                         .health = absl::OkStatus(),
+                         .usage = StoreUsage{.bytes = 5, .max_bytes = 10},
+                         .parts = 128,
+                         .commits = 3,
+                         .commit_s = 0.5,
+                         .unreplicated_commits = 2},
+                        {.name = "b", .health = absl::UnavailableError("secret")}};
+  const std::string text = PrometheusText(ServerMetrics(), state, kBuild);
+  const ParsedMetrics parsed = ParseMetrics(text);
+  EXPECT_EQ(parsed.At("evpose_store_group_up{group=\"a\"}"), 1.0);
+  EXPECT_EQ(parsed.At("evpose_store_group_up{group=\"b\"}"), 0.0);
+  EXPECT_EQ(parsed.At("evpose_store_group_buckets{group=\"a\"}"), 128.0);
+  EXPECT_EQ(parsed.At("evpose_store_group_bytes{group=\"a\"}"), 5.0);
+  EXPECT_EQ(parsed.At("evpose_store_group_max_bytes{group=\"a\"}"), 10.0);
+  EXPECT_EQ(parsed.At("evpose_store_group_commits_total{group=\"a\"}"), 3.0);
+  EXPECT_EQ(parsed.At("evpose_store_group_commit_seconds_total{group=\"a\"}"), 0.5);
+  EXPECT_EQ(parsed.At("evpose_store_group_unreplicated_commits_total{group=\"a\"}"), 2.0);
+  EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
+}
+
 }  // namespace
 }  // namespace evpose::server

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The log events of a session's life, each with the fields session, tenant and peer.
+// The log events of a session's life, each with the fields session, tenant, peer and trace_id, and span_id if a stream
+// has attached.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +13,9 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
-#include "core/tracking/track_phase.h"
+#include "absl/time/time.h"
+#include "core/base/trace_context.h"
+#include "core/tracking/object/track_phase.h"
 #include "server/sessions/types/session_config.h"
 #include "server/sessions/types/session_state.h"
 #include "server/telemetry/log.h"
@@ -20,13 +23,30 @@
 
 namespace evpose::server {
 
+// Where a stream comes from.
+struct StreamOrigin {
+  std::string peer;     // address of the client, "" if unknown
+  std::string span_id;  // of the stream (core/base/trace_context.h)
+  // The trace of the client's own program, if it has stated one; else empty. The session's trace does not depend on it.
+  std::string client_trace_id;
+};
+
+// What a session has done from its start to its end, through restarts of the server.
+struct SessionSums {
+  SessionHealth health;
+  absl::Duration lifetime;    // since the session was created, by the wall clock
+  bool was_reported = false;  // an earlier line has the sums: the session had ended before
+};
+
 // One function for each event. A peer is the address of the client of a call, "" if unknown. Events without a call have
-// the peer that attached last. Thread-safe.
+// the peer and the span ID of the stream that attached last. Thread-safe.
 class SessionLog {
  public:
-  SessionLog(std::string session, std::string tenant) : session_(std::move(session)), tenant_(std::move(tenant)) {}
+  SessionLog(std::string session, std::string tenant)
+      : session_(std::move(session)), tenant_(std::move(tenant)), trace_id_(TraceIdOf(session_)) {}
 
   const std::string& session() const { return session_; }
+  const std::string& trace_id() const { return trace_id_; }
 
   void Created(const std::string& peer, const SessionConfig& config);
   void Resumed(uint64_t poses, bool has_ended) const;  // the session was loaded from the store
@@ -38,40 +58,55 @@ class SessionLog {
   // An allocation for this session failed, and it was closed.
   void OutOfMemory() const;
   // `number` counts the streams of the session. `is_taken_over`: the previous stream was still open and is ended.
-  void Attached(const std::string& peer, uint64_t number, uint64_t next_chunk, bool is_taken_over);
+  void Attached(const StreamOrigin& origin, uint64_t number, uint64_t next_chunk, bool is_taken_over);
   // At the rate that `limiter` admits, because a client can cause any number of these lines.
-  void NotAttached(const std::string& peer, const absl::Status& status, LogLimiter& limiter) const;
+  void NotAttached(const StreamOrigin& origin, const absl::Status& status, LogLimiter& limiter) const;
   void ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const;
   void ObjectLost(const std::string& object_id, int64_t t_us) const;
   // Level debug, because the phase of an object may change at every millisecond of sensor time.
   void PhaseChanged(const std::string& object_id, const PhaseTransition& transition) const;
   // The phase of a Track stream (server/rpc/README.md). At level debug.
-  void StreamPhaseChanged(const std::string& peer, uint64_t number, std::string_view from, std::string_view to) const;
+  void StreamPhaseChanged(const StreamOrigin& origin, uint64_t number, std::string_view from,
+                          std::string_view to) const;
   // The states of the session's streams and input (server/sessions/README.md). At level debug.
   void StateChanged(const std::string& change, const std::string& from, const std::string& to) const;
-  void StreamEnded(const std::string& peer, uint64_t number, const absl::Status& status) const;
+  void StreamEnded(const StreamOrigin& origin, uint64_t number, const absl::Status& status) const;
   // The session has begun or ceased to fall behind its camera. `lag_us`: waiting time of the oldest unprocessed chunk.
   void PaceChanged(bool is_behind, int64_t lag_us) const;
-  // The sums of the session, from its start and through restarts of the server, are a part of these three lines.
-  void Ended(const SessionHealth& health) const;
-  void Expired(const SessionHealth& health) const;
-  void Deleted(const std::string& peer, const char* why, const SessionHealth& health) const;
-  // The same for a session whose sums are not known, because it was not read.
+  // The line of these five that comes first has the sums of the session, with the field `cause`; the session is then
+  // over for its writer.
+  void Ended(const SessionSums& sums) const;
+  void Expired(const SessionSums& sums) const;
+  void Deleted(const std::string& peer, const char* why, const SessionSums& sums) const;
+  // The store has lost items that the client can no longer send.
+  void RolledBack(const StreamOrigin& origin, const absl::Status& status, const SessionSums& sums) const;
+  // A session that no server has was deleted, because it has expired.
+  void Orphaned(const SessionSums& sums) const;
+  // The same as Deleted() for a session whose sums are not known, because it was not read.
   void DeletedUnread(const std::string& peer, const char* why) const;
   void NotDeleted(const absl::Status& status) const;
   void LivesElsewhere() const;
   void Drained(uint64_t poses, bool is_durable) const;
   void StoreAway(const absl::Status& status) const;
   void StoreBack() const;
+  // A checkpoint of this many bytes became durable after a long time, for the first time in a series.
+  void CommitSlow(absl::Duration duration, uint64_t bytes) const;
+  // The session writes nothing more to the store at this server, for the reason in `status`: another server has taken
+  // it, it was deleted, or the store has failed.
+  void CommitFailed(const absl::Status& status) const;
 
  private:
-  std::string peer() const;
-  void Write(LogLevel level, const char* event, const std::string& peer, std::vector<LogField> more) const;
+  StreamOrigin last_stream() const;
+  // The fields of the session; `origin.span_id` may be empty.
+  void Write(LogLevel level, const char* event, const StreamOrigin& origin, std::vector<LogField> more) const;
+  void WriteEnd(LogLevel level, const char* event, const StreamOrigin& origin, const char* cause,
+                const SessionSums& sums, std::vector<LogField> more) const;
 
   const std::string session_;
   const std::string tenant_;
+  const std::string trace_id_;
   mutable std::mutex mutex_;
-  std::string peer_ ABSL_GUARDED_BY(mutex_);
+  StreamOrigin last_stream_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace evpose::server

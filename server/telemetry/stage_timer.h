@@ -7,6 +7,7 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <string>
 #include <utility>
 
 #include "core/tracking/tracker.h"
@@ -20,15 +21,16 @@ class StageTimer {
   using Time = std::chrono::steady_clock::time_point;
 
   StageTimer() = default;  // runs the stages without measuring
-  StageTimer(std::shared_ptr<ServerMetrics> metrics, std::function<Time()> now)
-      : metrics_(std::move(metrics)), now_(std::move(now)) {}
+  // `trace_id`: of the session, for the exemplars.
+  StageTimer(std::shared_ptr<ServerMetrics> metrics, std::function<Time()> now, std::string trace_id = "")
+      : metrics_(std::move(metrics)), now_(std::move(now)), trace_id_(std::move(trace_id)) {}
 
   template <typename Stage>
   void Decode(const Stage& stage) {
     if (metrics_ == nullptr) return stage();
     const Time begin = now_();
     stage();
-    metrics_->decode_time.Add(now_() - begin);
+    metrics_->decode_time.Add(now_() - begin, trace_id_);
   }
 
   // Runs a step of tracking. A step in which `tracker` searches for a pose is one sample of initialization_time; the
@@ -43,12 +45,12 @@ class StageTimer {
     if (NumSearches(tracker) == searches) {
       tracking_ += duration;
     } else {
-      metrics_->initialization_time.Add(duration);
+      metrics_->initialization_time.Add(duration, trace_id_);
     }
   }
   void EndTracking() {
     if (metrics_ == nullptr) return;
-    metrics_->track_time.Add(std::exchange(tracking_, {}));
+    metrics_->track_time.Add(std::exchange(tracking_, {}), trace_id_);
   }
 
  private:
@@ -60,6 +62,7 @@ class StageTimer {
 
   std::shared_ptr<ServerMetrics> metrics_;
   std::function<Time()> now_;
+  std::string trace_id_;
   std::chrono::steady_clock::duration tracking_{0};
 };
 

@@ -21,6 +21,10 @@ OBJ = 1
 VGA = {"width_px": 640, "height_px": 480, "fx_px": 600, "fy_px": 600, "cx_px": 320, "cy_px": 240}
 LARGEST = {"width_px": 4096, "height_px": 4096, "fx_px": 3000, "fy_px": 3000, "cx_px": 2048, "cy_px": 2048}
 
+# Lenses of other models than Brown's, as fields of a camera.
+RATIONAL_LENS = {"lens_model": 2, "distortion": [0.1, -0.05, 0.0005, 0.0005, 0.01, 0.05, 0.01, 0.001]}
+FISHEYE_LENS = {"lens_model": 3, "distortion": [0.02, -0.005, 0.001, 0.0]}
+
 _PROTOS = ["evpose/v1/admin_service.proto", "evpose/v1/model_service.proto", "evpose/v1/session_service.proto",
            "google/rpc/error_details.proto", "google/rpc/status.proto", "grpc/health/v1/health.proto"]
 _files = descriptor_pb2.FileDescriptorSet.FromString(subprocess.run(
@@ -127,6 +131,10 @@ class Api:
         """Makes a call with one request and one response."""
         settings = {**self._settings, "timeout": self._settings["timeout"] or server.PATIENCE_S}
         return self.callable(name)(METHODS[name].request(**fields), **settings)
+
+    def start(self, name, /, **fields):
+        """Starts a call with one request and one response, and returns its future."""
+        return self.callable(name).future(METHODS[name].request(**fields), **self._settings)
 
     def watch(self, name, /, **fields):
         """Starts a call with one request and a stream of responses."""

@@ -21,7 +21,7 @@ import grpc
 
 import http2
 import server
-from api import EVT3, FLAT64, LARGEST, METHODS, OBJ, VGA, Api, failure_of
+from api import EVT3, FISHEYE_LENS, FLAT64, LARGEST, METHODS, OBJ, RATIONAL_LENS, VGA, Api, failure_of
 from camera import Camera, assert_same_poses, assert_undisturbed, camera_model, chunks, initial_pose, recording
 from hostile_models import CUBE, MALFORMED, padded_cube, prism, tangle
 from test_memory import noise
@@ -227,6 +227,33 @@ class Adversary(threading.Thread):
             stream.call.result()
         else:
             self._hold(stream.cancel)
+
+    def act_read_model(self, api):
+        """The geometry of a model that exists, several times at once, some of them cancelled; the model may be deleted meanwhile."""
+        name = api.upload(self._random.choice([CUBE, prism(300), prism(1365)])).name
+        api("GetModel", name=name)
+        calls = [api.start("GetModelGeometry", name=name, max_faces=self._random.choice([0, 1, 500, 100_000, 100_001, 2**32 - 1]))
+                 for _ in range(self._random.randrange(1, 8))]
+        if self._random.random() < 0.3:
+            api("DeleteModel", name=name)
+        for call in calls:
+            if self._random.random() < 0.5:
+                call.cancel()
+            else:
+                self._hold(call.cancel)
+        with contextlib.suppress(grpc.FutureCancelledError):
+            calls[-1].result()
+
+    def act_lens(self, api):
+        """The recording of the camera, as that of another lens: a fisheye has several views, each with tables of its own."""
+        lens = dict(self._random.choice([RATIONAL_LENS, FISHEYE_LENS]))
+        if self._random.random() < 0.3:
+            lens["distortion"] = [self._number() for _ in range(self._random.randrange(10))]
+        focal_px = self._random.choice([150.0, 400.0, 1000.0])
+        camera = {**camera_model(), **lens, "fx_px": focal_px, "fy_px": focal_px}
+        stream, _ = api.attach(api.create(api.upload(CUBE).name, camera=camera, num_objects=self._random.choice([1, 1, 16]), encoding=EVT3))
+        stream.send(events={"seq": 1, "payload": self._bulk[:1 << 18]})
+        self._hold(stream.cancel)
 
     def act_lie_about_upload(self, api):
         stream = api.start_upload()

@@ -125,11 +125,11 @@ class Server:
     def log(self):
         return self.log_path.read_text(errors="replace")
 
-    def page(self, path, timeout=PATIENCE_S):
+    def page(self, path, timeout=PATIENCE_S, accept="*/*"):
         """Returns the status and the text of a page of --metrics-listen."""
         connection = http.client.HTTPConnection(self.metrics_address, timeout=timeout)
         try:
-            connection.request("GET", path)
+            connection.request("GET", path, headers={"Accept": accept})
             response = connection.getresponse()
             return response.status, response.read().decode()
         finally:
@@ -137,10 +137,15 @@ class Server:
 
     def metric(self, name, *labels):
         """Returns the sum of the series of a metric that have all of these labels, written as in the text format."""
+        return self.metrics((name, *labels))[0]
+
+    def metrics(self, *selections):
+        """Returns one sum for each selection (name, *labels) as metric() does, all of one point in time."""
         series = [line.rsplit(" ", 1) for line in self.page("/metrics")[1].splitlines() if not line.startswith("#")]
-        return sum(
-            float(value) for key, value in series if key.split("{")[0] == name and all(label in key for label in labels)
-        )
+        return [
+            sum(float(value) for key, value in series if key.split("{")[0] == name and all(label in key for label in labels))
+            for name, *labels in selections
+        ]
 
     def _status(self, field):
         text = pathlib.Path(f"/proc/{self.process.pid}/status").read_text()

@@ -12,8 +12,8 @@
 
 #include "core/events/decoder.h"
 #include "core/experiments/speed/speed_recordings.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "tests/bench/allocation_counter.h"
 
 namespace evpose::bench {

@@ -14,7 +14,6 @@
 
 #include "absl/strings/numbers.h"
 #include "core/base/status_macros.h"
-#include "server/runtime/random_name.h"
 #include "server/stores/open_store.h"
 
 namespace evpose::server {
@@ -24,8 +23,7 @@ namespace {
 constexpr int kThreads = 64;
 
 absl::Status Copy(Store& store, StoredSession session) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
-  session.record.name = "sessions/" + id;
+  EVPOSE_ASSIGN_OR_RETURN(session.record.name, store.NewSessionName(session.record.tenant, /*request_id=*/""));
   session.record.request_id.clear();
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<SessionLease> lease,
                           store.CreateSession(session.record, session.lifecycle));

@@ -12,7 +12,7 @@
 
 #include "absl/types/span.h"
 #include "core/events/decoder.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_reader.h"
 #include "tests/bench/benchmark_recordings.h"
 #include "tests/data/test_data.h"
 

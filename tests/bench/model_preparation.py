@@ -11,6 +11,7 @@ Example: tests/bench/model_preparation.py --bin build/release --triangles 100000
 """
 import argparse
 import math
+import multiprocessing
 import os
 import pathlib
 import signal
@@ -174,6 +175,16 @@ HOSTILE = {"soup": soup, "dust": dust, "flat_soup": flat_soup, "one_line": one_l
            "short_lines": short_lines, "lines_of_one": lines_of_one}
 
 
+def generate(name, count, path):
+    """Writes the mesh of a case, in a process of its own: a child starts with the peak memory of its parent, and evpose-prepare-model would
+    be charged with the mesh."""
+    process = multiprocessing.get_context("fork").Process(target=(HONEST | HOSTILE)[name], args=(count, path))
+    process.start()
+    process.join()
+    if process.exitcode != 0:
+        sys.exit(f"{name} {count}: the mesh was not generated")
+
+
 def varint(data, at):
     number = shift = 0
     while True:
@@ -261,7 +272,7 @@ def main():
             for name in cases:
                 path = directory / f"{name}-{count}{'.obj' if 'lines' in name else '.stl'}"
                 if not path.exists():
-                    (HONEST | HOSTILE)[name](count, path)
+                    generate(name, count, path)
                 outcome, seconds, megabytes, steps, model, views = prepare(program, path, (arguments.seconds, arguments.megabytes))
                 triangles, lines, curves, notices = parts_of(model) if outcome == "ok" else (0, 0, 0, [])
                 longest = ", ".join(f"{step} {duration:.1f}" for duration, step in steps if duration >= 0.1)

@@ -1,12 +1,14 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
 """Measures the latency of a live camera beside other sessions of the same server: alone, beside replays as fast as the server takes them,
-beside two sessions with 16 objects of a model with 4096 lines and as many triangles, up to 100 000, as the server admits, and beside two with
-16 objects of a curved body of 100 000 triangles.
+beside two sessions with 16 objects of a model with 4096 lines and as many triangles, up to 100 000, as the server admits, without and with a
+store on the disk, to which sessions write their state in their turns, and beside two with 16 objects of a curved body of 100 000 triangles.
+The number of triangles that a server admits depends on the machine: give --triangles to compare machines.
 
-Prints for each case the latency from the receipt of a chunk to its poses, the time that the camera's recording took, the longest turn of a
-session on a worker (the upper bound of its bucket), and whether the poses of the camera are those without neighbours, to the bit. Needs a
-release build, python3-numpy, and no other load on the machine.
+Each case is measured with the search for the first pose, which delays the poses of the first 0.1 s, one percent of the recording, and with
+a given first pose. Prints the latency from the receipt of a chunk to its poses, the time that the camera's recording took, the longest turn
+of a session on a worker (the upper bound of its bucket), and whether the poses of the camera are those without neighbours, to the bit. Needs
+a release build, python3-numpy, and no other load on the machine.
 """
 import argparse
 import contextlib
@@ -43,9 +45,12 @@ def write_expensive_model(path, triangles, lines=4096):
 
 
 class Server:
-    def __init__(self, folder, arguments):
+    """`data_directory`: of a store on the disk; None: the store is in memory."""
+
+    def __init__(self, folder, arguments, data_directory=None):
         command = [os.path.join(folder, "server/evpose-server"), "--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0",
-                   "--store", "memory", "--log-level", "error", *arguments]
+                   "--log-level", "error", *arguments]
+        command += ["--store", "memory"] if data_directory is None else ["--store", "sqlite", "--data-dir", data_directory]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self.address = self.process.stdout.readline().split()[-1]
         self.metrics_address = self.process.stdout.readline().split()[-1]
@@ -97,14 +102,21 @@ class Neighbour:
         self.thread.join()
 
 
-def measure(options, scratch, neighbours):
-    """One run of the camera; `neighbours` are lists of arguments of evpose replay. Returns its report and its poses."""
+def first_pose(cube):
+    with open(os.path.join(cube, "truth.tum"), encoding="ascii") as file:
+        return " ".join(next(line for line in file if not line.startswith("#")).split()[1:])
+
+
+def measure(options, scratch, neighbours, is_on_disk, start):
+    """One run of the camera; `neighbours` are lists of arguments of evpose replay, `start` further arguments of the camera. Returns its
+    report and its poses."""
     evpose = os.path.join(options.bin, "client/cli/evpose")
     cube = os.path.join(scratch, "cube")
     recording = [os.path.join(cube, "recording.raw"), "--camera", os.path.join(cube, "camera.yaml")]
     out = os.path.join(scratch, "poses.tum")
     with contextlib.ExitStack() as cleanup:
-        server = Server(options.bin, [] if options.workers is None else ["--workers", str(options.workers)])
+        data_directory = cleanup.enter_context(tempfile.TemporaryDirectory(dir=scratch)) if is_on_disk else None
+        server = Server(options.bin, [] if options.workers is None else ["--workers", str(options.workers)], data_directory)
         cleanup.callback(server.stop)
         for arguments in neighbours:
             command = [evpose, "replay", *recording, "--server", server.address, "--rate", "max", *arguments]
@@ -113,7 +125,7 @@ def measure(options, scratch, neighbours):
             time.sleep(0.1)
         time.sleep(2.0 if neighbours else 0.0)
         camera = subprocess.run([evpose, "replay", *recording, "--model", os.path.join(cube, "model.obj"), "--server", server.address,
-                                 "--rate", "1", "--json", "--out", out], check=True, stdout=subprocess.PIPE, text=True)
+                                 "--rate", "1", "--json", "--out", out, *start], check=True, stdout=subprocess.PIPE, text=True)
         report = json.loads(camera.stdout)
         report["longest_turn_ms"] = server.longest_turn_ms()
     with open(out, "rb") as file:
@@ -121,7 +133,8 @@ def measure(options, scratch, neighbours):
 
 
 def write_admitted_model(options, scratch, path):
-    """Writes the most expensive model that a server prepares within its budget; returns its number of triangles."""
+    """Writes the most expensive model that a server prepares within its budget, or that of options.triangles; returns its number of
+    triangles."""
     cube = os.path.join(scratch, "cube")
     short = os.path.join(scratch, "short.raw")
     with open(os.path.join(cube, "recording.raw"), "rb") as file, open(short, "wb") as out:
@@ -129,7 +142,7 @@ def write_admitted_model(options, scratch, path):
     with contextlib.ExitStack() as cleanup:
         server = Server(options.bin, [])
         cleanup.callback(server.stop)
-        for triangles in (100_000, 50_000, 20_000, 10_000, 5000, 2000):
+        for triangles in [options.triangles] if options.triangles else (100_000, 50_000, 20_000, 10_000, 5000, 2000):
             write_expensive_model(path, triangles)
             done = subprocess.run([os.path.join(options.bin, "client/cli/evpose"), "replay", short, "--camera",
                                    os.path.join(cube, "camera.yaml"), "--server", server.address, "--model", path],
@@ -138,7 +151,7 @@ def write_admitted_model(options, scratch, path):
                 return triangles
             if "simplify it" not in done.stderr:
                 sys.exit(f"neighbour.py: {done.stderr}")
-    sys.exit("neighbour.py: the server admits no model with 4096 lines")
+    sys.exit(f"neighbour.py: the server admits no model with 4096 lines{f' and {options.triangles} triangles' if options.triangles else ''}")
 
 
 def main():
@@ -146,6 +159,7 @@ def main():
     parser.add_argument("--bin", default="build/release", help="build folder (default: %(default)s)")
     parser.add_argument("--workers", type=int, help="--workers of the server; default: one per core")
     parser.add_argument("--replays", type=int, default=8, help="replays beside the camera (default: %(default)s)")
+    parser.add_argument("--triangles", type=int, help="triangles of the expensive model; default: as many as the server admits")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         subprocess.run([os.path.join(options.bin, "client/cli/evpose"), "simulate", "--object", "cube", "--duration", str(SENSOR_SECONDS),
@@ -160,18 +174,20 @@ def main():
         def objects(model):
             return [argument for i in range(16) for argument in ("--object", f"o{i}={model}")]
 
-        cases = [("alone", []), (f"beside {options.replays} replays", [replay] * options.replays),
-                 (f"beside 2 sessions, 16 objects of {triangles} triangles", [objects(expensive)] * 2),
-                 (f"beside 2 sessions, 16 curved objects of {CURVED_TRIANGLES}", [objects(curved)] * 2)]
-        print(f"{'camera':<52} {'p50':>8} {'p99':>8} {'took':>8} {'longest turn':>13}  poses")
-        reference = None
-        for name, neighbours in cases:
-            report, poses = measure(options, scratch, neighbours)
-            reference = reference or poses
-            same = "identical" if poses == reference else "DIFFERENT"
-            turn = report["longest_turn_ms"]
-            print(f"{name:<52} {report['latency_p50_ms']:>5.2f} ms {report['latency_p99_ms']:>5.1f} ms {report['wall_time_s']:>6.2f} s "
-                  f"{'> 10 s' if math.isinf(turn) else f'<= {turn:g} ms':>13}  {same}", flush=True)
+        cases = [("alone", [], False), (f"beside {options.replays} replays", [replay] * options.replays, False),
+                 (f"beside 2 sessions, 16 objects of {triangles} triangles", [objects(expensive)] * 2, False),
+                 ("the same with --store sqlite", [objects(expensive)] * 2, True),
+                 (f"beside 2 sessions, 16 curved objects of {CURVED_TRIANGLES}", [objects(curved)] * 2, False)]
+        starts = [("search", []), ("given", ["--init-pose", first_pose(os.path.join(scratch, "cube"))])]
+        print(f"{'camera':<52} {'first pose':<10} {'p50':>8} {'p99':>8} {'took':>8} {'longest turn':>13}  poses")
+        references = {}
+        for name, neighbours, is_on_disk in cases:
+            for kind, start in starts:
+                report, poses = measure(options, scratch, neighbours, is_on_disk, start)
+                same = "identical" if poses == references.setdefault(kind, poses) else "DIFFERENT"
+                turn = report["longest_turn_ms"]
+                print(f"{name:<52} {kind:<10} {report['latency_p50_ms']:>5.2f} ms {report['latency_p99_ms']:>5.1f} ms "
+                      f"{report['wall_time_s']:>6.2f} s {'> 10 s' if math.isinf(turn) else f'<= {turn:g} ms':>13}  {same}", flush=True)
     return 0
 
 

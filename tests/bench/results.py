@@ -12,6 +12,7 @@ page with the sections without running anything: each table of the page must sta
 import argparse
 import hashlib
 import json
+import math
 import os
 import re
 import statistics
@@ -203,6 +204,18 @@ def flicker(result):
     return table(["recordings with a wrong pose as TRACKING, longest period"] + header, lines)
 
 
+def worst_recording(variants):
+    """Seed and tessellation of the worst run: lost before weak before kept, then the largest position error. A run without any pose, whose
+    error is NaN, is the worst of its outcome. As `worst_seed` of `evpose bench models`, over all tessellations."""
+    def badness(named_run):
+        run = named_run[1]
+        error = run["position_rmse_of_depth"]
+        return ["kept", "weak", "lost"].index(run["outcome"]), math.inf if math.isnan(error) else error
+
+    tessellation, run = max(((row["model"].rpartition("-")[2], run) for row in variants for run in row["runs"]), key=badness)
+    return f"seed {run['seed']}, {tessellation}"
+
+
 def models(result):
     """A line for each shape, over its tessellations and seeds."""
     rows = []
@@ -212,28 +225,31 @@ def models(result):
         refused = [row["model"] for row in result["models"] if "error" in row and row["model"].rpartition("-")[0] == shape]
         runs = [run for row in variants for run in row["runs"]]
         if not runs:
-            rows.append([shape, "not prepared"] + ["-"] * 7)
+            rows.append([shape, "not prepared"] + ["-"] * 8)
             continue
 
         def mean(key, decimals, factor=1.0, runs=runs):
             return cell(factor * statistics.mean(run[key] for run in runs), decimals)
 
         def worst(key, decimals, factor=1.0, runs=runs):
-            return cell(factor * max(run[key] for run in runs), decimals)
+            # NaN, of a run without any pose, is the worst.
+            return cell(factor * max((run[key] for run in runs), key=lambda value: math.inf if math.isnan(value) else value), decimals)
 
         kept = sum(run["outcome"] == "kept" for run in runs)
         weak = sum(run["outcome"] == "weak" for run in runs)
         rows.append([
             shape, f"{kept} of {len(runs)}" + (f", {weak} weak" if weak else "") + (f"; refused: {len(refused)}" if refused else ""),
+            worst_recording(variants),
             f"{mean('position_rmse_of_depth', 3, 100)}, {worst('position_rmse_of_depth', 3, 100)}",
             f"{mean('rotation_median_deg', 2)} / {mean('rotation_p95_deg', 2)}",
-            worst("longest_wrong_tracking_s", 0, 1000), worst("compute_ratio", 2),
+            f"{worst('longest_wrong_tracking_s', 0, 1000)}, {worst('longest_weak_wrong_tracking_s', 0, 1000)}",
+            f"{mean('events_per_s', 1, 1e-6)}: {worst('compute_ratio', 2)}",
             cell(1000 * max(row["preparation_s"] for row in variants), 0),
             f"{max(row['triangles'] for row in variants)}", cell(statistics.mean(row["mean_elements"] for row in variants), 0),
         ])
-    return table(["shape", "kept", "position RMSE, % of depth: mean, worst", "rotation median / p95, deg",
-                  "longest wrong while TRACKING, ms", "processor time per sensor time, worst", "preparation, ms, worst",
-                  "triangles, most", "elements"], rows)
+    return table(["shape", "kept", "worst recording", "position RMSE, % of depth: mean, worst", "rotation median / p95, deg",
+                  "longest wrong while TRACKING, ms: determined poses, all", "Mev/s: processor time per sensor time, worst",
+                  "preparation, ms, worst", "triangles, most", "elements"], rows)
 
 
 def real(result):

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "client/lib/conversion.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/conversion.h"
+#include "client/lib/messages/core_types.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "server/sessions/session_testing.h"
 

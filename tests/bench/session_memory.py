@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import typing
 import urllib.request
 
 import numpy
@@ -37,16 +38,41 @@ f 4 1 5 8
 CAMERA = """image_width: {width}
 image_height: {height}
 camera_matrix: {{rows: 3, cols: 3, data: [{focal}, 0, {cx}, 0, {focal}, {cy}, 0, 0, 1]}}
-distortion_model: plumb_bob
-distortion_coefficients: {{rows: 1, cols: 5, data: [{k1}, 0, 0, 0, 0]}}
+distortion_model: {model}
+distortion_coefficients: {{rows: 1, cols: {num_coefficients}, data: [{coefficients}]}}
 """
-# Name, width, height, radial distortion, number of objects, goal of the peak in MB (0: none).
+
+
+class Lens(typing.NamedTuple):
+    """As in a camera file. The focal length is in widths of the image."""
+
+    focal: float = 0.8
+    model: str = "plumb_bob"
+    coefficients: tuple = (0.0,) * 5
+
+
+class Case(typing.NamedTuple):
+    """The goal of the peak is in MB; 0: none."""
+
+    name: str
+    width: int
+    height: int
+    lens: Lens = Lens()
+    num_objects: int = 1
+    goal_mb: int = 0
+
+
+RATIONAL = Lens(model="rational_polynomial", coefficients=(0.1, -0.05, 0.0005, 0.0005, 0.01, 0.05, 0.01, 0.001))
+# 180 degrees: objects are sought and followed in several views of it.
+FISHEYE = Lens(focal=0.32, model="equidistant", coefficients=(0.02, -0.005, 0.001, 0.0))
 CASES = [
-    ("346 x 260, 1 object", 346, 260, 0.0, 1, 0),
-    ("640 x 480, 1 object", 640, 480, 0.0, 1, 0),
-    ("4096 x 4096, 1 object", 4096, 4096, 0.0, 1, 60),
-    ("4096 x 4096, 16 objects", 4096, 4096, 0.0, 16, 200),
-    ("4096 x 4096 with distortion, 1 object", 4096, 4096, -0.01, 1, 0),
+    Case("346 x 260, 1 object", 346, 260),
+    Case("640 x 480, 1 object", 640, 480),
+    Case("4096 x 4096, 1 object", 4096, 4096, goal_mb=60),
+    Case("4096 x 4096, 16 objects", 4096, 4096, num_objects=16, goal_mb=200),
+    Case("4096 x 4096 with distortion, 1 object", 4096, 4096, Lens(coefficients=(-0.01, 0.0, 0.0, 0.0, 0.0))),
+    Case("1280 x 720, rational lens, 1 object", 1280, 720, RATIONAL),
+    Case("1280 x 720, fisheye, 1 object", 1280, 720, FISHEYE),
 ]
 MIN_EVENTS = 2_000_000  # a small sensor has several events per pixel, so that the search's memory of events is full
 
@@ -91,12 +117,14 @@ class Server:
 
 
 def replay(evpose, server, recording, folder, case, model):
-    _, width, height, k1, num_objects, _ = case
+    lens = case.lens
     camera = os.path.join(folder, "camera.yaml")
     with open(camera, "w", encoding="ascii") as file:
-        file.write(CAMERA.format(width=width, height=height, focal=0.8 * width, cx=width / 2, cy=height / 2, k1=k1))
+        file.write(CAMERA.format(width=case.width, height=case.height, focal=lens.focal * case.width, cx=case.width / 2, cy=case.height / 2,
+                                 model=lens.model, num_coefficients=len(lens.coefficients),
+                                 coefficients=", ".join(str(number) for number in lens.coefficients)))
     command = [evpose, "replay", recording, "--camera", camera, "--server", server.address]
-    for i in range(num_objects):
+    for i in range(case.num_objects):
         command += ["--object", f"object{i}={model}"]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
@@ -104,7 +132,6 @@ def replay(evpose, server, recording, folder, case, model):
 def measure(binaries, store, case, model):
     """Charged, resident after the creation, and peak, in MB."""
     evpose = os.path.join(binaries, "client/cli/evpose")
-    _, width, height, _, _, _ = case
     with tempfile.TemporaryDirectory() as folder, Server(binaries, store, os.path.join(folder, "store")) as server:
         pid = server.process.pid
         recording = os.path.join(folder, "noise.dat")
@@ -112,9 +139,9 @@ def measure(binaries, store, case, model):
         cube = os.path.join(folder, "cube.obj")
         with open(cube, "w", encoding="ascii") as file:
             file.write(CUBE)
-        warm_up = replay(evpose, server, recording, folder, (None, 64, 64, 0.0, 1, 0), cube)
+        warm_up = replay(evpose, server, recording, folder, Case("", 64, 64), cube)
         warm_up.communicate()
-        write_noise(recording, width, height)
+        write_noise(recording, case.width, case.height)
         before_mb = memory_mb(pid, "VmRSS")
         with open(f"/proc/{pid}/clear_refs", "w", encoding="ascii") as file:
             file.write("5")  # the peak begins anew
@@ -129,7 +156,7 @@ def measure(binaries, store, case, model):
             time.sleep(0.02)
         errors = client.stderr.read()
         if client.returncode != 0 and "no pose was found" not in errors:  # which is expected in noise
-            sys.exit(f"{case[0]}: {errors.strip()}")
+            sys.exit(f"{case.name}: {errors.strip()}")
         return charged_mb, created_mb, memory_mb(pid, "VmHWM") - before_mb
 
 
@@ -138,17 +165,19 @@ def main():
     parser.add_argument("--bin", default="build/release", help="directory of the build")
     parser.add_argument("--store", default="memory", choices=["memory", "sqlite"], help="with sqlite, checkpoints count, too")
     parser.add_argument("--model", help="model of the objects, instead of a cube")
+    parser.add_argument("--only", default="", metavar="REGEX", help="only the cases with such a name, as 'lens|fisheye'")
     parser.add_argument("--check", action="store_true", help="fail if a peak exceeds its charge or its goal")
     arguments = parser.parse_args()
+    cases = [case for case in CASES if re.search(arguments.only, case.name)]
     failures = 0
     print("| session | charged, MB | after its creation, MB | peak, MB | goal, MB |\n| --- | --- | --- | --- | --- |")
-    for case in CASES:
-        name, goal_mb = case[0], 0 if arguments.model else case[-1]
+    for case in cases:
+        goal_mb = 0 if arguments.model else case.goal_mb
         charged_mb, created_mb, peak_mb = measure(arguments.bin, arguments.store, case, arguments.model)
-        print(f"| {name} | {charged_mb:.0f} | {created_mb:.0f} | {peak_mb:.0f} | {goal_mb or '-'} |", flush=True)
+        print(f"| {case.name} | {charged_mb:.0f} | {created_mb:.0f} | {peak_mb:.0f} | {goal_mb or '-'} |", flush=True)
         failures += peak_mb > charged_mb or (goal_mb > 0 and peak_mb > goal_mb)
     if arguments.check and failures:
-        sys.exit(f"{failures} of {len(CASES)} sessions take more than they are charged, or than their goal")
+        sys.exit(f"{failures} of {len(cases)} sessions take more than they are charged, or than their goal")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@
 #include "core/estimation/ideal_events_testing.h"
 #include "core/initialization/search_model.h"
 #include "core/models/object_model.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/session_testing.h"
 #include "tests/fuzz/fuzz_input.h"

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "client/containers/open_recording.h"
-#include "core/events/event_reader.h"
+#include "core/recordings/event_reader.h"
 #include "tests/fuzz/require.h"
 
 namespace evpose::client {

@@ -4,7 +4,7 @@
 // incomplete, with the same result for the whole file and for every prefix that contains the header.
 #include <optional>
 
-#include "core/events/recording_header.h"
+#include "core/recordings/recording_header.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 

@@ -16,7 +16,7 @@
 
 #include "core/base/status_macros.h"
 #include "server/auth/authenticator.h"
-#include "server/rpc/service_context.h"
+#include "server/rpc/common/service_context.h"
 #include "server/sessions/session_testing.h"
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/memory/memory_sessions.h"

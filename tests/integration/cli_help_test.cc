@@ -14,7 +14,10 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
+#include "absl/strings/str_split.h"
 #include "client/cli/cli.h"
+#include "client/convert_hdf5/hdf5_arguments.h"
+#include "client/convert_step/step_arguments.h"
 #include "core/command_line/help.h"
 #include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
@@ -99,7 +102,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
     const CliResult help = RunShell(std::string("evpose ") + command + " --help");
     ASSERT_EQ(help.status, 0) << help.err;
     std::string script;
-    for (std::string example : Examples(help.out)) {
+    for (const std::string& example : Examples(help.out)) {
       const bool sets_variable = example.find("=$(") != std::string::npos;
       if (!done.insert(example).second && !sets_variable) continue;
       // The server of this test listens on a port of its own.
@@ -129,13 +132,9 @@ TEST_F(CliTest, TheFirstStepsWorkAsPrinted) {
   }
 }
 
-TEST_F(CliTest, HelpOfEveryCommandIsComplete) {
-  std::ostringstream out, err;
-  client::CliContext context{out, err};
-  client::CommandRunners runners;
-  const std::unique_ptr<CLI::App> parser = client::MakeParser(context, runners);
+void ExpectCompleteHelp(const CLI::App& program) {
   const std::set<std::string> statuses = {"0", "1", "2"};
-  for (const CLI::App* const command : AllCommands(*parser)) {
+  for (const CLI::App* const command : AllCommands(program)) {
     const HelpPage page = DescribeCommand(*command);
     const std::string help = FormatHelp(page, 80);
     std::istringstream lines(help);
@@ -144,6 +143,12 @@ TEST_F(CliTest, HelpOfEveryCommandIsComplete) {
     std::set<std::string> stated;
     for (const HelpNote& status : page.exit_statuses) stated.insert(status.term);
     EXPECT_EQ(stated, statuses) << page.name;
+    for (const std::string& usage : page.usages) {
+      for (const absl::string_view word : absl::StrSplit(usage, absl::ByAnyChar(" ()[]"))) {
+        if (!absl::StartsWith(word, "--")) continue;
+        EXPECT_NE(command->get_option_no_throw(std::string(word)), nullptr) << page.name << ": " << usage;
+      }
+    }
     EXPECT_EQ(page.groups.back().title == kResearchGroup || page.groups.back().title == kGeneralGroup, true)
         << page.name << ": research options are last";
     for (const HelpGroup& group : page.groups) {
@@ -161,6 +166,26 @@ TEST_F(CliTest, HelpOfEveryCommandIsComplete) {
   }
 }
 
+TEST_F(CliTest, HelpOfEveryCommandIsComplete) {
+  std::ostringstream out, err;
+  client::CliContext context{out, err};
+  client::CommandRunners runners;
+  ExpectCompleteHelp(*client::MakeParser(context, runners));
+  client::StepArguments step;
+  ExpectCompleteHelp(*client::MakeStepParser(step));
+  client::Hdf5Arguments hdf5;
+  ExpectCompleteHelp(*client::MakeHdf5Parser(hdf5));
+}
+
+TEST_F(CliTest, UsageHasOptionsOfWhichOneIsRequired) {
+  EXPECT_THAT(Run({"replay", "--help"}).out,
+              HasSubstr("Usage: evpose replay RECORDING --camera FILE (--model FILE | --object\n                ID=FILE"
+                        " ...) [OPTION]...\n"));
+  const std::string view = Run({"view", "--help"}).out;
+  EXPECT_THAT(view, HasSubstr("\n       evpose view [SESSION] --server HOST:PORT [OPTION]...\n"));
+  EXPECT_THAT(view, HasSubstr("\n  FILE|SESSION            Recording: "));
+}
+
 TEST_F(CliTest, CommandsAreListedByPurpose) {
   const std::string help = Run({"--help"}).out;
   for (const char* const purpose : {"Track objects:\n  replay ", "Recordings and poses:\n  simulate ",
@@ -172,7 +197,7 @@ TEST_F(CliTest, CommandsAreListedByPurpose) {
 TEST_F(CliTest, ManualPagesAndCompletionsHaveNoErrors) {
   // groff -ww reports every problem of a page; bash -n and zsh -n check the syntax.
   const CliResult pages = RunShell(
-      "test -e $HELP/man1/evpose-sessions-list.1\n"
+      "test -e $HELP/man1/evpose-sessions-list.1\ntest -e $HELP/man1/evpose-hdf5.1\n"
       "for page in $HELP/man1/*.1 $HELP/man8/*.8; do groff -man -Tutf8 -ww -z \"$page\" || exit 1; done\n"
       "bash -n $HELP/bash/evpose\nbash -n $HELP/bash/evpose-server\n"
       "if command -v zsh >/dev/null; then zsh -fn $HELP/zsh/_evpose; zsh -fn $HELP/zsh/_evpose-server; fi\n"

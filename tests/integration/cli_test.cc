@@ -169,6 +169,25 @@ TEST_F(CliTest, AResultThatCannotBeWrittenIsAnError) {
   }
 }
 
+TEST_F(CliTest, WatchSaysThatItWaitsForPosesOfAStalledSession) {
+  SimulateCube(0.02);
+  auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  WriteText("pose", FirstPose());
+  const CliResult result = RunShell(absl::StrCat(
+      "server='--server 127.0.0.1:", (*server)->port(),
+      "'\nmkfifo events messages\nexec 3<>events\n"
+      "evpose stream - --model cube/model.obj --camera cube/camera.yaml --init-pose \"$(cat pose)\" $server <&3 "
+      ">/dev/null 2>&1 &\nstream=$!\ncat cube/recording.raw >&3\n"
+      "while session=$(evpose sessions list $server | head -n 1 | cut -d ' ' -f 1); [ -z \"$session\" ]; do :; done\n"
+      "evpose watch $session $server >poses.tum 2>messages &\nwatch=$!\n"
+      "grep -m 1 waiting <messages | sed s,$session,SESSION,\n"
+      "kill -TERM $watch $stream\nwait $watch && wait $stream\n"));
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.out, "waiting for poses of SESSION ...\n");
+  EXPECT_GT(ReadText("poses.tum").size(), 100u);
+}
+
 TEST_F(CliTest, TheReportNamesTheFilesOfPoses) {
   SimulateCube(0.02);
   const auto replay = [this](const std::vector<std::string>& more) {
@@ -321,6 +340,23 @@ TEST_F(CliTest, PictureShowsEventsAndModel) {
   EXPECT_GT(CountColour(image, 255, 190, 90), 300);   // ON
   EXPECT_GT(CountColour(image, 80, 90, 235), 300);    // OFF
   EXPECT_GT(CountColour(image, 110, 240, 110), 300);  // the model
+}
+
+TEST_F(CliTest, PictureIsTheSameForEveryFormatOfPoses) {
+  SimulateCube(0.1);
+  std::vector<cv::Mat> pictures;
+  for (const char* const name : {"poses.tum", "poses.csv", "poses.jsonl"}) {
+    ASSERT_EQ(Run({"replay", Path("cube/recording.raw"), "--model", Path("cube/model.obj"), "--camera",
+                   Path("cube/camera.yaml"), "--out", Path(name)})
+                  .status,
+              0);
+    const CliResult result = Run({"render", Path("cube/recording.raw"), "--poses", Path(name), "--model",
+                                  Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"), "-o", Path("a.png")});
+    ASSERT_EQ(result.status, 0) << result.err;
+    pictures.push_back(cv::imread(Path("a.png")));
+    EXPECT_GT(CountColour(pictures.back(), 110, 240, 110), 300) << name;
+    EXPECT_EQ(cv::norm(pictures.front(), pictures.back()), 0.0) << name;
+  }
 }
 
 TEST_F(CliTest, PictureShowsCurvesAndContours) {

@@ -10,10 +10,10 @@
 
 #include "core/camera_files/camera_file.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "core/events/recording_writer.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
+#include "core/recordings/recording_writer.h"
 #include "tests/integration/cli_fixture.h"
 
 namespace evpose {

@@ -11,8 +11,8 @@
 #include "core/evaluation/evaluate.h"
 #include "core/numerics/math.h"
 #include "core/simulation/simulator.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 
 namespace evpose {
 namespace {
@@ -148,7 +148,7 @@ TEST(FisheyeTracking, ThePosesDoNotDependOnTheChunksNorOnARestart) {
   auto tracker = MakeTracker(scene, true);
   for (size_t begin = 0; begin < events.size(); begin += 777) {
     tracker->AddEvents(events.subspan(begin, 777), estimates);
-    if (begin % (777 * 100) != 0) continue;
+    if (begin % (size_t{777} * 100) != 0) continue;
     StateWriter writer;
     tracker->SaveState(writer);
     const std::string bytes = writer.Take();

@@ -50,6 +50,27 @@ TEST_F(ModelFormatsTest, AnInspectionPredictsWhereTheObjectCanBeFound) {
   EXPECT_THAT(text.out,
               HasSubstr("\nfindable     from 96 of 96 views, once the image has moved by 2 px; least diameter"));
   EXPECT_THAT(text.out, ::testing::Not(HasSubstr("confusable")));
+  EXPECT_TRUE(json.Json()["near_symmetries"].empty());
+  EXPECT_THAT(text.out, ::testing::Not(HasSubstr("\nnear ")));
+}
+
+// A cuboid with a line of 0.06 m that is drawn on one of its sides.
+TEST_F(ModelFormatsTest, AnInspectionWarnsOfNearSymmetries) {
+  WriteText(
+      "bar.obj",
+      "v 0 0 0\nv .3 0 0\nv 0 .2 0\nv .3 .2 0\nv 0 0 .1\nv .3 0 .1\nv 0 .2 .1\nv .3 .2 .1\nv .16 .04 .1\nv .16 .1 .1\n"
+      "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n"
+      "l 1 2\nl 3 4\nl 5 6\nl 7 8\nl 1 3\nl 2 4\nl 5 7\nl 6 8\nl 1 5\nl 2 6\nl 3 7\nl 4 8\nl 9 10\n");
+  const CliResult json = Run({"models", "inspect", Path("bar.obj"), "--json"});
+  ASSERT_EQ(json.status, 0) << json.err;
+  const nlohmann::json near = json.Json()["near_symmetries"];
+  ASSERT_EQ(near.size(), 3u);
+  EXPECT_NEAR(near[0]["angle_deg"].get<double>(), 180.0, 1.0);
+  EXPECT_NEAR(near[0]["differing_share"].get<double>(), 0.06 / 2.46, 0.005);
+  const CliResult text = Run({"models", "inspect", Path("bar.obj")});
+  EXPECT_THAT(text.out, HasSubstr("\nsymmetry     none\nnear         turned by 180 deg about ("));
+  EXPECT_THAT(text.out, HasSubstr("\nwarning: the object is nearly symmetric: turned by 180 deg about ("));
+  EXPECT_THAT(text.out, HasSubstr("--init-pose"));
 }
 
 TEST_F(ModelFormatsTest, AReplayAndAnEvaluationReadTheSameModelInProcess) {

@@ -15,11 +15,11 @@
 
 #include "core/camera_files/camera_file.h"
 #include "core/events/decoder.h"
-#include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
+#include "core/recordings/recording_reader.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "tests/data/test_data.h"
 
 namespace evpose {

@@ -17,8 +17,8 @@
 #include <utility>
 #include <vector>
 
-#include "client/lib/core_types.h"
 #include "client/lib/fake_clock_testing.h"
+#include "client/lib/messages/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
 #include "core/models/object_model.h"
@@ -360,9 +360,9 @@ TEST_F(ReplayTest, ServerThatDiesLeavesAnErrorAndThePosesSoFar) {
   const auto count = std::count(poses.begin(), poses.end(), '\n');
   EXPECT_GT(count, 10);
   const std::string last = poses.substr(poses.rfind('\n', poses.size() - 2) + 1);
-  EXPECT_THAT(result.err,
-              HasSubstr(" bytes sent, " + std::to_string(count) + " poses received); " + Path("poses.tum") + ": " +
-                        std::to_string(count) + " poses up to " + last.substr(0, last.find(' ')) + " s\n"));
+  EXPECT_THAT(result.err, HasSubstr("; " + Path("poses.tum") + ": " + std::to_string(count) + " poses up to " +
+                                    last.substr(0, last.find(' ')) + " s\n"));
+  EXPECT_THAT(result.err, HasSubstr(" bytes sent, " + std::to_string(count) + " poses received); trace_id="));
   EXPECT_THAT(FilesBeginning("poses"), ElementsAre("poses.tum"));
 }
 

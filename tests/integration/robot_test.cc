@@ -29,7 +29,7 @@ class RobotTest : public CliTest {
   void WriteCell() const {
     Trajectory poses, robot;
     for (int i = 0; i < 3000; ++i) {
-      const int64_t t_us = 5000 * i;
+      const int64_t t_us = int64_t{5000} * i;
       const RigidTransform tool = BaseFromTool(1e-6 * static_cast<double>(t_us));
       robot.push_back({t_us + std::llround(kOffset_s * 1e6), tool});
       if (i >= 200 && i < 2800)

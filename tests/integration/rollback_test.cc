@@ -16,7 +16,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/client_access.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
 #include "server/rpc/server_impl.h"

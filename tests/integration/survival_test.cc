@@ -19,6 +19,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/http/http_client_testing.h"
 #include "server/stores/postgres/postgres_testing.h"
+#include "server/stores/redis/redis_keys.h"
 #include "server/stores/redis/redis_testing.h"
 #include "tests/integration/survival_testing.h"
 
@@ -143,6 +144,40 @@ TEST_F(SurvivalTest, ASessionMovesBetweenServersOnOneRedis) {
   }
   EXPECT_TRUE(client.Stream(one, SIZE_MAX));
   EXPECT_TRUE(client.poses() == expected);
+}
+
+// A session goes to a new group, and then the old one is lost.
+TEST_F(SurvivalTest, AGroupOfRedisIsAddedAndAnotherLost) {
+  const std::vector<std::string> expected = Undisturbed();
+  server::RedisServer first;
+  const server::RedisServer second;
+  const auto groups = [this](const std::string& name, const std::string& text) {
+    WriteText(name, text);
+    return std::vector<std::string>{"--store", "redis-groups:" + Path(name), "--log-level", "warning"};
+  };
+  // The store has one group at first.
+  { RunningServer server(groups("one", "first " + first.url())); }
+  const std::vector<std::string> both = groups("two", "first " + first.url() + "\nsecond " + second.url());
+  RunningServer server(both);
+  const auto client_in = [&](bool moves) {
+    while (true) {
+      RawClient client = MakeClient(server);
+      if ((server::RedisBucketOf(client.session()) >= server::kRedisBuckets / 2) == moves) return client;
+    }
+  };
+  RawClient client = client_in(true);
+  client.OnPose([&](size_t poses) {
+    if (poses == expected.size() / 3) {
+      std::vector<std::string> divide = both;
+      divide.emplace_back("--divide-store");
+      Program program(divide);
+      EXPECT_EQ(program.Wait(), 0) << program.Stderr();
+    }
+    if (poses == 2 * expected.size() / 3) first.Kill();
+  });
+  EXPECT_TRUE(client.Stream(server, SIZE_MAX));
+  EXPECT_TRUE(client.poses() == expected);
+  first.Start();
 }
 
 TEST_F(SurvivalTest, WhileRedisIsUnreachableTheServerIsNotReadyAndNothingIsLost) {

@@ -18,9 +18,9 @@
 #include <vector>
 
 #include "absl/strings/match.h"
-#include "client/lib/conversion.h"
-#include "core/events/recording_reader.h"
+#include "client/lib/messages/conversion.h"
 #include "core/geometry/camera.h"
+#include "core/recordings/recording_reader.h"
 #include "evpose/recording.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"

@@ -14,17 +14,18 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/models/object_model.h"
 #include "core/simulation/simulator.h"
 #include "evpose/storage/v1/session.pb.h"
 #include "evpose/storage/v1/store.pb.h"
 #include "google/protobuf/unknown_field_set.h"
-#include "server/rpc/conversion.h"
+#include "server/rpc/common/conversion.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/tracker_factory.h"
 #include "server/stores/common/record_version.h"
+#include "server/stores/redis/redis_keys.h"
 #include "server/stores/redis/redis_testing.h"
 #include "tests/integration/upgrade_testing.h"
 
@@ -167,7 +168,7 @@ class UpgradeTest : public testing::Test {
 
   void ParseStored(const std::string& session, const std::string& field, google::protobuf::Message& message) const {
     constexpr size_t kChecksumBytes = 4;
-    std::string bytes = redis_.Text({"HGET", "evpose:session:" + session, field});
+    std::string bytes = redis_.Text({"HGET", server::RedisSessionKey(session), field});
     ASSERT_GT(bytes.size(), kChecksumBytes);
     bytes.resize(bytes.size() - kChecksumBytes);
     ASSERT_TRUE(message.ParseFromString(bytes));
@@ -242,7 +243,8 @@ TEST_F(UpgradeTest, PosesThatAKilledServerHadNotStoredAreReplaced) {
   places_[1]->Start(kNext);
   const auto client = StartClient(0);
   client->AtPose(300, [this] { redis_.Signal(SIGSTOP); });
-  // Far more than the poses of the commit that was sent before or after Redis stopped, and is written when it goes on.
+  // Far more than the poses of the commit that was sent before or after Redis stopped, and is written when it
+  // continues.
   client->AtPose(1100, [this] {
     places_[0]->End(SIGKILL);
     redis_.Signal(SIGCONT);

@@ -103,6 +103,11 @@ TEST_F(ViewCommandTest, WrongUseNamesTheOption) {
   EXPECT_THAT(Run({"view", "a.raw", "--camera", "c.yaml", "--model", "m.obj"}).err, HasSubstr("give --poses, too"));
   EXPECT_THAT(Run({"view", "a.raw", "--poses", "p.csv", "--model", "m.obj"}).err, HasSubstr("give --camera, too"));
   EXPECT_THAT(Run({"view", "a.raw", "--server", "127.0.0.1:1"}).err, HasSubstr("\"a.raw\" is no session"));
+  const CliResult session = Run({"view", "sessions/abc"});
+  EXPECT_EQ(session.status, 2);
+  EXPECT_THAT(session.err, HasSubstr("evpose view: sessions/abc is a session: give --server HOST:PORT, too; "));
+  const CliResult file = Run({"view", "sessions/a.raw", "--poses", "p.csv", "--model", "m.obj"});
+  EXPECT_THAT(file.err, HasSubstr("give --camera, too")) << "a recording in a directory of this name";
   EXPECT_EQ(Run({"view", "--server", "127.0.0.1:1", "--poses", "p.csv"}).status, 2);
   EXPECT_EQ(Run({"view", "a.raw", "--port", "1", "--listen", "127.0.0.1:1"}).status, 2);
 }

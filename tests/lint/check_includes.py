@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks that includes follow the layers. The order of add_subdirectory in each CMakeLists.txt declares them: a file may include from
 its own folder and from folders that are added before it. Tests and their helpers are exempt: a test may need a simulation that is
-added later. Headers must not include each other in a cycle. Prints each finding as `file:line: text`; status 1 if there is one."""
+added later. Neither headers nor folders may include each other in a cycle. Prints each finding as `file:line: text`; status 1 if there is one."""
 
 import functools
 import os
@@ -56,23 +56,23 @@ def includes(file):
 
 
 def cycles(graph):
-    """Each cycle of headers once, as the list of its files."""
+    """Each cycle of nodes that a depth-first search meets, as the list of its nodes."""
     done, path, found = set(), [], []
 
-    def visit(file):
-        if file in path:
-            found.append(path[path.index(file):] + [file])
+    def visit(node):
+        if node in path:
+            found.append(path[path.index(node):] + [node])
             return
-        if file in done:
+        if node in done:
             return
-        path.append(file)
-        for target in graph.get(file, ()):
+        path.append(node)
+        for target in graph.get(node, ()):
             visit(target)
         path.pop()
-        done.add(file)
+        done.add(node)
 
-    for file in sorted(graph):
-        visit(file)
+    for node in sorted(graph):
+        visit(node)
     return found
 
 
@@ -81,6 +81,7 @@ def main():
     files = [file for file in listed.split("\0") if file and os.path.exists(file)]
     findings = []
     graph = {}
+    folders = {}  # those that the files of each folder include, without tests
     for file in files:
         for line, target in includes(file):
             if file.endswith(".h"):
@@ -88,10 +89,16 @@ def main():
             if IS_TEST.search(file):
                 continue
             own, other = rank(file), rank(target)
-            if other > own and os.path.dirname(file) != os.path.dirname(target):
+            folder, other_folder = os.path.dirname(file), os.path.dirname(target)
+            if folder == other_folder:
+                continue
+            folders.setdefault(folder, set()).add(other_folder)
+            if other > own:
                 findings.append(f"{file}:{line}: includes {target}, whose folder is added after this one")
     for cycle in cycles(graph):
         findings.append(f"{cycle[0]}:1: headers include each other: {' -> '.join(cycle)}")
+    for cycle in cycles({folder: sorted(others) for folder, others in folders.items()}):
+        findings.append(f"{cycle[0]}:1: folders include each other: {' -> '.join(cycle)}")
     for finding in findings:
         print(finding)
     return 1 if findings else 0

@@ -73,9 +73,10 @@ class Page:
         self.resize(width, height)
         self.driver.get(url)
 
-    def resize(self, width, height):
+    def resize(self, width, height, scale=1):
+        """Sets the size in CSS pixels, of which each has `scale` pixels of a screenshot in both directions."""
         self.driver.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+            "Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": width < 500}
         )
 
     def set_theme(self, name):

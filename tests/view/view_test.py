@@ -1,7 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """`evpose view` in a browser: a simulated recording with its poses, and live sessions of a server.
-view_test.py --bin DIRECTORY_OF_THE_BUILD [--picture FILE] [unittest arguments]; --picture keeps a screenshot of the recording."""
+
+  view_test.py --bin DIRECTORY_OF_THE_BUILD [--picture FILE] [unittest arguments]
+
+--picture keeps the picture that RecordingView.test_picture makes, that of the README:
+
+  tests/view/view_test.py --bin build/release --picture "$PWD/deploy/view.png" RecordingView.test_picture
+"""
 
 import argparse
 import http.client
@@ -18,6 +24,7 @@ from browser import STATE_COLOURS, Page, PageServer, require, require_browser
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "adversary"))
 import server  # reads --bin
 
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 START_US = 16_000_000  # evpose simulate --start
 DURATION_S = 2
 # Of the cells with events: the share that is within RADIUS_PX of the overlay, and of the overlay moved by SHIFT_PX.
@@ -95,8 +102,8 @@ class ViewTest(unittest.TestCase):
         page.driver.get(url)
         return page
 
-    def serve_page(self, *arguments):
-        gateway = PageServer([server.EVPOSE, "view", *arguments])
+    def serve_page(self, *arguments, **options):
+        gateway = PageServer([server.EVPOSE, "view", *arguments], **options)
         self.addCleanup(gateway.stop)
         return gateway
 
@@ -118,13 +125,13 @@ class RecordingView(ViewTest):
         self.page = self.open_page(self.gateway.url)
         self.page.wait(lambda: int(self.page.data.get("imageNumber", 0)) > 0, "the first image")
 
-    def scrub(self, t_us):
+    def scrub(self, t_us, end_us=START_US + DURATION_S * 1e6):
         self.page.run(
             """const [low, high, t] = arguments;
             const scrubber = document.getElementById('scrubber');
             scrubber.value = Math.round(scrubber.max * (t - low) / (high - low));
             for (const type of ['input', 'change']) scrubber.dispatchEvent(new Event(type));""",
-            START_US, START_US + DURATION_S * 1e6, t_us,
+            START_US, end_us, t_us,
         )
         # The scrubber spans the times of the events and poses, which begin and end a few milliseconds within the simulated time.
         self.page.wait(lambda: abs(int(self.page.data["imageTUs"]) - t_us) < 20000, f"about the instant {t_us}")
@@ -167,13 +174,42 @@ class RecordingView(ViewTest):
         self.assertGreater(end_images - images, 2)
         self.assert_silent(self.page)
 
+    def serve_part(self, camera, duration_s):
+        """Simulates a part with holes and a fillet, which a server finds and tracks without a prior, and returns the address of the page
+        with it. The recording shows the exact surface; the tracker has a tessellation."""
+        part = pathlib.Path(self.dir) / "bracket"
+        subprocess.run([ROOT / "tests/bench/models/generate.py", part, "bracket"], check=True, capture_output=True)
+        evpose("simulate", "--model", part / "bracket-reference.obj", "--camera", camera, "--distance", 0.24, "--duration", duration_s,
+               "--noise", 0.1, "--out", part)
+        # The page shows the name of the recording as it was given.
+        inputs = ["bracket/recording.raw", "--model", "bracket/bracket-medium.obj", "--camera", "bracket/camera.yaml"]
+        tracker = server.Server("--log-level", "error", directory=part)
+        try:
+            evpose("replay", *inputs, "--server", tracker.address, "--out", "bracket/poses.jsonl", cwd=self.dir)
+        finally:
+            tracker.kill()
+        return self.serve_page(*inputs, "--poses", "bracket/poses.jsonl", cwd=self.dir).url
+
     def test_picture(self):
-        self.page.press("t")
-        self.scrub(START_US + 0.8 * DURATION_S * 1e6)
-        self.page.wait(lambda: self.page.run("return document.querySelectorAll('.u-over').length") >= 5, "the plots")
+        # The picture of the README shows a sensor of a million pixels, whose simulation takes ten times as long.
+        camera, duration_s = ("evk4", 1.0) if PICTURE else ("vga", 0.3)
+        self.page.driver.get(self.serve_part(camera, duration_s))
+        self.page.resize(1280, 720, scale=2)
+        self.page.wait(lambda: int(self.page.data.get("imageNumber", 0)) > 0, "the first image")
+        self.page.run("const select = document.getElementById('window-select'); select.value = '33 ms'; select.dispatchEvent(new Event('change'))")
+        for share in (0.5, 0.9):
+            self.scrub(START_US + share * duration_s * 1e6, START_US + duration_s * 1e6)
+        keys = "const keys = [...document.querySelectorAll('.plot .key')]; return keys.length > 9 && keys.every((key) => key.textContent !== '')"
+        self.page.wait(lambda: self.page.run(keys), "values in all plots")
+        self.assertIn("Event rate", self.page.run("return document.getElementById('plots').textContent"))
+        self.assertEqual(shown_pose(self.page)["state"], "TRACKING")
+        near, shifted = self.page.run(EVENTS_SCRIPT, STATE_COLOURS["tracking"], 6, 80)
+        print(f"{100 * near:.0f} % of the cells with events are within 3 px of the overlay, {100 * shifted:.0f} % of it moved by 40 px")
+        self.assertGreater(near, 2 * shifted)
         picture = PICTURE or f"{self.dir}/view.png"
         self.page.driver.save_screenshot(picture)
         self.assertGreater(os.path.getsize(picture), 20000)
+        self.assert_silent(self.page)
 
     def test_other_hosts_origins_and_keys_are_refused(self):
         address = self.gateway.origin.removeprefix("http://")

@@ -28,10 +28,10 @@
 #include "core/calibration/sensor_calibration.h"
 #include "core/calibration/tracked_recording.h"
 #include "core/camera_files/camera_file.h"
-#include "core/events/event_reader.h"
-#include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
+#include "core/recordings/event_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 namespace {
@@ -426,6 +426,8 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   AddProfileOptions(app, *arguments);
   arguments->hand_eye.AddTo(app);
   app.footer(
+      "Usage:\n  RECORDINGS... --model FILE --camera-out FILE\n  RECORDINGS... --model FILE --camera FILE --out FILE\n"
+      "  POSES --hand-eye FILE --out FILE\n\n"
       "Without --camera, the camera is estimated from recordings of a moving object with straight edges, best the "
       "sheet of evpose target. Tilt it to all sides, and bring it into all parts of the image, near and far. The "
       "result is as good as the standard errors and the difference of the halves state; small residuals alone prove "

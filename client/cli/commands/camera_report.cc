@@ -85,7 +85,7 @@ absl::StatusOr<std::string> DrawCoverage(const CameraCalibration& calibration) {
                           cv::Point((column + 1) * kWidthPx / kCoverageColumns, (row + 1) * height_px / kCoverageRows));
       // The square root makes cells with few samples visible; cells without samples are white.
       const int shade = static_cast<int>(std::lround(200.0 * std::sqrt(1.0 * cell.num_samples / most)));
-      cv::rectangle(image, area, cv::Scalar(255, 255 - shade / 2, 255 - shade), cv::FILLED);
+      cv::rectangle(image, area, cv::Scalar(255, 255 - 0.5 * shade, 255 - shade), cv::FILLED);
       cv::rectangle(image, area, cv::Scalar(215, 215, 215), 1);
       if (cell.num_samples == 0) continue;
       cv::putText(image, absl::StrFormat("%.2f", cell.rms_px), {area.x + 6, area.y + area.height - 8}, kFont, 0.45,

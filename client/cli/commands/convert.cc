@@ -22,8 +22,8 @@
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
-#include "core/events/event_digest.h"
-#include "core/events/event_reader.h"
+#include "core/recordings/event_digest.h"
+#include "core/recordings/event_reader.h"
 
 namespace evpose::client {
 namespace {

@@ -214,6 +214,7 @@ CommandRunner AddDoctorCommand(CLI::App& app, CliContext& context) {
   AddBundleOptions(app, *arguments);
   AddJson(app, arguments->is_json);
   app.footer(
+      "Usage:\n  RECORDING\n  --server HOST:PORT [RECORDING]\n  --replay FILE\n\n"
       "Checks decoding, clock, event rate, motion, noise, hot and dead pixels, flicker, polarities and focus of a "
       "recording, or of a live camera whose RAW data come through a pipe (-), and the sizes of camera and model. Each "
       "check is ok, advice, a problem, or was not made, with the measured quantity, its limit, the places and the "

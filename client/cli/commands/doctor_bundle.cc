@@ -17,7 +17,7 @@
 #include "client/cli/console/progress.h"
 #include "client/diagnosis/recording_slice.h"
 #include "client/lib/client_access.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"

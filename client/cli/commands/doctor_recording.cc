@@ -13,7 +13,7 @@
 #include "client/containers/open_recording.h"
 #include "core/base/status_macros.h"
 #include "core/diagnosis/object_checks.h"
-#include "core/events/event_reader.h"
+#include "core/recordings/event_reader.h"
 
 namespace evpose::client {
 namespace {

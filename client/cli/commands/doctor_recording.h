@@ -14,8 +14,8 @@
 #include "client/cli/console/cli_context.h"
 #include "client/diagnosis/packet_watch.h"
 #include "core/diagnosis/recording_diagnosis.h"
-#include "core/events/recording_header.h"
 #include "core/geometry/camera.h"
+#include "core/recordings/recording_header.h"
 
 namespace evpose::client {
 

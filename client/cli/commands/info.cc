@@ -14,9 +14,9 @@
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/events/decoder.h"
-#include "core/events/event_digest.h"
-#include "core/events/event_reader.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/event_digest.h"
+#include "core/recordings/event_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 namespace {

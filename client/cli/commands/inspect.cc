@@ -12,6 +12,7 @@
 #include "absl/time/clock.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/commands/inspect_findability.h"
+#include "client/cli/commands/inspect_symmetry.h"
 #include "client/cli/commands/model_picture.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/model_intake/model_intake.h"
@@ -20,6 +21,7 @@
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
 #include "core/evaluation/model_views.h"
+#include "core/evaluation/near_symmetries.h"
 #include "core/models/object_model.h"
 #include "core/simulation/simulator.h"
 
@@ -49,9 +51,20 @@ struct Inspection {
   CameraModel camera;
   std::vector<ModelView> views;
   std::vector<ViewFindability> findability;
+  std::vector<NearSymmetry> near_symmetries;
   absl::Duration preparation;
   absl::Duration time_per_view;
 };
+
+// Share of contours in the visible length, over all views.
+double ContourShare(const std::vector<ModelView>& views) {
+  double length_px = 0.0, contour_px = 0.0;
+  for (const ModelView& view : views) {
+    length_px += view.length_px;
+    contour_px += view.contour_px;
+  }
+  return length_px > 0.0 ? contour_px / length_px : 0.0;
+}
 
 absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
   Inspection inspection;
@@ -67,6 +80,8 @@ absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
   EVPOSE_ASSIGN_OR_RETURN(inspection.views, ViewModel(inspection.model, camera));
   inspection.time_per_view = (absl::Now() - prepared) / inspection.views.size();
   EVPOSE_ASSIGN_OR_RETURN(inspection.findability, PredictFindability(inspection.model, camera));
+  EVPOSE_ASSIGN_OR_RETURN(inspection.near_symmetries,
+                          FindNearSymmetries(inspection.model, ContourShare(inspection.views)));
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& vertex : inspection.model.vertices) box.extend(vertex);
   for (const ModelLine& line : inspection.model.lines) box.extend(line.p1).extend(line.p2);
@@ -123,35 +138,19 @@ Deviation DeviationOver(const std::vector<ModelView>& views, const Get& get) {
 
 ViewSummary Summarise(const std::vector<ModelView>& views) {
   ViewSummary summary;
-  double length_px = 0.0, contour_px = 0.0;
+  summary.contour_share = ContourShare(views);
   for (const ModelView& view : views) {
     summary.mean_elements += static_cast<double>(view.elements.size()) / static_cast<double>(views.size());
     summary.max_elements = std::max(summary.max_elements, view.elements.size());
-    length_px += view.length_px;
-    contour_px += view.contour_px;
     summary.num_unobservable += view.weakest_px > kUnobservablePx ? 1 : 0;
     if (view.has_more) summary.limited.push_back(-view.camera_from_object.rotation.row(2).transpose());
   }
-  summary.contour_share = length_px > 0.0 ? contour_px / length_px : 0.0;
   summary.weakest = DeviationOver(views, [](const ModelView& view) { return view.weakest_px; });
   for (int motion = 0; motion < 6; ++motion) {
     summary.by_motion[motion] =
         DeviationOver(views, [motion](const ModelView& view) { return view.deviation_px(motion); });
   }
   return summary;
-}
-
-std::string SymmetryText(const ObjectModel& model) {
-  if (model.continuous_symmetry) {
-    const evpose::ContinuousSymmetry& symmetry = *model.continuous_symmetry;
-    if (symmetry.kind == evpose::ContinuousSymmetry::Kind::kSphere) return "sphere: the rotation cannot be known";
-    const Eigen::Vector3d& axis = symmetry.axis;
-    return absl::StrFormat("continuous about the axis (%.3f, %.3f, %.3f)%s: the angle about it cannot be known",
-                           axis.x(), axis.y(), axis.z(), symmetry.is_flippable ? " and half turns across it" : "");
-  }
-  const size_t count = std::max<size_t>(1, model.symmetries.size());
-  if (count == 1) return "none";
-  return absl::StrCat(Counted(count, "rotation"), " map the object onto itself");
 }
 
 std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummary& summary) {
@@ -173,19 +172,8 @@ std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummar
         summary.limited.size(), num_views, first.x(), first.y(), first.z(), ModelEdges::kMaxLines,
         EdgeElementOptions().max_elements));
   }
+  AddNearSymmetryWarning(inspection.near_symmetries, warnings);
   return warnings;
-}
-
-Json SymmetryJson(const ObjectModel& model) {
-  Json json = {{"discrete", std::max<size_t>(1, model.symmetries.size())}, {"continuous", nullptr}};
-  if (!model.continuous_symmetry) return json;
-  const evpose::ContinuousSymmetry& symmetry = *model.continuous_symmetry;
-  const auto vector = [](const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); };
-  json["continuous"] = {{"kind", symmetry.kind == evpose::ContinuousSymmetry::Kind::kSphere ? "sphere" : "axis"},
-                        {"centre_m", vector(symmetry.centre)},
-                        {"axis", vector(symmetry.axis)},
-                        {"is_flippable", symmetry.is_flippable}};
-  return json;
 }
 
 Json InspectionJson(const Inspection& inspection) {
@@ -215,6 +203,7 @@ Json InspectionJson(const Inspection& inspection) {
           {"edges", edges},
           {"facet_edges", model.facet_edges.size()},
           {"symmetry", SymmetryJson(model)},
+          {"near_symmetries", NearSymmetriesJson(inspection.near_symmetries)},
           {"views",
            {{"count", inspection.views.size()},
             {"elements_mean", summary.mean_elements},
@@ -255,7 +244,7 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
     out << absl::StrFormat("facets       %s, which is a contour where one of its facets faces the camera\n",
                            Counted(model.facet_edges.size(), "edge between facets", "edges between facets"));
   }
-  out << "symmetry     " << SymmetryText(model) << "\n";
+  PrintSymmetries(model, inspection.near_symmetries, out);
   const ViewSummary summary = Summarise(inspection.views);
   const ModelViewOptions options;
   out << absl::StrFormat(
@@ -310,7 +299,10 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   app->footer(
       "findable is a prediction from the visible edges: at least 40 px of the image, three edges of 20 px, and a pose "
       "that is determined to 10 deg by one event for each pixel of edge and of motion. confusable are half turns about "
-      "the principal axes after which most edges coincide. --json has both for each view.\n\n"
+      "the principal axes, and how many of the edges that a view shows then differ. --json has both for each view. "
+      "near "
+      "are rotations after which less than 20 % of the edges and outlines are farther than 1 % of the diameter from "
+      "where they were, hidden ones included.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
       "  evpose models inspect cube/model.obj --picture cube.png");

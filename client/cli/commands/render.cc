@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/match.h"
@@ -15,6 +16,7 @@
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/cli/common/pose_reader.h"
 #include "client/cli/common/recording_input.h"
 #include "client/cli/console/progress.h"
 #include "client/cli/console/wait_message.h"
@@ -24,9 +26,9 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
-#include "core/events/event_reader.h"
-#include "core/events/recording_reader.h"
 #include "core/geometry/trajectory.h"
+#include "core/recordings/event_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 namespace {
@@ -67,7 +69,8 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
-  EVPOSE_ASSIGN_OR_RETURN(inputs.poses, ReadTumTrajectory(arguments.poses));
+  EVPOSE_ASSIGN_OR_RETURN(ReadPoses poses, ReadCameraPoses(arguments.poses));
+  inputs.poses = std::move(poses.trajectory);
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   EVPOSE_ASSIGN_OR_RETURN(inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
                                                     {.stop = context.is_interrupted}));
@@ -229,7 +232,9 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<RenderArguments>();
   app.option_defaults()->group(kInputGroup);
   AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
-  AddFile(app, "--poses", arguments->poses, "Poses, TUM")->required();
+  AddFile(app, "--poses", arguments->poses,
+          "Poses of one object: .tum, .csv or .jsonl, as replay writes them; AMBIGUOUS ones are not drawn")
+      ->required();
   AddFile(app, "--model", arguments->model, absl::StrCat("Model of the object: ", kModelFormats))->required();
   AddFile(app, "--camera", arguments->camera, kCameraFiles)->required();
   arguments->reading.AddTo(app);

@@ -124,6 +124,7 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
                "Show the replay on a page in the browser while it runs, as evpose view; use --rate 1 to watch it")
       ->group(kOutputGroup);
   app.footer(
+      "Usage:\n  RECORDING --camera FILE (--model FILE | --object ID=FILE ...)\n\n"
       "Without --server, the command runs a server in its own process. Times are on the sensor's clock. No pose is "
       "written before the object is found, and none while it is lost; the report gives the reason. An AMBIGUOUS pose, "
       "the most likely of several, is in .csv and .jsonl files, with the others as alternatives, and in the states of "

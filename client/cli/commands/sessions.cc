@@ -25,6 +25,7 @@ struct SessionArguments {
 
 Json SessionJson(const Session& session) {
   Json json = {{"name", session.name},
+               {"trace_id", TraceId(session.name)},
                {"state", std::string(SessionStateName(session.state))},
                {"create_time", absl::FormatTime(session.create_time, absl::UTCTimeZone())},
                {"expire_time", session.expire_time ? Json(absl::FormatTime(*session.expire_time, absl::UTCTimeZone()))
@@ -35,6 +36,7 @@ Json SessionJson(const Session& session) {
                {"events", session.health.decoded_events},
                {"poses", session.health.poses},
                {"real_time_ratio", session.health.real_time_ratio},
+               {"processing", ProcessingJson(session.health.processing)},
                {"objects", Json::array()}};
   for (const ObjectHealth& object : session.health.objects) json["objects"].push_back(ObjectJson(object));
   return json;
@@ -63,6 +65,7 @@ absl::Status RunGetSession(const SessionArguments& arguments, CliContext& contex
   if (!session.ok()) return SessionError(arguments.name, session.status());
   return PrintResult(context, arguments.is_json, SessionJson(*session), [&session](std::ostream& out) {
     PrintSession(*session, out);
+    out << "processor time: " << DescribeProcessing(session->health.processing) << "\n";
     for (const ObjectHealth& object : session->health.objects) {
       if (!object.detail.empty()) out << object.object_id << ": " << object.detail << "\n";
     }

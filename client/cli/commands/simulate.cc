@@ -172,7 +172,10 @@ void AddSceneOptions(CLI::App& app, SimulateArguments& arguments) {
       AddOption(app, "--object", arguments.object, "Simulated object", CLI::IsMember(SimulatedObjectNames()));
   CLI::Option* const model = AddFile(app, "--model", arguments.model,
                                      absl::StrCat("Model of the object instead of --object (", kModelFormats,
-                                                  "), seen at a size of about 300 pixels from a random side"))
+                                                  "), seen at a size of about 300 pixels from a random side. What is "
+                                                  "rendered is the surface that evpose understands from the file, as "
+                                                  "the tracker uses it: repaired, and smooth where facets approximate "
+                                                  "a curved surface (with --surface as-is the facets)"))
                                  ->excludes(object);
   arguments.reading.AddTo(app, model);
   for (const char* const name : {"--scale", "--crease-angle", "--surface"}) app.get_option(name)->group("Scene");

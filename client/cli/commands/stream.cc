@@ -138,6 +138,7 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
       ->check(AboveZero());
   AddSpoolOptions(app, *arguments);
   app.footer(
+      "Usage:\n  RECORDING --camera FILE (--model FILE | --object ID=FILE ...) --server HOST:PORT\n\n"
       "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows, until an interrupt "
       "(SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked.\n\n"
       "While the server cannot be reached, standard input is read and stored, and a file is read later. If that lasts "

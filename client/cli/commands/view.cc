@@ -109,6 +109,10 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
   if (arguments.what.empty()) {
     return UsageError("give --server HOST:PORT, or a recording with --poses, --model and --camera");
   }
+  // A recording may have such a path, too, and then has options of its own.
+  if (IsSessionName(arguments.what) && arguments.poses.empty()) {
+    return UsageError(absl::StrCat(arguments.what, " is a session: give --server HOST:PORT, too"));
+  }
   for (const auto& [name, value] : {std::pair("--poses", arguments.poses), {"--camera", arguments.camera}}) {
     if (value.empty()) return UsageError(absl::StrCat("a recording is shown with its poses: give ", name, ", too"));
   }
@@ -156,6 +160,8 @@ CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
     app.get_option(name)->excludes(app.get_option("--server"));
   }
   app.footer(
+      "Usage:\n  FILE --poses FILE --camera FILE (--model FILE | --object ID=FILE ...)\n  [SESSION] --server "
+      "HOST:PORT\n\n"
       "Prints the address of a page that shows events, edges, poses and states, and serves it until an interrupt. The "
       "address has a key: everybody who has it can see the page. From another machine: ssh -L PORT:127.0.0.1:PORT "
       "HOST, "

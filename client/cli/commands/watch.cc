@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose watch: the poses or the health of a session as they arrive.
+#include <algorithm>
 #include <functional>
 #include <map>
 #include <mutex>
@@ -12,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/common/pace_meter.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/console/stop_on_interrupt.h"
 #include "client/mcap/session_observer.h"
@@ -34,11 +36,18 @@ struct WatchArguments {
   PoseFrameArguments frame;
 };
 
-// Prints the states of the objects on standard error when they change, with the reason for a missing pose. Thread-safe.
+// Prints the states of the objects on standard error when they change, with the reason for a missing pose; and once in
+// each silence of at least `silence` that it waits for poses. Thread-safe.
 class StateLines {
  public:
-  explicit StateLines(std::ostream& err) : err_(err) {}
+  StateLines(std::ostream& err, const std::string& session, absl::Duration silence)
+      : err_(err), silence_(silence), thread_([this, session](std::stop_token stop) { Wait(session, stop); }) {}
 
+  void PosesArrived() {
+    const std::lock_guard lock(mutex_);
+    poses_at_ = SystemClock().Now();
+    is_waiting_ = false;
+  }
   void Show(const SessionHealth& health) {
     const std::lock_guard lock(mutex_);
     for (const ObjectHealth& object : health.objects) {
@@ -71,10 +80,33 @@ class StateLines {
   }
 
  private:
+  void Wait(const std::string& session, const std::stop_token& stop) {
+    absl::Time due = SystemClock().Now() + silence_;
+    while (SystemClock().SleepUntil(due, stop)) {
+      const std::lock_guard lock(mutex_);
+      due = poses_at_ + silence_;
+      const absl::Time now = SystemClock().Now();
+      if (due > now) continue;
+      due = now + silence_;
+      if (!is_waiting_) err_ << "waiting for poses of " << session << " ..." << std::endl;
+      is_waiting_ = true;
+    }
+  }
+
   std::mutex mutex_;
   std::ostream& err_;
+  const absl::Duration silence_;
+  absl::Time poses_at_ = absl::InfinitePast();
+  bool is_waiting_ = false;
   std::map<std::string, std::string> shown_;
+  std::jthread thread_;
 };
+
+// Time without poses after which the command says that it waits for them. Poses of a limited rate come seldom.
+absl::Duration Silence(const WatchArguments& arguments) {
+  const std::optional<double> rate_hz = arguments.poses.max_rate_hz;
+  return absl::Seconds(std::max(1.0, rate_hz ? 2.0 / *rate_hz : 0.0));
+}
 
 Json HealthJson(const SessionHealth& health) {
   Json json = {{"t_us", health.t_us},
@@ -90,6 +122,7 @@ Json HealthJson(const SessionHealth& health) {
                {"event_rate_hz", health.event_rate_hz},
                {"pose_rate_hz", health.pose_rate_hz},
                {"real_time_ratio", health.real_time_ratio},
+               {"processing", ProcessingJson(health.processing)},
                {"latency_p50_ms", MillisecondsJson(health.latency_p50)},
                {"latency_p99_ms", MillisecondsJson(health.latency_p99)},
                {"objects", Json::array()}};
@@ -97,12 +130,14 @@ Json HealthJson(const SessionHealth& health) {
   return json;
 }
 
-std::string HealthLine(const SessionHealth& health) {
-  std::string line = absl::StrFormat("%.6f s  %.2f Mev/s  %.0f poses/s  %s", 1e-6 * health.t_us,
-                                     1e-6 * health.event_rate_hz, health.pose_rate_hz, DescribePace(health));
+std::string HealthLine(const SessionHealth& health, const std::string& pace) {
+  std::string line = absl::StrFormat("%.6f s  %.2f Mev/s  %.0f poses/s", 1e-6 * health.t_us,
+                                     1e-6 * health.event_rate_hz, health.pose_rate_hz);
+  if (!pace.empty()) absl::StrAppend(&line, "  ", pace);
   if (health.latency_p99) {
     absl::StrAppendFormat(&line, "  latency p99 %.1f ms", absl::ToDoubleMilliseconds(*health.latency_p99));
   }
+  absl::StrAppend(&line, "  ", DescribeProcessing(health.processing));
   for (const ObjectHealth& object : health.objects) {
     absl::StrAppend(&line, "  ", object.object_id, " ", DescribeState(object), ", ", object.losses, " losses");
   }
@@ -113,9 +148,10 @@ absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   StopOnInterrupt interrupt(context);
   std::stop_source& stop = interrupt.stop();
+  PaceMeter pace;
   const auto on_health = [&](const SessionHealth& health) {
     const std::string json = HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace);
-    context.out << (arguments.is_json ? json : HealthLine(health)) << std::endl;
+    context.out << (arguments.is_json ? json : HealthLine(health, pace.Update(health))) << std::endl;
     if (!context.out) stop.request_stop();  // the output is closed
   };
   const absl::Status status =
@@ -182,9 +218,10 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   if (stop.stop_requested()) return absl::OkStatus();
   if (!session.ok()) return SessionError(arguments.session, session.status());
   EVPOSE_ASSIGN_OR_RETURN(PoseOutput output, PoseOutput::Open(arguments, frame, *session, context));
-  StateLines states(context.err);
+  StateLines states(context.err, arguments.session, Silence(arguments));
   bool has_poses = false;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
+    states.PosesArrived();
     has_poses = has_poses || !poses.empty();
     if (num_skipped > 0) states.Skipped(num_skipped);
     if (!output.Write(poses)) stop.request_stop();

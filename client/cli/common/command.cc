@@ -19,8 +19,8 @@
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include "client/cli/console/wait_message.h"
+#include "client/lib/messages/status_details.h"
 #include "client/lib/server_address.h"
-#include "client/lib/status_details.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -247,12 +247,20 @@ Json ObjectJson(const ObjectHealth& object) {
           {"detail", object.detail}};
 }
 
-std::string DescribePace(const SessionHealth& health) {
-  // Processing time divided by sensor time.
-  const double ratio = health.real_time_ratio;
-  if (!(ratio > 0.0)) return "";
-  if (ratio <= 1.0) return absl::StrFormat("%.1f x real time", 1.0 / ratio);
-  return absl::StrFormat("%.2f x real time, too slow for a live camera", 1.0 / ratio);
+Json ProcessingJson(const ProcessingHealth& processing) {
+  return {{"cpu_s_per_s", processing.cpu_s_per_s},
+          {"max_cpu_s_per_s", processing.max_cpu_s_per_s},
+          {"falls_behind", processing.falls_behind},
+          {"tenant_cpu_s_per_s", processing.tenant_cpu_s_per_s},
+          {"max_tenant_cpu_s_per_s", processing.max_tenant_cpu_s_per_s}};
+}
+
+std::string DescribeProcessing(const ProcessingHealth& processing) {
+  const auto cores = [](double used, double limit) {
+    return limit > 0.0 ? absl::StrFormat("%.2f of %.2f cores", used, limit) : absl::StrFormat("%.2f cores", used);
+  };
+  return absl::StrCat(cores(processing.cpu_s_per_s, processing.max_cpu_s_per_s), ", tenant ",
+                      cores(processing.tenant_cpu_s_per_s, processing.max_tenant_cpu_s_per_s));
 }
 
 std::string DescribeState(const ObjectHealth& object) {

@@ -21,8 +21,8 @@
 #include "core/base/output_file.h"
 #include "core/command_line/help_page.h"
 #include "core/events/event.h"
-#include "core/events/recording_header.h"
 #include "core/geometry/camera.h"
+#include "core/recordings/recording_header.h"
 #include "evpose/client.h"
 
 namespace evpose::client {
@@ -125,8 +125,12 @@ Json SymmetryJson(const std::optional<ContinuousSymmetry>& symmetry);
 // All fields of an object's health but the explained ratio.
 Json ObjectJson(const ObjectHealth& object);
 
-// "2.5 x real time"; "0.50 x real time, too slow for a live camera"; empty if nothing was processed.
-std::string DescribePace(const SessionHealth& health);
+// All fields of a session's use of processor time.
+Json ProcessingJson(const ProcessingHealth& processing);
+
+// "0.43 of 1.00 cores, tenant 0.80 cores": the processor time of a session and its tenant, with their limits if there
+// are any.
+std::string DescribeProcessing(const ProcessingHealth& processing);
 
 // "TRACKING"; without a pose also the status of the search: "INITIALIZING (TOO_FEW_LINES)".
 std::string DescribeState(const ObjectHealth& object);

@@ -14,6 +14,12 @@ constexpr absl::Duration kLaterEvery = absl::Seconds(60);
 
 std::string Seconds(absl::Duration duration) { return absl::StrFormat("%.1f s", absl::ToDoubleSeconds(duration)); }
 
+// The IDs as the log of the server writes them.
+std::string Names(const StreamTrace& trace) {
+  if (trace.span_id.empty()) return "";  // no stream was begun yet
+  return absl::StrCat("; trace_id=", trace.trace_id, " span_id=", trace.span_id);
+}
+
 }  // namespace
 
 std::string ConnectionMessages::Describe(const ConnectionChange& change) {
@@ -21,7 +27,7 @@ std::string ConnectionMessages::Describe(const ConnectionChange& change) {
   if (!change.is_away) {
     is_away_ = false;
     away_for_ += change.away_for;
-    return absl::StrCat(change.server, ": back after ", Seconds(change.away_for), "; ", kept);
+    return absl::StrCat(change.server, ": back after ", Seconds(change.away_for), "; ", kept, Names(change.trace));
   }
   const bool is_new = !is_away_;
   if (is_new) ++outages_;
@@ -33,6 +39,7 @@ std::string ConnectionMessages::Describe(const ConnectionChange& change) {
   absl::StrAppend(&text, "; ", kept);
   if (change.source_waits) absl::StrAppend(&text, ", no room for more: the source waits");
   absl::StrAppend(&text, "; next try in ", Seconds(change.next_try_in), " at ", change.server);
+  if (is_new) absl::StrAppend(&text, Names(change.trace));
   return text;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/common/connection_messages.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <string>
@@ -35,6 +36,17 @@ TEST(ConnectionMessagesTest, ReportsDurationCauseAndKeptData) {
   lines.Describe(back);
   EXPECT_EQ(lines.outages(), 2);
   EXPECT_EQ(lines.away_for(), absl::Seconds(28));
+}
+
+TEST(ConnectionMessagesTest, NamesTheStreamThatBrokeAndTheNewOne) {
+  ConnectionMessages lines;
+  ConnectionChange change = Away(1);
+  change.trace = {"0af7", "b7ad"};
+  EXPECT_THAT(lines.Describe(change), ::testing::EndsWith(" at host:1; trace_id=0af7 span_id=b7ad"));
+  EXPECT_THAT(lines.Describe(change), ::testing::EndsWith(" at host:1"));
+  change.is_away = false;
+  change.trace.span_id = "00f0";
+  EXPECT_EQ(lines.Describe(change), "host:1: back after 1.0 s; 3.1 MB kept; trace_id=0af7 span_id=00f0");
 }
 
 TEST(ConnectionMessagesTest, RepeatsAtMostOnceAMinute) {

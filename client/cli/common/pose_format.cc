@@ -11,7 +11,7 @@
 #include "absl/strings/str_replace.h"
 #include "absl/time/time.h"
 #include "client/cli/common/pose_columns.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
 #include "core/geometry/transform_file.h"

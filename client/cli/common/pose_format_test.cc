@@ -15,7 +15,7 @@
 
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "core/base/output_file.h"
 #include "core/numerics/random.h"
 

@@ -18,7 +18,7 @@
 #include "absl/strings/strip.h"
 #include "client/cli/common/pose_columns.h"
 #include "client/cli/common/pose_format.h"
-#include "client/lib/core_types.h"
+#include "client/lib/messages/core_types.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"

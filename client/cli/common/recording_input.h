@@ -8,8 +8,8 @@
 
 #include "client/cli/common/command.h"
 #include "client/cli/console/progress.h"
-#include "core/events/event_reader.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/event_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose::client {
 

@@ -4,6 +4,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/common/pace_meter.h"
 #include "client/cli/common/recording_input.h"
 
 namespace evpose::client {
@@ -145,7 +146,8 @@ void ReplayReport::Print(std::ostream& stream) const {
   PrintObjects(stream);
   if (!session.empty()) stream << "session: " << session << "\n";
   PrintFiles(stream);
-  if (health.real_time_ratio > 1.0) {
+  // In less time the first search counts as much as the tracking after it.
+  if (health.real_time_ratio > 1.0 && SensorSeconds(health) >= PaceMeter::kShortestSeconds) {
     stream << absl::StrFormat(
         "slower than real time: the server needed %.2f s for a second of events; for a live camera, use a server with "
         "less load, fewer objects, or a model with fewer edges (--crease-angle)\n",
@@ -169,6 +171,7 @@ Json ReplayReport::ToJson() const {
                {"files", files},
                {"transform", transform},
                {"session", session.empty() ? Json(nullptr) : Json(session)},
+               {"trace_id", trace_id},
                {"events", health.decoded_events},
                {"poses", summary.poses},
                {"ambiguous_poses", ambiguous_poses_},

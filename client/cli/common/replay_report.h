@@ -12,8 +12,8 @@
 
 #include "client/cli/common/command.h"
 #include "client/cli/common/pose_format.h"
-#include "core/events/recording_header.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/recording_header.h"
+#include "core/recordings/recording_reader.h"
 #include "evpose/types.h"
 
 namespace evpose::client {
@@ -24,6 +24,7 @@ struct ReplayReport {
   std::string transform = kCameraFromObject;  // name of the transform of the poses in `out`
   std::vector<std::string> files;             // pose files; `out` may be the pattern of their names
   std::string session;                        // empty: the session was deleted
+  std::string trace_id;                       // of the session, for the logs of the servers
   RecordingHeader header;
   TrackSummary summary;
   absl::Duration wall_time;

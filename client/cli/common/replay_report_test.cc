@@ -31,6 +31,13 @@ TEST(ReplayReportTest, NamesEveryRestartOfTheTracking) {
   EXPECT_THAT(Printed(report), HasSubstr("tracking: restarted after chunk 8 and pose 70, every object was"));
 }
 
+TEST(ReplayReportTest, JsonNamesTheTraceOfADeletedSessionToo) {
+  ReplayReport report;
+  report.trace_id = "0af7";
+  EXPECT_EQ(report.ToJson()["session"], nullptr);
+  EXPECT_EQ(report.ToJson()["trace_id"], "0af7");
+}
+
 TEST(ReplayReportTest, SumsDecodeFaultsAndNamesTheFirst) {
   ReplayReport report;
   report.Add(DecodeFault{3, 2, "a vector without a base"});
@@ -72,9 +79,14 @@ TEST(ReplayReportTest, CountsTriggersAndPrintsTheClocks) {
 
 TEST(ReplayReportTest, StatesThatTheServerWasSlowerThanRealTime) {
   ReplayReport report;
+  report.summary.health.decoded_events = 2'000'000;
+  report.summary.health.event_rate_hz = 1e6;
   report.summary.health.real_time_ratio = 0.99;
   EXPECT_THAT(Printed(report), Not(HasSubstr("real time")));
   report.summary.health.real_time_ratio = 2.5;
+  report.summary.health.event_rate_hz = 1e8;
+  EXPECT_THAT(Printed(report), Not(HasSubstr("real time"))) << "20 ms, whose time is that of the first search";
+  report.summary.health.event_rate_hz = 1e6;
   EXPECT_THAT(Printed(report), HasSubstr("slower than real time: the server needed 2.50 s for a second of events"));
   EXPECT_EQ(report.ToJson()["real_time_ratio"], 2.5);
 }

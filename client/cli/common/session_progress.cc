@@ -4,6 +4,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/common/command.h"
+#include "client/cli/common/pace_meter.h"
 
 namespace evpose::client {
 namespace {
@@ -14,14 +15,15 @@ constexpr absl::Duration kPeriod = absl::Milliseconds(250);
 // Counts decrease when a server continues from a checkpoint.
 double Gain(uint64_t now, uint64_t before) { return now > before ? static_cast<double>(now - before) : 0.0; }
 
-// Describes the rates between two polls.
-std::string Describe(const SessionHealth& now, const SessionHealth& before, absl::Duration elapsed) {
+// Describes the rates between two polls. What matters less is at the end, which a narrow terminal does not show.
+std::string Describe(const SessionHealth& now, const SessionHealth& before, absl::Duration elapsed,
+                     const std::string& pace) {
   const double seconds = absl::ToDoubleSeconds(elapsed);
   std::string text = absl::StrFormat("%d poses", now.poses);
   for (const ObjectHealth& object : now.objects) absl::StrAppend(&text, "  ", DescribeState(object));
+  if (!pace.empty()) absl::StrAppend(&text, "  ", pace);
   absl::StrAppendFormat(&text, "  %.0f poses/s  %.2f Mev/s", Gain(now.poses, before.poses) / seconds,
                         Gain(now.decoded_events, before.decoded_events) * 1e-6 / seconds);
-  if (const std::string pace = DescribePace(now); !pace.empty()) absl::StrAppend(&text, "  ", pace);
   return text;
 }
 
@@ -52,6 +54,7 @@ void SessionProgress::Stop() {
 
 void SessionProgress::Run(std::stop_token stop) {
   SessionHealth before;
+  PaceMeter pace;
   absl::Time before_time = SystemClock().Now();
   while (SystemClock().SleepUntil(before_time + kPeriod, stop)) {
     const absl::StatusOr<Session> session = client_.GetSession(session_);
@@ -62,7 +65,9 @@ void SessionProgress::Run(std::stop_token stop) {
       const double ratio = total_bytes_ > 0 ? sent_bytes / static_cast<double>(total_bytes_) : -1.0;
       const std::string share =
           ratio < 0.0 ? absl::StrFormat("%.1f MB", sent_bytes * 1e-6) : absl::StrFormat("%3.0f %%", 100.0 * ratio);
-      line_.Show(ratio, absl::StrCat(share, "  ", Describe(session->health, before, now - before_time)));
+      line_.Show(ratio,
+                 absl::StrCat(share, "  ",
+                              Describe(session->health, before, now - before_time, pace.Update(session->health))));
       before = session->health;
     }
     before_time = now;

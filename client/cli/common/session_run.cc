@@ -11,8 +11,8 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/lib/client_access.h"
-#include "client/lib/core_types.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/core_types.h"
+#include "client/lib/messages/status_details.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
@@ -69,8 +69,9 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
 std::string DescribeLag(const LagChange& change) {
   if (!change.falls_behind) return "the server processes the events in real time again";
   return absl::StrFormat(
-      "the server processes the events more slowly than real time: the oldest have waited for %.1f s; use a less busy "
-      "server or a model with fewer lines",
+      "the server processes the events more slowly than real time: the oldest have waited for %.1f s; for a live "
+      "camera, use a less busy server or a model with fewer lines. If the session or its tenant is at a limit of "
+      "processor time, which evpose sessions get shows, the operator can raise --max-session-cpu or --tenant-max-cpu",
       absl::ToDoubleSeconds(change.lag));
 }
 
@@ -272,6 +273,7 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   if (record_.position.max_piece_bytes > 0) feed_->Start(record_.position.max_piece_bytes);
   report_.recording = arguments_.recording;
   report_.session = arguments_.keeps_session ? record_.position.session : "";
+  report_.trace_id = TraceId(record_.position.session);
   report_.out = arguments_.out;
   report_.transform = inputs_.frame.transform();
   report_.files.clear();

@@ -8,7 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/status_details.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {

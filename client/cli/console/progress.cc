@@ -22,6 +22,13 @@ std::string Bar(double ratio) {
   return absl::StrCat("[", std::string(filled, '#'), std::string(kBarWidth - filled, '.'), "] ");
 }
 
+// Cuts a text of parts with two spaces between them to at most this size, after a part if the first one fits.
+std::string CutAfterAPart(const std::string& text, size_t max_size) {
+  if (text.size() <= max_size) return text;
+  const size_t end = text.rfind("  ", max_size);
+  return text.substr(0, end == std::string::npos || end == 0 ? max_size : end);
+}
+
 }  // namespace
 
 std::string DescribeTimeLeft(absl::Duration left) {
@@ -44,7 +51,7 @@ std::string ProgressLine::TimeLeft(double ratio, absl::Time now) {
 }
 
 void ProgressLine::Show(double ratio, const std::string& text) {
-  const absl::Time now = SystemClock().Now();
+  const absl::Time now = clock_.Now();
   const std::string left = TimeLeft(ratio, now);
   // Work that ends before the first line is due prints no line.
   if (!shown_at_) shown_at_ = context_.is_err_terminal ? absl::InfinitePast() : now;
@@ -55,9 +62,10 @@ void ProgressLine::Show(double ratio, const std::string& text) {
     return;
   }
   // A line that is longer than the terminal could not be rewritten.
+  const size_t width = context_.err_columns - 1;
   std::string line = absl::StrCat(Bar(ratio), text, left);
-  if (line.size() >= context_.err_columns) line = absl::StrCat(text, left);
-  context_.err << "\r\x1b[K" << line.substr(0, context_.err_columns - 1) << std::flush;
+  if (line.size() > width) line = absl::StrCat(CutAfterAPart(text, width - std::min(width, left.size())), left);
+  context_.err << "\r\x1b[K" << line.substr(0, width) << std::flush;
   is_drawn_ = true;
 }
 

@@ -5,6 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "client/lib/fake_clock_testing.h"
 
 namespace evpose::client {
 namespace {
@@ -37,6 +42,28 @@ TEST_F(ProgressTest, IsNotLongerThanTheTerminal) {
   err_.str("");
   { ProgressLine(context_).Show(0.5, std::string(100, 'x')); }
   EXPECT_EQ(err_.str(), "\r\x1b[K" + std::string(39, 'x') + "\r\x1b[K");
+}
+
+TEST_F(ProgressTest, TheTimeLeftIsNeverCut) {
+  context_.is_err_terminal = true;
+  context_.err_columns = 80;
+  const std::string slow = " 20 %  541 poses  TRACKING  0.6 x real time: too slow  207 poses/s  0.08 Mev/s";
+  for (const auto& [columns, shown] : std::vector<std::pair<size_t, std::string>>{
+           {100, slow + "  40 s left"},
+           {80, " 20 %  541 poses  TRACKING  0.6 x real time: too slow  207 poses/s  40 s left"},
+           {70, " 20 %  541 poses  TRACKING  0.6 x real time: too slow  40 s left"},
+           {20, " 20 %  40 s left"},
+           {10, "  40 s le"}}) {
+    context_.err_columns = columns;
+    FakeClock clock;
+    ProgressLine line(context_, clock);
+    line.Show(0.0, "  0 %  0 poses");
+    clock.Advance(absl::Seconds(10));
+    err_.str("");
+    line.Show(0.2, slow);
+    EXPECT_EQ(err_.str(), "\r\x1b[K" + shown) << columns;
+    EXPECT_LT(shown.size(), columns);
+  }
 }
 
 TEST_F(ProgressTest, APipeGetsNoControlCharacters) {

@@ -11,7 +11,7 @@
 
 #include "client/containers/aedat/aedat_decoder.h"
 #include "core/events/event.h"
-#include "core/events/event_digest.h"
+#include "core/recordings/event_digest.h"
 
 namespace evpose::client {
 

@@ -54,7 +54,7 @@ TEST(EventPipeTest, AnIncompleteRecordWaits) {
 // What a crashing evpose-hdf5 has written must not harm evpose.
 TEST(EventPipeTest, DamagedRecordsAreErrors) {
   PipeRecord record;
-  const auto error = [&record](std::vector<uint8_t> bytes) {
+  const auto error = [&record](const std::vector<uint8_t>& bytes) {
     absl::Span<const uint8_t> rest = bytes;
     return std::string(TakePipeRecord(rest, record).status().message());
   };

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
 #include "core/base/status_macros.h"
 #include "core/events/event.h"
 

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/status_details.h"
 #include "core/base/status_macros.h"
 #include "evpose/v1/error_reason.pb.h"
 

@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "client/lib/fake_clock_testing.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/status_details.h"
 #include "client/lib/stream/event_feed.h"
 #include "core/base/status_macros.h"
 #include "core/base/temporary_directory_testing.h"

@@ -5,9 +5,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/lib/conversion.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/conversion.h"
+#include "client/lib/messages/status_details.h"
 #include "core/base/status_macros.h"
+#include "core/base/trace_context.h"
 
 namespace evpose::client {
 namespace {
@@ -19,6 +20,8 @@ constexpr size_t kMaxDamagedTries = 5;
 constexpr size_t kMaxOlderTokens = 8;
 
 }  // namespace
+
+std::string TraceId(const std::string& session) { return TraceIdOf(session); }
 
 absl::Status TrackOptions::Validate() const {
   if (!(rate >= 0.0) || rate > 1e6) return absl::InvalidArgumentError("rate must lie in [0, 1e6]");
@@ -50,7 +53,8 @@ absl::StatusOr<TrackSummary> ReconnectingStream::Run() {
                           .sent_bytes = last.bytes,
                           .sent_chunks = last.seq,
                           .poses = position_.last_pose_seq - position_.lost_poses,
-                          .lost_poses = position_.lost_poses};
+                          .lost_poses = position_.lost_poses,
+                          .trace = trace_};
     }
     // The next attempt tells the server, and by it all readers, that the session has ended.
     const bool must_tell = ReasonOf(outcome.status) == v1::ROLLED_BACK && !outcome.stated_first_seq;
@@ -74,10 +78,12 @@ std::vector<std::string> ReconnectingStream::Tokens() const {
 
 AttemptOutcome ReconnectingStream::RunOnce() {
   const std::vector<std::string> tokens = Tokens();
+  trace_ = {TraceIdOf(position_.session), NewSpanId()};
   const AttemptOptions attempt_options = {.resume_token = tokens[token_age_],
                                           .attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq,
                                           .leaves_on_go_away = options_.retry.max_outage > absl::ZeroDuration() &&
-                                                               (outlives_server_ || servers_.size() > 1)};
+                                                               (outlives_server_ || servers_.size() > 1),
+                                          .trace = trace_};
   TrackCallbacks callbacks = callbacks_;
   callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {
     if (has_new_token) ReportAttached();
@@ -162,6 +168,7 @@ void ReconnectingStream::Report(ConnectionChange change) const {
   const OutboxState state = feed_.outbox().state();
   change.kept_bytes = state.kept_bytes;
   change.source_waits = state.is_waiting;
+  change.trace = trace_;
   callbacks_.on_connection(change);
 }
 
@@ -173,6 +180,7 @@ absl::Status ReconnectingStream::WithProgress(const absl::Status& status) const 
     absl::StrAppend(&text, "; gave up after ", tries_, " more tries in ",
                     absl::FormatDuration(absl::Trunc(clock().Now() - *away_since_, absl::Milliseconds(100))));
   }
+  absl::StrAppend(&text, "; trace_id=", trace_.trace_id, " span_id=", trace_.span_id);
   return WithMessage(status, text);
 }
 

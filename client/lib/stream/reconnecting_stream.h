@@ -65,6 +65,7 @@ class ReconnectingStream {
   const TrackCallbacks& callbacks_;
   const TrackOptions& options_;
   Backoff backoff_;
+  StreamTrace trace_;  // of the last attempt
   uint64_t fed_bytes_ = 0;
   absl::Time attached_at_;
   std::optional<absl::Time> away_since_;

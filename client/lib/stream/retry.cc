@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <random>
 
-#include "client/lib/conversion.h"
-#include "client/lib/status_details.h"
+#include "client/lib/messages/conversion.h"
+#include "client/lib/messages/status_details.h"
 
 namespace evpose::client {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <utility>
 
-#include "client/lib/status_details.h"
+#include "client/lib/messages/status_details.h"
 
 namespace evpose::client {
 namespace {

@@ -46,7 +46,11 @@ using ServerStream = grpc::ServerReaderWriter<v1::TrackResponse, v1::TrackReques
 
 class ScriptedService final : public v1::SessionService::Service {
  public:
-  grpc::Status Track(grpc::ServerContext*, ServerStream* stream) override { return script(*stream); }
+  grpc::Status Track(grpc::ServerContext* context, ServerStream* stream) override {
+    const auto sent = context->client_metadata().find("traceparent");
+    if (sent != context->client_metadata().end()) traceparents.emplace_back(sent->second.begin(), sent->second.end());
+    return script(*stream);
+  }
   grpc::Status WatchPoses(grpc::ServerContext*, const v1::WatchPosesRequest* request,
                           grpc::ServerWriter<v1::WatchPosesResponse>* writer) override {
     return watch_poses(*request, *writer);
@@ -59,6 +63,7 @@ class ScriptedService final : public v1::SessionService::Service {
                            grpc::ServerWriter<v1::WatchEventsResponse>* writer) override {
     return watch_events(*request, *writer);
   }
+  std::vector<std::string> traceparents;  // of the streams so far
   std::function<grpc::Status(ServerStream&)> script;
   std::function<grpc::Status(const v1::WatchPosesRequest&, grpc::ServerWriter<v1::WatchPosesResponse>&)> watch_poses;
   std::function<grpc::Status(const v1::WatchHealthRequest&, grpc::ServerWriter<v1::WatchHealthResponse>&)> watch_health;

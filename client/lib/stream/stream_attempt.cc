@@ -9,7 +9,8 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
+#include "core/base/trace_context.h"
 
 namespace evpose::client {
 namespace {
@@ -27,11 +28,17 @@ StreamAttempt::StreamAttempt(v1::SessionService::StubInterface& stub, TrackPosit
       callbacks_(callbacks),
       options_(options),
       attempt_options_(attempt_options),
-      stream_(stub.Track(&context_)),
+      stream_(Open(stub)),
       // A server without credit is an outage. Without retries, nothing limits the duration of one.
       uplink_(*stream_, feed.outbox(), options.has_checksum,
               options.retry.max_outage > absl::ZeroDuration() ? options.retry.max_outage : absl::InfiniteDuration(),
               [this] { Cancel(); }) {}
+
+std::unique_ptr<Uplink::Stream> StreamAttempt::Open(v1::SessionService::StubInterface& stub) {
+  const auto& [trace_id, span_id] = attempt_options_.trace;
+  context_.AddMetadata(kTraceparentKey, Traceparent({trace_id, span_id}));
+  return stub.Track(&context_);
+}
 
 AttemptOutcome StreamAttempt::Run() {
   std::optional<std::stop_callback<std::function<void()>>> cancel_on_stop;

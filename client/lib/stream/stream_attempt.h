@@ -22,6 +22,7 @@ struct AttemptOptions {
   std::string resume_token;        // token of the attach message
   uint64_t attach_after_pose = 0;  // repeated poses up to TrackPosition::last_pose_seq are dropped
   bool leaves_on_go_away = false;  // the session can be continued at another server or later
+  StreamTrace trace;
 };
 
 struct AttemptOutcome {
@@ -60,6 +61,8 @@ class StreamAttempt {
   bool Fail(const absl::Status& status);
   bool Malformed(const std::string& what);
   void Cancel() { context_.TryCancel(); }
+  // Adds the trace to the context.
+  std::unique_ptr<Uplink::Stream> Open(v1::SessionService::StubInterface& stub);
   void Conclude(const grpc::Status& stream_status);
 
   TrackPosition& position_;

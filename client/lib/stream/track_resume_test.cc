@@ -61,6 +61,30 @@ TEST_F(TrackResumeTest, ContinuesAtTheServersPositionAndDropsRepeatedPoses) {
   EXPECT_EQ(changes_[1].away_for, absl::Milliseconds(100));
 }
 
+// The server, the callbacks, the summary and the errors have the same IDs.
+TEST_F(TrackResumeTest, EachStreamHasASpanInTheTraceOfTheSession) {
+  scripts_ = {BreakAfter(3, 1, 4, kCut, "T1"), FinishFrom(2, 3, 9, "T2")};
+  const auto summary = Run();
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  ASSERT_EQ(service_.traceparents.size(), 2u);
+  ASSERT_EQ(changes_.size(), 2u);
+  const std::string trace_id = TraceId("sessions/1");
+  EXPECT_EQ(trace_id.size(), 32u);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(changes_[i].trace.trace_id, trace_id);
+    EXPECT_EQ(service_.traceparents[i], "00-" + trace_id + "-" + changes_[i].trace.span_id + "-01");
+  }
+  EXPECT_NE(changes_[0].trace.span_id, changes_[1].trace.span_id);
+  EXPECT_EQ(summary->trace, changes_[1].trace);
+
+  ClearStreams();
+  scripts_ = {Refuse(WithReason(grpc::StatusCode::NOT_FOUND, "SESSION_DELETED"))};
+  const auto failed = Run();
+  ASSERT_EQ(service_.traceparents.size(), 3u);
+  const std::string span_id = service_.traceparents[2].substr(36, 16);
+  ExpectError(failed, absl::StatusCode::kNotFound, "; trace_id=" + trace_id + " span_id=" + span_id);
+}
+
 // The poses 3 and 4 were not stored. Those of the new search have their numbers, and are delivered, unless the server
 // has a version that does not say from where on it sends them.
 TEST_F(TrackResumeTest, DeliversThePosesOfANewSearchThatReplaceDeliveredOnes) {

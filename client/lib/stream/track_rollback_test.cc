@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "client/lib/conversion.h"
+#include "client/lib/messages/conversion.h"
 #include "client/lib/stream/outgoing_chunk.h"
 #include "client/lib/stream/track_resume_testing.h"
 
@@ -66,7 +66,7 @@ TEST_F(TrackRollbackTest, AContinuedProcessTellsTheServerThatChunksAreLost) {
   for (uint64_t i = 0; i < 4; ++i) skip = MakeOutgoingChunk(skip, std::string(8, static_cast<char>(i)), false).end;
   const TrackPosition position = {
       .session = session_.name, .resume_token = "token", .durable = skip, .max_piece_bytes = 8};
-  options_.retain.max_bytes = 2 * (8 + 128);
+  options_.retain.max_bytes = uint64_t{2} * (8 + 128);
   std::promise<void> attached;  // the source has no chunk before
   const ChunkSource source = [chunks = Source({8, 8, 8, 8, 8}), is_attached = attached.get_future().share()]() mutable {
     is_attached.wait();

@@ -23,6 +23,7 @@ from evpose.stream.attempt import TrackPosition
 from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import RetryOptions
 from evpose.stream.track import Track, TrackOptions
+from evpose.tracing import StreamTrace
 from evpose.types import (ConnectionChange, DecodeFault, Discontinuity, Estimator, EventsDropped, GoAway, Health, LagChange, Model, Notice,
                           ObjectHealth, Overload, PoseReset, PosesLost, SearchCounts, SensorProfile, ServerInfo, SessionConfig, SessionInfo, StateChange,
                           Surface, TrackedObject, TrackingRestarted, TrackState, TrackSummary, Trigger, Triggers, read_sensor_profile)
@@ -33,7 +34,7 @@ __all__ = [
     "EventsDropped", "EvposeError", "FailedPreconditionError", "FlatEncoder", "GoAway", "Health", "InternalError", "InvalidArgumentError",
     "LagChange", "Model", "NotFoundError", "Notice", "ObjectHealth", "Overload", "PermissionDeniedError", "Pose", "PoseReset", "PoseWatch",
     "PosesLost", "Recording", "ResourceExhaustedError", "RetainOptions", "RetryOptions", "SearchCounts", "SensorProfile", "ServerInfo", "Session", "SessionConfig",
-    "SessionInfo", "StateChange", "Surface", "Tls", "Track", "TrackOptions", "TrackPosition", "TrackState", "TrackSummary", "TrackedObject",
+    "SessionInfo", "StateChange", "StreamTrace", "Surface", "Tls", "Track", "TrackOptions", "TrackPosition", "TrackState", "TrackSummary", "TrackedObject",
     "TrackingRestarted", "Transform", "Trigger", "Triggers", "UnauthenticatedError", "UnavailableError", "UnimplementedError", "connect", "events_to_bytes",
     "make_events", "read_camera", "read_sensor_profile", "write_tum",
 ]

@@ -9,7 +9,7 @@ import socket
 import ssl
 import threading
 import time
-from typing import Any, Callable, Optional, Union
+from typing import Any, Callable, Optional, Sequence, Union
 
 import grpc
 
@@ -177,13 +177,15 @@ class Endpoint:
         """Starts a call with one request and a stream of responses."""
         return self._start(self.channel.unary_stream, method, request, response)
 
-    def stream(self, method: str, requests: Any, response: Any) -> Any:
+    def stream(self, method: str, requests: Any, response: Any, metadata: Sequence[tuple[str, str]] = ()) -> Any:
         """Starts a call with streams of both."""
-        return self._start(self.channel.stream_stream, method, requests, response)
+        return self._start(self.channel.stream_stream, method, requests, response, metadata)
 
-    def _start(self, kind: Any, method: str, request: Any, response: Any, **settings: Any) -> Any:
+    def _start(self, kind: Any, method: str, request: Any, response: Any, metadata: Sequence[tuple[str, str]] = (),
+               **settings: Any) -> Any:
         try:
-            return kind(method, _serialize, response.FromString)(request, metadata=self.token.metadata(), **settings)
+            return kind(method, _serialize, response.FromString)(
+                request, metadata=[*(self.token.metadata() or ()), *metadata], **settings)
         except grpc.RpcError as error:
             raise (from_call(error, self.name) or error) from None
         except ValueError:  # of gRPC, for a closed channel

@@ -97,7 +97,8 @@ def health_from_message(message: Any) -> Health:
         latency_p99_s=seconds(message.latency_p99) if message.HasField("latency_p99") else None,
         skipped_events=message.skipped_events, skipped_us=message.skipped_us, falls_behind=message.processing.falls_behind,
         objects=tuple(_object_health(each) for each in message.objects), cpu_s_per_s=message.processing.cpu_s_per_s,
-        max_cpu_s_per_s=message.processing.max_cpu_s_per_s)
+        max_cpu_s_per_s=message.processing.max_cpu_s_per_s, tenant_cpu_s_per_s=message.processing.tenant_cpu_s_per_s,
+        max_tenant_cpu_s_per_s=message.processing.max_tenant_cpu_s_per_s)
 
 
 def _camera_from_message(message: Any) -> Camera:

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prophesee RAW and DAT files (core/events/README.md, section 4). Their words are sent as they are and not decoded."""
+"""Prophesee RAW and DAT files (core/recordings/README.md, section 1). Their words are sent as they are and not decoded."""
 
 from __future__ import annotations
 
 import os
 import pathlib
 import re
+import stat
 import sys
 from typing import BinaryIO, Iterator, NamedTuple, Optional, Union
 
-from evpose.errors import InvalidArgumentError, NotFoundError
+from evpose.errors import DataLossError, InvalidArgumentError, NotFoundError
 from evpose.events import Encoding
 
 _MAX_HEADER_BYTES = 64 * 1024
@@ -141,6 +142,7 @@ class Recording:
         self.path = str(path)
         self._chunk_bytes = chunk_bytes
         self._file = self._open()
+        self._opened = os.fstat(self._file.fileno())
         try:
             # A header ends with "% end" or with the first byte of data; a camera sends it at once.
             self._prefix = self._read_prefix()
@@ -185,7 +187,8 @@ class Recording:
         return prefix
 
     def __iter__(self) -> Iterator[bytes]:
-        """Yields chunks of whole words; an unfinished word at the end is left out. Raises InvalidArgumentError with the path."""
+        """Yields chunks of whole words; an unfinished word at the end is left out. Raises InvalidArgumentError with the path, and at the
+        end DataLossError if the file has changed since it was opened."""
         if self._is_pipe and self._was_read:
             raise InvalidArgumentError(f"{self.path}: a pipe can be read only once")
         self._was_read = True
@@ -204,7 +207,30 @@ class Recording:
                 yield data[begin:min(begin + self._chunk_bytes, whole)]  # bytes[:] of everything is not a copy
             rest = data[whole:]
             if is_end:
+                self._check_unchanged()
                 return
+
+    def _check_unchanged(self) -> None:
+        """What was read is a recording only if the file was the same from its first byte to its last."""
+        before, now = self._opened, os.fstat(self._file.fileno())
+        if not stat.S_ISREG(before.st_mode):
+            return
+        if now.st_size != before.st_size:
+            change = f"its size was {before.st_size} bytes and is {now.st_size}"
+        elif now.st_mtime_ns != before.st_mtime_ns:
+            change = "it was written to"
+        elif self.path != "-" and self._is_replaced():
+            change = "another file has replaced it"
+        else:
+            return
+        raise DataLossError(f"{self.path}: changed while it was read: {change}; read it again when it is complete")
+
+    def _is_replaced(self) -> bool:
+        try:
+            named = os.stat(self.path)
+        except OSError:  # it was removed: what was opened is still whole
+            return False
+        return (named.st_dev, named.st_ino) != (self._opened.st_dev, self._opened.st_ino)
 
     def close(self) -> None:
         """Closes the file."""

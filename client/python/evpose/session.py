@@ -16,6 +16,7 @@ from evpose.stream.attempt import TrackPosition
 from evpose.stream.feed import EventFeed, EventSource
 from evpose.stream.servers import Servers
 from evpose.stream.track import Track, TrackOptions
+from evpose.tracing import trace_id
 from evpose.types import Health, SessionInfo
 from evpose.v1 import session_pb2, session_service_pb2
 
@@ -36,6 +37,11 @@ class Session:
     def name(self) -> str:
         """The name of the session, "sessions/{id}"."""
         return self._info.name
+
+    @property
+    def trace_id(self) -> str:
+        """The trace ID of the session, by which the logs of the servers name it."""
+        return trace_id(self.name)
 
     @property
     def object_ids(self) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from evpose.errors import InvalidArgumentError
 from evpose.events import Encoding
 from evpose.files import read_yaml, to_number
 from evpose.geometry import Matrix, Transform, rotation_to_proto
+from evpose.tracing import StreamTrace, trace_id
 from evpose.v1 import session_pb2
 
 
@@ -266,6 +267,7 @@ class ConnectionChange:
     away_for_s: float
     next_try_in_s: float
     kept_bytes: int  # events that wait for the server, or that it may request again
+    trace: StreamTrace = StreamTrace()  # of the stream that has broken, or of the new one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -337,6 +339,7 @@ class Health:
     falls_behind      events are processed more slowly than the camera sends them
     cpu_s_per_s       processor seconds per second that the session uses
     max_cpu_s_per_s   the server's limit of cpu_s_per_s; 0: no limit
+    tenant_cpu_s_per_s, max_tenant_cpu_s_per_s   the same of all sessions of the tenant on this server
     """
 
     t_us: int
@@ -360,6 +363,8 @@ class Health:
     objects: tuple[ObjectHealth, ...]
     cpu_s_per_s: float
     max_cpu_s_per_s: float
+    tenant_cpu_s_per_s: float = 0.0
+    max_tenant_cpu_s_per_s: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -386,6 +391,11 @@ class SessionInfo:
     config: Optional[SessionConfig]
     create_time: Optional[datetime.datetime]
     expire_time: Optional[datetime.datetime]
+
+    @property
+    def trace_id(self) -> str:
+        """The trace ID of the session, by which the logs of the servers name it."""
+        return trace_id(self.name)
 
     @property
     def object_ids(self) -> tuple[str, ...]:
@@ -435,6 +445,7 @@ class TrackSummary:
     sent_chunks: int
     poses: int
     lost_poses: int
+    trace: StreamTrace = StreamTrace()  # of the last stream
 
 
 @dataclasses.dataclass(frozen=True)

@@ -107,6 +107,7 @@ class ScriptedServer:
     def __init__(self, *scripts):
         self._scripts = list(scripts)
         self.failures = []
+        self.traceparents = []  # of the streams so far
         handler = grpc.stream_stream_rpc_method_handler(
             self._track, track_pb2.TrackRequest.FromString, track_pb2.TrackResponse.SerializeToString)
         service, method = TRACK.strip("/").split("/")
@@ -119,6 +120,7 @@ class ScriptedServer:
 
     def _track(self, requests, context):
         script = self._scripts.pop(0)
+        self.traceparents += [value for key, value in context.invocation_metadata() if key == "traceparent"]
         try:
             yield from script(Stream(requests))
         except Fail as fail:

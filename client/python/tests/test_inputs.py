@@ -208,6 +208,35 @@ class RecordingTest(InputTest):
                     self.assertEqual(b"".join(chunks), data)
                     self.assertTrue(all(len(chunk) % word == 0 and len(chunk) <= 1000 for chunk in chunks))
 
+    def test_a_file_that_changes_while_it_is_read(self):
+        content = b"% evt 3.0\n% end\n" + bytes(10_000)
+
+        def truncate(path):
+            os.truncate(path, 5000)
+
+        def append(path):
+            with open(path, "ab") as file:
+                file.write(bytes(8))
+
+        def write(path):
+            later_ns = os.stat(path).st_mtime_ns + 10**9
+            os.utime(path, ns=(later_ns, later_ns))
+
+        def replace(path):
+            self.write("other.raw", content).rename(path)
+
+        for change, words in ((truncate, "its size was 10016 bytes and is 5000"), (append, "and is 10024"), (write, "was written to"),
+                              (replace, "another file has replaced it")):
+            with self.subTest(change.__name__):
+                path = self.write("recording.raw", content)
+                with evpose.Recording(path, chunk_bytes=1000) as recording:
+                    chunks = iter(recording)
+                    self.assertEqual(len(next(chunks)), 1000)
+                    change(path)
+                    message = self.refused(evpose.DataLossError, list, chunks)
+                self.assertIn(words, message)
+                self.assertIn("recording.raw: changed while it was read", message)
+
     def test_a_pipe(self):
         path = self.directory / "pipe"
         os.mkfifo(path)

@@ -15,6 +15,7 @@ import threading
 import unittest
 
 import numpy as np
+from prometheus_client.openmetrics import parser as openmetrics
 from testing import PATIENT, ROOT, Relay, evpose, run_evpose, server
 
 import evt3_words as words
@@ -275,6 +276,31 @@ class WatchTest(ServerTest):
         for call in (session.info, lambda: list(session.watch_poses()), lambda: self.create(feeder)):
             with self.assertRaisesRegex(evpose.FailedPreconditionError, "the client was closed"):
                 call()
+
+
+class TraceTest(ServerTest):
+    def test_log_and_metrics_name_the_session(self):
+        running = server.Server("--log-level", "info", "--log-format", "json", directory=self.directory, store="sqlite")
+        self.addCleanup(lambda: running.is_ended or running.kill())
+        client = self.connect(running.address)
+        session = self.create(client)
+        track = session.track(self.open())
+        track.read_all()
+        self.assertEqual(client.session(session.name).info().trace_id, session.trace_id)
+        lines = [line for line in map(json.loads, running.log().splitlines()) if line.get("session") == session.name]
+        self.assertEqual({line["trace_id"] for line in lines}, {session.trace_id})
+        spans = {line["event"]: line.get("span_id") for line in lines}
+        self.assertEqual((spans["session_attached"], spans["session_ended"]), (track.summary.trace.span_id,) * 2)
+
+        # The parser of Prometheus's Python client is strict.
+        page = running.page("/metrics", accept="application/openmetrics-text; version=1.0.0")[1]
+        exemplars = {sample.name: sample.exemplar for family in openmetrics.text_string_to_metric_families(page)
+                     for sample in family.samples if sample.exemplar is not None}
+        for name in ("pose_latency", "turn", "decode_duration", "track_duration", "checkpoint_duration"):
+            exemplar = exemplars[f"evpose_{name}_seconds_bucket"]
+            self.assertEqual(exemplar.labels, {"trace_id": session.trace_id})
+            self.assertGreaterEqual(exemplar.value, 0.0)
+        self.assertNotIn(session.name, page)
 
 
 class AccessTest(ServerTest):

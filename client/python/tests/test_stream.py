@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stream against a server that runs a script: credit, retained chunks, resumption, violations of the protocol."""
 
+import hashlib
 import threading
 import unittest
 
@@ -171,6 +172,12 @@ class ResumptionTest(StreamTest):
         self.assertEqual([each.seq for each in track], [1, 2, 3])
         self.assertEqual([(each.is_away, getattr(each.cause, "reason", "")) for each in changes], [(True, "DRAINING"), (False, "")])
         self.assertEqual(changes[0].kept_bytes, 32)
+        # The server and the callbacks have the same IDs.
+        trace_id = hashlib.sha256(b"sessions/1").hexdigest()[:32]
+        self.assertEqual([each.trace.trace_id for each in changes], [trace_id] * 2)
+        self.assertEqual(scripted.traceparents, [f"00-{trace_id}-{each.trace.span_id}-01" for each in changes])
+        self.assertNotEqual(changes[0].trace, changes[1].trace)
+        self.assertEqual(track.summary.trace, changes[1].trace)
         self.assertEqual(len(scripted.clock.waits), 1)
         self.assertEqual((track.position.resume_token, track.position.previous_token), ("token2", "token1"))
 
@@ -325,7 +332,8 @@ class ResumptionTest(StreamTest):
         scripted = self.serve(*[breaks] * 40)
         with self.assertRaises(evpose.UnavailableError) as caught:
             scripted.track([A], retry=evpose.RetryOptions(max_outage_s=20.0)).read_all()
-        self.assertRegex(str(caught.exception), r"from the script .after 0 bytes sent, 0 poses received.; gave up after \d+ more tries in ")
+        self.assertRegex(str(caught.exception), r"from the script .after 0 bytes sent, 0 poses received.; gave up after \d+ more tries in "
+                         r"[0-9.]+ s; trace_id=[0-9a-f]{32} span_id=[0-9a-f]{16}$")
         self.assertLessEqual(sum(scripted.clock.waits), 20.0)
         self.assertGreater(sum(scripted.clock.waits), 10.0)
         with self.assertRaises(evpose.UnavailableError):

@@ -11,8 +11,8 @@
 #include "core/estimation/estimator.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/statistics.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 
 namespace evpose {
 namespace {

@@ -12,7 +12,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "core/simulation/scene.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 

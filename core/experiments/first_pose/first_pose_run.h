@@ -18,8 +18,8 @@
 #include "core/experiments/tracking/model_run.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_model.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 
 namespace evpose {
 

@@ -10,7 +10,7 @@
 #include "absl/status/statusor.h"
 #include "core/experiments/first_pose/first_pose_run.h"
 #include "core/initialization/templates/template_search.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 

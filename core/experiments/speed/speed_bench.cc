@@ -15,8 +15,8 @@
 #include "core/events/decoder.h"
 #include "core/experiments/speed/measured_time.h"
 #include "core/experiments/speed/speed_windows.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
-#include "core/tracking/tracker_options.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {

@@ -12,7 +12,7 @@
 #include "core/association/window_associator.h"
 #include "core/estimation/estimator.h"
 #include "core/experiments/speed/speed_recordings.h"
-#include "core/tracking/pose_track.h"
+#include "core/tracking/object/pose_track.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {

@@ -11,8 +11,8 @@
 #include "absl/status/status.h"
 #include "core/experiments/tracking/tracking_score.h"
 #include "core/models/object_model.h"
-#include "core/tracking/pose_estimate.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/pose_estimate.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 

@@ -11,7 +11,7 @@
 #include "absl/status/status.h"
 #include "core/experiments/tracking/real_recordings.h"
 #include "core/experiments/tracking/real_score.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 

@@ -11,8 +11,8 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
-#include "core/events/event_reader.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/event_reader.h"
+#include "core/recordings/recording_reader.h"
 
 namespace evpose {
 namespace {

@@ -13,7 +13,7 @@
 #include "core/geometry/camera.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
-#include "core/tracking/pose_estimate.h"
+#include "core/tracking/object/pose_estimate.h"
 
 namespace evpose {
 

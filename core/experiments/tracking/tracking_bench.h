@@ -15,7 +15,7 @@
 #include "core/baselines/estimators/estimator_kind.h"
 #include "core/experiments/tracking/tracking_scenarios.h"
 #include "core/experiments/tracking/tracking_score.h"
-#include "core/tracking/tracker_options.h"
+#include "core/tracking/object/tracker_options.h"
 
 namespace evpose {
 

@@ -7,7 +7,7 @@
 
 #include "core/base/status_macros.h"
 #include "core/geometry/motion_prior.h"
-#include "core/tracking/pose_track.h"
+#include "core/tracking/object/pose_track.h"
 #include "core/windows/event_window.h"
 
 namespace evpose {

@@ -12,8 +12,8 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
-#include "core/events/event_reader.h"
-#include "core/events/recording_reader.h"
+#include "core/recordings/event_reader.h"
+#include "core/recordings/recording_reader.h"
 #include "core/simulation/describe.h"
 
 namespace evpose {

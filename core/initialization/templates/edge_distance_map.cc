@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/base/yield_point.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
@@ -27,7 +28,7 @@ std::vector<NearCell> MakeNearCells() {
   for (int dy = -kMapReach; dy <= kMapReach; ++dy) {
     for (int dx = -kMapReach; dx <= kMapReach; ++dx) {
       const double distance = std::sqrt(static_cast<double>(dx * dx + dy * dy));
-      const int nearness = static_cast<int>(255.0 * (1.0 - distance / kMapReach) + 0.5);
+      const int nearness = RoundNonNegative(255.0 * std::max(0.0, 1.0 - distance / kMapReach));
       if (distance < kMapReach && nearness > 0) cells.push_back({dx, dy, static_cast<uint8_t>(nearness)});
     }
   }

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "core/numerics/math.h"
+
 namespace evpose {
 namespace {
 
@@ -42,8 +44,8 @@ bool TemplateAligner::Project(const RigidTransform& camera_from_object, const Ed
   image.along = {camera_.fx_px * per_m * (along.x() - along.z() * per_m * image.point.x()),
                  camera_.fy_px * per_m * (along.y() - along.z() * per_m * image.point.y())};
   image.bin = OrientationBin(image.along.x(), image.along.y());
-  image.x = static_cast<int>(image.at.x() + 0.5);
-  image.y = static_cast<int>(image.at.y() + 0.5);
+  image.x = RoundNonNegative(image.at.x());
+  image.y = RoundNonNegative(image.at.y());
   return true;
 }
 
@@ -157,7 +159,7 @@ AlignmentScore TemplateAligner::Score(const RigidTransform& camera_from_object, 
   }
   double explained = 0.0;
   for (const MapEdge& edge : map_.edges()) {
-    const int x = static_cast<int>(edge.at.x() + 0.5f), y = static_cast<int>(edge.at.y() + 0.5f);
+    const int x = RoundNonNegative(edge.at.x()), y = RoundNonNegative(edge.at.y());
     if (map_.IsInside(x, y) && ((directions[map_.Place(x, y)] >> edge.bin) & 1) != 0) explained += edge.weight;
   }
   AlignmentScore score;

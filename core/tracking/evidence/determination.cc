@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "core/association/observability.h"
+#include "core/base/yield_point.h"
 
 namespace evpose {
 
@@ -14,6 +15,7 @@ void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<con
   of_curves_.clear();
   const Matrix6d motions = OutlineMotions(camera_, camera_from_object, sphere_.centre, sphere_.radius_m);
   ForEachCurve(tracked, [&](size_t first, size_t end) {
+    YieldPoint();
     const CurveResult& result = results[tracked[first].curve];
     if (result.kind == CurveResult::Kind::kOpen && result.events >= 0.5 * result.expected) return;
     double length_px = 0.0;
@@ -37,6 +39,7 @@ bool Determination::IsKept() const { return IsDetermined(information_, free_rota
 bool Determination::IsConfirmed(double support_ratio) const {
   return IsAtLeast(supported_, support_ratio, expected_, free_rotations_) &&
          std::all_of(of_curves_.begin(), of_curves_.end(), [this](const Matrix6d& of_curve) {
+           YieldPoint();
            return IsDetermined(information_ - of_curve, free_rotations_, options_.max_uncertainty_px);
          });
 }

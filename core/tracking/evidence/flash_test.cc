@@ -12,7 +12,7 @@ class FlashTest : public ::testing::Test {
     detector_.Add({off, on}, t_us_, t_us_ + duration_us);
     t_us_ += duration_us;
   }
-  const FlashOptions options_;
+  const FlashOptions options_{};
   FlashDetector detector_{options_};
   int64_t t_us_ = 0;
 };

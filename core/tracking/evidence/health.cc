@@ -26,7 +26,7 @@ int OctantOf(const Eigen::Vector2d& direction) {
   return (direction.x() < 0.0 ? 1 : 0) + (direction.y() < 0.0 ? 2 : 0) + (is_steep ? 4 : 0);
 }
 
-// Probability that an event is within `near_px` of its nearest line, README, equation (2): events are normal about
+// Probability that an event is within `near_px` of its nearest line, README, equation (1): events are normal about
 // lines that are two cells apart. The distance from the nearest line has a wrapped normal distribution, which is
 // integrated by its Fourier series.
 double NearProbability(double near_px, double cell_px, double spread_px) {
@@ -101,7 +101,7 @@ TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2
 }
 
 double TrackHealth::RightProbability(double cell_px) const {
-  const int step = static_cast<int>(cell_px / options_.gate_px * kCellSteps + 0.5);
+  const int step = RoundNonNegative(cell_px / options_.gate_px * kCellSteps);
   return near_probability_[spread_step_][std::clamp(step, 0, kCellSteps)];
 }
 

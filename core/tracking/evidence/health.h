@@ -119,7 +119,7 @@ struct CurveResult {
   double expected = 0.0;
 };
 
-// Events of a window near the lines, compared with those of uniform clutter and of the right pose: equation (1) of the
+// Events of a window near the lines, compared with those of uniform clutter and of the right pose: equation (2) of the
 // README over all lines.
 struct EventConcentration {
   double sigma = 0.0;  // standard deviations by which near events exceed chance
@@ -174,7 +174,7 @@ class TrackHealth {
   absl::Span<const CurveResult> curve_results() const { return curve_results_; }
 
  private:
-  // Counts of one polarity of a window near one line, and the terms of equation (1) without weights.
+  // Counts of one polarity of a window near one line, and the terms of equation (2) without weights.
   struct PolarityCounts {
     double gated = 0.0, near = 0.0, excess = 0.0, variance = 0.0, right_excess = 0.0, information = 0.0;
   };
@@ -225,7 +225,7 @@ class TrackHealth {
   void AddEvent(const NearEvent& event, WindowLine& line, Sector& sector);
   // For each event that lies in the gates of several lines, finds the nearest of these lines and the width of its cell.
   void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);
-  // Adds the terms of equation (1) of one polarity.
+  // Adds the terms of equation (2) of one polarity.
   static void AddExcess(const PolarityCounts& counts, LineStatistics& statistics);
   void AddExpectedEvents(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                          const Vector6d& twist);

@@ -12,7 +12,7 @@ namespace evpose {
 // The counts of one straight line or curve since the last test result.
 struct LineStatistics {
   double gated = 0.0;  // events within gate_px of the line for which no other line is nearer
-  // Equation (1) of the README: the near events minus their expected number under clutter, the variance of this
+  // Equation (2) of the README: the near events minus their expected number under clutter, the variance of this
   // difference, and its value if all events were those of the line at the right pose. Each polarity of a window is
   // weighted down as its share of far events grows: while a lamp brightens, ON events occur everywhere and would mask
   // the OFF events of the lines.

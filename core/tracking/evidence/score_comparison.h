@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The evidence for one of two poses, summed over windows (core/tracking/README.md, equation (2)).
+// The evidence for one of two poses, summed over windows (core/tracking/README.md, equation (3)).
 #pragma once
 
 #include <cstdint>

@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/events/event_bitmap.h"
-#include "server/rpc/conversion.h"
+#include "server/rpc/common/conversion.h"
 #include "server/rpc/watch/watch_reactor.h"
 #include "server/rpc/watch/watch_reactors.h"
 #include "server/runtime/errors.h"

@@ -15,7 +15,7 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
-#include "server/rpc/conversion.h"
+#include "server/rpc/common/conversion.h"
 #include "server/rpc/watch/watch_reactor.h"
 #include "server/runtime/errors.h"
 

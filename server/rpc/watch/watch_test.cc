@@ -4,7 +4,7 @@
 #include <cmath>
 #include <deque>
 
-#include "server/rpc/conversion.h"
+#include "server/rpc/common/conversion.h"
 #include "server/rpc/server_testing.h"
 
 namespace evpose::server {

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/sessions/durability/orphan_collector.h"
 
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include "server/sessions/durability/session_codec.h"
 #include "server/telemetry/session_log.h"
 
 namespace evpose::server {
@@ -12,6 +14,22 @@ namespace {
 // Bounds the memory and the time of one run, to some megabytes and some tenths of a second. Orphans beyond it are found
 // when these have been deleted: live sessions have newer records.
 constexpr size_t kMaxOrphansAtOnce = 10'000;
+
+// Returns nullopt if the records cannot be read.
+std::optional<SessionSums> SumsOf(const StoredSession& stored, absl::Time now) {
+  const auto config = DecodeConfig(stored.record.config);
+  const auto lifecycle = DecodeLifecycle(stored.lifecycle);
+  if (!config.ok() || !lifecycle.ok()) return std::nullopt;
+  SessionCheckpoint checkpoint;
+  if (!stored.checkpoint.empty()) {
+    auto decoded = DecodeCheckpoint(stored.checkpoint, config->objects.size());
+    if (!decoded.ok()) return std::nullopt;
+    checkpoint = *std::move(decoded);
+  }
+  return SessionSums{.health = StoredHealth(checkpoint, *lifecycle),
+                     .lifetime = now - stored.record.create_time,
+                     .was_reported = checkpoint.ended || lifecycle->lost_from_seq > 0};
+}
 
 }  // namespace
 
@@ -28,14 +46,14 @@ void OrphanCollector::Collect(absl::Time now, size_t num_here, const IsHere& is_
     const bool is_unchanged = known != before.end() && known->second.lifecycle == stored.lifecycle;
     const absl::Time since = is_unchanged ? known->second.since : now;
     if (now - since >= time_without_change_) {
-      if (Delete(stored.name, stored.lifecycle)) on_gone(stored.name);
+      if (Delete(stored.name, stored.lifecycle, now)) on_gone(stored.name);
     } else {
       seen_[stored.name] = {stored.lifecycle, since};
     }
   }
 }
 
-bool OrphanCollector::Delete(const std::string& name, const std::string& lifecycle) {
+bool OrphanCollector::Delete(const std::string& name, const std::string& lifecycle, absl::Time now) {
   // The lease is taken first: from now on no other server can change the record. A client that has returned meanwhile
   // keeps its session, but its stream is fenced and has to attach again.
   const auto taken = store_.TakeSession(name);
@@ -47,7 +65,11 @@ bool OrphanCollector::Delete(const std::string& name, const std::string& lifecyc
   const absl::Status status = store_.DeleteHeldSession(name, taken->lease->token());
   SessionLog log(name, taken->session.record.tenant);
   if (status.ok()) {
-    log.DeletedUnread("", "no server has it, and it has expired");
+    if (const std::optional<SessionSums> sums = SumsOf(taken->session, now)) {
+      log.Orphaned(*sums);
+    } else {
+      log.DeletedUnread("", "no server has it, and it cannot be read");
+    }
   } else if (!absl::IsAborted(status)) {
     log.NotDeleted(status);
   }

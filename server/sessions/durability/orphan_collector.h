@@ -37,7 +37,7 @@ class OrphanCollector {
   };
 
   // Returns whether the session is gone, in the sense of `on_gone`.
-  bool Delete(const std::string& name, const std::string& lifecycle);
+  bool Delete(const std::string& name, const std::string& lifecycle, absl::Time now);
 
   Store& store_;
   const absl::Duration expiry_;

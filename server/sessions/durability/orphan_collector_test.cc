@@ -4,12 +4,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "server/sessions/durability/session_codec.h"
+#include "server/sessions/session_testing.h"
 #include "server/sessions/store_testing.h"
 #include "server/stores/memory/memory_store.h"
 #include "server/stores/open_store.h"
 #include "server/stores/redis/redis_testing.h"
 #include "server/stores/sqlite/sqlite_store.h"
 #include "server/stores/store_suite_testing.h"
+#include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -74,6 +77,36 @@ TEST_P(OrphanCollectorTest, DeletesWhatNoServerRenews) {
     EXPECT_THAT(Names(), testing::ElementsAre("sessions/alive", "sessions/here"));
   }
   EXPECT_THAT(deleted_, testing::ElementsAre("sessions/dead"));
+}
+
+TEST_P(OrphanCollectorTest, TheLogHasTheSumsOfWhatIsDeleted) {
+  SessionRecord record = Record("sessions/dead");
+  record.config = EncodeConfig(SomeConfig());
+  record.create_time = now_;
+  const SessionLifecycle lifecycle = {.token_digest = TokenDigest("x"), .num_attaches = 3};
+  SessionCheckpoint checkpoint;
+  checkpoint.health.poses = 9;
+  checkpoint.health.processed_bytes = 456;
+  checkpoint.health.objects.resize(1);
+  checkpoint.pipeline.emplace().position.reported_states = {TrackState::kTracking};
+  for (const bool has_ended : {false, true}) {
+    checkpoint.ended = has_ended;
+    const auto lease = store_->CreateSession(record, EncodeLifecycle(lifecycle)).value();
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = EncodeCheckpoint(checkpoint), .poses = {{1, 9, "poses"}}}).ok());
+    captured_log.Take();
+    const absl::Time begin = now_;
+    for (int i = 0; i < 5; ++i) Collect();
+    EXPECT_TRUE(Names().empty());
+    const std::string log = captured_log.Take();
+    EXPECT_THAT(log, testing::StartsWith("info session_deleted session=sessions/dead "));
+    if (has_ended) {
+      EXPECT_THAT(log, testing::Not(testing::HasSubstr("poses="))) << "session_ended had the sums";
+      continue;
+    }
+    EXPECT_EQ(begin, record.create_time);
+    EXPECT_THAT(log, testing::HasSubstr(" cause=expired lifetime_us=150000000 objects=1 poses=9 "));
+    EXPECT_THAT(log, testing::EndsWith(" reattaches=2\n"));
+  }
 }
 
 TEST_P(OrphanCollectorTest, WithoutOtherServersTheExpiryTimeIsWaitedOnce) {

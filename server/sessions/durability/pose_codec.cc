@@ -86,16 +86,9 @@ StoredPose FromStored(const pb::Pose& stored, RecordCheck& check) {
 PoseSegment EncodePoses(absl::Span<const StoredPose> poses) {
   google::protobuf::Arena arena;
   auto& stored = *google::protobuf::Arena::CreateMessage<pb::PoseSegment>(&arena);
-  std::vector<StoredPose> in_columns;
-  for (const StoredPose& pose : poses) {
-    if (FitsColumns(pose)) {
-      in_columns.push_back(pose);
-    } else {
-      ToStored(pose, *stored.add_poses());
-    }
-  }
-  if (!in_columns.empty()) {
-    DeflatedColumns columns = EncodeColumns(in_columns);
+  DeflatedColumns columns =
+      EncodeColumns(poses, [&stored](const StoredPose& pose) { ToStored(pose, *stored.add_poses()); });
+  if (!columns.bytes.empty()) {
     stored.set_columns(std::move(columns.bytes));
     stored.set_columns_bytes(columns.inflated_bytes);
   }

@@ -13,7 +13,7 @@
 
 namespace evpose::server {
 
-// `poses`: consecutive, at least one.
+// `poses`: consecutive, at least one. Has yield points (core/base/yield_point.h).
 PoseSegment EncodePoses(absl::Span<const StoredPose> poses);
 // `num_objects`: the number of objects in the session's configuration.
 absl::StatusOr<std::vector<StoredPose>> DecodePoses(const PoseSegment& segment, size_t num_objects);

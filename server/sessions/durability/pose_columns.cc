@@ -8,11 +8,14 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <new>
 #include <optional>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/geometry/single_precision.h"
 #include "evpose/storage/v1/session.pb.h"
 #include "google/protobuf/arena.h"
@@ -101,11 +104,31 @@ Eigen::Matrix3d DecodeRotation(const CodedRotation& coded) {
   return matrix;
 }
 
-// Appends the numbers of all poses as in PoseColumns.
+// What a pose in columns has instead of its rotation matrix and covariance.
+struct CodedPose {
+  CodedRotation rotation;
+  CovarianceRoot root;
+};
+
+// nullopt if the pose cannot be stored in columns.
+std::optional<CodedPose> EncodePose(const StoredPose& pose) {
+  const PoseEstimate& estimate = pose.estimate;
+  if (!estimate.alternatives.empty() || estimate.state == TrackState::kAmbiguous ||
+      estimate.object_index != pose.object_index || InSinglePrecision(estimate.twist) != estimate.twist) {
+    return std::nullopt;
+  }
+  const std::optional<CovarianceRoot> root = FindCovarianceRoot(estimate.covariance);
+  const std::optional<CodedRotation> rotation = EncodeRotation(estimate.camera_from_object.rotation);
+  if (!root.has_value() || !rotation.has_value()) return std::nullopt;
+  return CodedPose{*rotation, *root};
+}
+
+// Returns the numbers of all poses as in PoseColumns.
 template <typename Number, size_t kPerPose>
 std::string Interleave(const std::vector<std::array<Number, kPerPose>>& rows) {
   std::string bytes(rows.size() * sizeof(rows[0]), '\0');
   for (size_t i = 0; i < rows.size(); ++i) {
+    YieldPoint(i);
     const auto row = std::bit_cast<std::array<char, sizeof(rows[0])>>(rows[i]);
     for (size_t byte = 0; byte < row.size(); ++byte) bytes[byte * rows.size() + i] = row[byte];
   }
@@ -122,6 +145,27 @@ std::vector<std::array<Number, kPerPose>> Deinterleave(absl::string_view bytes, 
     rows[i] = std::bit_cast<std::array<Number, kPerPose>>(row);
   }
   return rows;
+}
+
+// Returns the zlib stream of `inflated`. compress2() would deflate all of it at one yield point.
+std::string Deflate(const std::string& inflated) {
+  constexpr size_t kPieceBytes = size_t{32} * 1024;  // takes less than about 1 ms
+  z_stream stream{};
+  if (deflateInit(&stream, Z_BEST_SPEED) != Z_OK) throw std::bad_alloc();  // its only reason
+  const absl::Cleanup end = [&stream] { deflateEnd(&stream); };
+  std::string bytes(deflateBound(&stream, inflated.size()), '\0');
+  stream.next_out = reinterpret_cast<Bytef*>(bytes.data());
+  stream.avail_out = static_cast<uInt>(bytes.size());
+  for (size_t begin = 0; begin < inflated.size(); begin += kPieceBytes) {
+    const size_t size = std::min(kPieceBytes, inflated.size() - begin);
+    stream.next_in =
+        reinterpret_cast<Bytef*>(const_cast<char*>(inflated.data() + begin));  // NOLINT: zlib only reads it
+    stream.avail_in = static_cast<uInt>(size);
+    deflate(&stream, begin + size == inflated.size() ? Z_FINISH : Z_NO_FLUSH);
+    YieldPoint();
+  }
+  bytes.resize(stream.total_out);
+  return bytes;
 }
 
 absl::Status Damaged(absl::string_view what) {
@@ -147,20 +191,18 @@ bool IsStateOfColumns(int state) {
 
 static_assert(std::endian::native == std::endian::little);
 
-bool FitsColumns(const StoredPose& pose) {
-  const PoseEstimate& estimate = pose.estimate;
-  return estimate.alternatives.empty() && estimate.state != TrackState::kAmbiguous &&
-         estimate.object_index == pose.object_index && InSinglePrecision(estimate.twist) == estimate.twist &&
-         FindCovarianceRoot(estimate.covariance).has_value() &&
-         EncodeRotation(estimate.camera_from_object.rotation).has_value();
-}
-
-DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses) {
+DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses, absl::FunctionRef<void(const StoredPose&)> on_other) {
   pb::PoseColumns columns;
   std::vector<std::array<double, kDoubles>> doubles;
   std::vector<std::array<float, kFloats>> floats;
   int64_t before_us = 0, lost_before_us = 0;
   for (const StoredPose& pose : poses) {
+    YieldPoint();
+    const std::optional<CodedPose> coded = EncodePose(pose);
+    if (!coded.has_value()) {
+      on_other(pose);
+      continue;
+    }
     const PoseEstimate& estimate = pose.estimate;
     columns.add_t_us(estimate.t_us - std::exchange(before_us, estimate.t_us));
     columns.add_object_index(pose.object_index);
@@ -169,7 +211,7 @@ DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses) {
     columns.add_num_events(estimate.num_events);
     columns.add_loss_cause(static_cast<pb::LossCause>(estimate.loss_cause));
     columns.add_lost_at_us(estimate.lost_at_us - std::exchange(lost_before_us, estimate.lost_at_us));
-    const CodedRotation rotation = *EncodeRotation(estimate.camera_from_object.rotation);
+    const CodedRotation& rotation = coded->rotation;
     columns.add_largest(rotation.largest);
     columns.mutable_rotation_ulps()->Add(rotation.ulps.begin(), rotation.ulps.end());
     std::copy(rotation.others.begin(), rotation.others.end(), doubles.emplace_back().begin());
@@ -179,19 +221,13 @@ DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses) {
     numbers[0] = estimate.explained_ratio;
     numbers[1] = estimate.residual_rms_px;
     const Eigen::Matrix<float, 6, 1> twist = estimate.twist.cast<float>();
-    const CovarianceRoot root = *FindCovarianceRoot(estimate.covariance);
-    std::copy(root.begin(), root.end(), std::copy(twist.begin(), twist.end(), numbers.begin() + 2));
+    std::copy(coded->root.begin(), coded->root.end(), std::copy(twist.begin(), twist.end(), numbers.begin() + 2));
   }
+  if (doubles.empty()) return {};
   columns.set_doubles(Interleave(doubles));
   columns.set_floats(Interleave(floats));
   const std::string inflated = columns.SerializeAsString();
-  DeflatedColumns out{.inflated_bytes = static_cast<uint32_t>(inflated.size())};
-  uLongf size = compressBound(inflated.size());
-  out.bytes.resize(size);
-  const auto* const begin = reinterpret_cast<const Bytef*>(inflated.data());
-  compress2(reinterpret_cast<Bytef*>(out.bytes.data()), &size, begin, inflated.size(), Z_BEST_SPEED);
-  out.bytes.resize(size);
-  return out;
+  return {.bytes = Deflate(inflated), .inflated_bytes = static_cast<uint32_t>(inflated.size())};
 }
 
 absl::StatusOr<std::vector<StoredPose>> DecodeColumns(absl::string_view bytes, uint32_t inflated_bytes,
@@ -227,7 +263,8 @@ absl::StatusOr<std::vector<StoredPose>> DecodeColumns(absl::string_view bytes, u
     CodedRotation rotation = {.largest = columns.largest(at)};
     if (rotation.largest > 3) return Damaged("a quaternion has four components");
     std::copy_n(doubles[i].begin(), 3, rotation.others.begin());
-    std::copy_n(columns.rotation_ulps().begin() + at * static_cast<int>(kElements), kElements, rotation.ulps.begin());
+    const std::ptrdiff_t first_element = std::ptrdiff_t{at} * static_cast<std::ptrdiff_t>(kElements);
+    std::copy_n(columns.rotation_ulps().begin() + first_element, kElements, rotation.ulps.begin());
     estimate.camera_from_object.rotation = DecodeRotation(rotation);
     std::copy_n(doubles[i].begin() + 3, 3, estimate.camera_from_object.translation_m.begin());
     estimate.explained_ratio = floats[i][0];

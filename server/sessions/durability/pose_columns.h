@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "absl/functional/function_ref.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/types/span.h"
@@ -16,17 +17,15 @@
 
 namespace evpose::server {
 
-// Whether a pose can be stored in columns: it has no alternatives, its covariance and twist are in single precision,
-// and its rotation is one.
-bool FitsColumns(const StoredPose& pose);
-
 struct DeflatedColumns {
-  std::string bytes;
+  std::string bytes;  // empty without poses
   uint32_t inflated_bytes = 0;
 };
 
-// `poses`: at least one; FitsColumns() holds for each. Their numbers are not encoded.
-DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses);
+// Encodes the poses that columns can hold, without their numbers: those without alternatives, with a covariance and a
+// twist of single precision, and with a matrix that is a rotation. Calls `on_other` for each of the others. Has
+// yield points (core/base/yield_point.h).
+DeflatedColumns EncodeColumns(absl::Span<const StoredPose> poses, absl::FunctionRef<void(const StoredPose&)> on_other);
 // Returns the poses without numbers, at most `max_poses`. Errors: DATA_LOSS with the reason.
 absl::StatusOr<std::vector<StoredPose>> DecodeColumns(absl::string_view bytes, uint32_t inflated_bytes,
                                                       size_t max_poses);

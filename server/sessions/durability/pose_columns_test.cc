@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/yields_testing.h"
 #include "core/geometry/single_precision.h"
 #include "server/sessions/durability/pose_codec.h"
 
@@ -40,6 +41,12 @@ void ExpectEqualBits(const StoredPose& a, const StoredPose& b) {
   EXPECT_TRUE(HaveEqualBits(pose_a.translation_m, pose_b.translation_m));
   EXPECT_TRUE(HaveEqualBits(a.estimate.covariance, b.estimate.covariance));
   EXPECT_TRUE(HaveEqualBits(a.estimate.twist, b.estimate.twist));
+}
+
+bool FitsColumns(const StoredPose& pose) {
+  bool fits = true;
+  EncodeColumns({&pose, 1}, [&fits](const StoredPose&) { fits = false; });
+  return fits;
 }
 
 class PoseColumnsTest : public testing::Test {
@@ -93,6 +100,14 @@ TEST_F(PoseColumnsTest, AllNumbersComeBackToTheBit) {
   EXPECT_LT(segment.bytes.size(), 160 * poses.size());
 }
 
+TEST_F(PoseColumnsTest, ManyPosesHaveYieldPoints) {
+  const std::vector<StoredPose> poses = Make(1000);
+  DeflatedColumns columns;
+  const size_t num_yields = CountYields([&] { columns = EncodeColumns(poses, [](const StoredPose&) {}); });
+  EXPECT_GT(num_yields, poses.size() + columns.inflated_bytes / (64 * 1024)) << "also while they are deflated";
+  EXPECT_EQ(DecodeColumns(columns.bytes, columns.inflated_bytes, poses.size())->size(), poses.size());
+}
+
 // Each component of the quaternion is the largest one for some of them.
 TEST_F(PoseColumnsTest, EveryRotationFits) {
   std::vector<StoredPose> poses = Make(500);
@@ -132,7 +147,7 @@ TEST_F(PoseColumnsTest, OtherPosesAreStoredBesideTheColumnsInTheirOrder) {
 
 TEST_F(PoseColumnsTest, ContradictionsAreDamage) {
   const std::vector<StoredPose> poses = Make(10);
-  const DeflatedColumns columns = EncodeColumns(poses);
+  const DeflatedColumns columns = EncodeColumns(poses, [](const StoredPose&) { FAIL(); });
   ASSERT_TRUE(DecodeColumns(columns.bytes, columns.inflated_bytes, 10).ok());
   const auto error = [&](const std::string& bytes, uint32_t inflated_bytes, size_t max_poses) {
     const absl::Status status = DecodeColumns(bytes, inflated_bytes, max_poses).status();

@@ -317,7 +317,7 @@ absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes) {
   return lifecycle;
 }
 
-std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint) {
+std::string EncodeCheckpoint(SessionCheckpoint checkpoint) {
   const auto& [processed_seq, ended, health, latencies, pipeline] = checkpoint;
   pb::Checkpoint stored;
   stored.set_processed_seq(processed_seq);
@@ -328,7 +328,7 @@ std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint) {
     ToStored(pipeline->position, *stored.mutable_position());
     stored.mutable_tracker()->set_version(pipeline->tracker.version);
     stored.mutable_tracker()->set_configuration(pipeline->tracker.configuration);
-    stored.mutable_tracker()->set_state(pipeline->tracker.bytes);
+    stored.mutable_tracker()->set_state(std::move(checkpoint.pipeline->tracker.bytes));
   }
   return SerializeRecord(stored);
 }

@@ -25,7 +25,8 @@ absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes);
 std::string EncodeLifecycle(const SessionLifecycle& lifecycle);
 absl::StatusOr<SessionLifecycle> DecodeLifecycle(absl::string_view bytes);
 
-std::string EncodeCheckpoint(const SessionCheckpoint& checkpoint);
+// Has yield points (core/base/yield_point.h).
+std::string EncodeCheckpoint(SessionCheckpoint checkpoint);
 // `num_objects`: the number of objects in the session's configuration.
 absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size_t num_objects);
 

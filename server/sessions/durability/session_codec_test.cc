@@ -7,6 +7,7 @@
 #include <functional>
 #include <limits>
 
+#include "core/base/yields_testing.h"
 #include "evpose/storage/v1/session.pb.h"
 #include "server/sessions/durability/pose_codec.h"
 #include "server/sessions/session_testing.h"
@@ -152,6 +153,17 @@ TEST(SessionCodecTest, CheckpointRoundTrip) {
   SessionCheckpoint first = ACheckpoint();
   first.pipeline->position.first_t_us = first.pipeline->position.now_us = -1;
   EXPECT_EQ(DecodeCheckpoint(EncodeCheckpoint(first), 2)->pipeline, first.pipeline) << "no event time is known";
+}
+
+TEST(SessionCodecTest, ALargeCheckpointHasYieldPoints) {
+  SessionCheckpoint large = ACheckpoint();
+  large.pipeline->tracker.bytes.assign(size_t{1} << 20, 'x');
+  std::string bytes;
+  EXPECT_GE(CountYields([&] { bytes = EncodeCheckpoint(large); }), 16u);
+  EXPECT_EQ(DecodeCheckpoint(bytes, 2)->pipeline, large.pipeline);
+  storage::v1::Checkpoint stored;
+  ASSERT_TRUE(stored.ParseFromString(bytes));
+  EXPECT_TRUE(stored.SerializeAsString() == bytes);
 }
 
 // Rule 5 of proto/evpose/storage/README.md.

@@ -2,11 +2,19 @@
 #include "server/sessions/durability/session_committer.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
+namespace {
+
+// Ten times the period of checkpoints: the client then keeps ten times as many chunks as usual.
+constexpr std::chrono::seconds kSlowCommit{1};
+
+}  // namespace
 
 SessionCommitter::SessionCommitter(std::shared_ptr<const SessionLog> log, std::unique_ptr<SessionLease> lease,
                                    const Progress& persisted, WorkerPool& pool, const Backoff& backoff,
@@ -40,7 +48,7 @@ void SessionCommitter::Batch::Append(Batch later) {
 void SessionCommitter::CommitLifecycle(uint64_t number, std::string lifecycle) {
   {
     const std::lock_guard lock(mutex_);
-    if (is_finishing_ || number <= newest_lifecycle_) return;
+    if (state_ == State::kFinishing || number <= newest_lifecycle_) return;
     newest_lifecycle_ = number;
     waiting_.Append({.commit = {.lifecycle = std::move(lifecycle)}, .lifecycle = number});
   }
@@ -51,7 +59,7 @@ void SessionCommitter::CommitCheckpoint(SessionCommit checkpoint, uint64_t seq,
                                         std::chrono::steady_clock::time_point begun_at) {
   {
     const std::lock_guard lock(mutex_);
-    if (is_finishing_) return;
+    if (state_ == State::kFinishing) return;
     const uint64_t last_pose_seq = checkpoint.poses.empty() ? 0 : checkpoint.poses.back().last_pose_seq;
     waiting_.Append({.commit = std::move(checkpoint),
                      .seq = seq,
@@ -71,13 +79,13 @@ SessionCommitter::Progress SessionCommitter::progress() const {
 
 void SessionCommitter::Finish() {
   const std::lock_guard lock(mutex_);
-  is_finishing_ = true;
+  if (state_ == State::kOpen) state_ = State::kFinishing;
 }
 
 void SessionCommitter::Close() {
   const std::lock_guard lock(mutex_);
-  if (is_finishing_) return;
-  is_closed_ = true;
+  if (state_ == State::kFinishing) return;
+  state_ = State::kClosed;
   waiting_ = Batch();
   timer_.reset();
 }
@@ -87,7 +95,7 @@ void SessionCommitter::StartCommit() {
   {
     const std::lock_guard lock(mutex_);
     // While the store is unreachable, later records are added to the commit that is repeated.
-    if (is_closed_ || is_in_flight_ || timer_ != nullptr) return;
+    if (state_ == State::kClosed || is_in_flight_ || timer_ != nullptr) return;
     in_flight_.Append(std::exchange(waiting_, Batch()));
     if (in_flight_.is_empty()) return;
     commit = in_flight_.commit;  // first, because it may throw: the next call then tries again
@@ -96,42 +104,69 @@ void SessionCommitter::StartCommit() {
   lease_->Commit(std::move(commit), [self = shared_from_this()](const absl::Status& status) { self->OnDone(status); });
 }
 
-void SessionCommitter::OnDone(const absl::Status& status) {
-  {
-    const std::lock_guard lock(mutex_);
-    is_in_flight_ = false;
-    CountFailure(status);
-    if (status.ok()) {
-      RecordDone();
-    } else if (absl::IsUnavailable(status)) {
-      if (!progress_.store_is_away) log_->StoreAway(status);
-      progress_.store_is_away = true;
-      RetryLater();
-    } else if (progress_.failure.ok()) {
-      progress_.failure = FailureOf(status);
-      is_closed_ = true;
-    }
-  }
+void SessionCommitter::ContinueCommits() {
+  const absl::Status status = OrOutOfMemory([this] { return StartCommit(), absl::OkStatus(); });
+  if (status.ok()) return;
+  EndOutOfMemory(status);
   if (listener_ != nullptr) listener_();
-  StartCommit();
+}
+
+void SessionCommitter::OnDone(const absl::Status& status) {
+  const absl::Status recorded = OrOutOfMemory([&] { return Record(status), absl::OkStatus(); });
+  if (!recorded.ok()) EndOutOfMemory(recorded);
+  if (listener_ != nullptr) listener_();
+  ContinueCommits();
+}
+
+void SessionCommitter::EndOutOfMemory(const absl::Status& status) {
+  const std::lock_guard lock(mutex_);
+  state_ = State::kClosed;
+  progress_.failure.Update(status);
+}
+
+void SessionCommitter::Record(const absl::Status& status) {
+  const std::lock_guard lock(mutex_);
+  is_in_flight_ = false;
+  CountFailure(status);
+  if (status.ok()) {
+    RecordDone();
+  } else if (absl::IsUnavailable(status)) {
+    if (!progress_.store_is_away) log_->StoreAway(status);
+    progress_.store_is_away = true;
+    RetryLater();
+  } else if (progress_.failure.ok()) {
+    progress_.failure = FailureOf(status);
+    if (state_ != State::kClosed) log_->CommitFailed(progress_.failure);
+    state_ = State::kClosed;
+  }
 }
 
 void SessionCommitter::RecordDone() {
-  if (progress_.store_is_away) log_->StoreBack();
+  if (in_flight_.has_checkpoint) RecordDuration();
+  if (progress_.store_is_away) RunUnlessOutOfMemory([this] { log_->StoreBack(); });
   progress_.store_is_away = false;
   retry_after_ = backoff_.first;
   progress_.lifecycle = std::max(progress_.lifecycle, in_flight_.lifecycle);
   progress_.seq = std::max(progress_.seq, in_flight_.seq);
   progress_.last_pose_seq = std::max(progress_.last_pose_seq, in_flight_.last_pose_seq);
   progress_.ended |= in_flight_.commit.ended_at.has_value();
-  if (in_flight_.has_checkpoint) {
-    metrics_->checkpoint_time.Add(std::chrono::steady_clock::now() - in_flight_.begun_at);
-  }
   in_flight_ = Batch();
 }
 
+void SessionCommitter::RecordDuration() {
+  const auto duration = std::chrono::steady_clock::now() - in_flight_.begun_at;
+  metrics_->checkpoint_time.Add(duration, log_->trace_id());
+  const bool was_slow = std::exchange(is_slow_, duration >= kSlowCommit);
+  // An outage of the store has its own lines.
+  if (!is_slow_ || was_slow || progress_.store_is_away) return;
+  const SessionCommit& commit = in_flight_.commit;
+  uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;
+  for (const PoseSegment& segment : commit.poses) bytes += segment.bytes.size();
+  RunUnlessOutOfMemory([&] { log_->CommitSlow(absl::FromChrono(duration), bytes); });
+}
+
 void SessionCommitter::RetryLater() {
-  if (is_closed_) return;
+  if (state_ == State::kClosed) return;
   timer_ = pool_.PostAfter(retry_after_, [weak = weak_from_this()] {
     const auto self = weak.lock();
     if (self == nullptr) return;
@@ -139,7 +174,7 @@ void SessionCommitter::RetryLater() {
       const std::lock_guard lock(self->mutex_);
       self->timer_.reset();
     }
-    self->StartCommit();
+    self->ContinueCommits();
   });
   retry_after_ = std::min(2 * retry_after_, backoff_.longest);
 }

@@ -40,8 +40,8 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     bool has_waiting = false;  // a checkpoint was passed on and is not persisted yet
     bool store_is_away = false;
     // Not OK if nothing more is persisted. It is the error for the clients of the session: ABORTED (FENCED), NOT_FOUND
-    // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL), UNAVAILABLE (DRAINING: the store was closed; ROLLED_BACK: it
-    // has lost the last commits), INTERNAL (STORE_FAILED).
+    // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL; OUT_OF_MEMORY), UNAVAILABLE (DRAINING: the store was closed;
+    // ROLLED_BACK: it has lost the last commits), INTERNAL (STORE_FAILED).
     absl::Status failure;
   };
 
@@ -53,7 +53,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   ~SessionCommitter() { const std::lock_guard lock(mutex_); }
 
   // Sets a function that is called after each change of Progress, without a lock, on a thread of the store. It must not
-  // block. To be set before the first commit.
+  // block, and handles allocations that fail. To be set before the first commit.
   void SetListener(std::function<void()> listener) { listener_ = std::move(listener); }
 
   // CommitLifecycle() and CommitCheckpoint() must not be called with a lock that the listener takes. An ownership
@@ -74,6 +74,11 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   void Close();
 
  private:
+  enum class State {
+    kOpen,
+    kFinishing,  // accepts no further records; those that wait are committed
+    kClosed,     // starts no further commit; final
+  };
   // Contents of one commit.
   struct Batch {
     SessionCommit commit;
@@ -88,8 +93,14 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   };
 
   void StartCommit();
+  // As StartCommit(), for callers that do not handle a failed allocation: the session ends if one fails.
+  void ContinueCommits();
   void OnDone(const absl::Status& status);
+  void Record(const absl::Status& status);
+  // The records may not be known as written or as waiting.
+  void EndOutOfMemory(const absl::Status& status);
   void RecordDone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void RecordDuration() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);  // of a checkpoint that is durable
   void RetryLater() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status FailureOf(const absl::Status& status) const;
   void CountFailure(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -107,8 +118,8 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   Batch waiting_ ABSL_GUARDED_BY(mutex_);
   Batch in_flight_ ABSL_GUARDED_BY(mutex_);  // kept until it has been persisted, for repetitions
   bool is_in_flight_ ABSL_GUARDED_BY(mutex_) = false;
-  bool is_closed_ ABSL_GUARDED_BY(mutex_) = false;
-  bool is_finishing_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_slow_ ABSL_GUARDED_BY(mutex_) = false;  // the last checkpoint took a long time
+  State state_ ABSL_GUARDED_BY(mutex_) = State::kOpen;
   absl::Duration retry_after_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);  // until the next repetition; null otherwise
 };

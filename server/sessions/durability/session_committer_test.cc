@@ -7,7 +7,11 @@
 #include <condition_variable>
 #include <deque>
 
+#include "core/base/trace_context.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/failing_allocations_testing.h"
+#include "server/runtime/out_of_memory.h"
+#include "server/telemetry/log_testing.h"
 #include "server/telemetry/metrics_testing.h"
 
 namespace evpose::server {
@@ -155,7 +159,9 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
     committer->CommitLifecycle(2, "y");
     SessionLease::Done done = std::move(commits->waiting.front().second);
     commits->waiting.clear();
+    captured_log.Take();
     done(answer);
+    EXPECT_THAT(captured_log.Take(), testing::ContainsRegex("^[a-z]+ session_commit_failed .* reason=" + reason));
     EXPECT_EQ(GetErrorDetails(committer->progress().failure).reason, reason);
     EXPECT_TRUE(commits->waiting.empty()) << "no commit starts after the end";
   }
@@ -164,6 +170,36 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFull].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFailed].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), 0u);
+}
+
+TEST_F(SessionCommitterTest, ASlowCommitIsLoggedOnceInASeries) {
+  const auto commit = [this](std::chrono::seconds age) {
+    captured_log.Take();
+    committer_->CommitCheckpoint(State("12345", 1, 10), 1, std::chrono::steady_clock::now() - age);
+    Answer(absl::OkStatus());
+    return captured_log.Take();
+  };
+  const std::chrono::hours soon(-1);  // begins later, so that no pause of this process makes it slow
+  EXPECT_EQ(commit(soon), "");
+  const std::string slow = commit(std::chrono::hours(1));
+  EXPECT_THAT(slow, testing::StartsWith("warning session_commit_slow session=sessions/test "));
+  EXPECT_THAT(slow, testing::ContainsRegex(" trace_id=[0-9a-f]+ duration_us=36[0-9]+ bytes=10\n"));
+  EXPECT_EQ(commit(std::chrono::hours(1)), "");
+  EXPECT_EQ(commit(soon), "");
+  EXPECT_NE(commit(std::chrono::hours(1)), "");
+  const auto exemplars = metrics_->checkpoint_time.ReadExemplars();
+  ASSERT_TRUE(exemplars.back().has_value());
+  EXPECT_EQ(exemplars.back()->trace_id_text(), TraceIdOf("sessions/test"));
+}
+
+TEST_F(SessionCommitterTest, AnOutageOfTheStoreHasItsOwnLines) {
+  captured_log.Take();
+  committer_->CommitCheckpoint(State("1", 1, 10), 1, std::chrono::steady_clock::now() - std::chrono::hours(1));
+  Answer(absl::UnavailableError("away"));
+  Answer(absl::OkStatus());
+  const std::string log = captured_log.Take();
+  EXPECT_THAT(log,
+              testing::ContainsRegex("^warning session_waits_for_store [^\n]*\ninfo session_store_back [^\n]*\n$"));
 }
 
 TEST_F(SessionCommitterTest, AFinishedCommitterStillCommitsWhatWaits) {
@@ -187,6 +223,31 @@ TEST_F(SessionCommitterTest, AClosedCommitterStartsNoCommit) {
   EXPECT_EQ(NumWaiting(), 0u);
   committer_->CommitLifecycle(3, "z");
   EXPECT_EQ(NumWaiting(), 0u);
+}
+
+// On the thread of the store, where nothing handles the failure.
+TEST_F(SessionCommitterTest, AFailedAllocationEndsTheSessionAndNotTheProcess) {
+  FailingAllocation& failing = ThisThreadsFailingAllocation();
+  committer_->CommitCheckpoint(State("first", 1, 3), 10);
+  committer_->CommitCheckpoint(State("second", 4, 5), 20);
+  failing.successes_before = 0;
+  Answer(absl::OkStatus());
+  failing.successes_before = -1;
+  EXPECT_EQ(committer_->progress().seq, 10u) << "what was written is known as written";
+  EXPECT_TRUE(IsOutOfMemory(committer_->progress().failure)) << "the next commit had no memory";
+  EXPECT_EQ(NumWaiting(), 0u);
+  EXPECT_EQ(num_changes_, 2);
+}
+
+TEST_F(SessionCommitterTest, AFailedAllocationForARepetitionEndsTheSession) {
+  FailingAllocation& failing = ThisThreadsFailingAllocation();
+  committer_->CommitLifecycle(1, "first");
+  const absl::Status away = absl::UnavailableError("the store is away");
+  failing.successes_before = 0;
+  Answer(away);
+  failing.successes_before = -1;
+  EXPECT_TRUE(IsOutOfMemory(committer_->progress().failure));
+  EXPECT_EQ(num_changes_, 1);
 }
 
 }  // namespace

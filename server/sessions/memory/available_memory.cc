@@ -47,8 +47,8 @@ uint64_t AvailableMemoryBytes(const std::string& root) {
   // In a container the path may be that outside it: the groups that are not visible are skipped.
   for (std::filesystem::path group = MemoryGroupOf(root);; group = group.parent_path()) {
     const std::string path = group == "/" ? "" : group.string();
-    bytes = std::min(
-        {bytes, ReadLimit(base + path + "/memory.max"), ReadLimit(base + "/memory" + path + "/memory.limit_in_bytes")});
+    bytes = std::min({bytes, ReadLimit(absl::StrCat(base, path, "/memory.max")),
+                      ReadLimit(absl::StrCat(base, "/memory", path, "/memory.limit_in_bytes"))});
     if (!group.has_relative_path()) return bytes;
   }
 }

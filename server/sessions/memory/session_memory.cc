@@ -4,9 +4,9 @@
 #include <algorithm>
 
 #include "core/events/event_bitmap.h"
-#include "core/tracking/outline/object_outline.h"
+#include "core/tracking/object/object_outline.h"
+#include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker_memory.h"
-#include "core/tracking/tracker_options.h"
 #include "server/sessions/types/pose_log.h"
 
 namespace evpose::server {

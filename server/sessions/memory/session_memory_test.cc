@@ -46,7 +46,7 @@ TEST_F(SessionMemoryTest, AWatcherOfEventsNeedsMoreForMoreCellsAndObjects) {
   config_.camera = evpose::testing::MakeCamera(1280, 720, 1000.0);
   config_.objects.resize(1);
   const uint64_t small = EventWatcherMemory(config_, 4);
-  EXPECT_EQ(EventWatcherMemory(config_, 1), small + 5 * (1280 * 720 / 4 - 1280 * 720 / 64));
+  EXPECT_EQ(EventWatcherMemory(config_, 1), small + uint64_t{5} * (1280 * 720 / 4 - 1280 * 720 / 64));
   EXPECT_LT(EventWatcherMemory(config_, 2), 600'000u);
   config_.objects.resize(3);
   EXPECT_GT(EventWatcherMemory(config_, 4), small + 200'000);

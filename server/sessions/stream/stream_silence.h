@@ -7,7 +7,10 @@
 #include <chrono>
 #include <optional>
 
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
+#include "server/runtime/errors.h"
 
 namespace evpose::server {
 
@@ -49,5 +52,20 @@ class StreamSilence {
   std::optional<Time> may_send_since_;
   std::optional<Time> must_read_since_;
 };
+
+// DEADLINE_EXCEEDED (STREAM_IDLE) for a stream that has been silent for this time.
+inline absl::Status StreamIdleError(absl::Duration timeout) {
+  return WithReason(absl::DeadlineExceededError(
+                        absl::StrCat("the stream has sent no message for ", absl::FormatDuration(timeout),
+                                     ": attach again to continue, and send empty chunks while there are no events")),
+                    v1::STREAM_IDLE);
+}
+
+// DEADLINE_EXCEEDED (ATTACH_TIMEOUT) for a stream that has not attached to a session for this time.
+inline absl::Status AttachTimeoutError(absl::Duration timeout) {
+  return WithReason(
+      absl::DeadlineExceededError(absl::StrCat("the stream has not attached within ", absl::FormatDuration(timeout))),
+      v1::ATTACH_TIMEOUT);
+}
 
 }  // namespace evpose::server

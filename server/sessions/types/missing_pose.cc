@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "core/tracking/event_extent.h"
+#include "core/tracking/object/event_extent.h"
 
 namespace evpose::server {
 namespace {

@@ -27,9 +27,11 @@ struct ObjectHealth {
   InitializationReport initialization;
 };
 struct ProcessingHealth {
-  double cpu_per_s = 0.0;      // processor seconds per second, averaged with a time constant of one second
-  double max_cpu_per_s = 0.0;  // limit of cpu_per_s; 0: none
-  bool is_behind = false;      // as LagChange::is_behind
+  double cpu_per_s = 0.0;             // processor seconds per second, averaged with a time constant of one second
+  double max_cpu_per_s = 0.0;         // limit of cpu_per_s; 0: none
+  bool is_behind = false;             // as LagChange::is_behind
+  double tenant_cpu_per_s = 0.0;      // as cpu_per_s, of all sessions of the tenant
+  double max_tenant_cpu_per_s = 0.0;  // limit of tenant_cpu_per_s; 0: none
 };
 struct SessionHealth {
   int64_t t_us = 0;
@@ -127,6 +129,13 @@ struct SessionCheckpoint {
   LatencyHistogram latencies;
   std::optional<PipelineState> pipeline;  // absent when ended
 };
+
+// Returns `health` with the percentiles of `latencies`.
+SessionHealth WithLatencies(SessionHealth health, const LatencyHistogram& latencies);
+// Returns the number of streams that have attached after the first one.
+uint32_t NumReattaches(const SessionLifecycle& lifecycle);
+// Returns the health of a session that no server has loaded, as a server that loads it reports it.
+SessionHealth StoredHealth(const SessionCheckpoint& checkpoint, const SessionLifecycle& lifecycle);
 
 // State with which a session starts: the stored state, or, for a new session, the ownership record with default values
 // of the other members.

@@ -13,7 +13,7 @@
 #include "absl/base/thread_annotations.h"
 #include "core/events/event_bitmap.h"
 #include "core/geometry/camera.h"
-#include "core/tracking/outline/object_outline.h"
+#include "core/tracking/object/object_outline.h"
 
 namespace evpose::server {
 

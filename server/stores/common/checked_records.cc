@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/numerics/hash.h"
 #include "evpose/storage/v1/store.pb.h"
 #include "server/runtime/enum_number.h"
@@ -49,6 +50,17 @@ std::string AddChecksum(absl::string_view what, std::string bytes) {
   const uint32_t checksum = ComputeChecksum(what, bytes);
   bytes.append(reinterpret_cast<const char*>(&checksum), kChecksumBytes);
   return bytes;
+}
+
+std::string CopyWithChecksum(absl::string_view what, absl::string_view bytes) {
+  constexpr size_t kPieceBytes = size_t{1} << 20;
+  std::string copy;
+  copy.reserve(bytes.size() + kChecksumBytes);
+  for (size_t begin = 0; begin < bytes.size(); begin += kPieceBytes) {
+    absl::StrAppend(&copy, bytes.substr(begin, kPieceBytes));
+    YieldPoint();
+  }
+  return AddChecksum(what, std::move(copy));
 }
 
 absl::StatusOr<std::string> VerifyChecksum(absl::string_view what, std::string encoded) {

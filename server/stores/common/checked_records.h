@@ -17,6 +17,8 @@ namespace evpose::server {
 // Appends a CRC-32C of `what` and `bytes`, 4 bytes. `what` names the record ("the checkpoint of sessions/a") and is
 // part of the checksum, so that an intact record in the place of another one is detected, too.
 std::string AddChecksum(absl::string_view what, std::string bytes);
+// The same for a copy of `bytes`, which may have many megabytes: there are yield points (core/base/yield_point.h).
+std::string CopyWithChecksum(absl::string_view what, absl::string_view bytes);
 // Checks and removes the checksum. Errors: DATA_LOSS naming `what`.
 absl::StatusOr<std::string> VerifyChecksum(absl::string_view what, std::string encoded);
 // Returns the checksum that AddChecksum() has appended; 0 when there are fewer than 4 bytes.

@@ -8,6 +8,7 @@
 #include "google/protobuf/descriptor.h"
 #include "google/protobuf/unknown_field_set.h"
 #include "server/stores/common/record_version.h"
+#include "server/stores/common/yielding_serialization.h"
 
 namespace evpose::server {
 namespace {
@@ -60,7 +61,7 @@ std::string SerializeRecord(const Message& record) {
     unknown.Clear();
     unknown.AddVarint(kLaterField, kLaterValue);
   });
-  return later->SerializeAsString();
+  return SerializeYielding(*later);
 }
 
 bool ParseRecord(absl::string_view bytes, Message& record) {

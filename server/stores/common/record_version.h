@@ -20,6 +20,7 @@ extern const uint32_t kTrackerStateVersion;
 // core/contours or core/initialization that alters the result of ParseObjectModel() or MakeSearchViews().
 extern const uint32_t kPreparationVersion;
 
+// Has yield points (core/base/yield_point.h), because a record may have many megabytes.
 std::string SerializeRecord(const google::protobuf::Message& record);
 // Returns false if `bytes` are damaged; `record` must then not be used.
 bool ParseRecord(absl::string_view bytes, google::protobuf::Message& record);

@@ -158,6 +158,18 @@ struct StoreUsage {
   uint64_t max_bytes = 0;  // 0: no limit
 };
 
+// One of several groups of servers among which a store divides the sessions.
+struct StoreGroup {
+  std::string name;
+  absl::Status health;              // at the last CheckHealth()
+  std::optional<StoreUsage> usage;  // at the last Usage()
+  uint32_t parts = 0;               // of the store, which are distributed over all groups
+  // Since the start: the commits that the group has answered, the sum of their durations, and unreplicated_commits().
+  uint64_t commits = 0;
+  double commit_s = 0.0;
+  uint64_t unreplicated_commits = 0;
+};
+
 enum class StoreKind { kMemory, kSqlite, kRedis, kPostgresql };
 
 // Stores bytes without interpreting them. Thread-safe. All functions but SessionLease::Commit block until the store has
@@ -176,11 +188,15 @@ class Store {
   bool is_shared() const { return kind() == StoreKind::kRedis || kind() == StoreKind::kPostgresql; }
   bool outlives_process() const { return kind() != StoreKind::kMemory; }
 
-  // Returns OK when the store responds.
+  // Returns OK when the store responds; if it has several groups, when one of them does.
   virtual absl::Status CheckHealth() = 0;
 
-  // The bytes in use; nullopt if the store does not tell them.
+  // The bytes in use, in the fullest group if there are several; nullopt if the store does not tell them.
   virtual std::optional<StoreUsage> Usage() { return std::nullopt; }
+
+  // The groups of the store, in the order of their names; empty for a store that does not divide its sessions. Does not
+  // block.
+  virtual std::vector<StoreGroup> Groups() const { return {}; }
 
   // The writes of sessions and models that the store had executed and that ended with UNAVAILABLE because no replica
   // acknowledged them in time, since the start; 0 if the store waits for no replica. Does not block.
@@ -199,8 +215,12 @@ class Store {
   // Returns OK also when the model does not exist.
   virtual absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) = 0;
 
+  // Returns a name for a session, "sessions/{id}", that cannot be guessed. Errors: INTERNAL.
+  virtual absl::StatusOr<std::string> NewSessionName(absl::string_view tenant, absl::string_view request_id) const;
   // Creates a session and takes it. Errors: ALREADY_EXISTS when the name exists, also from an earlier call that ended
-  // with UNAVAILABLE, or when the tenant has a session of the same request_id, which FindRequest() returns.
+  // with UNAVAILABLE, or when the tenant has a session of the same request_id, which FindRequest() returns;
+  // INVALID_ARGUMENT, for some stores, when the session has a request_id and its name is not from NewSessionName() for
+  // tenant and request_id.
   virtual absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                                       const std::string& lifecycle) = 0;
 

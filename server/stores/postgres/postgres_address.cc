@@ -62,9 +62,9 @@ absl::StatusOr<PostgresAddress> ParsePostgresAddress(absl::string_view url) {
   if (options == nullptr) {
     // libpq's message may contain a part of the URI, and so of the password.
     const bool may_have_password = absl::StrContains(url, '@') || absl::StrContains(url, "password");
-    absl::string_view said = message == nullptr || may_have_password ? "" : message.get();
-    while (absl::EndsWith(said, "\n")) said.remove_suffix(1);
-    return BadPostgresAddress(absl::StrCat("cannot be parsed", said.empty() ? "" : ": ", said));
+    absl::string_view detail = message == nullptr || may_have_password ? "" : message.get();
+    while (absl::EndsWith(detail, "\n")) detail.remove_suffix(1);
+    return BadPostgresAddress(absl::StrCat("cannot be parsed", detail.empty() ? "" : ": ", detail));
   }
   PostgresAddress address;
   for (const PQconninfoOption* option = options.get(); option->keyword != nullptr; ++option) {

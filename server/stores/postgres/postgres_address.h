@@ -30,7 +30,7 @@ bool IsPostgresUrl(absl::string_view url);
 // if it is given. Errors: INVALID_ARGUMENT, which never contains user or password.
 absl::StatusOr<PostgresAddress> ParsePostgresAddress(absl::string_view url);
 
-// Returns `url` with a password, each byte of which is escaped with %XX. `url` has no password.
+// Inserts a password into `url`, which has none. `escaped_password` has each byte as %XX.
 std::string WithPostgresPassword(absl::string_view url, absl::string_view escaped_password);
 
 }  // namespace evpose::server

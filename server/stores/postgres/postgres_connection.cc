@@ -5,7 +5,7 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
+#include <system_error>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
@@ -92,7 +92,7 @@ absl::StatusOr<std::unique_ptr<PostgresConnection>> PostgresConnection::Open(con
   const int64_t seconds = std::max<int64_t>(2, absl::ToInt64Seconds(absl::Ceil(timeout, absl::Seconds(1))));
   const std::string connect_timeout = std::to_string(seconds);
   const std::string user_timeout_ms = std::to_string(absl::ToInt64Milliseconds(timeout));
-  // The first ones are defaults, which the address replaces. They detect a server whose machine has disappeared.
+  // Defaults, which parameters of the address override. The keepalives detect that the server's machine has failed.
   std::vector<std::pair<const char*, const char*>> all = {{"connect_timeout", connect_timeout.c_str()},
                                                           {"tcp_user_timeout", user_timeout_ms.c_str()},
                                                           {"keepalives_idle", "5"},
@@ -245,7 +245,7 @@ absl::Status PostgresConnection::Await() {
       has_timed_out_ = true;
       return Broken(absl::StrCat("no answer within ", absl::FormatDuration(timeout_)));
     }
-    if (ready < 0) return Broken(std::strerror(errno));
+    if (ready < 0) return Broken(std::generic_category().message(errno));
     if ((socket.revents & (POLLIN | POLLHUP | POLLERR)) != 0 && PQconsumeInput(connection_.get()) != 1) {
       return Broken(PQerrorMessage(connection_.get()));
     }

@@ -141,7 +141,7 @@ PostgresCommit::PostgresCommit(absl::string_view session_name, const FencingToke
       place(commit_place),
       poses(std::move(commit.poses)),
       first_pose_seq_kept(commit.first_pose_seq_kept) {
-  if (commit.checkpoint.has_value()) checkpoint = AddChecksum(CheckpointOf(session), *commit.checkpoint);
+  if (commit.checkpoint.has_value()) checkpoint = CopyWithChecksum(CheckpointOf(session), *commit.checkpoint);
   if (commit.lifecycle.has_value()) lifecycle = AddChecksum(LifecycleOf(session), *std::move(commit.lifecycle));
   if (commit.ended_at.has_value()) ended_at_ns = absl::ToUnixNanos(*commit.ended_at);
   size_bytes = checkpoint.has_value() ? checkpoint->size() : 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tests of a primary whose commits wait for a synchronous standby.
+// Tests the store on a primary that acknowledges a commit only after its synchronous standby has it.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -25,6 +25,7 @@ namespace {
 constexpr char kPrograms[] = "/usr/lib/postgresql/15/bin/";  // Debian's package adds them to no PATH
 
 // The user that runs PostgreSQL; null: the present one.
+// NOLINTNEXTLINE(concurrency-mt-unsafe): only the thread of a test asks for users
 const passwd* OtherUser() { return geteuid() == 0 ? getpwnam("nobody") : nullptr; }
 
 void GiveToUser(const std::string& path) {
@@ -63,22 +64,22 @@ std::string RunProgram(const std::vector<std::string>& arguments, const std::str
   close(log[1]);
   FILE* const lines = fdopen(log[0], "r");
   char line[1024];
-  std::string said;
+  std::string output;
   while (std::fgets(line, sizeof(line), lines) != nullptr) {
-    said += line;
-    if (!ready.empty() && absl::StrContains(said, ready)) break;
+    output += line;
+    if (!ready.empty() && absl::StrContains(output, ready)) break;
   }
   std::fclose(lines);  // later output is lost
-  return said;
+  return output;
 }
 
 void RunToEnd(const std::vector<std::string>& arguments) {
   pid_t process = -1;
-  const std::string said = RunProgram(arguments, "", process);
+  const std::string output = RunProgram(arguments, "", process);
   int status = 0;
   waitpid(process, &status, 0);
   if (status != 0) {
-    throw std::runtime_error(absl::StrCat(arguments[0], " (deploy/install-dependencies.sh --test) failed: ", said));
+    throw std::runtime_error(absl::StrCat(arguments[0], " (deploy/install-dependencies.sh --test) failed: ", output));
   }
 }
 
@@ -133,11 +134,11 @@ absl::Status PostgresServer::TryStart() {
                                     // A busy machine must not make the primary take the standby for lost.
                                     "-c", "wal_sender_timeout=0", "-c", "wal_receiver_timeout=0"};
   for (const std::string& setting : settings_) words.insert(words.end(), {"-c", setting});
-  const std::string said = RunProgram(words, "ready to accept", process_);
-  if (absl::StrContains(said, "ready to accept")) return absl::OkStatus();
+  const std::string output = RunProgram(words, "ready to accept", process_);
+  if (absl::StrContains(output, "ready to accept")) return absl::OkStatus();
   waitpid(process_, nullptr, 0);
   process_ = -1;
-  return absl::UnavailableError("postgres did not start: " + said);
+  return absl::UnavailableError("postgres did not start: " + output);
 }
 
 void PostgresServer::Start() {
@@ -175,7 +176,7 @@ void PostgresServer::AwaitSynchronous(const std::string& standby) const {
 }
 
 std::string PostgresServer::Run(const std::string& sql) const {
-  // Without target_session_attrs, because a standby answers, too.
+  // Without target_session_attrs, because the server may be a standby.
   const PostgresAddress address = {.parameters = {{"host", host()}, {"user", "evpose"}, {"dbname", "postgres"}}};
   auto connection = PostgresConnection::Open(address, absl::Seconds(60)).value();
   const auto rows = connection->Execute(sql.c_str());

@@ -5,8 +5,10 @@
 #include <csignal>
 #include <future>
 #include <iterator>
+#include <limits>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "core/base/status_macros.h"
@@ -53,46 +55,88 @@ RedisClient::RedisClient(const RedisClientOptions& options)
       backoff_(options.first_backoff),
       thread_([this](std::vector<Job> jobs) { Process(std::move(jobs)); }) {}
 
-void RedisClient::Push(RedisCommand command, Acknowledgement acknowledgement, Done done) {
-  thread_.Push({.command = std::move(command), .acknowledgement = acknowledgement, .done = std::move(done)});
+RedisClient::Job RedisClient::MakeJob(Command command, Done done) {
+  Job job = {.script = command.script, .acknowledgement = command.acknowledgement, .done = std::move(done)};
+  if (command.script == nullptr) {
+    job.command = std::move(command.words);
+    return job;
+  }
+  job.command = {"EVALSHA", "", std::to_string(command.keys.size())};
+  std::move(command.keys.begin(), command.keys.end(), std::back_inserter(job.command));
+  std::move(command.words.begin(), command.words.end(), std::back_inserter(job.command));
+  return job;
 }
 
-void RedisClient::PushScript(const RedisScript& script, const std::vector<std::string>& keys,
-                             std::vector<std::string> arguments, Acknowledgement acknowledgement, Done done) {
-  Job job = {.script = &script,
-             .command = {"EVALSHA", "", std::to_string(keys.size())},
-             .acknowledgement = acknowledgement,
-             .done = std::move(done)};
-  job.command.insert(job.command.end(), keys.begin(), keys.end());
-  std::move(arguments.begin(), arguments.end(), std::back_inserter(job.command));
+std::pair<RedisClient::Job, std::future<absl::StatusOr<RedisReply>>> RedisClient::MakeAnsweredJob(Command command) {
+  std::promise<absl::StatusOr<RedisReply>> answer;
+  auto reply = answer.get_future();
+  Done done = [answer = std::move(answer)](absl::StatusOr<RedisReply> received) mutable {
+    answer.set_value(std::move(received));
+  };
+  return {MakeJob(std::move(command), std::move(done)), std::move(reply)};
+}
+
+void RedisClient::Push(Command command, Done done) { thread_.Push(MakeJob(std::move(command), std::move(done))); }
+
+void RedisClient::Push(RedisCommand command, Acknowledgement acknowledgement, Done done) {
+  Push({.words = std::move(command), .acknowledgement = acknowledgement}, std::move(done));
+}
+
+std::future<absl::StatusOr<RedisReply>> RedisClient::StartCommand(Command command) {
+  auto [job, reply] = MakeAnsweredJob(std::move(command));
   thread_.Push(std::move(job));
+  return std::move(reply);
+}
+
+std::vector<std::future<absl::StatusOr<RedisReply>>> RedisClient::StartAll(std::vector<Command> commands) {
+  std::vector<std::future<absl::StatusOr<RedisReply>>> replies;
+  const auto parts = std::make_shared<std::vector<Job>>();
+  for (Command& command : commands) {
+    auto [job, reply] = MakeAnsweredJob(std::move(command));
+    parts->push_back(std::move(job));
+    replies.push_back(std::move(reply));
+  }
+  if (parts->empty()) return replies;
+  thread_.Push({.done =
+                    [parts](const absl::StatusOr<RedisReply>& closed) {
+                      for (Job& part : *parts) part.done(closed.status());
+                    },
+                .parts = parts});
+  return replies;
+}
+
+std::vector<RedisClient::Job> RedisClient::Expand(std::vector<Job> jobs) {
+  std::vector<Job> all;
+  for (Job& job : jobs) {
+    if (job.parts == nullptr) {
+      all.push_back(std::move(job));
+    } else {
+      std::move(job.parts->begin(), job.parts->end(), std::back_inserter(all));
+    }
+  }
+  return all;
+}
+
+std::future<absl::StatusOr<RedisReply>> RedisClient::Start(RedisCommand command, Acknowledgement acknowledgement) {
+  return StartCommand({.words = std::move(command), .acknowledgement = acknowledgement});
+}
+
+std::future<absl::StatusOr<RedisReply>> RedisClient::StartScript(const RedisScript& script,
+                                                                 const std::vector<std::string>& keys,
+                                                                 std::vector<std::string> arguments,
+                                                                 Acknowledgement acknowledgement) {
+  return StartCommand(
+      {.words = std::move(arguments), .script = &script, .keys = keys, .acknowledgement = acknowledgement});
 }
 
 absl::StatusOr<RedisReply> RedisClient::Call(RedisCommand command, Acknowledgement acknowledgement) {
-  std::promise<absl::StatusOr<RedisReply>> answer;
-  Push(std::move(command), acknowledgement,
-       [&answer](absl::StatusOr<RedisReply> reply) { answer.set_value(std::move(reply)); });
-  return answer.get_future().get();
-}
-
-std::vector<absl::StatusOr<RedisReply>> RedisClient::CallAll(std::vector<RedisCommand> commands) {
-  std::vector<std::promise<absl::StatusOr<RedisReply>>> answers(commands.size());
-  for (size_t i = 0; i < commands.size(); ++i) {
-    Push(std::move(commands[i]),
-         [&answer = answers[i]](absl::StatusOr<RedisReply> reply) { answer.set_value(std::move(reply)); });
-  }
-  std::vector<absl::StatusOr<RedisReply>> replies;
-  for (auto& answer : answers) replies.push_back(answer.get_future().get());
-  return replies;
+  return Start(std::move(command), acknowledgement).get();
 }
 
 absl::StatusOr<RedisReply> RedisClient::CallScript(const RedisScript& script, const std::vector<std::string>& keys,
                                                    std::vector<std::string> arguments,
                                                    Acknowledgement acknowledgement) {
-  std::promise<absl::StatusOr<RedisReply>> answer;
-  PushScript(script, keys, std::move(arguments), acknowledgement,
-             [&answer](absl::StatusOr<RedisReply> reply) { answer.set_value(std::move(reply)); });
-  return answer.get_future().get();
+  return StartScript(script, keys, std::move(arguments), acknowledgement).get();
 }
 
 void RedisClient::Close() {
@@ -106,8 +150,9 @@ std::vector<std::string> RedisClient::TakeDeletedForRoom() {
   return std::exchange(deleted_for_room_, {});
 }
 
-void RedisClient::Process(std::vector<Job> jobs) {
+void RedisClient::Process(std::vector<Job> waiting) {
   BlockSigpipe();
+  std::vector<Job> jobs = Expand(std::move(waiting));
   wait_until_ = std::chrono::steady_clock::now();
   if (!has_waited_in_vain_) wait_until_ += absl::ToChronoMilliseconds(options_.sentinel.failover_wait);
   size_t begin = 0;
@@ -226,8 +271,7 @@ absl::Status RedisClient::Connect() {
   absl::StatusOr<std::unique_ptr<RedisConnection>> opened = OpenConnection();
   std::map<const RedisScript*, std::string> digests;
   absl::Status status = opened.status();
-  for (const RedisScript* const script : {&kRedisCreate, &kRedisIndex, &kRedisRead, &kRedisCommit, &kRedisDelete,
-                                          &kRedisDeleteEnded, &kRedisPutModel, &kRedisDeleteModel}) {
+  for (const RedisScript* const script : AllRedisScripts()) {
     if (!status.ok()) break;
     const auto loaded = (*opened)->Run({"SCRIPT", "LOAD", script->source});
     status = loaded.status();
@@ -267,14 +311,28 @@ void RedisClient::Disconnect() {
 }
 
 bool RedisClient::DeleteOldestEnded() {
-  RedisCommand command = {"EVAL", kRedisDeleteEnded.source, "6"};
-  command.insert(command.end(), {kRedisEndedKey, kRedisSessionsKey, kRedisOwnersKey, kRedisTenantsKey,
-                                 kRedisRequestsKey, kRedisLifecycleWritesKey});
-  command.insert(command.end(), {"+inf", "1", RedisSessionKey(""), RedisPosesKey("")});
+  std::vector<RedisCommand> commands;
+  for (int bucket = 0; bucket < kRedisBuckets; ++bucket) {
+    commands.push_back({"ZRANGE", RedisEndedKey(bucket), "0", "0", "WITHSCORES"});
+  }
+  std::string name;
+  double earliest_us = std::numeric_limits<double>::infinity();
+  for (const absl::StatusOr<RedisReply>& reply : connection_->Run(commands)) {
+    double ended_at_us = 0.0;
+    if (!reply.ok() || (*reply)->elements != 2) continue;
+    if (!absl::SimpleAtod(RedisText((*reply)->element[1]), &ended_at_us) || ended_at_us >= earliest_us) continue;
+    earliest_us = ended_at_us;
+    name = RedisText((*reply)->element[0]);
+  }
+  if (name.empty()) return false;
+  const std::vector<std::string> keys = RedisSessionKeys(name);
+  RedisCommand command = {"EVAL", kRedisDeleteEnded.source, std::to_string(keys.size())};
+  command.insert(command.end(), keys.begin(), keys.end());
+  command.insert(command.end(), {name, "+inf"});
   const absl::StatusOr<RedisReply> deleted = connection_->Run(command);
-  if (!deleted.ok() || (*deleted)->elements != 1) return false;
+  if (!deleted.ok() || RedisText(deleted->get()) != "OK") return false;
   const std::lock_guard lock(mutex_);
-  deleted_for_room_.push_back(RedisText((*deleted)->element[0]));
+  deleted_for_room_.push_back(std::move(name));
   return true;
 }
 

@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <future>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -55,20 +56,34 @@ class RedisClient {
   // memory of Redis is full and no ended session is left to delete; those of RedisConnection.
   using Done = absl::AnyInvocable<void(absl::StatusOr<RedisReply>)>;
 
+  struct Command {
+    RedisCommand words;                   // the arguments, if there is a script
+    const RedisScript* script = nullptr;  // null: a command
+    std::vector<std::string> keys;        // of the script
+    Acknowledgement acknowledgement = Acknowledgement::kMaster;
+  };
+
   explicit RedisClient(const RedisClientOptions& options);
 
   // Queues a command. `done` is called once, on the client's thread; within Push() when the client is closed.
   void Push(RedisCommand command, Done done) { Push(std::move(command), Acknowledgement::kMaster, std::move(done)); }
   void Push(RedisCommand command, Acknowledgement acknowledgement, Done done);
-  void PushScript(const RedisScript& script, const std::vector<std::string>& keys, std::vector<std::string> arguments,
-                  Acknowledgement acknowledgement, Done done);
-  // As Push() and PushScript(), but wait for the reply. Not to be called from the client's thread.
+  void Push(Command command, Done done);
+  // As Push(), but waits for the reply. Not to be called from the client's thread.
   absl::StatusOr<RedisReply> Call(RedisCommand command, Acknowledgement acknowledgement = Acknowledgement::kMaster);
-  // As Call() for several commands, which are sent together: one round trip instead of one for each.
-  std::vector<absl::StatusOr<RedisReply>> CallAll(std::vector<RedisCommand> commands);
+  // As Call() and CallScript(), but do not wait: calls that are started one after the other are sent together.
+  std::future<absl::StatusOr<RedisReply>> Start(RedisCommand command,
+                                                Acknowledgement acknowledgement = Acknowledgement::kMaster);
+  std::future<absl::StatusOr<RedisReply>> StartScript(const RedisScript& script, const std::vector<std::string>& keys,
+                                                      std::vector<std::string> arguments,
+                                                      Acknowledgement acknowledgement);
   absl::StatusOr<RedisReply> CallScript(const RedisScript& script, const std::vector<std::string>& keys,
                                         std::vector<std::string> arguments,
                                         Acknowledgement acknowledgement = Acknowledgement::kMaster);
+
+  // As Start() and StartScript() for all of them. The client's thread gets them at once, so that they need few round
+  // trips also on a busy machine.
+  std::vector<std::future<absl::StatusOr<RedisReply>>> StartAll(std::vector<Command> commands);
 
   // Processes the waiting commands, each with the bounded wait, and closes the connection. To be called once.
   void Close();
@@ -85,9 +100,16 @@ class RedisClient {
     RedisCommand command;
     Acknowledgement acknowledgement = Acknowledgement::kMaster;
     Done done;
+    std::shared_ptr<std::vector<Job>> parts;  // not null: these jobs instead; `done` calls theirs with an error
   };
 
-  void Process(std::vector<Job> jobs);
+  static Job MakeJob(Command command, Done done);
+  // A job, and the future reply to it.
+  static std::pair<Job, std::future<absl::StatusOr<RedisReply>>> MakeAnsweredJob(Command command);
+  std::future<absl::StatusOr<RedisReply>> StartCommand(Command command);
+  // Replaces jobs that have parts by these.
+  static std::vector<Job> Expand(std::vector<Job> jobs);
+  void Process(std::vector<Job> waiting);
   // Runs the commands from `begin` on that fit into one batch; `end` is the first one that does not.
   std::vector<absl::StatusOr<RedisReply>> RunBatch(std::vector<Job>& jobs, size_t begin, size_t& end);
   bool AwaitsReplica(const Job& job) const;

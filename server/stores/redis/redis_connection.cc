@@ -13,11 +13,13 @@ namespace evpose::server {
 namespace {
 
 constexpr absl::string_view kScriptMissing = "NOSCRIPT";
+constexpr absl::string_view kElsewhere = "ELSEWHERE";
 
 // Maps an error reply of Redis, whose first word names its kind, to a status.
 absl::Status MakeError(const std::string& name, absl::string_view words) {
   const std::string said = absl::StrCat(name, ": ", words);
   if (absl::StartsWith(words, kScriptMissing)) return absl::FailedPreconditionError(words);
+  if (absl::StartsWith(words, kElsewhere)) return absl::FailedPreconditionError(words);
   if (absl::StartsWith(words, "OOM")) {
     return absl::ResourceExhaustedError(absl::StrCat(said, ": delete sessions, or give Redis more maxmemory"));
   }
@@ -44,9 +46,27 @@ std::string RedisText(const redisReply* reply) {
   return reply->str == nullptr ? std::string() : std::string(reply->str, reply->len);
 }
 
+std::string RedisTextAt(const redisReply* list, size_t i) {
+  return i < list->elements ? RedisText(list->element[i]) : std::string();
+}
+
+std::vector<std::string> RedisTexts(const redisReply* list) {
+  std::vector<std::string> texts;
+  for (size_t i = 0; i < list->elements; ++i) texts.push_back(RedisText(list->element[i]));
+  return texts;
+}
+
 bool IsRedisRefusal(const absl::Status& status) {
   return absl::IsUnavailable(status) &&
          (absl::StrContains(status.message(), "READONLY ") || absl::StrContains(status.message(), "NOREPLICAS "));
+}
+
+absl::Status RedisElsewhereError(absl::string_view state) {
+  return absl::FailedPreconditionError(absl::StrCat(kElsewhere, " ", state));
+}
+
+bool IsRedisElsewhere(const absl::Status& status) {
+  return absl::IsFailedPrecondition(status) && absl::StartsWith(status.message(), kElsewhere);
 }
 
 bool IsRedisScriptMissing(const absl::Status& status) {

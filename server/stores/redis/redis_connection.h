@@ -25,6 +25,9 @@ using RedisCommand = std::vector<std::string>;
 
 // Returns the bytes of a string, status or error reply; empty for every other type.
 std::string RedisText(const redisReply* reply);
+// The same for an element of a list; empty if the list is shorter.
+std::string RedisTextAt(const redisReply* list, size_t i);
+std::vector<std::string> RedisTexts(const redisReply* list);
 
 // One connection. After an error of the connection itself (broken()) it cannot be used any more. For one thread, in
 // which SIGPIPE is blocked.
@@ -61,6 +64,10 @@ class RedisConnection {
 
 // True if Redis has not executed a command because it is a replica, or a master without replicas.
 bool IsRedisRefusal(const absl::Status& status);
+
+// The error of a script for a bucket that is in another group. `state` is the state of the bucket in this group.
+absl::Status RedisElsewhereError(absl::string_view state);
+bool IsRedisElsewhere(const absl::Status& status);
 
 // True if Redis no longer has the script in its cache, so that its source must be sent again.
 bool IsRedisScriptMissing(const absl::Status& status);

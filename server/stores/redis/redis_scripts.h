@@ -1,24 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The operations of the Redis store as Lua scripts, which Redis executes atomically.
+// The operations of the Redis store as Lua scripts, which Redis executes atomically. Each script uses only the keys
+// that it declares, all of one bucket, and writes only if the bucket is in this group.
 //
-// Keys, all with the prefix "evpose:". The values of record, lifecycle, checkpoint, b, header and bytes have checksums
-// (checked_records.h).
-//   fencing         the last fencing number
-//   sessions        a set of the names of all sessions
-//   owners          a hash: by the name of each session its TENANT\nREQUEST_ID; both empty if its record is damaged
+// Keys, all with the prefix "evpose:" (redis_keys.h). The values of record, lifecycle, checkpoint, b, header and bytes
+// have checksums (checked_records.h).
+//   {store}         a hash, in each group: id, random and the same in all groups of a store; name, that of the group;
+//   in
+//                   one of the groups also groups, the names of those among which the buckets were divided at first
+//   sessions        a text, with which a server without buckets does not start
+// and in each bucket, as {bN}:WHAT:
+//   bucket          a hash: state: here, moving, leaving, moved or arriving (when a bucket that was moved returns), and
+//                   only scripts that move it write unless it is here; to: the group to which it moves or moved; mover:
+//                   random, of the program that moves it; epoch: higher after each move; fencing: the last fencing
+//                   number. A bucket without it is not here.
+//   owners          a hash: by the name of each session its TENANT\nREQUEST_ID
 //   tenants         a sorted set of TENANT\nNAME of all sessions, all with the score 0 and so in the order of the text
 //   requests        a hash: by TENANT\nREQUEST_ID the name of the session
-//   lifecycle_writes   a sorted set of the names of all sessions, by the number of the latest write of the lifecycle
+//   lifecycle_writes   a sorted set of the names of all sessions, by the latest write of the lifecycle: microseconds
+//                   since 1970, or one more than the last number of the bucket if that is higher
 //   ended           a sorted set of the names of ended sessions, by microseconds since 1970
-//   session:NAME    a hash: fencing, commit, next, kept (numbers); holder (with `fencing` the token of the lease; a
-//                   session of an earlier version has none until it is taken); record, lifecycle, checkpoint
+//   session:NAME    a hash: fencing, commit, next, kept (numbers); holder (with `fencing` the token of the lease);
+//                   record, lifecycle, checkpoint
 //   poses:NAME      a stream; the ID of an entry is FIRST-LAST of its poses, its only field `b` their bytes
 //   models          a set of NAME\nTENANT
 //   model:NAME\nTENANT   a hash: header, bytes
 #pragma once
 
 #include <string>
+#include <vector>
 
 namespace evpose::server {
 
@@ -26,34 +36,63 @@ struct RedisScript {
   std::string source;
 };
 
-// Creates a session. KEYS: session, sessions, fencing, owners, tenants, requests, lifecycle_writes. ARGV: name, record,
-// lifecycle, safety_ttl_ms, holder, tenant, request_id, "evpose:session:". Returns the fencing number, or 0 when the
-// session, or one of the same request_id, exists.
+// Scripts on a session. KEYS: RedisSessionKeys(). All of them fail with the error ELSEWHERE if the bucket is not here.
+
+// Creates a session. ARGV: name, record, lifecycle, safety_ttl_ms, holder, tenant, request_id. Returns the fencing
+// number; 0 when the session exists; or the name of another session with the same request_id.
 extern const RedisScript kRedisCreate;
-// Adds a session that an earlier version created to owners, tenants, requests and lifecycle_writes. KEYS: these. ARGV:
-// name, tenant, request_id.
-extern const RedisScript kRedisIndex;
-// Reads a session, and takes it if asked. KEYS: session, poses, fencing. ARGV: "1" to take the session or "0",
-// safety_ttl_ms, the number of a pose, that number + 1, holder. Returns nil when the session does not exist, else
-// fencing, next, kept, record, lifecycle, checkpoint and the entries of the stream that have a later pose.
+// Reads a session, and takes it if asked. ARGV: "1" to take the session or "0", safety_ttl_ms, the number of a pose,
+// that number + 1, holder. Returns nil when the session does not exist, else fencing, next, kept, record, lifecycle,
+// checkpoint and the entries of the stream that have a later pose.
 extern const RedisScript kRedisRead;
-// Writes a commit. KEYS: session, poses, ended, lifecycle_writes. ARGV: name, fencing, commit number, first pose to
-// replace, kept, ended_at_us or "", safety_ttl_ms, max_segments, checkpoint or "", lifecycle or "" (an encoded record
-// is never empty), holder, number of the last commit that ended with OK, then first, last, bytes of each segment.
-// Returns OK, NOTFOUND, FENCED, STALE when a later commit has been written, or LOST when Redis has lost the lease or
-// commits of it.
+// Writes a commit. ARGV: name, fencing, commit number, first pose to replace, kept, ended_at_us or "", safety_ttl_ms,
+// max_segments, checkpoint or "", lifecycle or "" (an encoded record is never empty), holder, number of the last commit
+// that ended with OK, then first, last, bytes of each segment. Returns OK, NOTFOUND, FENCED, STALE when a later commit
+// has been written, or LOST when Redis has lost the lease or commits of it.
 extern const RedisScript kRedisCommit;
-// Deletes a session. KEYS: session, poses, ended, sessions, owners, tenants, requests, lifecycle_writes. ARGV: name,
-// fencing or "" for any holder, holder. Returns OK, FENCED or LOST.
+// Deletes a session. ARGV: name, fencing or "" for any holder, holder. Returns OK, FENCED or LOST.
 extern const RedisScript kRedisDelete;
-// Deletes the sessions that ended before a time, beginning with the earliest end. KEYS: ended, sessions, owners,
-// tenants, requests, lifecycle_writes. ARGV: microseconds or "+inf", maximum number, "evpose:session:",
-// "evpose:poses:". Returns their names.
+// Deletes a session if it ended before a time. ARGV: name, microseconds or "+inf". Returns OK or KEPT.
 extern const RedisScript kRedisDeleteEnded;
-// Adds a model unless it exists. KEYS: model, models. ARGV: member of the set, header, bytes. Returns 1 if it was
-// added.
+
+// Scripts on a model. KEYS: RedisModelKeys(). ELSEWHERE as above.
+
+// Adds a model or replaces it. ARGV: member of the set, header, bytes.
 extern const RedisScript kRedisPutModel;
-// Deletes a model. KEYS: model, models. ARGV: member of the set. Returns 1 if it existed.
+// Deletes a model. ARGV: member of the set.
 extern const RedisScript kRedisDeleteModel;
+
+// Makes a bucket unless the group knows it. KEYS: the state of the bucket. ARGV: epoch.
+extern const RedisScript kRedisMakeBucket;
+
+// Scripts that move a bucket from one group to another (redis_move.cc). KEYS: the state of the bucket, and for
+// kRedisRestore and kRedisForget another key.
+
+// In the first group: the bucket is moving, unless it is leaving already. ARGV: to, mover. Returns state, to, epoch and
+// fencing; ELSEWHERE if it is not here. Succeeds also when the memory of Redis is full.
+extern const RedisScript kRedisBeginMove;
+// In the first group: from moving back to here. ARGV: mover.
+extern const RedisScript kRedisRevertMove;
+// In the first group: from moving to leaving, after which the move is only completed. ARGV: mover. Returns OK or OTHER.
+extern const RedisScript kRedisLeave;
+// In the other group: writes a value as DUMP has returned it. ARGV: time to live in ms or 0, value. Returns OK, or HERE
+// if the move is complete.
+extern const RedisScript kRedisRestore;
+// In the other group: the bucket is here. ARGV: epoch, fencing. Has no effect if it is known with this epoch.
+extern const RedisScript kRedisArrive;
+// In the first group: from leaving to moved.
+extern const RedisScript kRedisMoved;
+// In the first group: deletes the other key if the bucket is moved.
+extern const RedisScript kRedisForget;
+
+// Scripts on the record of the store. KEYS: kRedisStoreKey.
+
+// Writes what the record lacks. ARGV: id, name of the group, names of all groups or "". Returns id, name and groups.
+extern const RedisScript kRedisJoin;
+// Names the only group of a store, which gets further ones. ARGV: name.
+extern const RedisScript kRedisName;
+
+// All of the above.
+const std::vector<const RedisScript*>& AllRedisScripts();
 
 }  // namespace evpose::server

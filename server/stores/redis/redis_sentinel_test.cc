@@ -317,7 +317,7 @@ TEST_F(RedisSentinelFixture, AKilledMasterLosesNoAcknowledgedCommit) {
     group_.Restart(old_master);
   }
   const uint64_t acknowledged = committer.Stop();
-  EXPECT_GE(acknowledged, 2 * kKills * kCommits);
+  EXPECT_GE(acknowledged, uint64_t{2} * kKills * kCommits);
   // With another store, which has only the new master.
   const StoredSession session = Open()->ReadSession("sessions/a").value();
   ASSERT_GE(session.poses.size(), acknowledged);

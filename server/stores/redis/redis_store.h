@@ -5,16 +5,19 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "server/stores/common/store.h"
-#include "server/stores/redis/redis_client.h"
+#include "server/stores/redis/redis_groups.h"
 
 namespace evpose::server {
 
 struct RedisStoreOptions {
-  RedisClientOptions client;
+  RedisClientOptions client;  // of the only group
+  // Several groups, among which the sessions are divided. Empty: one, that of `client`.
+  std::vector<RedisGroupOptions> groups;
   // Redis deletes a session that no server has written or taken for this time, so that nothing is left behind when all
   // servers are gone.
   absl::Duration safety_ttl = absl::Hours(24 * 30);
@@ -28,8 +31,7 @@ struct RedisStoreOptions {
 // Opens the store and reads all models and sessions once, unless there are too many, to find damaged ones. The store is
 // as durable as Redis is configured to be: with `appendonly yes` and `appendfsync always` like a file; otherwise a
 // crash of Redis may lose the last second. With Sentinels, writes that this store acknowledges are at a replica, too.
-// Errors: UNAVAILABLE; PERMISSION_DENIED; FAILED_PRECONDITION for a Redis
-// before 6.2 and for one that evicts keys when its memory is full.
+// Errors: those of RedisGroups::Open().
 absl::StatusOr<std::unique_ptr<Store>> OpenRedisStore(const RedisStoreOptions& options);
 
 }  // namespace evpose::server

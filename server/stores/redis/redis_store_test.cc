@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/stores/open_store.h"
+#include "server/stores/redis/redis_keys.h"
 #include "server/stores/redis/redis_testing.h"
 #include "server/stores/store_suite_testing.h"
 
@@ -126,28 +127,26 @@ TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1"}).ok());
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "2"}).ok());
   // The first commit once more, as a slow connection would deliver it.
-  const std::string answer = redis_.Text({"EVAL",
-                                          kRedisCommit.source,
-                                          "4",
-                                          "evpose:session:sessions/a",
-                                          "evpose:poses:sessions/a",
-                                          "evpose:ended",
-                                          "evpose:lifecycle_writes",
-                                          "sessions/a",
-                                          std::to_string(lease->token().number),
-                                          "1",
-                                          "1",
-                                          "1",
-                                          "",
-                                          "1000000",
-                                          "10",
-                                          "stale",
-                                          "",
-                                          lease->token().holder,
-                                          "0",
-                                          "1",
-                                          "1",
-                                          "stale"});
+  RedisCommand command = {"EVAL", kRedisCommit.source, "8"};
+  const std::vector<std::string> keys = RedisSessionKeys("sessions/a");
+  command.insert(command.end(), keys.begin(), keys.end());
+  const RedisCommand arguments = {"sessions/a",
+                                  std::to_string(lease->token().number),
+                                  "1",
+                                  "1",
+                                  "1",
+                                  "",
+                                  "1000000",
+                                  "10",
+                                  "stale",
+                                  "",
+                                  lease->token().holder,
+                                  "0",
+                                  "1",
+                                  "1",
+                                  "stale"};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  const std::string answer = redis_.Text(command);
   EXPECT_EQ(answer, "STALE");
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
   EXPECT_TRUE(store_->ReadSession("sessions/a")->poses.empty());
@@ -179,8 +178,8 @@ TEST_F(RedisStoreFixture, BoundsTheStreamAndTheLifetimeOfUnusedSessions) {
     ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 10 * i + 1, 10 * i + 10)}}).ok());
   }
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "61-70 71-80 81-90 91-100");
-  EXPECT_GT(redis_.Run({"PTTL", "evpose:session:sessions/a"})->integer, 0);
-  EXPECT_GT(redis_.Run({"PTTL", "evpose:poses:sessions/a"})->integer, 0);
+  EXPECT_GT(redis_.Run({"PTTL", RedisSessionKey("sessions/a")})->integer, 0);
+  EXPECT_GT(redis_.Run({"PTTL", RedisPosesKey("sessions/a")})->integer, 0);
 }
 
 TEST_F(RedisStoreFixture, LeavesNothingBehind) {
@@ -193,13 +192,16 @@ TEST_F(RedisStoreFixture, LeavesNothingBehind) {
   ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
   ASSERT_TRUE(store_->DeleteModel("tenant", "models/a").ok());
   const RedisReply keys = redis_.Run({"KEYS", "*"});
-  ASSERT_EQ(keys->elements, 1u);
-  EXPECT_EQ(RedisText(keys->element[0]), "evpose:fencing");
+  EXPECT_EQ(keys->elements, kRedisBuckets + 2u);
+  for (size_t i = 0; i < keys->elements; ++i) {
+    EXPECT_THAT(RedisText(keys->element[i]),
+                testing::AnyOf(testing::EndsWith("}:bucket"), kRedisStoreKey, kRedisOldSessionsKey));
+  }
 }
 
 TEST_F(RedisStoreFixture, NamesDamagedRecords) {
   using Tamper = std::function<void()>;
-  const std::string key = "evpose:session:sessions/a";
+  const std::string key = RedisSessionKey("sessions/a");
   const std::pair<Tamper, const char*> cases[] = {
       {[&] {
          redis_.Run({"HSET", key, "checkpoint", "other bytes"});
@@ -218,15 +220,15 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
        },
        "state of sessions/a"},
       {[&] {
-         redis_.Run({"XDEL", "evpose:poses:sessions/a", "4-5"});
+         redis_.Run({"XDEL", RedisPosesKey("sessions/a"), "4-5"});
        },
        "poses of sessions/a are missing"},
       {[&] {
-         redis_.Run({"DEL", "evpose:poses:sessions/a"});
+         redis_.Run({"DEL", RedisPosesKey("sessions/a")});
        },
        "poses of sessions/a are missing"},
       {[&] {
-         redis_.Run({"XADD", "evpose:poses:sessions/a", "9-9", "b", "x"});
+         redis_.Run({"XADD", RedisPosesKey("sessions/a"), "9-9", "b", "x"});
        },
        "poses 9 to 9 of sessions/a"},
   };
@@ -244,8 +246,8 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
   ASSERT_TRUE(store_->CreateSession(Record("sessions/b"), "").ok());
   ASSERT_TRUE(store_->PutModel(Model("models/a", "", "bytes")).ok());
   ASSERT_TRUE(store_->CreateSession(Record("sessions/whole"), "").ok());
-  redis_.Run({"HSET", "evpose:session:sessions/b", "record", "other"});
-  redis_.Run({"HSET", "evpose:model:models/a\n", "bytes", "other"});
+  redis_.Run({"HSET", RedisSessionKey("sessions/b"), "record", "other"});
+  redis_.Run({"HSET", RedisModelKey(RedisModelMember("", "models/a")), "bytes", "other"});
   store_ = Open();
   EXPECT_THAT(store_->damage(), testing::ElementsAre(HasSubstr("session sessions/b"), HasSubstr("model models/a")));
   EXPECT_TRUE(store_->ListSessions("tenant of sessions/b", "", 10)->records.empty());
@@ -276,36 +278,69 @@ TEST_F(RedisStoreFixture, SessionsAreListedInFewRoundTrips) {
   EXPECT_LT(fewest, kListed / 2);
 }
 
-TEST_F(RedisStoreFixture, SessionsOfAnEarlierVersionAreIndexedWhenTheStoreIsOpened) {
-  for (const char* const name : {"sessions/a", "sessions/b"}) {
-    ASSERT_TRUE(store_->CreateSession(Record(name), "life of " + std::string(name)).ok());
+TEST_F(RedisStoreFixture, TheLayoutOfAnEarlierVersionIsRefused) {
+  EXPECT_EQ(redis_.Text({"TYPE", kRedisOldSessionsKey}), "string") << "an earlier version expects a set";
+  for (const RedisCommand& command : std::vector<RedisCommand>{{"SADD", kRedisOldSessionsKey, "sessions/a"},
+                                                               {"SADD", "evpose:models", "models/a\ntenant"}}) {
+    redis_.Run({"FLUSHALL"});
+    redis_.Run(command);
+    const absl::Status status = OpenStore({.store = redis_.url()}).status();
+    EXPECT_EQ(status.code(), StatusCode::kFailedPrecondition) << status;
+    EXPECT_THAT(std::string(status.message()),
+                AllOf(HasSubstr("socket has sessions or models of an earlier version"), HasSubstr("give --store")));
   }
-  redis_.Run({"DEL", "evpose:owners", "evpose:tenants", "evpose:requests", "evpose:lifecycle_writes"});
-  redis_.Run({"HSET", "evpose:session:sessions/b", "record", "damaged"});
-  store_ = Open();
-  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre("sessions/a", "sessions/b"));
-  const SessionRecord record = Record("sessions/a");
-  EXPECT_EQ(store_->ListSessions(record.tenant, "", 10)->records.size(), 1u);
-  EXPECT_EQ(store_->FindRequest(record.tenant, record.request_id)->name, "sessions/a");
-  EXPECT_EQ(store_->ReadOldestLifecycles(10)->size(), 2u);
-  ASSERT_TRUE(store_->DeleteSession("sessions/b").ok());
-  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre("sessions/a"));
+}
+
+// A Redis that keeps nothing is restarted.
+TEST_F(RedisStoreFixture, AnEmptiedRedisIsUsedAgain) {
+  auto lease = store_->CreateSession(Record("sessions/a"), "").value();
+  redis_.Run({"FLUSHALL"});
+  EXPECT_EQ(store_->ReadTenant("sessions/a").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(CommitNow(*lease, {.checkpoint = "1"}).code(), StatusCode::kNotFound);
+  EXPECT_TRUE(store_->CreateSession(Record("sessions/a"), "").ok());
 }
 
 // Redis deletes a session that no server has used for the safety time, but not its entries in the indexes.
 TEST_F(RedisStoreFixture, EntriesOfSessionsThatRedisDeletedAreRemoved) {
-  for (const char* const name : {"sessions/a", "sessions/b"}) {
-    ASSERT_TRUE(store_->CreateSession({.name = name, .tenant = "lab", .request_id = name}, "life").ok());
-    redis_.Run({"DEL", std::string("evpose:session:") + name});
+  std::vector<SessionRecord> records;
+  for (const char* const request_id : {"1", "2", "1"}) {
+    records.push_back({.name = store_->NewSessionName("lab", request_id).value(),
+                       .tenant = "lab",
+                       .request_id = request_id,
+                       .config = ""});
   }
-  EXPECT_EQ(store_->FindRequest("lab", "sessions/a").status().code(), StatusCode::kNotFound);
-  EXPECT_TRUE(store_->CreateSession({.name = "sessions/c", .tenant = "lab", .request_id = "sessions/a"}, "").ok());
+  for (size_t i = 0; i < 2; ++i) {
+    ASSERT_TRUE(store_->CreateSession(records[i], "life").ok());
+    redis_.Run({"DEL", RedisSessionKey(records[i].name)});
+  }
+  EXPECT_EQ(store_->FindRequest("lab", "1").status().code(), StatusCode::kNotFound);
+  EXPECT_TRUE(store_->CreateSession(records[2], "").ok());
   EXPECT_EQ(store_->ReadOldestLifecycles(10)->size(), 1u);
-  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre("sessions/c"));
-  EXPECT_EQ(store_->FindRequest("lab", "sessions/a")->name, "sessions/c");
-  for (const char* const key : {"evpose:tenants", "evpose:lifecycle_writes"}) {
-    EXPECT_EQ(redis_.Text({"ZRANGE", key, "1", "-1"}), "") << key;
+  EXPECT_THAT(NamesOf(*store_), testing::ElementsAre(records[2].name));
+  EXPECT_EQ(store_->FindRequest("lab", "1")->name, records[2].name);
+  const int bucket = RedisBucketOf(records[1].name);
+  for (const std::string& key : {RedisTenantsKey(bucket), RedisLifecycleWritesKey(bucket)}) {
+    EXPECT_EQ(redis_.Run({"EXISTS", key})->integer, 0) << key;
   }
+}
+
+TEST_F(RedisStoreFixture, ARequestDecidesTheBucketOfItsSession) {
+  const std::string name = store_->NewSessionName("lab", "1").value();
+  EXPECT_EQ(RedisBucketOf(name), RedisBucketOf("lab\n1"));
+  SessionRecord record = {.name = name, .tenant = "lab", .request_id = "1", .config = ""};
+  while (RedisBucketOf(record.name) == RedisBucketOf(name)) record.name += "x";
+  EXPECT_EQ(store_->CreateSession(record, "").status().code(), StatusCode::kInvalidArgument);
+}
+
+TEST(RedisBucketTest, BucketsNeverChange) {
+  EXPECT_EQ(RedisBucketOf(""), 0xC5 ^ 0x9D ^ 0x1C ^ 0x81);
+  EXPECT_EQ(RedisBucketOf("a"), 0xE4 ^ 0x0C ^ 0x29 ^ 0x2C);
+  EXPECT_EQ(RedisBucketOf("foobar"), 0xBF ^ 0x9C ^ 0xF9 ^ 0x68);
+  std::vector<int> sizes(kRedisBuckets);
+  for (int i = 0; i < 100 * kRedisBuckets; ++i)
+    ++sizes[static_cast<size_t>(RedisBucketOf(absl::StrCat("sessions/", i)))];
+  EXPECT_GT(*std::min_element(sizes.begin(), sizes.end()), 50);
+  EXPECT_LT(*std::max_element(sizes.begin(), sizes.end()), 150);
 }
 
 }  // namespace

@@ -51,10 +51,15 @@ class SqliteStoreTest : public testing::Test {
 
   static std::string Name(int session) { return "sessions/" + std::to_string(session); }
   static constexpr int kSessions = 6;
+  static SessionRecord RecordWithRequest(const std::string& name) {
+    SessionRecord record = Record(name);
+    record.request_id = "request of " + name;
+    return record;
+  }
   void Fill() {
     const std::unique_ptr<Store> store = Open();
     for (int i = 0; i < kSessions; ++i) {
-      auto lease = store->CreateSession(Record(Name(i)), "life " + std::to_string(i)).value();
+      auto lease = store->CreateSession(RecordWithRequest(Name(i)), "life " + std::to_string(i)).value();
       ASSERT_TRUE(CommitNow(*lease, {.checkpoint = Noise(40'000, static_cast<uint64_t>(i)),
                                      .poses = {Segment(Name(i), 1, 5), Segment(Name(i), 6, 9)}})
                       .ok());
@@ -197,7 +202,7 @@ TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsUpgraded) {
   for (int i = 0; i < 2; ++i) {
     const std::unique_ptr<Store> store = Open();
     EXPECT_THAT(store->damage(), testing::IsEmpty());
-    const SessionRecord record = Record("sessions/2");
+    const SessionRecord record = RecordWithRequest("sessions/2");
     EXPECT_EQ(store->ListSessions(record.tenant, "", 10)->records.size(), 1u);
     EXPECT_EQ(store->FindRequest(record.tenant, record.request_id)->name, record.name);
     EXPECT_EQ(store->ReadOldestLifecycles(100)->size(), static_cast<size_t>(kSessions));

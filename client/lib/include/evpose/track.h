@@ -59,6 +59,19 @@ struct TrackProgress {
   uint64_t poses = 0;
 };
 
+// Returns the trace ID of a session: 32 hexadecimal digits, by which the log and the exemplars of the metrics of every
+// server name it. It is a digest of the name, and does not reveal it.
+std::string TraceId(const std::string& session);
+
+// The IDs by which the logs of client and servers name one stream of a session (W3C Trace Context). They are sent with
+// the stream as `traceparent`.
+struct StreamTrace {
+  std::string trace_id;  // TraceId() of the session
+  std::string span_id;   // 16 hexadecimal digits, different for each stream
+
+  friend bool operator==(const StreamTrace&, const StreamTrace&) = default;
+};
+
 // The stream has broken, or it is re-established.
 struct ConnectionChange {
   bool is_away = false;
@@ -68,6 +81,7 @@ struct ConnectionChange {
   absl::Duration next_try_in;  // time until the next attempt, during an outage
   uint64_t kept_bytes = 0;     // events that wait for the server, or that it may request again
   bool source_waits = false;   // the storage for events is full
+  StreamTrace trace;           // of the stream that has broken, or of the new one
 };
 
 // Called in the thread that called Track(), in the order in which the server sent the messages. A slow callback delays
@@ -131,6 +145,7 @@ struct TrackSummary {
   uint64_t sent_chunks = 0;  // with resets
   uint64_t poses = 0;        // delivered, on all streams
   uint64_t lost_poses = 0;   // computed by the server, but no longer stored when the stream was re-established
+  StreamTrace trace;         // of the last stream
 };
 
 }  // namespace evpose::client

@@ -196,6 +196,15 @@ struct ObjectHealth {
   uint32_t followed_poses = 0;  // poses that are tested, compared with each other, or reported
 };
 
+// Processor seconds per second, averaged with a time constant of one second. A limit of 0 means none.
+struct ProcessingHealth {
+  double cpu_s_per_s = 0.0;
+  double max_cpu_s_per_s = 0.0;         // limit of cpu_s_per_s, at which the session waits
+  bool falls_behind = false;            // the events are processed more slowly than the camera sends them
+  double tenant_cpu_s_per_s = 0.0;      // of all sessions of the tenant on the server
+  double max_tenant_cpu_s_per_s = 0.0;  // limit of tenant_cpu_s_per_s, at which all sessions of the tenant wait
+};
+
 struct SessionHealth {
   int64_t t_us = 0;
   uint64_t received_bytes = 0;
@@ -212,6 +221,7 @@ struct SessionHealth {
   std::optional<absl::Duration> latency_p99;
   uint64_t skipped_events = 0;
   int64_t skipped_us = 0;
+  ProcessingHealth processing;
   std::vector<ObjectHealth> objects;
 };
 

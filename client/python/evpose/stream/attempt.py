@@ -19,6 +19,7 @@ from evpose.errors import (DataLossError, DeadlineExceededError, EvposeError, Fa
 from evpose.poses import CONFIRMED, defect
 from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import Chunk, FeedPoint
+from evpose.tracing import StreamTrace
 from evpose.types import GoAway, Notice, PosesLost, TrackingRestarted
 from evpose.v1 import track_pb2
 
@@ -81,6 +82,7 @@ class AttemptOptions:
     credit_timeout_s: float
     attach_timeout_s: float
     object_ids: Sequence[str]
+    trace: StreamTrace
 
 
 class _Stopped(Exception):
@@ -201,7 +203,8 @@ class StreamAttempt:
 
     def poses(self) -> Iterator[Any]:
         """Yields the messages of the poses that were not delivered before."""
-        self._call = self._endpoint.stream(TRACK, self._requests(), track_pb2.TrackResponse)
+        self._call = self._endpoint.stream(TRACK, self._requests(), track_pb2.TrackResponse,
+                                           [("traceparent", self._options.trace.traceparent)])
         if self._is_stopped:  # before there was a call to cancel
             self._call.cancel()
         timer = threading.Timer(self._options.attach_timeout_s, self._time_out)

@@ -19,6 +19,7 @@ from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import Advice, Backoff, Clock, RetryOptions, advise_on
 from evpose.stream.servers import Servers, is_away
+from evpose.tracing import StreamTrace, new_stream
 from evpose.types import ConnectionChange, Notice, PoseReset, TrackSummary
 
 # Attempts after which a damaged chunk is regarded as damaged at its source, not by the link.
@@ -78,6 +79,7 @@ class Track:
         self._backoff = Backoff(options.retry)
         self._stop = threading.Event()
         self._attempt: Optional[StreamAttempt] = None
+        self._trace = StreamTrace()  # of the last attempt
         self._fed_bytes = 0
         self._attached_at = 0.0
         self._away_since: Optional[float] = None
@@ -164,7 +166,7 @@ class Track:
         last = self._feed.outbox.last
         self.summary = TrackSummary(
             health=health_from_message(health), sent_bytes=last.bytes, sent_chunks=last.seq,
-            poses=self.position.last_pose_seq - self.position.lost_poses, lost_poses=self.position.lost_poses)
+            poses=self.position.last_pose_seq - self.position.lost_poses, lost_poses=self.position.lost_poses, trace=self._trace)
 
     @property
     def _server(self) -> Endpoint:
@@ -175,13 +177,14 @@ class Track:
         self._servers.connect_again(self._index, self._stop)
         self._auth_token = self._server.token.get()
         self._tokens = [token for token in (position.resume_token, position.previous_token) if token] + self._older_tokens
+        self._trace = new_stream(position.session)
         options = AttemptOptions(
             resume_token=self._tokens[self._token_age],
             attach_after_pose=0 if self._attaches_without_count else position.last_pose_seq,
             leaves_on_go_away=retry.max_outage_s > 0.0 and (self._servers.outlive_sessions or len(self._servers.endpoints) > 1),
             # A server without credit is an outage. Without retries, nothing limits the duration of one.
             credit_timeout_s=retry.max_outage_s if retry.max_outage_s > 0.0 else math.inf,
-            attach_timeout_s=self._options.attach_timeout_s, object_ids=self._object_ids)
+            attach_timeout_s=self._options.attach_timeout_s, object_ids=self._object_ids, trace=self._trace)
         return StreamAttempt(self._server, position, self._feed, Callbacks(self._options.on_notice, self._on_position), options)
 
     def _on_position(self, position: TrackPosition, has_new_token: bool) -> None:
@@ -256,11 +259,13 @@ class Track:
 
     def _report(self, change: ConnectionChange) -> None:
         if self._options.on_connection is not None:
-            self._options.on_connection(dataclasses.replace(change, kept_bytes=self._feed.outbox.kept_bytes))
+            self._options.on_connection(dataclasses.replace(change, kept_bytes=self._feed.outbox.kept_bytes, trace=self._trace))
 
     def _with_progress(self, error: EvposeError) -> EvposeError:
         poses = self.position.last_pose_seq - self.position.lost_poses
         text = f"{self._server.name}: {error.message} (after {self._fed_bytes} bytes sent, {poses} poses received)"
         if self._tries > 0 and self._away_since is not None:
             text += f"; gave up after {self._tries} more tries in {self._clock.now() - self._away_since:.1f} s"
+        if self._trace.span_id:
+            text += f"; {self._trace}"
         return error.with_message(text)

@@ -1,0 +1,371 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/object/hypotheses.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <type_traits>
+#include <utility>
+
+#include "core/base/yield_point.h"
+#include "core/models/continuous_symmetry.h"
+#include "core/numerics/sampling.h"
+
+namespace evpose {
+namespace {
+
+// Pixels. The widest triangle, for poses that are not refined yet, and the narrowest one: the distances of events are
+// rounded to pixels.
+constexpr double kWidestPx = 0.5 * PoseTrack::kScoredPx;
+constexpr double kNarrowestPx = 1.5;
+// Pixels. Fits to the same line differ by this much even without clutter: edges are rounded, contours approximated, and
+// sensors displace edges (SensorProfile).
+constexpr double kLeastDisplacementPx = 0.5;
+// Score of an event in [-0.5, 1]: a triangle about the line with this half-width, and a constant negative value beside
+// it, so that the integral across the line, and with it the mean over uniform clutter, is zero. The triangle has the
+// spread of most lines. The events of a contour may lie farther from it, where the surface is approximated or the edge
+// is soft: up to kWidestPx they count neither way.
+double ScoreOf(const PoseTrack::Nearness& event, double half_px) {
+  const double distance_px = event.distance_px;
+  if (distance_px < half_px) return (1.0 - distance_px / half_px) * event.share;
+  if (!event.is_contour) return distance_px < 2.0 * half_px ? -0.5 * event.share : 0.0;
+  if (distance_px < kWidestPx) return 0.0;
+  return distance_px < 2.0 * kWidestPx ? -0.5 * half_px / kWidestPx * event.share : 0.0;
+}
+
+// The half-width of the triangle with the standard deviation of the events about the lines of both poses.
+double HalfWidthPx(double spread_px, double other_spread_px) {
+  constexpr double kOfSpread = 2.449489742783178;  // the square root of 6
+  return std::clamp(kOfSpread * std::max(spread_px, other_spread_px), kNarrowestPx, kWidestPx);
+}
+
+}  // namespace
+
+void Hypotheses::Add(const MotionState& start) {
+  if (entries_.empty()) clutter_ = ClutterShare();  // it was measured with other poses
+  Entry entry;
+  entry.track = std::make_unique<PoseTrack>(context_, start);
+  Append(std::move(entry));
+}
+
+const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind, RivalPrior prior) {
+  if (is_full()) return nullptr;
+  Entry entry;
+  entry.track = std::make_unique<PoseTrack>(context_, state);
+  if (kind == RivalKind::kSameEdges) {
+    StateWriter writer;
+    writer(*entries_.front().track);
+    const std::string learned = writer.Take();
+    StateReader reader(learned);
+    reader(*entry.track);
+    entry.track->set_motion(state);
+    entry.has_rivals_tested = is_first_tested();
+  }
+  entry.origin = prior == RivalPrior::kUnlikely ? Origin::kUnlikelyRival : Origin::kRival;
+  entry.pending = kSettlingWindows + kComparedWindows;
+  Append(std::move(entry));
+  return entries_.back().track.get();
+}
+
+bool Hypotheses::Has(const PoseTrack* track) const {
+  return std::any_of(entries_.begin(), entries_.end(),
+                     [track](const Entry& entry) { return entry.track.get() == track; });
+}
+
+bool Hypotheses::HasSettled(const PoseTrack* track) const {
+  return std::any_of(entries_.begin(), entries_.end(),
+                     [track](const Entry& entry) { return entry.track.get() == track && entry.is_settled(); });
+}
+
+bool Hypotheses::HasRival() const {
+  return std::any_of(entries_.begin(), entries_.end(), [this](const Entry& entry) {
+    return entry.origin != Origin::kSearch && &entry != &entries_.front();
+  });
+}
+
+bool Hypotheses::IsUndecided() const {
+  const double least_sigma = 0.5 * context_.options.initialization.decision_sigma;
+  for (size_t i = 1; i < entries_.size(); ++i) {
+    const Entry& entry = entries_[i];
+    if (entry.pending == 0 && (entry.origin != Origin::kUnlikelyRival || Preference(i, 0) >= least_sigma)) return true;
+  }
+  return false;
+}
+
+bool Hypotheses::AreAllDegraded() const {
+  return std::all_of(entries_.begin(), entries_.end(),
+                     [](const Entry& entry) { return entry.track->state() == TrackState::kDegraded; });
+}
+
+void Hypotheses::Join(Hypotheses&& others) {
+  const size_t num_present = entries_.size();
+  for (Entry& entry : others.entries_) {
+    entry.pending = kComparedWindows;
+    const RigidTransform& pose = entry.track->motion().camera_from_object;
+    const auto is_same = [&](const Entry& present) {
+      return LooksLike(present.track->motion().camera_from_object, pose);
+    };
+    const auto end = entries_.begin() + static_cast<std::ptrdiff_t>(num_present);
+    const bool is_known = num_present > 0 && (HasWonAgainst(pose) || std::any_of(entries_.begin(), end, is_same));
+    if (!is_known && entries_.size() < MaxEntries()) Append(std::move(entry));
+  }
+  others.entries_.clear();
+}
+
+bool Hypotheses::HasWonAgainst(const RigidTransform& camera_from_object) const {
+  const Entry& first = entries_.front();
+  const RigidTransform& pose = first.track->motion().camera_from_object;
+  return std::any_of(first.won_against.begin(), first.won_against.end(),
+                     [&](const RigidTransform& relative) { return LooksLike(pose * relative, camera_from_object); });
+}
+
+bool Hypotheses::LooksLike(const RigidTransform& a, const RigidTransform& b) const {
+  YieldPoint();
+  constexpr size_t kMaxPoints = 64;  // vertices that are compared: enough for the mean of their distances
+  const RigidTransform other = NearestEquivalent(b, *context_.model, a);
+  const std::vector<Eigen::Vector3d>& vertices = context_.model->vertices;
+  const size_t step = vertices.size() / kMaxPoints + 1;
+  double sum_px2 = 0.0, count = 0.0;
+  for (size_t i = 0; i < vertices.size(); i += step) {
+    const Eigen::Vector3d p = a * vertices[i], q = other * vertices[i];
+    if (p.z() <= 0.0 || q.z() <= 0.0) continue;
+    const Eigen::Vector2d moved = p.head<2>() / p.z() - q.head<2>() / q.z();
+    sum_px2 += moved.cwiseProduct(Eigen::Vector2d(context_.camera.fx_px, context_.camera.fy_px)).squaredNorm();
+    count += 1.0;
+  }
+  const double near_px = context_.options.health.near_px;
+  return count > 0.0 && sum_px2 < near_px * near_px * count;
+}
+
+void Hypotheses::Append(Entry entry) {
+  YieldPoint();  // a new track has allocated its tables
+  entries_.push_back(std::move(entry));
+  entries_.back().comparisons.clear();
+  for (Entry& each : entries_) each.comparisons.resize(entries_.size());
+}
+
+void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
+  for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window, others);
+  DropLost();
+  DropRejected();
+  if (entries_.size() < 2) return;
+  DropEqual();
+  Compare(window, others);
+  DropWorse();
+  DropHopelessRivals();
+  for (Entry& entry : entries_) entry.pending = std::max(0, entry.pending - 1);
+}
+
+void Hypotheses::OnGap(int64_t gap_us) {
+  for (Entry& entry : entries_) entry.track->OnGap(gap_us);
+}
+
+void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
+  std::vector<WindowEvent>& events = compared_events_;
+  DownsampleByClass(
+      static_cast<size_t>(context_.options.initialization.max_compared_events), {0.5, 0.5}, window.events,
+      [](const WindowEvent& event) { return event.polarity; }, events);
+  for (Entry& entry : entries_) entry.events.assign(events.size(), {});
+  for (size_t k = 0; k < events.size(); ++k) {
+    YieldPoint(k);
+    const std::optional<Observation> event =
+        Observe(context_.camera, context_.tables->undistortion, events[k], window.t_mid_us());
+    if (!event) continue;
+    for (Entry& entry : entries_) entry.events[k] = entry.track->NearestLine(*event, others);
+  }
+  const ByPolarity weights = WeighEvents(window.t_mid_us());
+  for (size_t i = 0; i < entries_.size(); ++i) {
+    for (size_t j = i + 1; j < entries_.size(); ++j) {
+      if (entries_[i].is_settled() && entries_[j].is_settled()) CompareScores(i, j, weights);
+    }
+  }
+}
+
+ByPolarity Hypotheses::WeighEvents(int64_t t_us) {
+  scores_.clear();
+  for (const Entry& entry : entries_) {
+    if (!entry.is_settled()) continue;
+    const double half_px = HalfWidthPx(entry.track->spread_px(), 0.0);
+    ClutterShare::Scores& sums = scores_.emplace_back();
+    for (size_t k = 0; k < entry.events.size(); ++k) {
+      YieldPoint(k);
+      sums.Add(ScoreOf(entry.events[k], half_px), compared_events_[k].polarity);
+    }
+  }
+  return clutter_.Update(scores_, t_us);
+}
+
+void Hypotheses::CompareScores(size_t i, size_t j, const ByPolarity& weights) {
+  Entry &a = entries_[i], &b = entries_[j];
+  const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
+  // Difference of the distances that a displaced fit can cause (README, section 2).
+  const double displacement_px = std::max(kLeastDisplacementPx, clutter_.ratio() * PoseTrack::kScoredPx);
+  double sum = 0.0, squares = 0.0;
+  for (size_t k = 0; k < a.events.size(); ++k) {
+    YieldPoint(k);
+    if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < displacement_px) continue;
+    const double weight = weights[compared_events_[k].polarity];
+    const double difference = weight * (ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px));
+    sum += difference;
+    squares += difference * difference;
+  }
+  a.comparisons[j].Add(sum, squares);
+  b.comparisons[i].Add(-sum, squares);
+}
+
+double Hypotheses::Preference(size_t i, size_t j) const {
+  return entries_[i].comparisons[j].Sigma(context_.options.health.dispersion);
+}
+
+double Hypotheses::LogLikelihoodRatio(size_t i, size_t j) const {
+  const double sigma = Preference(i, j);
+  return 0.5 * sigma * std::abs(sigma);
+}
+
+PoseAlternatives Hypotheses::Alternatives() const {
+  PoseAlternatives alternatives;
+  for (size_t i = 1; i < entries_.size(); ++i) {
+    alternatives.Add({entries_[i].track->motion().camera_from_object, LogLikelihoodRatio(i, 0)});
+  }
+  return alternatives;
+}
+
+void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong, LossCause cause) {
+  for (size_t i = entries_.size(); i-- > 0;) {
+    if (is_wrong(*entries_[i].track)) Remove(i, cause);
+  }
+}
+
+void Hypotheses::DropLost() {
+  for (size_t i = entries_.size(); i-- > 0;) {
+    const PoseTrack& track = *entries_[i].track;
+    if (track.state() == TrackState::kLost) Remove(i, track.loss_cause());
+  }
+}
+
+void Hypotheses::DropRejected() {
+  // When two poses look nearly the same, support of one and contradiction of the other can be chance. The sequential
+  // comparison decides within a few windows in most cases, and this factor gives it that time.
+  constexpr int kFactorBesideConfirmed = 5;
+  const bool has_confirmed = std::any_of(entries_.begin(), entries_.end(), [](const Entry& entry) {
+    return entry.track->state() != TrackState::kInitializing;
+  });
+  const int times = has_confirmed ? kFactorBesideConfirmed : 1;
+  DropIf([times](const PoseTrack& track) { return track.is_rejected(times); }, LossCause::kContradicted);
+}
+
+void Hypotheses::DropEqual() {
+  const InitializationOptions& options = context_.options.initialization;
+  for (size_t i = 0; i < entries_.size(); ++i) {
+    if (!entries_[i].is_settled()) continue;
+    const RigidTransform& kept = entries_[i].track->motion().camera_from_object;
+    for (size_t j = entries_.size(); --j > i;) {
+      YieldPoint();
+      if (!entries_[j].is_settled()) continue;
+      const RigidTransform other =
+          NearestEquivalent(entries_[j].track->motion().camera_from_object, *context_.model, kept);
+      if (RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&
+          (kept.translation_m - other.translation_m).norm() < options.merge_depth_ratio * kept.translation_m.norm()) {
+        Remove(j, LossCause::kBetterPose);
+      }
+    }
+  }
+}
+
+void Hypotheses::DropWorse() {
+  for (size_t i = entries_.size(); i-- > 0;) {
+    for (size_t j = 0; j < entries_.size(); ++j) {
+      if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
+      // Entry j is significantly better than a supported pose, so that the contradictions of j were chance.
+      if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->ClearContradictions();
+      std::vector<RigidTransform>& won_against = entries_[j].won_against;
+      if (won_against.size() == kMaxWonAgainst) won_against.erase(won_against.begin());
+      won_against.push_back(entries_[j].track->motion().camera_from_object.Inverse() *
+                            entries_[i].track->motion().camera_from_object);
+      Remove(i, LossCause::kBetterPose);
+      break;
+    }
+  }
+}
+
+double Hypotheses::Entry::Explained() const {
+  double sum = 0.0;
+  for (const PoseTrack::Nearness& event : events) sum += ScoreOf(event, kWidestPx);
+  return sum;
+}
+
+void Hypotheses::DropHopelessRivals() {
+  // Most generated poses explain next to nothing; the settling of those would take most of the time of all rivals.
+  constexpr double kLeastShare = 0.5;
+  constexpr double kMinExplained = 20.0;  // with fewer events the shares are chance
+  const double first = entries_.front().Explained();
+  if (first < kMinExplained) return;
+  for (size_t i = entries_.size(); --i > 0;) {
+    const Entry& entry = entries_[i];
+    const bool is_early = entry.pending > kSettlingWindows + kComparedWindows - kFirstWindows;
+    const bool is_refined_rival = entry.origin != Origin::kSearch && !entry.is_settled();
+    if (is_refined_rival && !is_early && entry.Explained() < kLeastShare * first) {
+      Remove(i, LossCause::kBetterPose);
+    }
+  }
+}
+
+void Hypotheses::PutBestFirst(double min_sigma) {
+  size_t best = 0;
+  for (size_t i = 1; i < entries_.size(); ++i) {
+    if (Preference(i, best) > 0.0) best = i;
+  }
+  if (best == 0 || Preference(best, 0) < min_sigma) return;
+  std::swap(entries_[0], entries_[best]);
+  for (Entry& entry : entries_) std::swap(entry.comparisons[0], entry.comparisons[best]);
+}
+
+void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
+  auto& [track, estimate, events, comparisons, origin, has_rivals_tested, pending, won_against] = self;
+  archive(*track, estimate);
+  VisitOrigin(archive, origin);
+  archive(has_rivals_tested, AtMost(pending, kSettlingWindows + kComparedWindows));
+  archive(won_against);
+  archive.Check(won_against.size() <= kMaxWonAgainst, "more rejected poses than are kept");
+  for (auto& comparison : comparisons) archive(comparison);  // one for each entry
+}
+
+// Stored as two bools.
+void Hypotheses::Entry::VisitOrigin(auto& archive, auto& origin) {
+  bool is_rival = origin != Origin::kSearch;
+  bool is_unlikely = origin == Origin::kUnlikelyRival;
+  archive(is_rival, is_unlikely);
+  archive.Check(is_rival || !is_unlikely, "a found pose with the prior of a rival");
+  if constexpr (std::remove_reference_t<decltype(archive)>::kReading) {
+    const Origin rival = is_unlikely ? Origin::kUnlikelyRival : Origin::kRival;
+    origin = is_rival ? rival : Origin::kSearch;
+  }
+}
+
+void Hypotheses::SaveState(StateWriter& writer) const {
+  writer.Count(entries_.size());
+  for (const Entry& entry : entries_) writer(entry);
+  writer(clutter_);
+}
+
+void Hypotheses::LoadState(StateReader& reader) {
+  entries_.clear();
+  size_t count = 0;
+  reader.Count(count);
+  // A single pose that was given needs no candidates.
+  reader.Check(count <= std::max<size_t>(1, MaxEntries()), "more hypotheses than are followed");
+  for (size_t i = 0; i < count && reader.ok(); ++i) Add(MotionState());
+  for (Entry& entry : entries_) reader(entry);
+  reader(clutter_);
+  if (!reader.ok()) entries_.clear();
+}
+
+void Hypotheses::Remove(size_t index, LossCause cause) {
+  if (index == 0) first_removed_because_ = cause;
+  const auto offset = static_cast<std::ptrdiff_t>(index);
+  entries_.erase(entries_.begin() + offset);
+  for (Entry& entry : entries_) entry.comparisons.erase(entry.comparisons.begin() + offset);
+}
+
+}  // namespace evpose

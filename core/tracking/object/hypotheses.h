@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Competing hypotheses about the pose of one object (core/tracking/README.md, section 2).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "core/events/event.h"
+#include "core/tracking/evidence/clutter_share.h"
+#include "core/tracking/evidence/score_comparison.h"
+#include "core/tracking/object/pose_track.h"
+
+namespace evpose {
+
+// Tracks all hypotheses and removes those that are lost, that have converged to another one, or that are significantly
+// less likely than another one. Two poses are compared event by event, so that events that both explain do not count;
+// the differences are summed from window to window until they are significant (a sequential test).
+class Hypotheses {
+ public:
+  explicit Hypotheses(const TrackContext& context) : context_(context) {}
+
+  // Adds a hypothesis that starts at `start`. Among equally supported hypotheses the earlier one takes precedence.
+  void Add(const MotionState& start);
+  // Adds a rival of the first hypothesis (rivals.h), unless as many hypotheses are followed as Join() keeps. In its
+  // first windows its pose is refined: it is neither compared with the others nor merged with them. kSameEdges: both
+  // see the same edges, and the rival starts with all that the first hypothesis has learned about them. A rival that
+  // explains less than half of what the first hypothesis explains after three windows is removed. Returns the rival, or
+  // null if there is no room. Requires !empty().
+  enum class RivalKind { kSameEdges, kOtherEdges };
+  // kUnlikely: the rival was excluded before, by an earlier test or because the first pose was given. It is undecided
+  // only once the events prefer it by half of InitializationOptions::decision_sigma.
+  enum class RivalPrior { kEqual, kUnlikely };
+  const PoseTrack* AddRival(const MotionState& state, RivalKind kind, RivalPrior prior = RivalPrior::kEqual);
+  // Whether this hypothesis is left; settled: and is or may be compared with the others.
+  bool Has(const PoseTrack* track) const;
+  bool HasSettled(const PoseTrack* track) const;
+  // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
+  // twice InitializationOptions::max_candidates are kept, the earliest ones. Poses that are followed already, or that
+  // the first hypothesis has won against, are left out: the evidence about them would begin anew.
+  void Join(Hypotheses&& others);
+  void Clear() { entries_.clear(); }
+
+  // `others`: see PoseTrack::OnWindow.
+  void OnWindow(const EventWindow& window, const Competitors* others = nullptr);
+  // See PoseTrack::OnGap.
+  void OnGap(int64_t gap_us);
+  // Removes the hypotheses for which `is_wrong` is true, for that reason.
+  void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong, LossCause cause);
+  // Moves the best hypothesis to the front if the events prefer it to the first one by at least `min_sigma` standard
+  // deviations.
+  void PutBestFirst(double min_sigma);
+
+  // Whether a pose that looks like this one was rejected because the events prefer the first hypothesis. Requires
+  // !empty().
+  bool HasWonAgainst(const RigidTransform& camera_from_object) const;
+  // The generated rivals of the first hypothesis have been added, and whether they have. A rival with the same edges
+  // has the same rivals.
+  void MarkFirstTested() { entries_.front().has_rivals_tested = true; }
+  bool is_first_tested() const { return entries_.front().has_rivals_tested; }
+  // Whether the first hypothesis has rivals that AddRival() has added.
+  bool HasRival() const;
+  // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
+  // RivalPrior::kUnlikely is taken into account.
+  bool IsUndecided() const;
+
+  // Whether all have been supported in part, and none as a whole.
+  bool AreAllDegraded() const;
+
+  bool empty() const { return entries_.empty(); }
+  size_t size() const { return entries_.size(); }
+  bool is_full() const { return entries_.size() >= MaxEntries(); }
+  // Requires !empty().
+  const PoseTrack& first() const { return *entries_.front().track; }
+  // Estimate of the first hypothesis for the last window; nullopt while it is tentative. Requires !empty().
+  const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
+  // The other hypotheses at the last window, with their likelihoods relative to the first one (README, equation (4)).
+  // Requires !empty().
+  PoseAlternatives Alternatives() const;
+  // Why the hypothesis that was the first one was removed; to be read after the call that removed it.
+  LossCause first_removed_because() const { return first_removed_because_; }
+
+  // To be called between windows. LoadState() requires the same context; after a failure (reader.status()) there are no
+  // hypotheses.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
+ private:
+  // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them. Windows of
+  // the comparison of a rival, or of a pose of a later search, after which the test is undecided; one is enough for
+  // most wrong poses.
+  static constexpr int kSettlingWindows = 8;
+  static constexpr int kFirstWindows = 3;
+  static constexpr int kComparedWindows = 8;
+  static constexpr size_t kMaxWonAgainst = 16;  // bounds the memory; the oldest is forgotten first
+
+  // Where a hypothesis comes from: a search or a given pose, or AddRival() with its prior. It does not change.
+  enum class Origin { kSearch, kRival, kUnlikelyRival };
+
+  size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
+  struct Entry {
+    std::unique_ptr<PoseTrack> track;
+    std::optional<PoseEstimate> estimate;
+    std::vector<PoseTrack::Nearness> events;   // the compared ones of the window
+    std::vector<ScoreComparison> comparisons;  // with each other entry, in the order of `entries_`
+    Origin origin = Origin::kSearch;
+    bool has_rivals_tested = false;  // MarkFirstTested()
+    int pending = 0;  // windows that are left until the comparison with the first hypothesis is undecided
+    std::vector<RigidTransform> won_against;  // poses relative to this one, object_from_object; at most kMaxWonAgainst
+    bool is_settled() const { return pending <= kComparedWindows; }
+    double Explained() const;  // sum of the scores
+    static void VisitState(auto& archive, auto& self);
+    static void VisitOrigin(auto& archive, auto& origin);
+  };
+
+  void Compare(const EventWindow& window, const Competitors* others);
+  // Returns the weights of the compared events of a window (README, equation (3)), and updates clutter_.
+  ByPolarity WeighEvents(int64_t t_us);
+  // Adds the differences of the scores of the compared events to the comparisons of both.
+  void CompareScores(size_t i, size_t j, const ByPolarity& weights);
+  // Standard deviations by which entry i is better supported than entry j.
+  double Preference(size_t i, size_t j) const;
+  // Natural logarithm of the likelihood of entry i divided by that of entry j.
+  double LogLikelihoodRatio(size_t i, size_t j) const;
+  // Whether both poses, which differ by no symmetry, have the same image up to the width of a line's events.
+  bool LooksLike(const RigidTransform& a, const RigidTransform& b) const;
+  void DropLost();
+  void DropRejected();
+  void DropEqual();
+  void DropWorse();
+  void DropHopelessRivals();
+  void Append(Entry entry);
+  void Remove(size_t index, LossCause cause);
+
+  const TrackContext& context_;
+  std::vector<Entry> entries_;
+  std::vector<WindowEvent> compared_events_;
+  std::vector<ClutterShare::Scores> scores_;  // of the settled hypotheses in the window
+  ClutterShare clutter_;
+  LossCause first_removed_because_ = LossCause::kNone;
+};
+
+}  // namespace evpose

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The rivals of the poses of one object (core/tracking/README.md, section 6).
+#include <algorithm>
+#include <utility>
+
+#include "core/tracking/object/object_tracker.h"
+
+namespace evpose {
+namespace {
+
+// Generated rivals that are followed together: bounds the cost of a window. Fewer would take longer to test all of
+// them.
+constexpr int kRivalsAtOnce = 3;
+
+}  // namespace
+
+void ObjectTracker::AddRivals(const EventWindow& window) {
+  if (phase_ != ObjectPhase::kPublished || hypotheses_.size() > 1) {
+    turned_faces_.Reset();  // another pose may be published next
+    return;
+  }
+  const double focal_px = context_.camera.MaxFocalPx();
+  const MotionState& motion = hypotheses_.first().motion();
+  const std::optional<size_t> due = turned_faces_.Update(motion.camera_from_object, focal_px);
+  // The published estimators are compared as they are.
+  if (state() != TrackState::kTracking || context_.options.estimator_factory) return;
+  if (due) {
+    const ModelEdges::FacePlane& face = context_.edges->face_planes()[*due];
+    hypotheses_.AddRival(MirroredState(motion, face.point, face.normal, focal_px, context_.options.initial),
+                         Hypotheses::RivalKind::kSameEdges);
+  } else if (rival_rounds_left_ > 0 && window.t_end_us >= next_rivals_us_) {
+    AddGeneratedRivals(window.t_end_us);
+  }
+}
+
+void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
+  const std::vector<MotionState> rivals = RivalsOf(hypotheses_.first().motion());
+  const int count = static_cast<int>(rivals.size());
+  const int end = std::min(count, next_rival_ + kRivalsAtOnce);
+  for (; next_rival_ < end; ++next_rival_) {
+    const MotionState& rival = rivals[static_cast<size_t>(next_rival_)];
+    const bool is_unlikely = hypotheses_.HasWonAgainst(rival.camera_from_object);
+    hypotheses_.AddRival(rival, Hypotheses::RivalKind::kOtherEdges,
+                         is_unlikely ? Hypotheses::RivalPrior::kUnlikely : rival_prior_);
+  }
+  if (next_rival_ < count) return;
+  next_rival_ = 0;
+  // The next round adds to the evidence of this one.
+  rival_prior_ = Hypotheses::RivalPrior::kUnlikely;
+  --rival_rounds_left_;
+  next_rivals_us_ = t_us + context_.options.initialization.rival_interval_us;
+}
+
+void ObjectTracker::StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior) {
+  next_rivals_us_ = t_us;
+  rival_rounds_left_ = context_.options.initialization.num_rival_rounds;
+  next_rival_ = 0;
+  rival_prior_ = prior;
+}
+
+void ObjectTracker::TestRivalsOfWinner() {
+  if (IsGiven(phase_) || hypotheses_.is_first_tested() || context_.options.estimator_factory) return;
+  for (const MotionState& rival : RivalsOf(hypotheses_.first().motion())) {
+    if (hypotheses_.HasWonAgainst(rival.camera_from_object)) continue;
+    hypotheses_.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);
+  }
+  hypotheses_.MarkFirstTested();
+}
+
+std::vector<MotionState> ObjectTracker::RivalsOf(const MotionState& state) const {
+  return rival_generator_.RivalsOf(state, context_.camera.MaxFocalPx(), context_.options.initial,
+                                   context_.options.initialization.merge_rad);
+}
+
+void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
+  hypotheses.MarkFirstTested();
+  if (context_.options.estimator_factory) return;
+  const MotionState start = hypotheses.first().motion();
+  const std::vector<MotionState> all = RivalsOf(start);
+  for (size_t next = 0; next < all.size();) next = AddEqualRivals(start, all, next, hypotheses);
+}
+
+size_t ObjectTracker::AddEqualRivals(const MotionState& start, const std::vector<MotionState>& all, size_t next,
+                                     Hypotheses& hypotheses) {
+  Hypotheses trial(context_);
+  trial.Add(start);
+  std::vector<std::pair<const PoseTrack*, MotionState>> rivals;
+  for (; next < all.size() && !trial.is_full(); ++next) {
+    rivals.emplace_back(trial.AddRival(all[next], Hypotheses::RivalKind::kOtherEdges), all[next]);
+  }
+  for (size_t i = 0; i < memory_.size() && trial.HasRival(); ++i) {
+    const EventWindow past = memory_.At(i);
+    if (past.t_mid_us() >= start.t_us) trial.OnWindow(past, OthersAt(past, nullptr));
+  }
+  for (const auto& [track, rival] : rivals) {
+    if (!trial.Has(track)) continue;
+    if (trial.HasSettled(track) && !hypotheses.is_full()) {
+      hypotheses.Add(rival);
+    } else {
+      hypotheses.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);  // there were too few windows to refine it
+    }
+  }
+  return next;
+}
+
+}  // namespace evpose

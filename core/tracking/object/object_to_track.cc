@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/tracking/object/object_to_track.h"
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "core/association/visible_edges.h"
+#include "core/base/status_macros.h"
+
+namespace evpose {
+namespace {
+
+absl::Status CheckModel(const ObjectModel* model) {
+  if (model == nullptr) return absl::InvalidArgumentError("the model is missing; give a model with edges");
+  if (model->lines.empty() && !HasCurvedEdges(*model)) {
+    return absl::InvalidArgumentError("the model has no line or curve to track; give a model with edges");
+  }
+  for (size_t k = 0; k < model->lines.size(); ++k) {
+    if (!model->lines[k].p1.allFinite() || !model->lines[k].p2.allFinite()) {
+      return absl::InvalidArgumentError(absl::StrCat("model line ", k, " has an end point that is not finite"));
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::Status ObjectToTrack::Validate() const {
+  EVPOSE_RETURN_IF_ERROR(CheckModel(model.get()));
+  if (edges != nullptr && &edges->model() != model.get()) {
+    return absl::InvalidArgumentError("edges are those of another model; make them from the same one");
+  }
+  if (initial_camera_from_object &&
+      !(initial_camera_from_object->rotation.allFinite() && initial_camera_from_object->translation_m.allFinite() &&
+        initial_camera_from_object->translation_m.norm() > 1e-9)) {
+    return absl::InvalidArgumentError(
+        "initial_camera_from_object must be finite, and its translation must not be zero");
+  }
+  if (initial_camera_from_object) {
+    const BoundingSphere sphere = BoundingSphereOf(*model);
+    const double depth_m = (*initial_camera_from_object * sphere.centre).z();
+    if (!(depth_m + sphere.radius_m > 0.0)) {
+      return absl::InvalidArgumentError(absl::StrFormat(
+          "initial_camera_from_object: the object is behind the camera, its centre at z = %.4g m; the z "
+          "axis of the camera points away from it, to the object",
+          depth_m));
+    }
+  }
+  if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
+      reference_rotation.determinant() < 0.0) {
+    return absl::InvalidArgumentError("reference_rotation must be a rotation matrix");
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace evpose

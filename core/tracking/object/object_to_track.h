@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What a tracker is told about an object.
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "absl/status/status.h"
+#include "core/geometry/rigid_transform.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+class ModelEdges;
+class SearchModel;
+class TemplateModel;
+
+// An object to be tracked.
+struct ObjectToTrack {
+  std::shared_ptr<const ObjectModel> model;  // shared by all sessions and objects with the same model
+  // The pose at the first event; without one, a search finds it from the events.
+  std::optional<RigidTransform> initial_camera_from_object;
+  // camera_from_object. Among the equivalent poses of a symmetric object, the one nearest to this rotation is reported.
+  Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
+  std::shared_ptr<const SearchModel> search_model;  // search tables of the model; null: computed when they are needed
+  // Views of a model with curved edges; null: the same.
+  std::shared_ptr<const TemplateModel> template_model;
+  // Finds the edges of the model with TrackerOptions::visibility and elements; null: the same.
+  std::shared_ptr<const ModelEdges> edges;
+
+  // INVALID_ARGUMENT names the field or the defect of the model.
+  absl::Status Validate() const;
+};
+
+}  // namespace evpose

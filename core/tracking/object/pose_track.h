@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// One hypothesis about the pose of an object, tracked from window to window (core/tracking/README.md).
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "core/association/association.h"
+#include "core/association/camera_tables.h"
+#include "core/association/competitors.h"
+#include "core/association/visible_edges.h"
+#include "core/association/window_associator.h"
+#include "core/estimation/estimator.h"
+#include "core/geometry/camera.h"
+#include "core/geometry/motion_prior.h"
+#include "core/tracking/evidence/curve_activity.h"
+#include "core/tracking/evidence/determination.h"
+#include "core/tracking/evidence/flash.h"
+#include "core/tracking/evidence/health.h"
+#include "core/tracking/object/motion_adaptation.h"
+#include "core/tracking/object/pose_estimate.h"
+#include "core/tracking/object/track_phase.h"
+#include "core/tracking/object/tracker_options.h"
+#include "core/windows/event_window.h"
+
+namespace evpose {
+
+// Data that all hypotheses of an object share.
+struct TrackContext {
+  std::shared_ptr<const ObjectModel> model;
+  CameraModel camera;
+  std::shared_ptr<const CameraTables> tables;
+  TrackerOptions options;
+  std::shared_ptr<const ModelEdges> edges;  // edges of `model`
+  std::shared_ptr<PhaseReporter> phase_reporter = std::make_shared<PhaseReporter>();
+  BoundingSphere sphere = BoundingSphereOf(*model);  // object frame
+};
+
+// Tracks one pose with its twist and covariance. Not thread-safe; deterministic.
+class PoseTrack {
+ public:
+  // Tentative until the events support the pose. `context` must outlive it.
+  PoseTrack(const TrackContext& context, const MotionState& start);
+
+  // Processes a window: prediction, association, estimation, test. Returns an estimate while the state is TRACKING or
+  // DEGRADED. `others` are the other objects at mid-window; null or empty: none.
+  std::optional<PoseEstimate> OnWindow(const EventWindow& window, const Competitors* others = nullptr);
+
+  // No event was processed for `gap_us` before the next window: the timeouts of the phases are extended by it.
+  void OnGap(int64_t gap_us);
+
+  TrackState state() const { return ReportedState(phase_); }
+  // Why the state is LOST.
+  LossCause loss_cause() const { return loss_cause_; }
+  // Tentative, and contradicted by `times` times HealthOptions::max_contradictions test results.
+  bool is_rejected(int times) const {
+    return phase_ == TrackPhase::kTentative &&
+           num_contradictions_ >= times * context_.options.health.max_contradictions;
+  }
+  // Clears the count of contradictions of a tentative track.
+  void ClearContradictions() { num_contradictions_ = 0; }
+  // State at the middle of the last window.
+  const MotionState& motion() const { return motion_; }
+  // Replaces the state from which the next window is predicted: for experiments that perturb every start.
+  void set_motion(const MotionState& motion) { motion_ = motion; }
+  // The lines that were associated in the last window; valid until the next one.
+  absl::Span<const TrackedLine> lines() const { return lines_; }
+  // Where an event of the last window lies relative to the lines.
+  struct Nearness {
+    float distance_px = kScoredPx;  // from the nearest line in view; kScoredPx where none is nearer
+    float share = 1.0f;             // probability that the event is not that of another object
+    bool is_contour = false;        // the nearest line is part of a contour
+  };
+  // Twice the half-width of the widest triangle by which hypotheses are compared (README, section 2): events farther
+  // away have a score of 0.
+  static constexpr float kScoredPx = 6.0f;
+  Nearness NearestLine(Observation observation, const Competitors* others = nullptr) const;
+  // Root mean square of the residuals of the last window, pixels.
+  double spread_px() const { return fit_.residual_rms_px; }
+
+  // To be called between windows; lines(), NearestLine() and spread_px() are not restored. LoadState() requires the
+  // same context.
+  void SaveState(StateWriter& writer) const;
+  void LoadState(StateReader& reader);
+
+ private:
+  // The visible lines that the other objects hide in the last window; kAll: none is left.
+  enum class Occlusion { kNone, kSome, kAll };
+
+  static void VisitState(auto& archive, auto& self);
+  // Turns the window's events near the lines at `predicted` into observations.
+  WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
+                     double gate_factor);
+  // Expected density of the other objects' events at `event`, relative to that of the nearest own line.
+  double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
+  // The state that the estimator starts from.
+  MotionState Predicted(int64_t t_us, const MotionPriorOptions& motion, double noise_factor) const;
+  // Limits the densities of the motion, and the velocity of a track that has just started, by the speed that the number
+  // of events permits (README, equation (7)). Returns whether the prediction is thereby another one.
+  bool LimitMotion(const WindowInput& input);
+  // Fits the window with the densities of the motion that were learned, and again with the full ones if it surprises.
+  void FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted);
+  // Whether the brightness changes and the events are not concentrated near the lines of fit_.
+  bool IsFlash(const EventWindow& window, const WindowInput& input);
+  // Replaces fit_ by the one to no events.
+  void FitNoEvents(const WindowInput& input, const MotionState& predicted);
+  // Valid until the next window.
+  const WindowFit& FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
+  // Whether the predicted motion is so slow that an event deficit is not significant.
+  bool IsSlow(const WindowInput& input) const;
+  // Whether there are significantly more events near the lines than the background rate explains.
+  bool HasSignal(const WindowFit& fit) const;
+  // Whether there is no such excess over the last windows either. It adds this window to the running sums and is
+  // therefore to be called once per window.
+  bool IsOnlyBackground(const WindowFit& fit);
+  // Handles a window in which the other objects occlude all lines: the estimate is the prediction with its covariance.
+  std::optional<PoseEstimate> Hold(const EventWindow& window);
+  // Whether the curves that the last test found supported determine every motion of the object, as the phase requires.
+  bool IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio);
+  void UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us);
+  // Applies the transition function, stores the time of the transition and reports it. No other function changes the
+  // phase.
+  void Enter(TrackInput input, int64_t t_us);
+  // The cause of the loss by `input`.
+  LossCause CauseOf(TrackInput input) const;
+  Matrix6d PublishedCovariance(const WindowFit& fit) const;
+  PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
+
+  // Sets the counts and expectations of earlier windows for the lines of the window.
+  void Remember(WindowInput& input);
+  // Adds the counts of the curves in an accepted window.
+  void Learn(const WindowInput& input, const WindowFit& fit);
+
+  const TrackContext& context_;
+  VisibleEdges visible_edges_;
+  std::vector<TrackedLine> all_lines_;
+  WindowAssociator associator_;
+  std::unique_ptr<WindowEstimator> estimator_;
+  TrackHealth health_;
+  Determination determination_;
+  CurveActivity activity_;
+  FlashDetector flash_;
+  MotionAdaptation adaptation_;
+
+  TrackPhase phase_ = TrackPhase::kTentative;
+  MotionState motion_;
+  double usual_explained_ratio_ = 0.0;  // running mean of the explained ratio of the signal
+  double recent_signal_ = 0.0;          // running sums of the gated events, above the background and of the background
+  double recent_background_ = 0.0;
+  std::vector<DeficitCounts> deficit_counts_;  // counts of earlier windows, by TrackedLine::curve
+  int num_contradictions_ = 0;                 // test results that contradicted the tentative pose
+  int64_t followed_since_us_ = -1;             // begin of the first window, microseconds; -1 before it
+  TestCoverage coverage_ = TestCoverage::kPart;
+  int64_t supported_at_us_ = 0;       // time of the latest kSupport
+  int64_t unsupported_since_us_ = 0;  // time at which kUnsupported was entered
+
+  LossCause loss_cause_ = LossCause::kNone;  // not saved: a lost track is removed before the next window
+
+  absl::Span<const TrackedLine> lines_;
+  std::vector<TrackedLine> unoccluded_lines_;
+  bool is_flash_ = false;  // IsFlash() of the last window
+  Occlusion occlusion_ = Occlusion::kNone;
+  std::vector<ImageLine> image_lines_;
+  std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
+  std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
+  std::vector<Expectation> expectations_;           // expectation of each line of the window; empty without elements
+  WindowFit fit_;
+  WindowFit second_fit_;
+};
+
+}  // namespace evpose

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// Rivals: other poses of an object with nearly the same image, which the events may not tell apart at first
+// (core/tracking/README.md, section 6).
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "core/association/visible_edges.h"
+#include "core/geometry/motion_prior.h"
+#include "core/models/object_model.h"
+
+namespace evpose {
+
+// Returns the state in which the direction `normal` at `point` (both in the object frame) is reflected at the plane
+// through the point that is perpendicular to its ray (equation (8) of the README). The image of a disc with this
+// normal is the same up to perspective. The point and its velocity stay; the direction moves as the mirror image does.
+// The covariance is that of a new track for the pose, and for the twist that of `state`, enlarged.
+MotionState MirroredState(const MotionState& state, const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
+                          double focal_px, const InitialPoseOptions& options);
+
+// Returns the state of the object moved by `object_from_object`, with the same motion in space. Covariance as above.
+MotionState MovedState(const MotionState& state, const RigidTransform& object_from_object, double focal_px,
+                       const InitialPoseOptions& options);
+
+// Finds when a flat face has passed the position in which the camera sees it edge-on, where its two inclinations have
+// the same image. A track may continue on the wrong side.
+class TurnedFaceDetector {
+ public:
+  // `edges` must outlive the detector. `inclined_rad`: the inclination at which the mirrored state is due.
+  TurnedFaceDetector(const ModelEdges& edges, double inclined_rad);
+
+  // To be called with each tracked state, and after a loss once Reset() was called. Returns the plane,
+  // ModelEdges::face_planes(), whose mirrored state must be tested now. If several planes are due at once, it is the
+  // widest one: the mirrored states of the others differ too little from its own.
+  std::optional<size_t> Update(const RigidTransform& camera_from_object, double focal_px);
+  void Reset();
+
+  // LoadState() requires the same model.
+  void SaveState(StateWriter& writer) const { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) { VisitState(reader, *this); }
+
+ private:
+  enum class Side : uint8_t { kUnknown, kFront, kBack, kEdgeOn };
+
+  static void VisitState(auto& archive, auto& self) {
+    for (auto& side : self.sides_) archive(AtMost(side, Side::kEdgeOn));
+  }
+
+  const ModelEdges& edges_;
+  const double inclined_sine_;
+  std::vector<Side> sides_;  // sides of the planes
+};
+
+// The rigid motions and directions of a model from which rivals of any pose follow.
+class RivalGenerator {
+ public:
+  explicit RivalGenerator(const ObjectModel& model);
+
+  // Returns the rivals of a state, at most kMaxRivals: half turns about the principal axes of the edges, or of the
+  // surface if it has contours, quarter turns about those across which it is about equally wide, and the reflections of
+  // these axes, each also after a half turn. Those that equal the state or an earlier rival by the symmetry of the
+  // model, or nearly (`merge_rad`), are left out.
+  std::vector<MotionState> RivalsOf(const MotionState& state, double focal_px, const InitialPoseOptions& options,
+                                    double merge_rad) const;
+  // Three half turns, two quarter turns about each axis, three reflections, and each reflection after each half turn.
+  static constexpr int kMaxRivals = 21;
+
+ private:
+  RigidTransform AboutCentroid(const Eigen::Matrix3d& turn) const { return {turn, centroid_ - turn * centroid_}; }
+
+  const ObjectModel& model_;
+  Eigen::Vector3d centroid_ = Eigen::Vector3d::Zero();
+  std::vector<Eigen::Vector3d> axes_;          // principal axes that are determined
+  std::vector<RigidTransform> half_turns_;     // about these, or across the axis of a round object
+  std::vector<RigidTransform> quarter_turns_;  // about those across which the object is about equally wide
+};
+
+}  // namespace evpose

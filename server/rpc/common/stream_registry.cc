@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/rpc/common/stream_registry.h"
+
+#include <mutex>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "server/runtime/errors.h"
+
+namespace evpose::server {
+
+void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
+  absl::Status ended;
+  {
+    const std::lock_guard lock(mutex_);
+    entries_[stream.get()] = {kind, stream};
+    if (kind == Kind::kTrack) ++num_tracks_;
+    ended = ended_;
+    if (ended.ok() && entries_.size() > max_streams_) {
+      metrics_->quota_refusals[QuotaLimit::kMaxStreams].Add();
+      ended = LimitReached(v1::TOO_MANY_STREAMS, "max_streams",
+                           absl::StrCat("the server has its ", max_streams_, " streams: try again later"), kRetryDelay);
+    }
+  }
+  if (!ended.ok()) stream->End(ended);
+}
+
+void StreamRegistry::Remove(const OpenStream* stream) {
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(stream);
+  if (found == entries_.end()) return;
+  if (found->second.kind == Kind::kTrack) --num_tracks_;
+  entries_.erase(found);
+  removed_.notify_all();
+}
+
+std::vector<std::shared_ptr<OpenStream>> StreamRegistry::Streams(bool with_watches) {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::shared_ptr<OpenStream>> streams;
+  for (const auto& [key, entry] : entries_) {
+    if (!with_watches && entry.kind == Kind::kWatch) continue;
+    if (auto stream = entry.stream.lock()) streams.push_back(std::move(stream));
+  }
+  return streams;
+}
+
+void StreamRegistry::GoAway(absl::Duration deadline) {
+  for (const auto& stream : Streams(/*with_watches=*/false)) stream->GoAway(deadline);
+}
+
+void StreamRegistry::WaitForTracks(absl::Time deadline) {
+  std::unique_lock lock(mutex_);
+  removed_.wait_until(lock, absl::ToChronoTime(deadline), [this] { return num_tracks_ == 0; });
+}
+
+void StreamRegistry::WaitForAll(absl::Time deadline) {
+  std::unique_lock lock(mutex_);
+  removed_.wait_until(lock, absl::ToChronoTime(deadline), [this] { return entries_.empty(); });
+}
+
+void StreamRegistry::CheckAccess(const AccessCheck& check) {
+  for (const auto& stream : Streams(/*with_watches=*/true)) stream->CheckAccess(check);
+}
+
+void StreamRegistry::EndAll(const absl::Status& status) {
+  {
+    const std::lock_guard lock(mutex_);
+    ended_ = status;
+  }
+  for (const auto& stream : Streams(/*with_watches=*/true)) stream->End(status);
+}
+
+}  // namespace evpose::server

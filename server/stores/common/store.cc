@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "server/stores/common/store.h"
+
+#include "absl/strings/str_cat.h"
+#include "core/base/status_macros.h"
+#include "server/runtime/random_name.h"
+
+namespace evpose::server {
+
+absl::StatusOr<std::string> Store::NewSessionName(absl::string_view /*tenant*/,
+                                                  absl::string_view /*request_id*/) const {
+  EVPOSE_ASSIGN_OR_RETURN(const std::string id, RandomHex128());
+  return absl::StrCat("sessions/", id);
+}
+
+}  // namespace evpose::server
