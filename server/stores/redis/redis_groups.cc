@@ -222,12 +222,16 @@ absl::Status RedisGroups::CheckHealth() {
   for (const auto& group : groups_) replies.push_back(group->client.Start({"PING"}, Acknowledgement::kReplica));
   std::vector<absl::Status> health;
   for (auto& reply : replies) health.push_back(reply.get().status());
-  absl::Status all = health.front();
-  for (const absl::Status& one : health) {
-    if (one.ok()) all = absl::OkStatus();
+  const auto away = std::find_if(health.begin(), health.end(), [](const auto& one) { return !one.ok(); });
+  const bool is_one_away = away != health.end();
+  const bool responds = std::any_of(health.begin(), health.end(), [](const auto& one) { return one.ok(); });
+  const absl::Status all = responds ? absl::OkStatus() : *away;
+  {
+    const std::lock_guard lock(mutex_);
+    health_ = std::move(health);
   }
-  const std::lock_guard lock(mutex_);
-  health_ = std::move(health);
+  // A group that does not respond cannot say that a bucket has moved to another one.
+  if (responds && is_one_away) (void)Refresh();
   return all;
 }
 

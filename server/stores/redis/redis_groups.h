@@ -72,7 +72,8 @@ class RedisGroups {
   // Calls `done` on a thread of a client.
   void PushNothing(absl::AnyInvocable<void()> done);
 
-  // OK if at least one group responds; the state of each is in groups().
+  // OK if at least one group responds; the state of each is in groups(). If a group does not respond, finds the buckets
+  // that were moved from it.
   absl::Status CheckHealth();
   // The groups in the order of their names.
   std::vector<StoreGroup> groups() const;

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <fstream>
 #include <future>
+#include <map>
 #include <set>
 #include <thread>
 
@@ -287,6 +288,35 @@ TEST_F(RedisGroupsTest, AGroupIsAddedWhileSessionsCommit) {
   // A server that does not know the new group says so.
   const absl::Status unknown = OpenRedisStore(Options({{"a", &a_}, {"b", &b_}})).status();
   EXPECT_THAT(std::string(unknown.message()), HasSubstr("is in the Redis group c, which"));
+}
+
+// A server that has not called a bucket since it was moved has the old table when the old group is lost.
+TEST_F(RedisGroupsTest, ABucketThatWasMovedFromALostGroupIsFound) {
+  RedisServer c;
+  { Open(); }
+  const RedisStoreOptions options = Options({{"a", &a_}, {"b", &b_}, {"c", &c}});
+  const std::unique_ptr<Store> store = OpenRedisStore(options).value();
+  std::map<int, std::unique_ptr<SessionLease>> leases;  // by bucket
+  for (int i = 0; i < 40; ++i) {
+    const std::string name = absl::StrCat("sessions/", i);
+    leases[RedisBucketOf(name)] = store->CreateSession(Record(name), "life").value();
+  }
+  RedisGroups groups(options.groups);
+  ASSERT_EQ(groups.Open(), absl::OkStatus());
+  std::set<int> moved;
+  ASSERT_EQ(groups.Divide([&moved](const RedisGroups::Move& move) {
+    if (move.from == "a") moved.insert(move.bucket);
+  }),
+            absl::OkStatus());
+  groups.Close();
+  std::erase_if(leases, [&moved](const auto& lease) { return !moved.contains(lease.first); });
+  ASSERT_GT(leases.size(), 1u);
+  a_.Kill();
+  EXPECT_EQ(CommitNow(*leases.begin()->second, {.checkpoint = "1"}).code(), StatusCode::kUnavailable);
+  EXPECT_EQ(store->CheckHealth(), absl::OkStatus());
+  for (const auto& [bucket, lease] : leases) {
+    EXPECT_EQ(CommitNow(*lease, {.checkpoint = "2"}), absl::OkStatus()) << "bucket " << bucket;
+  }
 }
 
 TEST_F(RedisGroupsTest, AMoveThatWasInterruptedIsCompleted) {
