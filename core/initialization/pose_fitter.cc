@@ -10,7 +10,6 @@
 #include "core/base/yield_point.h"
 #include "core/geometry/projected_line.h"
 #include "core/initialization/chance_poses.h"
-#include "core/initialization/pose_refinement.h"
 #include "core/initialization/segment_fit.h"
 
 namespace evpose {
@@ -25,6 +24,7 @@ constexpr std::array<double, 3> kWidenings = {4.0, 2.0, 1.0};
 constexpr int kStepsPerMatching = 3;
 constexpr int kReflectionSteps = 8;
 constexpr int kVisibleSteps = 5;
+constexpr int kMaxStepsToMinimum = 50;  // a pose that several segments determine takes 6 to 20
 constexpr double kFirstDamping = 1e-4;  // share of the mean diagonal of the normal equations
 // Factors of the damping after a step that lowers the cost and after one that does not.
 constexpr double kDampingAfterSuccess = 0.1;
@@ -32,7 +32,9 @@ constexpr double kDampingAfterFailure = 20.0;
 // Rounding tolerance of the cost: a step that raises it by less is accepted, and the descent continues until the
 // gradient vanishes.
 constexpr double kCostRounding = 1e-14;
-// The refinement ends when the damping has grown to this value.
+// The refinement ends when a step is expected to lower the cost by less than this share, which is lost in rounding, or
+// when the damping has grown to this value.
+constexpr double kLeastDecrease = 1e-16;
 constexpr double kMaxDamping = 1e12;
 constexpr double kUnmatched = 1e300;  // cost of a line without a segment
 
@@ -127,6 +129,7 @@ bool PoseFitter::Refine(absl::Span<const SegmentMatch> matches, double widening,
     if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 0.0)) return false;
     const Vector6d step = -ldlt.solve(normal.g);
     if (!step.allFinite()) return false;
+    if (-step.dot(normal.g) <= kLeastDecrease * normal.cost) break;
     const RigidTransform next = Perturb(pose, step);
     const bool is_better =
         Accumulate(matches, weights, next, next_normal) && next_normal.cost <= (1.0 + kCostRounding) * normal.cost;
@@ -170,10 +173,8 @@ PoseHypothesis PoseFitter::ScoreVisible(RigidTransform pose, size_t num_segments
 PoseHypothesis PoseFitter::ScoreMinimum(RigidTransform pose, size_t num_segments) const {
   std::vector<ImagePart> parts = VisibleParts(pose);
   const std::vector<SegmentMatch> matches = Match(parts, 1.0);
-  const FitWeights weights = FitWeights::Make(options_, 1.0);
   RigidTransform refined = pose;
-  if (matches.size() >= kMinMatches && RefineToMinimum(camera_, lines_, matches, weights, refined) &&
-      IsBeforeCamera(refined)) {
+  if (matches.size() >= kMinMatches && Refine(matches, 1.0, kMaxStepsToMinimum, refined)) {
     pose = refined;
     Project(pose, parts);
   }

@@ -66,7 +66,7 @@ class PoseFitter {
   PoseHypothesis Score(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
   // Stages 5 and 6: refines and scores the pose with the parts that ray casting finds visible.
   PoseHypothesis ScoreVisible(RigidTransform pose, size_t num_segments) const;
-  // Stage 7: does the same with Ceres, to the minimum (RefineToMinimum), for the few poses that a search returns.
+  // Stage 7: does the same to the minimum of the cost, for the few poses that a search returns.
   PoseHypothesis ScoreMinimum(RigidTransform pose, size_t num_segments) const;
   // Stage 6: computes the second pose of a flat object by reflecting the depths of the matched lines about their mean
   // (README, equation (8)), and refines it.

@@ -14,7 +14,7 @@
 //    the final cost.
 // 6. The near-symmetric poses of the best hypothesis (near_symmetries.h) and its depth reflection are refined and
 //    scored in the same way and added.
-// 7. PoseFitter::ScoreMinimum(): the best hypotheses are refined to the minimum of their cost (pose_refinement.h).
+// 7. PoseFitter::ScoreMinimum(): the best hypotheses are refined to the minimum of their cost.
 //
 // The SearchModel (search_model.h) has what all searches for one object share.
 #pragma once
