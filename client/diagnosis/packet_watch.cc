@@ -57,7 +57,7 @@ Finding PacketWatch::CheckPeriod(const PacketOptions& options) const {
   std::vector<double> periods = periods_ms_;
   Finding finding;
   finding.check = "packet-period";
-  Judge(UpperMedian(periods), options.period_ms, "ms", finding);
+  SetVerdict(UpperMedian(periods), options.period_ms, "ms", finding);
   finding.text = absl::StrFormat("packets have %.2f ms of sensor time, by which poses are late", *finding.value);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy =
@@ -72,7 +72,7 @@ Finding PacketWatch::CheckLag(const PacketOptions& options) const {
   Finding finding;
   finding.check = "pipe";
   const double lag_s = absl::ToDoubleSeconds(end_ - begin_) - 1e-6 * static_cast<double>(end_us_ - begin_us_);
-  Judge(lag_s, options.lag_s, "s", finding);
+  SetVerdict(lag_s, options.lag_s, "s", finding);
   finding.text = absl::StrFormat("in %.2f s the events fell %.3f s behind the camera's clock",
                                  absl::ToDoubleSeconds(end_ - begin_), std::max(lag_s, 0.0));
   if (finding.verdict != Verdict::kOk) {

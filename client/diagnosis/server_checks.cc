@@ -63,7 +63,7 @@ absl::StatusOr<std::vector<Exchange>> MakeCalls(Client& client, int num_calls) {
 Finding CheckRoundTrip(const std::vector<Exchange>& exchanges, const ServerCheckOptions& options) {
   Finding finding = ServerFinding("round-trip");
   const double median_ms = absl::ToDoubleMilliseconds(exchanges[exchanges.size() / 2].duration());
-  Judge(median_ms, options.round_trip_ms, "ms", finding);
+  SetVerdict(median_ms, options.round_trip_ms, "ms", finding);
   finding.text =
       absl::StrFormat("the server answers within %.2f ms, within %.2f ms at most, of %d calls", median_ms,
                       absl::ToDoubleMilliseconds(exchanges.back().duration()), static_cast<int>(exchanges.size()));
@@ -115,8 +115,8 @@ Finding CheckServerVersion(const ServerInfo& server) {
 
 Finding CheckSessions(const ServerInfo& server, const ServerCheckOptions& options) {
   Finding finding = ServerFinding("sessions");
-  Judge(static_cast<double>(server.active_sessions) / std::max(1u, server.max_sessions), options.occupied,
-        "share of the sessions", finding);
+  SetVerdict(static_cast<double>(server.active_sessions) / std::max(1u, server.max_sessions), options.occupied,
+             "share of the sessions", finding);
   finding.text = absl::StrCat(server.active_sessions, " of at most ", Counted(server.max_sessions, "session"),
                               ", store: ", server.store, "; a session without a stream is kept for ",
                               absl::FormatDuration(server.session_expiry));
@@ -162,7 +162,7 @@ Finding CheckLink(const LinkProbe& probe, std::optional<double> recording_bytes_
     absl::StrAppend(&finding.text, "; with a RECORDING, this is compared with its events");
     return finding;
   }
-  Judge(*recording_bytes_per_s / link_bytes_per_s, options.link_load, "share of the connection", finding);
+  SetVerdict(*recording_bytes_per_s / link_bytes_per_s, options.link_load, "share of the connection", finding);
   absl::StrAppend(&finding.text, "; the recording has ", Megabits(*recording_bytes_per_s),
                   " in the busiest tenth of its time");
   if (finding.verdict != Verdict::kOk) {
@@ -181,7 +181,7 @@ Finding CheckServerClock(absl::Time sent, absl::Time received, std::optional<abs
   const absl::Duration ahead = *server > received ? *server - received
                                : *server < sent   ? *server - sent
                                                   : absl::ZeroDuration();
-  Judge(std::abs(absl::ToDoubleSeconds(ahead)), options.clock_s, "s", finding);
+  SetVerdict(std::abs(absl::ToDoubleSeconds(ahead)), options.clock_s, "s", finding);
   finding.text =
       absl::StrFormat("the server's clock is %.3f s %s this machine's, exact to %.3f s", *finding.value,
                       ahead < absl::ZeroDuration() ? "behind" : "ahead of", absl::ToDoubleSeconds(received - sent));

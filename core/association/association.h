@@ -27,8 +27,8 @@ namespace evpose {
 
 // A visible part of a model line, or an edge element: object frame, metres.
 struct TrackedLine {
-  // Number of its edge curve, to which everything belongs that is learned over time: the index of a line in
-  // ObjectModel::lines, or EdgeElement::curve, but see ModelEdges::CurveOf().
+  // Number of the edge curve by which statistics over time are stored: ModelEdges::CurveOf() of the index in
+  // ObjectModel::lines or of EdgeElement::curve.
   int curve = 0;
   Eigen::Vector3d p1;
   Eigen::Vector3d p2;

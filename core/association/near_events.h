@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Selects the events of a window that lie near the lines, downsamples them and converts them to observations
-// (core/association/README.md, section 2).
+// (core/association/README.md, section 4).
 #pragma once
 
 #include <cstdint>

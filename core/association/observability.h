@@ -27,8 +27,8 @@ Eigen::Matrix3Xd FreeRotations(const ObjectModel& model, const Eigen::Matrix3d& 
 void AddInformation(const CameraModel& camera, const ImageLine& line, double events, const Matrix6d& motions,
                     Matrix6d& information);
 
-// Whether every motion but the free rotations is known better than `max_deviation_px`, by OutlineMotions(), and by more
-// than what errors of the derivatives simulate.
+// Whether every motion except the free rotations is known with a standard deviation below `max_deviation_px`, in the
+// units of OutlineMotions(), and with more information than errors of the derivatives could cause.
 bool IsDetermined(const Matrix6d& information, const Eigen::Matrix3Xd& free_rotations, double max_deviation_px);
 
 // Whether, for every motion but the free rotations, `part` has at least this share of the information of `whole`.

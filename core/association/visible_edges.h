@@ -32,15 +32,15 @@ class ModelEdges {
   const VisibilityTester& visibility() const { return visibility_; }
   const EdgeElementExtractor& elements() const { return elements_; }
 
-  // More straight lines than this are not tested at every pose: the best kMaxLines visible ones are chosen for a view.
-  // It is more than the simple models have for which all lines are tested.
+  // Most straight lines that are tested at every pose. Of a model with more lines, the best visible ones are chosen for
+  // each view. All lines of simple models are tested.
   static constexpr size_t kMaxLines = 128;
   // The straight lines that take part, indices in increasing order: all, or the kMaxPool longest ones.
   static constexpr size_t kMaxPool = 4096;
   const std::vector<int>& lines() const { return lines_; }
   bool has_many_lines() const { return model_.lines.size() > kMaxLines; }
 
-  // Upper bound of TrackedLine::curve: what a hypothesis learns needs memory for each number.
+  // Upper bound of TrackedLine::curve. A hypothesis stores statistics for each number.
   int num_curves() const { return num_curves_; }
   // Returns TrackedLine::curve of an EdgeElement::curve. The curves of a model with more than kMaxCurves share numbers;
   // of two with the same number seldom both are visible.
@@ -61,8 +61,8 @@ class ModelEdges {
   // Bounds the time of FacingPlanes(), which tests every plane at every pose. When a narrower face turns, the elements
   // of its wrong side stay until the next extraction (README, section 5).
   static constexpr size_t kMaxFacePlanes = 256;
-  // Whether the faces of the plane are so small in the image that the elements of both sides of a face seen nearly
-  // edge-on hardly differ until the next extraction.
+  // Whether the faces of the plane are so narrow in the image that the elements of their near and far sides differ by
+  // less than half a pixel until the next extraction.
   static bool IsNarrow(const FacePlane& plane, double distance_m, double focal_px);
   // For each of face_planes(): whether the outer side faces the camera centre `eye` (object frame), false where it is
   // narrow.

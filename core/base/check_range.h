@@ -7,7 +7,7 @@
 
 namespace evpose {
 
-// The limits that do not belong to a range themselves.
+// Which limits of a range do not belong to it.
 enum class OpenEnds {
   kNone,  // [low, high]
   kLow,   // (low, high]

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Numbers of things in texts for people.
+// Counted nouns in texts for users, in the singular or plural.
 #pragma once
 
 #include <cstdint>

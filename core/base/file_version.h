@@ -20,8 +20,8 @@ class FileVersion {
  public:
   // Errors: UNAVAILABLE without the path.
   static absl::StatusOr<FileVersion> Of(const std::string& path);
-  // DATA_LOSS, without the path, if another file has the name or the file has changed since: what was read of it is not
-  // one file.
+  // Errors: as Of(); DATA_LOSS, without the path, if the name refers to another file or the file has changed since: the
+  // bytes that were read then belong to different versions.
   absl::Status CheckUnchanged() const;
 
  private:

@@ -90,9 +90,9 @@ class EdgeElementExtractor {
   // without an element.
   bool Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,
                std::vector<EdgeElement>& elements) const;
-  // How far, pixels, the contour has moved away from an element between facets since both facets face the camera centre
-  // `eye` (object frame), or both are turned away: the element is then none (core/contours/README.md, equation (11)).
-  // 0 for other elements.
+  // Distance, pixels, by which the contour has left an element between facets since both facets face the camera centre
+  // `eye` (object frame), or both are turned away. The element is then no contour (core/contours/README.md, equation
+  // (11)). 0 for other elements.
   double FacetShiftPx(const EdgeElement& element, const Eigen::Vector3d& eye, double focal_px) const;
 
  private:

@@ -15,10 +15,10 @@
 
 namespace evpose {
 
-// The errors that decide at which points a polyline is cut (Douglas and Peucker, 1973): for a tolerance, the chords
-// between the points with a larger error are as far from the polyline as that at most. The ends have no error. A chord
-// within `stop_at` is not divided: the points between have the error 0. Cuts beyond `kMaxCuts` levels are made in the
-// middle, so that the time is O(n log n) for any points.
+// Computes the error at which each point becomes a cut (Douglas and Peucker, 1973). For any tolerance from `stop_at`
+// on, the chords between the points with larger errors are within the tolerance of the polyline. The ends have no
+// error. A chord within `stop_at` is not divided: the points between its ends have the error 0. Cuts beyond `kMaxCuts`
+// levels are made in the middle, so that the time is O(n log n) for any points.
 template <typename Vector>
 void FindCutErrors(absl::Span<const Vector> points, double stop_at, std::vector<double>& errors) {
   struct Chord {

@@ -63,7 +63,7 @@ struct DiagnosisOptions {
   // speed); 20 Mev/s are 0.6 Gbit/s of EVT3, as much as a 1 Gbit/s link carries beside its other load.
   Limits event_rate_per_s = {20e6, 50e6};
   // Microseconds between the values that time stamps take. An object at 1000 px/s moves by 0.1 px in 100 us, which is
-  // negligible, and by 1 px in 1 ms, which is the least duration of a window.
+  // negligible, and by 1 px in 1 ms, the usual duration of a window.
   Limits time_step_us = {100.0, 1000.0};
   // Microseconds by which time stamps step back. Events within a window may have any order; a window is at least 500
   // us.

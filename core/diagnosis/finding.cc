@@ -19,7 +19,7 @@ std::string_view VerdictName(Verdict verdict) {
   return "";
 }
 
-void Judge(double value, const Limits& limits, const std::string& unit, Finding& finding) {
+void SetVerdict(double value, const Limits& limits, const std::string& unit, Finding& finding) {
   const bool is_problem = value > limits.problem;
   finding.value = value;
   finding.limit = is_problem ? limits.problem : limits.advice;

@@ -38,9 +38,9 @@ struct Limits {
 };
 
 // Sets value, limit, unit and verdict of a finding.
-void Judge(double value, const Limits& limits, const std::string& unit, Finding& finding);
+void SetVerdict(double value, const Limits& limits, const std::string& unit, Finding& finding);
 
-// Sets value, limit and unit of a finding that is judged otherwise.
+// Sets value, limit and unit of a finding whose verdict is set otherwise.
 void SetMeasured(double value, double limit, std::string unit, Finding& finding);
 
 Finding NotChecked(const std::string& check, const std::string& reason);

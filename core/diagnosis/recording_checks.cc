@@ -59,9 +59,9 @@ Finding RecordingDiagnosis::CheckDecoding(const StreamFacts& facts) const {
   const LostParts lost = Lost(facts.skipped);
   const double missing = static_cast<double>(counts.dropped_outside_sensor + lost.events);
   // A recording may begin anywhere: events before the first time stamp are no fault.
-  Judge(std::max(static_cast<double>(counts.invalid_words()) / words,
-                 missing / std::max(1.0, static_cast<double>(counts.cd_events) + missing)),
-        options_.decode_fault_share, "share of the words or events", finding);
+  SetVerdict(std::max(static_cast<double>(counts.invalid_words()) / words,
+                      missing / std::max(1.0, static_cast<double>(counts.cd_events) + missing)),
+             options_.decode_fault_share, "share of the words or events", finding);
   // How many events a lost piece had is unknown. A long gap is a problem of the clock.
   if (lost.pieces > 0) finding.verdict = std::max(finding.verdict, Verdict::kAdvice);
   finding.text =
@@ -88,8 +88,8 @@ Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock) const {
   const auto step_back_us = static_cast<double>(clock.largest_step_back_us);
   const double gap_us = clock.gaps.empty() ? 0.0 : static_cast<double>(clock.gaps.front().duration_us);
   Finding gaps = finding;
-  Judge(step_back_us, options_.step_back_us, "us", finding);
-  Judge(gap_us, options_.gap_us, "us", gaps);
+  SetVerdict(step_back_us, options_.step_back_us, "us", finding);
+  SetVerdict(gap_us, options_.gap_us, "us", gaps);
   finding.text = absl::StrCat("time stamps step back ", Counted(clock.num_steps_back, "time"), ", by ",
                               clock.largest_step_back_us, " us at most; ", Counted(clock.num_gaps, "gap"));
   if (finding.verdict != Verdict::kOk) {
@@ -129,7 +129,7 @@ Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock) const {
 Finding RecordingDiagnosis::CheckTimeSteps(const ClockWatch::Result& clock) const {
   if (clock.time_step_us == 0) return NotChecked("time-step", "there are too few different time stamps");
   Finding finding = Named("time-step");
-  Judge(static_cast<double>(clock.time_step_us), options_.time_step_us, "us", finding);
+  SetVerdict(static_cast<double>(clock.time_step_us), options_.time_step_us, "us", finding);
   finding.text = absl::StrCat("time stamps are multiples of ", clock.time_step_us, " us");
   if (finding.verdict != Verdict::kOk) {
     finding.remedy =
@@ -143,7 +143,7 @@ Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, 
   Finding finding = Named("event-rate");
   constexpr double kSlicesPerSecond = 1e6 / MotionSamples::kSlice_us;
   const double rate = motion.busy_events_in_20_ms * kSlicesPerSecond;
-  Judge(rate, options_.event_rate_per_s, "events/s", finding);
+  SetVerdict(rate, options_.event_rate_per_s, "events/s", finding);
   finding.text =
       absl::StrFormat("%.3f Mev/s in the middle of the time, %.3f Mev/s in its busiest tenth, %.3f Mev/s at most",
                       1e-6 * motion.median_events_in_20_ms * kSlicesPerSecond, 1e-6 * rate,
@@ -203,7 +203,7 @@ Finding RecordingDiagnosis::CheckNoise(const Shares& shares) const {
     return NotChecked("noise", absl::StrFormat("nothing moves: all events may be noise, %.2g Hz per pixel", rate));
   }
   Finding finding = Named("noise");
-  Judge(shares.noise, options_.noise_share, "share of the events", finding);
+  SetVerdict(shares.noise, options_.noise_share, "share of the events", finding);
   finding.text = absl::StrFormat("%s of the events are noise: %.2g Hz per pixel", Percent(shares.noise), rate);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy = absl::StrCat(
@@ -222,7 +222,7 @@ Finding RecordingDiagnosis::CheckHotPixels() const {
   // Of the events that tracking needs at least, if nothing moves.
   const double needed = options_.min_events_in_20_ms * static_cast<double>(duration_us()) / MotionSamples::kSlice_us;
   const double share = hot_events / std::max(static_cast<double>(num_events()), needed);
-  Judge(share, options_.hot_share, "share of the events", finding);
+  SetVerdict(share, options_.hot_share, "share of the events", finding);
   finding.text = absl::StrFormat("%s, with %s of the events", Counted(hot.size(), "hot pixel"), Percent(share));
   const double seconds = 1e-6 * static_cast<double>(duration_us());
   for (size_t i = 0; i < std::min(hot.size(), kMaxPlaces); ++i) {
@@ -252,7 +252,7 @@ Finding RecordingDiagnosis::CheckDeadPixels(const Shares& shares) const {
   }
   double silent = 0.0;
   for (const PixelCounts::DeadArea& area : areas) silent += static_cast<double>(area.pixels);
-  Judge(silent / pixels, options_.dead_share, "share of the pixels", finding);
+  SetVerdict(silent / pixels, options_.dead_share, "share of the pixels", finding);
   finding.text = areas.empty() ? "no area without events has events all around it"
                                : absl::StrCat(Counted(areas.size(), "area"), " without any event, ",
                                               Percent(silent / pixels), " of the pixels");
@@ -275,13 +275,13 @@ Finding RecordingDiagnosis::CheckFlicker(const FlickerSpectrum::Result& spectrum
   }
   Finding finding = Named("flicker");
   if (spectrum.lines.empty()) {
-    Judge(0.0, options_.flicker_share, "share of the events", finding);
+    SetVerdict(0.0, options_.flicker_share, "share of the events", finding);
     finding.text = absl::StrFormat("no frequency from %.0f to 1000 Hz is common to all parts of the image",
                                    options_.min_flicker_hz);
     return finding;
   }
   const FlickerSpectrum::Line& line = spectrum.lines.front();
-  Judge(line.share, options_.flicker_share, "share of the events", finding);
+  SetVerdict(line.share, options_.flicker_share, "share of the events", finding);
   finding.text = absl::StrFormat("%s of the events come from light that flickers at %.1f Hz", Percent(line.share),
                                  line.frequency_hz);
   for (size_t i = 0; i < std::min(spectrum.lines.size(), kMaxPlaces); ++i) {
@@ -312,7 +312,7 @@ Finding RecordingDiagnosis::CheckPolarity(const Shares& shares) const {
   }
   const double ratio = (events[1] + 1.0) / (events[0] + 1.0);
   Finding finding = Named("polarity");
-  Judge(std::max(ratio, 1.0 / ratio), options_.polarity_ratio, "ratio", finding);
+  SetVerdict(std::max(ratio, 1.0 / ratio), options_.polarity_ratio, "ratio", finding);
   finding.text = absl::StrFormat("%.2f ON events for each OFF event", ratio);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy = absl::StrCat(
@@ -340,7 +340,7 @@ Finding RecordingDiagnosis::CheckFocus(const Shares& shares) const {
                       "edges are wide in time, whatever their speed: the pixels are slow, not the lens blurred");
   }
   Finding finding = Named("focus");
-  Judge(blur.median_px, options_.blur_px, "px", finding);
+  SetVerdict(blur.median_px, options_.blur_px, "px", finding);
   finding.text = absl::StrFormat("edges are blurred by %.2f px (standard deviation)", blur.median_px);
   if (finding.verdict != Verdict::kOk) {
     finding.remedy = absl::StrCat(

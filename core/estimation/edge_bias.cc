@@ -45,11 +45,11 @@ EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& ra
   const double contrast = thresholds * sensor.contrast_threshold;
   const double hysteresis = turn_ratio / std::max(thresholds, turn_ratio);
   const EdgeResponse& response = EdgeResponse::Get();
-  const double brighter_px = sensor.blur_px * response.Brighter(contrast, hysteresis);
-  const double darker_px = sensor.blur_px * response.Darker(contrast, hysteresis);
+  const double on_px = sensor.blur_px * response.MeanOfOnEvents(contrast, hysteresis);
+  const double off_px = sensor.blur_px * response.MeanOfOffEvents(contrast, hysteresis);
   // kappa is the share of ON events minus the share of OFF events when the line moves along its normal.
-  return {0.5 * ((1.0 + kappa) * brighter_px + (1.0 - kappa) * darker_px),
-          -0.5 * ((1.0 - kappa) * brighter_px + (1.0 + kappa) * darker_px)};
+  return {0.5 * ((1.0 + kappa) * on_px + (1.0 - kappa) * off_px),
+          -0.5 * ((1.0 - kappa) * on_px + (1.0 + kappa) * off_px)};
 }
 
 EdgeOffsets EdgeBias::ExpectedOffsets(const Profile& profile, int half) const {

@@ -35,11 +35,11 @@ class EdgeBiasTest : public ::testing::Test {
     state_.twist[0] = -0.2;
     Project();
   }
-  double BrighterPx(double contrast, double hysteresis) const {
-    return sensor_.blur_px * EdgeResponse::Get().Brighter(contrast, hysteresis);
+  double OnEventsPx(double contrast, double hysteresis) const {
+    return sensor_.blur_px * EdgeResponse::Get().MeanOfOnEvents(contrast, hysteresis);
   }
-  double DarkerPx(double contrast, double hysteresis) const {
-    return sensor_.blur_px * EdgeResponse::Get().Darker(contrast, hysteresis);
+  double OffEventsPx(double contrast, double hysteresis) const {
+    return sensor_.blur_px * EdgeResponse::Get().MeanOfOffEvents(contrast, hysteresis);
   }
 
   const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
@@ -68,21 +68,21 @@ TEST_F(EdgeBiasTest, AnEdgeShiftsToItsDarkerSide) {
   EdgeBias bias(options_, sensor_, camera_);
   Learn(bias, 0.0, 800.0);  // 4 events per px^2, all ON: the dark side is ahead
   const double contrast = 4.0 * sensor_.contrast_threshold;
-  EXPECT_GT(BrighterPx(contrast, 0.0), 0.1);
-  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
+  EXPECT_GT(OnEventsPx(contrast, 0.0), 0.1);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), OnEventsPx(contrast, 0.0), 2e-3);
   MoveBack();  // OFF events: the dark side is behind
-  EXPECT_NEAR(ExpectedAlongMotion(bias), DarkerPx(contrast, 0.0), 2e-3);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), OffEventsPx(contrast, 0.0), 2e-3);
 }
 
 TEST_F(EdgeBiasTest, EventsAfterAPolarityReversalLag) {
   EdgeBias bias(options_, sensor_, camera_);
   Learn(bias, 0.0, 600.0, 200.0);  // 3 events per pixel, and one threshold for the reversal
   const double contrast = 4.0 * sensor_.contrast_threshold;
-  EXPECT_LT(BrighterPx(contrast, 0.25), BrighterPx(contrast, 0.0) - 0.05);
-  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.25), 2e-3);
+  EXPECT_LT(OnEventsPx(contrast, 0.25), OnEventsPx(contrast, 0.0) - 0.05);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), OnEventsPx(contrast, 0.25), 2e-3);
   // Without reversals for longer than they are remembered, the lag disappears; the contrast is unchanged.
   for (int i = 0; i < 20; ++i) Learn(bias, 0.0, 800.0);
-  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), OnEventsPx(contrast, 0.0), 2e-3);
 }
 
 TEST_F(EdgeBiasTest, ALineMayLagOnOneOfItsHalvesOnly) {
@@ -94,7 +94,7 @@ TEST_F(EdgeBiasTest, ALineMayLagOnOneOfItsHalvesOnly) {
   };
   const double lag_px = std::abs(expected_px(0.25) - expected_px(0.75));
   const double contrast = 4.0 * sensor_.contrast_threshold;
-  EXPECT_NEAR(lag_px, BrighterPx(contrast, 0.0) - BrighterPx(contrast, 0.25), 2e-3);
+  EXPECT_NEAR(lag_px, OnEventsPx(contrast, 0.0) - OnEventsPx(contrast, 0.25), 2e-3);
 }
 
 TEST_F(EdgeBiasTest, AnUnknownPreviousEventCountsHalf) {
@@ -115,7 +115,7 @@ TEST_F(EdgeBiasTest, AStripeLagsButIsNotShifted) {
   EdgeBias bias(options_, sensor_, camera_);
   Learn(bias, 600.0, 600.0, 400.0);  // two edges, each with 3 events and a reversal per pixel
   const double contrast = 4.0 * sensor_.contrast_threshold;
-  const double lag_px = 0.5 * (BrighterPx(contrast, 0.25) + DarkerPx(contrast, 0.25));
+  const double lag_px = 0.5 * (OnEventsPx(contrast, 0.25) + OffEventsPx(contrast, 0.25));
   EXPECT_LT(lag_px, -0.05);
   EXPECT_NEAR(ExpectedAlongMotion(bias), lag_px, 2e-3);
   MoveBack();
@@ -129,7 +129,7 @@ TEST_F(EdgeBiasTest, EventsLostInTheRefractoryPeriodAreCorrected) {
   // During the dead time after each of the 3 events the edge moves by 0.04 px; it is 2 sqrt(pi) blurs wide.
   const double missed_ratio = 3.0 * 0.04 / (3.5449 * sensor_.blur_px);
   const double contrast = 3.0 / (1.0 - missed_ratio) * sensor_.contrast_threshold;
-  EXPECT_NEAR(ExpectedAlongMotion(bias), BrighterPx(contrast, 0.0), 2e-3);
+  EXPECT_NEAR(ExpectedAlongMotion(bias), OnEventsPx(contrast, 0.0), 2e-3);
   EXPECT_GT(LiveAreaPx2(sensor_, 1.0, 1e6, 1e6), 0.0);
 }
 
@@ -149,7 +149,7 @@ TEST_F(EdgeBiasTest, AtRestNothingIsLearnedAndNoLagIsExpected) {
   bias.Correct(tracked_, absl::MakeSpan(lines_));
   // The shift towards the dark side, which does not depend on the direction, remains.
   const double contrast = 4.0 * sensor_.contrast_threshold;
-  const double shift_px = 0.5 * (BrighterPx(contrast, 0.0) - DarkerPx(contrast, 0.0));
+  const double shift_px = 0.5 * (OnEventsPx(contrast, 0.0) - OffEventsPx(contrast, 0.0));
   EXPECT_NEAR(std::abs((lines_[0].a - lines_[0].a_expected).dot(middle)), shift_px, 1e-9);
 }
 

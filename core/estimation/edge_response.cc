@@ -69,8 +69,8 @@ void EdgeResponse::Tabulate(int contrast_index) {
     const double skipped = full * k * kMaxHysteresis / kHysteresisSteps;
     // A pixel that becomes brighter crosses the dark side of the edge first: there x points against the motion.
     const double upper = points.back().moment - MomentAt(points, skipped);
-    brighter_[contrast_index][k] = -upper / (full - skipped);
-    darker_[contrast_index][k] = MomentAt(points, full - skipped) / (full - skipped);
+    on_events_[contrast_index][k] = -upper / (full - skipped);
+    off_events_[contrast_index][k] = MomentAt(points, full - skipped) / (full - skipped);
   }
 }
 

@@ -22,11 +22,11 @@ class EdgeResponse {
   // Mean distance of the events from the true edge along its motion, in units of the blur; negative: the events lag.
   // `contrast` is L, clamped to (0, 5]. The first levels, a fraction `hysteresis` of L, are skipped; it is clamped to
   // [0, 0.9]. The values are interpolated linearly in a table, with an error below 2e-3.
-  double Brighter(double contrast, double hysteresis) const {  // ON events
-    return Interpolate(brighter_, contrast, hysteresis);
+  double MeanOfOnEvents(double contrast, double hysteresis) const {
+    return Interpolate(on_events_, contrast, hysteresis);
   }
-  double Darker(double contrast, double hysteresis) const {  // OFF events
-    return Interpolate(darker_, contrast, hysteresis);
+  double MeanOfOffEvents(double contrast, double hysteresis) const {
+    return Interpolate(off_events_, contrast, hysteresis);
   }
 
  private:
@@ -42,8 +42,8 @@ class EdgeResponse {
   void Tabulate(int contrast_index);
   static double Interpolate(const Table& table, double contrast, double hysteresis);
 
-  Table brighter_ = {};
-  Table darker_ = {};
+  Table on_events_ = {};
+  Table off_events_ = {};
 };
 
 }  // namespace evpose

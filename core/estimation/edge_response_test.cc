@@ -35,24 +35,24 @@ TEST(EdgeResponse, EqualsTheMeanPositionOfTheCrossedLevels) {
     for (const double hysteresis : {0.0, 0.1, 0.4, 0.8}) {
       SCOPED_TRACE(::testing::Message() << "contrast " << contrast << ", hysteresis " << hysteresis);
       const double skipped = hysteresis * contrast;
-      EXPECT_NEAR(response.Brighter(contrast, hysteresis), -MeanPlace(contrast, skipped, contrast), 2e-3);
-      EXPECT_NEAR(response.Darker(contrast, hysteresis), MeanPlace(contrast, 0.0, contrast - skipped), 2e-3);
+      EXPECT_NEAR(response.MeanOfOnEvents(contrast, hysteresis), -MeanPlace(contrast, skipped, contrast), 2e-3);
+      EXPECT_NEAR(response.MeanOfOffEvents(contrast, hysteresis), MeanPlace(contrast, 0.0, contrast - skipped), 2e-3);
     }
   }
 }
 
 TEST(EdgeResponse, AFaintEdgeOnlyLags) {
   const EdgeResponse& response = EdgeResponse::Get();
-  EXPECT_NEAR(response.Brighter(0.0, 0.0), 0.0, 1e-6);
-  EXPECT_NEAR(response.Brighter(0.0, 0.5), response.Darker(0.0, 0.5), 1e-3);
-  EXPECT_NEAR(response.Brighter(0.0, 0.5), -std::sqrt(2.0 / 3.14159265358979),
+  EXPECT_NEAR(response.MeanOfOnEvents(0.0, 0.0), 0.0, 1e-6);
+  EXPECT_NEAR(response.MeanOfOnEvents(0.0, 0.5), response.MeanOfOffEvents(0.0, 0.5), 1e-3);
+  EXPECT_NEAR(response.MeanOfOnEvents(0.0, 0.5), -std::sqrt(2.0 / 3.14159265358979),
               2e-3);  // mean of a half-normal distribution
 }
 
 TEST(EdgeResponse, ClampsToItsTable) {
   const EdgeResponse& response = EdgeResponse::Get();
-  EXPECT_EQ(response.Brighter(50.0, 2.0), response.Brighter(5.0, 0.9));
-  EXPECT_EQ(response.Darker(-1.0, -1.0), response.Darker(0.0, 0.0));
+  EXPECT_EQ(response.MeanOfOnEvents(50.0, 2.0), response.MeanOfOnEvents(5.0, 0.9));
+  EXPECT_EQ(response.MeanOfOffEvents(-1.0, -1.0), response.MeanOfOffEvents(0.0, 0.0));
 }
 
 }  // namespace

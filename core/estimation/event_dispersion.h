@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Dispersion of the events about their lines: how many events carry the information of one independent event
-// (core/estimation/README.md, section 7). Events of one pixel and edge share their error. Where an edge passes a pixel
-// within one window and the edge bias is corrected, the rest of it is small; where it takes many windows, as at low
-// speed, or where the thresholds of the pixels differ, the mean distance of the events of a line stays what it is from
-// window to window, and their number overstates their information.
+// Dispersion of the events about their lines: the number of events that carry the information of one independent event
+// (core/estimation/README.md, section 7). Events of one pixel and edge share an error. If an edge passes a pixel within
+// one window and the edge bias is corrected, this error is small. If it takes many windows, as at low speed, or if the
+// thresholds of the pixels differ, the mean distance of the events of a line persists from window to window, and their
+// number overstates their information.
 #pragma once
 
 #include <cstddef>

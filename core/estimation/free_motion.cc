@@ -13,7 +13,7 @@ namespace {
 constexpr double kFixedAngleRad = 1e-4;
 constexpr double kFixedSpinRadPerS = 1e-3;
 
-// core/estimation/README.md, equation (12).
+// core/estimation/README.md, equation (13).
 Matrix6d WithoutSpin(const FreeDirections& directions) {
   Matrix6d projection = Matrix6d::Identity();
   projection.rightCols<3>() -= directions * directions.bottomRows<3>().transpose();

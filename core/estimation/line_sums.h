@@ -99,7 +99,7 @@ class ArcEquations {
   // The blocks of the Hessian for pose and pose, pose and twist, twist and twist; symmetric, by column.
   std::array<std::array<Row, 6>, 3> blocks_ = {};
   std::array<Row, 2> gradient_ = {};                        // for pose and twist
-  std::array<std::array<Row, 2>, 2> by_displacement_ = {};  // C of equation (11): rows for pose and twist, by column
+  std::array<std::array<Row, 2>, 2> by_displacement_ = {};  // C of equation (12): rows for pose and twist, by column
   Eigen::Matrix2d information_ = Eigen::Matrix2d::Zero();
   Eigen::Vector2d residual_ = Eigen::Vector2d::Zero();
 };

@@ -82,7 +82,7 @@ void ShiftOnto(const std::vector<SampledEdge>& target, double reach_px, double s
   constexpr int kIterations = 4;  // each compares the samples with the edges that are nearest by then
   const SampleIndex index(target, reach_px, same_rad);
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    // The distance along an edge says nothing: only the part across it counts.
+    // Only the part of the distance across the edge counts, because the position along an edge is not measured.
     Eigen::Matrix2d information = Eigen::Matrix2d::Zero();
     Eigen::Vector2d right_side = Eigen::Vector2d::Zero();
     for (const SampledEdge& sample : samples) {

@@ -27,10 +27,11 @@ struct FindabilityOptions {
   // Largest rotation, radians, by which the least certain motion may be wrong: beyond it a tracker cannot associate its
   // lines (EvaluationOptions::good_rotation_rad).
   double max_deviation_rad = 0.1745;
-  // Diameters in the image, pixels, among which the smallest one is sought: from `min_object_px` in steps of a factor,
-  // at most `max_object_px` and the shorter side of the image. The step is as exact as the prediction is. In a smaller
-  // image an edge that is wrong by a pixel, as the edges in few events are, is beyond the three cells of a distance map
-  // (core/initialization/templates/README.md, section 4), and three lines of 20 px do not fit.
+  // Diameters of the object in the image, pixels, that are tested to find the smallest one: from `min_object_px` in
+  // steps of the factor `size_step`, up to `max_object_px` and the shorter side of the image. Smaller steps would be
+  // finer than the prediction is accurate. In an object smaller than `min_object_px` an error of one pixel, as edges in
+  // few events have, exceeds the three cells of a distance map (core/initialization/templates/README.md, section 4),
+  // and three lines of 20 px do not fit.
   double min_object_px = 40.0;
   double max_object_px = 1024.0;
   double size_step = 1.25;

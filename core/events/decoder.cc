@@ -70,7 +70,7 @@ void WordDecoder::Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) {
 
 void WordDecoder::ResetAfterLoss() {
   num_pending_ = 0;
-  Forget();
+  DiscardState();
 }
 
 }  // namespace evpose

@@ -16,7 +16,10 @@ namespace evpose {
 // duration doubles.
 class EventCounts {
  public:
+  // Bounds the memory at 16 kB. Once the duration has doubled, there are more than 1000 intervals: about one for each
+  // pixel of the width of a plot.
   static constexpr size_t kMaxIntervals = 2048;
+  // About a millisecond, and a power of two, so that a shift gives the number of an interval.
   static constexpr int64_t kFirstStepUs = 1024;
 
   // Events whose times step back before the first one are counted in the first interval.

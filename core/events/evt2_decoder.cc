@@ -136,7 +136,7 @@ class Evt2Decoder final : public WordDecoder {
     }
   }
 
-  void Forget() override { has_time_ = false; }
+  void DiscardState() override { has_time_ = false; }
 
   DecodeRunOf<Evt2Run> runs_ = nullptr;
   Evt2Clock clock_;

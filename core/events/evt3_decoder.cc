@@ -69,7 +69,7 @@ class Evt3Decoder final : public WordDecoder {
     return index;
   }
 
-  void Forget() override {
+  void DiscardState() override {
     // The clock stays, because the wrap rule needs the last TIME_HIGH; a TIME_LOW may be among the lost words.
     needs_time_low_ = true;
     wait_ = Wait::kTimeHigh;

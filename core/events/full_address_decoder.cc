@@ -87,7 +87,7 @@ class FullAddressDecoder final : public WordDecoder {
     return count;
   }
 
-  void Forget() override {}
+  void DiscardState() override {}
 
   Clock32 clock_;
 };

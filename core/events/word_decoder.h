@@ -150,7 +150,7 @@ class WordDecoder : public EventDecoder {
   // vector triple, at most two; they are passed again together with the next word.
   virtual size_t DecodeWords(const uint8_t* words, size_t count) = 0;
   // Discards the state that a lost word may have changed.
-  virtual void Forget() = 0;
+  virtual void DiscardState() = 0;
 
   // The state of this base class; `self` is a WordDecoder.
   static void VisitWords(auto& archive, auto& self) {

@@ -18,8 +18,8 @@
 namespace evpose {
 namespace {
 
-// Real files need two or three: the last one finds nothing. Vertices whose distance is near the tolerance can need
-// splits that alternate without end.
+// Largest number of rounds. Real files need two or three, the last of which finds nothing. Vertices whose distance is
+// near the tolerance can need splits that alternate without end.
 constexpr int kMaxRounds = 6;
 // From this round on, flat triangles are removed only if fewer remain: on an arc of vertices that are all within the
 // tolerance of its chords, each removal moves the next flat triangle by one vertex.

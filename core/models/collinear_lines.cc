@@ -20,7 +20,7 @@ namespace {
 // Normals of their faces match up to 25 degrees: the faces of a noisy mesh are rough, and creases turn by more.
 constexpr double kNearlyParallelCosine = 0.999;
 constexpr double kMatchingNormalCosine = 0.9;
-// Comparisons of two lines: two seconds. Those of ordinary models are some tens for each line.
+// Largest number of pairs of lines that are compared, which takes two seconds. Ordinary models need some tens per line.
 constexpr int64_t kMaxPairs = 30'000'000;
 // Cells of a grid along each axis, most: bounds the memory at two million cells.
 constexpr double kMaxCells = 128.0;

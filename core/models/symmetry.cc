@@ -25,9 +25,9 @@ using Eigen::Vector3d;
 
 // Models with more lines and curves are not searched: objects of so many edges have hardly any symmetry.
 constexpr size_t kMaxLines = 8192;
-// A prism of 2048 sides, which is round.
+// Largest number of symmetries: that of a prism of 2048 sides, which differs from a cylinder by 1e-6 of its radius.
 constexpr size_t kMaxSymmetries = 4096;
-// Searches for the image of one line: some seconds.
+// Limit of the searches for the image of one line, which take some seconds.
 constexpr int64_t kMaxComparisons = 5'000'000;
 // Comparisons of two rotations, and points of the surface that are searched: some seconds each. A search of a prism of
 // 1365 sides takes a tenth of the former; one test of a rotation takes up to 28,672 of the latter.

@@ -24,11 +24,11 @@ struct SymmetryWork {
 // every curve onto a curve and every face onto a face: object_from_object, the identity first. They form a group. A
 // cube has 24, a cuboid 4, most objects 1, a prism as many as its number of sides allows. Points closer than
 // `tolerance_ratio` of the diameter are the same; lines are the same only if the normals of their faces match. The
-// division of a surface into triangles and of an edge into lines has no effect. If all lines lie on one axis through
-// the centre, only the identity is returned. Of a model with a continuous symmetry, none are searched for, and the
-// result is empty. The work is bounded (8192 lines and curves, 4096 symmetries, and each count of SymmetryWork). At the
-// bound, the result is the group found so far, and `notices`, unless null, gets a notice. `work`, unless null, gets
-// what was counted.
+// division of a surface into triangles and of an edge into lines has no effect. If all lines, and the axes of all
+// rings, lie on one axis through the centre, only rotations about this axis and half turns across it are found (README,
+// section 2). Of a model with a continuous symmetry, none are searched for, and the result is empty. The work is
+// bounded (8192 lines and curves, 4096 symmetries, and each count of SymmetryWork). At the bound, the result is the
+// group found so far, and `notices`, unless null, gets a notice. `work`, unless null, gets what was counted.
 std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tolerance_ratio = 1e-3,
                                            std::vector<std::string>* notices = nullptr, SymmetryWork* work = nullptr);
 

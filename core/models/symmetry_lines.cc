@@ -14,7 +14,7 @@
 namespace evpose {
 namespace {
 
-// A curve with ends is as many segments: its ends alone would not tell its shape.
+// Number of segments that represent a curve with ends. The ends alone do not determine its shape.
 constexpr size_t kSegmentsOfCurve = 4;
 // Points of a ring that is no circle. Between them a smooth ring is nearer than the tolerance to its chords.
 constexpr size_t kOutlinePoints = 128;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Uniform downsampling of lists and streams. Three methods, because three things differ: how much is known beforehand,
-// and whether the choice may depend on the other items.
+// Three methods of uniform downsampling of lists and streams. They differ in what must be known beforehand, and in
+// whether the choice depends on the other items.
 //
 //   DownsampleByClass  a whole list of two classes, to a share for each class; low-discrepancy in each class
 //   SelectionSampler   a list of known length, item by item; the number kept is exact

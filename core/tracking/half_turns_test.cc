@@ -97,8 +97,8 @@ TEST_F(HalfTurnsTest, TheRightHalfTurnWinsWithinAFewWindows) {
     ASSERT_EQ(hypotheses.size(), 1u) << right_first;
     EXPECT_LT(end_us, 25'000);
     EXPECT_FALSE(IsTurned(hypotheses.first().motion().camera_from_object, static_cast<double>(end_us) * 1e-6));
-    EXPECT_TRUE(hypotheses.HasWonAgainst(hypotheses.first().motion().camera_from_object * kHalfTurn));
-    EXPECT_FALSE(hypotheses.HasWonAgainst(hypotheses.first().motion().camera_from_object));
+    EXPECT_TRUE(hypotheses.HasRejected(hypotheses.first().motion().camera_from_object * kHalfTurn));
+    EXPECT_FALSE(hypotheses.HasRejected(hypotheses.first().motion().camera_from_object));
   }
 }
 

@@ -18,7 +18,7 @@ namespace evpose {
 enum class StartCause {
   kFound,
   kNotMoved,      // the image of the object never moves by 2 px
-  kTurnNotShown,  // the events do not tell turns about the axis of a nearly round object apart: see TurnEvidence()
+  kTurnNotShown,  // the events do not distinguish turns about the axis of a nearly round object (TurnEvidence())
   kNotSupported,  // a tracker that is given the true pose is not TRACKING in the same time either
   kNotRanked,     // no search returns the right pose, even if it is proposed
   kNotProposed,   // no search returns it, but one does if it is proposed: no view near it was aligned

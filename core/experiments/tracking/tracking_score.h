@@ -53,9 +53,11 @@ struct TrackingScore {
   std::vector<double> nees;       // NEES of all published poses
   double wrong_tracking_s = 0.0;  // TRACKING was reported without a good pose
   double longest_wrong_tracking_s = 0.0;
-  double right_untracked_s = 0.0;       // a good pose was reported with another state than TRACKING
-  double compute_ratio = 0.0;           // processor time / sensor time
-  std::vector<TrajectoryError> errors;  // for charts; the benchmark keeps those of the first run of a row
+  double right_untracked_s = 0.0;  // a good pose was reported with another state than TRACKING
+  double compute_ratio = 0.0;      // processor time / sensor time
+  // Errors of the poses, for charts and for the scores of model_bench. RunTrackingBench() keeps those of the first run
+  // of a row.
+  std::vector<TrajectoryError> errors;
 };
 
 // Scores the poses of a run; `truth` and `model` are those of the run. Errors: those of Evaluate().

@@ -22,8 +22,8 @@ constexpr size_t kKept = 400;
 // Largest ratio of the aspect ratios of the box and of a template that fills it: an edge that moves along itself has no
 // events, so that a box may lack a part of the object.
 constexpr float kMaxAspectRatio = 1.6f;
-// An object with a hidden side is larger than the box by this, at least, and at most: a template that is larger by less
-// is one that fills the box, and of an object of which more is hidden too few edges are left.
+// Least and largest ratio of the size of a partly hidden object to that of the box. Below the least one the template is
+// placed as one that fills the box. Beyond the largest one too few edges are visible.
 constexpr float kMinHidden = 1.15f;
 constexpr float kMaxHidden = 2.5f;
 

@@ -41,9 +41,10 @@ struct TemplateSearchOptions {
   int max_spins = 12;
   // Number of returned poses: an object with three near-symmetries looks alike in eight poses.
   int max_matches = 8;
-  // Smallest share of the visible edges with events, of the events on edges of the box that a pose explains, and of
-  // both together. With 35 % of the object hidden, two thirds of its edges have events, but it explains most events; in
-  // clutter it explains a third of them, but all its edges have events. A wrong object has and explains about half.
+  // Least share of the visible edges with events (hit ratio), least share of the events on edges of the box that the
+  // pose explains (explained ratio), and least sum of both. With 35 % of the object hidden, the right pose has a hit
+  // ratio of 2/3 and explains most events; in clutter it has a hit ratio of 1 and explains a third of the events. A
+  // wrong object has about 1/2 of each.
   double min_hit_ratio = 0.5;
   double min_explained_ratio = 0.3;
   double min_sum = 1.2;
@@ -101,7 +102,7 @@ class TemplateSearch {
   // Aligns a pose with the edges that are visible at it.
   void Refine(const EdgeDistanceMap& map, int num_samples, double gate, double duration_s, Candidate& candidate) const;
   // Appends the best poses that differ from one of the best candidates by a rotation about the axis of a nearly round
-  // object: what tells them apart is small.
+  // object: the parts that distinguish these poses are small.
   void AppendSpins(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const;
   // Sorts by score and keeps the best `count` that differ, modulo symmetries.
   void KeepDistinct(size_t count, std::vector<Candidate>& candidates) const;

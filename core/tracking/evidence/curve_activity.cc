@@ -7,20 +7,21 @@
 namespace evpose {
 
 Expectation CurveActivity::Of(const TrackedLine& line) const {
-  // Events that prove a curve, relative to the least rate that is expected of it: the chance that as many come from
-  // something else is small, and curves with contrast show ten times the least rate.
+  // A curve is expected to have events from then on if it has this number of events and this multiple of the least
+  // rate: another cause is then unlikely, and curves with contrast have ten times the least rate.
   constexpr double kMinEvents = 20.0;
-  constexpr double kProvenFactor = 2.0;
-  // Swept area without the expected events after which a curve is taken as silent: at the least rate it had 60 events.
-  constexpr double kSilentPx2 = 400.0;
+  constexpr double kConfirmFactor = 2.0;
+  // Swept area without the expected events after which a curve is expected to have none: at the least rate it would
+  // have caused 60 events.
+  constexpr double kNoEventsPx2 = 400.0;
   // Prior contrast of creases, boundaries and painted lines from which on they count as straight lines do: between that
   // of a crease of 40 degrees, which most light shows, and that of a lesser one (core/contours/README.md, section 4).
   constexpr float kHighContrast = 0.7f;
   if (!line.is_element) return Expectation::kEvents;
   const Counts& counts = counts_[static_cast<size_t>(line.curve)];
   const double least = min_events_per_px2_ * counts.swept_px2;
-  if (counts.events >= std::max(kMinEvents, kProvenFactor * least)) return Expectation::kEvents;
-  if (counts.swept_px2 >= kSilentPx2 && counts.events < least * line.prior_contrast) return Expectation::kNothing;
+  if (counts.events >= std::max(kMinEvents, kConfirmFactor * least)) return Expectation::kEvents;
+  if (counts.swept_px2 >= kNoEventsPx2 && counts.events < least * line.prior_contrast) return Expectation::kNothing;
   const bool is_fixed = line.kind != EdgeKind::kContour;
   return is_fixed && line.prior_contrast >= kHighContrast ? Expectation::kEvents : Expectation::kPerhaps;
 }

@@ -18,14 +18,14 @@ struct FlashOptions {
   double max_rarer_share = 0.12;
   // Microseconds over which the polarities are counted: half of a half-wave of light from 60 Hz mains.
   int64_t memory_us = 4000;
-  // Microseconds for which a change of brightness lasts on: one period of 50 Hz. Between the flanks both polarities
-  // occur, but neither is caused by motion.
+  // Microseconds from the last detection of a change of brightness to its assumed end: one period of 50 Hz. Between the
+  // flanks events of both polarities occur, but motion causes neither.
   int64_t hold_us = 20'000;
   // Events that the share requires: its standard deviation is then 4 %.
   double min_events = 100.0;
-  // The change is taken for no motion if the events are not concentrated near the lines: if they exceed chance by less
-  // than `min_sigma` standard deviations or by less than this share of the excess at the right pose. The object may
-  // move under a flickering lamp.
+  // During a change, a window counts as one without events if its events near the lines exceed chance by less than
+  // `min_sigma` standard deviations, or by less than the share `min_excess_ratio` of the excess at the right pose.
+  // Otherwise they may be those of an object that moves under a flickering lamp.
   double min_sigma = 3.1;
   double min_excess_ratio = 0.4;
 

@@ -328,7 +328,7 @@ HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_rat
   // Seconds without more events than those of the background after which the result is kFewEvents: a pose at rest is
   // reported as such within 20 ms.
   constexpr double kLongestSpanS = 0.02;
-  // Seconds after which a test without power ends as kFewEvents: the evidence of the last support is as old as this.
+  // Seconds after which a test without power ends as kFewEvents, because the last support is then too old.
   constexpr double kLongestOpenS = 1.0;
   // Added to the span because sums of durations in seconds are rounded, and the options are whole microseconds.
   constexpr double kHalfMicrosecond = 0.5;

@@ -142,10 +142,13 @@ class TrackHealth {
                  const WindowFit& fit);
   // Tests the counts since the last result.
   //
-  //   kSupported     supported length / testable length >= sure_support_ratio, with min_supported_lines supported lines
-  //   kDoubtful      supported length / decided length in [min_support_ratio, sure_support_ratio), likewise
-  //   kUnsupported   supported length / decided length < min_support_ratio, or no support by all lines together
-  //   kFewEvents     no more events than the background explains, as for an object at rest
+  //   kSupported     supported length / testable length >= sure_support_ratio, with min_supported_lines supported ones;
+  //                  at most max_missing_sectors sectors of the outline lack their events
+  //   kDoubtful      the same with more such sectors; or supported length / testable length >= min_support_ratio with
+  //                  as many lines, and supported length / decided length < sure_support_ratio
+  //   kUnsupported   supported length / decided length < min_support_ratio, or fewer than min_supported_lines supported
+  //                  lines, of at least as many decided ones; or all lines together have power and no support
+  //   kFewEvents     no more events than the background explains, as for an object at rest, or no other result in 1 s
   //   kOpen          too few events so far; counting continues
   //
   // A line is testable if its events have enough information, and decided if it is supported or if the right
@@ -157,10 +160,10 @@ class TrackHealth {
   HealthResult Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines, int64_t patience_us);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, min_events_per_px2, near_probability, testable_information, spread_step, evidence, memory, span_s,
+    auto& [options, min_events_per_px2, near_probability, testable_information, spread_step, statistics, memory, span_s,
            gated, gate_px2_s, recent, was_quiet, sectors, window_sectors, window_lines, places, distance_px, cell_px,
            is_nearest, line_of, curve_results] = self;
-    for (auto& line : evidence) archive(line);
+    for (auto& line : statistics) archive(line);
     for (auto& line : memory) archive(line);
     archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), recent, was_quiet);
     for (auto& sector : sectors) archive(sector);

@@ -107,16 +107,16 @@ void Hypotheses::Join(Hypotheses&& others) {
       return LooksLike(present.track->motion().camera_from_object, pose);
     };
     const auto end = entries_.begin() + static_cast<std::ptrdiff_t>(num_present);
-    const bool is_known = num_present > 0 && (HasWonAgainst(pose) || std::any_of(entries_.begin(), end, is_same));
+    const bool is_known = num_present > 0 && (HasRejected(pose) || std::any_of(entries_.begin(), end, is_same));
     if (!is_known && entries_.size() < MaxEntries()) Append(std::move(entry));
   }
   others.entries_.clear();
 }
 
-bool Hypotheses::HasWonAgainst(const RigidTransform& camera_from_object) const {
+bool Hypotheses::HasRejected(const RigidTransform& camera_from_object) const {
   const Entry& first = entries_.front();
   const RigidTransform& pose = first.track->motion().camera_from_object;
-  return std::any_of(first.won_against.begin(), first.won_against.end(),
+  return std::any_of(first.rejected.begin(), first.rejected.end(),
                      [&](const RigidTransform& relative) { return LooksLike(pose * relative, camera_from_object); });
 }
 
@@ -153,7 +153,7 @@ void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) 
   DropEqual();
   Compare(window, others);
   DropWorse();
-  DropHopelessRivals();
+  DropUnsupportedRivals();
   for (Entry& entry : entries_) entry.pending = std::max(0, entry.pending - 1);
 }
 
@@ -245,8 +245,8 @@ void Hypotheses::DropLost() {
 }
 
 void Hypotheses::DropRejected() {
-  // When two poses look nearly the same, support of one and contradiction of the other can be chance. The sequential
-  // comparison decides within a few windows in most cases, and this factor gives it that time.
+  // Of two poses with nearly the same image, support of one and contradiction of the other can be due to chance. The
+  // factor delays the rejection, so that in most cases the sequential comparison decides before.
   constexpr int kFactorBesideConfirmed = 5;
   const bool has_confirmed = std::any_of(entries_.begin(), entries_.end(), [](const Entry& entry) {
     return entry.track->state() != TrackState::kInitializing;
@@ -279,10 +279,10 @@ void Hypotheses::DropWorse() {
       if (j == i || Preference(j, i) < context_.options.initialization.decision_sigma) continue;
       // Entry j is significantly better than a supported pose, so that the contradictions of j were chance.
       if (entries_[i].track->state() != TrackState::kInitializing) entries_[j].track->ClearContradictions();
-      std::vector<RigidTransform>& won_against = entries_[j].won_against;
-      if (won_against.size() == kMaxWonAgainst) won_against.erase(won_against.begin());
-      won_against.push_back(entries_[j].track->motion().camera_from_object.Inverse() *
-                            entries_[i].track->motion().camera_from_object);
+      std::vector<RigidTransform>& rejected = entries_[j].rejected;
+      if (rejected.size() == kMaxRejected) rejected.erase(rejected.begin());
+      rejected.push_back(entries_[j].track->motion().camera_from_object.Inverse() *
+                         entries_[i].track->motion().camera_from_object);
       Remove(i, LossCause::kBetterPose);
       break;
     }
@@ -295,8 +295,9 @@ double Hypotheses::Entry::Explained() const {
   return sum;
 }
 
-void Hypotheses::DropHopelessRivals() {
-  // Most generated poses explain next to nothing; the settling of those would take most of the time of all rivals.
+void Hypotheses::DropUnsupportedRivals() {
+  // Most generated rivals explain few events. Their refinement over kSettlingWindows would take most of the time of all
+  // rivals.
   constexpr double kLeastShare = 0.5;
   constexpr double kMinExplained = 20.0;  // with fewer events the shares are chance
   const double first = entries_.front().Explained();
@@ -322,12 +323,12 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, estimate, events, comparisons, origin, has_rivals_tested, pending, won_against] = self;
+  auto& [track, estimate, events, comparisons, origin, has_rivals_tested, pending, rejected] = self;
   archive(*track, estimate);
   VisitOrigin(archive, origin);
   archive(has_rivals_tested, AtMost(pending, kSettlingWindows + kComparedWindows));
-  archive(won_against);
-  archive.Check(won_against.size() <= kMaxWonAgainst, "more rejected poses than are kept");
+  archive(rejected);
+  archive.Check(rejected.size() <= kMaxRejected, "more rejected poses than are kept");
   for (auto& comparison : comparisons) archive(comparison);  // one for each entry
 }
 

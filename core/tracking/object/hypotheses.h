@@ -31,16 +31,17 @@ class Hypotheses {
   // explains less than half of what the first hypothesis explains after three windows is removed. Returns the rival, or
   // null if there is no room. Requires !empty().
   enum class RivalKind { kSameEdges, kOtherEdges };
-  // kUnlikely: the rival was excluded before, by an earlier test or because the first pose was given. It is undecided
-  // only once the events prefer it by half of InitializationOptions::decision_sigma.
+  // kUnlikely: an earlier test excluded the rival, or the first pose was given. The comparison with it counts as
+  // undecided only if the events prefer the rival by half of InitializationOptions::decision_sigma.
   enum class RivalPrior { kEqual, kUnlikely };
   const PoseTrack* AddRival(const MotionState& state, RivalKind kind, RivalPrior prior = RivalPrior::kEqual);
-  // Whether this hypothesis is left; settled: and is or may be compared with the others.
+  // Has(): the hypothesis has not been removed. HasSettled(): in addition its refinement has ended, so that it takes
+  // part in the comparisons.
   bool Has(const PoseTrack* track) const;
   bool HasSettled(const PoseTrack* track) const;
   // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
   // twice InitializationOptions::max_candidates are kept, the earliest ones. Poses that are followed already, or that
-  // the first hypothesis has won against, are left out: the evidence about them would begin anew.
+  // the first hypothesis was preferred to, are left out: a new comparison would start without the earlier evidence.
   void Join(Hypotheses&& others);
   void Clear() { entries_.clear(); }
 
@@ -56,7 +57,7 @@ class Hypotheses {
 
   // Whether a pose that looks like this one was rejected because the events prefer the first hypothesis. Requires
   // !empty().
-  bool HasWonAgainst(const RigidTransform& camera_from_object) const;
+  bool HasRejected(const RigidTransform& camera_from_object) const;
   // The generated rivals of the first hypothesis have been added, and whether they have. A rival with the same edges
   // has the same rivals.
   void MarkFirstTested() { entries_.front().has_rivals_tested = true; }
@@ -89,13 +90,15 @@ class Hypotheses {
   void LoadState(StateReader& reader);
 
  private:
-  // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them. Windows of
-  // the comparison of a rival, or of a pose of a later search, after which the test is undecided; one is enough for
-  // most wrong poses.
+  // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them.
   static constexpr int kSettlingWindows = 8;
+  // Windows after which a rival that explains less than half of what the first hypothesis explains is removed: before,
+  // the refinement of a right rival may still have to bring its lines to the events.
   static constexpr int kFirstWindows = 3;
+  // Windows of the comparison of a rival, or of a pose of a later search, after which the test counts as undecided. One
+  // window suffices to reject most wrong poses.
   static constexpr int kComparedWindows = 8;
-  static constexpr size_t kMaxWonAgainst = 16;  // bounds the memory; the oldest is forgotten first
+  static constexpr size_t kMaxRejected = 16;  // bounds the memory; the oldest is removed first
 
   // Where a hypothesis comes from: a search or a given pose, or AddRival() with its prior. It does not change.
   enum class Origin { kSearch, kRival, kUnlikelyRival };
@@ -108,8 +111,9 @@ class Hypotheses {
     std::vector<ScoreComparison> comparisons;  // with each other entry, in the order of `entries_`
     Origin origin = Origin::kSearch;
     bool has_rivals_tested = false;  // MarkFirstTested()
-    int pending = 0;  // windows that are left until the comparison with the first hypothesis is undecided
-    std::vector<RigidTransform> won_against;  // poses relative to this one, object_from_object; at most kMaxWonAgainst
+    int pending = 0;  // windows until an unfinished comparison with the first hypothesis counts as undecided
+    // Poses that this one was preferred to, relative to it, object_from_object; at most kMaxRejected.
+    std::vector<RigidTransform> rejected;
     bool is_settled() const { return pending <= kComparedWindows; }
     double Explained() const;  // sum of the scores
     static void VisitState(auto& archive, auto& self);
@@ -117,7 +121,7 @@ class Hypotheses {
   };
 
   void Compare(const EventWindow& window, const Competitors* others);
-  // Returns the weights of the compared events of a window (README, equation (3)), and updates clutter_.
+  // Returns the weights of the compared events of a window (README, section 2), and updates clutter_.
   ByPolarity WeighEvents(int64_t t_us);
   // Adds the differences of the scores of the compared events to the comparisons of both.
   void CompareScores(size_t i, size_t j, const ByPolarity& weights);
@@ -131,7 +135,7 @@ class Hypotheses {
   void DropRejected();
   void DropEqual();
   void DropWorse();
-  void DropHopelessRivals();
+  void DropUnsupportedRivals();
   void Append(Entry entry);
   void Remove(size_t index, LossCause cause);
 

@@ -27,7 +27,7 @@ MotionPriorOptions MotionAdaptation::Adapted(const MotionPriorOptions& options) 
   return adapted;
 }
 
-bool MotionAdaptation::IsSurprising(const Innovation& innovation) const {
+bool MotionAdaptation::IsSignificant(const Innovation& innovation) const {
   // Standard deviations of a chi-square variable with `expected` degrees of freedom, and a margin for few degrees.
   constexpr double kSigma = 5.0;
   constexpr double kMargin = 5.0;
@@ -50,7 +50,9 @@ void MotionAdaptation::Add(const Innovation& innovation) {
 }
 
 void MotionAdaptation::Test(double square, double expected) {
+  // Share of a window in the running means, which cover about 200 windows: 0.2 s at 1 kHz.
   constexpr double kForget = 0.005;
+  // Least usual variance over the expected one; 0.3 to 0.5 are measured. It limits the weight of one innovation.
   constexpr double kLeastVariance = 0.2;
   // Variance of the innovations in the alternative hypothesis, over the usual one.
   constexpr double kAlternative = 4.0;

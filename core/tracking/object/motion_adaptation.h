@@ -23,9 +23,9 @@ class MotionAdaptation {
   // The options with densities reduced by the present ratio.
   MotionPriorOptions Adapted(const MotionPriorOptions& options) const;
   // Whether the innovation shows an acceleration that the reduced densities exclude.
-  bool IsSurprising(const Innovation& innovation) const;
-  // Sets the ratio for a window with few events, which tell less about the motion than their number (README, equation
-  // (7)); 1: the ratio that was learned applies.
+  bool IsSignificant(const Innovation& innovation) const;
+  // Sets the ratio for a window with few events, in which the innovation contains less information about the motion
+  // than the number of events (README, equation (8)). 1: the ratio that Add() has adapted applies.
   void Limit(double ratio) { limit_ = std::clamp(ratio, kMinRatio, 1.0); }
   // Returns to the full densities.
   void Reset() {
@@ -53,6 +53,7 @@ class MotionAdaptation {
   // after more than exp(kMaxEvidence) = 22,000 windows on average (Wald's bound).
   static constexpr double kMaxEvidence = 10.0;
 
+  // Bound of both means: the largest expectation, 12, with the largest excess of one window over it (Add()).
   static constexpr double kMaxMean = 24.0;
 
   void Test(double square, double expected);

@@ -48,13 +48,13 @@ TEST(MotionAdaptationTest, ReducesThemForASteadyOne) {
   EXPECT_LT(RatioAfter(0.0, 1e-3), 0.01);
 }
 
-TEST(MotionAdaptationTest, OnlyASurpriseExceedsTheReducedDensities) {
+TEST(MotionAdaptationTest, OnlyASignificantInnovationExceedsTheReducedDensities) {
   MotionAdaptation adaptation;
-  EXPECT_FALSE(adaptation.IsSurprising({1000.0, 6.0})) << "the densities are not reduced";
+  EXPECT_FALSE(adaptation.IsSignificant({1000.0, 6.0})) << "the densities are not reduced";
   while (adaptation.ratio() > 0.1) adaptation.Add({1.0, 6.0});
-  EXPECT_FALSE(adaptation.IsSurprising({12.0, 6.0}));
-  EXPECT_TRUE(adaptation.IsSurprising({40.0, 6.0}));
-  EXPECT_TRUE(adaptation.IsSurprising({std::nan(""), 6.0}));
+  EXPECT_FALSE(adaptation.IsSignificant({12.0, 6.0}));
+  EXPECT_TRUE(adaptation.IsSignificant({40.0, 6.0}));
+  EXPECT_TRUE(adaptation.IsSignificant({std::nan(""), 6.0}));
 }
 
 // Adds the innovations of `count` windows. Each measures two directions, and the variance of the innovations is
@@ -102,7 +102,7 @@ TEST(MotionAdaptationTest, ALimitAppliesInPlaceOfTheLearnedRatio) {
                    0.1 * options.angular_acceleration_density);
   EXPECT_DOUBLE_EQ(adaptation.Adapted(options).linear_acceleration_density, 0.1 * options.linear_acceleration_density);
   adaptation.Add({1.0, 6.0});
-  EXPECT_FALSE(adaptation.IsSurprising({1000.0, 6.0}));
+  EXPECT_FALSE(adaptation.IsSignificant({1000.0, 6.0}));
   adaptation.Limit(0.0);
   EXPECT_EQ(adaptation.ratio(), MotionAdaptation::kMinRatio);
   adaptation.Limit(2.0);

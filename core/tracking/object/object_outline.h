@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The visible edges of a tracked object, for people who watch it. They have no influence on poses.
+// The visible edges of a tracked object, for display. They have no influence on poses.
 #pragma once
 
 #include <Eigen/Core>

@@ -40,7 +40,7 @@ void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
   const int end = std::min(count, next_rival_ + kRivalsAtOnce);
   for (; next_rival_ < end; ++next_rival_) {
     const MotionState& rival = rivals[static_cast<size_t>(next_rival_)];
-    const bool is_unlikely = hypotheses_.HasWonAgainst(rival.camera_from_object);
+    const bool is_unlikely = hypotheses_.HasRejected(rival.camera_from_object);
     hypotheses_.AddRival(rival, Hypotheses::RivalKind::kOtherEdges,
                          is_unlikely ? Hypotheses::RivalPrior::kUnlikely : rival_prior_);
   }
@@ -59,10 +59,10 @@ void ObjectTracker::StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior)
   rival_prior_ = prior;
 }
 
-void ObjectTracker::TestRivalsOfWinner() {
+void ObjectTracker::AddRivalsOfLastHypothesis() {
   if (IsGiven(phase_) || hypotheses_.is_first_tested() || context_.options.estimator_factory) return;
   for (const MotionState& rival : RivalsOf(hypotheses_.first().motion())) {
-    if (hypotheses_.HasWonAgainst(rival.camera_from_object)) continue;
+    if (hypotheses_.HasRejected(rival.camera_from_object)) continue;
     hypotheses_.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);
   }
   hypotheses_.MarkFirstTested();

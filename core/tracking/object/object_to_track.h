@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What a tracker is told about an object.
+// The description of an object to be tracked.
 #pragma once
 
 #include <memory>

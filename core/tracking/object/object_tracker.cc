@@ -14,7 +14,7 @@
 namespace evpose {
 namespace {
 
-// Windows last 1 ms or more, so that this is never reached; it bounds the memory in any case.
+// At most this many windows: 0.5 s of the shortest ones (WindowOptions::min_interval_us). Bounds the memory.
 constexpr size_t kMaxPastStates = 1000;
 // Inclination of a face at which its mirrored pose is tested, relative to InitializationOptions::merge_rad: both then
 // differ by more than poses that are merged.
@@ -67,8 +67,8 @@ void ObjectTracker::Finish() {
     hypotheses_.Clear();
     given_.reset();
   } else if (hypotheses_.empty() && initializer_ != nullptr) {
-    // The result of the last search may be an exception: an object at rest at the end says nothing about the time
-    // before.
+    // The last search may be an exception: if the object rests at the end of the stream, the result of that search does
+    // not apply to the time before.
     report_.status = MostFrequentResult(report_.searches);
   }
 }
@@ -174,7 +174,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
       Reject(ObjectInput::kFirstRejected, hypotheses_.first_removed_because());
     }
   }
-  if (hypotheses_.size() == 1 && IsCompeting(phase_)) TestRivalsOfWinner();
+  if (hypotheses_.size() == 1 && IsCompeting(phase_)) AddRivalsOfLastHypothesis();
   if (hypotheses_.size() == 1) Enter(ObjectInput::kSingleLeft);
   if (hypotheses_.IsUndecided()) Enter(ObjectInput::kRivals);
   // A published pose is replaced only by one that is significantly more likely.
@@ -185,8 +185,8 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   const std::optional<PoseEstimate>& estimate = hypotheses_.estimate();
   if (!IsPublished(phase_)) {
     report_.status = estimate ? InitializationStatus::kAmbiguous : InitializationStatus::kVerifying;
-    // Poses that are all only partly supported do not show what tells them apart; a further search may find the one
-    // that does.
+    // If the events support every pose only in part, their comparison may not find the right one. The first one is
+    // published, so that a further search may add a pose that the events support as a whole.
     const bool is_decided = !IsCompeting(phase_) || hypotheses_.AreAllDegraded() ||
                             window.t_end_us - followed_since_us_ >= context_.options.initialization.undecided_us;
     if (!estimate || !is_decided) return;

@@ -103,9 +103,9 @@ class ObjectTracker {
   void AddGeneratedRivals(int64_t t_us);
   // Starts the tests of the generated rivals of a pose that is published from now on.
   void StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior);
-  // Adds the generated rivals of the only hypothesis that is left, unless they have been tested: one that has won
-  // against other poses may still have a twin.
-  void TestRivalsOfWinner();
+  // Adds the generated rivals of the last remaining hypothesis, unless they have been tested: a pose that was preferred
+  // to others may still have rivals.
+  void AddRivalsOfLastHypothesis();
   std::vector<MotionState> RivalsOf(const MotionState& state) const;
   // Adds the generated rivals of the first of `hypotheses`, which is in its start state, that explain the stored events
   // as well as it does, to decide between them before one is published.

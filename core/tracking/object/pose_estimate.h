@@ -39,7 +39,7 @@ std::string_view InitializationStatusName(InitializationStatus status);  // "NOT
 enum class LossCause {
   kNone,          // no pose has been rejected
   kContradicted,  // the events contradicted it
-  kUncertain,     // too few events: its uncertainty exceeded HealthOptions::max_uncertainty_px
+  kUncertain,     // its uncertainty exceeded HealthOptions::max_uncertainty_px, or there was no usable fit
   kOutOfView,     // the same, with all of its edges outside the image
   kBetterPose,    // another pose explains the events significantly better
   kOccupied,      // another object with the same model is tracked at its place
@@ -137,7 +137,7 @@ struct PoseEstimate {
   int64_t t_us = 0;
   RigidTransform camera_from_object;
   // Covariance of [tx ty tz rx ry rz], m^2, m rad and rad^2, left perturbation. Along the free directions of an object
-  // with a continuous symmetry it has the variance kFreeAngleVarianceRad2 (core/estimation/README.md, equation (13)).
+  // with a continuous symmetry it has the variance kFreeAngleVarianceRad2 (core/estimation/README.md, equation (14)).
   Matrix6d covariance = Matrix6d::Zero();
   Vector6d twist = Vector6d::Zero();  // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
   TrackState state = TrackState::kInitializing;

@@ -72,7 +72,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   WindowInput input;
   const WindowFit& fit = FitWindow(window, others, input);
   lines_ = input.lines;
-  if (occlusion_ == Occlusion::kAll) return Hold(window);
+  if (occlusion_ == Occlusion::kAll) return PredictOccluded(window);
   const RigidTransform& pose = fit.state.camera_from_object;
   const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
                       pose.translation_m.allFinite() && fit.state.twist.allFinite();
@@ -86,7 +86,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   const CameraModel& camera = context_.camera;
   const HealthOptions& health = context_.options.health;
   ProjectLines(camera, motion_, input.lines, image_lines_);
-  Learn(input, fit);
+  AddCounts(input, fit);
   if (PredictedSpreadPx(camera, motion_, image_lines_) > health.max_uncertainty_px) {
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
@@ -117,7 +117,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   return MakeEstimate(fit, input);
 }
 
-void PoseTrack::Learn(const WindowInput& input, const WindowFit& fit) {
+void PoseTrack::AddCounts(const WindowInput& input, const WindowFit& fit) {
   if (!fit.deficit_counts.empty()) {
     ForEachCurve(input.lines, [&](size_t first, size_t end) {
       DeficitCounts window;
@@ -136,7 +136,7 @@ void PoseTrack::Learn(const WindowInput& input, const WindowFit& fit) {
   for (size_t k = 0; k < expectations_.size(); ++k) expectations_[k] = activity_.Of(input.lines[k]);
 }
 
-void PoseTrack::Remember(WindowInput& input) {
+void PoseTrack::SetPastCounts(WindowInput& input) {
   past_deficit_counts_.clear();
   expectations_.clear();
   ForEachCurve(input.lines, [&](size_t first, size_t end) {
@@ -165,7 +165,7 @@ void PoseTrack::OnGap(int64_t gap_us) {
   if (followed_since_us_ >= 0) followed_since_us_ += gap_us;
 }
 
-std::optional<PoseEstimate> PoseTrack::Hold(const EventWindow& window) {
+std::optional<PoseEstimate> PoseTrack::PredictOccluded(const EventWindow& window) {
   motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
   RemoveFreeMotion(context_.model->continuous_symmetry, motion_);
   ProjectLines(context_.camera, motion_, visible_edges_.At(motion_.camera_from_object), image_lines_);
@@ -269,7 +269,7 @@ bool PoseTrack::LimitMotion(const WindowInput& input) {
 void PoseTrack::FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted) {
   estimator_->Fit(predicted, input, 1.0, fit_);
   if (adaptation_.ratio() == 1.0 || !HasSignal(fit_)) return;
-  if (!adaptation_.IsSurprising(MotionAdaptation::Compare(predicted, fit_.state))) return;
+  if (!adaptation_.IsSignificant(MotionAdaptation::Compare(predicted, fit_.state))) return;
   adaptation_.Reset();
   predicted = Predicted(window.t_mid_us(), context_.options.motion, 1.0);
   estimator_->Fit(predicted, input, 1.0, fit_);
@@ -369,7 +369,7 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   static_cast<AssociatedEvents&>(input) =
       associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), competing);
   input.image_lines = image_lines_;
-  Remember(input);
+  SetPastCounts(input);
   return input;
 }
 

@@ -99,9 +99,10 @@ class PoseTrack {
   // The state that the estimator starts from.
   MotionState Predicted(int64_t t_us, const MotionPriorOptions& motion, double noise_factor) const;
   // Limits the densities of the motion, and the velocity of a track that has just started, by the speed that the number
-  // of events permits (README, equation (7)). Returns whether the prediction is thereby another one.
+  // of events permits (README, equation (8)). Returns whether the prediction is thereby another one.
   bool LimitMotion(const WindowInput& input);
-  // Fits the window with the densities of the motion that were learned, and again with the full ones if it surprises.
+  // Fits the window with the adapted densities of the motion prior, and again with the full densities if the innovation
+  // is significant.
   void FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted);
   // Whether the brightness changes and the events are not concentrated near the lines of fit_.
   bool IsFlash(const EventWindow& window, const WindowInput& input);
@@ -117,7 +118,7 @@ class PoseTrack {
   // therefore to be called once per window.
   bool IsOnlyBackground(const WindowFit& fit);
   // Handles a window in which the other objects occlude all lines: the estimate is the prediction with its covariance.
-  std::optional<PoseEstimate> Hold(const EventWindow& window);
+  std::optional<PoseEstimate> PredictOccluded(const EventWindow& window);
   // Whether the curves that the last test found supported determine every motion of the object, as the phase requires.
   bool IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio);
   void UpdatePhase(const HealthResult& result, bool is_determined, int64_t t_us);
@@ -130,9 +131,9 @@ class PoseTrack {
   PoseEstimate MakeEstimate(const WindowFit& fit, const WindowInput& input) const;
 
   // Sets the counts and expectations of earlier windows for the lines of the window.
-  void Remember(WindowInput& input);
+  void SetPastCounts(WindowInput& input);
   // Adds the counts of the curves in an accepted window.
-  void Learn(const WindowInput& input, const WindowFit& fit);
+  void AddCounts(const WindowInput& input, const WindowFit& fit);
 
   const TrackContext& context_;
   VisibleEdges visible_edges_;

@@ -88,14 +88,14 @@ MotionState MirroredState(const MotionState& state, const Vector3d& point, const
   const Vector3d ray_velocity = (centre_velocity - centre_velocity.dot(ray) * ray) / distance_m;
 
   MotionState mirrored = state;
-  // README, equation (8): the product of two reflections is the rotation in the plane of both vectors.
+  // README, equation (9): the product of two reflections is the rotation in the plane of both vectors.
   const Vector3d across = ray - ray.dot(direction) * direction;
   const Vector3d other = Reflection(ray) * direction;
   if (across.norm() > 1e-9) {
     mirrored.camera_from_object.rotation = Reflection(ray) * Reflection(across.normalized()) * pose.rotation;
   }
   mirrored.camera_from_object.translation_m = centre - mirrored.camera_from_object.rotation * point;
-  // Equation (9).
+  // Equation (10).
   const Vector3d velocity = Reflection(ray) * angular.cross(direction) -
                             2.0 * (ray.dot(direction) * ray_velocity + ray_velocity.dot(direction) * ray);
   const Vector3d turn = other.cross(velocity) + angular.dot(direction) * other;

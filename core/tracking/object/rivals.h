@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Rivals: other poses of an object with nearly the same image, which the events may not tell apart at first
-// (core/tracking/README.md, section 6).
+// Rivals of a pose: other poses of the object with nearly the same image. At first the events may not distinguish them
+// from it (core/tracking/README.md, section 6).
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@
 namespace evpose {
 
 // Returns the state in which the direction `normal` at `point` (both in the object frame) is reflected at the plane
-// through the point that is perpendicular to its ray (equation (8) of the README). The image of a disc with this
+// through the point that is perpendicular to its ray (equation (9) of the README). The image of a disc with this
 // normal is the same up to perspective. The point and its velocity stay; the direction moves as the mirror image does.
 // The covariance is that of a new track for the pose, and for the twist that of `state`, enlarged.
 MotionState MirroredState(const MotionState& state, const Eigen::Vector3d& point, const Eigen::Vector3d& normal,

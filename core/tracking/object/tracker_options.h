@@ -56,7 +56,7 @@ struct InitializationOptions {
   int64_t rival_interval_us = 1'000'000;
   int num_rival_rounds = 10;
   // Microseconds after which the best of several competing hypotheses is published, as AMBIGUOUS and with the others as
-  // alternatives. Most poses that the events tell apart at all have been told apart by then.
+  // alternatives. By then the comparison of most distinguishable poses has been decided.
   int64_t undecided_us = 200'000;
 
   absl::Status Validate() const;

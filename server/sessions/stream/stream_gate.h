@@ -115,7 +115,7 @@ class StreamGate {
 
  private:
   void ReplaceToken(std::string token, std::string previous_digest);
-  void ChangeState(GateEvent event);  // the only function that changes state_
+  void ChangeState(GateEvent event);  // the only function that changes state_ after construction
 
   const Options options_;
   GateState state_;
