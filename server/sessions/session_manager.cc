@@ -379,7 +379,7 @@ void SessionManager::DeleteExpired() {
     pool_.slow().PostOwn([this, name = entry.session->name(), tenant = entry.tenant(), token = entry.session->token()] {
       const absl::Status status = store_.DeleteHeldSession(name, token);
       if (absl::IsAborted(status)) {
-        SessionLog(name, tenant).LivesElsewhere();
+        SessionLog(name, tenant).HeldByOtherServer();
       } else if (!status.ok()) {
         SessionLog(name, tenant).NotDeleted(status);
       }

@@ -193,7 +193,9 @@ void SessionLog::NotDeleted(const absl::Status& status) const {
   Write(LogLevel::kWarning, "session_not_deleted", last_stream(), Outcome(status));
 }
 
-void SessionLog::LivesElsewhere() const { Write(LogLevel::kInfo, "session_held_by_other_server", last_stream(), {}); }
+void SessionLog::HeldByOtherServer() const {
+  Write(LogLevel::kInfo, "session_held_by_other_server", last_stream(), {});
+}
 
 void SessionLog::Drained(uint64_t poses, bool is_durable) const {
   Write(is_durable ? LogLevel::kInfo : LogLevel::kWarning, "session_drained", last_stream(),

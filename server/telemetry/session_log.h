@@ -84,8 +84,10 @@ class SessionLog {
   void Orphaned(const SessionSums& sums) const;
   // The same as Deleted() for a session whose sums are not known, because it was not read.
   void DeletedUnread(const std::string& peer, const char* why) const;
+  // The store could not delete a session that has expired.
   void NotDeleted(const absl::Status& status) const;
-  void LivesElsewhere() const;
+  // The session has expired here and stays in the store, because another server holds it.
+  void HeldByOtherServer() const;
   void Drained(uint64_t poses, bool is_durable) const;
   void StoreAway(const absl::Status& status) const;
   void StoreBack() const;
