@@ -32,8 +32,8 @@ struct ParsedMetrics {
 // Parses `text`. An invalid line, a duplicate family or series, and a series outside its family fail the test.
 inline ParsedMetrics ParseMetrics(const std::string& text) {
   static const std::regex kComment(R"re(# (HELP|TYPE) ([a-zA-Z_:][a-zA-Z0-9_:]*) (.+))re");
-  static const std::regex kSample(
-      R"re(([a-zA-Z_:][a-zA-Z0-9_:]*)(\{[a-zA-Z_][a-zA-Z0-9_]*="[^"\\\n]*"(,[a-zA-Z_][a-zA-Z0-9_]*="[^"\\\n]*")*\})? (\S+))re");
+  static const std::regex kSample(R"re(([a-zA-Z_:][a-zA-Z0-9_:]*)(\{[a-zA-Z_][a-zA-Z0-9_]*="[^"\\\n]*")re"
+                                  R"re((,[a-zA-Z_][a-zA-Z0-9_]*="[^"\\\n]*")*\})? (\S+))re");
   static const std::regex kHistogramSuffix("_(bucket|sum|count)$");
   ParsedMetrics parsed;
   std::string family;

@@ -85,8 +85,9 @@ class Aedat4File {
 
   static std::string Stream(const std::string& id, const std::string& type, const std::string& source) {
     return "<node name=\"" + id + R"("><attr key="typeIdentifier" type="string">)" + type +
-           R"(</attr><node name="info"><attr key="sizeX" type="int">346</attr><attr key="sizeY" type="int">260</attr>)" +
-           R"(<attr key="source" type="string">)" + source + "</attr></node></node>";
+           R"(</attr><node name="info"><attr key="sizeX" type="int">346</attr>)" +
+           R"(<attr key="sizeY" type="int">260</attr><attr key="source" type="string">)" + source +
+           "</attr></node></node>";
   }
 
   void AddPacket(int32_t stream, const flatbuffers::FlatBufferBuilder& builder) {
