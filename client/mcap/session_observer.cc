@@ -11,6 +11,7 @@
 #include "client/lib/stream/retry.h"
 #include "client/mcap/event_png.h"
 #include "evpose/clock.h"
+#include "evpose/v1/error_reason.pb.h"
 
 namespace evpose::client {
 namespace {
@@ -18,7 +19,6 @@ namespace {
 // A recording needs no finer health, and a server that has restarted is reached again within the second.
 constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
 constexpr absl::Duration kRetryPeriod = absl::Seconds(1);
-constexpr char kEventsElsewhere[] = "EVENTS_ELSEWHERE";  // reason of an error of WatchEvents
 
 }  // namespace
 
@@ -61,7 +61,8 @@ void SessionObserver::Repeat(const std::string& what, const std::stop_token& sto
     const absl::Status status = watch();
     if (status.ok() || stop.stop_requested()) return;
     // Also while no server tracks the events, as after the restart of one until the stream is attached again.
-    const bool may_pass = AdviseOn(status) == RetryAdvice::kTryAgain || GetDetails(status).reason == kEventsElsewhere;
+    const bool may_pass = AdviseOn(status) == RetryAdvice::kTryAgain ||
+                          GetDetails(status).reason == v1::ErrorReason_Name(v1::EVENTS_ELSEWHERE);
     if (!may_pass) return Report(what, status);
     if (!SystemClock().SleepUntil(SystemClock().Now() + kRetryPeriod, stop)) return;
   }

@@ -16,6 +16,7 @@
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
+#include "evpose/v1/error_reason.pb.h"
 
 namespace evpose::client {
 namespace {
@@ -26,9 +27,6 @@ constexpr absl::Duration kMaxTimeBetween = absl::Seconds(1);
 
 // The sizes of pose files are kept under the IDs of their objects, in which PoseFiles::Check() refuses a slash.
 constexpr char kClockLogKey[] = "/--clock-log";
-
-// Reason of an error after which the server asks its clients to attach again.
-constexpr char kStoreFull[] = "STORE_FULL";
 
 std::string Digest(const std::string& bytes) {
   return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}).substr(0, 32);
@@ -327,7 +325,7 @@ absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
   absl::StrAppend(&text, KeepPoses());
   if (is_interrupted) {
     absl::StrAppend(&text, "; with --resume FILE, the run could be continued");
-  } else if (GetDetails(status).reason == kStoreFull) {
+  } else if (GetDetails(status).reason == v1::ErrorReason_Name(v1::STORE_FULL)) {
     absl::StrAppend(&text, "; ", session, " is kept until it expires, but only a run with --resume FILE can continue");
   } else if (!arguments_.keeps_session) {
     // Frees the capacity of the server at once. The error of an unreachable server has been reported already.
