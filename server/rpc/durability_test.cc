@@ -95,7 +95,7 @@ class RollbackTest : public RpcTest {
     }
     EXPECT_EQ(Describe(track.Finish()), "OK");
     EXPECT_EQ(replicated_->Read(session.name(), 0)->poses.back().last_pose_seq, 10 * seq - 1);
-    // The ownership record is written behind the end of the stream.
+    // The lifecycle record is written behind the end of the stream.
     const auto lifecycle = [&] { return DecodeLifecycle(replicated_->Read(session.name(), 0)->lifecycle).value(); };
     while (!lifecycle().detached_at.has_value()) std::this_thread::yield();
     return poses;

@@ -11,7 +11,7 @@ namespace evpose::server {
 enum class StreamPhase {
   kAwaitingAttach,  // the first message is read; the attach timeout runs
   kAttaching,       // the session is found or resumed from the store; nothing is read or written
-  kConfirming,      // attached; the response `attached` waits until the store has the ownership record
+  kConfirming,      // attached; the response `attached` waits until the store has the lifecycle record
   kOpen,            // messages are read, responses written
   kEnding,          // the client has sent `end`: the summary follows the last response
   kDraining,        // the client has half-closed without `end`: the stream finishes when everything is persisted

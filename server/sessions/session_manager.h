@@ -98,7 +98,7 @@ class SessionManager {
   // Starts the deletion of sessions in the store that ended long ago, and of ended sessions that must make room.
   void DeleteEnded();
   // Starts the deletion of expired sessions that are only in the store, because their server died or the store was
-  // full. With a shared store it first renews the ownership records of the sessions with an attached stream.
+  // full. With a shared store it first renews the lifecycle records of the sessions with an attached stream.
   void MaintainStore();
 
   // From now on Create, ResumeForAttach and CheckNotDraining return UNAVAILABLE (DRAINING).

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Serialization of a session's records for the store: configuration, ownership record, checkpoint and poses, as
+// Serialization of a session's records for the store: configuration, lifecycle record, checkpoint and poses, as
 // messages of evpose.storage.v1 (rules of compatibility: proto/evpose/storage/README.md). Numbers are preserved to the
 // bit. Errors of all decoding functions: DATA_LOSS with the record and the reason.
 #pragma once

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Commits a session's ownership records and checkpoints to the store: one commit at a time, in order, repeated while
+// Commits a session's lifecycle records and checkpoints to the store: one commit at a time, in order, repeated while
 // the store is unreachable.
 #pragma once
 
@@ -33,7 +33,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
 
   struct Progress {
     // The next four describe the persisted data.
-    uint64_t lifecycle = 0;  // number of the newest ownership record
+    uint64_t lifecycle = 0;  // number of the newest lifecycle record
     uint64_t seq = 0;        // last item that the newest checkpoint includes
     uint64_t last_pose_seq = 0;
     bool ended = false;
@@ -56,7 +56,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   // block, and handles allocations that fail. To be set before the first commit.
   void SetListener(std::function<void()> listener) { listener_ = std::move(listener); }
 
-  // CommitLifecycle() and CommitCheckpoint() must not be called with a lock that the listener takes. An ownership
+  // CommitLifecycle() and CommitCheckpoint() must not be called with a lock that the listener takes. A lifecycle
   // record is ignored if its number is not greater than those before.
   void CommitLifecycle(uint64_t number, std::string lifecycle);
   // `checkpoint` contains a checkpoint, poses that continue the stored log, or both. `seq` is the last item that the

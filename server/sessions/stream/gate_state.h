@@ -10,8 +10,8 @@ namespace evpose::server {
 
 enum class WriterState {
   kDetached,   // no stream: the session expires some time after
-  kAttaching,  // a stream has attached; the store does not have its ownership record yet
-  kAttached,   // the stream's ownership record has been persisted
+  kAttaching,  // a stream has attached; the store does not have its lifecycle record yet
+  kAttached,   // the stream's lifecycle record has been persisted
   kClosed,     // deleted, fenced by another server, or without a store; final
 };
 inline constexpr int kNumWriterStates = 4;
@@ -27,7 +27,7 @@ std::string_view InputStateName(InputState state);  // "OPEN", ...
 
 enum class GateEvent {
   kAttach,           // a stream attaches; it fences the stream before
-  kAttachPersisted,  // the store has the ownership record of the stream
+  kAttachPersisted,  // the store has the lifecycle record of the stream
   kDetach,           // the attached stream has ended
   kEndPushed,        // the stream has sent its end
   kEndProcessed,     // the worker has processed the end

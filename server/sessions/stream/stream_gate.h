@@ -31,7 +31,7 @@ absl::Status WrongToken(absl::string_view session);
 absl::Status ItemsLost(absl::string_view session, uint64_t lost_from_seq);
 
 // Not thread-safe; uses no lock, thread or clock. Streams are numbered from 1. The number serves as a fence: only the
-// latest stream may write. The ownership record (SessionLifecycle) has a number of its own, which grows with each
+// latest stream may write. The lifecycle record (SessionLifecycle) has a number of its own, which grows with each
 // change.
 class StreamGate {
  public:
@@ -80,7 +80,7 @@ class StreamGate {
   uint64_t Attach(std::string new_token, std::string token_digest, uint64_t queued_bytes, uint64_t sent_pose_seq);
   // Returns false if this stream is not attached.
   bool Detach(uint64_t stream, absl::Time now);
-  // Reports that the store has the ownership record with this number and all before.
+  // Reports that the store has the lifecycle record with this number and all before.
   void OnLifecyclePersisted(uint64_t number);
   // Closes the gate with `status`, which is not OK. Returns true for the first call; later calls have no effect and
   // return false.
@@ -88,7 +88,7 @@ class StreamGate {
 
   // Sets a new token. The current one stays valid as in Attach().
   void ReplaceToken(std::string token) { ReplaceToken(std::move(token), token_digest_); }
-  // Changes the ownership record to show that this server is alive. Returns false if no stream is attached.
+  // Changes the lifecycle record to show that this server is alive. Returns false if no stream is attached.
   bool RenewOwnership();
 
   // Errors: the status of Close, ABORTED (FENCED).

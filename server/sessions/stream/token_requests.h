@@ -17,7 +17,7 @@
 namespace evpose::server {
 
 struct TokenRequest {
-  uint64_t lifecycle = 0;  // number of the ownership record with the token
+  uint64_t lifecycle = 0;  // number of the lifecycle record with the token
   std::string token;
   absl::AnyInvocable<void(absl::StatusOr<std::string>)> done;
 };

@@ -81,8 +81,9 @@ struct SessionTotals {
   uint32_t image_watchers = 0;
 };
 
-// Ownership record: the token that a client needs to attach, and the time since when no stream has been attached. It is
-// committed whenever a stream attaches or detaches.
+// Lifecycle record: the tokens with which a client can attach, and the time since when no stream has been attached. It
+// is committed when a stream attaches or detaches, when the token changes, and in a shared store periodically while a
+// stream is attached.
 struct SessionLifecycle {
   std::string token_digest;           // digest of the resume token: SHA-256, hex; the token itself is not stored
   std::string previous_token_digest;  // empty: the previous token is no longer valid
@@ -137,7 +138,7 @@ uint32_t NumReattaches(const SessionLifecycle& lifecycle);
 // Returns the health of a session that no server has loaded, as a server that loads it reports it.
 SessionHealth StoredHealth(const SessionCheckpoint& checkpoint, const SessionLifecycle& lifecycle);
 
-// State with which a session starts: the stored state, or, for a new session, the ownership record with default values
+// State with which a session starts: the stored state, or, for a new session, the lifecycle record with default values
 // of the other members.
 struct SessionBeginning {
   SessionLifecycle lifecycle;
