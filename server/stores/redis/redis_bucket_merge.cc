@@ -22,7 +22,8 @@ bool IsBefore(const RedisListEntry& a, const RedisListEntry& b) {
 absl::StatusOr<std::vector<RedisListEntry>> RedisBucketMerge::Next(size_t max) {
   std::vector<RedisListEntry> merged;
   while (merged.size() < max) {
-    // Every part has entries, or none is left in it: the smallest first entry is the next one.
+    // Afterwards the buffer of each part has an entry, unless the part has been read to its end: the smallest first
+    // entry is the next one.
     EVPOSE_RETURN_IF_ERROR(Fill(kFewestEntries + 2 * (max - merged.size()) / kRedisBuckets));
     const auto is_later = [this](size_t a, size_t b) {
       return IsBefore(parts_[b].entries.front(), parts_[a].entries.front());
@@ -43,7 +44,7 @@ absl::StatusOr<std::vector<RedisListEntry>> RedisBucketMerge::Next(size_t max) {
         continue;
       }
       heap.pop_back();
-      if (!part.is_complete) break;  // what comes next may be in the rest of this part
+      if (!part.is_complete) break;  // the next entry of the list may be an unread one of this part
     }
   }
   return merged;
@@ -60,7 +61,7 @@ absl::Status RedisBucketMerge::Fill(size_t count) {
     calls.push_back(ReadBucket(bucket, command_(bucket, part.is_begun ? &part.last : nullptr, count)));
   }
   const std::vector<absl::StatusOr<RedisReply>> replies = groups_.CallAll(calls);
-  const bool skips = away_ == Away::kIsSkipped &&
+  const bool skips = unreachable_group_ == UnreachableGroup::kIsSkipped &&
                      std::any_of(replies.begin(), replies.end(), [](const auto& reply) { return reply.ok(); });
   for (size_t i = 0; i < empty.size(); ++i) {
     Part& part = parts_[empty[i]];

@@ -31,11 +31,11 @@ class RedisBucketMerge {
   using Command = std::function<RedisCommand(int bucket, const RedisListEntry* after, size_t count)>;
   enum class Scores { kNone, kWith };
   // What happens if the group of a bucket does not respond.
-  enum class Away { kIsAnError, kIsSkipped };
+  enum class UnreachableGroup { kIsAnError, kIsSkipped };
 
   // `groups` must live as long as the object.
-  RedisBucketMerge(RedisGroups& groups, Command command, Scores scores, Away away)
-      : groups_(groups), command_(std::move(command)), scores_(scores), away_(away) {}
+  RedisBucketMerge(RedisGroups& groups, Command command, Scores scores, UnreachableGroup unreachable_group)
+      : groups_(groups), command_(std::move(command)), scores_(scores), unreachable_group_(unreachable_group) {}
 
   // The next entries in the order of their scores, then texts; fewer than `max` only at the end.
   absl::StatusOr<std::vector<RedisListEntry>> Next(size_t max);
@@ -55,7 +55,7 @@ class RedisBucketMerge {
   RedisGroups& groups_;
   const Command command_;
   const Scores scores_;
-  const Away away_;
+  const UnreachableGroup unreachable_group_;
   std::array<Part, kRedisBuckets> parts_;
 };
 

@@ -154,7 +154,7 @@ void RedisClient::Process(std::vector<Job> waiting) {
   BlockSigpipe();
   std::vector<Job> jobs = Expand(std::move(waiting));
   wait_until_ = std::chrono::steady_clock::now();
-  if (!has_waited_in_vain_) wait_until_ += absl::ToChronoMilliseconds(options_.sentinel.failover_wait);
+  if (!skips_failover_wait_) wait_until_ += absl::ToChronoMilliseconds(options_.sentinel.failover_wait);
   size_t begin = 0;
   while (begin < jobs.size()) {
     if (const absl::Status connected = Connect(); !connected.ok()) {
@@ -185,9 +185,9 @@ size_t RedisClient::Deliver(std::vector<Job>& jobs, size_t begin, size_t end,
     absl::StatusOr<RedisReply>& reply = replies[i - begin];
     if (IsRedisRefusal(reply.status())) {
       if (may_wait) continue;
-      has_waited_in_vain_ = true;
+      skips_failover_wait_ = true;
     }
-    if (AwaitsReplica(jobs[i]) && reply.ok()) has_waited_in_vain_ = false;
+    if (AwaitsReplica(jobs[i]) && reply.ok()) skips_failover_wait_ = false;
     jobs[i].done(std::move(reply));
     jobs[i].done = nullptr;
   }
@@ -278,7 +278,7 @@ absl::Status RedisClient::Connect() {
     if (loaded.ok()) digests[script] = RedisText(loaded->get());
   }
   if (!status.ok()) {
-    has_waited_in_vain_ = true;
+    skips_failover_wait_ = true;
     Disconnect();
     return status;
   }
@@ -301,7 +301,7 @@ void RedisClient::DisconnectIfNeeded(const std::vector<absl::StatusOr<RedisReply
                                        [](const auto& reply) { return absl::IsUnavailable(reply.status()); });
   if (!is_doubtful) return;
   connection_.reset();
-  sentinels_->Distrust();
+  sentinels_->StartWithNextSentinel();
 }
 
 void RedisClient::Disconnect() {

@@ -100,14 +100,16 @@ class RedisClient {
     RedisCommand command;
     Acknowledgement acknowledgement = Acknowledgement::kMaster;
     Done done;
-    std::shared_ptr<std::vector<Job>> parts;  // not null: these jobs instead; `done` calls theirs with an error
+    // Not null: these jobs run in place of this one. `done` is called only with an error, which it passes to each of
+    // them.
+    std::shared_ptr<std::vector<Job>> parts;
   };
 
   static Job MakeJob(Command command, Done done);
   // A job, and the future reply to it.
   static std::pair<Job, std::future<absl::StatusOr<RedisReply>>> MakeAnsweredJob(Command command);
   std::future<absl::StatusOr<RedisReply>> StartCommand(Command command);
-  // Replaces jobs that have parts by these.
+  // Replaces each job that has `parts` by these parts.
   static std::vector<Job> Expand(std::vector<Job> jobs);
   void Process(std::vector<Job> waiting);
   // Runs the commands from `begin` on that fit into one batch; `end` is the first one that does not.
@@ -141,7 +143,8 @@ class RedisClient {
   absl::Duration backoff_;
   std::chrono::steady_clock::time_point next_connection_;
   std::chrono::steady_clock::time_point wait_until_;
-  bool has_waited_in_vain_ = false;  // no replica has acknowledged anything since then
+  // After a failure: calls do not wait for a failover until a replica has acknowledged a command again.
+  bool skips_failover_wait_ = false;
 
   std::mutex mutex_;
   std::vector<std::string> deleted_for_room_ ABSL_GUARDED_BY(mutex_);

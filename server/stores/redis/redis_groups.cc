@@ -24,9 +24,8 @@ absl::Status MovingError(int bucket) {
       absl::StrCat("bucket ", bucket, " of the store moves to another Redis group: try again in a moment"));
 }
 
-// Adds what is sent for a call. Behind a command it reads the state of the bucket: the data of a bucket are deleted
-// only after its state has changed, so that a bucket which is here after a command was here when the command was
-// executed.
+// Appends the commands of a call. A command without a script is followed by a read of the bucket's state. The state
+// changes before the data are deleted, so a bucket that is "here" afterwards was complete when the command ran.
 void AddCommands(const RedisBucketCall& call, std::vector<RedisClient::Command>& commands) {
   commands.push_back(call.command);
   if (call.command.script == nullptr) commands.push_back({.words = {"HGET", RedisBucketKey(call.bucket), "state"}});
@@ -80,7 +79,7 @@ RedisGroups::RedisGroups(const std::vector<RedisGroupOptions>& groups)
       }) {
   for (const RedisGroupOptions& group : groups) groups_.push_back(std::make_unique<Group>(group));
   const std::lock_guard lock(mutex_);
-  table_.fill(kNowhere);
+  table_.fill(kUnknownGroup);
   health_.resize(groups_.size());
   usages_.resize(groups_.size());
 }
@@ -105,7 +104,7 @@ int RedisGroups::GroupOf(int bucket) const {
   return table_[static_cast<size_t>(bucket)];
 }
 
-absl::Status RedisGroups::NowhereError(int bucket) const {
+absl::Status RedisGroups::UnknownGroupError(int bucket) const {
   return absl::UnavailableError(
       absl::StrCat("bucket ", bucket, " of the store is in none of the Redis groups that respond: start the others"));
 }
@@ -114,10 +113,10 @@ absl::StatusOr<RedisReply> RedisGroups::Call(const RedisBucketCall& call) {
   const auto give_up_at = std::chrono::steady_clock::now() + absl::ToChronoMilliseconds(kMoveWait);
   while (true) {
     int group = GroupOf(call.bucket);
-    if (group == kNowhere) {
+    if (group == kUnknownGroup) {
       const absl::Status refreshed = Refresh();
       group = GroupOf(call.bucket);
-      if (group == kNowhere) return refreshed.ok() ? NowhereError(call.bucket) : refreshed;
+      if (group == kUnknownGroup) return refreshed.ok() ? UnknownGroupError(call.bucket) : refreshed;
     }
     std::vector<RedisClient::Command> commands;
     AddCommands(call, commands);
@@ -142,7 +141,7 @@ std::vector<absl::StatusOr<RedisReply>> RedisGroups::CallAll(const std::vector<R
   std::vector<std::vector<RedisClient::Command>> commands(groups_.size());  // by group
   for (const RedisBucketCall& call : calls) {
     const int group = table[static_cast<size_t>(call.bucket)];
-    if (group != kNowhere) AddCommands(call, commands[static_cast<size_t>(group)]);
+    if (group != kUnknownGroup) AddCommands(call, commands[static_cast<size_t>(group)]);
   }
   std::vector<std::vector<std::future<absl::StatusOr<RedisReply>>>> sent;
   for (size_t i = 0; i < groups_.size(); ++i) sent.push_back(groups_[i]->client.StartAll(std::move(commands[i])));
@@ -150,20 +149,21 @@ std::vector<absl::StatusOr<RedisReply>> RedisGroups::CallAll(const std::vector<R
   std::vector<absl::StatusOr<RedisReply>> replies;
   for (const RedisBucketCall& call : calls) {
     const int group = table[static_cast<size_t>(call.bucket)];
-    if (group == kNowhere) {
-      replies.push_back(RedisElsewhereError("nowhere"));
+    if (group == kUnknownGroup) {
+      replies.push_back(RedisElsewhereError("unknown"));
       continue;
     }
     const auto number = static_cast<size_t>(group);
     replies.push_back(Receive(call, sent[number], num_received[number]));
   }
-  // One refresh for all buckets that have moved; those whose group does not respond stay nowhere.
+  // One refresh serves all buckets that have moved. The group of a bucket is still unknown after it if that group does
+  // not respond.
   bool is_refreshed = false;
   for (size_t i = 0; i < calls.size(); ++i) {
     if (!IsRedisElsewhere(replies[i].status())) continue;
     if (!std::exchange(is_refreshed, true)) (void)Refresh();
-    if (GroupOf(calls[i].bucket) == kNowhere) {
-      replies[i] = NowhereError(calls[i].bucket);
+    if (GroupOf(calls[i].bucket) == kUnknownGroup) {
+      replies[i] = UnknownGroupError(calls[i].bucket);
     } else {
       replies[i] = Call(calls[i]);
     }
@@ -190,11 +190,11 @@ absl::StatusOr<std::vector<RedisReply>> RedisGroups::CallThoseThatRespond(const 
 void RedisGroups::PushScript(RedisBucketCall call, Done done) {
   const int bucket = call.bucket;
   const int number = GroupOf(bucket);
-  if (number == kNowhere) {
+  if (number == kUnknownGroup) {
     RefreshSoon();
     return groups_.front()->client.Push(
         {"PING"}, [this, bucket, done = std::move(done)](const absl::StatusOr<RedisReply>& reply) mutable {
-          done(absl::IsCancelled(reply.status()) ? reply.status() : NowhereError(bucket));
+          done(absl::IsCancelled(reply.status()) ? reply.status() : UnknownGroupError(bucket));
         });
   }
   Group& group = *groups_[static_cast<size_t>(number)];
@@ -248,7 +248,7 @@ std::vector<StoreGroup> RedisGroups::groups() const {
                       .unreplicated_commits = group.client.unreplicated_commits()});
   }
   for (const int group : table_) {
-    if (group != kNowhere) ++groups[static_cast<size_t>(group)].parts;
+    if (group != kUnknownGroup) ++groups[static_cast<size_t>(group)].parts;
   }
   std::sort(groups.begin(), groups.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
   return groups;

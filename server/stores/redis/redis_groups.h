@@ -90,10 +90,10 @@ class RedisGroups {
     std::string to;
     size_t keys = 0;  // that were copied
   };
-  // Moves buckets until all groups have the same number, with a difference of at most one, and completes moves that
-  // were interrupted. While a bucket moves, its sessions cannot commit, and are read by nobody; servers try again. They
-  // must know all groups. To be called again after an error. All groups must respond. `on_moved` is called after each
-  // move. Errors: those of RedisClient.
+  // Moves buckets until the numbers of buckets of any two groups differ by at most one, and completes interrupted
+  // moves. Sessions of a bucket that is moving can neither be committed nor read; servers repeat these calls. All
+  // servers must know all groups, and all groups must respond. To be called again after an error. `on_moved` is called
+  // after each move. Errors: those of RedisClient.
   absl::Status Divide(const std::function<void(const Move&)>& on_moved);
 
   // As RedisClient::Close().
@@ -102,7 +102,7 @@ class RedisGroups {
   static constexpr absl::Duration kMoveWait = absl::Seconds(2);
 
  private:
-  static constexpr int kNowhere = -1;
+  static constexpr int kUnknownGroup = -1;
   using Table = std::array<int, kRedisBuckets>;  // by bucket the number of the group
 
   struct Group {
@@ -151,12 +151,12 @@ class RedisGroups {
   // The keys of a bucket, except its state, the indexes last.
   static absl::StatusOr<std::vector<std::string>> KeysOf(int bucket, Group& group);
   static absl::Status DeleteKeysOf(int bucket, Group& group);
-  // The number of the group with this name, or kNowhere.
+  // The number of the group with this name, or kUnknownGroup.
   int Find(absl::string_view name) const;
   std::string Names() const;
 
   int GroupOf(int bucket) const;
-  absl::Status NowhereError(int bucket) const;
+  absl::Status UnknownGroupError(int bucket) const;
 
   std::vector<std::unique_ptr<Group>> groups_;
   std::mutex refresh_mutex_;

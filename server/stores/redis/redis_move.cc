@@ -29,7 +29,7 @@ absl::Status RedisGroups::Divide(const std::function<void(const Move&)>& on_move
   EVPOSE_RETURN_IF_ERROR(Refresh());
   const std::vector<Report> reports = AskAll();
   for (const Report& report : reports) EVPOSE_RETURN_IF_ERROR(report.status);
-  // What an interrupted move has left, before a bucket returns to the group.
+  // Remove the data that an interrupted move left in the source group, before a bucket returns to that group.
   for (size_t i = 0; i < reports.size(); ++i) {
     for (int bucket = 0; bucket < kRedisBuckets; ++bucket) {
       if (reports[i].buckets[static_cast<size_t>(bucket)].state != "moved") continue;
@@ -50,11 +50,11 @@ absl::StatusOr<std::vector<RedisGroups::Move>> RedisGroups::PlanMoves(const std:
   for (const auto& group : groups_) buckets[group->options.name];
   for (int bucket = 0; bucket < kRedisBuckets; ++bucket) {
     const int place = GroupOf(bucket);
-    if (place == kNowhere) return NowhereError(bucket);
+    if (place == kUnknownGroup) return UnknownGroupError(bucket);
     const Bucket& known = reports[static_cast<size_t>(place)].buckets[static_cast<size_t>(bucket)];
     const std::string& name = groups_[static_cast<size_t>(place)]->options.name;
     if (known.state != "here") moves.push_back({.bucket = bucket, .from = name, .to = known.to});
-    // Also where the move is complete but for the mark in the first group.
+    // Include moves that are complete except for the state "moved" in the source group.
     for (size_t i = 0; i < reports.size(); ++i) {
       const Bucket& other = reports[i].buckets[static_cast<size_t>(bucket)];
       if (static_cast<int>(i) != place && other.state == "leaving") {
@@ -77,7 +77,7 @@ absl::StatusOr<std::vector<RedisGroups::Move>> RedisGroups::PlanMoves(const std:
 absl::Status RedisGroups::MoveBucket(Move& move) {
   const int from_number = Find(move.from);
   const int to_number = Find(move.to);
-  if (to_number == kNowhere || from_number == kNowhere) {
+  if (to_number == kUnknownGroup || from_number == kUnknownGroup) {
     return absl::FailedPreconditionError(absl::StrCat("bucket ", move.bucket, " moves to the Redis group ", move.to,
                                                       ", which the file of the groups does not name: add it"));
   }

@@ -23,7 +23,7 @@ absl::StatusOr<std::unique_ptr<RedisConnection>> RedisSentinels::ConnectToMaster
     auto connection = ConnectTo(named);
     if (connection.ok()) (*connection)->SetTimeout(reply_timeout);
     if (!absl::IsUnavailable(connection.status())) return connection;
-    Distrust();
+    StartWithNextSentinel();
     if (gives_up()) return connection;
     absl::SleepFor(options_.pause);
   }
@@ -41,7 +41,7 @@ absl::StatusOr<RedisSentinels::Named> RedisSentinels::AskAll() {
     } else {
       reasons.emplace_back(node.status().message());
     }
-    Distrust();
+    StartWithNextSentinel();
   }
   if (ignorant.empty()) {
     return absl::UnavailableError(absl::StrCat("no Sentinel names the master ", address_.master_name, ": ",

@@ -19,7 +19,7 @@ struct RedisSentinelOptions {
   // of the master may be gone and then does not even refuse the connection.
   absl::Duration timeout = absl::Seconds(1);
   // How long a call waits while the Sentinels name a node that is not a master, or has no replica: they need some
-  // seconds to replace a master. After a call has waited in vain, the next ones do not wait.
+  // seconds to replace a master. After a call has waited without a result, the next ones do not wait.
   absl::Duration failover_wait = absl::Seconds(5);
   // The delay before the Sentinels are asked again while a call waits.
   absl::Duration pause = absl::Milliseconds(50);
@@ -41,8 +41,9 @@ class RedisSentinels {
                                                                    const std::function<bool()>& gives_up);
 
   absl::Duration pause() const { return options_.pause; }
-  // The next call begins with another Sentinel: the one that was asked may be cut off, with a master that was replaced.
-  void Distrust() { first_ = (first_ + 1) % address_.sentinels.size(); }
+  // The next query begins with the next Sentinel: the one that was asked may be cut off, together with a master that
+  // was replaced.
+  void StartWithNextSentinel() { first_ = (first_ + 1) % address_.sentinels.size(); }
 
  private:
   struct Named {

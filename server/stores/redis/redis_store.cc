@@ -115,7 +115,8 @@ class RedisStore : public Store {
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<RedisReply> sizes, shared_->groups.CallThoseThatRespond(calls));
     for (const RedisReply& size : sizes) num_records += static_cast<uint64_t>(size->integer);
     if (num_records == 0 || num_records > shared_->options.max_checked_records) return absl::OkStatus();
-    EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionOwner> sessions, ReadOwners(RedisBucketMerge::Away::kIsSkipped));
+    EVPOSE_ASSIGN_OR_RETURN(const std::vector<SessionOwner> sessions,
+                            ReadOwners(RedisBucketMerge::UnreachableGroup::kIsSkipped));
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, models_.Members());
     // Reads all parts of each session, so that damage is reported at the start and not when a client attaches again.
     for (const SessionOwner& session : sessions) {
@@ -230,7 +231,7 @@ class RedisStore : public Store {
                   "0",
                   std::to_string(count)};
         },
-        RedisBucketMerge::Scores::kNone, RedisBucketMerge::Away::kIsAnError);
+        RedisBucketMerge::Scores::kNone, RedisBucketMerge::UnreachableGroup::kIsAnError);
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<RedisListEntry> entries, merge.Next(max_sessions));
     std::vector<std::string> names;
     for (const RedisListEntry& entry : entries) names.push_back(entry.text.substr(tenant.size() + 1));
@@ -250,7 +251,7 @@ class RedisStore : public Store {
   }
 
   absl::StatusOr<std::vector<SessionOwner>> ListOwners() const override {
-    return ReadOwners(RedisBucketMerge::Away::kIsAnError);
+    return ReadOwners(RedisBucketMerge::UnreachableGroup::kIsAnError);
   }
 
   // Without the sessions of groups that do not respond.
@@ -262,7 +263,7 @@ class RedisStore : public Store {
           return {"ZRANGEBYSCORE",      RedisLifecycleWritesKey(bucket), begin, "+inf", "WITHSCORES", "LIMIT", "0",
                   std::to_string(count)};
         },
-        RedisBucketMerge::Scores::kWith, RedisBucketMerge::Away::kIsSkipped);
+        RedisBucketMerge::Scores::kWith, RedisBucketMerge::UnreachableGroup::kIsSkipped);
     std::vector<StoredLifecycle> lifecycles;
     while (lifecycles.size() < max_sessions) {
       const size_t num_wanted = std::min(kSessionsPerRoundTrip, max_sessions - lifecycles.size());
@@ -333,14 +334,14 @@ class RedisStore : public Store {
     if (absl::IsDataLoss(status)) damage_.push_back(absl::StrCat(what, ": ", status.message()));
   }
 
-  absl::StatusOr<std::vector<SessionOwner>> ReadOwners(RedisBucketMerge::Away away) const {
+  absl::StatusOr<std::vector<SessionOwner>> ReadOwners(RedisBucketMerge::UnreachableGroup unreachable_group) const {
     std::vector<SessionOwner> owners;
     std::vector<RedisBucketCall> calls;
     for (int bucket = 0; bucket < kRedisBuckets; ++bucket) {
       calls.push_back(ReadBucket(bucket, {"HGETALL", RedisOwnersKey(bucket)}));
     }
     std::vector<RedisReply> hashes;
-    if (away == RedisBucketMerge::Away::kIsSkipped) {
+    if (unreachable_group == RedisBucketMerge::UnreachableGroup::kIsSkipped) {
       EVPOSE_ASSIGN_OR_RETURN(hashes, shared_->groups.CallThoseThatRespond(calls));
     } else {
       for (absl::StatusOr<RedisReply>& reply : shared_->groups.CallAll(calls)) {

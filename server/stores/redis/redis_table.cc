@@ -18,13 +18,13 @@ namespace evpose::server {
 absl::Status RedisGroups::Refresh() {
   const std::lock_guard one_at_a_time(refresh_mutex_);
   std::vector<Report> reports = AskAll();
-  // With one group, its error says more than that a bucket is nowhere.
+  // With a single group, its error is more informative than "the group of the bucket is unknown".
   if (!has_several()) EVPOSE_RETURN_IF_ERROR(reports.front().status);
   EVPOSE_RETURN_IF_ERROR(Join(reports));
   const absl::Status made = MakeMissingBuckets(reports);
   Table table;
   for (size_t bucket = 0; bucket < table.size(); ++bucket) {
-    int group = kNowhere;
+    int group = kUnknownGroup;
     uint64_t epoch = 0;
     for (size_t i = 0; i < reports.size(); ++i) {
       const Bucket& known = reports[i].buckets[bucket];
@@ -38,8 +38,8 @@ absl::Status RedisGroups::Refresh() {
   // A group that does not respond may still have its buckets.
   for (size_t bucket = 0; bucket < table.size(); ++bucket) {
     const int before = table_[bucket];
-    const bool is_away = before != kNowhere && !reports[static_cast<size_t>(before)].status.ok();
-    if (table[bucket] != kNowhere || !is_away) table_[bucket] = table[bucket];
+    const bool is_away = before != kUnknownGroup && !reports[static_cast<size_t>(before)].status.ok();
+    if (table[bucket] != kUnknownGroup || !is_away) table_[bucket] = table[bucket];
   }
   return made;
 }
@@ -119,7 +119,7 @@ absl::Status RedisGroups::Join(std::vector<Report>& reports) {
 
 absl::Status RedisGroups::Found(std::vector<Report>& reports) {
   for (const Report& report : reports) EVPOSE_RETURN_IF_ERROR(report.status);
-  // The same group for every server, in whatever order its file has them.
+  // Choose the group with the smallest name: all servers then choose the same one, whatever the order of their files.
   size_t first = 0;
   for (size_t i = 1; i < groups_.size(); ++i) {
     if (groups_[i]->options.name < groups_[first]->options.name) first = i;
@@ -151,7 +151,7 @@ absl::Status RedisGroups::MakeMissingBuckets(std::vector<Report>& reports) {
     const bool is_known = std::any_of(reports.begin(), reports.end(),
                                       [bucket](const Report& report) { return report.buckets[bucket].is_place(); });
     if (is_known) continue;
-    // Where it was at first, or where it was moved last.
+    // The bucket goes to the group of the initial distribution, or to the target of its latest move.
     std::string name = names[bucket % names.size()];
     uint64_t epoch = 1;
     for (const Report& report : reports) {
@@ -160,7 +160,7 @@ absl::Status RedisGroups::MakeMissingBuckets(std::vector<Report>& reports) {
       name = report.buckets[bucket].to;
     }
     const int group = Find(name);
-    if (group == kNowhere) {
+    if (group == kUnknownGroup) {
       status.Update(
           absl::FailedPreconditionError(absl::StrCat("bucket ", bucket, " of the store is in the Redis group ", name,
                                                      ", which --store redis-groups:FILE does not name: add it")));
@@ -179,7 +179,7 @@ int RedisGroups::Find(absl::string_view name) const {
   for (size_t i = 0; i < groups_.size(); ++i) {
     if (groups_[i]->options.name == name) return static_cast<int>(i);
   }
-  return kNowhere;
+  return kUnknownGroup;
 }
 
 std::string RedisGroups::Names() const {
