@@ -52,7 +52,7 @@ bool IsTenant(absl::string_view text) {
 
 std::string_view View(absl::string_view text) { return {text.data(), text.size()}; }
 
-// A missing file is read as an empty one: whoever deletes the tokens withdraws them.
+// A missing file is read as an empty one: deleting the file withdraws all tokens.
 absl::StatusOr<TokenTable> ReadTokens(const std::string& path) {
   const absl::StatusOr<std::string> text = ReadFile(path, kMaxTokenFileBytes);
   if (!text.ok() && !absl::IsNotFound(text.status())) return text.status();

@@ -10,7 +10,7 @@
 namespace evpose::server {
 namespace {
 
-// 0 if the kernel does not say it.
+// Resident memory of the process, bytes; 0 if /proc cannot be read.
 size_t ResidentBytes() {
   std::ifstream statm("/proc/self/statm");
   size_t total = 0, resident = 0;

@@ -27,7 +27,8 @@ void PrepareOutdatedModels(ModelRegistry& models, SlowExecutor& executor) {
   for (const auto& [tenant, name] : outdated) {
     executor.PostOwn([&models, progress, model = name, owner = tenant] {
       const absl::Status status = models.UseStored(owner, model).status();
-      if (absl::IsUnavailable(status)) return;  // the server ends, or the store is away: its first session prepares it
+      // Shutdown, or the store does not respond: the first session prepares the model.
+      if (absl::IsUnavailable(status)) return;
       if (!status.ok()) {
         Log(LogLevel::kError, "model_not_loaded", {{"model", model}, {"tenant", owner}, {"message", status.message()}});
       }

@@ -51,7 +51,8 @@ void SetLimit(__rlimit_resource resource, uint64_t soft, uint64_t hard) {
   setrlimit(resource, &limit);
 }
 
-// Ends with the server, before it when memory is short, and leaves the processor to tracking.
+// Limits the process: the kernel kills it when the server ends, and before the server when memory is short. Tracking
+// has a higher priority, and the budget bounds processor time and memory.
 void Limit(const Arguments& arguments) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   std::ofstream("/proc/self/oom_score_adj") << "1000";

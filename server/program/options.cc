@@ -99,10 +99,11 @@ void DefineAccess(CLI::App& app, Arguments& arguments) {
                "With --new-token: the token allows its holder to drain the server and to set its log level")
       ->needs("--new-token");
   app.add_flag("--insecure", arguments.program.insecure,
-               "Accept other machines although nothing is encrypted, or anybody may use the server");
+               "Permit --listen on an address that other machines can reach, without encryption or without "
+               "authentication");
 }
 
-void DefineSurvival(CLI::App& app, Arguments& arguments) {
+void DefineStorage(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
   app.option_defaults()->group("Storage");
   app.add_option(
@@ -186,9 +187,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "Processor seconds per second of one session; 0: no limit; a session at the limit waits")
       ->type_name("CORES");
   app.add_option("--max-load", options.max_load,
-                 "Part of the workers' time, as 0.9, above which a tenant that has a session here gets no other; its "
-                 "average over 5 s must be above the bound for 5 s; 0: no bound, because replays use all time that "
-                 "cameras leave")
+                 "Load of the workers (0 to 1, mean over 5 s): after 5 s above this bound, a tenant with a session on "
+                 "this server cannot create another one; 0: no bound, because replays use all time that cameras leave")
       ->type_name("RATIO");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "Time within which a new stream must attach, and an upload must send its next message")
@@ -272,7 +272,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
       ->envname("EVPOSE_LOG_FORMAT")
       ->check(CLI::IsMember({"text", "json"}));
   DefineAccess(app, arguments);
-  DefineSurvival(app, arguments);
+  DefineStorage(app, arguments);
   DefineLimits(app, arguments);
   DefineTenantLimits(app, options);
 }

@@ -23,16 +23,17 @@ class ArrivalMonitor {
   // `is_drained`: no other data wait.
   void Update(Time received_at, int64_t sensor_time_us, bool is_drained);
 
-  // kBulk: the sensor time is ahead of the time of receipt by more than it was for any item after which no data waited,
-  // and data have waited ever since. A replay at full speed arrives so. A camera cannot send faster than it records: it
-  // stays kLive although it is processed too slowly. kLive at first.
+  // kBulk if the lead (sensor time minus time of receipt) of an item has exceeded the largest lead of the items after
+  // which the queue was empty by more than 50 ms, and the queue has not been empty since, as in a replay at full speed.
+  // Otherwise kLive, also before the first item: a camera cannot send faster than it records, even if it is processed
+  // too slowly.
   Arrival arrival() const { return arrival_; }
 
  private:
   const std::chrono::seconds kept_before_;
   Arrival arrival_ = Arrival::kLive;
-  // Sensor time minus time of receipt: the largest one of the items after which no data waited, or that of the first
-  // item and the time before it.
+  // The largest of the leads of the items after which the queue was empty, and of the lead of the first item plus
+  // kept_before_.
   std::optional<double> reference_lead_s_;
 };
 

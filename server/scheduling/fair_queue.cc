@@ -42,7 +42,7 @@ bool HasPriority(const SessionShare& session, double least_used_s) {
   return session.KeepsPace() && session.tenant->used_s <= least_used_s + kLeadS;
 }
 
-// Of two sessions that have a turn by their shares.
+// Returns whether `a` precedes `b` among sessions without priority: by the tenant's time, then by the session's.
 bool HasUsedLess(const SessionShare& a, const SessionShare& b) {
   return std::tie(a.tenant->used_s, a.used_s) < std::tie(b.tenant->used_s, b.used_s);
 }

@@ -41,7 +41,7 @@ class CpuMeter {
 enum class Arrival { kLive, kBulk };
 
 struct TenantShare {
-  double used_s = 0.0;  // processor time, raised after idle time so that it is not saved up
+  double used_s = 0.0;  // processor time; after idle time raised to at most kCreditS (.cc) below the others
   // The largest SessionShare::used_s with which a session of the tenant had a turn by its share.
   double clock_s = 0.0;
   // Sessions that wait or have their turn.

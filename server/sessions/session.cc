@@ -286,7 +286,7 @@ StreamView Session::View(uint64_t stream) const {
   const std::lock_guard lock(mutex_);
   StreamView view;
   view.status = gate_.CheckStream(stream);
-  // With kLatest an overloaded session drops events, which is fast: until it does, twice as much may wait.
+  // With kLatest the queue may hold twice the credit, because an overloaded session then drops events, which is fast.
   const uint64_t factor = config_.overload_policy == OverloadPolicy::kLatest ? 2 : 1;
   view.has_room = queue_.bytes() < factor * limits_.credit_bytes && queue_.num_items() < factor * kMaxQueuedItems;
   view.attached = gate_.state().writer == WriterState::kAttached;

@@ -37,9 +37,9 @@ SessionMemory MaxSessionMemory(const SessionConfig& config,
 }
 
 uint64_t EventWatcherMemory(const SessionConfig& config, int cell_px) {
-  // The events since the last image, the image that waits, the one that is sent, its message and that of gRPC.
+  // The canvas, the waiting image, the image that is sent, its message in the API, and the copy of gRPC.
   constexpr uint64_t kImages = 5;
-  // The outline that is made, the one that waits, and the messages.
+  // The new outline, the waiting outline, and the messages.
   constexpr uint64_t kBytesPerSegment = 4 * sizeof(OutlineSegment);
   constexpr uint64_t kWatcherBytes = 64u << 10;
   const SensorGeometry sensor = {config.camera.width_px, config.camera.height_px};

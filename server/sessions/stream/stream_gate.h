@@ -67,7 +67,7 @@ class StreamGate {
   // Returns the number of the record if it has changed since the last call and has to be committed.
   std::optional<uint64_t> TakeChangedLifecycle();
 
-  // Errors: the status of Close; PERMISSION_DENIED (WRONG_TOKEN); INVALID_ARGUMENT: the client claims to have seen a
+  // Errors: the status of Close; PERMISSION_DENIED (WRONG_TOKEN); INVALID_ARGUMENT if the client states a last received
   // pose that the session, which has made `num_poses`, cannot have sent.
   absl::Status CheckAttach(absl::string_view token_digest, uint64_t last_pose_seq, uint64_t num_poses) const;
   // Errors: DATA_LOSS (ROLLED_BACK) if the session is open and expects an item before `first_seq`, the first one that

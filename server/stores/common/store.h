@@ -138,7 +138,7 @@ class SessionLease {
   // been written:
   // - ABORTED: another holder has taken the session.
   // - OUT_OF_RANGE: the store has lost this lease, or a commit of it that ended with OK: a replica without the last
-  //   writes was made the master. Nobody else has the session; whoever takes it again continues from an older state.
+  //   writes was made the master. No other server has the session; the next holder continues from an older state.
   // - NOT_FOUND: the session was deleted.
   // - RESOURCE_EXHAUSTED: the disk or the quota is full; later commits succeed when space is available again.
   // - UNAVAILABLE: the store does not respond. The commit may have been written; see SessionCommit::poses.
