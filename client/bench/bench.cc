@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// evpose bench: the methods against others, on trials and recordings that it makes itself.
+// evpose bench: compares evpose with published methods on simulated trials and recordings, and measures its speed,
+// first poses and tracking on models and real recordings, and servers under load.
 #include "client/bench/bench.h"
 
 namespace evpose::client {

@@ -35,10 +35,11 @@ struct LoadOptions {
 };
 
 struct LoadResult {
-  LoadCounts counts;        // of the whole run; the numbers of events and poses are those of the test
-  double seconds = 0.0;     // of the test: without the start, and without the end of the sessions
-  double cpu_s = 0.0;       // processor time of this process in that time
-  int64_t late_p99_us = 0;  // by which this process was late with what was due
+  LoadCounts counts;     // of the whole run; the numbers of events and poses are those of the test
+  double seconds = 0.0;  // of the test: without the start, and without the end of the sessions
+  double cpu_s = 0.0;    // processor time of this process in that time
+  // Delay of this process's actions after their nominal times: 99th percentile and maximum.
+  int64_t late_p99_us = 0;
   int64_t late_max_us = 0;
 };
 

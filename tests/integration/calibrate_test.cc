@@ -84,7 +84,7 @@ TEST_F(CliTest, CalibrateFindsTheCameraFromTheTargetAlone) {
   EXPECT_EQ(camera["projection"].size(), 9u);
   EXPECT_EQ(camera["coverage"].size(), 9u);
   EXPECT_FALSE(cv::imread(Path("coverage.png")).empty());
-  // What tracked poses cannot show keeps its default.
+  // The latency cannot be estimated from tracked poses: it keeps its default, without a standard error.
   EXPECT_TRUE(json["latency_us"]["standard_error"].is_null());
   EXPECT_NEAR(json["blur_px"]["value"], 0.47, 0.2);
   const CliResult replayed = Run({"replay", Path("r1/recording.raw"), "--model", Path("target.obj"), "--camera",

@@ -82,7 +82,7 @@ TEST_F(RobotTest, EvaluateAlignsAReferenceOfTheRobot) {
   const CliResult table = Run(evaluate);
   EXPECT_THAT(table.out, AllOf(HasSubstr("clock of the truth - clock of the sensor 1234."), HasSubstr(" +- "),
                                HasSubstr("constant errors of the pose are not in the errors above")));
-  // Without alignment nothing is alike.
+  // Without alignment, the estimate lies outside the truth's time span.
   const CliResult without = Run({"evaluate", "--truth", Path("robot.tum"), "--estimate", Path("poses.tum")});
   EXPECT_EQ(without.status, 1);
   EXPECT_THAT(without.err, HasSubstr("lies outside the truth's time span"));

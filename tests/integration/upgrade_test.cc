@@ -255,7 +255,7 @@ TEST_F(UpgradeTest, PosesThatAKilledServerHadNotStoredAreReplaced) {
   EXPECT_EQ(restart.detail, kNextReadsThis);
   ASSERT_TRUE(restart.after_pose_seq.has_value());
   ASSERT_GT(num_poses, *restart.after_pose_seq) << "poses must have been sent that were not stored";
-  // Up to the last stored pose they are those of the first tracker, then all of the second one.
+  // Up to the last stored pose, the poses are those of the first tracker; later ones are those of the second tracker.
   std::vector<std::string> poses = client->poses();
   poses.erase(poses.begin() + static_cast<ptrdiff_t>(*restart.after_pose_seq), poses.begin() + num_poses);
   ExpectWhole(summary, *client, poses);

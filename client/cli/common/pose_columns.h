@@ -21,7 +21,8 @@ inline constexpr char kLossTimeColumn[] = "lost_at_us";
 inline constexpr char kLossCauseColumn[] = "loss_cause";
 // As many as the API has at most; the columns of absent ones are empty.
 inline constexpr size_t kAlternativesInCsv = 4;
-// Of a file whose poses are not camera_from_object. JSON lines have a field with this name.
+// Name of the CSV column and of the JSON field with the name of the poses' transform. A CSV file has it only if the
+// transform is not camera_from_object.
 inline constexpr char kTransformKey[] = "transform";
 
 }  // namespace evpose::client

@@ -74,7 +74,7 @@ absl::Status FrameDecompressor::Append(FrameFormat format, absl::Span<const uint
   ZSTD_DCtx_reset(contexts_->zstd, ZSTD_reset_session_only);
   ZSTD_DCtx_setParameter(contexts_->zstd, ZSTD_d_windowLogMax, WindowLogFor(max_bytes));
   while (true) {
-    // A byte beyond the limit tells a longer content from one of exactly this size.
+    // One byte more than the limit is read, to distinguish a content that is too long from one of exactly the limit.
     if (size_ == content_.size()) {
       content_.resize(std::min(std::max(kFirstContentBytes, 2 * size_), std::max(size_, max_bytes) + 1));
     }

@@ -139,7 +139,7 @@ bool StreamAttempt::HandlePose(const v1::Pose& message) {
   if (pose->seq != next_pose_seq_) {
     return Malformed(absl::StrCat("pose ", pose->seq, " arrived instead of pose ", next_pose_seq_));
   }
-  if (const std::string why = WhyForeign(*pose); !why.empty()) {
+  if (const std::string why = ProtocolViolation(*pose); !why.empty()) {
     return Malformed(absl::StrCat("pose ", pose->seq, ": ", why));
   }
   ++next_pose_seq_;
@@ -150,7 +150,7 @@ bool StreamAttempt::HandlePose(const v1::Pose& message) {
   return true;
 }
 
-std::string StreamAttempt::WhyForeign(const Pose& pose) {
+std::string StreamAttempt::ProtocolViolation(const Pose& pose) {
   const std::vector<std::string>& ids = options_.object_ids;
   if (!ids.empty() && std::find(ids.begin(), ids.end(), pose.object_id) == ids.end()) {
     return absl::StrCat("the session has no object \"", absl::CHexEscape(pose.object_id.substr(0, 100)), "\"");

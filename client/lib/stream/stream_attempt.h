@@ -53,8 +53,8 @@ class StreamAttempt {
   // Returns false, with the cause in outcome_, if the server violates the protocol or a callback fails.
   bool Handle(const v1::TrackResponse& response);
   bool HandlePose(const v1::Pose& message);
-  // Returns the reason why the session cannot have this pose; empty: none.
-  std::string WhyForeign(const Pose& pose);
+  // Returns why `pose` violates the protocol; empty if it does not.
+  std::string ProtocolViolation(const Pose& pose);
   bool HandleAck(const v1::TrackResponse::Ack& ack);
   bool HandleNotice(const v1::TrackResponse::Notice& message);
   bool ReportPosition(bool has_new_token);
