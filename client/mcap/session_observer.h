@@ -20,10 +20,13 @@
 namespace evpose::client {
 
 struct SessionObserverOptions {
-  Camera camera;                // camera of the session
-  int event_cell_px = 0;        // size of the cells of the images; 0: no images
-  bool records_states = false;  // changes of state that the health shows; otherwise the caller records those of notices
-  bool records_first_states = false;  // those that the first health shows: a caller that continues has missed notices
+  Camera camera;          // camera of the session
+  int event_cell_px = 0;  // size of the cells of the images; 0: no images
+  // Records the states of the objects in the first health, and each change in a later one. Without it, the caller
+  // records the changes that notices report.
+  bool records_states = false;
+  // Records only the states in the first health: a caller that continues a session has missed earlier notices.
+  bool records_first_states = false;
   // Sensor time at which the clock of the recorded times is 0, microseconds.
   std::function<int64_t()> time_zero_us = [] { return int64_t{0}; };
   // Reports that something cannot be recorded; the poses are. Called from several threads.

@@ -18,7 +18,7 @@ class PendingSource::View : public PageView {
   absl::Status Handle(const PageRequest& request) override {
     const std::lock_guard lock(pending_.mutex_);
     if (view_ != nullptr) return view_->Handle(request);
-    // Other requests change the present instant, which there is none of yet.
+    // Other requests change the present instant, and there is none before the recording is shown.
     if (const auto* settings = std::get_if<ImageSettings>(&request)) settings_ = *settings;
     return absl::OkStatus();
   }

@@ -87,7 +87,7 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     if (!may_wait() || AdviseOn(status) != RetryAdvice::kTryAgain) return status;
     if (context.IsInterrupted()) return Interrupted(arguments, status);
     if (!away_since) away_since = clock.Now();
-    // A server that is full says when to come back.
+    // The error of a full server states the delay before the next attempt.
     const absl::Duration delay = std::max(backoff.Next(), GetDetails(status).retry_in);
     if (clock.Now() - *away_since + delay > options.retry.max_outage) return status;
     report({.is_away = true, .cause = status, .next_try_in = delay});

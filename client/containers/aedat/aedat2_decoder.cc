@@ -58,7 +58,7 @@ class Aedat2Decoder final : public AedatDecoder {
     if ((address & kDavisSample) != 0) {
       ++((address & kDavisImu) == kDavisImu ? counts_.imu_samples : counts_.image_samples);
     } else if ((address & kDavisTrigger) != 0) {
-      out.triggers.push_back({t_us, 0, 1});  // the record does not tell the edge
+      out.triggers.push_back({t_us, 0, 1});  // the record does not state the edge, rising or falling
       ++counts_.triggers;
     } else {
       // A column or row beyond the sensor becomes a large number, which Append() refuses.
