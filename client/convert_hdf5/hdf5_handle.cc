@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/convert_hdf5/hdf5_handle.h"
 
+#include <algorithm>
+
 #include "absl/strings/str_cat.h"
 
 namespace evpose::client {
@@ -41,11 +43,20 @@ Hdf5Handle IndexRowType() {
   return type;
 }
 
-void SilenceLibrary() { H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr); }
+void SetUpLibrary() {
+  H5dont_atexit();
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+}
 
 std::string LibraryError() {
   std::string description;
   H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, TakeDescription, &description);
+  // Of an error of the system, the library also has the time, the file, addresses and sizes, in two lines.
+  const std::string before = "error message = '";
+  if (const size_t begin = description.find(before); begin != std::string::npos) {
+    description = description.substr(begin + before.size());
+    description.resize(std::min(description.size(), description.find('\'')));
+  }
   return description.empty() ? "" : absl::StrCat(": ", description);
 }
 

@@ -27,6 +27,8 @@ class Hdf5Handle {
 
   bool ok() const { return id_ >= 0; }
   hid_t id() const { return id_; }
+  // Leaves the object open until the end of the process.
+  void Leak() { id_ = -1; }
   // False if what was written is not in the file.
   bool Close() { return id_ < 0 || closer_(std::exchange(id_, -1)) >= 0; }
 
@@ -54,8 +56,9 @@ Hdf5Handle CdRowType();
 Hdf5Handle TriggerRowType();
 Hdf5Handle IndexRowType();
 
-// Turns off the library's reports on standard error; errors are taken from LibraryError().
-void SilenceLibrary();
+// Turns off the library's reports on standard error; errors are taken from LibraryError(). Objects that are open at the
+// end of the process are not closed by the library. To be called before its other functions.
+void SetUpLibrary();
 // The library's description of the error of the last call that failed, ": ...", or an empty text.
 std::string LibraryError();
 

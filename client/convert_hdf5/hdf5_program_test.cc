@@ -3,8 +3,10 @@
 // evpose-hdf5 behind evpose's reader and writer of recordings.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <chrono>
+#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -51,6 +53,28 @@ TEST_F(Hdf5ProgramTest, WritingAndReadingIsExactTriggersIncluded) {
   EXPECT_THAT(read.events, ElementsAreArray(events));
   EXPECT_THAT(read.triggers, ElementsAreArray(triggers));
   EXPECT_THAT(read.skipped, IsEmpty());
+}
+
+// A limit on the size of files has the same effect as a full disk. The program's standard error is a file, too.
+TEST_F(Hdf5ProgramTest, AFullDiskIsAnErrorAtEveryPointOfTheFile) {
+  const std::vector<Event> events = TestEvents(100'000);
+  std::signal(SIGXFSZ, SIG_IGN);
+  rlimit before;
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  for (const rlim_t bytes : {500, 1'000, 3'000, 10'000, 30'000, 60'000, 100'000, 200'000}) {
+    const rlimit limit = {.rlim_cur = bytes, .rlim_max = before.rlim_max};
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    absl::Status status;
+    if (auto output = Hdf5Output::Create(path(), {1280, 720}, 0); output.ok()) {
+      status = (*output)->Write(absl::MakeConstSpan(events));
+      if (status.ok()) status = (*output)->Close();
+    } else {
+      status = output.status();
+    }
+    setrlimit(RLIMIT_FSIZE, &before);
+    EXPECT_EQ(status.message(), path() + ": cannot be written: File too large") << bytes << " bytes";
+    EXPECT_TRUE(std::filesystem::is_empty(directory_.path())) << bytes << " bytes";
+  }
 }
 
 // Written by h5py with Prophesee's filter.

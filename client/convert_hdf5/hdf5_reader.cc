@@ -26,7 +26,7 @@ std::string NamesInRoot(const Hdf5Handle& file) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Hdf5Reader>> Hdf5Reader::Open(const std::string& path) {
-  SilenceLibrary();
+  SetUpLibrary();
   EVPOSE_RETURN_IF_ERROR(CheckIsFile(path));
   Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
   if (!file.ok()) {

@@ -59,7 +59,7 @@ void PeriodIndex::Finish(std::vector<IndexRow>& rows) const {
 }
 
 absl::StatusOr<std::unique_ptr<Hdf5Writer>> Hdf5Writer::Create(const std::string& path, const PipeHeader& header) {
-  SilenceLibrary();
+  SetUpLibrary();
   std::error_code error;
   if (std::filesystem::exists(path, error) && !std::filesystem::is_regular_file(path, error)) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": is no regular file; HDF5 cannot be written to a stream"));
@@ -72,7 +72,11 @@ absl::StatusOr<std::unique_ptr<Hdf5Writer>> Hdf5Writer::Create(const std::string
   }
   const std::string temporary_path = absl::StrCat(path, ".partial");
   Hdf5Handle file(H5Fcreate(temporary_path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
-  if (!file.ok()) return absl::UnavailableError(absl::StrCat(path, ": cannot be created", LibraryError()));
+  if (!file.ok()) {
+    const absl::Status failed = absl::UnavailableError(absl::StrCat(path, ": cannot be created", LibraryError()));
+    std::filesystem::remove(temporary_path, error);
+    return failed;
+  }
   std::unique_ptr<Hdf5Writer> writer(new Hdf5Writer(path, temporary_path, std::move(file)));
   const std::string geometry = absl::StrCat(header.geometry.width_px, "x", header.geometry.height_px);
   const bool is_complete = WriteTextAttribute(writer->file_, kVersionAttribute, kFormatVersion) &&
@@ -81,12 +85,19 @@ absl::StatusOr<std::unique_ptr<Hdf5Writer>> Hdf5Writer::Create(const std::string
                                                                              absl::StrCat(header.time_offset_us))) &&
                            writer->MakeTable("/CD", writer->cd_type_, true, writer->cd_) &&
                            writer->MakeTable("/EXT_TRIGGER", writer->trigger_type_, false, writer->triggers_);
-  if (!is_complete) return writer->Error();
+  if (!is_complete) return writer->Fail();
   return writer;
 }
 
 Hdf5Writer::~Hdf5Writer() {
-  if (is_closed_) return;
+  if (phase_ == Phase::kClosed) return;
+  // After a failed write, as on a full disk, closing would write again what the library has cached. HDF5 1.10 then ends
+  // the process with SIGSEGV.
+  if (phase_ == Phase::kFailed) {
+    for (Hdf5Handle* const handle : {&cd_.rows, &cd_.indexes, &triggers_.rows, &triggers_.indexes, &file_}) {
+      handle->Leak();
+    }
+  }
   cd_ = {};
   triggers_ = {};
   (void)file_.Close();
@@ -101,7 +112,8 @@ bool Hdf5Writer::MakeTable(const char* group, const Hdf5Handle& row_type, bool i
   return made.ok() && table.rows.ok() && table.indexes.ok();
 }
 
-absl::Status Hdf5Writer::Error() const {
+absl::Status Hdf5Writer::Fail() {
+  phase_ = Phase::kFailed;
   return absl::UnavailableError(absl::StrCat(path_, ": cannot be written", LibraryError()));
 }
 
@@ -120,7 +132,7 @@ absl::Status Hdf5Writer::FlushIndexes(Table& table) {
   const bool is_written = AppendRows(table.indexes, index_type_, table.pending_indexes.data(),
                                      table.pending_indexes.size(), table.num_indexes);
   table.pending_indexes.clear();
-  return is_written ? absl::OkStatus() : Error();
+  return is_written ? absl::OkStatus() : Fail();
 }
 
 absl::Status Hdf5Writer::Write(absl::Span<const Event> events) {
@@ -144,7 +156,7 @@ absl::Status Hdf5Writer::FlushEvents() {
   pending_events_.clear();
   const bool is_written = H5Dset_extent(cd_.rows.id(), &size) >= 0 &&
                           H5Dwrite_chunk(cd_.rows.id(), H5P_DEFAULT, 0, &begin, chunk_.size(), chunk_.data()) >= 0;
-  return is_written ? absl::OkStatus() : Error();
+  return is_written ? absl::OkStatus() : Fail();
 }
 
 absl::Status Hdf5Writer::Write(absl::Span<const Trigger> triggers) {
@@ -155,7 +167,7 @@ absl::Status Hdf5Writer::Write(absl::Span<const Trigger> triggers) {
   }
   const bool is_written =
       rows.empty() || AppendRows(triggers_.rows, trigger_type_, rows.data(), rows.size(), triggers_.num_rows);
-  return is_written ? absl::OkStatus() : Error();
+  return is_written ? absl::OkStatus() : Fail();
 }
 
 absl::Status Hdf5Writer::Close() {
@@ -165,18 +177,20 @@ absl::Status Hdf5Writer::Close() {
     if (table->pending_indexes.empty()) continue;
     EVPOSE_RETURN_IF_ERROR(FlushIndexes(*table));
     const std::string offset = absl::StrCat(table->index.offset_us());
-    if (!WriteTextAttribute(table->indexes, "offset", offset)) return Error();
+    if (!WriteTextAttribute(table->indexes, "offset", offset)) return Fail();
   }
+  // All data are written before the first object is closed, because a failure can be handled only until then.
+  if (H5Fflush(file_.id(), H5F_SCOPE_LOCAL) < 0) return Fail();
   bool is_written = true;
   for (Table* const table : {&cd_, &triggers_}) {
     is_written = table->rows.Close() && is_written;
     is_written = table->indexes.Close() && is_written;
   }
-  if (!file_.Close() || !is_written) return Error();
+  if (!file_.Close() || !is_written) return Fail();
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) return absl::UnavailableError(absl::StrCat(path_, ": cannot be written: ", error.message()));
-  is_closed_ = true;
+  phase_ = Phase::kClosed;
   return absl::OkStatus();
 }
 

@@ -69,7 +69,8 @@ class Hdf5Writer {
   absl::Status AddIndex(int64_t t_us, Table& table);
   absl::Status FlushIndexes(Table& table);
   absl::Status FlushEvents();
-  absl::Status Error() const;
+  // Ends the writing after a failed call of the library, and returns its error.
+  absl::Status Fail();
 
   const std::string path_;
   const std::string temporary_path_;
@@ -80,7 +81,8 @@ class Hdf5Writer {
   Table cd_, triggers_;
   std::vector<Event> pending_events_;  // fewer than a chunk
   std::vector<uint8_t> chunk_;
-  bool is_closed_ = false;
+  enum class Phase { kWriting, kFailed, kClosed };
+  Phase phase_ = Phase::kWriting;
 };
 
 }  // namespace evpose::client
