@@ -3,10 +3,12 @@
 // Tests invalid input: exit status 1, one line that names the file and the place, and no incomplete output files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -318,6 +320,26 @@ TEST_F(BadInputTest, RenderReportsInvalidArguments) {
   EXPECT_EQ(render({Path("no/such/picture.png")}).status, 1);
   EXPECT_EQ(render({Path("no/such/picture.mp4")}).status, 1);
   EXPECT_THAT(FilesBeginning("picture"), IsEmpty());
+}
+
+// A limit on the size of files has the same effect as a full disk.
+TEST_F(BadInputTest, AFilmOnAFullDiskIsAnErrorWithoutAFile) {
+  SimulateCube(0.1);
+  std::signal(SIGXFSZ, SIG_IGN);
+  rlimit before;
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  for (const std::string name : {"film.mp4", "film.avi"}) {
+    for (const rlim_t bytes : {1'000, 20'000}) {
+      const rlimit limit = {.rlim_cur = bytes, .rlim_max = before.rlim_max};
+      ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
+      const CliResult result = Run({"render", Path("cube/recording.raw"), "--poses", Path("cube/truth.tum"), "--model",
+                                    Path("cube/model.obj"), "--camera", Path("cube/camera.yaml"), "-o", Path(name)});
+      setrlimit(RLIMIT_FSIZE, &before);
+      EXPECT_EQ(result.status, 1) << name << " in " << bytes << " bytes";
+      EXPECT_THAT(result.err, HasSubstr(Path(name) + ": ")) << bytes;
+      EXPECT_THAT(FilesBeginning("film"), IsEmpty());
+    }
+  }
 }
 
 TEST_F(BadInputTest, WrongUsageIsStatusTwo) {

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
@@ -133,6 +134,9 @@ absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& input
 class Film {
  public:
   static absl::StatusOr<std::unique_ptr<Film>> Create(const std::string& path, double fps, const cv::Size& size) {
+    // FFmpeg would report on standard error what Commit() reports. OpenCV reads the variable at its first use of
+    // FFmpeg.
+    setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", /*overwrite=*/0);
     std::unique_ptr<Film> film(new Film(path));
     const bool is_mp4 = absl::EndsWith(path, ".mp4");
     const int codec =
@@ -149,9 +153,19 @@ class Film {
     if (!is_committed_) std::filesystem::remove(temporary_path_, ignored);
   }
 
-  void Write(const cv::Mat& image) { writer_.write(image); }
+  void Write(const cv::Mat& image) {
+    writer_.write(image);
+    ++num_frames_;
+  }
+  // OpenCV reports no error of a write, as on a full disk: the frames that are in the file are counted.
   absl::Status Commit() {
     writer_.release();
+    int64_t num_readable = 0;
+    for (cv::VideoCapture film(temporary_path_, cv::CAP_FFMPEG); film.grab();) ++num_readable;
+    if (num_readable < num_frames_) {
+      return absl::UnavailableError(absl::StrCat(path_, ": writing failed: of ", num_frames_, " frames only ",
+                                                 num_readable, " are in the file: make room on its disk"));
+    }
     std::error_code error;
     std::filesystem::rename(temporary_path_, path_, error);
     if (error) return absl::UnavailableError(absl::StrCat(path_, ": ", error.message()));
@@ -168,6 +182,7 @@ class Film {
   const std::string path_;
   const std::string temporary_path_;
   cv::VideoWriter writer_;
+  int64_t num_frames_ = 0;
   bool is_committed_ = false;
 };
 
