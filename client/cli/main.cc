@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "client/cli/cli.h"
+#include "core/base/temporary_files.h"
 #include "core/base/terminate_by_signal.h"
 #include "core/command_line/help.h"
 
@@ -21,10 +22,15 @@ namespace {
 std::atomic<int> g_interrupts = 0;
 static_assert(std::atomic<int>::is_always_lock_free, "a signal handler must not lock");
 
+void Terminate(int signal) {
+  evpose::RemoveTemporaryFiles();
+  evpose::TerminateBySignal(signal);
+}
+
 // The first signal requests a clean end, at which the poses so far are written. The second ends the process.
 // A terminal that is closed sends SIGHUP twice, through its shell and to its processes.
 void HandleInterrupt(int signal) {
-  if (++g_interrupts > 1 && signal != SIGHUP) evpose::TerminateBySignal(signal);
+  if (++g_interrupts > 1 && signal != SIGHUP) Terminate(signal);
 }
 
 void HandleEndSignals(void (*handle)(int)) {
@@ -37,14 +43,14 @@ void HandleEndSignals(void (*handle)(int)) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  // These commands end cleanly, with complete files or none. An interrupt ends the others at once.
+  // These commands end with a message. An interrupt ends the others at once. All leave complete files or none.
   const std::string command = argc > 1 ? argv[1] : "";
   const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";
-  const std::set<std::string> clean = {"render", "replay", "simulate", "stream", "view", "watch"};
+  const std::set<std::string> clean = {"convert", "render", "replay", "simulate", "stream", "view", "watch"};
   if (clean.count(command) > 0 || bench == "load" || bench == "speed" || bench == "synthetic") {
     HandleEndSignals(HandleInterrupt);
-  } else if (getpid() == 1) {
-    HandleEndSignals(evpose::TerminateBySignal);
+  } else {
+    HandleEndSignals(Terminate);
   }
   // The error message of evpose has the cause of a failed connection, which gRPC would log several times.
   // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet

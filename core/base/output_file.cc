@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "core/base/status_macros.h"
+#include "core/base/temporary_files.h"
 
 namespace evpose {
 namespace {
@@ -56,6 +57,7 @@ absl::StatusOr<OutputFile> OutputFile::Create(const std::string& path) {
     result.temporary_path_.clear();  // not created here, so not removed by Discard()
     return FileError(path, "cannot be written", errno);
   }
+  if (!direct) RegisterTemporaryFile(result.temporary_path_);
   result.file_ = fdopen(descriptor, "wb");
   if (result.file_ == nullptr) {
     const int error_number = errno;
@@ -113,7 +115,10 @@ OutputFile::~OutputFile() { Discard(); }
 
 void OutputFile::Discard() {
   if (file_ != nullptr) std::fclose(std::exchange(file_, nullptr));
-  if (!temporary_path_.empty() && !is_continued_) unlink(temporary_path_.c_str());
+  if (!temporary_path_.empty() && !is_continued_) {
+    unlink(temporary_path_.c_str());
+    UnregisterTemporaryFile(temporary_path_);
+  }
   temporary_path_.clear();
 }
 
@@ -148,6 +153,7 @@ absl::Status OutputFile::Commit() {
   if (rename(temporary_path_.c_str(), path_.c_str()) != 0) {
     return status_ = FileError(path_, "cannot be renamed to its final name", errno);
   }
+  UnregisterTemporaryFile(temporary_path_);
   temporary_path_.clear();
   return absl::OkStatus();
 }

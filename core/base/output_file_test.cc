@@ -7,8 +7,10 @@
 
 #include <filesystem>
 #include <string>
+#include <utility>
 
 #include "core/base/temporary_directory_testing.h"
+#include "core/base/temporary_files.h"
 
 namespace evpose {
 namespace {
@@ -44,6 +46,28 @@ TEST_F(OutputFileTest, WithoutCommitTheOldFileStays) {
     ASSERT_TRUE(file->Append("new").ok());
   }
   EXPECT_EQ(*ReadFile(Path("a.txt"), 100), "old");
+  EXPECT_EQ(NumFiles(), 1);
+}
+
+TEST_F(OutputFileTest, ASignalRemovesTheTemporaryFilesOnly) {
+  ASSERT_TRUE(WriteFile(Path("complete"), "a").ok());
+  {
+    auto unfinished = OutputFile::Create(Path("unfinished")).value();
+    auto moved = OutputFile(std::move(unfinished));
+    EXPECT_EQ(NumFiles(), 2);
+    RemoveTemporaryFiles();
+    EXPECT_EQ(NumFiles(), 1);
+  }
+  // Each file gives its place to a later one.
+  for (int i = 0; i < 100; ++i) {
+    ASSERT_TRUE(OutputFile::Create(Path("discarded")).ok());
+    ASSERT_TRUE(WriteFile(Path("complete"), "b").ok());
+  }
+  const auto last = OutputFile::Create(Path("last"));
+  ASSERT_TRUE(last.ok());
+  EXPECT_EQ(NumFiles(), 2);
+  RemoveTemporaryFiles();
+  EXPECT_EQ(ReadFile(Path("complete"), 10).value(), "b");
   EXPECT_EQ(NumFiles(), 1);
 }
 

@@ -252,6 +252,23 @@ TEST_F(CliTest, AnInterruptLeavesNoIncompleteVideo) {
   EXPECT_THAT(FilesBeginning("film"), IsEmpty());
 }
 
+TEST_F(CliTest, AnInterruptedCommandLeavesNoTemporaryFile) {
+  SimulateCube(0.02);
+  const auto interrupted = [this](const std::string& command) {
+    return RunShell("mkfifo pipe; exec 3<>pipe; rm pipe\nevpose " + command +
+                    " <&3 & pid=$!\ncat cube/recording.raw >&3\n"
+                    "until ls | grep -q partial; do test -e /proc/$pid/exe; done\n"
+                    "kill -INT $pid\nwait $pid");
+  };
+  const CliResult convert = interrupted("convert - out.csv");
+  EXPECT_EQ(convert.status, 1);
+  EXPECT_THAT(convert.err, HasSubstr("evpose convert: interrupted: nothing was written"));
+  const CliResult calibrate =
+      interrupted("calibrate - --model cube/model.obj --camera cube/camera.yaml --truth cube/truth.tum -o out.yaml");
+  EXPECT_EQ(calibrate.status, 128 + SIGINT) << calibrate.err;
+  EXPECT_THAT(FilesBeginning("out"), IsEmpty());
+}
+
 TEST_F(CliTest, AnInterruptLeavesNoIncompleteRecording) {
   const CliResult result = RunShell(
       "evpose simulate --object cube --camera vga --duration 600 --out long & pid=$!\n"
