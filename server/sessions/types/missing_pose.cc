@@ -61,7 +61,7 @@ std::string ExplainStatus(const InitializationReport& report) {
     case InitializationStatus::kVerifying:
       return "the events have not confirmed the first pose yet";
     case InitializationStatus::kAmbiguous:
-      return absl::StrCat("ambiguous: ", report.num_poses, " poses explain the events equally well so far");
+      return absl::StrCat(report.num_poses, " poses explain the events equally well");
     case InitializationStatus::kNotSearchable:
       return "no edge of the model is visible from any side; give the initial pose, or reset the pose";
   }
