@@ -273,6 +273,7 @@ std::array<double, 3> AxesOf(const std::vector<HandEyePair>& pairs) {
 void AddWarnings(const HandEyeFree& free, const HandEyeOptions& options, HandEye& result) {
   const auto warn = [&result](const std::string& text) { result.warnings.push_back(text); };
   if (free.transforms && result.axes_rad[1] < options.min_second_axis_rad) {
+    result.has_second_axis = false;
     warn(absl::StrFormat(
         "the orientations of the reference spread by %.1f deg about one axis and by %.1f deg about a second one: with "
         "fewer than two axes the transforms are not determined; turn about a second axis, too",

@@ -66,6 +66,7 @@ struct HandEye {
   std::array<double, 3> axes_rad = {};
   // kAuto: residuals of the other mount over those of this one; 1 means undecided.
   std::optional<double> other_mount_ratio;
+  bool has_second_axis = true;  // false: the reference turns about one axis only, which determines no transform
   std::vector<std::string> warnings;
 
   // The reference as camera_from_object on the sensor's clock.

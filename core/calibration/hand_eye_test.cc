@@ -135,6 +135,7 @@ TEST(HandEyeTest, OneAxisIsReported) {
   const auto result = SolveHandEye(cell.Poses(), cell.Robot(), {.mount = HandEyeMount::kBeside});
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_THAT(result->warnings, ::testing::Contains(HasSubstr("fewer than two axes")));
+  EXPECT_FALSE(result->has_second_axis);
   EXPECT_LT(result->axes_rad[1], 0.01);
   EXPECT_GT(result->axes_rad[0], 0.2);
   // The alignment is determined although its parts are not.

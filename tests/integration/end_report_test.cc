@@ -104,7 +104,9 @@ TEST_F(EndReportTest, AnAmbiguousPlateHasItsAlternativesInEachFormatThatHasState
   EXPECT_GT(pose["alternatives"][0]["log_likelihood_ratio"], -8.0);
 
   const CliResult tum = Replay("poses.tum", {});
-  EXPECT_THAT(tum.out, ContainsRegex("\nAMBIGUOUS: [2-9] poses explain the events equally well\n"));
+  EXPECT_EQ(tum.status, 1);
+  EXPECT_THAT(tum.err, HasSubstr("every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl"));
+  EXPECT_THAT(tum.out, ContainsRegex("\nAMBIGUOUS: [2-9] poses explain the events equally well"));
   EXPECT_THAT(tum.out, HasSubstr("are AMBIGUOUS: a .tum file does not have them"));
   EXPECT_EQ(ReadText("poses.tum"), "");
 

@@ -25,15 +25,20 @@ class RobotTest : public CliTest {
     return {ExpSo3({0.4 * wave(0.31, 0.0) + 0.2 * wave(0.77, 1.0), 0.4 * wave(0.23, 2.0), 0.4 * wave(0.41, 4.0)}),
             {0.4 + 0.1 * wave(0.37, 1.0), 0.1 * wave(0.29, 2.0), 0.3 + 0.1 * wave(0.53, 3.0)}};
   }
-  // poses.tum of evpose and robot.tum, on its own clock.
-  void WriteCell() const {
+  // poses.tum of evpose and robot.tum, on its own clock. With `is_flat` the robot turns about one axis only.
+  void WriteCell(bool is_flat = false) const {
     Trajectory poses, robot;
     for (int i = 0; i < 3000; ++i) {
       const int64_t t_us = int64_t{5000} * i;
-      const RigidTransform tool = BaseFromTool(1e-6 * static_cast<double>(t_us));
+      const auto base_from_tool = [this, is_flat](double t_s) {
+        RigidTransform tool = BaseFromTool(t_s);
+        if (is_flat) tool.rotation = ExpSo3({0.0, 0.0, LogSo3(tool.rotation).z()});
+        return tool;
+      };
+      const RigidTransform tool = base_from_tool(1e-6 * static_cast<double>(t_us));
       robot.push_back({t_us + std::llround(kOffset_s * 1e6), tool});
       if (i >= 200 && i < 2800)
-        poses.push_back({t_us + 1700, camera_from_base_ * BaseFromTool(t_us * 1e-6 + 1.7e-3) * tool_from_object_});
+        poses.push_back({t_us + 1700, camera_from_base_ * base_from_tool(t_us * 1e-6 + 1.7e-3) * tool_from_object_});
     }
     ASSERT_TRUE(WriteTumTrajectory(Path("poses.tum"), poses).ok());
     ASSERT_TRUE(WriteTumTrajectory(Path("robot.tum"), robot).ok());
@@ -64,6 +69,15 @@ TEST_F(RobotTest, HandEyeCalibrationIsAWorldFromCamera) {
                               "--mount", "beside", "--time-offset", "1234.5"});
   ASSERT_EQ(text.status, 0) << text.err;
   EXPECT_THAT(text.out, AllOf(HasSubstr("base_from_camera\n"), HasSubstr("1234.500000 s\n"), HasSubstr("spread by ")));
+}
+
+TEST_F(RobotTest, OneAxisDeterminesNoTransform) {
+  WriteCell(/*is_flat=*/true);
+  const CliResult result =
+      Run({"calibrate", Path("poses.tum"), "--hand-eye", Path("robot.tum"), "-o", Path("mount.yaml")});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, AllOf(HasSubstr("turn about a second axis, too"), HasSubstr("nothing was written")));
+  EXPECT_THAT(FilesBeginning("mount"), ::testing::IsEmpty());
 }
 
 TEST_F(RobotTest, EvaluateAlignsAReferenceOfTheRobot) {

@@ -86,6 +86,10 @@ absl::Status CheckCounts(const CalibrateArguments& arguments) {
 absl::Status CheckMode(const CalibrateArguments& arguments) {
   if (arguments.models.empty()) return UsageError("--model is required, except with --hand-eye");
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
+  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"-o", arguments.out},
+                                              {"--camera-out", arguments.camera_out},
+                                              {"--picture", arguments.picture},
+                                              {"--coverage", arguments.coverage}}));
   if (arguments.truths.empty() &&
       std::find(arguments.recordings.begin(), arguments.recordings.end(), "-") != arguments.recordings.end()) {
     return UsageError("without --truth a recording is read several times: give a file instead of standard input");

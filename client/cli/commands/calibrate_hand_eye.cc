@@ -9,6 +9,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/common/pose_reader.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -162,6 +163,10 @@ absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& po
   if (!result.ok()) {
     return absl::Status(result.status().code(),
                         absl::StrCat(poses, " and ", arguments.reference, ": ", result.status().message()));
+  }
+  if (!result->has_second_axis) {
+    return absl::FailedPreconditionError(absl::StrCat(poses, " and ", arguments.reference, ": ",
+                                                      absl::StrJoin(result->warnings, "; "), "; nothing was written"));
   }
   EVPOSE_RETURN_IF_ERROR(file.Append(MountYaml(*result, poses, arguments.reference)));
   EVPOSE_RETURN_IF_ERROR(file.Commit());

@@ -209,6 +209,7 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
   if (arguments.out == "-")
     return UsageError("out: a recording is not written to standard output: give the name of a file");
   EVPOSE_RETURN_IF_ERROR(AsUsageError(format.status()));
+  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"RECORDING", arguments.recording}, {"OUT", arguments.out}}));
   if (CanBeReadTwice(arguments.recording)) EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,

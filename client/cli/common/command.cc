@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <map>
 #include <system_error>
 #include <vector>
 
@@ -89,7 +90,22 @@ CLI::Validator NotNegative() {
 }
 
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
-  return app.add_option(name, path, description)->type_name("FILE");
+  const auto check = [](const std::string& text) -> std::string { return text.empty() ? "the name is empty" : ""; };
+  return app.add_option(name, path, description)->type_name("FILE")->check(check);
+}
+
+absl::Status CheckDifferentFiles(const std::vector<std::pair<std::string, std::string>>& outputs) {
+  std::map<std::filesystem::path, std::string> options;  // by path
+  for (const auto& [option, path] : outputs) {
+    if (path.empty()) continue;
+    std::error_code error;
+    const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
+    const auto [other, is_new] = options.emplace(error ? std::filesystem::path(path) : resolved, option);
+    if (is_new) continue;
+    return UsageError(
+        absl::StrCat(other->second, " and ", option, " are the same file, ", path, ": give each a name of its own"));
+  }
+  return absl::OkStatus();
 }
 
 CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {

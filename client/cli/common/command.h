@@ -57,6 +57,9 @@ CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, con
 }
 // Adds an option for the path of a file.
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
+// Returns a usage error if two of the options, with the names of output files, name the same file. Empty names are
+// none.
+absl::Status CheckDifferentFiles(const std::vector<std::pair<std::string, std::string>>& outputs);
 // Adds an option for a picture that is written as PNG; a name with another extension is wrong usage.
 CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
 // Adds --json, with which the command prints JSON instead of text.

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/common/replay_report.h"
 
+#include <algorithm>
+
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -28,7 +31,15 @@ void ReplayReport::Add(const Notice& notice) {
 }
 
 void ReplayReport::Add(const Pose& pose) {
+  if (pose.state == TrackState::kTracking) ++tracking_poses_;
+  if (pose.state == TrackState::kDegraded) ++degraded_poses_;
   if (pose.state == TrackState::kAmbiguous) ++ambiguous_poses_;
+}
+
+bool ReplayReport::HasFilesWithoutPose() const {
+  const auto is_tum = [](const std::string& file) { return absl::EndsWith(file, ".tum"); };
+  return !files.empty() && std::all_of(files.begin(), files.end(), is_tum) && summary.poses > 0 &&
+         ambiguous_poses_ == summary.poses;
 }
 
 std::string ReplayReport::NameOf(const std::string& object_id) const {
@@ -127,6 +138,11 @@ void ReplayReport::PrintObjects(std::ostream& stream) const {
     }
     if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
   }
+  if (degraded_poses_ > 0 && tracking_poses_ == 0) {
+    stream << "no pose is TRACKING, " << degraded_poses_
+           << " are DEGRADED: the events have not confirmed a pose; are the "
+           << "model, its scale and the camera the right ones?\n";
+  }
 }
 
 void ReplayReport::PrintFiles(std::ostream& stream) const {
@@ -174,6 +190,8 @@ Json ReplayReport::ToJson() const {
                {"trace_id", trace_id},
                {"events", health.decoded_events},
                {"poses", summary.poses},
+               {"tracking_poses", tracking_poses_},
+               {"degraded_poses", degraded_poses_},
                {"ambiguous_poses", ambiguous_poses_},
                {"losses", Losses()},
                {"objects", ObjectsJson()}};

@@ -49,6 +49,8 @@ struct ReplayReport {
   // The last line has the numbers of events, poses and losses, the event rate in Mev/s, and latencies.
   void Print(std::ostream& out_stream) const;
   Json ToJson() const;
+  // Whether poses were found, but the files have none, because all are AMBIGUOUS.
+  bool HasFilesWithoutPose() const;
 
  private:
   // The parts of Print(): input and connection; models and objects; pose files.
@@ -63,8 +65,11 @@ struct ReplayReport {
   Json ObjectsJson() const;
   double MegaEventsPerSecond() const;
 
-  uint64_t ambiguous_poses_ = 0;  // received by this process
-  uint64_t triggers_ = 0;         // received by this process, including those that a notice only counts
+  // Poses by state, received by this process.
+  uint64_t tracking_poses_ = 0;
+  uint64_t degraded_poses_ = 0;
+  uint64_t ambiguous_poses_ = 0;
+  uint64_t triggers_ = 0;  // received by this process, including those that a notice only counts
   uint64_t decode_faults_ = 0;
   std::string first_decode_fault_;
   std::vector<TrackingRestarted> restarts_;  // one for each server that could not read the state of the tracker

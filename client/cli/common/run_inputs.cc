@@ -191,6 +191,10 @@ std::vector<std::string> RunInputs::object_ids() const {
 absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArguments& arguments,
                                         const RecordingReaderOptions& reader_options) {
   RunInputs inputs;
+  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"the recording", arguments.recording == "-" ? "" : arguments.recording},
+                                              {"--out", arguments.out},
+                                              {"--clock-log", arguments.clock_log},
+                                              {"--resume", arguments.resume}}));
   EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
   if (!arguments.out.empty()) {
     EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFiles::Check(arguments.out, inputs.object_ids()), "--out "));

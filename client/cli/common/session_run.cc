@@ -154,8 +154,9 @@ absl::Status SessionRun::SyncOutputs() {
 }
 
 absl::Status SessionRun::CommitOutputs() {
-  if (clock_log_ != nullptr) EVPOSE_RETURN_IF_ERROR(clock_log_->Commit());
-  return poses_ ? poses_->Commit() : absl::OkStatus();
+  // The poses first: an error of the log does not lose them.
+  if (poses_) EVPOSE_RETURN_IF_ERROR(poses_->Commit());
+  return clock_log_ != nullptr ? clock_log_->Commit() : absl::OkStatus();
 }
 
 absl::StatusOr<EventChunk> SessionRun::NextChunk() {
@@ -357,6 +358,11 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   }
   if (summary.health.poses == 0 && !report_.is_interrupted) {
     return absl::NotFoundError(absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason"));
+  }
+  if (report_.HasFilesWithoutPose()) {
+    return absl::NotFoundError(
+        absl::StrCat(arguments_.recording,
+                     ": every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl files"));
   }
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,
