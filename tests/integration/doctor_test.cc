@@ -91,6 +91,13 @@ TEST_F(DoctorTest, PartOfARecording) {
   EXPECT_THAT(result.Json()["subjects"][0].get<std::string>(), HasSubstr("in 0.300 s"));
 }
 
+TEST_F(DoctorTest, AStartBehindTheEndIsAnError) {
+  SimulateCube(0.02);
+  const CliResult result = Run({"doctor", Path("cube/recording.raw"), "--start", "5"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("recording.raw: has no events from 5 s after its first on"));
+}
+
 TEST_F(DoctorTest, Errors) {
   const CliResult nothing = Run({"doctor"});
   EXPECT_EQ(nothing.status, 2);

@@ -95,6 +95,11 @@ TEST_F(ViewCommandTest, APortThatIsTakenIsNamedBeforeFilesAreRead) {
                                 "--port", absl::StrCat((*server)->port())});
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, HasSubstr(absl::StrCat("127.0.0.1:", (*server)->port())));
+  EXPECT_THAT(result.err, HasSubstr("give another, or 0 for a free one"));
+  EXPECT_THAT(
+      Run({"view", "other.raw", "--poses", "p.csv", "--model", "m.obj", "--camera", "c.yaml", "--port", "0"}).err,
+      HasSubstr("c.yaml: cannot be read"))
+      << "0 is accepted, and the files are read";
 }
 
 TEST_F(ViewCommandTest, WrongUseNamesTheOption) {

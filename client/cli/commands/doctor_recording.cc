@@ -62,6 +62,11 @@ absl::Status RecordingExamination::Read(const std::optional<CameraModel>& camera
     AddPiece(piece);
     ShowReading(events, reader, progress);
   }
+  if (recording_.start_s > 0.0 && t_begin_us_ && diagnosis_->num_events() == 0) {
+    return absl::OutOfRangeError(absl::StrFormat(
+        "%s: has no events from %.6g s after its first on: give an earlier --start, or a longer --duration",
+        recording_.path, recording_.start_s));
+  }
   facts_ = {events.counts(), events.data_bytes(), WordBytes(header_.encoding), 0, reader.skipped()};
   if (!recording_.is_pipe() && !is_complete_) facts_.truncated_bytes = events.pending_bytes();
   return absl::OkStatus();

@@ -53,9 +53,9 @@ void OpenInBrowser(const std::string& url, std::ostream& err) {
 
 void PageArguments::AddTo(CLI::App& app) {
   app.option_defaults()->group(kPageGroup);
-  CLI::Option* const port_option = app.add_option("--port", port, "Port on 127.0.0.1. Default: a free one")
+  CLI::Option* const port_option = app.add_option("--port", port, "Port on 127.0.0.1. Default: 0, a free one")
                                        ->type_name("PORT")
-                                       ->check(CLI::Range(1, 65535));
+                                       ->check(CLI::Range(0, 65535));
   app.add_option("--listen", listen,
                  "Address to listen on, for containers, whose port is published on 127.0.0.1 of the host only")
       ->type_name("HOST:PORT")
