@@ -136,6 +136,7 @@ class Film {
   static absl::StatusOr<std::unique_ptr<Film>> Create(const std::string& path, double fps, const cv::Size& size) {
     // FFmpeg would report on standard error what Commit() reports. OpenCV reads the variable at its first use of
     // FFmpeg.
+    // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread uses the environment
     setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", /*overwrite=*/0);
     std::unique_ptr<Film> film(new Film(path));
     const bool is_mp4 = absl::EndsWith(path, ".mp4");
