@@ -33,8 +33,8 @@ void UseHelp(CLI::App& program);
 // the help or the version, 2 after an error of usage, which it has printed on standard error; nullopt if it has to run.
 std::optional<int> ParseOrAnswer(CLI::App& program, int argc, const char* const* argv);
 
-// Runs a program whose work is `run`: returns the exit status of `run`. An error of it, or an exception, is printed on
-// standard error as "NAME: cause", and the status is 1.
+// Runs `run` as the main function of a program, and returns its exit status. If it returns an error or throws, prints
+// "NAME: cause" on standard error and returns 1.
 int RunProgram(absl::string_view name, absl::FunctionRef<absl::StatusOr<int>()> run);
 
 // The error of a parser in one line, after the name of its command: "evpose replay: The following argument was not

@@ -40,7 +40,7 @@ struct Limits {
 // Sets value, limit, unit and verdict of a finding.
 void SetVerdict(double value, const Limits& limits, const std::string& unit, Finding& finding);
 
-// Sets value, limit and unit of a finding whose verdict is set otherwise.
+// Sets value, limit and unit of a finding, and leaves its verdict to the caller.
 void SetMeasured(double value, double limit, std::string unit, Finding& finding);
 
 Finding NotChecked(const std::string& check, const std::string& reason);

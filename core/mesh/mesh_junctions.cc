@@ -18,8 +18,8 @@
 namespace evpose {
 namespace {
 
-// Largest number of rounds. Real files need two or three, the last of which finds nothing. Vertices whose distance is
-// near the tolerance can need splits that alternate without end.
+// Largest number of rounds. Real files need two or three rounds; the last one splits nothing. If the distance of
+// vertices is near the tolerance, the splits of successive rounds can alternate without end.
 constexpr int kMaxRounds = 6;
 // From this round on, flat triangles are removed only if fewer remain: on an arc of vertices that are all within the
 // tolerance of its chords, each removal moves the next flat triangle by one vertex.

@@ -82,7 +82,7 @@ class SessionLog {
   void RolledBack(const StreamOrigin& origin, const absl::Status& status, const SessionSums& sums) const;
   // A session that no server has was deleted, because it has expired.
   void Orphaned(const SessionSums& sums) const;
-  // The same as Deleted() for a session whose sums are not known, because it was not read.
+  // As Deleted(), for a session that was deleted without being read, so that its sums are unknown.
   void DeletedUnread(const std::string& peer, const char* why) const;
   // The store could not delete a session that has expired.
   void NotDeleted(const absl::Status& status) const;

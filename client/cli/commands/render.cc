@@ -26,6 +26,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/base/temporary_files.h"
 #include "core/camera_files/camera_file.h"
 #include "core/geometry/trajectory.h"
 #include "core/recordings/event_reader.h"
@@ -152,6 +153,7 @@ class Film {
     writer_.release();
     std::error_code ignored;
     if (!is_committed_) std::filesystem::remove(temporary_path_, ignored);
+    UnregisterTemporaryFile(temporary_path_);
   }
 
   void Write(const cv::Mat& image) {
@@ -178,7 +180,9 @@ class Film {
   // The extension remains last, because it selects the container.
   explicit Film(const std::string& path)
       : path_(path),
-        temporary_path_(absl::StrCat(path, ".partial-", getpid(), std::filesystem::path(path).extension().string())) {}
+        temporary_path_(absl::StrCat(path, ".partial-", getpid(), std::filesystem::path(path).extension().string())) {
+    RegisterTemporaryFile(temporary_path_);
+  }
 
   const std::string path_;
   const std::string temporary_path_;

@@ -138,7 +138,8 @@ void ReplayReport::PrintObjects(std::ostream& stream) const {
     }
     if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
   }
-  if (degraded_poses_ > 0 && tracking_poses_ == 0) {
+  // A run that was continued knows the states of its own poses only.
+  if (degraded_poses_ > 0 && degraded_poses_ + ambiguous_poses_ == summary.poses) {
     stream << "no pose is TRACKING, " << degraded_poses_
            << " are DEGRADED: the events have not confirmed a pose; are the "
            << "model, its scale and the camera the right ones?\n";

@@ -31,6 +31,22 @@ TEST(ReplayReportTest, NamesEveryRestartOfTheTracking) {
   EXPECT_THAT(Printed(report), HasSubstr("tracking: restarted after chunk 8 and pose 70, every object was"));
 }
 
+TEST(ReplayReportTest, SaysThatNoPoseWasConfirmedOnlyIfItKnowsAllPoses) {
+  ReplayReport report;
+  Pose degraded;
+  degraded.state = TrackState::kDegraded;
+  report.Add(degraded);
+  report.summary.poses = 1;
+  EXPECT_THAT(Printed(report), HasSubstr("no pose is TRACKING, 1 are DEGRADED: the events have not confirmed a pose"));
+  report.summary.poses = 2;  // the first of them was received before this run continued another one
+  EXPECT_THAT(Printed(report), Not(HasSubstr("no pose is TRACKING")));
+  Pose tracking;
+  tracking.state = TrackState::kTracking;
+  report.Add(tracking);
+  EXPECT_THAT(Printed(report), Not(HasSubstr("no pose is TRACKING")));
+  EXPECT_EQ(report.ToJson()["tracking_poses"], 1);
+}
+
 TEST(ReplayReportTest, JsonNamesTheTraceOfADeletedSessionToo) {
   ReplayReport report;
   report.trace_id = "0af7";

@@ -23,7 +23,7 @@ constexpr int kRowRunBits = 5;
 constexpr int kPolarityRunBits = 7;
 // In place of a time step: the low half of the byte has four bits of a step of 15 us or more.
 constexpr unsigned kLongTime = 15;
-constexpr int kColumns = 5;  // columns right of the first, of which a mask says whether they have events
+constexpr int kColumns = 5;  // columns after the first; a mask states which of them have events
 
 // The value of a run whose length does not fit and is in the next 16 bits.
 constexpr unsigned LongRun(int run_bits) { return (1u << run_bits) - 1; }

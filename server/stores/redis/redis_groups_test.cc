@@ -75,7 +75,7 @@ class RedisGroupsTest : public testing::Test {
     return options;
   }
   std::unique_ptr<Store> Open() const { return OpenRedisStore(Options({{"a", &a_}, {"b", &b_}})).value(); }
-  // A name whose bucket is in the group of this number.
+  // Returns a name whose bucket belongs to group number `group`.
   static std::string NameIn(int group, const std::string& prefix = "sessions/") {
     std::string name = prefix;
     while (RedisBucketOf(name) % 2 != group) name += "x";

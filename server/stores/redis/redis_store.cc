@@ -21,7 +21,7 @@
 namespace evpose::server {
 namespace {
 
-// The number of sessions of which a field is read with one round trip.
+// The number of sessions that are read in one round trip, one field each.
 constexpr size_t kSessionsPerRoundTrip = 1000;
 // A name of 256 on average fits to a request.
 constexpr int kMaxDrawnNames = 100'000;
