@@ -11,6 +11,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -38,8 +39,8 @@ void GiveToUser(const std::string& path) {
   for (const auto& entry : std::filesystem::recursive_directory_iterator(path)) give(entry.path());
 }
 
-// Starts a program whose output is written to `log`.
-pid_t StartProgram(std::vector<std::string> arguments, int log) {
+// Starts a program whose output is written to `log`. Its processes keep a copy of `end` until they end.
+pid_t StartProgram(std::vector<std::string> arguments, int log, int end) {
   arguments[0].insert(0, kPrograms);
   std::vector<char*> words;
   for (std::string& argument : arguments) words.push_back(argument.data());
@@ -51,17 +52,21 @@ pid_t StartProgram(std::vector<std::string> arguments, int log) {
   prctl(PR_SET_PDEATHSIG, SIGQUIT);  // ends all processes of the server
   dup2(log, STDOUT_FILENO);
   dup2(log, STDERR_FILENO);
+  dup(end);  // the copy is not closed by execv
   if (chdir("/") != 0) _exit(126);
   execv(words[0], words.data());
   _exit(127);
 }
 
 // Runs a program until it ends, or until it has written a line that contains `ready`. Returns what it has written.
-std::string RunProgram(const std::vector<std::string>& arguments, const std::string& ready, pid_t& process) {
-  int log[2];
-  if (pipe2(log, O_CLOEXEC) != 0) throw std::runtime_error("there is no pipe left");
-  process = StartProgram(arguments, log[1]);
+// `end` is at the end of the file when all processes of the program have ended.
+std::string RunProgram(const std::vector<std::string>& arguments, const std::string& ready, pid_t& process, int& end) {
+  int log[2], ends[2];
+  if (pipe2(log, O_CLOEXEC) != 0 || pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("there is no pipe left");
+  process = StartProgram(arguments, log[1], ends[1]);
   close(log[1]);
+  close(ends[1]);
+  end = ends[0];
   FILE* const lines = fdopen(log[0], "r");
   char line[1024];
   std::string output;
@@ -73,11 +78,21 @@ std::string RunProgram(const std::vector<std::string>& arguments, const std::str
   return output;
 }
 
-void RunToEnd(const std::vector<std::string>& arguments) {
-  pid_t process = -1;
-  const std::string output = RunProgram(arguments, "", process);
+// Waits until a program's first process and then all others have ended. Returns the status of the first.
+int AwaitEnd(pid_t process, int end) {
   int status = 0;
   waitpid(process, &status, 0);
+  char byte;
+  while (read(end, &byte, 1) < 0 && errno == EINTR) continue;
+  close(end);
+  return status;
+}
+
+void RunToEnd(const std::vector<std::string>& arguments) {
+  pid_t process = -1;
+  int end = -1;
+  const std::string output = RunProgram(arguments, "", process, end);
+  const int status = AwaitEnd(process, end);
   if (status != 0) {
     throw std::runtime_error(absl::StrCat(arguments[0], " (deploy/install-dependencies.sh --test) failed: ", output));
   }
@@ -121,48 +136,33 @@ PostgresServer::PostgresServer(StandbyOf standby) {
   Start();
 }
 
-PostgresServer::~PostgresServer() {
-  if (process_ <= 0) return;
-  kill(process_, SIGQUIT);
-  waitpid(process_, nullptr, 0);
-}
+PostgresServer::~PostgresServer() { Signal(SIGQUIT); }
 
-absl::Status PostgresServer::TryStart() {
+void PostgresServer::Start() {
   std::vector<std::string> words = {"postgres", "-D", data(), "-c", "listen_addresses=", "-c",
                                     "unix_socket_directories=" + directory_.path(), "-c", "shared_buffers=16MB", "-c",
                                     "wal_init_zero=off",
                                     // A busy machine must not make the primary take the standby for lost.
                                     "-c", "wal_sender_timeout=0", "-c", "wal_receiver_timeout=0"};
   for (const std::string& setting : settings_) words.insert(words.end(), {"-c", setting});
-  const std::string output = RunProgram(words, "ready to accept", process_);
-  if (absl::StrContains(output, "ready to accept")) return absl::OkStatus();
-  waitpid(process_, nullptr, 0);
+  const std::string output = RunProgram(words, "ready to accept", process_, end_);
+  if (absl::StrContains(output, "ready to accept")) return;
+  AwaitEnd(process_, end_);
   process_ = -1;
-  return absl::UnavailableError("postgres did not start: " + output);
+  ADD_FAILURE() << "postgres did not start: " << output;
 }
 
-void PostgresServer::Start() {
-  while (true) {
-    const absl::Status started = TryStart();
-    // The other processes of a killed server have not ended yet.
-    if (absl::StrContains(started.message(), "shared memory block")) continue;
-    EXPECT_EQ(started, absl::OkStatus());
-    return;
-  }
-}
-
-void PostgresServer::Kill() {
+// A connection's process that has not noticed the end of the first one could still commit.
+void PostgresServer::Signal(int signal) {
   if (process_ <= 0) return;
-  kill(process_, SIGKILL);
-  waitpid(process_, nullptr, 0);
+  kill(process_, signal);
+  AwaitEnd(process_, end_);
   process_ = -1;
 }
 
-void PostgresServer::Stop() {
-  kill(process_, SIGINT);
-  waitpid(process_, nullptr, 0);
-  process_ = -1;
-}
+void PostgresServer::Kill() { Signal(SIGKILL); }
+
+void PostgresServer::Stop() { Signal(SIGINT); }
 
 void PostgresServer::SetSynchronous(const std::string& standby) const {
   Run("ALTER SYSTEM SET synchronous_standby_names = '" + standby + "'");

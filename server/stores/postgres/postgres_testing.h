@@ -36,7 +36,7 @@ class PostgresServer {
   // The directory of the socket, which is the server's host.
   const std::string& host() const { return directory_.path(); }
 
-  // Sends SIGKILL to the server's first process; the others end when they see it.
+  // Sends SIGKILL to the server's first process, and waits until the others have seen it and ended.
   void Kill();
   // Ends the server in order: it closes all connections.
   void Stop();
@@ -52,12 +52,13 @@ class PostgresServer {
   std::string Run(const std::string& sql) const;
 
  private:
-  absl::Status TryStart();
+  void Signal(int signal);
   std::string data() const { return directory_.path() + "/data"; }
 
   const TemporaryDirectory directory_;
   std::vector<std::string> settings_;
   pid_t process_ = -1;
+  int end_ = -1;
 };
 
 }  // namespace evpose::server
