@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <string>
 #include <utility>
@@ -141,6 +142,16 @@ TEST(PhaseListenerTest, AWrongGivenPoseIsRejected) {
   ASSERT_FALSE(run.ObjectTransitions().empty());
   EXPECT_EQ(run.ObjectTransitions().front(), "SEARCHING to VERIFYING_GIVEN");
   EXPECT_THAT(run.ObjectTransitions(), ::testing::Not(::testing::Contains("VERIFYING_GIVEN to PUBLISHED")));
+  // The hypothesis is reported as lost before the object.
+  const auto lost = std::find_if(run.transitions.begin(), run.transitions.end(), [](const PhaseTransition& each) {
+    const auto* const track = std::get_if<TrackTransition>(&each.change);
+    return track != nullptr && track->to == TrackPhase::kLost;
+  });
+  ASSERT_NE(lost, run.transitions.end());
+  EXPECT_EQ(std::get<TrackTransition>(lost->change).from, TrackPhase::kTentative);
+  ASSERT_NE(lost + 1, run.transitions.end());
+  EXPECT_TRUE(IsGiven(std::get<ObjectTransition>((lost + 1)->change).from));
+  EXPECT_EQ((lost + 1)->t_us, lost->t_us);
 }
 
 TEST(PhaseListenerTest, EstimatesDoNotDependOnTheListener) {

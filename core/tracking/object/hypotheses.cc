@@ -108,7 +108,11 @@ void Hypotheses::Join(Hypotheses&& others) {
     };
     const auto end = entries_.begin() + static_cast<std::ptrdiff_t>(num_present);
     const bool is_known = num_present > 0 && (HasRejected(pose) || std::any_of(entries_.begin(), end, is_same));
-    if (!is_known && entries_.size() < MaxEntries()) Append(std::move(entry));
+    if (!is_known && entries_.size() < MaxEntries()) {
+      Append(std::move(entry));
+    } else {
+      entry.track->Reject(LossCause::kBetterPose, others.now_us_);
+    }
   }
   others.entries_.clear();
 }
@@ -146,6 +150,7 @@ void Hypotheses::Append(Entry entry) {
 }
 
 void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
+  now_us_ = window.t_end_us;
   for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window, others);
   DropLost();
   DropRejected();
@@ -364,6 +369,7 @@ void Hypotheses::LoadState(StateReader& reader) {
 
 void Hypotheses::Remove(size_t index, LossCause cause) {
   if (index == 0) first_removed_because_ = cause;
+  entries_[index].track->Reject(cause, now_us_);
   const auto offset = static_cast<std::ptrdiff_t>(index);
   entries_.erase(entries_.begin() + offset);
   for (Entry& entry : entries_) entry.comparisons.erase(entry.comparisons.begin() + offset);

@@ -426,6 +426,11 @@ void PoseTrack::Enter(TrackInput input, int64_t t_us) {
   phase_ = next;
 }
 
+void PoseTrack::Reject(LossCause cause, int64_t t_us) {
+  Enter(TrackInput::kRejection, t_us);
+  loss_cause_ = cause;
+}
+
 LossCause PoseTrack::CauseOf(TrackInput input) const {
   if (input == TrackInput::kTimeout) return LossCause::kContradicted;
   const bool is_in_view =

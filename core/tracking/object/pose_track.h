@@ -52,6 +52,9 @@ class PoseTrack {
   // No event was processed for `gap_us` before the next window: the timeouts of the phases are extended by it.
   void OnGap(int64_t gap_us);
 
+  // The hypothesis is removed for this reason, unless it is lost already.
+  void Reject(LossCause cause, int64_t t_us);
+
   TrackState state() const { return ReportedState(phase_); }
   // Why the state is LOST.
   LossCause loss_cause() const { return loss_cause_; }

@@ -14,7 +14,7 @@ std::string_view TrackPhaseName(TrackPhase phase) {
 }
 
 TrackPhase NextPhase(TrackPhase phase, TrackInput input) {
-  if (phase == TrackPhase::kLost || input == TrackInput::kFailure) return TrackPhase::kLost;
+  if (phase == TrackPhase::kLost) return TrackPhase::kLost;
   const bool is_tentative = phase == TrackPhase::kTentative;
   // Few events and occlusion carry no evidence: the result of the last test remains in force.
   const bool was_supported =
@@ -33,6 +33,7 @@ TrackPhase NextPhase(TrackPhase phase, TrackInput input) {
     case TrackInput::kTimeout:
       return phase == TrackPhase::kUnsupported ? TrackPhase::kLost : phase;
     case TrackInput::kFailure:
+    case TrackInput::kRejection:
       break;
   }
   return TrackPhase::kLost;

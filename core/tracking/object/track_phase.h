@@ -35,8 +35,9 @@ enum class TrackInput {
   kOcclusion,       // other tracked objects hide all of it, or so much that the rest cannot be tested
   kTimeout,         // contradicted for HealthOptions::lost_after_us
   kFailure,         // no usable fit, or an uncertainty above HealthOptions::max_uncertainty_px
+  kRejection,       // removed from the hypotheses: a competing one is better or equal, or see LossCause
 };
-inline constexpr int kNumTrackInputs = 7;
+inline constexpr int kNumTrackInputs = 8;
 
 // Returns the phase after `input`, by the table of the README; `phase` itself if nothing changes.
 TrackPhase NextPhase(TrackPhase phase, TrackInput input);

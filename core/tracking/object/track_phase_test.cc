@@ -12,14 +12,14 @@ using T = TrackPhase;
 
 // The table of core/tracking/README.md, by phase; columns in the order of TrackInput.
 constexpr std::array<std::array<T, kNumTrackInputs>, kNumTrackPhases> kTrackTable = {{
-    // support, partial support, few events, contradiction, occlusion, timeout, failure
-    {T::kConfirmed, T::kDoubtful, T::kTentative, T::kTentative, T::kTentative, T::kTentative, T::kLost},
-    {T::kConfirmed, T::kDoubtful, T::kCoasting, T::kUnsupported, T::kOccluded, T::kConfirmed, T::kLost},
-    {T::kConfirmed, T::kDoubtful, T::kCoasting, T::kUnsupported, T::kOccluded, T::kCoasting, T::kLost},
-    {T::kConfirmed, T::kDoubtful, T::kCoasting, T::kUnsupported, T::kOccluded, T::kOccluded, T::kLost},
-    {T::kConfirmed, T::kDoubtful, T::kDoubtful, T::kUnsupported, T::kDoubtful, T::kDoubtful, T::kLost},
-    {T::kConfirmed, T::kDoubtful, T::kUnsupported, T::kUnsupported, T::kUnsupported, T::kLost, T::kLost},
-    {T::kLost, T::kLost, T::kLost, T::kLost, T::kLost, T::kLost, T::kLost},
+    // support, partial support, few events, contradiction, occlusion, timeout, failure, rejection
+    {T::kConfirmed, T::kDoubtful, T::kTentative, T::kTentative, T::kTentative, T::kTentative, T::kLost, T::kLost},
+    {T::kConfirmed, T::kDoubtful, T::kCoasting, T::kUnsupported, T::kOccluded, T::kConfirmed, T::kLost, T::kLost},
+    {T::kConfirmed, T::kDoubtful, T::kCoasting, T::kUnsupported, T::kOccluded, T::kCoasting, T::kLost, T::kLost},
+    {T::kConfirmed, T::kDoubtful, T::kCoasting, T::kUnsupported, T::kOccluded, T::kOccluded, T::kLost, T::kLost},
+    {T::kConfirmed, T::kDoubtful, T::kDoubtful, T::kUnsupported, T::kDoubtful, T::kDoubtful, T::kLost, T::kLost},
+    {T::kConfirmed, T::kDoubtful, T::kUnsupported, T::kUnsupported, T::kUnsupported, T::kLost, T::kLost, T::kLost},
+    {T::kLost, T::kLost, T::kLost, T::kLost, T::kLost, T::kLost, T::kLost, T::kLost},
 }};
 
 TEST(TrackPhaseTest, EveryTransitionIsThatOfTheTable) {
