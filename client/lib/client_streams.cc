@@ -71,7 +71,7 @@ absl::Status Watch(Impl& impl, WatchMethod<Request, Response> method, const Requ
     if (!invalid.ok()) return absl::InternalError(absl::StrCat(choice.endpoint().name, ": ", invalid.message()));
     if (stop.stop_requested()) return status;
     if (choice.Next(status)) continue;
-    if (ReasonOf(status) == v1::EVENTS_ELSEWHERE && num_others + 1 < impl.endpoints.size()) {
+    if (ReasonOf(status) == v1::SESSION_NOT_TRACKED_HERE && num_others + 1 < impl.endpoints.size()) {
       ++num_others;
       choice.Skip();
     } else if (HasMoved(status)) {

@@ -203,7 +203,7 @@ TEST_F(WatchTest, ImagesThatCannotBeDeliveredAreErrors) {
   EXPECT_THAT(status.message(), HasSubstr("EVENT_IMAGES_OFF"));
   // The only server of this client does not track the events.
   service_.watch_events = [](const v1::WatchEventsRequest&, auto&) {
-    return WithReason(grpc::StatusCode::FAILED_PRECONDITION, "EVENTS_ELSEWHERE");
+    return WithReason(grpc::StatusCode::FAILED_PRECONDITION, "SESSION_NOT_TRACKED_HERE");
   };
   EXPECT_EQ(client_->WatchEvents("sessions/1", {}, ignore).code(), absl::StatusCode::kFailedPrecondition);
   status = client_->WatchEvents("sessions/1", {.cell_px = 3}, ignore);

@@ -489,7 +489,7 @@ TEST_F(ServerChoiceTest, HealthAndImagesContinueAtTheServerThatIsAlive) {
 
 TEST_F(ServerChoiceTest, TheServersThatAreAliveDoNotTrackTheEvents) {
   first_.status = kRefused;
-  second_.status = WithReason(grpc::StatusCode::FAILED_PRECONDITION, "EVENTS_ELSEWHERE");
+  second_.status = WithReason(grpc::StatusCode::FAILED_PRECONDITION, "SESSION_NOT_TRACKED_HERE");
   const absl::Status status = client_->WatchEvents("sessions/1", {}, [](const EventImage&) {});
   EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition) << status;
   EXPECT_EQ(first_.TakeCalls().size(), second_.TakeCalls().size());

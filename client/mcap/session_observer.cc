@@ -62,7 +62,7 @@ void SessionObserver::Repeat(const std::string& what, const std::stop_token& sto
     if (status.ok() || stop.stop_requested()) return;
     // Also while no server tracks the events, as after the restart of one until the stream is attached again.
     const bool may_pass = AdviseOn(status) == RetryAdvice::kTryAgain ||
-                          GetDetails(status).reason == v1::ErrorReason_Name(v1::EVENTS_ELSEWHERE);
+                          GetDetails(status).reason == v1::ErrorReason_Name(v1::SESSION_NOT_TRACKED_HERE);
     if (!may_pass) return Report(what, status);
     if (!SystemClock().SleepUntil(SystemClock().Now() + kRetryPeriod, stop)) return;
   }

@@ -195,22 +195,22 @@ TEST_F(StoreErrorsTest, CallsThatNeedAnUnreachableStoreFail) {
   Use(StartOnStore());
   trouble_->Set(absl::UnavailableError("gone"));
   CreatedSession session;
-  EXPECT_EQ(Describe(Create(request, &session)), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(Describe(Create(request, &session)), "UNAVAILABLE STORE_UNAVAILABLE");
   v1::CreateSessionRequest again = request;
   again.set_request_id("again");
-  EXPECT_EQ(Describe(Create(again, &session)), "UNAVAILABLE STORE_AWAY");
-  EXPECT_EQ(GetError(here.name()), "UNAVAILABLE STORE_AWAY");
-  EXPECT_EQ(ListError(), "UNAVAILABLE STORE_AWAY");
-  EXPECT_EQ(Describe(Delete(here.name())), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(Describe(Create(again, &session)), "UNAVAILABLE STORE_UNAVAILABLE");
+  EXPECT_EQ(GetError(here.name()), "UNAVAILABLE STORE_UNAVAILABLE");
+  EXPECT_EQ(ListError(), "UNAVAILABLE STORE_UNAVAILABLE");
+  EXPECT_EQ(Describe(Delete(here.name())), "UNAVAILABLE STORE_UNAVAILABLE");
   const grpc::Status attached = AttachError(here.name(), here.resume_token());
-  EXPECT_EQ(Describe(attached), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(Describe(attached), "UNAVAILABLE STORE_UNAVAILABLE");
   EXPECT_THAT(attached.error_message(), testing::HasSubstr("does not answer"));
   v1::Model model;
   std::string other = kCubeObj;
   other.insert(0, "# other\n");
-  EXPECT_EQ(Describe(Upload(UploadRequests(other), &model)), "UNAVAILABLE STORE_AWAY");
-  EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "UNAVAILABLE STORE_AWAY");
-  EXPECT_EQ(DeleteModelError("models/elsewhere"), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(Describe(Upload(UploadRequests(other), &model)), "UNAVAILABLE STORE_UNAVAILABLE");
+  EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "UNAVAILABLE STORE_UNAVAILABLE");
+  EXPECT_EQ(DeleteModelError("models/elsewhere"), "UNAVAILABLE STORE_UNAVAILABLE");
   trouble_->Set(absl::OkStatus());
   EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "FAILED_PRECONDITION MODEL_IN_USE");
   EXPECT_EQ(Describe(Create(request, &session)), "OK");
@@ -228,7 +228,7 @@ TEST_F(StoreErrorsTest, ARequestThatIsKnownDoesNotWaitForTheStoreEither) {
   EXPECT_EQ(taken.name(), made.name());
   Use(StartOnStore());
   trouble_->Set(absl::UnavailableError("gone"));
-  EXPECT_EQ(Describe(Create(request, &taken)), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(Describe(Create(request, &taken)), "UNAVAILABLE STORE_UNAVAILABLE");
   trouble_->Set(absl::OkStatus());
   ASSERT_EQ(Describe(Create(request, &taken)), "OK");
   EXPECT_EQ(taken.name(), made.name());
@@ -444,12 +444,12 @@ TEST_F(StoreErrorsTest, ImagesOfEventsAreMadeWhereTheyAreTracked) {
     grpc::ClientContext context;
     return Describe(elsewhere->WatchEvents(&context, request)->Finish());
   };
-  EXPECT_EQ(watch_elsewhere(), "FAILED_PRECONDITION EVENTS_ELSEWHERE");
+  EXPECT_EQ(watch_elsewhere(), "FAILED_PRECONDITION SESSION_NOT_TRACKED_HERE");
   MakePoses(*track);
   ASSERT_TRUE(track->End());
   EXPECT_EQ(Describe(track->Finish()), "OK");
   std::string result = watch_elsewhere();
-  while (result == "FAILED_PRECONDITION EVENTS_ELSEWHERE") result = watch_elsewhere();  // it reads the end later
+  while (result == "FAILED_PRECONDITION SESSION_NOT_TRACKED_HERE") result = watch_elsewhere();  // reads the end later
   EXPECT_EQ(result, "OK") << "the session has ended";
 }
 
@@ -460,7 +460,7 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerReceiveErrorsOfTheStore) {
   Use(StartOnStore());
   EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
   trouble_->Set(absl::UnavailableError("gone"));
-  EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_AWAY");
+  EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_UNAVAILABLE");
   // In the second case the store also fails when the server asks for the tenant of the damaged session.
   for (const absl::Status& answer : {absl::InternalError("bad page"), absl::DataLossError("bad page")}) {
     trouble_->Set(answer);

@@ -436,7 +436,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (page_.empty() || page_.front().pose_seq != sent_pose_seq_ + 1) {
       Fail(WithReason(absl::AbortedError(absl::StrCat("pose ", sent_pose_seq_ + 1,
                                                       " is no longer stored; attach again to go on after the gap")),
-                      v1::POSES_FORGOTTEN));
+                      v1::POSES_EXPIRED));
       return false;
     }
     *response_.mutable_pose() = ToProto(page_.front(), session_->config());

@@ -320,7 +320,7 @@ TEST_F(TrackTest, WithLatestAStreamIsNotifiedOfDeletedPoses) {
     const auto track = Attached(session, &attached);
     ASSERT_TRUE(track->Events(1, ManyPoses()));
     const grpc::Status status = track->Finish();
-    EXPECT_EQ(Describe(status), "ABORTED POSES_FORGOTTEN");
+    EXPECT_EQ(Describe(status), "ABORTED POSES_EXPIRED");
     EXPECT_THAT(status.error_message(), testing::HasSubstr("pose 1 is no longer stored"));
   }
   session.set_resume_token(attached.resume_token());

@@ -58,7 +58,7 @@ absl::Status FromStore(const absl::Status& status) {
   switch (status.code()) {
     case absl::StatusCode::kUnavailable:
       return WithReason(absl::UnavailableError(absl::StrCat("the store does not answer: ", status.message())),
-                        v1::STORE_AWAY);
+                        v1::STORE_UNAVAILABLE);
     case absl::StatusCode::kResourceExhausted:
       return WithReason(absl::ResourceExhaustedError(absl::StrCat("the store has no room: ", status.message())),
                         v1::STORE_FULL);

@@ -33,7 +33,7 @@ inline constexpr absl::Duration kRetryDelay = absl::Seconds(5);
 absl::Status LimitReached(v1::ErrorReason reason, absl::string_view subject, absl::string_view description,
                           absl::Duration retry_after);
 
-// Translates a status of a store into the status that clients see: UNAVAILABLE gets the reason STORE_AWAY,
+// Translates a status of a store into the status that clients see: UNAVAILABLE gets the reason STORE_UNAVAILABLE,
 // RESOURCE_EXHAUSTED gets STORE_FULL, every other error becomes INTERNAL with STORE_FAILED. OK, and a status that
 // already has a reason or a field, is returned unchanged.
 absl::Status FromStore(const absl::Status& status);

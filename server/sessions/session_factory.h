@@ -47,7 +47,7 @@ class SessionFactory {
   absl::StatusOr<Resumed> Resume(absl::string_view name) const;
 
   // The stored state of a session, with its poses after `after_pose_seq`; fences no server. Errors: NOT_FOUND
-  // (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
+  // (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_UNAVAILABLE).
   struct Stored {
     SessionRecord record;
     SessionLifecycle lifecycle;

@@ -73,7 +73,7 @@ class SessionManager {
   absl::StatusOr<std::shared_ptr<Session>> Get(const std::string& tenant, absl::string_view name);
   // Returns a read-only replica of a session that another server on the same store holds. All its watchers share one
   // replica. Waits for the store. Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE
-  // (STORE_AWAY).
+  // (STORE_UNAVAILABLE).
   absl::StatusOr<std::shared_ptr<WatchedSession>> Mirror(const std::string& tenant, const std::string& name);
   // Returns the session if this server holds it and the token is valid; otherwise null, and the caller must use
   // ResumeForAttach().
@@ -82,11 +82,11 @@ class SessionManager {
   // As FindForAttach(), but resumes the session from the store when this server does not hold it, or has closed it
   // (because another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND
   // (SESSION_NOT_FOUND), PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED
-  // (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_AWAY, DRAINING).
+  // (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_UNAVAILABLE, DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> ResumeForAttach(const std::string& tenant, const std::string& name,
                                                            absl::string_view resume_token);
   // The next three functions include the sessions of other servers, and wait for the store where they need it.
-  // Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_AWAY).
+  // Errors: NOT_FOUND (SESSION_NOT_FOUND), DATA_LOSS (SESSION_DAMAGED), UNAVAILABLE (STORE_UNAVAILABLE).
   absl::StatusOr<SessionInfo> Describe(const std::string& tenant, const std::string& name);
   // Returns at most `max_sessions` sessions, in the order of their names, from the first name after `after_name` on.
   absl::StatusOr<std::vector<SessionInfo>> List(const std::string& tenant, absl::string_view after_name,

@@ -243,7 +243,7 @@ TEST_F(SessionManagerTest, NoCallWaitsWhileTheStoreWrites) {
     ++num_asked;
   };
   trouble->Set(absl::UnavailableError("away"));
-  EXPECT_EQ(GetErrorDetails(registry->Delete("", model_)).reason, "STORE_AWAY");
+  EXPECT_EQ(GetErrorDetails(registry->Delete("", model_)).reason, "STORE_UNAVAILABLE");
   EXPECT_TRUE(registry->Use("", model_).ok()) << "the model is kept";
   trouble->Set(absl::OkStatus());
   EXPECT_TRUE(registry->Delete("", model_).ok());

@@ -76,7 +76,7 @@ TEST(AdviseOnTest, EveryStatusThatAStreamCanEndWith) {
            Case{Code::kUnknown, {}, RetryAdvice::kTryAgain},   // a proxy
            Case{Code::kInternal, {}, RetryAdvice::kTryAgain},  // the transport
            Case{Code::kInternal, {"STORE_FAILED"}, RetryAdvice::kGiveUp},
-           Case{Code::kAborted, {"POSES_FORGOTTEN"}, RetryAdvice::kTryAgain},
+           Case{Code::kAborted, {"POSES_EXPIRED"}, RetryAdvice::kTryAgain},
            Case{Code::kAborted, {"FENCED"}, RetryAdvice::kGiveUp},
            Case{Code::kDataLoss, {"CRC_MISMATCH"}, RetryAdvice::kTryAgain},
            Case{Code::kDataLoss, {}, RetryAdvice::kGiveUp},

@@ -199,7 +199,7 @@ TEST_F(TrackResumeTest, AServerThatIsBehindTheReceivedPosesContinues) {
 }
 
 TEST_F(TrackResumeTest, PosesDeletedByTheServerAreReportedAndCounted) {
-  scripts_ = {BreakAfter(3, 1, 2, WithReason(grpc::StatusCode::ABORTED, "POSES_FORGOTTEN")), FinishFrom(4, 6, 8)};
+  scripts_ = {BreakAfter(3, 1, 2, WithReason(grpc::StatusCode::ABORTED, "POSES_EXPIRED")), FinishFrom(4, 6, 8)};
   const auto summary = Run();
   ASSERT_TRUE(summary.ok()) << summary.status();
   EXPECT_THAT(PoseSeqs(), ElementsAre(1, 2, 6, 7, 8));

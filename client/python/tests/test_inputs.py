@@ -339,7 +339,7 @@ class RetryTest(InputTest):
         for error, advice in (
                 (evpose.UnavailableError(""), again), (evpose.DeadlineExceededError("", reason="STREAM_IDLE"), again),
                 (evpose.InternalError(""), again), (evpose.InternalError("", reason="STORE_FAILED"), Advice.GIVE_UP),
-                (evpose.CancelledError(""), again), (evpose.AbortedError("", reason="POSES_FORGOTTEN"), again),
+                (evpose.CancelledError(""), again), (evpose.AbortedError("", reason="POSES_EXPIRED"), again),
                 (evpose.AbortedError("", reason="FENCED"), Advice.GIVE_UP), (evpose.DataLossError("", reason="CRC_MISMATCH"), again),
                 (evpose.DataLossError("", reason="SESSION_DAMAGED"), Advice.GIVE_UP), (evpose.ResourceExhaustedError(""), Advice.GIVE_UP),
                 (evpose.ResourceExhaustedError("", retry_in_s=1.0), again),

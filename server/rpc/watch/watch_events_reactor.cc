@@ -66,7 +66,7 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
               name_,
               ": its events are not tracked at this server, which has no images of them; call the server that "
               "its stream is attached to")),
-          v1::EVENTS_ELSEWHERE, {{"session", name_}});
+          v1::SESSION_NOT_TRACKED_HERE, {{"session", name_}});
     }
     const SessionConfig& config = session().config();
     const int cell_px = static_cast<int>(cell_px_);
