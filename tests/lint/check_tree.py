@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the tree of tracked files: licence lines, sizes of folders, of files and of the README, the READMEs of the libraries, whether
-every document, section, heading, equation and path that is cited exists, and whether the numbers of equations are unique. Prints each
-finding as `file:line: text` and exits with status 1 if there is one."""
+"""Checks the tree of tracked files: licence lines, sizes of folders, of files and of the README, columns of documents, the
+READMEs of the libraries, whether every document, section, heading, equation and path that is cited exists, and whether the numbers of
+equations are unique. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections
 import os
@@ -13,6 +13,7 @@ import sys
 MAX_FOLDER_FILES = 45
 MAX_README_LINES = 150
 MAX_FILE_LINES = 500
+MAX_COLUMNS = 140  # of prose in documents; tables and links of pictures cannot be broken
 SOURCE = re.compile(r"\.(h|cc|proto|sh|py|ts|mjs|css|html|cmake)$")
 SHARED_DATA = "../" + "shared"
 SHARED_DATA_FILE = "CMakeLists.txt"
@@ -124,6 +125,13 @@ def check_size(file, text, findings):
         findings.append(f"{file}: {lines} lines; at most {MAX_FILE_LINES} are allowed: split the file")
 
 
+def check_columns(file, text, findings):
+    prose = CODE_BLOCK.sub(lambda block: "\n" * block.group(0).count("\n"), text)
+    for number, line in enumerate(prose.split("\n"), 1):
+        if len(line) > MAX_COLUMNS and not line.lstrip().startswith(("|", "![")):
+            findings.append(f"{file}:{number}: {len(line)} columns; at most {MAX_COLUMNS} are allowed")
+
+
 def check_library_readmes(files, findings):
     """Each folder of a library below core, server and client has a README, which the README above lists."""
     for top in ("core", "server", "client"):
@@ -158,6 +166,8 @@ def main():
             check_citations(file, text, findings)
             check_paths(file, text, findings)
         check_size(file, text, findings)
+        if file.endswith(".md"):
+            check_columns(file, text, findings)
         check_determinism(file, text, findings)
         if SHARED_DATA in text and file != SHARED_DATA_FILE:
             findings.append(f"{file}:1: only {SHARED_DATA_FILE} names {SHARED_DATA}: use tests/data/test_data.h")
