@@ -14,7 +14,9 @@ namespace evpose {
 
 // Constants of a sensor and lens. The defaults are those of a simulated EVK4 at its default thresholds (28 % contrast)
 // behind a lens that blurs by 0.5 px, fitted by `evpose calibrate` to a cube, a cuboid and a plate at one and at four
-// times their usual speed. deploy/sensors/evk4.yaml has the same values.
+// times their usual speed. deploy/sensors/evk4.yaml has the same values. Validated by tests/bench/sensor_settings.py
+// (deploy/sensors/README.md): on sensors with thresholds of 0.1 and 0.5 instead of 0.28 the position error is 1.7 and 2
+// times as large, in part because the profile does not fit.
 struct SensorProfile {
   std::string name = "evk4";
   // Pixels: standard deviation of the events about their line. Rounding to pixels contributes 0.3, the several events

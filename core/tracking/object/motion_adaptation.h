@@ -11,6 +11,8 @@
 
 namespace evpose {
 
+// The constants are validated by motion_adaptation_test and by the cube on a turntable of `evpose bench real`
+// (core/experiments/RESULTS.md, Tracking).
 class MotionAdaptation {
  public:
   // The difference between an estimate and its prediction, compared with the expected one.

@@ -78,7 +78,8 @@ class PoseTrack {
     bool is_contour = false;        // the nearest line is part of a contour
   };
   // Twice the half-width of the widest triangle by which hypotheses are compared (README, section 2): events farther
-  // away have a score of 0.
+  // away have a score of 0. Validated by half_turns_test: a contour 2 px beside its place must not count against the
+  // right pose.
   static constexpr float kScoredPx = 6.0f;
   Nearness NearestLine(Observation observation, const Competitors* others = nullptr) const;
   // Root mean square of the residuals of the last window, pixels.
