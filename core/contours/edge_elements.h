@@ -40,6 +40,9 @@ struct EdgeElement {
   float prior_contrast = 1.0f;  // expected log contrast relative to that of an occluding contour, in (0, 1]
 };
 
+// sagitta_px is validated by contours_test (errors of elements against the true surface), min_chain_px by creases_test,
+// max_arc_px by element_arcs_test, and all fields together, with the processor time, by `evpose bench models`
+// (core/experiments/RESULTS.md, Tracking).
 struct EdgeElementOptions {
   // Largest distance, pixels, between a curve and the chord that replaces it. A quarter of a pixel is below the
   // standard deviation of events about an edge.

@@ -16,6 +16,9 @@ struct Range {
   bool Contains(double value) const { return value >= low && value <= high; }
 };
 
+// The limits are validated by diagnosis_test and by tests/bench/doctor.py: detections and false alarms on simulated
+// sensors with and without each defect, and on real recordings (core/diagnosis/README.md, Measured). The limits of the
+// event rate follow from `evpose bench speed` (core/experiments/RESULTS.md, Speed).
 struct DiagnosisOptions {
   // Largest probability of a false report, for each check that has a statistical model. With some 20 checks the user
   // sees one false report in 50,000 recordings. The models are approximations, so that a smaller probability would not

@@ -31,7 +31,7 @@ struct Finding {
   std::string remedy;               // empty for kOk
 };
 
-// The limits of a quantity; larger values are worse.
+// The limits of a quantity, in its unit; larger values are worse.
 struct Limits {
   double advice = 0.0;
   double problem = 0.0;

@@ -19,13 +19,14 @@
 
 namespace evpose {
 
+// The bounds define which estimates count as good; they are not tuned. evaluate_test checks both.
 struct EvaluationOptions {
   // An estimate is good if it is within both bounds. Beyond 5 % and 10 deg a tracker cannot recover by association (a
   // gate of 8 px is 5 % of an object that is 160 px wide).
   double good_position_ratio = 0.05;  // as a share of the true depth
   double good_rotation_rad = 0.1745;
-  // An estimate is valid until the next one, but for at most this time: slightly more than the longest window that
-  // closes on time.
+  // An estimate is valid until the next one, but for at most this time: the longest duration of a window
+  // (WindowOptions::max_duration_us).
   int64_t max_gap_us = 20'000;
   // Rigid motions that map the object onto itself (object_from_object), with or without the identity. Each estimate is
   // compared with the nearest equivalent true pose: smallest rotation, then smallest distance.

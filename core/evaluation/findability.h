@@ -13,6 +13,8 @@
 
 namespace evpose {
 
+// The defaults are limits of the searches, which the comments name. They are validated by findability_test on a cube,
+// on its edges as dashes and on nearly symmetric boxes; no benchmark compares the prediction with searches.
 struct FindabilityOptions {
   ModelViewOptions views;  // `object_px` is the size at which edges are counted and twins are compared
   // Visible length, pixels, of edges that a view needs: three edges, which determine the six unknowns of a pose, of

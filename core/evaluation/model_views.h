@@ -17,6 +17,7 @@
 
 namespace evpose {
 
+// The defaults describe a usual view; they are not tuned. model_views_test checks the results for a cube.
 struct ModelViewOptions {
   int num_views = 96;        // directions, evenly over the sphere: 22 degrees apart
   double object_px = 300.0;  // diameter of the object in the image: a third of the width of a usual sensor

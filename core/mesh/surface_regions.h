@@ -15,7 +15,8 @@
 namespace evpose {
 
 struct CreaseOptions {
-  // Least angle, degrees, by which the surface turns at a crease; default and reason: ModelOptions, which checks it.
+  // Least angle, degrees, by which the surface turns at a crease; default, reason and validation: ModelOptions, which
+  // checks it.
   double crease_angle_deg = 30.0;
   // False: the facets are the surface. Every edge that turns by more is a crease, and there are no regions.
   bool is_smooth = true;

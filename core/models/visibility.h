@@ -22,6 +22,8 @@ struct VisibleSegment {
   double end = 1.0;
 };
 
+// The defaults are validated by visibility_test: a bar that splits a line, pieces of 3.3 px, points within and beyond
+// the tolerance, and faces that are just turned away. The tracker uses other cosines (TrackerOptions).
 struct VisibilityOptions {
   // Steps in which a line is tested for occlusion; a gap shorter than one step may be missed.
   int samples_per_line = 16;
