@@ -25,6 +25,8 @@ inline constexpr std::array<std::pair<HandEyeMount, const char*>, 3> kHandEyeMou
     {{HandEyeMount::kAuto, "auto"}, {HandEyeMount::kBeside, "beside"}, {HandEyeMount::kInHand, "in-hand"}}};
 const char* HandEyeMountName(HandEyeMount mount);
 
+// The limits are validated by hand_eye_test: transforms and offset within their standard errors, a robot that turns
+// about one axis, and a trajectory of something else. The other fields are input.
 struct HandEyeOptions {
   HandEyeMount mount = HandEyeMount::kAuto;
   // The clock of the reference minus that of the sensor, seconds; absent: estimated.

@@ -44,6 +44,8 @@ struct LineSample {
   double num_events = 0.0;
 };
 
+// The defaults are validated as those of CameraCalibrationOptions, and by tests/bench/real_calibration.py on real
+// recordings of small sensors, which have few events for each piece.
 struct LineSampleOptions {
   // Largest distance, pixels, of the events of a line from its expected position; at most a third of the distance to
   // the nearest other line, so that the events of that line are outside.

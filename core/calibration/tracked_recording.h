@@ -20,6 +20,7 @@
 
 namespace evpose {
 
+// max_intervals and motion_px are validated as CameraCalibrationOptions; the other fields are input.
 struct TrackedRecordingOptions {
   SensorProfile sensor;
   // Ends after so many microseconds of the recording.

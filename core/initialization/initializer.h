@@ -35,6 +35,9 @@ struct FirstPoses {
   std::vector<FirstPose> poses;  // the best one first; distinct modulo the model's symmetries
 };
 
+// max_chance_poses is validated by chance_poses_test, min_motion_px by event_trials_test (time until the first pose)
+// and tracker_initialization_test (an object that hardly moves). initializer_test bounds line_error_px from above.
+// `evpose bench initialization --from-events` runs with the defaults (core/experiments/RESULTS.md, The first pose).
 struct InitializerOptions {
   // Smallest displacement, in pixels, with which a search starts. With a smaller one there are too few events, too
   // close together, to separate lines from noise and to decide which lines are collinear.

@@ -63,6 +63,9 @@ class PoseSearch {
   virtual std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const = 0;
 };
 
+// The defaults are validated by pose_search_trials_test, also with segments that are displaced, shortened and split,
+// and by `evpose bench initialization` (core/experiments/RESULTS.md, The first pose); `evpose bench initialization
+// --from-events` runs with max_hypotheses, too.
 struct PoseSearchOptions {
   // Standard deviation of a segment's end point across the segment, pixels. 1 px combines 0.8 px of detection noise and
   // the half pixel by which the sensor shifts edges (core/estimation/README.md, section 3).
@@ -83,8 +86,7 @@ struct PoseSearchOptions {
   // Number of segments used, the longest first. Time grows with its square; a detailed object has 30.
   int max_segments = 32;
   // Standard deviation of the error of a rotation from directions alone, radians. Added to that of each segment when
-  // directions are assigned to segments. Like the fields below it is validated by the trials of
-  // core/experiments/first_pose.
+  // directions are assigned to segments.
   double rotation_sigma_rad = 0.01;
   // Number of segments that vote for positions, the longest first; at most 16. If fewer than half of ten segments show
   // whole lines of the object, the search is unlikely to succeed.

@@ -34,6 +34,8 @@ struct EventEdges {
   int64_t t_mid_us() const { return t_begin_us + (t_end_us - t_begin_us) / 2; }
 };
 
+// The defaults are validated by event_edges_test: places and motion of an edge at 30 to 3000 px/s, and hardly any edge
+// in noise and at hot pixels.
 struct EventEdgeOptions {
   // The latest events over this motion of the edges, pixels: enough for a plane in space and time, and less than the
   // distance of neighbouring edges. A slow object takes up to `stretch.max_duration_us`.

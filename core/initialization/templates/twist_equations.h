@@ -11,7 +11,8 @@
 
 namespace evpose {
 
-// Prior standard deviations per axis.
+// Prior standard deviations per axis. Validated by initializer_test and template_search_test, which bound both from
+// below.
 struct TwistPrior {
   double velocity_px_per_s = 2000.0;        // fast for an object that fills the image
   double angular_velocity_rad_per_s = 6.0;  // about one turn per second
