@@ -22,6 +22,8 @@ enum class MotionProfile {
   kHalfOut,
 };
 
+// The defaults are assumptions about a table-top scene; the standard scenes replace the speeds. motion_test checks that
+// the path has the mean speeds and stays in view.
 struct MotionOptions {
   double depth_m = 1.0;             // mean distance from the camera: a table-top scene, the usual use of an EVK4
   double depth_swing_ratio = 0.15;  // the depth stays within depth_m (1 +- this), so that the scale changes visibly

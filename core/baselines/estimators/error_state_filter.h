@@ -12,7 +12,9 @@
 
 namespace evpose {
 
-// Options of the filter.
+// Options of the filter. gate_px and two_lines_px are those of StaticOptions. The defaults are validated by
+// estimators_test, in which the filter has to follow a cube; `evpose bench tracking` without --estimators runs with
+// them.
 struct ErrorStateFilterOptions {
   double sigma_px = 0.8;      // pixels: standard deviation of the distance of an event from its line; fixed
   double gate_px = 8.0;       // pixels: largest distance of an event from its line, before the test

@@ -15,6 +15,8 @@
 
 namespace evpose {
 
+// The defaults are validated by blind_pnp_lines_test, which requires a number of right poses; `evpose bench
+// initialization` runs with them (core/experiments/RESULTS.md, The first pose).
 struct BlindPnpOptions {
   // Gaussians from which the search starts, each linearised at its own mean; value of the paper.
   int num_components = 20;

@@ -13,6 +13,9 @@
 
 namespace evpose {
 
+// The defaults are validated by lsd_detector_test (the motion of an edge) and simulated_lines_test (more than half of
+// the visible length is found), and by `evpose bench initialization --from-events --detector lsd`
+// (core/experiments/RESULTS.md, The first pose).
 struct LsdDetectorOptions {
   // Shorter than for planes, because the image of events is sharp only if the edges have moved little.
   StretchOptions stretch = {.motion_px = 3.0};

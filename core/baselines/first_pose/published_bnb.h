@@ -14,6 +14,8 @@
 
 namespace evpose {
 
+// The defaults are validated by published_bnb_test, which requires a number of right poses; `evpose bench
+// initialization` runs with them (core/experiments/RESULTS.md, The first pose).
 struct PublishedBnbOptions {
   RotationBnbOptions rotation;
   // Pixels: largest distance of an end point from a projected line. The inlier band of 1.7 deg allows an error of the

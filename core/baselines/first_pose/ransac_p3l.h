@@ -14,6 +14,8 @@
 
 namespace evpose {
 
+// The defaults are validated by ransac_p3l_test, which requires a number of right poses; `evpose bench initialization`
+// runs with them (core/experiments/RESULTS.md, The first pose).
 struct RansacP3lOptions {
   // Draws of three segments and three model lines. One in 12^3 / 24 = 72 is right for a cube without spurious lines,
   // and one in 12^3 / 4 = 432 for a cuboid; a confidence of 0.99 requires 4.6 times as many. Objects with many lines

@@ -18,6 +18,9 @@
 
 namespace evpose {
 
+// inlier_rad is a value of the paper and not tuned. The limits of the work are validated by rotation_bnb_test: the
+// maximum of nine lines of a box is certified, and all its rotations are found. `evpose bench initialization` runs with
+// the defaults (core/experiments/RESULTS.md, The first pose).
 struct RotationBnbOptions {
   // Radians: largest deviation from a right angle between a normal and a rotated direction. The value of the released
   // code of the paper.

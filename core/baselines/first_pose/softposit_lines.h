@@ -15,6 +15,8 @@
 
 namespace evpose {
 
+// The defaults are validated by softposit_lines_test, which requires a number of right poses; `evpose bench
+// initialization` runs with them (core/experiments/RESULTS.md, The first pose).
 struct SoftPositOptions {
   // Maximum number of starts: the mean of the prior and draws from it, until one explains enough segments. The paper
   // reports tens of starts for objects of this size.
