@@ -109,6 +109,9 @@ TEST_F(EndReportTest, AnAmbiguousPlateHasItsAlternativesInEachFormatThatHasState
   EXPECT_THAT(tum.out, ContainsRegex("\nAMBIGUOUS: [2-9] poses explain the events equally well"));
   EXPECT_THAT(tum.out, HasSubstr("are AMBIGUOUS: a .tum file does not have them"));
   EXPECT_EQ(ReadText("poses.tum"), "");
+  WriteText("poses.tum", "earlier\n");
+  EXPECT_THAT(Replay("poses.tum", {}).err, HasSubstr(".jsonl files; earlier pose files stay as they were\n"));
+  EXPECT_EQ(ReadText("poses.tum"), "earlier\n");
 
   const CliResult evaluation =
       Run({"evaluate", "--truth", Path("truth.tum"), "--estimate", Path("poses.csv"), "--json"});

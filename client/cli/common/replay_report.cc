@@ -148,6 +148,12 @@ void ReplayReport::PrintObjects(std::ostream& stream) const {
 
 void ReplayReport::PrintFiles(std::ostream& stream) const {
   if (files.empty()) return;
+  if (leaves_older_files) {
+    stream << absl::StrJoin(files, ", ") << ": not written, because there is no pose for "
+           << (files.size() > 1 ? "them; the earlier files stay as they were\n"
+                                : "it; the earlier file stays as it was\n");
+    return;
+  }
   stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses";
   if (ambiguous_poses_ > 0) {
     stream << ", of which " << ambiguous_poses_ << " are AMBIGUOUS: a .tum file does not have them, .csv and .jsonl "
@@ -185,7 +191,7 @@ Json ReplayReport::ToJson() const {
   const SessionHealth& health = summary.health;
   Json json = {{"recording", recording},
                {"out", out.empty() ? Json(nullptr) : Json(out)},
-               {"files", files},
+               {"files", leaves_older_files ? std::vector<std::string>() : files},
                {"transform", transform},
                {"session", session.empty() ? Json(nullptr) : Json(session)},
                {"trace_id", trace_id},

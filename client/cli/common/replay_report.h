@@ -23,6 +23,7 @@ struct ReplayReport {
   std::string out;                            // empty: poses were not written
   std::string transform = kCameraFromObject;  // name of the transform of the poses in `out`
   std::vector<std::string> files;             // pose files; `out` may be the pattern of their names
+  bool leaves_older_files = false;            // no pose was found: `files` are those of an earlier run
   std::string session;                        // empty: the session was deleted
   std::string trace_id;                       // of the session, for the logs of the servers
   RecordingHeader header;

@@ -153,9 +153,17 @@ absl::Status SessionRun::SyncOutputs() {
   return absl::OkStatus();
 }
 
+bool SessionRun::LeavesOlderFiles() const {
+  if (!poses_ || resume_ || (report_.summary.poses > 0 && !report_.HasFilesWithoutPose())) return false;
+  return std::any_of(report_.files.begin(), report_.files.end(), [](const std::string& path) {
+    std::error_code error;
+    return std::filesystem::is_regular_file(path, error) && std::filesystem::file_size(path, error) > 0 && !error;
+  });
+}
+
 absl::Status SessionRun::CommitOutputs() {
   // The poses first: an error of the log does not lose them.
-  if (poses_) EVPOSE_RETURN_IF_ERROR(poses_->Commit());
+  if (poses_ && !report_.leaves_older_files) EVPOSE_RETURN_IF_ERROR(poses_->Commit());
   return clock_log_ != nullptr ? clock_log_->Commit() : absl::OkStatus();
 }
 
@@ -341,6 +349,7 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   report_.truncated_bytes = chunker_.truncated_bytes();
   report_.skipped = inputs_.reader->skipped();
   report_.is_interrupted = context_.IsInterrupted();
+  report_.leaves_older_files = LeavesOlderFiles();
   report_.outages = connection_.outages();
   report_.away_for = connection_.away_for();
   if (clock_log_ != nullptr) report_.host_minus_sensor = clock_log_->SmallestDifference();
@@ -350,19 +359,26 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
   EVPOSE_RETURN_IF_ERROR(
       PrintResult(context_, arguments_.is_json, report_.ToJson(), [this](std::ostream& out) { report_.Print(out); }));
+  return FinalStatus();
+}
+
+absl::Status SessionRun::FinalStatus() const {
   EVPOSE_RETURN_IF_ERROR(source_status_);
+  const TrackSummary& summary = report_.summary;
   if (!inputs_.resets.empty()) {
     return absl::OutOfRangeError(absl::StrCat(
         "--reset-pose at ", inputs_.resets.front().t_us,
         " us was not applied: the events end before it; sensor times are those of evpose info and of the poses"));
   }
   if (summary.health.poses == 0 && !report_.is_interrupted) {
-    return absl::NotFoundError(absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason"));
+    return absl::NotFoundError(
+        absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason",
+                     report_.leaves_older_files ? "; earlier pose files stay as they were" : ""));
   }
   if (report_.HasFilesWithoutPose()) {
-    return absl::NotFoundError(
-        absl::StrCat(arguments_.recording,
-                     ": every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl files"));
+    return absl::NotFoundError(absl::StrCat(
+        arguments_.recording, ": every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl files",
+        report_.leaves_older_files ? "; earlier pose files stay as they were" : ""));
   }
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,

@@ -63,6 +63,9 @@ class SessionRun {
   // Writes all outputs to the disk, and keeps their sizes in the record.
   absl::Status SyncOutputs();
   absl::Status CommitOutputs();
+  // Whether the pose files have no pose although a pose file of an earlier run does; then none of them is written. With
+  // --resume they are part of the state of the run.
+  bool LeavesOlderFiles() const;
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
   // Sensor time at which the clock of the pose files is 0.
   int64_t TimeZero_us() const { return arguments_.has_metavision_zero ? inputs_.metavision_zero_us->load() : 0; }
@@ -76,6 +79,8 @@ class SessionRun {
   // Writes the poses so far, if there are any; returns a text about them.
   std::string KeepPoses();
   absl::Status Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time);
+  // The status of a run that has reported its summary.
+  absl::Status FinalStatus() const;
 
   const RunArguments& arguments_;
   RunInputs& inputs_;
