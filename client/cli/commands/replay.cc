@@ -139,8 +139,9 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "Several objects: --object left=cube.obj --object right=book.obj --out poses-{object}.tum\n\n"
       "The last example resets the pose 0.25 s after the first event, whose time is 16 s.\n\n"
       "Exit status:\n"
-      "  0  Poses were found\n"
-      "  1  Failure, or no pose was found; the reason is on standard error\n"
+      "  0  Poses were found, or an interrupt has ended --follow\n"
+      "  1  Failure, no pose was found, or an interrupt before the end of the recording; the reason is on standard "
+      "error\n"
       "  2  Wrong usage\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --out cube\n"
@@ -149,6 +150,7 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "  evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --out cube/poses.tum "
       "--reset-pose \"16250000 $pose\"");
   return [arguments, &context] {
+    arguments->track.ends_at_interrupt = arguments->is_following;
     arguments->track.has_metavision_zero = arguments->time_zero == "metavision";
     return RunReplay(*arguments, context);
   };

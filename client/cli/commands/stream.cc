@@ -126,6 +126,7 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<StreamArguments>();
   arguments->track.max_outage_s = std::numeric_limits<double>::infinity();
   arguments->track.is_live = true;
+  arguments->track.ends_at_interrupt = true;
   arguments->track.AddTo(app, true, "host");
   app.option_defaults()->group(kTrackingGroup);
   AddOption(app, "--overload", arguments->overload,
@@ -146,7 +147,7 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
       "the poses received so far are written; with --resume, the same command continues the session instead, and for "
       "standard input it marks the gap in the events.\n\n"
       "Exit status:\n"
-      "  0  Poses were found\n"
+      "  0  Poses were found, or an interrupt has ended the stream\n"
       "  1  Failure, or no pose was found; the reason is on standard error\n"
       "  2  Wrong usage\n\n"
       "Example:\n"

@@ -124,11 +124,13 @@ absl::Status ParseResets(const RunArguments& arguments, RunInputs& inputs) {
 class StoppableReader final : public RecordingReader {
  public:
   StoppableReader(std::unique_ptr<RecordingReader> reader, std::function<bool()> stop,
-                  std::shared_ptr<std::atomic<int64_t>> metavision_zero_us)
+                  std::shared_ptr<std::atomic<int64_t>> metavision_zero_us,
+                  std::shared_ptr<std::atomic<bool>> has_ended)
       : reader_(std::move(reader)),
         stop_(std::move(stop)),
         first_time_(reader_->header().encoding),
-        metavision_zero_us_(std::move(metavision_zero_us)) {}
+        metavision_zero_us_(std::move(metavision_zero_us)),
+        has_ended_(std::move(has_ended)) {}
 
   const RecordingHeader& header() const override { return reader_->header(); }
   int64_t data_size_bytes() const override { return reader_->data_size_bytes(); }
@@ -137,6 +139,7 @@ class StoppableReader final : public RecordingReader {
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader_->Read(buffer));
     first_time_.Add(buffer.first(size));
     *metavision_zero_us_ = first_time_.t_us().value_or(0);
+    *has_ended_ = size == 0 && !stop_();
     return size;
   }
   bool follows_loss() const override { return reader_->follows_loss(); }
@@ -147,6 +150,7 @@ class StoppableReader final : public RecordingReader {
   const std::function<bool()> stop_;
   FirstTimeWord first_time_;
   const std::shared_ptr<std::atomic<int64_t>> metavision_zero_us_;
+  const std::shared_ptr<std::atomic<bool>> has_ended_;
 };
 
 absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
@@ -211,7 +215,8 @@ absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArgu
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
                           OpenSeenBy(inputs.camera, arguments.camera, arguments.recording, reader_options));
-  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop, inputs.metavision_zero_us);
+  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop, inputs.metavision_zero_us,
+                                                    inputs.has_ended);
   return inputs;
 }
 

@@ -45,6 +45,7 @@ struct RunArguments {
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
   bool is_live = false;              // the events arrive as the camera sends them
+  bool ends_at_interrupt = false;    // an interrupt is the normal end of the events: stream, replay --follow
   bool has_metavision_zero = false;  // the pose files count from Metavision's zero, not from the sensor's
   bool is_json = false;
 
@@ -83,6 +84,8 @@ struct RunInputs {
   // The sensor time at which Metavision's clock is 0 (FirstTimeWord); set before a pose can arrive, by the thread that
   // reads.
   std::shared_ptr<std::atomic<int64_t>> metavision_zero_us = std::make_shared<std::atomic<int64_t>>(0);
+  // Whether the reader has returned the end of the recording, and was not stopped before; set by the thread that reads.
+  std::shared_ptr<std::atomic<bool>> has_ended = std::make_shared<std::atomic<bool>>(false);
   std::unique_ptr<RecordingReader> reader;
 
   std::vector<std::string> object_ids() const;

@@ -348,7 +348,7 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   report_.wall_time = wall_time;
   report_.truncated_bytes = chunker_.truncated_bytes();
   report_.skipped = inputs_.reader->skipped();
-  report_.is_interrupted = context_.IsInterrupted();
+  report_.is_interrupted = context_.IsInterrupted() && !*inputs_.has_ended;
   report_.leaves_older_files = LeavesOlderFiles();
   report_.outages = connection_.outages();
   report_.away_for = connection_.away_for();
@@ -365,6 +365,11 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
 absl::Status SessionRun::FinalStatus() const {
   EVPOSE_RETURN_IF_ERROR(source_status_);
   const TrackSummary& summary = report_.summary;
+  if (report_.is_interrupted && !arguments_.ends_at_interrupt) {
+    return absl::CancelledError(absl::StrCat(arguments_.recording, ": interrupted before its end: there are ",
+                                             Counted(summary.poses, "pose"),
+                                             " of the events read until then; run the command again for all"));
+  }
   if (!inputs_.resets.empty()) {
     return absl::OutOfRangeError(absl::StrCat(
         "--reset-pose at ", inputs_.resets.front().t_us,
