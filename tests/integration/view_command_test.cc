@@ -49,6 +49,18 @@ TEST_F(ViewCommandTest, ARecordingWithoutPosesIsServedWithAWarning) {
   EXPECT_EQ(result.err, "evpose view: none.tum: has no pose: the events are shown alone\n");
 }
 
+TEST_F(ViewCommandTest, PosesOfAnotherTimeAreReportedWithBothTimes) {
+  SimulateCube(0.02);
+  WriteText("other.tum", "100 0 0 1 0 0 0 1\n100.1 0 0 1 0 0 0 1\n");
+  const CliResult result = RunShell(
+      "mkfifo messages\nevpose view cube/recording.raw --poses other.tum --model cube/model.obj --camera "
+      "cube/camera.yaml >/dev/null 2>messages &\n"
+      "read -r line <messages\necho \"$line\"\nkill -TERM $!\nwait $!\n");
+  EXPECT_EQ(result.status, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("evpose view: other.tum: its poses are from 100.000000 s to 100.100000 s, but the "
+                                    "events of cube/recording.raw are from 16.0"));
+}
+
 TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
   const auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();

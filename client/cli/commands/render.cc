@@ -57,6 +57,7 @@ struct RenderInputs {
   CameraModel camera;
   ObjectModel model;
   Trajectory poses;
+  std::vector<int64_t> ambiguous_us;  // times of the poses that are not drawn, because they are AMBIGUOUS
   std::unique_ptr<RecordingReader> reader;
   const CliContext* context = nullptr;
 };
@@ -73,6 +74,7 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
   EVPOSE_ASSIGN_OR_RETURN(ReadPoses poses, ReadCameraPoses(arguments.poses));
   inputs.poses = std::move(poses.trajectory);
+  inputs.ambiguous_us = std::move(poses.ambiguous_us);
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   EVPOSE_ASSIGN_OR_RETURN(inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
                                                     {.stop = context.is_interrupted}));
@@ -96,36 +98,77 @@ absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::Status
   }
 }
 
+// Returns why there is no pose to draw, for a file without any.
+std::string DescribeNoPose(const RenderArguments& arguments, const RenderInputs& inputs) {
+  if (inputs.ambiguous_us.empty()) return absl::StrCat(arguments.poses, " has no pose");
+  return absl::StrCat(arguments.poses, ": all its poses, ",
+                      FormatTimeSpan({inputs.ambiguous_us.front(), inputs.ambiguous_us.back()}),
+                      ", are AMBIGUOUS, and none is drawn: each is one of several that explain the events equally "
+                      "well; evpose view shows them");
+}
+
+// Prints why no pose is drawn, unless one was. `at_us` is the time of a picture; nullopt for a film.
+void WarnWithoutPose(const RenderArguments& arguments, const RenderInputs& inputs, const TimeSpan& events,
+                     std::optional<int64_t> at_us) {
+  std::string why;
+  if (inputs.poses.empty()) {
+    why = absl::StrCat(DescribeNoPose(arguments, inputs), ": the events are drawn alone");
+  } else {
+    const TimeSpan poses = {inputs.poses.front().t_us, inputs.poses.back().t_us};
+    why = DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
+    if (why.empty() && at_us && !PoseNear(inputs.poses, *at_us, kMaxPoseGapUs)) {
+      why = absl::StrFormat("%s: has no pose at %.6f s, where the object was lost: the events are drawn alone",
+                            arguments.poses, static_cast<double>(*at_us) * 1e-6);
+    }
+  }
+  if (!why.empty()) inputs.context->err << "evpose render: " << why << std::endl;
+}
+
 void FinishFrame(FramePainter& painter, const Trajectory& poses, int64_t t_us, double window_ms) {
   const std::optional<RigidTransform> pose = PoseNear(poses, t_us, kMaxPoseGapUs);
   painter.DrawModel(pose);
   painter.DrawLegend(t_us, window_ms, pose);
 }
 
+// The error for a picture at a time without events.
+absl::Status NoEventError(const RenderArguments& arguments, const RenderInputs& inputs, int64_t t_us,
+                          const TimeSpan& events) {
+  if (!arguments.at_s) {
+    const TimeSpan poses = {inputs.poses.front().t_us, inputs.poses.back().t_us};
+    const std::string why = DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
+    if (!why.empty()) return absl::OutOfRangeError(why);
+  }
+  return absl::OutOfRangeError(absl::StrFormat(
+      "%s has no event within %g ms of %.6f s: its events are %s; give another time with --at", arguments.recording,
+      arguments.window_ms / 2, static_cast<double>(t_us) * 1e-6, FormatTimeSpan(events)));
+}
+
 absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& inputs) {
   if (!arguments.at_s && inputs.poses.empty()) {
     return absl::InvalidArgumentError(
-        absl::StrCat(arguments.poses, " has no pose: give the time of the picture with --at SECONDS"));
+        absl::StrCat(DescribeNoPose(arguments, inputs), inputs.ambiguous_us.empty()
+                                                            ? ": give the time of the picture with --at SECONDS"
+                                                            : "; --at SECONDS draws the events of that time alone"));
   }
   const int64_t t_us =
       arguments.at_s ? std::llround(*arguments.at_s * 1e6) : (inputs.poses.front().t_us + inputs.poses.back().t_us) / 2;
   const int64_t half_window_us = std::llround(arguments.window_ms * 500.0);
   FramePainter painter(inputs.camera, inputs.model);
+  const bool has_pose = PoseNear(inputs.poses, t_us, kMaxPoseGapUs).has_value();
   uint64_t drawn = 0;
-  int64_t last_us = 0;
+  std::optional<TimeSpan> events;
   EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, [&](const Event& event) -> absl::StatusOr<bool> {
-    last_us = event.t_us;
+    events = {events ? events->from_us : event.t_us, event.t_us};
     if (event.t_us < t_us - half_window_us) return true;
-    if (event.t_us >= t_us + half_window_us) return false;
+    // Without a picture or a pose, the message has the times of all events.
+    if (event.t_us >= t_us + half_window_us) return drawn == 0 || !has_pose;
     painter.DrawEvent(event);
     ++drawn;
     return true;
   }));
-  if (drawn == 0) {
-    return absl::OutOfRangeError(
-        absl::StrFormat("%s has no event within %g ms of %.6f s (the last one seen is at %.6f s)", arguments.recording,
-                        arguments.window_ms / 2, t_us * 1e-6, last_us * 1e-6));
-  }
+  if (!events) return absl::OutOfRangeError(absl::StrCat(arguments.recording, " has no event"));
+  if (drawn == 0) return NoEventError(arguments, inputs, t_us, *events);
+  WarnWithoutPose(arguments, inputs, *events, t_us);
   FinishFrame(painter, inputs.poses, t_us, arguments.window_ms);
   EVPOSE_ASSIGN_OR_RETURN(const std::string png, EncodePng(painter.image()));
   return WriteFile(arguments.out, png);
@@ -202,6 +245,7 @@ absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) 
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Film> film,
                           Film::Create(arguments.out, arguments.fps, painter.image().size()));
   std::optional<int64_t> first_us;
+  int64_t last_us = 0;
   int64_t frame = 0;
   const auto middle_us = [&] { return *first_us + frame * period_us + period_us / 2; };
   const auto finish = [&] {
@@ -212,6 +256,7 @@ absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) 
   };
   const auto on_event = [&](const Event& event) -> absl::StatusOr<bool> {
     if (!first_us) first_us = event.t_us;
+    last_us = event.t_us;
     const int64_t event_frame = (event.t_us - *first_us) / period_us;
     if (event_frame > kMaxFrames) {
       return absl::OutOfRangeError(absl::StrFormat("%s: at %.6f s the film has more than %d frames",
@@ -227,6 +272,7 @@ absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) 
   EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, on_event));
   if (!first_us) return absl::OutOfRangeError(absl::StrCat(arguments.recording, " has no event"));
   finish();
+  WarnWithoutPose(arguments, inputs, {*first_us, last_us}, std::nullopt);
   return film->Commit();
 }
 

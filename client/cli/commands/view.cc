@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <functional>
 #include <future>
 #include <map>
 #include <memory>
@@ -43,9 +44,13 @@ struct ViewArguments {
 // longer, the page is served before, with a notice of what is being read.
 constexpr std::chrono::milliseconds kSoon(300);
 
-// Waits until the command is interrupted.
-void WaitForInterrupt(PageServer& server, const CliContext& context) {
-  while (!context.IsInterrupted()) SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, {});
+// Waits until the command is interrupted. `check` is called repeatedly meanwhile.
+void WaitForInterrupt(
+    PageServer& server, const CliContext& context, const std::function<void()>& check = [] {}) {
+  while (!context.IsInterrupted()) {
+    check();
+    SystemClock().SleepUntil(SystemClock().Now() + kInterruptPeriod, {});
+  }
   server.End("evpose view was stopped");
 }
 
@@ -79,6 +84,15 @@ void WarnWithoutPoses(const std::string& path, const PosesByObject& poses, std::
   if (std::all_of(poses.begin(), poses.end(), is_empty)) {
     err << "evpose view: " << path << ": has no pose: the events are shown alone" << std::endl;
   }
+}
+
+// Returns a text if all events have been read and no pose is among them; empty otherwise.
+std::string DescribeNoPoseInTime(const ViewArguments& arguments, const RecordingSource& source) {
+  const RecordedEvents::Progress events = source.events().progress();
+  const std::vector<int64_t>& poses_us = source.pose_times_us();
+  if (!events.is_complete || !events.has_events || poses_us.empty()) return "";
+  return DescribeNoCommonTime(arguments.poses, {poses_us.front(), poses_us.back()}, arguments.what,
+                              {events.range.from_us, events.range.to_us});
 }
 
 absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, const CliContext& context) {
@@ -133,7 +147,12 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
   WarnWithoutPoses(arguments.poses, source->inputs().poses, context.err);
   pending.Provide(*source);
   if (!is_slow) arguments.page.Serve(*server, pending, context.out, context.err);
-  WaitForInterrupt(*server, context);
+  bool has_warned = false;
+  WaitForInterrupt(*server, context, [&] {
+    const std::string why = has_warned ? "" : DescribeNoPoseInTime(arguments, *source);
+    if (!why.empty()) context.err << "evpose view: " << why << std::endl;
+    has_warned = has_warned || !why.empty();
+  });
   return absl::OkStatus();
 }
 

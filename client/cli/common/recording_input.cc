@@ -43,4 +43,19 @@ Json SkippedJson(const std::vector<SkippedParts>& skipped) {
   return json;
 }
 
+std::string FormatTimeSpan(const TimeSpan& span) {
+  return absl::StrFormat("from %.6f s to %.6f s", static_cast<double>(span.from_us) * 1e-6,
+                         static_cast<double>(span.to_us) * 1e-6);
+}
+
+std::string DescribeNoCommonTime(const std::string& poses_path, const TimeSpan& poses,
+                                 const std::string& recording_path, const TimeSpan& events) {
+  if (poses.from_us <= events.to_us && poses.to_us >= events.from_us) return "";
+  return absl::StrCat(poses_path, ": its poses are ", FormatTimeSpan(poses), ", but the events of ", recording_path,
+                      " are ", FormatTimeSpan(events),
+                      ": no pose can be drawn. If the poses are of this recording, their times must be those of the "
+                      "sensor, which evpose info prints: run evpose replay with --time-zero sensor, or add the "
+                      "offset of the clocks to the times in the file");
+}
+
 }  // namespace evpose::client

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The recordings of the command line.
+// The recordings of the command line, and their times compared with those of poses.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -29,5 +30,18 @@ void ShowReading(const EventReader& events, const RecordingReader& recording, Pr
 // "3 lines that are no event, 1 damaged chunks"
 std::string DescribeSkipped(const std::vector<SkippedParts>& skipped);
 Json SkippedJson(const std::vector<SkippedParts>& skipped);
+
+// From the first to the last, by the sensor's clock.
+struct TimeSpan {
+  int64_t from_us = 0;
+  int64_t to_us = 0;
+};
+
+// "from 16.000000 s to 16.500000 s"
+std::string FormatTimeSpan(const TimeSpan& span);
+
+// Returns a text with cause and remedy if the poses have no time in common with the events; empty if they have.
+std::string DescribeNoCommonTime(const std::string& poses_path, const TimeSpan& poses,
+                                 const std::string& recording_path, const TimeSpan& events);
 
 }  // namespace evpose::client

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What evpose render says when there is no pose to draw.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "absl/strings/str_replace.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class RenderCommandTest : public CliTest {
+ protected:
+  void SetUp() override {
+    CliTest::SetUp();
+    SimulateCube(0.05);
+  }
+  CliResult Render(const std::string& poses, const std::string& out, const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {
+        "render",   Path("cube/recording.raw"), "--poses", Path(poses), "--model", Path("cube/model.obj"),
+        "--camera", Path("cube/camera.yaml"),   "--out",   Path(out)};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Run(arguments);
+  }
+};
+
+TEST_F(RenderCommandTest, PosesOfAnotherTimeAreReportedWithBothTimes) {
+  WriteText("later.tum", "100 0 0 1 0 0 0 1\n100.1 0 0 1 0 0 0 1\n");
+  WriteText("earlier.tum", "1 0 0 1 0 0 0 1\n1.1 0 0 1 0 0 0 1\n");
+  const auto expected = [this](const std::string& poses, const std::string& span) {
+    return AllOf(HasSubstr("evpose render: " + Path(poses) + ": its poses are " + span + ", but the events of " +
+                           Path("cube/recording.raw") + " are from 16.0"),
+                 HasSubstr(" s to 16.0"), HasSubstr("run evpose replay with --time-zero sensor"));
+  };
+  for (const auto& [poses, span] : {std::pair<std::string, std::string>("later.tum", "from 100.000000 s to 100.100000"),
+                                    {"earlier.tum", "from 1.000000 s to 1.100000"}}) {
+    const CliResult picture = Render(poses, "a.png");
+    EXPECT_EQ(picture.status, 1);
+    EXPECT_THAT(picture.err, expected(poses, span + " s"));
+    for (const auto& [out, more] :
+         {std::pair<std::string, std::vector<std::string>>("a.png", {"--at", "16.02"}), {"a.avi", {}}}) {
+      const CliResult result = Render(poses, out, more);
+      EXPECT_EQ(result.status, 0) << result.err;
+      EXPECT_THAT(result.err, expected(poses, span + " s"));
+      EXPECT_TRUE(std::filesystem::exists(Path(out))) << "the events alone";
+    }
+  }
+}
+
+TEST_F(RenderCommandTest, AmbiguousPosesAreReported) {
+  ASSERT_EQ(Run(ReplayArguments("poses.csv")).status, 0);
+  WriteText("ambiguous.csv",
+            absl::StrReplaceAll(ReadText("poses.csv"), {{",TRACKING,", ",AMBIGUOUS,"}, {",DEGRADED,", ",AMBIGUOUS,"}}));
+  const auto all = AllOf(HasSubstr(Path("ambiguous.csv") + ": all its poses, from 16.0"), HasSubstr(", are AMBIGUOUS"),
+                         HasSubstr("evpose view shows them"));
+  const CliResult picture = Render("ambiguous.csv", "a.png");
+  EXPECT_EQ(picture.status, 1);
+  EXPECT_THAT(picture.err, AllOf(all, HasSubstr("; --at SECONDS draws the events of that time alone")));
+  EXPECT_FALSE(std::filesystem::exists(Path("a.png")));
+  const CliResult film = Render("ambiguous.csv", "a.avi");
+  EXPECT_EQ(film.status, 0);
+  EXPECT_THAT(film.err, AllOf(all, HasSubstr(": the events are drawn alone\n")));
+}
+
+TEST_F(RenderCommandTest, AFileWithoutPosesAndALossAreReported) {
+  WriteText("none.tum", "");
+  EXPECT_THAT(Render("none.tum", "a.avi").err, HasSubstr("none.tum has no pose: the events are drawn alone\n"));
+  WriteText("gap.tum", "15 0 0 1 0 0 0 1\n17 0 0 1 0 0 0 1\n");
+  const CliResult lost = Render("gap.tum", "a.png", {"--at", "16.04"});
+  EXPECT_EQ(lost.status, 0) << lost.err;
+  EXPECT_THAT(lost.err, HasSubstr("gap.tum: has no pose at 16.040000 s, where the object was lost: the events are"));
+  EXPECT_EQ(Render("cube/truth.tum", "a.png").err, "");
+}
+
+}  // namespace
+}  // namespace evpose
