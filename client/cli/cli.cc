@@ -16,6 +16,7 @@
 #include "core/base/version.h"
 #include "core/command_line/help.h"
 #include "core/command_line/suggestion.h"
+#include "core/command_line/usage_message.h"
 
 namespace evpose::client {
 namespace {

@@ -10,10 +10,9 @@
 #include <iostream>
 #include <memory>
 
-#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "core/command_line/suggestion.h"
+#include "core/command_line/usage_message.h"
 #include "core/command_line/wrap.h"
 
 namespace evpose {
@@ -103,18 +102,6 @@ class ProjectFormatter final : public CLI::FormatterBase {
   }
 };
 
-// The option or command that the error's word was probably meant to be.
-std::string Suggestion(const CLI::App& command, const std::string& error) {
-  const size_t begin = error.rfind(' ') + 1;
-  const std::string word = error.substr(begin, error.find('=', begin) - begin);
-  std::vector<std::string> names;
-  for (const CLI::Option* const option : command.get_options()) {
-    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-  }
-  const std::string nearest = absl::StartsWith(word, "--") ? NearestName(word, names) : "";
-  return nearest.empty() ? "" : absl::StrCat("did you mean ", nearest, "? ");
-}
-
 }  // namespace
 
 std::string FormatHelp(const HelpPage& page, size_t width) {
@@ -168,11 +155,6 @@ std::optional<int> ParseOrAnswer(CLI::App& program, int argc, const char* const*
   }
 }
 
-std::string HelpHint(const CLI::App& command) {
-  const bool has_commands = !command.get_subcommands([](const CLI::App*) { return true; }).empty();
-  return absl::StrCat(FullCommandName(command), " --help lists the ", has_commands ? "commands" : "options");
-}
-
 int RunProgram(absl::string_view name, absl::FunctionRef<absl::StatusOr<int>()> run) {
   constexpr int kFailed = 1;
   try {
@@ -183,22 +165,6 @@ int RunProgram(absl::string_view name, absl::FunctionRef<absl::StatusOr<int>()> 
     std::cerr << name << ": " << error.what() << std::endl;
   }
   return kFailed;
-}
-
-std::string UsageMessage(const CLI::App& command, const CLI::Error& error) {
-  const std::string what = error.what();
-  // A required option may be missing because its name is misspelled. The parser reports what is missing first.
-  if (error.get_exit_code() == static_cast<int>(CLI::ExitCodes::RequiredError)) {
-    for (const std::string& word : command.remaining()) {
-      if (!absl::StartsWith(word, "--") || word == "--") continue;
-      const std::string unknown = absl::StrCat("there is no option ", word.substr(0, word.find('=')));
-      return absl::StrCat(FullCommandName(command), ": ", unknown, "; ", Suggestion(command, unknown),
-                          HelpHint(command));
-    }
-  }
-  const bool is_unknown = error.get_exit_code() == static_cast<int>(CLI::ExitCodes::ExtrasError);
-  return absl::StrCat(FullCommandName(command), ": ", what, "; ", is_unknown ? Suggestion(command, what) : "",
-                      HelpHint(command));
 }
 
 }  // namespace evpose

@@ -37,11 +37,4 @@ std::optional<int> ParseOrAnswer(CLI::App& program, int argc, const char* const*
 // "NAME: cause" on standard error and returns 1.
 int RunProgram(absl::string_view name, absl::FunctionRef<absl::StatusOr<int>()> run);
 
-// The error of a parser in one line, after the name of its command: "evpose replay: The following argument was not
-// expected: --modle; did you mean --model? evpose replay --help lists the options".
-std::string UsageMessage(const CLI::App& command, const CLI::Error& error);
-
-// "evpose replay --help lists the options": the end of every error of usage.
-std::string HelpHint(const CLI::App& command);
-
 }  // namespace evpose

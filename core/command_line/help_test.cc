@@ -15,7 +15,6 @@ namespace evpose {
 namespace {
 
 using ::testing::ElementsAre;
-using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -137,36 +136,6 @@ TEST_F(HelpTest, ExclusionsAreShownUnlessAnOptionExcludesMany) {
   EXPECT_THAT(help, HasSubstr("--a                     Part [not with: --b]\n"));
   EXPECT_THAT(help, HasSubstr("--c                     Part\n"));
   EXPECT_THAT(help, HasSubstr("--scene TEXT            A whole scene\n"));
-}
-
-TEST_F(HelpTest, ErrorsEndWithAHintAndASuggestion) {
-  try {
-    app_.parse("draw a.raw --out a.png --quik");
-    FAIL();
-  } catch (const CLI::ParseError& error) {
-    EXPECT_THAT(UsageMessage(draw_, error),
-                EndsWith("--quik; did you mean --quick? tool draw --help lists the options"));
-  }
-  try {
-    app_.parse("draw a.raw --out a.png --frobnicate=1");
-    FAIL();
-  } catch (const CLI::ParseError& error) {
-    EXPECT_THAT(UsageMessage(draw_, error), EndsWith("--frobnicate=1; tool draw --help lists the options"));
-  }
-  for (const auto& [line, message] : std::vector<std::pair<const char*, const char*>>{
-           {"draw a.raw --oot a.png",
-            "tool draw: there is no option --oot; did you mean --out? tool draw --help lists the options"},
-           {"draw a.raw --oot=a.png",
-            "tool draw: there is no option --oot; did you mean --out? tool draw --help lists the options"},
-           {"draw a.raw", "tool draw: --out is required; tool draw --help lists the options"}}) {
-    try {
-      app_.parse(line);
-      FAIL();
-    } catch (const CLI::ParseError& error) {
-      EXPECT_EQ(UsageMessage(draw_, error), message);
-    }
-  }
-  EXPECT_EQ(HelpHint(app_), "tool --help lists the commands");
 }
 
 TEST(TextWidthTest, IsThatOfTheVariableWithinLimits) {

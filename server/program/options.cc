@@ -21,6 +21,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/version.h"
 #include "core/command_line/help.h"
+#include "core/command_line/usage_message.h"
 #include "server/connections/listen_address.h"
 #include "server/program/session_memory.h"
 #include "server/program/store_options.h"

@@ -434,6 +434,14 @@ TEST(ProgramTest, TheLogMayBeJson) {
       << "the cause of the end is written at every level";
 }
 
+TEST(ProgramTest, AWrongVariableOfTheEnvironmentIsNamed) {
+  const ScopedEnvironmentVariable level("EVPOSE_LOG_LEVEL", "loud");
+  Program program({"--listen", "127.0.0.1:0"});
+  EXPECT_EQ(program.Wait(), 2);
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("the environment variable EVPOSE_LOG_LEVEL, which stands for "
+                                                   "--log-level: \"loud\" is none of debug, info, "));
+}
+
 TEST(ProgramTest, HelpShowsAnExample) {
   Program program({"--help"});
   std::string text;

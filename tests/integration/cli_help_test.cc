@@ -257,6 +257,7 @@ TEST_F(CliTest, ErrorsOfTheArgumentsBeginWithTheCommand) {
     EXPECT_THAT(result.err, ::testing::StartsWith(expected));
     const std::string advice = expected.substr(0, expected.size() - 2) + " --help lists the options\n";
     EXPECT_THAT(result.err, ::testing::EndsWith("; " + advice));
+    EXPECT_THAT(result.err, ::testing::Not(::testing::HasSubstr("not expected"))) << "the words of the project";
   }
 }
 
