@@ -48,15 +48,19 @@ struct LayoutFit {
   size_t backsteps = 0;    // number of steps back of their times
 };
 
+bool IsEventRow(const ColumnLayout& layout, const TableRow& row) {
+  const auto at = [&row](int column) { return row[static_cast<size_t>(column)]; };
+  return std::isfinite(at(layout.t)) && IsAddress(at(layout.x)) && IsAddress(at(layout.y)) && IsPolarity(at(layout.p));
+}
+
 LayoutFit CheckLayout(const ColumnLayout& layout, absl::Span<const TableRow> rows) {
-  const auto at = [](int column) { return static_cast<size_t>(column); };
+  const auto time = static_cast<size_t>(layout.t);
   LayoutFit fit;
   const TableRow* before = nullptr;
   for (const TableRow& row : rows) {
-    const bool fits = IsAddress(row[at(layout.x)]) && IsAddress(row[at(layout.y)]) && IsPolarity(row[at(layout.p)]);
-    if (!fits) continue;
+    if (!IsEventRow(layout, row)) continue;
     ++fit.num_fitting;
-    fit.backsteps += before != nullptr && row[at(layout.t)] < (*before)[at(layout.t)];
+    fit.backsteps += before != nullptr && row[time] < (*before)[time];
     before = &row;
   }
   return fit;
@@ -113,7 +117,9 @@ std::optional<ColumnLayout> LayoutOfRows(absl::Span<const TableRow> rows) {
     if (2 * fit.num_fitting <= rows.size() || !is_better) continue;
     best_fit = fit;
     std::vector<double> times;
-    for (const TableRow& row : rows) times.push_back(row[static_cast<size_t>(layout.t)]);
+    for (const TableRow& row : rows) {
+      if (IsEventRow(layout, row)) times.push_back(row[static_cast<size_t>(layout.t)]);
+    }
     layout.time_exponent = UnitOfTimes(times);
     best = layout;
   }
@@ -121,7 +127,7 @@ std::optional<ColumnLayout> LayoutOfRows(absl::Span<const TableRow> rows) {
 }
 
 int UnitOfTimes(absl::Span<const double> times) {
-  const auto has_fraction = [](double t) { return t != std::floor(t); };
+  const auto has_fraction = [](double t) { return std::isfinite(t) && t != std::floor(t); };
   return std::any_of(times.begin(), times.end(), has_fraction) ? 6 : 0;
 }
 

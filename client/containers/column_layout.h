@@ -42,7 +42,7 @@ std::optional<int> TimeColumn(absl::Span<const std::string> names);
 // those the first. nullopt if there is none in more than half of the rows, as damaged rows may be among them.
 std::optional<ColumnLayout> LayoutOfRows(absl::Span<const TableRow> rows);
 
-// Seconds (6) if a time has a fraction, else microseconds (0).
+// Seconds (6) if a time has a fraction, else microseconds (0). A value that is no number, such as nan, is no time.
 int UnitOfTimes(absl::Span<const double> times);
 
 }  // namespace evpose::client

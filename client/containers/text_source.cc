@@ -2,6 +2,7 @@
 #include "client/containers/text_source.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <utility>
 
@@ -140,7 +141,9 @@ std::optional<ColumnLayout> LayoutOfSample(const TextSample& sample) {
   if (!column) return std::nullopt;
   std::vector<double> times;
   for (const std::vector<double>& row : sample.rows) {
-    if (row.size() > static_cast<size_t>(*column)) times.push_back(row[static_cast<size_t>(*column)]);
+    // A line with nan is no event.
+    const bool is_event = std::all_of(row.begin(), row.end(), [](double value) { return std::isfinite(value); });
+    if (is_event && row.size() > static_cast<size_t>(*column)) times.push_back(row[static_cast<size_t>(*column)]);
   }
   return LayoutOfNames(sample.names, times);
 }

@@ -87,6 +87,16 @@ TEST(TextSourceTest, DamagedLinesAndImpossibleEventsAreCounted) {
   EXPECT_EQ(recording.counts.time_backsteps, 1);
 }
 
+TEST(TextSourceTest, LinesWithNanAreNoEventsAndDoNotChangeTheUnit) {
+  const std::string rows = "10,20,1,1500000\n11,21,0,1500001\n12,22,1,1500003\n";
+  for (const std::string& text : {"nan,20,1,1500000\n" + rows, "10,20,1,nan\n" + rows, rows + "10,20,1,inf\n",
+                                  rows + "10,20,nan,0.5\n", "x,y,p,t\nnan,20,1,0.5\n" + rows}) {
+    const ReadRecording recording = ReadText(text);
+    EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree)) << text;
+    EXPECT_EQ(recording.num_skipped("lines that are no event"), 1) << text;
+  }
+}
+
 TEST(TextSourceTest, OtherTextIsNotRecognised) {
   for (const char* text : {"", "hello world\n", "1 2 3\n4 5 6\n", "0.1 0.2 0.3 0.4 0.5 0.6 0.7 1\n", "t,x,y\n1,2,3\n",
                            "1.5 10.5 20 1\n1.6 10.5 20 1\n", "1 2 3 4\n5 6 7 8\n"}) {
