@@ -29,7 +29,6 @@ void ClockWatch::Add(absl::Span<const Event> events) {
     }
     const int64_t step_us = event.t_us - t_us_;
     if (step_us < 0) {
-      ++result_.num_steps_back;
       if (-step_us > result_.largest_step_back_us) {
         result_.largest_step_back_us = -step_us;
         result_.largest_step_back_at_us = event.t_us;

@@ -26,7 +26,6 @@ class ClockWatch {
   struct Result {
     std::vector<Gap> gaps;  // the longest first; at most kMaxListed
     uint64_t num_gaps = 0;
-    uint64_t num_steps_back = 0;
     int64_t largest_step_back_us = 0;
     int64_t largest_step_back_at_us = 0;
     // Nearly all differences between time stamps are multiples of this step. 1 for a clock of microseconds; 0 with too

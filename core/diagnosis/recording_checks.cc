@@ -83,15 +83,17 @@ Finding RecordingDiagnosis::CheckDecoding(const StreamFacts& facts) const {
   return finding;
 }
 
-Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock) const {
+Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock, const StreamFacts& facts) const {
   Finding finding = Named("clock");
   const auto step_back_us = static_cast<double>(clock.largest_step_back_us);
   const double gap_us = clock.gaps.empty() ? 0.0 : static_cast<double>(clock.gaps.front().duration_us);
   Finding gaps = finding;
   SetVerdict(step_back_us, options_.step_back_us, "us", finding);
   SetVerdict(gap_us, options_.gap_us, "us", gaps);
-  finding.text = absl::StrCat("time stamps step back ", Counted(clock.num_steps_back, "time"), ", by ",
-                              clock.largest_step_back_us, " us at most; ", Counted(clock.num_gaps, "gap"));
+  // The decoder's count, which is also that of evpose info: some of these times are not those of events.
+  finding.text =
+      absl::StrCat("time stamps step back ", Counted(facts.counts.time_backsteps, "time"), ", those of events by ",
+                   clock.largest_step_back_us, " us at most; ", Counted(clock.num_gaps, "gap"));
   if (finding.verdict != Verdict::kOk) {
     finding.places.push_back(absl::StrCat("step back to ", Seconds(clock.largest_step_back_at_us)));
     finding.remedy =

@@ -98,7 +98,7 @@ std::vector<Finding> RecordingDiagnosis::Findings(const StreamFacts& facts) cons
   const MotionSamples::Result motion = motion_.Measure();
   const FlickerSpectrum::Result spectrum = flicker_.Measure(options_);
   const Shares shares = MeasureShares(motion, spectrum);
-  findings.push_back(CheckClock(clock));
+  findings.push_back(CheckClock(clock, facts));
   findings.push_back(CheckTimeSteps(clock));
   findings.push_back(CheckEventRate(motion, shares));
   findings.push_back(CheckMotion(motion, shares));

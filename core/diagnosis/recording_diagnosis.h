@@ -64,7 +64,7 @@ class RecordingDiagnosis {
   Shares MeasureShares(const MotionSamples::Result& motion, const FlickerSpectrum::Result& spectrum) const;
 
   Finding CheckDecoding(const StreamFacts& facts) const;
-  Finding CheckClock(const ClockWatch::Result& clock) const;
+  Finding CheckClock(const ClockWatch::Result& clock, const StreamFacts& facts) const;
   Finding CheckTimeSteps(const ClockWatch::Result& clock) const;
   Finding CheckEventRate(const MotionSamples::Result& motion, const Shares& shares) const;
   Finding CheckMotion(const MotionSamples::Result& motion, const Shares& shares) const;

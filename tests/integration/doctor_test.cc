@@ -136,6 +136,21 @@ TEST_F(DoctorTest, LinesThatAreNoEventsAreAProblem) {
   EXPECT_THAT(damaged.err, HasSubstr("problems were found: decoding"));
 }
 
+TEST_F(DoctorTest, CountsStepsBackAsInfo) {
+  SimulateCube(0.3);
+  ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("events.csv")}).status, 0);
+  // Two events, one after the other, are 1 ms late: the time steps back once, not twice.
+  std::string events = ReadText("events.csv");
+  const size_t second = events.find('\n', events.size() / 2) + 1;
+  const std::string line = events.substr(second, events.find('\n', second) + 1 - second);
+  const int64_t t_us = std::stoll(line.substr(line.rfind(',') + 1));
+  const std::string late = "1,2,1," + std::to_string(t_us - 1000) + "\n";
+  events.insert(second, late + late);
+  WriteText("late.csv", events);
+  EXPECT_EQ(Run({"info", Path("late.csv"), "--json"}).Json()["time_backsteps"], 1);
+  EXPECT_THAT(Run({"doctor", Path("late.csv")}).out, HasSubstr("time stamps step back 1 time, those of events by 1"));
+}
+
 class DoctorServerTest : public CliTest {
  protected:
   static std::unique_ptr<server::Server> Start(const server::ServerOptions& options = {}) {
