@@ -73,12 +73,6 @@ std::string Exclusions(const CLI::Option& option) {
   return absl::StrJoin(names, ", ");
 }
 
-// Arguments have names of their own; one that may be of several kinds is named after them, "FILE|SESSION".
-std::string PositionalName(const CLI::Option& option) {
-  const std::string type = option.get_type_name();
-  return absl::StrContains(type, '|') ? type : absl::AsciiStrToUpper(option.get_name(true));
-}
-
 void AddFacts(const CLI::Option& option, HelpOption& help) {
   const bool is_flag = option.get_expected_max() == 0;
   if (option.get_required()) help.facts.insert(help.facts.begin(), "required");
@@ -248,6 +242,11 @@ std::vector<std::string> TakeUsages(HelpPage& page) {
 }
 
 }  // namespace
+
+std::string PositionalName(const CLI::Option& option) {
+  const std::string type = option.get_type_name();
+  return absl::StrContains(type, '|') ? type : absl::AsciiStrToUpper(option.get_name(true));
+}
 
 std::string HelpOption::Term() const {
   if (is_positional()) return is_repeated ? absl::StrCat(value, "...") : value;

@@ -93,4 +93,8 @@ std::string FullCommandName(const CLI::App& command);
 // All commands of the parser, itself first, each before those below it.
 std::vector<const CLI::App*> AllCommands(const CLI::App& program);
 
+// The name of an argument without dashes in --help and in errors: "RECORDING". One that may be of several kinds is
+// named after them, "FILE|SESSION".
+std::string PositionalName(const CLI::Option& option);
+
 }  // namespace evpose

@@ -71,10 +71,8 @@ std::string DescribeMissing(const CLI::App& command, absl::string_view text) {
   if (!absl::ConsumeSuffix(&name, " is required")) return std::string(text);
   const CLI::Option* const option = FindOption(command, name);
   if (option == nullptr) return std::string(text);
-  if (option->get_positional()) {
-    return absl::StrCat("give ", option->get_type_name(), " (", name, "), which is required");
-  }
-  return absl::StrCat("give ", WithValue(command, name), ", which is required");
+  const std::string argument = option->get_positional() ? PositionalName(*option) : WithValue(command, name);
+  return absl::StrCat("give ", argument, ", which is required");
 }
 
 // The error of a check of a value.

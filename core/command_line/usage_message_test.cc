@@ -45,7 +45,7 @@ std::string ErrorOf(const std::string& line) {
 }
 
 TEST(UsageMessageTest, MissingArguments) {
-  EXPECT_EQ(ErrorOf("--out a.png"), "give FILE (recording), which is required; ");
+  EXPECT_EQ(ErrorOf("--out a.png"), "give RECORDING, which is required; ");
   EXPECT_EQ(ErrorOf("a.raw"), "give --out FILE, which is required; ");
   EXPECT_EQ(ErrorOf("a.raw --out"), "--out has no value: give --out FILE; ");
   EXPECT_EQ(ErrorOf("a.raw --out a.png --quick"), "--quick requires --to: give --to, too; ");

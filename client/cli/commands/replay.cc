@@ -114,7 +114,7 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
   app.add_option("--rate", arguments->rate, "Pace of the events: max, or a multiple of real time")
       ->type_name("max|FACTOR")
       ->capture_default_str();
-  app.add_flag("--follow", arguments->is_following, "Keep reading as the file grows, until an interrupt");
+  app.add_flag("--follow", arguments->is_following, "Keep reading a RAW or DAT file as it grows, until an interrupt");
   AddOption(app, "--time-zero", arguments->time_zero,
             "Time 0 of the pose files: sensor, that of the camera's clock, as evpose info prints it; metavision, the "
             "first time word of a RAW file, from which Metavision counts",

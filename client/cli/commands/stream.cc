@@ -140,8 +140,8 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
   AddSpoolOptions(app, *arguments);
   app.footer(
       "Usage:\n  RECORDING --camera FILE (--model FILE | --object ID=FILE ...) --server HOST:PORT\n\n"
-      "Reads a RAW stream from standard input (-) until it ends, or a RAW file that still grows, until an interrupt "
-      "(SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked.\n\n"
+      "Reads a RAW or DAT stream from standard input (-) until it ends, or such a file that still grows, until an "
+      "interrupt (SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked.\n\n"
       "While the server cannot be reached, standard input is read and stored, and a file is read later. If that lasts "
       "more than two seconds, an interrupt ends the wait; a second interrupt ends the program at once. After an error, "
       "the poses received so far are written; with --resume, the same command continues the session instead, and for "

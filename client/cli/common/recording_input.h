@@ -18,6 +18,9 @@ namespace evpose::client {
 inline constexpr char kRecordingFormats[] =
     "RAW, DAT, text, CSV, rosbag2 (FILE#TOPIC), HDF5, AEDAT or NumPy; -: standard input (RAW, DAT, text, AEDAT)";
 
+// The formats of recordings that can be read while they grow.
+inline constexpr char kLiveFormats[] = "RAW or DAT, a file that grows; -: standard input";
+
 // Opens a recording of `camera`. The size of the sensor is that of `camera` if the recording states none. Errors: those
 // of OpenRecording() and CheckCameraMatches().
 absl::StatusOr<std::unique_ptr<RecordingReader>> OpenSeenBy(const CameraModel& camera, const std::string& camera_path,

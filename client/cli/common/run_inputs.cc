@@ -274,7 +274,8 @@ RetainOptions RunArguments::retain() const {
 
 void RunArguments::AddInputs(CLI::App& app) {
   app.option_defaults()->group(kInputGroup);
-  AddFile(app, "recording", recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
+  AddFile(app, "recording", recording, absl::StrCat("Recording: ", is_live ? kLiveFormats : kRecordingFormats))
+      ->required();
   AddObjectModels(app, model, objects);
   AddFile(app, "--camera", camera, kCameraFiles)->required();
   AddFile(app, "--sensor", sensor, "Profile of the sensor, as evpose calibrate writes it. Default: that of an EVK4");

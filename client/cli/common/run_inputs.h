@@ -49,7 +49,7 @@ struct RunArguments {
   bool has_metavision_zero = false;  // the pose files count from Metavision's zero, not from the sensor's
   bool is_json = false;
 
-  // `epoch_default`: that of RecordingArguments.
+  // `epoch_default`: that of RecordingArguments. The formats of the recording are those for `is_live`.
   void AddTo(CLI::App& app, bool server_is_required, const std::string& epoch_default);
   // None without a server: the one inside this process has no store that could lose writes.
   RetainOptions retain() const;
