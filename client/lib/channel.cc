@@ -88,6 +88,13 @@ bool ServerAddress::IsLoopback() const {
 }
 
 absl::StatusOr<ServerAddress> ParseServerAddress(const std::string& text) {
+  if (absl::StartsWithIgnoreCase(text, "http://") || absl::StartsWithIgnoreCase(text, "https://")) {
+    const bool is_encrypted = absl::StartsWithIgnoreCase(text, "https://");
+    const absl::string_view host = absl::string_view(text).substr(text.find("://") + 3);
+    return absl::InvalidArgumentError(
+        absl::StrCat("\"", text, "\" is a URL, but the address of a server is HOST:PORT: give ",
+                     host.substr(0, host.find('/')), is_encrypted ? ", with --tls for an encrypted connection" : ""));
+  }
   const size_t colon = text.rfind(':');
   uint32_t port = 0;
   const bool is_address = colon != std::string::npos && colon > 0 && absl::SimpleAtoi(text.substr(colon + 1), &port) &&

@@ -16,6 +16,7 @@
 #include "client/cli/commands/evaluate_alignment.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_reader.h"
+#include "client/cli/common/pose_records.h"
 #include "client/cli/common/table_cell.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
@@ -89,6 +90,7 @@ absl::StatusOr<std::optional<double>> MeanSurfaceDistance(const Trajectory& trut
 }
 
 absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments) {
+  EVPOSE_RETURN_IF_ERROR(RefuseMcap(arguments.truth, ".tum"));
   EVPOSE_ASSIGN_OR_RETURN(const Trajectory truth, ReadTumTrajectory(arguments.truth));
   std::optional<ObjectModel> model;
   std::optional<CameraModel> camera;

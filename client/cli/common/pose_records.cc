@@ -397,7 +397,14 @@ absl::StatusOr<PoseFileFacts> VisitJsonPoses(absl::string_view text, const std::
   return facts;
 }
 
+absl::Status RefuseMcap(const std::string& path, const std::string& formats) {
+  if (!absl::EndsWith(path, ".mcap")) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(path, ": poses are not read from .mcap files, but from ", formats,
+                                                 ": run evpose replay again with the name of such a file as --out"));
+}
+
 absl::StatusOr<PoseFileFacts> VisitPoses(const std::string& path, PoseVisitor visit) {
+  EVPOSE_RETURN_IF_ERROR(RefuseMcap(path));
   EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxPoseFileBytes));
   if (absl::EndsWith(path, ".csv")) return VisitCsvPoses(text, path, visit);
   if (absl::EndsWith(path, ".jsonl")) return VisitJsonPoses(text, path, visit);

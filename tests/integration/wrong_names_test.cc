@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// What the commands say about names of servers, models and files that they cannot use.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "server/rpc/server.h"
+#include "tests/integration/cli_fixture.h"
+
+namespace evpose {
+namespace {
+
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class WrongNamesTest : public CliTest {};
+
+TEST_F(WrongNamesTest, HelpOfStreamHasOnlyTheFormatsThatItReads) {
+  const std::string help = Run({"stream", "--help"}).out;
+  EXPECT_THAT(help, HasSubstr("Recording: RAW or DAT, a file that grows"));
+  for (const char* const format : {"rosbag2", "HDF5", "AEDAT", "NumPy"}) EXPECT_THAT(help, Not(HasSubstr(format)));
+  EXPECT_THAT(Run({"replay", "--help"}).out, HasSubstr("rosbag2"));
+}
+
+TEST_F(WrongNamesTest, AUrlIsNoAddressOfAServer) {
+  const auto error = [this](const std::string& address) {
+    const CliResult result = Run({"sessions", "list", "--server", address});
+    EXPECT_EQ(result.status, 2) << address;
+    return result.err;
+  };
+  EXPECT_THAT(
+      error("http://localhost:50051/v1"),
+      HasSubstr("--server: \"http://localhost:50051/v1\" is a URL, but the address of a server is HOST:PORT: give "
+                "localhost:50051; "));
+  EXPECT_THAT(error("a:1,HTTPS://pose.example.org:443"),
+              HasSubstr("HOST:PORT: give pose.example.org:443, with --tls for an encrypted connection; "));
+}
+
+TEST_F(WrongNamesTest, ModelsThatDoNotExist) {
+  auto server = server::Server::Start({});
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  for (const std::string command : {"get", "delete"}) {
+    const CliResult result = Run({"models", command, "models/none", "--server", address});
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, EndsWith(": models/none does not exist; `evpose models list` prints the models that do\n"));
+  }
+}
+
+TEST_F(WrongNamesTest, PosesAreNotReadFromMcap) {
+  SimulateCube(0.02);
+  ASSERT_EQ(Run(ReplayArguments("poses.mcap")).status, 0);
+  const std::string mcap = Path("poses.mcap"), tum = Path("cube/truth.tum");
+  const std::string advice = ": run evpose replay again with the name of such a file as --out\n";
+  const std::string expected = mcap + ": poses are not read from .mcap files, but from .tum, .csv or .jsonl" + advice;
+  const std::vector<std::string> scene = {"--model", Path("cube/model.obj"), "--camera", Path("cube/camera.yaml")};
+  for (std::vector<std::string> arguments : std::vector<std::vector<std::string>>{
+           {"evaluate", "--truth", tum, "--estimate", mcap},
+           {"render", Path("cube/recording.raw"), "--poses", mcap, "--out", Path("a.png")},
+           {"view", Path("cube/recording.raw"), "--poses", mcap}}) {
+    arguments.insert(arguments.end(), scene.begin(), scene.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, HasSubstr(expected)) << arguments[0];
+  }
+  EXPECT_THAT(Run({"evaluate", "--truth", mcap, "--estimate", tum}).err,
+              HasSubstr(mcap + ": poses are not read from .mcap files, but from .tum" + advice));
+}
+
+}  // namespace
+}  // namespace evpose
