@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose-hdf5 behind evpose's reader and writer of recordings.
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <csignal>
@@ -11,8 +14,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <vector>
 
 #include "client/containers/containers_testing.h"
+#include "client/containers/hdf5/event_pipe.h"
 #include "client/containers/hdf5_source.h"
 #include "client/containers/open_recording.h"
 #include "client/convert_hdf5/hdf5_testing.h"
@@ -126,6 +131,32 @@ TEST_F(Hdf5ProgramTest, AnOutputThatIsNotClosedLeavesNoFile) {
     ASSERT_TRUE(output->Write(absl::MakeConstSpan(TestEvents(100'000))).ok());
   }
   EXPECT_FALSE(std::filesystem::exists(path()));
+}
+
+TEST_F(Hdf5ProgramTest, ASignalLeavesNoFile) {
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
+    int pipe[2];
+    ASSERT_EQ(pipe2(pipe, O_CLOEXEC), 0);
+    const pid_t pid = fork();
+    if (pid == 0) {
+      dup2(pipe[0], STDIN_FILENO);
+      for (const int each : {SIGINT, SIGTERM, SIGHUP}) std::signal(each, SIG_DFL);
+      execl(EVPOSE_HDF5_PROGRAM, EVPOSE_HDF5_PROGRAM, "write", path().c_str(), nullptr);
+      _exit(127);
+    }
+    std::vector<uint8_t> bytes;
+    AppendPipeHeader({.format = "", .geometry = {640, 480}, .time_offset_us = 0}, bytes);
+    AppendPipeEvents(TestEvents(100), bytes);
+    ASSERT_EQ(write(pipe[1], bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
+    int status = 0;
+    while (!std::filesystem::exists(path() + ".partial")) ASSERT_EQ(waitpid(pid, &status, WNOHANG), 0);
+    kill(pid, number);
+    ASSERT_EQ(waitpid(pid, &status, 0), pid);
+    close(pipe[0]);
+    close(pipe[1]);
+    EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == number) << status;
+    EXPECT_TRUE(std::filesystem::is_empty(directory_.path())) << number;
+  }
 }
 
 // Whatever a damaged file does to the HDF5 library, this process gets an error or events.

@@ -9,6 +9,7 @@
 #include "client/containers/hdf5/ecf_codec.h"
 #include "client/convert_hdf5/metavision_attributes.h"
 #include "core/base/status_macros.h"
+#include "core/base/temporary_files.h"
 
 namespace evpose::client {
 namespace {
@@ -71,10 +72,12 @@ absl::StatusOr<std::unique_ptr<Hdf5Writer>> Hdf5Writer::Create(const std::string
                                                    header.geometry.height_px, "; write CSV or DAT"));
   }
   const std::string temporary_path = absl::StrCat(path, ".partial");
+  RegisterTemporaryFile(temporary_path);
   Hdf5Handle file(H5Fcreate(temporary_path.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT), H5Fclose);
   if (!file.ok()) {
     const absl::Status failed = absl::UnavailableError(absl::StrCat(path, ": cannot be created", LibraryError()));
     std::filesystem::remove(temporary_path, error);
+    UnregisterTemporaryFile(temporary_path);
     return failed;
   }
   std::unique_ptr<Hdf5Writer> writer(new Hdf5Writer(path, temporary_path, std::move(file)));
@@ -103,6 +106,7 @@ Hdf5Writer::~Hdf5Writer() {
   (void)file_.Close();
   std::error_code error;
   std::filesystem::remove(temporary_path_, error);
+  UnregisterTemporaryFile(temporary_path_);
 }
 
 bool Hdf5Writer::MakeTable(const char* group, const Hdf5Handle& row_type, bool is_compressed, Table& table) {
@@ -190,6 +194,7 @@ absl::Status Hdf5Writer::Close() {
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) return absl::UnavailableError(absl::StrCat(path_, ": cannot be written: ", error.message()));
+  UnregisterTemporaryFile(temporary_path_);
   phase_ = Phase::kClosed;
   return absl::OkStatus();
 }

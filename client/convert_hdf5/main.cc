@@ -23,6 +23,8 @@
 #include "client/convert_hdf5/hdf5_writer.h"
 #include "core/base/file_version.h"
 #include "core/base/status_macros.h"
+#include "core/base/temporary_files.h"
+#include "core/base/terminate_by_signal.h"
 #include "core/command_line/help.h"
 
 namespace {
@@ -122,7 +124,19 @@ absl::Status WriteRecord(const std::string& path, const PipeRecord& record, std:
   return absl::OkStatus();
 }
 
+// An interrupt from the terminal also reaches this program, which then removes its incomplete file.
+void RemoveFileAtSignals() {
+  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
+    const auto end = [](int signal) {
+      evpose::RemoveTemporaryFiles();
+      evpose::TerminateBySignal(signal);
+    };
+    if (std::signal(number, end) == SIG_IGN) std::signal(number, SIG_IGN);  // as by nohup
+  }
+}
+
 absl::Status WriteFile(const std::string& path) {
+  RemoveFileAtSignals();
   std::unique_ptr<Hdf5Writer> writer;
   std::vector<uint8_t> bytes;
   PipeRecord record;
