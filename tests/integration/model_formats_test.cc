@@ -115,5 +115,18 @@ TEST_F(ModelFormatsTest, APoseBehindTheCameraIsRefused) {
   }
 }
 
+TEST_F(ModelFormatsTest, AModelOfMicrometresIsPrintedInThem) {
+  WriteText("tiny.obj",
+            "v 0 0 0\nv 0.000002 0 0\nv 0 0.000002 0\nv 0 0 0.000002\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+  const CliResult text = Run({"models", "inspect", Path("tiny.obj")});
+  EXPECT_EQ(text.status, 0) << text.err;
+  EXPECT_THAT(text.out, HasSubstr("tiny.obj: 2 x 2 x 2 micrometres, diameter 2.828 micrometres\n"));
+  EXPECT_THAT(text.out, ::testing::Not(HasSubstr("inf")));
+  EXPECT_THAT(text.out, HasSubstr("no view has an edge that can be tracked; the object is 2.828 micrometres across: if "
+                                  "the unit of the file is another, pass its metres as --scale"));
+  const CliResult scaled = Run({"models", "inspect", Path("tiny.obj"), "--scale", "1000"});
+  EXPECT_THAT(scaled.out, HasSubstr("2 x 2 x 2 mm, diameter 2.828 mm\n"));
+}
+
 }  // namespace
 }  // namespace evpose

@@ -156,7 +156,11 @@ ViewSummary Summarise(const std::vector<ModelView>& views) {
 std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummary& summary) {
   std::vector<std::string> warnings;
   const size_t num_views = inspection.views.size();
-  if (summary.num_unobservable > 0) {
+  if (summary.max_elements == 0) {
+    warnings.push_back(absl::StrCat("no view has an edge that can be tracked; the object is ",
+                                    FormatLength(inspection.model.diameter_m),
+                                    " across: if the unit of the file is another, pass its metres as --scale"));
+  } else if (summary.num_unobservable > 0) {
     warnings.push_back(
         absl::StrFormat("in %d of %d views the visible edges do not determine the pose (standard deviation above %g px "
                         "at the outline); "
@@ -220,11 +224,41 @@ Json InspectionJson(const Inspection& inspection) {
           {"warnings", Warnings(inspection, summary)}};
 }
 
+void PrintObservability(const ViewSummary& summary, std::ostream& out) {
+  out << absl::StrFormat(
+      "observable   standard deviation at the outline after %.0f events, px, median of the views / worst: least "
+      "certain motion %.2f / %.2f\n",
+      ModelViewOptions().events, summary.weakest.median_px, summary.weakest.worst_px);
+  for (int motion = 0; motion < 6; ++motion) {
+    const Deviation& deviation = summary.by_motion[motion];
+    out << absl::StrFormat("             %-16s %.2f / %.2f\n", kMotionTexts[motion], deviation.median_px,
+                           deviation.worst_px);
+  }
+}
+
+// What the views show; without an edge in any of them, only that.
+void PrintViews(const Inspection& inspection, std::ostream& out) {
+  const ViewSummary summary = Summarise(inspection.views);
+  const ModelViewOptions options;
+  out << absl::StrFormat(
+      "elements     %.0f on average, %d at most, of %d views with a size of %.0f px; %.0f %% of their length "
+      "are contours\n",
+      summary.mean_elements, summary.max_elements, inspection.views.size(), options.object_px,
+      100.0 * summary.contour_share);
+  if (summary.max_elements > 0) PrintObservability(summary, out);
+  if (summary.max_elements > 0) PrintFindability(inspection.findability, inspection.model, inspection.camera, out);
+  out << absl::StrFormat(
+      "cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
+      "proportional to their number\n",
+      absl::ToDoubleMilliseconds(inspection.time_per_view));
+}
+
 void PrintInspection(const std::string& path, const Inspection& inspection, std::ostream& out) {
   const ObjectModel& model = inspection.model;
   const Eigen::Vector3d& size_m = inspection.size_m;
-  out << absl::StrFormat("%s: %.4g x %.4g x %.4g m, diameter %.4g m\n", path, size_m.x(), size_m.y(), size_m.z(),
-                         model.diameter_m);
+  const LengthUnit unit = UnitOfLength(model.diameter_m);
+  out << absl::StrFormat("%s: %.4g x %.4g x %.4g %s, diameter %s\n", path, size_m.x() / unit.metres,
+                         size_m.y() / unit.metres, size_m.z() / unit.metres, unit.name, FormatLength(model.diameter_m));
   out << absl::StrFormat("mesh         %s, %s, prepared in %.2f s\n", Counted(model.triangles.size(), "triangle"),
                          Counted(model.vertices.size(), "vertex", "vertices"),
                          absl::ToDoubleSeconds(inspection.preparation));
@@ -245,29 +279,11 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
                            Counted(model.facet_edges.size(), "edge between facets", "edges between facets"));
   }
   PrintSymmetries(model, inspection.near_symmetries, out);
-  const ViewSummary summary = Summarise(inspection.views);
-  const ModelViewOptions options;
-  out << absl::StrFormat(
-      "elements     %.0f on average, %d at most, of %d views with a size of %.0f px; %.0f %% of their length "
-      "are contours\n",
-      summary.mean_elements, summary.max_elements, inspection.views.size(), options.object_px,
-      100.0 * summary.contour_share);
-  out << absl::StrFormat(
-      "observable   standard deviation at the outline after %.0f events, px, median of the views / worst: least "
-      "certain motion %.2f / %.2f\n",
-      options.events, summary.weakest.median_px, summary.weakest.worst_px);
-  for (int motion = 0; motion < 6; ++motion) {
-    const Deviation& deviation = summary.by_motion[motion];
-    out << absl::StrFormat("             %-16s %.2f / %.2f\n", kMotionTexts[motion], deviation.median_px,
-                           deviation.worst_px);
-  }
-  PrintFindability(inspection.findability, model, inspection.camera, out);
-  out << absl::StrFormat(
-      "cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
-      "proportional to their number\n",
-      absl::ToDoubleMilliseconds(inspection.time_per_view));
+  PrintViews(inspection, out);
   for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
-  for (const std::string& warning : Warnings(inspection, summary)) out << "warning: " << warning << "\n";
+  for (const std::string& warning : Warnings(inspection, Summarise(inspection.views))) {
+    out << "warning: " << warning << "\n";
+  }
 }
 
 absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) {

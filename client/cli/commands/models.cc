@@ -58,9 +58,9 @@ Json ModelJson(const ModelInfo& model) {
 
 void PrintModel(const ModelInfo& model, std::ostream& out) {
   out << model.name
-      << absl::StrFormat("  %s  %s  %s  %s  diameter %.4g m  %s\n", Counted(model.num_lines, "line"),
+      << absl::StrFormat("  %s  %s  %s  %s  diameter %s  %s\n", Counted(model.num_lines, "line"),
                          Counted(model.num_curves, "curve"), Counted(model.num_faces, "face"), SymmetryText(model),
-                         model.diameter_m, model.file_name.empty() ? "-" : model.file_name);
+                         FormatLength(model.diameter_m), model.file_name.empty() ? "-" : model.file_name);
 }
 
 // The results of the preparation.
@@ -69,7 +69,8 @@ void PrintDetails(const ModelInfo& model, std::ostream& out) {
                          Counted(model.size_bytes, "byte"));
   out << absl::StrFormat("reading      %g m per unit, crease angle %g degrees, surface %s\n", model.metres_per_unit,
                          model.crease_angle_deg, SurfaceText(model.surface));
-  out << absl::StrFormat("mesh         %s, diameter %.4g m\n", Counted(model.num_faces, "face"), model.diameter_m);
+  out << absl::StrFormat("mesh         %s, diameter %s\n", Counted(model.num_faces, "face"),
+                         FormatLength(model.diameter_m));
   if (model.num_regions > 0) out << absl::StrFormat("regions      %d\n", model.num_regions);
   out << absl::StrFormat("edges        %s, %s\n", Counted(model.num_lines, "straight line"),
                          Counted(model.num_curves, "curve"));

@@ -119,6 +119,15 @@ absl::StatusOr<std::optional<OutputFile>> OpenOutput(const std::string& path);
 // Appends the rest of an output and completes it; does nothing for nullopt.
 absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest);
 
+// The unit in which a length is printed.
+struct LengthUnit {
+  const char* name;
+  double metres;
+};
+LengthUnit UnitOfLength(double length_m);
+// "0.2 m", "3.5 mm", "1.414 micrometres"
+std::string FormatLength(double length_m);
+
 // A number of milliseconds; null for nullopt.
 Json MillisecondsJson(const std::optional<absl::Duration>& duration);
 

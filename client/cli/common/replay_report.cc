@@ -123,7 +123,7 @@ void ReplayReport::PrintInput(std::ostream& stream) const {
 void ReplayReport::PrintObjects(std::ostream& stream) const {
   for (const Model& model : models) {
     // The scale of a model cannot be observed: the translations of the poses scale with it.
-    stream << NameOf(model.object_id) << absl::StrFormat("model: %.4g m across", model.diameter_m);
+    stream << NameOf(model.object_id) << "model: " << FormatLength(model.diameter_m) << " across";
     if (model.num_symmetries > 1) {
       stream << "; looks the same in " << model.num_symmetries << " orientations; a pose represents all of them";
     }
