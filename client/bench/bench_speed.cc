@@ -149,8 +149,12 @@ Json RowJson(const ServiceRow& row) {
 // Runs the plan and prints each row when it is measured.
 absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
   ProgressLine progress(context);
-  const auto on_progress = [&](double ratio, const std::string& text) {
-    progress.Show(ratio, absl::StrFormat("%3.0f %%  %s", 100.0 * ratio, text));
+  const auto num_parts = static_cast<double>(plan.speed.parts.size() + plan.service.parts.size());
+  const double speed_share = static_cast<double>(plan.speed.parts.size()) / num_parts;
+  double begin = 0.0, share = speed_share;  // of the present kind of parts, in the whole work
+  const SpeedProgress on_progress = [&](double ratio, const std::string& text) {
+    const double done = begin + share * ratio;
+    progress.Show(done, absl::StrFormat("%3.0f %%  %s", 100.0 * done, text));
     return !context.IsInterrupted();
   };
   if (!plan.speed.parts.empty()) {
@@ -163,6 +167,7 @@ absl::Status Measure(const Plan& plan, CliContext& context, Json& rows) {
     EVPOSE_RETURN_IF_ERROR(RunSpeedBench(plan.speed, on_row, on_progress));
   }
   if (plan.service.parts.empty()) return absl::OkStatus();
+  begin = speed_share, share = 1.0 - speed_share;
   std::string last_part;
   const auto on_row = [&](const ServiceRow& row) {
     progress.Clear();

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <limits>
 #include <map>
+#include <set>
 #include <thread>
 #include <utility>
 
@@ -40,6 +41,16 @@ std::vector<std::string> ScenesOf(const std::string& part) {
   if (part == "path") return {"1", "10", "50"};
   if (part == "memory") return {"1", "50"};
   return {"1"};
+}
+
+// The simulation of each scene, and the measurement of each part on each of its scenes.
+size_t NumSteps(const std::vector<std::string>& parts) {
+  std::set<std::string> scenes;
+  size_t num_steps = 0;
+  for (const std::string& part : parts) {
+    for (const std::string& scene : ScenesOf(part)) num_steps += scenes.insert(scene).second ? 2 : 1;
+  }
+  return num_steps;
 }
 
 void AddPercentiles(const std::string& name, std::vector<double> values_ms, std::vector<NamedNumber>& numbers) {
@@ -101,16 +112,15 @@ class ServiceBench {
  public:
   ServiceBench(const ServiceBenchOptions& options, CliContext& context,
                const std::function<void(const ServiceRow&)>& on_row, const SpeedProgress& on_progress)
-      : options_(options), context_(context), on_row_(on_row), on_progress_(on_progress) {}
+      : options_(options), context_(context), on_row_(on_row), progress_(NumSteps(options.parts), on_progress) {}
 
   absl::Status Run() {
     EVPOSE_RETURN_IF_ERROR(CheckParts());
-    for (size_t i = 0; i < options_.parts.size(); ++i) {
-      const std::string& part = options_.parts[i];
-      begin_ratio_ = static_cast<double>(i) / static_cast<double>(options_.parts.size());
+    for (const std::string& part : options_.parts) {
       for (const std::string& scene : ScenesOf(part)) {
         EVPOSE_ASSIGN_OR_RETURN(input_, InputOf(scene));
         EVPOSE_RETURN_IF_ERROR(RunPart(part));
+        progress_.FinishStep();
       }
     }
     return absl::OkStatus();
@@ -122,11 +132,12 @@ class ServiceBench {
     const auto [found, is_new] = inputs_.try_emplace(scene);
     Input& input = found->second;
     if (!is_new) return &input;
-    const auto on_simulated = [&](double) {
-      return on_progress_(begin_ratio_, absl::StrCat("simulating ", scene, " Mev/s"));
+    const auto on_simulated = [&](double ratio) {
+      return progress_.Show(ratio, absl::StrCat("simulating ", scene, " Mev/s"));
     };
     EVPOSE_ASSIGN_OR_RETURN(input.recording, MakeSpeedRecording(scene, options_.duration_us, on_simulated));
     EVPOSE_ASSIGN_OR_RETURN(std::vector<uint8_t> bytes, EncodeRecording(input.recording, Encoding::kEvt3));
+    progress_.FinishStep();
     input.encoded = {Encoding::kEvt3, input.recording.geometry,
                      std::make_shared<const std::vector<uint8_t>>(std::move(bytes))};
     return &input;
@@ -157,9 +168,11 @@ class ServiceBench {
     return Sessions();
   }
 
-  bool Continues(const std::string& what) const {
-    return on_progress_(begin_ratio_, absl::StrCat(what, ", ", recording().scene, " Mev/s"));
+  // `ratio` is the share of the measurement that is done.
+  bool Continues(const std::string& what, double ratio = 0.0) const {
+    return progress_.Show(ratio, absl::StrCat(what, ", ", recording().scene, " Mev/s"));
   }
+  double ShareOfRepetitions(int repetition) const { return static_cast<double>(repetition) / options_.num_repetitions; }
 
   // Connects to the server that all parts except memory share.
   absl::Status Connect() {
@@ -197,7 +210,7 @@ class ServiceBench {
     std::vector<uint8_t> copy(encoded().bytes->size());
     double wall_s = kInfinity, processor_s = kInfinity, copy_s = kInfinity;
     for (int i = 0; i < options_.num_repetitions; ++i) {
-      if (!Continues("transport")) return absl::CancelledError("interrupted");
+      if (!Continues("transport", ShareOfRepetitions(i))) return absl::CancelledError("interrupted");
       copy_s = std::min(copy_s, ProcessorSecondsOf([&] {
                           for (int k = 0; k < num_times; ++k) {
                             std::memcpy(copy.data(), encoded().bytes->data(), copy.size());
@@ -244,7 +257,7 @@ class ServiceBench {
   absl::Status Path() {
     double wall_s = kInfinity, tracker_s = kInfinity, client_s = kInfinity, server_s = kInfinity;
     for (int i = 0; i < options_.num_repetitions; ++i) {
-      if (!Continues("path")) return absl::CancelledError("interrupted");
+      if (!Continues("path", ShareOfRepetitions(i))) return absl::CancelledError("interrupted");
       EVPOSE_ASSIGN_OR_RETURN(const double tracker_once_s, TrackerSeconds());
       tracker_s = std::min(tracker_s, tracker_once_s);
       EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
@@ -269,7 +282,7 @@ class ServiceBench {
   absl::Status Latency() {
     Latencies latencies;
     for (int i = 0; i < options_.num_repetitions; ++i) {
-      if (!Continues("latency")) return absl::CancelledError("interrupted");
+      if (!Continues("latency", ShareOfRepetitions(i))) return absl::CancelledError("interrupted");
       EVPOSE_ASSIGN_OR_RETURN(const auto session, BenchSession::Create(*server_.client, config_));
       EVPOSE_ASSIGN_OR_RETURN(const StreamTimes times, Stream(*session, /*rate=*/1.0));
       latencies.Add(times);
@@ -315,12 +328,14 @@ class ServiceBench {
 
   absl::Status Sessions() {
     double one_s = 0.0;
+    double num_measured = 0.0;  // numbers of sessions
     for (const int num_sessions : kSessionCounts) {
       double server_s = kInfinity, create_s = kInfinity;
       // A measurement of many sessions is an average already and needs fewer repetitions.
       const int num_repetitions = std::clamp(kMostSessions / num_sessions, 1, options_.num_repetitions);
       for (int i = 0; i < num_repetitions; ++i) {
-        if (!Continues(absl::StrCat(num_sessions, " sessions"))) return absl::CancelledError("interrupted");
+        const double ratio = (num_measured + static_cast<double>(i) / num_repetitions) / std::size(kSessionCounts);
+        if (!Continues(absl::StrCat(num_sessions, " sessions"), ratio)) return absl::CancelledError("interrupted");
         EVPOSE_ASSIGN_OR_RETURN(const double idle_s, ProcessorSeconds(server_.pid));
         EVPOSE_ASSIGN_OR_RETURN(const ManySessions sessions, CreateSessions(num_sessions));
         EVPOSE_ASSIGN_OR_RETURN(const double begin_s, ProcessorSeconds(server_.pid));
@@ -329,6 +344,7 @@ class ServiceBench {
         EVPOSE_ASSIGN_OR_RETURN(const double end_s, ProcessorSeconds(server_.pid));
         server_s = std::min(server_s, (end_s - begin_s) / num_sessions);
       }
+      num_measured += 1.0;
       if (num_sessions == 1) one_s = server_s;
       const char* const measure = num_sessions == 1 ? "server_real_time_ratio" : "to_one_ratio";
       EVPOSE_RETURN_IF_ERROR(Report("sessions", absl::StrCat(num_sessions), measure,
@@ -360,8 +376,7 @@ class ServiceBench {
   const ServiceBenchOptions& options_;
   CliContext& context_;
   const std::function<void(const ServiceRow&)>& on_row_;
-  const SpeedProgress& on_progress_;
-  double begin_ratio_ = 0.0;
+  StepProgress progress_;
   std::map<std::string, Input> inputs_;  // by scene
   const Input* input_ = nullptr;         // the input of the current part
 

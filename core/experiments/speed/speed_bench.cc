@@ -32,26 +32,24 @@ class SpeedBench {
  public:
   SpeedBench(const SpeedBenchOptions& options, const std::function<void(const SpeedRow&)>& on_row,
              const SpeedProgress& on_progress)
-      : options_(options), on_row_(on_row), on_progress_(on_progress) {}
+      : options_(options), on_row_(on_row), progress_(NumSteps(), on_progress) {}
 
   absl::Status Run() {
-    const std::vector<SpeedScene>& scenes = SpeedScenes();
-    for (size_t i = 0; i < scenes.size(); ++i) {
-      const std::vector<std::string> parts = PartsOf(scenes[i].name);
+    for (const SpeedScene& scene : SpeedScenes()) {
+      const std::vector<std::string> parts = PartsOf(scene.name);
       if (parts.empty()) continue;
-      const auto scene_ratio = 1.0 / static_cast<double>(scenes.size());
       const auto on_simulated = [&](double ratio) {
-        return Progress((static_cast<double>(i) + 0.5 * ratio) * scene_ratio,
-                        absl::StrCat("simulating ", scenes[i].name, " Mev/s"));
+        return progress_.Show(ratio, absl::StrCat("simulating ", scene.name, " Mev/s"));
       };
       EVPOSE_ASSIGN_OR_RETURN(const SpeedRecording recording,
-                              MakeSpeedRecording(scenes[i], options_.duration_us, on_simulated));
+                              MakeSpeedRecording(scene, options_.duration_us, on_simulated));
+      progress_.FinishStep();
       for (const std::string& part : parts) {
-        if (!Progress((static_cast<double>(i) + 0.5) * scene_ratio,
-                      absl::StrCat(part, ", ", scenes[i].name, " Mev/s"))) {
+        if (!progress_.Show(0.0, absl::StrCat(part, ", ", scene.name, " Mev/s"))) {
           return absl::CancelledError("interrupted");
         }
         EVPOSE_RETURN_IF_ERROR(RunPart(part, recording));
+        progress_.FinishStep();
       }
     }
     return absl::OkStatus();
@@ -69,7 +67,15 @@ class SpeedBench {
     return parts;
   }
 
-  bool Progress(double ratio, const std::string& text) const { return !on_progress_ || on_progress_(ratio, text); }
+  // The simulation of each scene, and the parts that are measured on it.
+  size_t NumSteps() const {
+    size_t num_steps = 0;
+    for (const SpeedScene& scene : SpeedScenes()) {
+      const size_t num_parts = PartsOf(scene.name).size();
+      if (num_parts > 0) num_steps += 1 + num_parts;
+    }
+    return num_steps;
+  }
 
   absl::Status RunPart(const std::string& part, const SpeedRecording& recording) {
     if (part == "decode") {
@@ -248,7 +254,7 @@ class SpeedBench {
 
   const SpeedBenchOptions& options_;
   const std::function<void(const SpeedRow&)>& on_row_;
-  const SpeedProgress& on_progress_;
+  StepProgress progress_;
 };
 
 }  // namespace

@@ -61,6 +61,23 @@ struct SpeedRow {
 // the work with CANCELLED. May be null.
 using SpeedProgress = std::function<bool(double done_ratio, const std::string& text)>;
 
+// The progress of work in steps that count alike.
+class StepProgress {
+ public:
+  StepProgress(size_t num_steps, const SpeedProgress& on_progress) : num_steps_(num_steps), on_progress_(on_progress) {}
+  // Reports the share of the present step, in [0, 1]. Returns false if the work has to end.
+  bool Show(double step_ratio, const std::string& text) const {
+    if (!on_progress_) return true;
+    return on_progress_((static_cast<double>(num_done_) + step_ratio) / static_cast<double>(num_steps_), text);
+  }
+  void FinishStep() { ++num_done_; }
+
+ private:
+  const size_t num_steps_;
+  const SpeedProgress& on_progress_;
+  size_t num_done_ = 0;
+};
+
 // Runs the benchmark; `on_row` is called after each measurement. Errors: those of Validate(); CANCELLED; INTERNAL if a
 // recording does not decode to its events or the tracker has no pose of it.
 absl::Status RunSpeedBench(const SpeedBenchOptions& options, const std::function<void(const SpeedRow&)>& on_row,
