@@ -8,8 +8,6 @@
 
 #include "core/association/competitors.h"
 #include "core/association/line_cells.h"
-#include "core/base/check_range.h"
-#include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 #include "core/numerics/math.h"
 #include "core/numerics/reusable_vector.h"
@@ -52,33 +50,6 @@ int NumLines(absl::Span<const TrackedLine> elements, absl::Span<const ImageLine>
 }
 
 }  // namespace
-
-absl::Status HealthOptions::Validate() const {
-  EVPOSE_RETURN_IF_ERROR(CheckRange("gate_px", gate_px, 1.0, 64.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("near_px", near_px, 0.1, 0.5 * gate_px));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_spread_px", max_spread_px, 0.05, gate_px));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("min_spread_px", min_spread_px, 0.05, max_spread_px));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("significance_sigma", significance_sigma));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("power_sigma", power_sigma, significance_sigma, 1000.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("dispersion", dispersion, 1.0, 1000.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_noise_hz_per_px", max_noise_hz_per_px, 0.0, 1e6));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("min_excess_ratio", min_excess_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("min_events", min_events, 1, 1'000'000));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_span_us", static_cast<double>(min_span_us)));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("confirm_support_ratio", confirm_support_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("keep_support_ratio", keep_support_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("confirm_lines", confirm_lines, 1, 1000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("keep_lines", keep_lines, 1, confirm_lines));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("min_signal_events", min_signal_events, 0.0, 1e6));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("memory_us", static_cast<double>(memory_us)));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("min_tested_ratio", min_tested_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_hold_us", static_cast<double>(max_hold_us), 0.0, 1e9));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_missing_sectors", max_missing_sectors, 0, TrackHealth::kNumSectors));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("patience_us", static_cast<double>(patience_us)));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("lost_after_us", static_cast<double>(lost_after_us)));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("max_contradictions", max_contradictions, 1, 1000));
-  return CheckPositive("max_uncertainty_px", max_uncertainty_px);
-}
 
 TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_curves)
     : options_(options),
@@ -255,7 +226,7 @@ void TrackHealth::AddExpectedEvents(const CameraModel& camera, const WindowInput
     }
   }
   const double events_per_observation = input.shares.mean_events_per_observation;
-  for (int i = 0; i < kNumSectors; ++i) {
+  for (int i = 0; i < kNumOutlineSectors; ++i) {
     Sector& sector = sectors_[i];
     sector.expected += window_sectors_[i].expected;
     sector.observed += events_per_observation * window_sectors_[i].observed;
@@ -419,10 +390,20 @@ bool TrackHealth::HasPower(const LineStatistics& line, double credited_ratio) co
 }
 
 double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const {
-  if (IsExpected(line, noise, kTestableEvents)) return 1.0;
+  return IsExpected(line, noise, kTestableEvents) ? 1.0 : PresentPlaces(line, noise);
+}
+
+double TrackHealth::PresentPlaces(const LineStatistics& line, double noise) {
   const auto places = static_cast<double>(line.along.size());
   const double least = (noise + kTestableEvents) / places;
   return static_cast<double>((line.along.array() >= least).count()) / places;
+}
+
+bool TrackHealth::IsDisplaced(size_t curve, double credited_ratio) const {
+  LineStatistics line = statistics_[curve];
+  line.Add(memory_[curve]);
+  return ExcessSigma(line) < options_.significance_sigma && PowerSigma(line, credited_ratio) >= options_.power_sigma &&
+         PresentPlaces(line, credited_ratio * line.noise) >= 0.5;
 }
 
 double TrackHealth::PooledShare(const LineStatistics& pooled, double credited_ratio) const {
@@ -430,62 +411,70 @@ double TrackHealth::PooledShare(const LineStatistics& pooled, double credited_ra
   return is_significant ? pooled.excess / std::max(pooled.excess, RightExcess(pooled, credited_ratio)) : 0.0;
 }
 
+void TrackHealth::AddCurve(size_t k, double credited_ratio, CurveSums& sums) {
+  CurveResult& curve = curve_results_[k];
+  curve = {CurveResult::Kind::kOpen, std::max(0.0, statistics_[k].excess + memory_[k].excess),
+           statistics_[k].expected + memory_[k].expected};
+  LineStatistics line = statistics_[k];
+  const double length_px = line.length_px;
+  sums.total.Add(line);
+  sums.present_length += PresentRatio(line, credited_ratio * line.noise) * length_px;
+  if (!IsTestable(line)) line.Add(memory_[k]);
+  if (!IsTestable(line)) return;
+  sums.testable_lines += line.lines;
+  sums.testable_length += length_px;
+  if (ExcessSigma(line) >= options_.significance_sigma) {
+    sums.supported_lines += line.lines;
+    sums.decided_lines += line.lines;
+    sums.supported_length += length_px;
+    curve.kind = CurveResult::Kind::kSupported;
+    return;
+  }
+  if (HasPower(line, credited_ratio)) {
+    sums.decided_lines += line.lines;
+    sums.contradicting_length += length_px;
+    curve.kind = CurveResult::Kind::kContradicted;
+  } else {
+    sums.pooled.Add(line);
+    sums.pooled_length += length_px;
+    sums.pooled_lines += line.lines;
+  }
+  if (IsDisplaced(k, credited_ratio)) sums.displaced_length += length_px;
+}
+
 HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) {
   using Kind = HealthResult::Kind;
   const double credited_ratio = CreditedNoiseRatio();
-  HealthResult result;
-  LineStatistics total, pooled;
-  double supported_length = 0.0, testable_length = 0.0, present_length = 0.0, contradicting_length = 0.0;
-  double pooled_length = 0.0;
-  int pooled_lines = 0, decided_lines = 0;
+  CurveSums sums;
   for (size_t k = 0; k < statistics_.size(); ++k) {
     YieldPoint(k);
-    CurveResult& curve = curve_results_[k];
-    curve = {CurveResult::Kind::kOpen, std::max(0.0, statistics_[k].excess + memory_[k].excess),
-             statistics_[k].expected + memory_[k].expected};
-    LineStatistics line = statistics_[k];
-    const double length_px = line.length_px;
-    total.Add(line);
-    present_length += PresentRatio(line, credited_ratio * line.noise) * length_px;
-    if (!IsTestable(line)) line.Add(memory_[k]);
-    if (!IsTestable(line)) continue;
-    result.testable_lines += line.lines;
-    testable_length += length_px;
-    if (ExcessSigma(line) >= options_.significance_sigma) {
-      result.supported_lines += line.lines;
-      decided_lines += line.lines;
-      supported_length += length_px;
-      curve.kind = CurveResult::Kind::kSupported;
-    } else if (HasPower(line, credited_ratio)) {
-      decided_lines += line.lines;
-      contradicting_length += length_px;
-      curve.kind = CurveResult::Kind::kContradicted;
-    } else {
-      pooled.Add(line);
-      pooled_length += length_px;
-      pooled_lines += line.lines;
-    }
+    AddCurve(k, credited_ratio, sums);
   }
-  const double pooled_share = PooledShare(pooled, credited_ratio);
-  supported_length += pooled_share * pooled_length;
-  result.supported_lines += static_cast<int>(pooled_share * pooled_lines);
-  result.sigma = ExcessSigma(total);
-  result.present_ratio = total.length_px > 0.0 ? present_length / total.length_px : 0.0;
-  result.testable_ratio = total.length_px > 0.0 ? testable_length / total.length_px : 0.0;
-  result.support_ratio = testable_length > 0.0 ? supported_length / testable_length : 0.0;
+  const double pooled_share = PooledShare(sums.pooled, credited_ratio);
+  sums.supported_length += pooled_share * sums.pooled_length;
+  const double decided_length = sums.supported_length + sums.contradicting_length;
+  const double decided_ratio = decided_length > 0.0 ? sums.supported_length / decided_length : 0.0;
+  const double length_px = sums.total.length_px;
+  HealthResult result;
+  result.supported_lines = sums.supported_lines + static_cast<int>(pooled_share * sums.pooled_lines);
+  result.testable_lines = sums.testable_lines;
+  result.sigma = ExcessSigma(sums.total);
+  result.present_ratio = length_px > 0.0 ? sums.present_length / length_px : 0.0;
+  result.testable_ratio = length_px > 0.0 ? sums.testable_length / length_px : 0.0;
+  result.support_ratio = sums.testable_length > 0.0 ? sums.supported_length / sums.testable_length : 0.0;
   result.missing_sectors = MissingSectors();
-  const double decided_length = supported_length + contradicting_length;
-  const double decided_ratio = decided_length > 0.0 ? supported_length / decided_length : 0.0;
   const bool has_excess = result.sigma > options_.significance_sigma &&
-                          total.excess >= options_.min_excess_ratio * RightExcess(total, credited_ratio);
+                          sums.total.excess >= options_.min_excess_ratio * RightExcess(sums.total, credited_ratio);
   const bool has_lines = result.supported_lines >= min_supported_lines;
   if (!has_excess) {
-    result.kind = HasPower(total, credited_ratio) ? Kind::kUnsupported : Kind::kOpen;
+    result.kind = HasPower(sums.total, credited_ratio) ? Kind::kUnsupported : Kind::kOpen;
   } else if (has_lines && result.support_ratio >= sure_support_ratio) {
-    result.kind = result.missing_sectors > options_.max_missing_sectors ? Kind::kDoubtful : Kind::kSupported;
+    const bool is_doubtful = result.missing_sectors > options_.max_missing_sectors ||
+                             sums.displaced_length > options_.max_displaced_ratio * decided_length;
+    result.kind = is_doubtful ? Kind::kDoubtful : Kind::kSupported;
   } else if (has_lines && result.support_ratio >= min_support_ratio) {
     result.kind = decided_ratio < sure_support_ratio ? Kind::kDoubtful : Kind::kOpen;
-  } else if (decided_lines >= min_supported_lines && (!has_lines || decided_ratio < min_support_ratio)) {
+  } else if (sums.decided_lines >= min_supported_lines && (!has_lines || decided_ratio < min_support_ratio)) {
     result.kind = Kind::kUnsupported;
   }
   return result;

@@ -10,84 +10,13 @@
 #include <cstdint>
 #include <vector>
 
-#include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "core/association/association.h"
 #include "core/estimation/estimator.h"
+#include "core/tracking/evidence/health_options.h"
 #include "core/tracking/evidence/line_statistics.h"
 
 namespace evpose {
-
-// Thresholds of the tests of core/tracking/README.md, section 1. All tests use the same event counts and have stated
-// false alarm rates; they were validated on simulated recordings with truth (core/experiments/RESULTS.md) and on the
-// tests of this folder.
-struct HealthOptions {
-  // Pixels. An event within near_px of its line, and nearer to it than half of the width of the line's cell there,
-  // counts as an event of that line; events beyond gate_px are not counted. Under uniform clutter the share of near
-  // events among those of a cell equals the ratio of the widths.
-  double near_px = 2.0;
-  double gate_px = 8.0;
-  // Pixels. The standard deviation of the events about a line at the right pose, which determines the power of the
-  // tests, is that of the fit within these bounds: the noise of the sensor (SensorProfile::pixel_noise_px, 0.8) with an
-  // error of the pose of 0.6 px, and twice the noise, the largest spread of an estimate.
-  double min_spread_px = 1.0;
-  double max_spread_px = 1.6;
-  // Standard deviations by which the near events must exceed chance: 1e-3 one-sided under the normal.
-  double significance_sigma = 3.1;
-  // Standard deviations that the near events would exceed chance by at the right pose: a test with less power does not
-  // contradict a pose. The right pose then remains below significance_sigma in 3 % of the tests of a line.
-  double power_sigma = 5.0;
-  // Variance of event counts relative to independent events, which is above 1 because one edge passage triggers several
-  // events (see events_per_information).
-  double dispersion = 5.0;
-  // Background events per second and pixel. An EVK4 in dim light produces 1 to 3, with sensitive biases 10. Events near
-  // the lines at up to this rate, and no denser than elsewhere on the sensor, do not contradict an object at rest.
-  double max_noise_hz_per_px = 10.0;
-  // Share of the excess that is expected at the right pose below which the events as a whole do not support a pose,
-  // however significant the excess is: uniform clutter is never exactly uniform.
-  double min_excess_ratio = 0.2;
-  // Gated events that a test result requires: with fewer, single events decide about a line. More would delay all
-  // results.
-  int min_events = 150;
-  // Microseconds that a test covers at least, two windows at 1 kHz: the error of a single window does not decide.
-  int64_t min_span_us = 2000;
-  // Share of the testable length of lines that must be supported. A wrong pose can be fitted to about three lines of
-  // clutter (6 unknowns, 2 per line); at the right pose nearly all lines that are not occluded are supported.
-  double confirm_support_ratio = 0.6;
-  double keep_support_ratio = 0.35;
-  // Lines that must be supported to confirm a tentative pose and to keep a confirmed one. Three lines determine the six
-  // unknowns of a pose, and two restrict all but a small part of its motion.
-  int confirm_lines = 3;
-  int keep_lines = 2;
-  // Events per window, above the background, that a decision about the window requires: a second try of the estimate,
-  // and the update of the running means. The relative fluctuation of fewer events exceeds the effects that are tested.
-  double min_signal_events = 50.0;
-  // Microseconds over which the counts of a short or slow line are summed.
-  int64_t memory_us = 100'000;
-  // Share of the length of the visible lines that must have been testable before the first support confirms a tentative
-  // track: a part of one object can equal the whole of another.
-  double min_tested_ratio = 0.9;
-  // Microseconds after which the first confirmation no longer waits for min_tested_ratio: a line that moves along
-  // itself produces no events and never becomes testable.
-  int64_t max_hold_us = 15'000;
-  // Least time, microseconds, after which a confirmed pose without support counts as unsupported: ten poses at 1 kHz.
-  // At low event rates the power of the test determines the time.
-  int64_t patience_us = 10'000;
-  // Microseconds from the first unsupported test result on after which a further one makes the pose LOST. At ordinary
-  // event rates a loss is thereby reported within 50 ms.
-  int64_t lost_after_us = 25'000;
-  // Sectors of the eight of the outline that may lack their events while a pose counts as supported: an occluder that
-  // hides a third of the width of a disc hides three of them.
-  int max_missing_sectors = 3;
-  // Contradicting test results after which a tentative pose is rejected. A smaller number may reject a right pose whose
-  // depth still converges; a larger one keeps wrong poses for longer.
-  int max_contradictions = 3;
-  // Pixels. A pose whose projected uncertainty exceeds this is wider than the gate and cannot be distinguished from a
-  // wrong one.
-  double max_uncertainty_px = 12.0;
-
-  absl::Status Validate() const;
-};
 
 // Result of a test, with the statistics that led to it.
 struct HealthResult {
@@ -143,9 +72,11 @@ class TrackHealth {
   // Tests the counts since the last result.
   //
   //   kSupported     supported length / testable length >= sure_support_ratio, with min_supported_lines supported ones;
-  //                  at most max_missing_sectors sectors of the outline lack their events
-  //   kDoubtful      the same with more such sectors; or supported length / testable length >= min_support_ratio with
-  //                  as many lines, and supported length / decided length < sure_support_ratio
+  //                  at most max_missing_sectors sectors of the outline lack their events, and displaced length /
+  //                  decided length <= max_displaced_ratio
+  //   kDoubtful      the same with more such sectors or more displaced length; or supported length / testable length
+  //                  >= min_support_ratio with as many lines, and supported length / decided length <
+  //                  sure_support_ratio
   //   kUnsupported   supported length / decided length < min_support_ratio, or fewer than min_supported_lines supported
   //                  lines, of at least as many decided ones; or all lines together have power and no support
   //   kFewEvents     no more events than the background explains, as for an object at rest, or no other result in 1 s
@@ -168,10 +99,6 @@ class TrackHealth {
     archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), recent, was_quiet);
     for (auto& sector : sectors) archive(sector);
   }
-
-  // With more sectors each has too few events to be tested; with fewer a hidden part of the outline must be larger to
-  // be noticed (README, section 1).
-  static constexpr int kNumSectors = 8;
 
   // Result of the last Test() with a result for each curve, by TrackedLine::curve. Not part of the state.
   absl::Span<const CurveResult> curve_results() const { return curve_results_; }
@@ -214,6 +141,14 @@ class TrackHealth {
     }
   };
 
+  // Sums over the curves of a test; lengths in pixels times seconds.
+  struct CurveSums {
+    LineStatistics total, pooled;
+    double present_length = 0.0, testable_length = 0.0, supported_length = 0.0, contradicting_length = 0.0;
+    double pooled_length = 0.0, displaced_length = 0.0;
+    int testable_lines = 0, supported_lines = 0, decided_lines = 0, pooled_lines = 0;
+  };
+
   void Reset();
   // Enters the lines of the window into window_lines_ and places_, and counts its events.
   void CountWindow(const WindowInput& input, absl::Span<const ImageLine> lines, const WindowFit& fit);
@@ -232,6 +167,8 @@ class TrackHealth {
   static void AddExcess(const PolarityCounts& counts, LineStatistics& statistics);
   void AddExpectedEvents(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                          const Vector6d& twist);
+  // Tests a curve, and adds it to the sums.
+  void AddCurve(size_t k, double credited_ratio, CurveSums& sums);
   HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines);
   // Whether the line would be supported at the right pose: it has, or should have produced, significantly more events
   // than the background, with as much information as kTestableEvents of an isolated line.
@@ -245,6 +182,9 @@ class TrackHealth {
   double PooledShare(const LineStatistics& pooled, double credited_ratio) const;
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;
+  static double PresentPlaces(const LineStatistics& line, double noise);  // the same, by the events alone
+  // Whether the events of the last memory_us along most of a curve give its test power, and do not support it.
+  bool IsDisplaced(size_t curve, double credited_ratio) const;
   // Whether the line's motion should have produced at least `events` events and significantly more than `noise`.
   bool IsExpected(const LineStatistics& line, double noise, double events) const;
   // The share of the background events that the test accepts as an explanation (see max_noise_hz_per_px).
@@ -280,8 +220,8 @@ class TrackHealth {
   double gate_px2_s_ = 0.0;  // area of the union of the gates times time
   Recent recent_;
   bool was_quiet_ = false;  // the last test result was kFewEvents
-  std::array<Sector, kNumSectors> sectors_;
-  std::array<Sector, kNumSectors> window_sectors_;  // those of the window
+  std::array<Sector, kNumOutlineSectors> sectors_;
+  std::array<Sector, kNumOutlineSectors> window_sectors_;  // those of the window
   std::vector<WindowLine> window_lines_;
   std::vector<Place> places_;         // place of each line of the window
   std::vector<Lanes> distance_px_;    // distances of events in several gates; infinite beyond the ends of the line

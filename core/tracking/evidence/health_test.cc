@@ -97,6 +97,22 @@ TEST_F(HealthTest, HalfOfAPoseIsDoubtfulAfterThePatience) {
   EXPECT_NEAR(result.support_ratio, 0.5, 0.01);
 }
 
+TEST_F(HealthTest, APoseWithAFifthOfItsLinesBesideTheirEventsIsDoubtful) {
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(8).kind, Kind::kOpen) << i;
+  const HealthResult result = WindowWithOwn(8);
+  EXPECT_EQ(result.kind, Kind::kDoubtful);
+  EXPECT_NEAR(result.support_ratio, 0.8, 0.01);
+}
+
+TEST_F(HealthTest, EdgesThatCrossAFifthOfTheLinesDoNotContradictThem) {
+  for (int i = 0; i < 20; ++i) {
+    for (int k = 0; k < 8; ++k) AddEvents(k, 100, 1.0);
+    for (int k = 8; k < kNumLines; ++k) AddEvents(k, 100, 8.0, 0.0, 0.3);
+    CloseWindow();
+    EXPECT_EQ(TestNow().kind, Kind::kSupported) << i;
+  }
+}
+
 TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
   for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(2).kind, Kind::kOpen) << i;
   EXPECT_EQ(WindowWithOwn(2).kind, Kind::kUnsupported);
