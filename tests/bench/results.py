@@ -19,12 +19,14 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import textwrap
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PAGE = os.path.join(ROOT, "core/experiments/RESULTS.md")
 EVPOSE = os.path.join(ROOT, "build/release/client/cli/evpose")
 MARK = "<!-- results: %s -->\n"
 END = "<!-- end -->"
+COLUMNS = 140  # tests/lint/check_tree.py
 
 
 def table(header, rows):
@@ -407,7 +409,7 @@ def measure(run, sections, is_quick):
     result = run.output(arguments)
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
     command = " ".join("DIR" if argument == REAL else argument for argument in arguments)
-    source = f"{kind} with `{command}`, {version}, on {machine()}."
+    source = textwrap.fill(f"{kind} with `{command}`, {version}, on {machine()}.", COLUMNS, break_long_words=False, break_on_hyphens=False)
     return {name: f"{source}\n\n{run.sections[name](result)}\n" for name in sections}
 
 
