@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/container/inlined_vector.h"
 #include "core/base/yield_point.h"
 #include "core/mesh/box_tree.h"
 #include "core/mesh/mesh_edges.h"
@@ -34,7 +35,7 @@ constexpr size_t kCutsForAnySize = 100'000;
 // inaccurate, and the distances of the corners decide.
 constexpr double kSamePlaneCosine = 0.99;
 
-using Polygon2d = std::vector<Eigen::Vector2d>;
+using Polygon2d = absl::InlinedVector<Eigen::Vector2d, 8>;  // two triangles have at most six corners in common
 using Triangle2d = std::array<Eigen::Vector2d, 3>;
 
 double Cross2d(const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -93,9 +94,12 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
   if (budget < covers.size()) return false;
   budget -= covers.size();
-  // The covered area is at most the sum of the areas that the triangle has in common with each of the covers. Most
-  // triangles that are partly covered are rejected by this bound, before they are cut into pieces whose number grows
-  // with the number of covers.
+  // The covered area is at most the sum of the areas of the covers, and at most the sum of the areas that the triangle
+  // has in common with each of them. Most triangles that are partly covered are rejected by these bounds, before they
+  // are cut into pieces whose number grows with the number of covers.
+  double area = 0.0;
+  for (const Triangle2d& cover : covers) area += 0.5 * Cross2d(cover[1] - cover[0], cover[2] - cover[0]);
+  if (area < 0.999 * (total - 2.0 * negligible)) return false;
   double common = 0.0;
   for (const Triangle2d& cover : covers) common += std::max(0.0, PolygonArea(ClipByTriangle(pieces[0], cover)));
   if (common < total - 2.0 * negligible) return false;

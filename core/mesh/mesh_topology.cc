@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "absl/container/flat_hash_map.h"
+#include "absl/container/flat_hash_set.h"
 #include "absl/types/span.h"
 #include "core/mesh/mesh_edges.h"
 
@@ -79,11 +80,12 @@ class PointGrid {
 };
 
 // Marks the elements whose key an earlier element has.
-template <typename Key>
-std::vector<bool> MarkRepeated(std::vector<std::pair<Key, uint32_t>> keys) {
-  std::sort(keys.begin(), keys.end());
-  std::vector<bool> repeated(keys.size(), false);
-  for (size_t i = 1; i < keys.size(); ++i) repeated[keys[i].second] = keys[i].first == keys[i - 1].first;
+template <typename Element, typename KeyOf>
+std::vector<bool> MarkRepeated(const std::vector<Element>& elements, const KeyOf& key_of) {
+  absl::flat_hash_set<Element> seen;
+  seen.reserve(elements.size());
+  std::vector<bool> repeated(elements.size());
+  for (size_t i = 0; i < elements.size(); ++i) repeated[i] = !seen.insert(key_of(elements[i])).second;
   return repeated;
 }
 
@@ -358,13 +360,11 @@ size_t RemoveFlatTriangles(double min_height_m, RawMesh& model) {
 }
 
 size_t RemoveDuplicateTriangles(RawMesh& model) {
-  std::vector<std::pair<std::array<uint32_t, 3>, uint32_t>> keys;
-  keys.reserve(model.triangles.size());
-  for (std::array<uint32_t, 3> triangle : model.triangles) {
+  const auto lowest_first = [](std::array<uint32_t, 3> triangle) {
     std::rotate(triangle.begin(), std::min_element(triangle.begin(), triangle.end()), triangle.end());
-    keys.push_back({triangle, static_cast<uint32_t>(keys.size())});
-  }
-  return RemoveTriangles(MarkRepeated(std::move(keys)), model);
+    return triangle;
+  };
+  return RemoveTriangles(MarkRepeated(model.triangles, lowest_first), model);
 }
 
 size_t RemoveEmptyLines(RawMesh& model) {
@@ -372,11 +372,11 @@ size_t RemoveEmptyLines(RawMesh& model) {
 }
 
 size_t RemoveDuplicateLines(RawMesh& model) {
-  std::vector<std::pair<std::array<uint32_t, 2>, uint32_t>> keys;
-  for (const auto& [a, b] : model.lines) {
-    keys.push_back({{std::min(a, b), std::max(a, b)}, static_cast<uint32_t>(keys.size())});
-  }
-  return RemoveMarked(MarkRepeated(std::move(keys)), model.lines);
+  const auto lowest_first = [](std::array<uint32_t, 2> line) {
+    std::sort(line.begin(), line.end());
+    return line;
+  };
+  return RemoveMarked(MarkRepeated(model.lines, lowest_first), model.lines);
 }
 
 Orientation OrientTriangles(RawMesh& model) { return Orienter(model).Orient(); }

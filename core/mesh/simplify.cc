@@ -245,9 +245,9 @@ class RegionSimplifier {
     return TriangleBvh(mesh_.points, triangles);
   }
 
-  // Whether triangles of about the same direction are near to a vertex.
-  bool IsNear(const TriangleBvh& tree, uint32_t vertex, double distance_m) const {
-    return tree.HasNear(PointOf(vertex), distance_m, vertices_[vertex].normal.cast<double>(), 0.0);
+  // Whether triangles of about the same direction are near to a vertex. `hint`: see TriangleBvh::HasNear().
+  bool IsNear(const TriangleBvh& tree, uint32_t vertex, double distance_m, uint32_t& hint) const {
+    return tree.HasNear(PointOf(vertex), distance_m, vertices_[vertex].normal.cast<double>(), 0.0, hint);
   }
 
   std::vector<uint32_t> Watched(const std::vector<uint32_t>& removed_around, const Eigen::AlignedBox3d& box,
@@ -258,14 +258,16 @@ class RegionSimplifier {
     }
     if (watched.empty()) return watched;
     const TriangleBvh tree = TreeOf(indices);
-    std::erase_if(watched, [&](uint32_t vertex) { return !IsNear(tree, vertex, error_m); });
+    uint32_t hint = 0;
+    std::erase_if(watched, [&](uint32_t vertex) { return !IsNear(tree, vertex, error_m, hint); });
     return watched;
   }
 
   bool AreNear(const std::vector<uint32_t>& vertices, const std::vector<uint32_t>& watched, double error_m,
                const std::vector<uint32_t>& indices) const {
     const TriangleBvh tree = TreeOf(indices);
-    const auto is_near = [&](uint32_t vertex) { return IsNear(tree, vertex, error_m); };
+    uint32_t hint = 0;
+    const auto is_near = [&](uint32_t vertex) { return IsNear(tree, vertex, error_m, hint); };
     return std::all_of(vertices.begin(), vertices.end(), is_near) &&
            std::all_of(watched.begin(), watched.end(), is_near);
   }

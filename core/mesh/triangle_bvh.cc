@@ -218,19 +218,19 @@ bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3
   }
 }
 
+double TriangleBvh::Triangle::SquaredDistance(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d s = point - corner;
+  const double area = edge1.cross(edge2).dot(normal);
+  const double u = s.cross(edge2).dot(normal) / area;
+  const double v = edge1.cross(s).dot(normal) / area;
+  if (u >= 0.0 && v >= 0.0 && u + v <= 1.0) return s.dot(normal) * s.dot(normal);
+  return std::min({SquaredDistanceToSegment(point, corner, edge1), SquaredDistanceToSegment(point, corner, edge2),
+                   SquaredDistanceToSegment(point, corner + edge1, edge2 - edge1)});
+}
+
 template <typename Visit>
 void TriangleBvh::VisitNear(const Eigen::Vector3d& point, double radius_m, const Visit& visit) const {
   if (nodes_.empty()) return;
-  const auto squared_distance = [&point](const Triangle& t) {
-    const Eigen::Vector3d s = point - t.corner;
-    const double area = t.edge1.cross(t.edge2).dot(t.normal);
-    const double u = s.cross(t.edge2).dot(t.normal) / area;
-    const double v = t.edge1.cross(s).dot(t.normal) / area;
-    if (u >= 0.0 && v >= 0.0 && u + v <= 1.0) return s.dot(t.normal) * s.dot(t.normal);
-    return std::min({SquaredDistanceToSegment(point, t.corner, t.edge1),
-                     SquaredDistanceToSegment(point, t.corner, t.edge2),
-                     SquaredDistanceToSegment(point, t.corner + t.edge1, t.edge2 - t.edge1)});
-  };
   std::array<uint32_t, kMaxDepth> waiting;
   int waiting_count = 0;
   uint32_t current = 0;
@@ -249,7 +249,7 @@ void TriangleBvh::VisitNear(const Eigen::Vector3d& point, double radius_m, const
       const Leaf& leaf = leaves_[node.first];
       if (leaf.box.squaredExteriorDistance(point) <= radius_m * radius_m) {
         for (uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i) {
-          const double distance2 = squared_distance(triangles_[i]);
+          const double distance2 = triangles_[i].SquaredDistance(point);
           if (distance2 <= radius_m * radius_m && visit(triangles_[i], distance2)) return;
         }
       }
@@ -269,9 +269,21 @@ void TriangleBvh::FindNear(const Eigen::Vector3d& point, double radius_m, std::v
 
 bool TriangleBvh::HasNear(const Eigen::Vector3d& point, double radius_m, const Eigen::Vector3d& direction,
                           double min_cosine) const {
+  uint32_t none = ~0u;
+  return HasNear(point, radius_m, direction, min_cosine, none);
+}
+
+bool TriangleBvh::HasNear(const Eigen::Vector3d& point, double radius_m, const Eigen::Vector3d& direction,
+                          double min_cosine, uint32_t& hint) const {
+  const auto is_along = [&](const Triangle& triangle) { return triangle.normal.dot(direction) >= min_cosine; };
+  if (hint < triangles_.size() && is_along(triangles_[hint]) &&
+      triangles_[hint].SquaredDistance(point) <= radius_m * radius_m) {
+    return true;
+  }
   bool has_near = false;
   VisitNear(point, radius_m, [&](const Triangle& triangle, double) {
-    has_near = triangle.normal.dot(direction) >= min_cosine;
+    has_near = is_along(triangle);
+    if (has_near) hint = static_cast<uint32_t>(&triangle - triangles_.data());
     return has_near;
   });
   return has_near;

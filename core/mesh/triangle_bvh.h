@@ -34,12 +34,18 @@ class TriangleBvh {
   // Whether one of them has a normal with at least that cosine to `direction`. Ends at the first.
   bool HasNear(const Eigen::Vector3d& point, double radius_m, const Eigen::Vector3d& direction,
                double min_cosine) const;
+  // The same. The triangle `hint` is tested first, and replaced by the one that is found: neighbouring points are often
+  // near the same triangle. Any number is allowed.
+  bool HasNear(const Eigen::Vector3d& point, double radius_m, const Eigen::Vector3d& direction, double min_cosine,
+               uint32_t& hint) const;
 
  private:
   struct Triangle {
     Eigen::Vector3d corner;
     Eigen::Vector3d edge1, edge2;  // to the other two corners
     Eigen::Vector3d normal;        // unit
+
+    double SquaredDistance(const Eigen::Vector3d& point) const;
   };
   // Half a cache line. The boxes are relative to `centre_` and rounded outwards to single precision.
   struct Node {
