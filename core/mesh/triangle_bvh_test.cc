@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -82,6 +83,8 @@ TEST(TriangleBvhTest, NearTrianglesAreThoseOneByOne) {
   const std::vector<TriangleBvh> single = OneByOne(soup);
   std::vector<TriangleBvh::Near> found, near;
   size_t num_near = 0;
+  int num_found = 0;
+  uint32_t hint = ~0u;
   for (int trial = 0; trial < 1000; ++trial) {
     const Eigen::Vector3d point(uniform(random), uniform(random), uniform(random));
     const double radius_m = 0.05 * (1 + trial % 8);
@@ -93,8 +96,19 @@ TEST(TriangleBvhTest, NearTrianglesAreThoseOneByOne) {
     tree.FindNear(point, radius_m, found);
     EXPECT_EQ(found.size(), expected);
     num_near += expected;
+    // From any hint: a random triangle, or the one that was found last.
+    const Eigen::Vector3d direction = Eigen::Vector3d(uniform(random), uniform(random), uniform(random)).normalized();
+    const bool has_near = std::any_of(found.begin(), found.end(), [&](const TriangleBvh::Near& triangle) {
+      return triangle.normal.dot(direction) >= 0.5;
+    });
+    if (trial % 3 == 0) hint = static_cast<uint32_t>(random() % 300);
+    EXPECT_EQ(tree.HasNear(point, radius_m, direction, 0.5, hint), has_near);
+    EXPECT_EQ(tree.HasNear(point, radius_m, direction, 0.5), has_near);
+    num_found += has_near;
   }
   EXPECT_GT(num_near, 1000u);
+  EXPECT_GT(num_found, 100);
+  EXPECT_LT(num_found, 900);
 }
 
 }  // namespace
