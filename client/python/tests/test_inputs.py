@@ -13,6 +13,7 @@ import unittest
 import numpy as np
 from testing import ROOT, evpose, run_evpose
 
+from evpose.channel import parse_address
 from evpose.recordings import parse_header
 from evpose.stream.outbox import FeedPoint, Outbox, RetainOptions, make_chunk
 from evpose.stream.retry import Advice, Backoff, advise_on
@@ -331,6 +332,15 @@ class TransformTest(InputTest):
             self.assertIn(words, self.refused(evpose.InvalidArgumentError, make, t, q))
         for matrix, words in ((np.eye(3), "shape (3, 3)"), (2 * np.eye(4), "not a rotation"), (np.diag([1, 1, -1, 1]), "reflection")):
             self.assertIn(words, self.refused(evpose.InvalidArgumentError, evpose.Transform.from_matrix, matrix))
+
+
+class AddressTest(InputTest):
+    def test_address(self):
+        self.assertEqual(parse_address("capture-7:50051"), ("capture-7", 50051))
+        self.assertEqual(parse_address("[::1]:50051"), ("::1", 50051))
+        for text, words in (("capture-7", "HOST:PORT is needed"), ("capture-7:0", "HOST:PORT is needed"),
+                            ("http://capture-7:50051/", "give capture-7:50051"), ("HTTPS://capture-7:50051", "give capture-7:50051")):
+            self.assertIn(words, self.refused(evpose.InvalidArgumentError, parse_address, text))
 
 
 class RetryTest(InputTest):
