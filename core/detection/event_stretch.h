@@ -17,8 +17,8 @@
 namespace evpose {
 
 // motion_px and max_events are validated by simulated_lines_test, max_duration_us by event_stretch_test (a fast object
-// after a slow one), and max_slow_duration_us by the recording phone_shake of `evpose bench real`, which was found from
-// 40 of 47 start times, and from 31 with a stretch of at most 50 ms.
+// after a slow one), and max_slow_duration_us by the recording phone_shake of `evpose bench real`, whose object hardly
+// moves within 50 ms at some of the start times (core/experiments/RESULTS.md, Tracking: found from all of them).
 struct StretchOptions {
   // Motion of the edges within the stretch, pixels: enough to distinguish a plane in space and time from a line at
   // rest, and less than the distance between parallel lines of dense objects.

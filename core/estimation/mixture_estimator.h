@@ -51,7 +51,7 @@ struct MixtureOptions {
   double edge_noise_px_sqrt_s = 0.0034;
   // Pixels: root mean square displacement of the events of the lines that the calibrated profile leaves. Above it, as
   // under flicker or with the profile of another sensor, edge_noise_px_sqrt_s grows in proportion. Validated by the
-  // NEES of the scenarios with flicker, which was 26 to 56 without this growth and 4 to 12 with it.
+  // NEES of the scenarios with flicker (core/experiments/RESULTS.md, Tracking: median 2.2 to 4.2).
   double usual_displacement_px = 0.05;
   // Lower bound of the events per swept square pixel of every line, for the event deficit (core/estimation/README.md,
   // section 4). It is well below what sensors produce at ordinary contrast (1 to 5), so that faint or occluded lines do

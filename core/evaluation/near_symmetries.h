@@ -14,8 +14,9 @@
 
 namespace evpose {
 
-// Both defaults are validated by near_symmetries_test: marks with 2 to 7 % of the edges are near symmetries; an L
-// profile has none, and neither has a prism of twelve sides between the twelfths of a turn.
+// The tolerance is validated by near_symmetries_test of this folder: marks with 2 to 7 % of the edges are near
+// symmetries; an L profile has none, and neither has a prism of twelve sides between the twelfths of a turn. No test
+// has a share near the other default.
 struct NearSymmetryOptions {
   // Distance, relative to the diameter, beyond which an edge or a part of the surface has no counterpart: 3 px of an
   // object of 300 px, FindabilityOptions::same_px, up to which a hypothesis attributes events to an edge.

@@ -12,9 +12,7 @@
 
 namespace evpose {
 
-// The share, memory_us and min_events are validated by flash_test. The other fields are not validated separately: with
-// all defaults no pose of a flashing board is wrong while TRACKING in `evpose bench real` (core/experiments/RESULTS.md,
-// Tracking).
+// The share, memory_us and min_events are validated by flash_test. The other fields are not validated separately.
 struct FlashOptions {
   // Share of the rarer polarity, over memory_us, below which the brightness changes. In recordings of moving objects
   // and scenes, by sensors of 128 x 128 to 1280 x 720 pixels, it stays above 0.2 in 99.9 % of the intervals of 4 ms.

@@ -470,7 +470,7 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
     result.kind = HasPower(sums.total, credited_ratio) ? Kind::kUnsupported : Kind::kOpen;
   } else if (has_lines && result.support_ratio >= sure_support_ratio) {
     const bool is_doubtful = result.missing_sectors > options_.max_missing_sectors ||
-                             sums.displaced_length > options_.max_displaced_ratio * decided_length;
+                             sums.displaced_length > options_.max_displaced_ratio * sums.testable_length;
     result.kind = is_doubtful ? Kind::kDoubtful : Kind::kSupported;
   } else if (has_lines && result.support_ratio >= min_support_ratio) {
     result.kind = decided_ratio < sure_support_ratio ? Kind::kDoubtful : Kind::kOpen;

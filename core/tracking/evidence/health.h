@@ -73,7 +73,7 @@ class TrackHealth {
   //
   //   kSupported     supported length / testable length >= sure_support_ratio, with min_supported_lines supported ones;
   //                  at most max_missing_sectors sectors of the outline lack their events, and displaced length /
-  //                  decided length <= max_displaced_ratio
+  //                  testable length <= max_displaced_ratio
   //   kDoubtful      the same with more such sectors or more displaced length; or supported length / testable length
   //                  >= min_support_ratio with as many lines, and supported length / decided length <
   //                  sure_support_ratio
@@ -183,7 +183,8 @@ class TrackHealth {
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;
   static double PresentPlaces(const LineStatistics& line, double noise);  // the same, by the events alone
-  // Whether the events of the last memory_us along most of a curve give its test power, and do not support it.
+  // Whether the present counts and those of about the last memory_us, along most of a curve, give its test power and do
+  // not support it.
   bool IsDisplaced(size_t curve, double credited_ratio) const;
   // Whether the line's motion should have produced at least `events` events and significantly more than `noise`.
   bool IsExpected(const LineStatistics& line, double noise, double events) const;

@@ -73,7 +73,7 @@ struct HealthOptions {
   // Sectors of the eight of the outline that may lack their events while a pose counts as supported: an occluder that
   // hides a third of the width of a disc hides three of them.
   int max_missing_sectors = 3;
-  // Share of the decided length that may be displaced while a pose counts as supported: lines along which there are
+  // Share of the testable length that may be displaced while a pose counts as supported: lines along which there are
   // events, but not at the line (README, section 1). In the scenarios of bench tracking the share is 0 for most right
   // poses, and above 0.15 in 6 % of the tests of an object of which 40 % are hidden; a funnel whose axis drifted away
   // from the truth by 10 degrees had 0.19 and more.

@@ -104,6 +104,17 @@ TEST_F(HealthTest, APoseWithAFifthOfItsLinesBesideTheirEventsIsDoubtful) {
   EXPECT_NEAR(result.support_ratio, 0.8, 0.01);
 }
 
+TEST_F(HealthTest, HiddenLinesAreNotDisplaced) {
+  // After ten windows the absence of their events is significant.
+  for (int i = 0; i < 20; ++i) {
+    for (int k = 0; k < 8; ++k) AddEvents(k, 100, 1.0);
+    CloseWindow();
+    const HealthResult result = TestNow();
+    EXPECT_EQ(result.kind, Kind::kSupported) << i;
+  }
+  EXPECT_EQ(health_.curve_results()[9].kind, CurveResult::Kind::kContradicted);
+}
+
 TEST_F(HealthTest, EdgesThatCrossAFifthOfTheLinesDoNotContradictThem) {
   for (int i = 0; i < 20; ++i) {
     for (int k = 0; k < 8; ++k) AddEvents(k, 100, 1.0);

@@ -111,7 +111,7 @@ void Hypotheses::Join(Hypotheses&& others) {
     if (!is_known && entries_.size() < MaxEntries()) {
       Append(std::move(entry));
     } else {
-      entry.track->Reject(LossCause::kBetterPose, others.now_us_);
+      entry.track->Reject(LossCause::kBetterPose, now_us_);
     }
   }
   others.entries_.clear();

@@ -147,7 +147,7 @@ class Hypotheses {
   std::vector<ClutterShare::Scores> scores_;  // of the settled hypotheses in the window
   ClutterShare clutter_;
   LossCause first_removed_because_ = LossCause::kNone;
-  int64_t now_us_ = 0;  // end of the latest window; not saved, because transitions are reported in OnWindow() alone
+  int64_t now_us_ = 0;  // end of the latest window; not saved, because it is the time of reported transitions alone
 };
 
 }  // namespace evpose

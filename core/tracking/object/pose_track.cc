@@ -427,6 +427,7 @@ void PoseTrack::Enter(TrackInput input, int64_t t_us) {
 }
 
 void PoseTrack::Reject(LossCause cause, int64_t t_us) {
+  if (phase_ == TrackPhase::kLost) return;
   Enter(TrackInput::kRejection, t_us);
   loss_cause_ = cause;
 }

@@ -73,8 +73,8 @@ struct TrackerOptions : EstimatorOptions {
     // (core/association/README.md, section 3).
     visibility.grazing_cosine = 0.0;
     // 9 degrees: grooves 15 px apart on a face seen from the front then are 2 px apart, as far as the events of each
-    // spread. Their events would be given to the wrong ones while a face appears or disappears. Validated by the puzzle
-    // cube on a turntable of `evpose bench real`: with these lines its pose deviated by 4 to 7 px every quarter turn.
+    // spread. Their events would be given to the wrong ones while a face appears or disappears. Not validated
+    // separately; the cube on a turntable of `evpose bench real` has such lines in every quarter turn.
     visibility.painted_cosine = 0.15;
   }
 
