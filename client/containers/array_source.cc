@@ -82,10 +82,13 @@ class ArraySource final : public EventSource {
     }
     if (!has_names) {
       layout = LayoutOfRows(rows);
-    } else if (const std::optional<int> column = TimeColumn(NamesOf(columns_))) {
+    } else {
+      layout = LayoutOfNames(NamesOf(columns_), {});
       std::vector<double> times;
-      for (size_t i = 0; i < num_events_; ++i) times.push_back(Number(static_cast<size_t>(*column), i).floating);
-      layout = LayoutOfNames(NamesOf(columns_), times);
+      for (size_t i = 0; layout && i < num_events_; ++i) {
+        if (HasAddress(*layout, i)) times.push_back(Number(static_cast<size_t>(layout->t), i).floating);
+      }
+      if (layout) layout = LayoutOfNames(NamesOf(columns_), times);
     }
     if (!layout) {
       return absl::InvalidArgumentError(absl::StrCat(name, ": its columns are not t, x, y and p of events"));
@@ -131,6 +134,12 @@ class ArraySource final : public EventSource {
     }
     num_read_ += static_cast<int64_t>(num_events_);
     return absl::OkStatus();
+  }
+
+  // An event without a row and column of the sensor is left out.
+  bool HasAddress(const ColumnLayout& layout, size_t event) const {
+    return Address(Number(static_cast<size_t>(layout.x), event)) >= 0 &&
+           Address(Number(static_cast<size_t>(layout.y), event)) >= 0;
   }
 
   NpyNumber Number(size_t column, size_t event) const {

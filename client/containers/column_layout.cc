@@ -48,11 +48,6 @@ struct LayoutFit {
   size_t backsteps = 0;    // number of steps back of their times
 };
 
-bool IsEventRow(const ColumnLayout& layout, const TableRow& row) {
-  const auto at = [&row](int column) { return row[static_cast<size_t>(column)]; };
-  return std::isfinite(at(layout.t)) && IsAddress(at(layout.x)) && IsAddress(at(layout.y)) && IsPolarity(at(layout.p));
-}
-
 LayoutFit CheckLayout(const ColumnLayout& layout, absl::Span<const TableRow> rows) {
   const auto time = static_cast<size_t>(layout.t);
   LayoutFit fit;
@@ -81,14 +76,12 @@ std::string ColumnLayout::Describe() const {
 
 int ColumnLayout::num_columns() const { return std::max({t, x, y, p}) + 1; }
 
-bool IsEventColumn(std::string_view name) { return ReadName(name).column != Column::kOther; }
-
-std::optional<int> TimeColumn(absl::Span<const std::string> names) {
-  for (size_t i = 0; i < names.size(); ++i) {
-    if (ReadName(names[i]).column == Column::kTime) return static_cast<int>(i);
-  }
-  return std::nullopt;
+bool IsEventRow(const ColumnLayout& layout, const TableRow& row) {
+  const auto at = [&row](int column) { return row[static_cast<size_t>(column)]; };
+  return std::isfinite(at(layout.t)) && IsAddress(at(layout.x)) && IsAddress(at(layout.y)) && IsPolarity(at(layout.p));
 }
+
+bool IsEventColumn(std::string_view name) { return ReadName(name).column != Column::kOther; }
 
 std::optional<ColumnLayout> LayoutOfNames(absl::Span<const std::string> names, absl::Span<const double> times) {
   ColumnLayout layout = {-1, -1, -1, -1, UnitOfTimes(times)};

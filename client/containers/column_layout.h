@@ -34,8 +34,9 @@ using TableRow = std::array<double, 4>;
 std::optional<ColumnLayout> LayoutOfNames(absl::Span<const std::string> names, absl::Span<const double> times);
 // Whether a name is that of one of the four columns.
 bool IsEventColumn(std::string_view name);
-// The column of the time in such names; nullopt if there is none.
-std::optional<int> TimeColumn(absl::Span<const std::string> names);
+// Whether the values in the four columns can be an event: the time is finite, x and y are integers from 0 to 65535, and
+// p is 0, 1 or -1.
+bool IsEventRow(const ColumnLayout& layout, const TableRow& row);
 
 // The layout of rows without names: of "t x y p", "x y p t" and "x y t p" the one in which x and y are integers from 0
 // on and p is 0 or 1, or -1 or 1, in the most rows; of several the one in which the time steps back least often; of

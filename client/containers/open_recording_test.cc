@@ -6,6 +6,8 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cmath>
+
 #include "client/containers/containers_testing.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/recordings/recording_writer.h"
@@ -90,6 +92,19 @@ TEST(OpenRecordingTest, RawAndDatAreReadByCore) {
     EXPECT_EQ(recording->header.container, "");
     EXPECT_THAT(recording->events, ElementsAreArray(FileEvents()));
   }
+}
+
+TEST(OpenRecordingTest, AnArraysEventWithoutAnAddressDoesNotChangeTheUnit) {
+  const std::string header =
+      "{'descr': [('t', '<f8'), ('x', '<f8'), ('y', '<f8'), ('p', '<f8')], 'fortran_order': False, 'shape': (3,)}\n";
+  std::string bytes = std::string("\x93NUMPY\x01\x00", 8) + static_cast<char>(header.size()) + '\0' + header;
+  for (const double number : {0.5, std::nan(""), 20.0, 1.0, 15e5, 10.0, 20.0, 1.0, 1500001.0, 11.0, 21.0, 0.0}) {
+    bytes.append(reinterpret_cast<const char*>(&number), sizeof(number));
+  }
+  const TemporaryDirectory directory;
+  const auto recording = ReadAll(WriteBytes(directory.File("a.npy"), bytes));
+  ASSERT_TRUE(recording.ok()) << recording.status();
+  EXPECT_THAT(recording->events, testing::ElementsAre(Event{1500000, 10, 20, 1}, Event{1500001, 11, 21, 0}));
 }
 
 TEST(OpenRecordingTest, AFileWithTheCharacterOfTopicsInItsNameIsFound) {

@@ -137,13 +137,16 @@ std::optional<ColumnLayout> LayoutOfSample(const TextSample& sample) {
     }
     return LayoutOfRows(rows);
   }
-  const std::optional<int> column = TimeColumn(sample.names);
-  if (!column) return std::nullopt;
+  const std::optional<ColumnLayout> layout = LayoutOfNames(sample.names, {});
+  if (!layout) return std::nullopt;
   std::vector<double> times;
   for (const std::vector<double>& row : sample.rows) {
-    // A line with nan is no event.
-    const bool is_event = std::all_of(row.begin(), row.end(), [](double value) { return std::isfinite(value); });
-    if (is_event && row.size() > static_cast<size_t>(*column)) times.push_back(row[static_cast<size_t>(*column)]);
+    if (row.size() < static_cast<size_t>(layout->num_columns())) continue;
+    const auto at = [&row](int column) { return row[static_cast<size_t>(column)]; };
+    // The other columns may have nan. TakeEvent() rounds x, y and p as well.
+    const TableRow event = {at(layout->t), std::round(at(layout->x)), std::round(at(layout->y)),
+                            std::round(at(layout->p))};
+    if (IsEventRow({0, 1, 2, 3}, event)) times.push_back(event[0]);
   }
   return LayoutOfNames(sample.names, times);
 }

@@ -97,6 +97,24 @@ TEST(TextSourceTest, LinesWithNanAreNoEventsAndDoNotChangeTheUnit) {
   }
 }
 
+TEST(TextSourceTest, NanInAColumnBesideThoseOfTheEventDoesNotChangeTheUnit) {
+  const ReadRecording recording = ReadText("t,x,y,p,depth\n1.5,10,20,1,nan\n1.500001,11,21,0,nan\n1.500003,12,22,1,\n");
+  EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree));
+  EXPECT_TRUE(recording.skipped.empty());
+}
+
+TEST(TextSourceTest, RowsThatAreNoEventsDoNotChangeTheUnit) {
+  const std::string rows = "1500000,10,20,1\n1500001,11,21,0\n1500003,12,22,1\n";
+  for (const std::string& text : {"t,x,y,p\n0.5,10,20,7\n" + rows, "t,x,y,p\n0.5,70000,20,1\n" + rows}) {
+    const ReadRecording recording = ReadText(text);
+    ASSERT_GE(recording.events.size(), 3) << text;
+    EXPECT_EQ(recording.events.back(), kThree[2]) << text;
+  }
+  // As TakeEvent() rounds them, positions with a fraction belong to events.
+  EXPECT_THAT(ReadText("t,x,y,p\n1.5,10.3,20.2,1\n1.500001,11.4,20.8,0\n1.500003,11.7,22,1\n").events,
+              ::testing::ElementsAreArray(kThree));
+}
+
 TEST(TextSourceTest, OtherTextIsNotRecognised) {
   for (const char* text : {"", "hello world\n", "1 2 3\n4 5 6\n", "0.1 0.2 0.3 0.4 0.5 0.6 0.7 1\n", "t,x,y\n1,2,3\n",
                            "1.5 10.5 20 1\n1.6 10.5 20 1\n", "1 2 3 4\n5 6 7 8\n"}) {
