@@ -51,6 +51,9 @@ std::string SourceOfValue(const CLI::App& command, absl::string_view name) {
   // NOLINTNEXTLINE(concurrency-mt-unsafe): arguments are parsed before the program has a second thread
   const char* const value = std::getenv(option->get_envname().c_str());
   if (value == nullptr || option->results() != std::vector<std::string>{value}) return std::string(name);
+  // The parser lists the options of the command line only.
+  const std::vector<CLI::Option*>& given = command.parse_order();
+  if (std::find(given.begin(), given.end(), option) != given.end()) return std::string(name);
   return absl::StrCat("the environment variable ", option->get_envname(), ", which stands for ", name);
 }
 
@@ -82,7 +85,10 @@ std::string DescribeValue(const CLI::App& command, absl::string_view text) {
   std::string description(what);
   if (Divide(what, " not in range ", value, limits) && Divide(limits, " to ", from, to)) {
     absl::ConsumePrefix(&value, "Value ");
-    description = absl::StrCat(Quoted(value), " is not a number from ", ShortNumber(from), " to ", ShortNumber(to));
+    // The limits of a range of integers have no decimal point; 1e9 and 2.5 are not read as integers.
+    const bool is_whole = !absl::StrContains(from, '.') && !absl::StrContains(to, '.');
+    description = absl::StrCat(Quoted(value), is_whole ? " is not a whole number from " : " is not a number from ",
+                               ShortNumber(from), " to ", ShortNumber(to));
   } else if (Divide(what, " not in {", value, limits) && absl::ConsumeSuffix(&limits, "}")) {
     description = absl::StrCat(Quoted(value), " is none of ", absl::StrReplaceAll(limits, {{",", ", "}}));
   }

@@ -25,6 +25,7 @@ std::string ErrorOf(const std::string& line) {
   draw.add_option("recording", file, "Recording")->type_name("FILE")->required();
   draw.add_option("-o,--out", out, "Picture")->type_name("FILE")->required();
   draw.add_option("--speed", speed, "Factor")->check(CLI::Range(0.5, 1e6));
+  draw.add_option("--bytes", count, "Size")->check(CLI::Range(1048576, 16777216));
   draw.add_option("--count", count, "Number")->envname("EVPOSE_TEST_COUNT");
   draw.add_option("--corner", corner, "Place")->expected(2);
   draw.add_option("--closed", is_closed, "Whether it is")->type_name("BOOLEAN");
@@ -66,6 +67,10 @@ TEST(UsageMessageTest, UnknownOptionsAndExcessArguments) {
 TEST(UsageMessageTest, Values) {
   EXPECT_EQ(ErrorOf("a.raw --out a.png --speed 0.1"), "--speed: \"0.1\" is not a number from 0.5 to 1000000; ");
   EXPECT_EQ(ErrorOf("a.raw --out a.png --speed fast"), "--speed: \"fast\" is not a number from 0.5 to 1000000; ");
+  for (const std::string value : {"1e7", "2097152.5", "1"}) {
+    EXPECT_EQ(ErrorOf("a.raw --out a.png --bytes " + value),
+              "--bytes: \"" + value + "\" is not a whole number from 1048576 to 16777216; ");
+  }
   EXPECT_EQ(ErrorOf("a.raw --out a.png --to gif"), "--to: \"gif\" is none of png, pdf; ");
   EXPECT_EQ(ErrorOf("a.raw --out a.png --count many"), "--count: \"many\" is not a number that it accepts; ");
   EXPECT_EQ(ErrorOf("a.raw --out a.png --count -1"), "--count: \"-1\" is not a number that it accepts; ");
@@ -86,6 +91,7 @@ TEST(UsageMessageTest, AValueOfAnEnvironmentVariableIsReportedWithTheVariable) {
     EXPECT_EQ(ErrorOf("a.raw --out a.png"),
               "the environment variable EVPOSE_TEST_FORMAT, which stands for --to: \"gif\" is none of png, pdf; ");
     EXPECT_EQ(ErrorOf("a.raw --out a.png --to jpg"), "--to: \"jpg\" is none of png, pdf; ");
+    EXPECT_EQ(ErrorOf("a.raw --out a.png --to gif"), "--to: \"gif\" is none of png, pdf; ") << "the same value";
   }
   const ScopedEnvironmentVariable count("EVPOSE_TEST_COUNT", "many");
   EXPECT_EQ(ErrorOf("a.raw --out a.png"),
