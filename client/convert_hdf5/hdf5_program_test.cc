@@ -14,6 +14,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <utility>
 #include <vector>
 
 #include "client/containers/containers_testing.h"
@@ -133,28 +134,71 @@ TEST_F(Hdf5ProgramTest, AnOutputThatIsNotClosedLeavesNoFile) {
   EXPECT_FALSE(std::filesystem::exists(path()));
 }
 
-TEST_F(Hdf5ProgramTest, ASignalLeavesNoFile) {
-  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
-    int pipe[2];
-    ASSERT_EQ(pipe2(pipe, O_CLOEXEC), 0);
-    const pid_t pid = fork();
-    if (pid == 0) {
-      dup2(pipe[0], STDIN_FILENO);
+// A writing evpose-hdf5 whose file has begun.
+class WritingProgram {
+ public:
+  explicit WritingProgram(const std::string& path) {
+    int ends[2];
+    EXPECT_EQ(pipe2(ends, O_CLOEXEC), 0);
+    pipe_ = ends[1];
+    pid_ = fork();
+    if (pid_ == 0) {
+      dup2(ends[0], STDIN_FILENO);
       for (const int each : {SIGINT, SIGTERM, SIGHUP}) std::signal(each, SIG_DFL);
-      execl(EVPOSE_HDF5_PROGRAM, EVPOSE_HDF5_PROGRAM, "write", path().c_str(), nullptr);
+      execl(EVPOSE_HDF5_PROGRAM, EVPOSE_HDF5_PROGRAM, "write", path.c_str(), nullptr);
       _exit(127);
     }
+    close(ends[0]);
     std::vector<uint8_t> bytes;
     AppendPipeHeader({.format = "", .geometry = {640, 480}, .time_offset_us = 0}, bytes);
     AppendPipeEvents(TestEvents(100), bytes);
-    ASSERT_EQ(write(pipe[1], bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
-    int status = 0;
-    while (!std::filesystem::exists(path() + ".partial")) ASSERT_EQ(waitpid(pid, &status, WNOHANG), 0);
-    kill(pid, number);
-    ASSERT_EQ(waitpid(pid, &status, 0), pid);
-    close(pipe[0]);
-    close(pipe[1]);
-    EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == number) << status;
+    EXPECT_EQ(write(pipe_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
+    // The program has set its signals before it writes.
+    while (!std::filesystem::exists(path + ".partial") && !HasEnded()) usleep(1'000);
+  }
+  ~WritingProgram() {
+    ClosePipe();
+    if (!HasEnded()) kill(pid_, SIGKILL);
+    (void)Wait();
+  }
+
+  void Signal(int number) const { kill(pid_, number); }
+  void ClosePipe() {
+    if (pipe_ >= 0) close(std::exchange(pipe_, -1));
+  }
+  bool HasEnded() {
+    has_ended_ = has_ended_ || waitpid(pid_, &status_, WNOHANG) == pid_;
+    return has_ended_;
+  }
+  int Wait() {
+    if (!has_ended_) waitpid(pid_, &status_, 0);
+    has_ended_ = true;
+    return status_;
+  }
+
+ private:
+  int pipe_ = -1;
+  pid_t pid_ = -1;
+  int status_ = 0;
+  bool has_ended_ = false;
+};
+
+TEST_F(Hdf5ProgramTest, ARequestToEndLeavesNoFile) {
+  WritingProgram program(path());
+  program.Signal(SIGTERM);
+  const int status = program.Wait();
+  EXPECT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGTERM) << status;
+  EXPECT_TRUE(std::filesystem::is_empty(directory_.path()));
+}
+
+// A signal that ended the program would have ended it before it read the end of the pipe.
+TEST_F(Hdf5ProgramTest, SignalsOfTheTerminalAreIgnoredAndTheEndOfThePipeLeavesNoFile) {
+  for (const int number : {SIGINT, SIGHUP}) {
+    WritingProgram program(path());
+    program.Signal(number);
+    program.ClosePipe();
+    const int status = program.Wait();
+    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 1) << status;
     EXPECT_TRUE(std::filesystem::is_empty(directory_.path())) << number;
   }
 }

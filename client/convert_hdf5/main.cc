@@ -124,19 +124,23 @@ absl::Status WriteRecord(const std::string& path, const PipeRecord& record, std:
   return absl::OkStatus();
 }
 
-// An interrupt from the terminal also reaches this program, which then removes its incomplete file.
-void RemoveFileAtSignals() {
-  for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
-    const auto end = [](int signal) {
-      evpose::RemoveTemporaryFiles();
-      evpose::TerminateBySignal(signal);
-    };
-    if (std::signal(number, end) == SIG_IGN) std::signal(number, SIG_IGN);  // as by nohup
-  }
+// The terminal sends its interrupt and its end to this program as well as to evpose. evpose decides what follows, and
+// this program ends with the pipe between them; otherwise evpose would take its end for the effect of a damaged file.
+void IgnoreTerminal() {
+  for (const int number : {SIGINT, SIGHUP}) std::signal(number, SIG_IGN);
+}
+
+// A request to this program alone.
+void RemoveFileAtTermination() {
+  const auto end = [](int signal) {
+    evpose::RemoveTemporaryFiles();
+    evpose::TerminateBySignal(signal);
+  };
+  if (std::signal(SIGTERM, end) == SIG_IGN) std::signal(SIGTERM, SIG_IGN);
 }
 
 absl::Status WriteFile(const std::string& path) {
-  RemoveFileAtSignals();
+  RemoveFileAtTermination();
   std::unique_ptr<Hdf5Writer> writer;
   std::vector<uint8_t> bytes;
   PipeRecord record;
@@ -162,6 +166,7 @@ absl::StatusOr<int> Run(int argc, char** argv) {
   evpose::client::Hdf5Arguments arguments;
   const std::unique_ptr<CLI::App> parser = evpose::client::MakeHdf5Parser(arguments);
   if (const std::optional<int> answer = evpose::ParseOrAnswer(*parser, argc, argv)) return *answer;
+  IgnoreTerminal();
   EVPOSE_RETURN_IF_ERROR(arguments.action == "read" ? ReadFile(arguments.path) : WriteFile(arguments.path));
   return 0;
 }
