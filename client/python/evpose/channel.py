@@ -48,8 +48,9 @@ def parse_address(text: str) -> tuple[str, int]:
     """Returns host and port of HOST:PORT. Raises InvalidArgumentError."""
     scheme, separator, rest = text.partition("://")
     if separator and scheme.lower() in ("http", "https"):
-        host_and_port = rest.partition("/")[0]
-        raise InvalidArgumentError(f'"{text}" is a URL, but the address of a server is HOST:PORT: give {host_and_port}')
+        host = rest.partition("/")[0]
+        port = "" if ":" in host.rpartition("]")[2] else ":PORT"  # an IPv6 address is in brackets
+        raise InvalidArgumentError(f'"{text}" is a URL, but the address of a server is HOST:PORT: give {host or "HOST"}{port}')
     host, _, port = text.rpartition(":")
     if not host or not (port.isascii() and port.isdigit()) or not 1 <= int(port) <= 65535:
         raise InvalidArgumentError(f'"{text}" is not a server address; HOST:PORT is needed')

@@ -339,7 +339,8 @@ class AddressTest(InputTest):
         self.assertEqual(parse_address("capture-7:50051"), ("capture-7", 50051))
         self.assertEqual(parse_address("[::1]:50051"), ("::1", 50051))
         for text, words in (("capture-7", "HOST:PORT is needed"), ("capture-7:0", "HOST:PORT is needed"),
-                            ("http://capture-7:50051/", "give capture-7:50051"), ("HTTPS://capture-7:50051", "give capture-7:50051")):
+                            ("http://capture-7:50051/", "give capture-7:50051"), ("HTTPS://capture-7:50051", "give capture-7:50051"),
+                            ("http://localhost", "give localhost:PORT"), ("http://[::1]/v1", "give [::1]:PORT"), ("http://", "give HOST:PORT")):
             self.assertIn(words, self.refused(evpose.InvalidArgumentError, parse_address, text))
 
 
