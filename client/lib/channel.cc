@@ -90,10 +90,12 @@ bool ServerAddress::IsLoopback() const {
 absl::StatusOr<ServerAddress> ParseServerAddress(const std::string& text) {
   if (absl::StartsWithIgnoreCase(text, "http://") || absl::StartsWithIgnoreCase(text, "https://")) {
     const bool is_encrypted = absl::StartsWithIgnoreCase(text, "https://");
-    const absl::string_view host = absl::string_view(text).substr(text.find("://") + 3);
-    return absl::InvalidArgumentError(
-        absl::StrCat("\"", text, "\" is a URL, but the address of a server is HOST:PORT: give ",
-                     host.substr(0, host.find('/')), is_encrypted ? ", with --tls for an encrypted connection" : ""));
+    absl::string_view host = absl::string_view(text).substr(text.find("://") + 3);
+    host = host.substr(0, host.find('/'));
+    const bool has_port = absl::StrContains(host.substr(host.rfind(']') + 1), ':');  // an IPv6 address is in brackets
+    return absl::InvalidArgumentError(absl::StrCat(
+        "\"", text, "\" is a URL, but the address of a server is HOST:PORT: give ", host.empty() ? "HOST" : host,
+        has_port ? "" : ":PORT", is_encrypted ? "; an encrypted connection needs TLS" : ""));
   }
   const size_t colon = text.rfind(':');
   uint32_t port = 0;

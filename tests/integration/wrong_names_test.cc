@@ -37,7 +37,10 @@ TEST_F(WrongNamesTest, AUrlIsNoAddressOfAServer) {
       HasSubstr("--server: \"http://localhost:50051/v1\" is a URL, but the address of a server is HOST:PORT: give "
                 "localhost:50051; "));
   EXPECT_THAT(error("a:1,HTTPS://pose.example.org:443"),
-              HasSubstr("HOST:PORT: give pose.example.org:443, with --tls for an encrypted connection; "));
+              HasSubstr("HOST:PORT: give pose.example.org:443; an encrypted connection needs TLS; "));
+  EXPECT_THAT(error("http://localhost"), HasSubstr("HOST:PORT: give localhost:PORT; "));
+  EXPECT_THAT(error("http://[::1]/v1"), HasSubstr("HOST:PORT: give [::1]:PORT; "));
+  EXPECT_THAT(error("http://"), HasSubstr("HOST:PORT: give HOST:PORT; "));
 }
 
 TEST_F(WrongNamesTest, ModelsThatDoNotExist) {
