@@ -3,11 +3,17 @@
 // Tests evpose convert, and the other commands on recordings in the formats of other programs.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
 #include <sstream>
 
+#include "client/cli/cli.h"
+#include "core/base/environment_testing.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -43,6 +49,33 @@ TEST_F(ConvertTest, TheDigestIsTheSameThereAndBack) {
     EXPECT_EQ(info["cd_events"], original["cd_events"]);
   }
 }
+
+#ifdef EVPOSE_HDF5_PROGRAM
+// The interrupt of a terminal reaches this process and evpose-hdf5, which still has to send most of the recording.
+TEST_F(ConvertTest, AnInterruptWhileHdf5IsReadIsReportedAsSuch) {
+  SimulateCube(0.5);
+  const ScopedEnvironmentVariable programs(
+      "PATH", std::filesystem::path(EVPOSE_HDF5_PROGRAM).parent_path().string() + ":" + std::getenv("PATH"));
+  ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("a.hdf5")}).status, 0);
+  const pid_t group = getpgrp();
+  setpgid(0, 0);
+  const auto before = std::signal(SIGINT, [](int) {});
+  int num_questions = 0;
+  std::ostringstream out, err;
+  client::CliContext context{out, err};
+  context.is_interrupted = [&num_questions] {
+    if (num_questions++ == 0) kill(0, SIGINT);
+    return num_questions > 2;  // until then more events are read, which the program must still send
+  };
+  const int status = client::RunCli({"convert", Path("a.hdf5"), Path("b.csv")}, context);
+  std::signal(SIGINT, before);
+  setpgid(0, group);
+  EXPECT_EQ(status, 1);
+  EXPECT_THAT(err.str(), HasSubstr("interrupted: nothing was written"));
+  EXPECT_THAT(err.str(), Not(HasSubstr("damaged")));
+  EXPECT_TRUE(FilesBeginning("b.csv").empty());
+}
+#endif
 
 TEST_F(ConvertTest, APipeWithANameIsReadOnce) {
   SimulateCube(0.05);

@@ -129,9 +129,7 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
     }
     result.num_triggers += triggers.size();
     if (selected.empty() && triggers.empty()) continue;
-    const absl::Status taken = take(selected, triggers);
-    // An interrupt from the terminal also ends evpose-hdf5.
-    if (!taken.ok()) return context.IsInterrupted() ? absl::CancelledError("interrupted: nothing was written") : taken;
+    EVPOSE_RETURN_IF_ERROR(take(selected, triggers));
     if (selected.empty()) continue;
     digest.Add(selected);
     if (result.num_events == 0) result.t_first_us = selected.front().t_us;
