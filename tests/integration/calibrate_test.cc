@@ -124,6 +124,7 @@ TEST_F(CliTest, CalibrateRefusesOptionsThatDoNotBelongTogether) {
   expect({"--camera-out", out, "--focal-mm", "5", "--fov", "60"}, 2, "--fov");
   expect({"--camera-out", out, "--picture", Path("out.png")}, 2, "needs -o");
   expect({"--camera-out", out, "--model", Path("cube/model.obj")}, 2, "--model is given 2 times for 1 recordings");
+  expect({"--camera", camera, "--truth", Path("truth.mcap"), "-o", out}, 1, "poses are not read from .mcap files, but");
   // 20 ms are enough to find a pose, and too short for the rest.
   expect({"--camera-out", out}, 1, "record longer");
   expect({"--camera", camera, "-o", out}, 1, "too little data to fit a sensor profile");

@@ -124,6 +124,8 @@ TEST_F(RobotTest, WrongUsageIsNamed) {
               HasSubstr("\"soon\" is neither auto nor a number"));
   EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot, "--time-offset", "0", "-o", out}, 1),
               AllOf(HasSubstr(poses + " and " + robot), HasSubstr("fewer than 12 poses")));
+  EXPECT_THAT(error({"calibrate", poses, "--hand-eye", Path("robot.mcap"), "-o", out}, 1),
+              HasSubstr("robot.mcap: poses are not read from .mcap files, but from .tum"));
   EXPECT_FALSE(std::filesystem::exists(out));
   EXPECT_THAT(error({"evaluate", "--truth", robot, "--estimate", poses, "--time-offset", "x"}, 2), HasSubstr("\"x\""));
   WriteText("other.tum", "# world_from_object, timestamp tx ty tz qx qy qz qw\n1 0 0 1 0 0 0 1\n");

@@ -157,6 +157,7 @@ absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& po
   }
   EVPOSE_ASSIGN_OR_RETURN(options.time_offset_s, ParseTimeOffset(arguments.time_offset));
   EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadCameraPoses(poses));
+  EVPOSE_RETURN_IF_ERROR(RefuseMcap(arguments.reference, ".tum"));
   EVPOSE_ASSIGN_OR_RETURN(const Trajectory robot, ReadTumTrajectory(arguments.reference));
   EVPOSE_ASSIGN_OR_RETURN(OutputFile file, OutputFile::Create(out));
   const absl::StatusOr<HandEye> result = SolveHandEye(estimate.trajectory, robot, options);
