@@ -70,13 +70,34 @@ TEST_F(RenderCommandTest, AmbiguousPosesAreReported) {
   EXPECT_THAT(film.err, AllOf(all, HasSubstr(": the events are drawn alone\n")));
 }
 
-TEST_F(RenderCommandTest, AFileWithoutPosesAndALossAreReported) {
+TEST_F(RenderCommandTest, ATimeBesideThePosesIsReportedWithItsKind) {
+  SimulateCube(0.2);
+  ASSERT_EQ(Run(ReplayArguments("poses.csv")).status, 0);
+  const std::string all = ReadText("poses.csv");
+  std::string ambiguous = all;
+  const size_t half = all.find('\n', all.size() / 2);
+  ambiguous.resize(half);
+  absl::StrReplaceAll({{",TRACKING,", ",AMBIGUOUS,"}, {",DEGRADED,", ",AMBIGUOUS,"}}, &ambiguous);
+  WriteText("half.csv", ambiguous + all.substr(half));
+  EXPECT_THAT(Render("half.csv", "a.png", {"--at", "16.02"}).err,
+              HasSubstr("half.csv: its poses near 16.020000 s are AMBIGUOUS, and none is drawn: the events are drawn"));
+  WriteText("late.tum", "16.15 0 0 1 0 0 0 1\n16.16 0 0 1 0 0 0 1\n");
+  EXPECT_THAT(Render("late.tum", "a.png", {"--at", "16.05"}).err,
+              HasSubstr("late.tum: its first pose is at 16.150000 s: the events are drawn alone\n"));
+  WriteText("early.tum", "16.05 0 0 1 0 0 0 1\n16.06 0 0 1 0 0 0 1\n");
+  EXPECT_THAT(Render("early.tum", "a.png", {"--at", "16.15"}).err,
+              HasSubstr("early.tum: its last pose is at 16.060000 s: the events are drawn alone\n"));
+}
+
+TEST_F(RenderCommandTest, AFileWithoutPosesAndAGapAreReported) {
   WriteText("none.tum", "");
   EXPECT_THAT(Render("none.tum", "a.avi").err, HasSubstr("none.tum has no pose: the events are drawn alone\n"));
   WriteText("gap.tum", "15 0 0 1 0 0 0 1\n17 0 0 1 0 0 0 1\n");
   const CliResult lost = Render("gap.tum", "a.png", {"--at", "16.04"});
   EXPECT_EQ(lost.status, 0) << lost.err;
-  EXPECT_THAT(lost.err, HasSubstr("gap.tum: has no pose at 16.040000 s, where the object was lost: the events are"));
+  EXPECT_THAT(lost.err,
+              HasSubstr("gap.tum: has no pose at 16.040000 s: the poses before and after it are more than 50 ms "
+                        "apart: the events are drawn alone\n"));
   EXPECT_EQ(Render("cube/truth.tum", "a.png").err, "");
 }
 

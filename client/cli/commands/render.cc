@@ -3,6 +3,7 @@
 // evpose render: draws events and the projected model as a picture or a film.
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -36,8 +37,8 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kRenderPieceBytes = size_t{64} * 1024;  // interrupts are checked before each piece
-// The longest time between two poses, microseconds, for which poses are interpolated. In a longer gap the object was
-// lost.
+// The longest time between two poses, microseconds, for which poses are interpolated, and the longest time before the
+// first and after the last one for which that is drawn.
 constexpr int64_t kMaxPoseGapUs = 50'000;
 constexpr int64_t kMaxFrames = 200'000;  // a jump of the clock must not fill the disk
 
@@ -107,7 +108,22 @@ std::string DescribeNoPose(const RenderArguments& arguments, const RenderInputs&
                       "well; evpose view shows them");
 }
 
-// Prints why no pose is drawn, unless one was. `at_us` is the time of a picture; nullopt for a film.
+double Seconds(int64_t t_us) { return static_cast<double>(t_us) * 1e-6; }
+
+// Returns why there is no pose to draw at a time, for a file with other poses.
+std::string DescribeNoPoseAt(const RenderInputs& inputs, int64_t at_us) {
+  const auto is_near = [at_us](int64_t t_us) { return std::abs(t_us - at_us) <= kMaxPoseGapUs; };
+  if (std::any_of(inputs.ambiguous_us.begin(), inputs.ambiguous_us.end(), is_near)) {
+    return absl::StrFormat("its poses near %.6f s are AMBIGUOUS, and none is drawn", Seconds(at_us));
+  }
+  const int64_t first_us = inputs.poses.front().t_us, last_us = inputs.poses.back().t_us;
+  if (at_us < first_us) return absl::StrFormat("its first pose is at %.6f s", Seconds(first_us));
+  if (at_us > last_us) return absl::StrFormat("its last pose is at %.6f s", Seconds(last_us));
+  return absl::StrFormat("has no pose at %.6f s: the poses before and after it are more than %d ms apart",
+                         Seconds(at_us), kMaxPoseGapUs / 1000);
+}
+
+// Prints why the film has no pose in any frame, or why the picture at `at_us` has none; nothing if there is a pose.
 void WarnWithoutPose(const RenderArguments& arguments, const RenderInputs& inputs, const TimeSpan& events,
                      std::optional<int64_t> at_us) {
   std::string why;
@@ -117,8 +133,7 @@ void WarnWithoutPose(const RenderArguments& arguments, const RenderInputs& input
     const TimeSpan poses = {inputs.poses.front().t_us, inputs.poses.back().t_us};
     why = DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
     if (why.empty() && at_us && !PoseNear(inputs.poses, *at_us, kMaxPoseGapUs)) {
-      why = absl::StrFormat("%s: has no pose at %.6f s, where the object was lost: the events are drawn alone",
-                            arguments.poses, static_cast<double>(*at_us) * 1e-6);
+      why = absl::StrCat(arguments.poses, ": ", DescribeNoPoseAt(inputs, *at_us), ": the events are drawn alone");
     }
   }
   if (!why.empty()) inputs.context->err << "evpose render: " << why << std::endl;
