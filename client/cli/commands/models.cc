@@ -85,12 +85,6 @@ absl::Status Print(const ModelInfo& model, bool is_json, CliContext& context) {
   });
 }
 
-// Rewords NOT_FOUND for a model of the command line, which the caller does not want to upload.
-absl::Status ModelNameError(const std::string& name, const absl::Status& status) {
-  if (!absl::IsNotFound(status)) return status;
-  return absl::NotFoundError(absl::StrCat(name, " does not exist; `evpose models list` prints the models that do"));
-}
-
 absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelInfo> models, client->ListModels());
@@ -107,13 +101,13 @@ absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
 absl::Status RunGet(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   const absl::StatusOr<ModelInfo> model = client->GetModel(arguments.name);
-  EVPOSE_RETURN_IF_ERROR(ModelNameError(arguments.name, model.status()));
+  EVPOSE_RETURN_IF_ERROR(NameError("models", arguments.name, model.status()));
   return Print(*model, arguments.is_json, context);
 }
 
 absl::Status RunDelete(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  return ModelNameError(arguments.name, client->DeleteModel(arguments.name));
+  return NameError("models", arguments.name, client->DeleteModel(arguments.name));
 }
 
 std::string Example(const std::string& command) {

@@ -139,9 +139,14 @@ void AddSessionName(CLI::App& app, std::string& name) {
       ->group(kInputGroup);
 }
 
-absl::Status SessionError(const std::string& name, const absl::Status& status) {
+absl::Status NameError(const char* kind, const std::string& name, const absl::Status& status) {
   if (!absl::IsNotFound(status)) return status;
-  return absl::NotFoundError(absl::StrCat(name, " does not exist; `evpose sessions list` prints the sessions that do"));
+  return absl::NotFoundError(
+      absl::StrCat(name, " does not exist; `evpose ", kind, " list` prints the ", kind, " that do"));
+}
+
+absl::Status SessionError(const std::string& name, const absl::Status& status) {
+  return NameError("sessions", name, status);
 }
 
 absl::Status ModelError(const std::string& path, const absl::Status& status) {

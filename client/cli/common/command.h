@@ -78,6 +78,8 @@ bool IsSessionName(absl::string_view text);
 void AddSessionName(CLI::App& app, std::string& name);
 // Rewords NOT_FOUND for a session of the command line, which the caller does not want to create.
 absl::Status SessionError(const std::string& name, const absl::Status& status);
+// The same for a name of another kind, the command that lists such names: "models".
+absl::Status NameError(const char* kind, const std::string& name, const absl::Status& status);
 
 // Address of a server, or of several servers that share a store, and the credentials, for the commands that need one.
 struct ServerArguments {
