@@ -297,7 +297,7 @@ std::string PositionText(int64_t t_us, bool is_playing, double speed) {
   return Dump({{"type", "position"}, {"t_us", t_us}, {"playing", is_playing}, {"speed", speed}});
 }
 
-std::string RangeText(const TimeRange& range, bool is_complete, const EventCounts& counts) {
+std::string RangeText(const TimeSpan& range, bool is_complete, const EventCounts& counts) {
   return Dump(
       {{"type", "range"},
        {"from_us", range.from_us},

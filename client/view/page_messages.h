@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "client/cli/common/recording_input.h"
 #include "core/events/event_counts.h"
 #include "evpose/types.h"
 
@@ -57,12 +58,6 @@ struct HelloMessage {
   std::string source;   // address of the server, or the file
   std::string session;  // empty: none was chosen
 };
-struct TimeRange {
-  int64_t from_us = 0;
-  int64_t to_us = 0;
-
-  bool operator==(const TimeRange&) const = default;
-};
 struct SceneObject {
   std::string id;
   std::string model;  // a name for people
@@ -72,7 +67,7 @@ struct Scene {
   std::string session;  // empty for a recording
   Camera camera;
   std::vector<SceneObject> objects;
-  std::optional<TimeRange> recording;
+  std::optional<TimeSpan> recording;
   bool has_truth = false;
 };
 // Counters of the connection to a page.
@@ -95,7 +90,7 @@ std::string StateText(const std::string& object_id, int64_t t_us, TrackState sta
 std::string CauseText(LossCause cause);
 std::string HealthText(const SessionHealth& health, const LinkCounts& link);
 std::string PositionText(int64_t t_us, bool is_playing, double speed);
-std::string RangeText(const TimeRange& range, bool is_complete, const EventCounts& counts);
+std::string RangeText(const TimeSpan& range, bool is_complete, const EventCounts& counts);
 std::string NoticeText(NoticeLevel level, const std::string& text);
 std::string EndText(const std::string& reason);
 

@@ -137,7 +137,7 @@ void RecordedEvents::Publish(uint64_t read_bytes, const DecodedEvents& decoded) 
     const std::lock_guard lock(mutex_);
     read_bytes_ = read_bytes;
     counts_.Add(decoded.events);
-    TimeRange& range = progress_.range;
+    TimeSpan& range = progress_.range;
     if (!progress_.has_events && !decoded.events.empty()) {
       progress_.has_events = true;
       range = {decoded.events[0].t_us, decoded.events[0].t_us};

@@ -43,7 +43,7 @@ class RecordedEvents {
 
   struct Progress {
     bool has_events = false;
-    TimeRange range;  // of the events so far
+    TimeSpan range;  // of the events so far
     bool is_complete = false;
     absl::Status status;  // the error at which reading ended
   };

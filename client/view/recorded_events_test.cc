@@ -93,7 +93,7 @@ TEST_P(RecordedEventsTest, EachWindowHasExactlyItsEvents) {
   auto events = RecordedEvents::Open(path, std::move(*reader), {.spacing_bytes = 1, .max_positions = 4});
   ASSERT_TRUE(events.ok()) << events.status();
   WaitUntilComplete(**events);
-  EXPECT_EQ((*events)->progress().range, (TimeRange{written.front().t_us, written.back().t_us}));
+  EXPECT_EQ((*events)->progress().range, (TimeSpan{written.front().t_us, written.back().t_us}));
   EXPECT_TRUE((*events)->progress().status.ok());
   for (const int64_t from_us : {15'999'000, 16'000'000, 16'000'001, 16'100'000, 16'273'123, 16'399'990, 16'500'000}) {
     for (const int64_t duration_us : {1, 50, 5'000, 150'000}) {

@@ -65,7 +65,7 @@ Scene RecordingSource::scene() const {
   const RecordedEvents::Progress progress = events_->progress();
   scene.recording = progress.range;
   if (pose_times_us_.empty()) return scene;
-  TimeRange& range = *scene.recording;
+  TimeSpan& range = *scene.recording;
   if (!progress.has_events) range = {pose_times_us_.front(), pose_times_us_.front()};
   range.from_us = std::min(range.from_us, pose_times_us_.front());
   range.to_us = std::max(range.to_us, pose_times_us_.back());

@@ -16,7 +16,7 @@ namespace {
 constexpr std::chrono::milliseconds kRangePeriod(500);
 
 // The interval of the events of an image; its end is excluded.
-TimeRange WindowAt(int64_t t_us, double window_ms) {
+TimeSpan WindowAt(int64_t t_us, double window_ms) {
   const int64_t half_us = std::llround(window_ms * 500.0);
   return {t_us - half_us, t_us + half_us};
 }
@@ -164,7 +164,7 @@ void RecordingView::Show(const Work& work) {
 
 PageImage RecordingView::MakeImage(int64_t t_us, const ImageSettings& settings) {
   const RecordingInputs& inputs = source_.inputs();
-  const TimeRange window = WindowAt(t_us, settings.window_ms);
+  const TimeSpan window = WindowAt(t_us, settings.window_ms);
   EventBitmap bitmap(source_.events().geometry(), settings.cell_px);
   PageImage result;
   result.t_us = t_us;

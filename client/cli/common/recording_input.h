@@ -38,6 +38,8 @@ Json SkippedJson(const std::vector<SkippedParts>& skipped);
 struct TimeSpan {
   int64_t from_us = 0;
   int64_t to_us = 0;
+
+  bool operator==(const TimeSpan&) const = default;
 };
 
 // "from 16.000000 s to 16.500000 s"
