@@ -91,9 +91,9 @@ Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock, const St
   SetVerdict(step_back_us, options_.step_back_us, "us", finding);
   SetVerdict(gap_us, options_.gap_us, "us", gaps);
   // The decoder's count, which is also that of evpose info: some of these times are not those of events.
-  finding.text =
-      absl::StrCat("time stamps step back ", Counted(facts.counts.time_backsteps, "time"), ", those of events by ",
-                   clock.largest_step_back_us, " us at most; ", Counted(clock.num_gaps, "gap"));
+  finding.text = absl::StrCat("time stamps step back ", Counted(facts.counts.time_backsteps, "time"),
+                              "; the largest step between events is ", clock.largest_step_back_us, " us; ",
+                              Counted(clock.num_gaps, "gap"));
   if (finding.verdict != Verdict::kOk) {
     finding.places.push_back(absl::StrCat("step back to ", Seconds(clock.largest_step_back_at_us)));
     finding.remedy =

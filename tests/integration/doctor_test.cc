@@ -148,7 +148,8 @@ TEST_F(DoctorTest, CountsStepsBackAsInfo) {
   events.insert(second, late + late);
   WriteText("late.csv", events);
   EXPECT_EQ(Run({"info", Path("late.csv"), "--json"}).Json()["time_backsteps"], 1);
-  EXPECT_THAT(Run({"doctor", Path("late.csv")}).out, HasSubstr("time stamps step back 1 time, those of events by 1"));
+  EXPECT_THAT(Run({"doctor", Path("late.csv")}).out,
+              HasSubstr("time stamps step back 1 time; the largest step between events is 1"));
 }
 
 class DoctorServerTest : public CliTest {

@@ -159,7 +159,7 @@ std::vector<std::string> Warnings(const Inspection& inspection, const ViewSummar
   if (summary.max_elements == 0) {
     warnings.push_back(absl::StrCat("no view has an edge that can be tracked; the object is ",
                                     FormatLength(inspection.model.diameter_m),
-                                    " across: if the unit of the file is another, pass its metres as --scale"));
+                                    " across: if the file has another unit, give --scale, the metres per unit"));
   } else if (summary.num_unobservable > 0) {
     warnings.push_back(
         absl::StrFormat("in %d of %d views the visible edges do not determine the pose (standard deviation above %g px "
