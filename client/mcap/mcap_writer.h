@@ -62,6 +62,7 @@ class McapWriter {
   absl::StatusOr<uint64_t> Sync();
   // Completes the file. The last call.
   absl::Status Commit();
+  void Remove() { file_.Remove(); }  // instead of Commit()
 
   // The index of the file, without the messages of the present chunk.
   const McapIndex& index() const { return index_; }

@@ -189,4 +189,9 @@ absl::Status PoseRecorder::Commit() {
   return writer_.Commit();
 }
 
+void PoseRecorder::Remove() {
+  const std::lock_guard lock(mutex_);
+  writer_.Remove();
+}
+
 }  // namespace evpose::client

@@ -66,6 +66,7 @@ class PoseRecorder {
   // The first error of any call. Writes all messages to the disk, and returns the size of the file.
   absl::StatusOr<uint64_t> Sync();
   absl::Status Commit();
+  void Remove();  // instead of Commit(): removes what was written
 
  private:
   PoseRecorder(McapWriter writer, const PoseRecorderOptions& options);

@@ -122,6 +122,11 @@ void OutputFile::Discard() {
   temporary_path_.clear();
 }
 
+void OutputFile::Remove() {
+  is_continued_ = false;
+  Discard();
+}
+
 absl::Status OutputFile::Append(std::string_view bytes) {
   if (!status_.ok()) return status_;
   if (!bytes.empty() && std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size()) {

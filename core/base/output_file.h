@@ -36,6 +36,8 @@ class OutputFile {
   absl::StatusOr<uint64_t> Sync();
   // Closes the file and gives it its name. The last call.
   absl::Status Commit();
+  // Removes the temporary file, also that of Continue(), so that an older file stays. The last call.
+  void Remove();
 
   // The name under which the bytes are until Commit().
   const std::string& present_path() const { return temporary_path_.empty() ? path_ : temporary_path_; }

@@ -66,6 +66,7 @@ class FailingSessions final : public v1::SessionService::Service {
     for (uint64_t seq = 1; seq <= num_poses; ++seq) {
       v1::TrackResponse pose = client::PoseMessage(seq);
       pose.mutable_pose()->set_object_id(object_id);
+      pose.mutable_pose()->set_state(state);
       pose.mutable_pose()->set_t_us(16'000'000 + 1000 * static_cast<int64_t>(seq));
       stream->Write(pose);
     }
@@ -75,6 +76,7 @@ class FailingSessions final : public v1::SessionService::Service {
   grpc::Status end;
   uint64_t num_poses = 3;
   std::string object_id = "object";
+  v1::TrackState state = v1::TRACK_STATE_TRACKING;
   int num_refusals = 0;  // creations that are still refused
   std::atomic<int> num_streams = 0;
   std::atomic<int> num_deleted = 0;
@@ -164,6 +166,17 @@ TEST_F(GiveUpTest, WithoutAPoseAnEarlierFileStays) {
   sessions_.end = client::WithReason(grpc::StatusCode::INTERNAL, "STORE_FAILED");
   EXPECT_THAT(Replay(), ::testing::Not(HasSubstr("poses.tum")));
   EXPECT_EQ(ReadText("poses.tum"), "earlier\n");
+}
+
+TEST_F(GiveUpTest, WithAmbiguousPosesOnlyAnEarlierTumFileStays) {
+  WriteText("poses.tum", "earlier\n");
+  sessions_.state = v1::TRACK_STATE_AMBIGUOUS;
+  sessions_.end = client::WithReason(grpc::StatusCode::INTERNAL, "STORE_FAILED");
+  EXPECT_THAT(Replay(),
+              HasSubstr("; " + Path("poses.tum") +
+                        ": not written, because there is no pose for it; the earlier file stays as it was\n"));
+  EXPECT_EQ(ReadText("poses.tum"), "earlier\n");
+  EXPECT_EQ(FilesBeginning("poses.tum").size(), 1u) << "no temporary file";
 }
 
 TEST_F(GiveUpTest, APoseOfAnotherObjectIsRefused) {

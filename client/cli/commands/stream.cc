@@ -147,7 +147,7 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
       "the poses received so far are written; with --resume, the same command continues the session instead, and for "
       "standard input it marks the gap in the events.\n\n"
       "Exit status:\n"
-      "  0  Poses were found, or an interrupt has ended the stream\n"
+      "  0  Poses were found, also if an interrupt has ended the stream\n"
       "  1  Failure, or no pose was found; the reason is on standard error\n"
       "  2  Wrong usage\n\n"
       "Example:\n"

@@ -194,7 +194,14 @@ class PoseOutput {
     return static_cast<bool>(context_->out);
   }
   std::vector<PoseRecorder*> recorders() const { return files_ ? files_->recorders() : std::vector<PoseRecorder*>(); }
-  absl::Status Commit() { return files_ ? files_->Commit() : absl::OkStatus(); }
+  absl::Status Commit() {
+    if (!files_) return absl::OkStatus();
+    EVPOSE_RETURN_IF_ERROR(files_->Commit());
+    for (const PoseFile& file : files_->files()) {
+      if (file.keeps_older) context_->err << file.Describe() << std::endl;
+    }
+    return absl::OkStatus();
+  }
 
  private:
   explicit PoseOutput(CliContext& context) : context_(&context) {}

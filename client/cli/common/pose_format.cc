@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/common/pose_format.h"
 
+#include <algorithm>
 #include <array>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -12,6 +14,7 @@
 #include "absl/time/time.h"
 #include "client/cli/common/pose_columns.h"
 #include "client/lib/messages/core_types.h"
+#include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
 #include "core/geometry/transform_file.h"
@@ -143,6 +146,12 @@ std::string CheckEpoch(const std::string& text) {
   return absl::StrCat("\"", text, "\" is neither host nor a number of seconds from 0 to 2147483647");
 }
 
+// Whether it is a file, and not a pipe or a device, that is not empty.
+bool HasContents(const std::string& path) {
+  std::error_code error;
+  return std::filesystem::is_regular_file(path, error) && std::filesystem::file_size(path, error) > 0 && !error;
+}
+
 // The entry of an object, or that of all objects; the end if there is neither.
 template <typename File>
 auto FindFile(std::map<std::string, File>& files, const std::string& object_id) {
@@ -235,6 +244,11 @@ absl::Status PoseFiles::Check(const std::string& path, const std::vector<std::st
   return absl::OkStatus();
 }
 
+std::string PoseFile::Describe() const {
+  if (!keeps_older) return absl::StrCat(path, ": ", Counted(num_poses, "pose"));
+  return absl::StrCat(path, ": not written, because there is no pose for it; the earlier file stays as it was");
+}
+
 std::map<std::string, std::string> PoseFiles::Paths(const std::string& path,
                                                     const std::vector<std::string>& object_ids) {
   if (!absl::StrContains(path, kObjectPlaceholder)) return {{"", path}};
@@ -252,6 +266,8 @@ absl::StatusOr<PoseFiles> PoseFiles::Open(const std::string& path, const std::ve
   for (const auto& [id, name] : Paths(path, object_ids)) {
     std::optional<uint64_t> kept;
     if (options.kept_bytes != nullptr) kept = options.kept_bytes->contains(id) ? options.kept_bytes->at(id) : 0;
+    files.written_[id] = {.path = name};
+    if (options.kept_poses.contains(id)) files.written_[id].num_poses = options.kept_poses.at(id);
     if (files.format_ == PoseFormat::kMcap) {
       const PoseRecorderOptions recorder = {.object_ids = id.empty() ? object_ids : std::vector<std::string>{id},
                                             .epoch_ns = options.epoch_ns,
@@ -270,11 +286,19 @@ absl::StatusOr<PoseFiles> PoseFiles::Open(const std::string& path, const std::ve
 void PoseFiles::Write(const Pose& pose) {
   // Errors are kept: Commit() returns them.
   if (const auto file = FindFile(files_, pose.object_id); file != files_.end()) {
-    file->second.Append(PoseLine(format_, pose, frame_)).IgnoreError();
+    const std::string line = PoseLine(format_, pose, frame_);
+    file->second.Append(line).IgnoreError();
+    if (!line.empty()) Count(written_[file->first], pose);
   }
   if (const auto recorder = FindFile(recorders_, pose.object_id); recorder != recorders_.end()) {
     recorder->second->Add(pose, {frame_.Apply(pose), frame_.FrameId(pose.object_id)}, StateJson(pose, frame_));
+    Count(written_[recorder->first], pose);
   }
+}
+
+void PoseFiles::Count(PoseFile& file, const Pose& pose) {
+  ++file.num_poses;
+  file.last_t_us = std::max(file.last_t_us, pose.t_us);
 }
 
 std::vector<PoseRecorder*> PoseFiles::recorders() const {
@@ -294,10 +318,32 @@ absl::StatusOr<std::map<std::string, uint64_t>> PoseFiles::Sync() {
   return sizes;
 }
 
+std::map<std::string, uint64_t> PoseFiles::num_poses() const {
+  std::map<std::string, uint64_t> numbers;
+  for (const auto& [id, file] : written_) numbers[id] = file.num_poses;
+  return numbers;
+}
+
 absl::Status PoseFiles::Commit() {
-  for (auto& [id, file] : files_) EVPOSE_RETURN_IF_ERROR(file.Commit());
-  for (auto& [id, recorder] : recorders_) EVPOSE_RETURN_IF_ERROR(recorder->Commit());
+  for (auto& [id, written] : written_) {
+    written.keeps_older = written.num_poses == 0 && HasContents(written.path);
+    const auto complete = [&keeps_older = written.keeps_older](auto& file) {
+      if (!keeps_older) return file.Commit();
+      file.Remove();
+      return absl::OkStatus();
+    };
+    if (const auto file = files_.find(id); file != files_.end()) EVPOSE_RETURN_IF_ERROR(complete(file->second));
+    if (const auto recorder = recorders_.find(id); recorder != recorders_.end()) {
+      EVPOSE_RETURN_IF_ERROR(complete(*recorder->second));
+    }
+  }
   return absl::OkStatus();
+}
+
+std::vector<PoseFile> PoseFiles::files() const {
+  std::vector<PoseFile> files;
+  for (const auto& [id, file] : written_) files.push_back(file);
+  return files;
 }
 
 PoseFrame PoseFrame::ObjectFromCamera() {

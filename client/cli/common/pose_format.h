@@ -89,6 +89,18 @@ struct PoseFilesOptions {
   std::optional<int64_t> epoch_ns;  // PoseRecorderOptions::epoch_ns
   // Continues the output of an earlier process: the number of bytes of each file, by object, that Sync() returned.
   const std::map<std::string, uint64_t>* kept_bytes = nullptr;
+  std::map<std::string, uint64_t> kept_poses;  // PoseFiles::num_poses() of the earlier process
+};
+
+// What became of a file of poses.
+struct PoseFile {
+  std::string path;
+  uint64_t num_poses = 0;    // written to it; a .tum file has no AMBIGUOUS poses, the other formats have them
+  int64_t last_t_us = 0;     // the latest time of those that this process has written
+  bool keeps_older = false;  // the file of an earlier run stays, because there is no pose for it
+
+  // "PATH: 3 poses", or why it was not written.
+  std::string Describe() const;
 };
 
 // --epoch and --event-images of the commands that write .mcap files.
@@ -105,7 +117,8 @@ struct RecordingArguments {
 };
 
 // Writes the poses of the objects of a session as they arrive: to one file or, if the path contains "{object}", to one
-// file for each object. A file appears under its name when it is complete.
+// file for each object. A file appears under its name when it is complete. In all formats, a file without a pose does
+// not replace an older file that is not empty.
 class PoseFiles {
  public:
   // Errors: INVALID_ARGUMENT for an unknown extension, for a TUM file with several objects, and for an ID that cannot
@@ -120,17 +133,25 @@ class PoseFiles {
   std::vector<PoseRecorder*> recorders() const;
   // Writes all data to the disk; returns the sizes of the files, by object.
   absl::StatusOr<std::map<std::string, uint64_t>> Sync();
+  // The number of poses in the files, by object.
+  std::map<std::string, uint64_t> num_poses() const;
+  // Completes each file, or removes it if it has no pose and an older one is not empty. The last call that writes.
   absl::Status Commit();
+  // The files, in the order of Paths(); PoseFile::keeps_older is set by Commit().
+  std::vector<PoseFile> files() const;
 
   // The objects with files of their own, and the names of the files; the key of a single file for all objects is "".
   static std::map<std::string, std::string> Paths(const std::string& path, const std::vector<std::string>& object_ids);
 
  private:
+  void Count(PoseFile& file, const Pose& pose);
+
   PoseFormat format_ = PoseFormat::kTum;
   PoseFrame frame_;
   // By object; "" for a single file.
   std::map<std::string, OutputFile> files_;
   std::map<std::string, std::unique_ptr<PoseRecorder>> recorders_;  // the recorders of .mcap files
+  std::map<std::string, PoseFile> written_;
 };
 
 }  // namespace evpose::client

@@ -3,12 +3,11 @@
 
 #include <algorithm>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "client/cli/common/pace_meter.h"
 #include "client/cli/common/recording_input.h"
+#include "core/base/counted.h"
 
 namespace evpose::client {
 namespace {
@@ -36,10 +35,14 @@ void ReplayReport::Add(const Pose& pose) {
   if (pose.state == TrackState::kAmbiguous) ++ambiguous_poses_;
 }
 
-bool ReplayReport::HasFilesWithoutPose() const {
-  const auto is_tum = [](const std::string& file) { return absl::EndsWith(file, ".tum"); };
-  return !files.empty() && std::all_of(files.begin(), files.end(), is_tum) && summary.poses > 0 &&
-         ambiguous_poses_ == summary.poses;
+bool ReplayReport::HasOnlyFilesWithoutPose() const {
+  const auto is_without_pose = [](const PoseFile& file) { return file.num_poses == 0; };
+  return !files.empty() && std::all_of(files.begin(), files.end(), is_without_pose) &&
+         summary.poses > summary.lost_poses;
+}
+
+bool ReplayReport::KeepsOlderFiles() const {
+  return std::any_of(files.begin(), files.end(), [](const PoseFile& file) { return file.keeps_older; });
 }
 
 std::string ReplayReport::NameOf(const std::string& object_id) const {
@@ -148,19 +151,14 @@ void ReplayReport::PrintObjects(std::ostream& stream) const {
 
 void ReplayReport::PrintFiles(std::ostream& stream) const {
   if (files.empty()) return;
-  if (leaves_older_files) {
-    stream << absl::StrJoin(files, ", ") << ": not written, because there is no pose for "
-           << (files.size() > 1 ? "them; the earlier files stay as they were\n"
-                                : "it; the earlier file stays as it was\n");
-    return;
+  for (const PoseFile& file : files) {
+    stream << file.Describe();
+    if (file.num_poses > 0 && transform != kCameraFromObject) stream << ", " << transform;
+    stream << "\n";
   }
-  stream << absl::StrJoin(files, ", ") << ": " << summary.poses << " poses";
-  if (ambiguous_poses_ > 0) {
-    stream << ", of which " << ambiguous_poses_ << " are AMBIGUOUS: a .tum file does not have them, .csv and .jsonl "
-           << "files have them with their alternatives";
-  }
-  if (transform != kCameraFromObject) stream << ", " << transform;
-  stream << "\n";
+  if (ambiguous_poses_ == 0) return;
+  stream << Counted(ambiguous_poses_, "pose") << (ambiguous_poses_ == 1 ? " is" : " are")
+         << " AMBIGUOUS: a .tum file does not have them, .csv and .jsonl files have them with their alternatives\n";
 }
 
 void ReplayReport::Print(std::ostream& stream) const {
@@ -189,9 +187,12 @@ void ReplayReport::Print(std::ostream& stream) const {
 
 Json ReplayReport::ToJson() const {
   const SessionHealth& health = summary.health;
+  std::vector<std::string> written, kept;
+  for (const PoseFile& file : files) (file.keeps_older ? kept : written).push_back(file.path);
   Json json = {{"recording", recording},
                {"out", out.empty() ? Json(nullptr) : Json(out)},
-               {"files", leaves_older_files ? std::vector<std::string>() : files},
+               {"files", written},
+               {"kept_files", kept},
                {"transform", transform},
                {"session", session.empty() ? Json(nullptr) : Json(session)},
                {"trace_id", trace_id},

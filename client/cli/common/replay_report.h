@@ -22,8 +22,7 @@ struct ReplayReport {
   std::string recording;
   std::string out;                            // empty: poses were not written
   std::string transform = kCameraFromObject;  // name of the transform of the poses in `out`
-  std::vector<std::string> files;             // pose files; `out` may be the pattern of their names
-  bool leaves_older_files = false;            // no pose was found: `files` are those of an earlier run
+  std::vector<PoseFile> files;                // `out` may be the pattern of their names
   std::string session;                        // empty: the session was deleted
   std::string trace_id;                       // of the session, for the logs of the servers
   RecordingHeader header;
@@ -50,8 +49,10 @@ struct ReplayReport {
   // The last line has the numbers of events, poses and losses, the event rate in Mev/s, and latencies.
   void Print(std::ostream& out_stream) const;
   Json ToJson() const;
-  // Whether poses were found, but the files have none, because all are AMBIGUOUS.
-  bool HasFilesWithoutPose() const;
+  // Whether poses were found, but no file has one, because all are AMBIGUOUS.
+  bool HasOnlyFilesWithoutPose() const;
+  // Whether there is a file that an earlier run has written, and this run has not.
+  bool KeepsOlderFiles() const;
 
  private:
   // The parts of Print(): input and connection; models and objects; pose files.

@@ -109,19 +109,36 @@ TEST(ReplayReportTest, StatesThatTheServerWasSlowerThanRealTime) {
 
 TEST(ReplayReportTest, CountsAmbiguousPoses) {
   ReplayReport report;
-  report.files = {"poses.tum"};
+  report.files = {{.path = "poses.tum", .num_poses = 1}};
   report.summary.poses = 2;
   Pose pose;
   pose.state = TrackState::kTracking;
   report.Add(pose);
-  EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 2 poses\n"));
+  EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 1 pose\n"));
   pose.state = TrackState::kAmbiguous;
   report.Add(pose);
-  EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 2 poses, of which 1 are AMBIGUOUS"));
+  EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 1 pose\n1 pose is AMBIGUOUS: a .tum file does not have them"));
   EXPECT_EQ(report.ToJson()["ambiguous_poses"], 1);
   EXPECT_EQ(report.ToJson()["transform"], "camera_from_object");
   report.transform = "base_from_object";
-  EXPECT_THAT(Printed(report), HasSubstr("alternatives, base_from_object\n"));
+  EXPECT_THAT(Printed(report), HasSubstr("poses.tum: 1 pose, base_from_object\n"));
+}
+
+TEST(ReplayReportTest, ListsWrittenFilesAndOlderFilesThatStaySeparately) {
+  ReplayReport report;
+  report.summary.poses = 5;
+  report.files = {
+      {.path = "left.tum", .num_poses = 3}, {.path = "right.tum", .keeps_older = true}, {.path = "top.tum"}};
+  EXPECT_THAT(Printed(report),
+              HasSubstr("left.tum: 3 poses\nright.tum: not written, because there is no pose for it; the earlier file "
+                        "stays as it was\ntop.tum: 0 poses\n"));
+  EXPECT_EQ(report.ToJson()["files"], Json({"left.tum", "top.tum"}));
+  EXPECT_EQ(report.ToJson()["kept_files"], Json({"right.tum"}));
+  EXPECT_TRUE(report.KeepsOlderFiles());
+  EXPECT_FALSE(report.HasOnlyFilesWithoutPose());
+  report.files = {{.path = "top.tum"}};
+  EXPECT_FALSE(report.KeepsOlderFiles());
+  EXPECT_TRUE(report.HasOnlyFilesWithoutPose());
 }
 
 }  // namespace

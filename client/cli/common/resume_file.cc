@@ -84,6 +84,7 @@ std::string ResumeRecord::ToText() const {
   json["max_piece_bytes"] = position.max_piece_bytes;
   json["arguments"] = arguments;
   json["output_bytes"] = output_bytes;
+  json["output_poses"] = output_poses;
   json["crc32c"] = Checksum(json);
   return json.dump(2) + "\n";
 }
@@ -114,6 +115,13 @@ absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
     record.arguments = json.at("arguments").get<std::map<std::string, std::string>>();
     for (const auto& [path, bytes] : json.at("output_bytes").items()) {
       EVPOSE_ASSIGN_OR_RETURN(record.output_bytes[path], WholeNumber<uint64_t>(bytes, "output_bytes"));
+      // Of a record of an earlier version it is only known whether the client has received poses.
+      record.output_poses[path] = position.last_pose_seq;
+    }
+    if (!json.contains("output_poses")) return record;
+    record.output_poses.clear();
+    for (const auto& [path, poses] : json.at("output_poses").items()) {
+      EVPOSE_ASSIGN_OR_RETURN(record.output_poses[path], WholeNumber<uint64_t>(poses, "output_poses"));
     }
   } catch (const std::exception&) {  // its words would quote the file
     return absl::InvalidArgumentError("is damaged: a field is missing or of another kind");

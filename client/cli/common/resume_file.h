@@ -19,6 +19,7 @@ struct ResumeRecord {
   // The arguments of the run, by the name of the option: a run that continues needs the same ones.
   std::map<std::string, std::string> arguments;
   std::map<std::string, uint64_t> output_bytes;  // PoseFiles::Sync() at `position`
+  std::map<std::string, uint64_t> output_poses;  // PoseFiles::num_poses() at `position`
 
   std::string ToText() const;
   // Error: INVALID_ARGUMENT describing the invalid content.

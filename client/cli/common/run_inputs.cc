@@ -120,37 +120,61 @@ absl::Status ParseResets(const RunArguments& arguments, RunInputs& inputs) {
   return absl::OkStatus();
 }
 
-// Ends as soon as a stop is requested, even while data are available: the bytes read until then are the recording.
+// RecordingReaderOptions::stop of a reader, and whether the reader was told to stop.
+struct StopRequest {
+  std::function<bool()> stop;
+  std::atomic<bool> was_told = false;
+
+  bool Ask() {
+    if (stop && stop()) was_told = true;
+    return was_told;
+  }
+};
+
+// Ends as soon as a stop is requested, even while data are available: the bytes read until then are the recording. If
+// the run is to be continued, the stop is an error instead, so that the session does not end.
 class StoppableReader final : public RecordingReader {
  public:
-  StoppableReader(std::unique_ptr<RecordingReader> reader, std::function<bool()> stop,
-                  std::shared_ptr<std::atomic<int64_t>> metavision_zero_us,
-                  std::shared_ptr<std::atomic<bool>> has_ended)
+  StoppableReader(std::unique_ptr<RecordingReader> reader, std::shared_ptr<StopRequest> stop, const RunInputs& inputs,
+                  const RunArguments& arguments)
       : reader_(std::move(reader)),
         stop_(std::move(stop)),
         first_time_(reader_->header().encoding),
-        metavision_zero_us_(std::move(metavision_zero_us)),
-        has_ended_(std::move(has_ended)) {}
+        metavision_zero_us_(inputs.metavision_zero_us),
+        has_ended_(inputs.has_ended),
+        stop_status_(arguments.resume.empty() || arguments.ends_at_interrupt
+                         ? absl::OkStatus()
+                         : absl::CancelledError(absl::StrCat(arguments.recording, ": interrupted before its end"))) {}
 
   const RecordingHeader& header() const override { return reader_->header(); }
   int64_t data_size_bytes() const override { return reader_->data_size_bytes(); }
   absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
-    if (stop_()) return 0;
+    if (*has_ended_) return 0;
+    if (stop_->Ask()) return Stopped();
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, reader_->Read(buffer));
     first_time_.Add(buffer.first(size));
     *metavision_zero_us_ = first_time_.t_us().value_or(0);
-    *has_ended_ = size == 0 && !stop_();
-    return size;
+    if (size > 0) return size;
+    // The source itself knows whether this is the end: an interrupt may have come after it.
+    if (stop_->was_told) return Stopped();
+    *has_ended_ = true;
+    return 0;
   }
   bool follows_loss() const override { return reader_->follows_loss(); }
   std::vector<SkippedParts> skipped() const override { return reader_->skipped(); }
 
  private:
+  absl::StatusOr<size_t> Stopped() const {
+    EVPOSE_RETURN_IF_ERROR(stop_status_);
+    return 0;
+  }
+
   const std::unique_ptr<RecordingReader> reader_;
-  const std::function<bool()> stop_;
+  const std::shared_ptr<StopRequest> stop_;
   FirstTimeWord first_time_;
   const std::shared_ptr<std::atomic<int64_t>> metavision_zero_us_;
   const std::shared_ptr<std::atomic<bool>> has_ended_;
+  const absl::Status stop_status_;
 };
 
 absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
@@ -213,10 +237,12 @@ absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArgu
   EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
   EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
+  const auto stop = std::make_shared<StopRequest>();
+  stop->stop = reader_options.stop;
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
-                          OpenSeenBy(inputs.camera, arguments.camera, arguments.recording, reader_options));
-  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), reader_options.stop, inputs.metavision_zero_us,
-                                                    inputs.has_ended);
+                          OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
+                                     {.follow = reader_options.follow, .stop = [stop] { return stop->Ask(); }}));
+  inputs.reader = std::make_unique<StoppableReader>(std::move(reader), stop, inputs, arguments);
   return inputs;
 }
 

@@ -102,7 +102,7 @@ absl::StatusOr<std::vector<std::pair<std::string, std::string>>> ParseObjectMode
 void AddDueResets(std::vector<TimedReset>& resets, EventChunk& chunk);
 
 // Validates all inputs that can be validated without a server. When `reader_options.stop` is requested, the data read
-// until then is the complete recording.
+// until then is the complete recording; with --resume and without ends_at_interrupt, the reader then returns CANCELLED.
 absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArguments& arguments,
                                         const RecordingReaderOptions& reader_options);
 

@@ -132,7 +132,8 @@ absl::Status SessionRun::OpenPoses() {
   EVPOSE_ASSIGN_OR_RETURN(poses_, PoseFiles::Open(arguments_.out, inputs_.object_ids(),
                                                   {.frame = inputs_.frame,
                                                    .epoch_ns = arguments_.recording_options.EpochNs(epoch_ns),
-                                                   .kept_bytes = resume_ ? &record_.output_bytes : nullptr}));
+                                                   .kept_bytes = resume_ ? &record_.output_bytes : nullptr,
+                                                   .kept_poses = record_.output_poses}));
   return absl::OkStatus();
 }
 
@@ -147,23 +148,19 @@ absl::Status SessionRun::OpenClockLog() {
 absl::Status SessionRun::SyncOutputs() {
   if (poses_) {
     EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes, poses_->Sync());
+    record_.output_poses = poses_->num_poses();
   }
   if (clock_log_ == nullptr) return absl::OkStatus();
   EVPOSE_ASSIGN_OR_RETURN(record_.output_bytes[kClockLogKey], clock_log_->Sync());
   return absl::OkStatus();
 }
 
-bool SessionRun::LeavesOlderFiles() const {
-  if (!poses_ || resume_ || (report_.summary.poses > 0 && !report_.HasFilesWithoutPose())) return false;
-  return std::any_of(report_.files.begin(), report_.files.end(), [](const std::string& path) {
-    std::error_code error;
-    return std::filesystem::is_regular_file(path, error) && std::filesystem::file_size(path, error) > 0 && !error;
-  });
-}
-
 absl::Status SessionRun::CommitOutputs() {
   // The poses first: an error of the log does not lose them.
-  if (poses_ && !report_.leaves_older_files) EVPOSE_RETURN_IF_ERROR(poses_->Commit());
+  if (poses_) {
+    EVPOSE_RETURN_IF_ERROR(poses_->Commit());
+    report_.files = poses_->files();
+  }
   return clock_log_ != nullptr ? clock_log_->Commit() : absl::OkStatus();
 }
 
@@ -242,8 +239,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
     if (poses_) WritePose(pose);
     if (clock_log_ != nullptr) clock_log_->AddPose(pose.t_us);
     report_.Add(pose);
-    ++num_poses_;
-    last_pose_us_ = std::max(last_pose_us_, pose.t_us);
+    has_received_pose_ = true;
   };
   callbacks.on_notice = [this](const Notice& notice) {
     report_.Add(notice);
@@ -283,10 +279,6 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   report_.trace_id = TraceId(record_.position.session);
   report_.out = arguments_.out;
   report_.transform = inputs_.frame.transform();
-  report_.files.clear();
-  if (!arguments_.out.empty()) {
-    for (const auto& [id, path] : PoseFiles::Paths(arguments_.out, inputs_.object_ids())) report_.files.push_back(path);
-  }
   report_.header = inputs_.reader->header();
   EVPOSE_RETURN_IF_ERROR(KeepPosition(record_.position, true));
   progress_ = std::make_unique<SessionProgress>(context_, client, record_.position.session,
@@ -309,11 +301,16 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
 }
 
 std::string SessionRun::KeepPoses() {
-  if (!poses_ || num_poses_ == 0) return "";
+  if (!poses_ || !has_received_pose_) return "";
   const absl::Status status = CommitOutputs();
   if (!status.ok()) return absl::StrCat("; the poses are lost: ", status.message());
-  return absl::StrFormat("; %s: %s up to %.6f s", absl::StrJoin(report_.files, ", "), Counted(num_poses_, "pose"),
-                         static_cast<double>(last_pose_us_) * 1e-6);
+  std::string text;
+  for (const PoseFile& file : report_.files) {
+    absl::StrAppend(&text, "; ", file.Describe());
+    if (file.num_poses == 0) continue;
+    absl::StrAppendFormat(&text, " up to %.6f s", static_cast<double>(file.last_t_us) * 1e-6);
+  }
+  return text;
 }
 
 absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
@@ -326,8 +323,8 @@ absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
       return absl::Status(status.code(), absl::StrCat(text, "; the same command continues from there"));
     }
     absl::StrAppend(&text, "; the session is gone from the server: remove ", resume_->path(), " to begin a new one");
-    for (const std::string& file : report_.files) {
-      absl::StrAppend(&text, "; ", file, ".partial has the poses so far, and a new run overwrites it");
+    for (const PoseFile& file : poses_ ? poses_->files() : std::vector<PoseFile>()) {
+      absl::StrAppend(&text, "; ", file.path, ".partial has the poses so far, and a new run overwrites it");
     }
     return absl::Status(status.code(), text);
   }
@@ -349,7 +346,6 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   report_.truncated_bytes = chunker_.truncated_bytes();
   report_.skipped = inputs_.reader->skipped();
   report_.is_interrupted = context_.IsInterrupted() && !*inputs_.has_ended;
-  report_.leaves_older_files = LeavesOlderFiles();
   report_.outages = connection_.outages();
   report_.away_for = connection_.away_for();
   if (clock_log_ != nullptr) report_.host_minus_sensor = clock_log_->SmallestDifference();
@@ -366,24 +362,23 @@ absl::Status SessionRun::FinalStatus() const {
   EVPOSE_RETURN_IF_ERROR(source_status_);
   const TrackSummary& summary = report_.summary;
   if (report_.is_interrupted && !arguments_.ends_at_interrupt) {
-    return absl::CancelledError(absl::StrCat(arguments_.recording, ": interrupted before its end: there are ",
-                                             Counted(summary.poses, "pose"),
-                                             " of the events read until then; run the command again for all"));
+    return absl::CancelledError(absl::StrCat(
+        arguments_.recording, ": interrupted before its end: ", Counted(summary.poses, "pose"),
+        " of the events until then ", summary.poses == 1 ? "was" : "were", " found; run the command again for all"));
   }
   if (!inputs_.resets.empty()) {
     return absl::OutOfRangeError(absl::StrCat(
         "--reset-pose at ", inputs_.resets.front().t_us,
         " us was not applied: the events end before it; sensor times are those of evpose info and of the poses"));
   }
-  if (summary.health.poses == 0 && !report_.is_interrupted) {
-    return absl::NotFoundError(
-        absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason",
-                     report_.leaves_older_files ? "; earlier pose files stay as they were" : ""));
+  if (summary.health.poses == 0) {
+    return absl::NotFoundError(absl::StrCat(arguments_.recording, ": no pose was found; the report has the reason",
+                                            report_.KeepsOlderFiles() ? "; earlier pose files stay as they were" : ""));
   }
-  if (report_.HasFilesWithoutPose()) {
+  if (report_.HasOnlyFilesWithoutPose()) {
     return absl::NotFoundError(absl::StrCat(
         arguments_.recording, ": every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl files",
-        report_.leaves_older_files ? "; earlier pose files stay as they were" : ""));
+        report_.KeepsOlderFiles() ? "; earlier pose files stay as they were" : ""));
   }
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,

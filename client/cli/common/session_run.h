@@ -62,10 +62,8 @@ class SessionRun {
   absl::Status OpenPoses();
   // Writes all outputs to the disk, and keeps their sizes in the record.
   absl::Status SyncOutputs();
+  // Completes the outputs, and lists the pose files in the report.
   absl::Status CommitOutputs();
-  // Whether the pose files have no pose although a pose file of an earlier run does; then none of them is written. With
-  // --resume they are part of the state of the run.
-  bool LeavesOlderFiles() const;
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
   // Sensor time at which the clock of the pose files is 0.
   int64_t TimeZero_us() const { return arguments_.has_metavision_zero ? inputs_.metavision_zero_us->load() : 0; }
@@ -76,7 +74,7 @@ class SessionRun {
   void Observe(Client& client);
   // Completes the pose files of a run that failed, and returns its status with advice.
   absl::Status GiveUp(Client& client, const absl::Status& status);
-  // Writes the poses so far, if there are any; returns a text about them.
+  // Writes the poses so far, if any was received; returns a text about the files.
   std::string KeepPoses();
   absl::Status Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time);
   // The status of a run that has reported its summary.
@@ -90,8 +88,7 @@ class SessionRun {
   ResumeRecord record_;
   std::optional<PoseFiles> poses_;
   std::unique_ptr<ClockLog> clock_log_;  // null: none
-  uint64_t num_poses_ = 0;               // received by this process
-  int64_t last_pose_us_ = 0;
+  bool has_received_pose_ = false;       // in this process
   std::unique_ptr<EventFeed> feed_;
   bool ends_on_error_ = false;
   absl::Status source_status_;  // status of a source that ends on errors; owned by the feed's thread until the summary
