@@ -49,7 +49,8 @@ TEST_F(CliTest, ProgramFailsWithOneLine) {
 
 TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
   SimulateCube(0.02);
-  // The signal may arrive before the first event is sent or after the last one, and must always be handled.
+  // The signal may arrive before the first event is sent or after the last one, and must always be handled. A run
+  // without a pose fails.
   const CliResult result = RunShell(
       "evpose replay cube/recording.raw --follow --model cube/model.obj --camera cube/camera.yaml --out poses.tum "
       "--json --init-pose '" +
@@ -58,8 +59,9 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
       "while [ -z \"$(ls | grep poses.tum.partial)\" ]; do :; done\n"
       "kill -TERM $pid\n"
       "wait $pid");
-  ASSERT_EQ(result.status, 0) << result.err;
-  EXPECT_EQ(result.Json()["interrupted"], true);
+  const nlohmann::json report = result.Json();
+  EXPECT_EQ(result.status, report["poses"] > 0 ? 0 : 1) << result.err;
+  EXPECT_EQ(report["interrupted"], true);
   EXPECT_TRUE(std::filesystem::exists(Path("poses.tum")));
 }
 
@@ -200,7 +202,8 @@ TEST_F(CliTest, TheReportNamesTheFilesOfPoses) {
     EXPECT_EQ(result.status, 0) << result.err;
     return result;
   };
-  EXPECT_THAT(replay({}).out, HasSubstr(Path("poses-left.tum") + ", " + Path("poses-right.tum") + ": "));
+  EXPECT_THAT(replay({}).out,
+              ::testing::AllOf(HasSubstr(Path("poses-left.tum") + ": "), HasSubstr(Path("poses-right.tum") + ": ")));
   EXPECT_EQ(replay({"--json"}).Json()["files"], nlohmann::json({Path("poses-left.tum"), Path("poses-right.tum")}));
 }
 

@@ -123,7 +123,7 @@ TEST_F(ModelFormatsTest, AModelOfMicrometresIsPrintedInThem) {
   EXPECT_THAT(text.out, HasSubstr("tiny.obj: 2 x 2 x 2 micrometres, diameter 2.828 micrometres\n"));
   EXPECT_THAT(text.out, ::testing::Not(HasSubstr("inf")));
   EXPECT_THAT(text.out, HasSubstr("no view has an edge that can be tracked; the object is 2.828 micrometres across: if "
-                                  "the unit of the file is another, pass its metres as --scale"));
+                                  "the file has another unit, give --scale, the metres per unit"));
   const CliResult scaled = Run({"models", "inspect", Path("tiny.obj"), "--scale", "1000"});
   EXPECT_THAT(scaled.out, HasSubstr("2 x 2 x 2 mm, diameter 2.828 mm\n"));
 }

@@ -19,6 +19,7 @@
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_reader.h"
+#include "client/cli/common/pose_records.h"
 #include "client/cli/common/recording_input.h"
 #include "client/cli/console/progress.h"
 #include "client/containers/open_recording.h"

@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
 #include "client/cli/common/pose_reader.h"
+#include "client/cli/common/pose_records.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/hand_eye.h"
