@@ -237,16 +237,17 @@ void PrintObservability(const ViewSummary& summary, std::ostream& out) {
 }
 
 // What the views show; without an edge in any of them, only that.
-void PrintViews(const Inspection& inspection, std::ostream& out) {
-  const ViewSummary summary = Summarise(inspection.views);
+void PrintViews(const Inspection& inspection, const ViewSummary& summary, std::ostream& out) {
   const ModelViewOptions options;
   out << absl::StrFormat(
       "elements     %.0f on average, %d at most, of %d views with a size of %.0f px; %.0f %% of their length "
       "are contours\n",
       summary.mean_elements, summary.max_elements, inspection.views.size(), options.object_px,
       100.0 * summary.contour_share);
-  if (summary.max_elements > 0) PrintObservability(summary, out);
-  if (summary.max_elements > 0) PrintFindability(inspection.findability, inspection.model, inspection.camera, out);
+  if (summary.max_elements > 0) {
+    PrintObservability(summary, out);
+    PrintFindability(inspection.findability, inspection.model, inspection.camera, out);
+  }
   out << absl::StrFormat(
       "cost         %.2f ms to find the elements of a view on this machine; the cost of a window is "
       "proportional to their number\n",
@@ -279,11 +280,10 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
                            Counted(model.facet_edges.size(), "edge between facets", "edges between facets"));
   }
   PrintSymmetries(model, inspection.near_symmetries, out);
-  PrintViews(inspection, out);
+  const ViewSummary summary = Summarise(inspection.views);
+  PrintViews(inspection, summary, out);
   for (const std::string& notice : model.notices) out << "notice: " << notice << "\n";
-  for (const std::string& warning : Warnings(inspection, Summarise(inspection.views))) {
-    out << "warning: " << warning << "\n";
-  }
+  for (const std::string& warning : Warnings(inspection, summary)) out << "warning: " << warning << "\n";
 }
 
 absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) {

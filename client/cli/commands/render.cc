@@ -153,9 +153,9 @@ absl::Status NoEventError(const RenderArguments& arguments, const RenderInputs& 
     const std::string why = DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
     if (!why.empty()) return absl::OutOfRangeError(why);
   }
-  return absl::OutOfRangeError(absl::StrFormat(
-      "%s has no event within %g ms of %.6f s: its events are %s; give another time with --at", arguments.recording,
-      arguments.window_ms / 2, static_cast<double>(t_us) * 1e-6, FormatTimeSpan(events)));
+  return absl::OutOfRangeError(
+      absl::StrFormat("%s has no event within %g ms of %.6f s: its events are %s; give another time with --at",
+                      arguments.recording, arguments.window_ms / 2, Seconds(t_us), FormatTimeSpan(events)));
 }
 
 absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& inputs) {

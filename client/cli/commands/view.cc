@@ -91,8 +91,7 @@ std::string DescribeNoPoseInTime(const ViewArguments& arguments, const Recording
   const RecordedEvents::Progress events = source.events().progress();
   const std::vector<int64_t>& poses_us = source.pose_times_us();
   if (!events.is_complete || !events.has_events || poses_us.empty()) return "";
-  return DescribeNoCommonTime(arguments.poses, {poses_us.front(), poses_us.back()}, arguments.what,
-                              {events.range.from_us, events.range.to_us});
+  return DescribeNoCommonTime(arguments.poses, {poses_us.front(), poses_us.back()}, arguments.what, events.range);
 }
 
 absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, const CliContext& context) {
