@@ -134,7 +134,7 @@ TEST_F(Hdf5ProgramTest, AnOutputThatIsNotClosedLeavesNoFile) {
   EXPECT_FALSE(std::filesystem::exists(path()));
 }
 
-// A writing evpose-hdf5 whose file has begun.
+// An evpose-hdf5 that writes a file and has created its temporary file.
 class WritingProgram {
  public:
   explicit WritingProgram(const std::string& path) {

@@ -13,9 +13,10 @@
 
 namespace evpose {
 
-// The defaults are validated by sensor_calibration_test (constants within their standard errors; data that do not
-// determine them are rejected) and by the uncalibrated sensor of `evpose bench tracking`, whose position error the
-// fitted profile reduces from 0.075 to 0.042 % (core/experiments/RESULTS.md, Tracking).
+// The defaults are validated by sensor_calibration_test: the fitted constants are within their standard errors of the
+// truth, and data that do not determine the constants are rejected. In the scenario "uncalibrated" of `evpose bench
+// tracking` the fitted profile reduces the position error from 0.075 to 0.042 % (core/experiments/RESULTS.md,
+// Tracking).
 struct SensorCalibrationOptions {
   // Start of the fit, and the value of each constant that the recordings do not determine.
   SensorProfile initial;

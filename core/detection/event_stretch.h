@@ -16,9 +16,9 @@
 
 namespace evpose {
 
-// motion_px and max_events are validated by simulated_lines_test, max_duration_us by event_stretch_test (a fast object
-// after a slow one), and max_slow_duration_us by the recording phone_shake of `evpose bench real`, whose object hardly
-// moves within 50 ms at some of the start times (core/experiments/RESULTS.md, Tracking: found from all of them).
+// motion_px and max_events are validated by simulated_lines_test, and max_duration_us by event_stretch_test (a fast
+// object after a slow one). max_slow_duration_us is validated by the recording phone_shake of `evpose bench real`: the
+// phone hardly moves within 50 ms at some start times, and is found from all (core/experiments/RESULTS.md, Tracking).
 struct StretchOptions {
   // Motion of the edges within the stretch, pixels: enough to distinguish a plane in space and time from a line at
   // rest, and less than the distance between parallel lines of dense objects.

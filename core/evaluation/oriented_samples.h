@@ -43,8 +43,8 @@ class OrientedIndex {
   OrientedIndex(std::vector<OrientedSample> samples, bool is_surface, double max_reach_m);
 
   absl::Span<const OrientedSample> samples() const { return samples_; }
-  // Returns the nearest of the samples whose directions differ by less than 20 degrees from that of `sample`; null if
-  // no such sample is within `reach_m`.
+  // Returns the nearest sample with a direction that differs by less than 20 degrees from that of `sample`; null if no
+  // such sample is within `reach_m`.
   const OrientedSample* Nearest(const OrientedSample& sample, double reach_m) const;
   // The projection onto the directions in which a distance from the sample counts: across an edge, or along a normal.
   Eigen::Matrix3d Across(const OrientedSample& sample) const;

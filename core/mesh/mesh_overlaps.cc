@@ -95,8 +95,8 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   if (budget < covers.size()) return false;
   budget -= covers.size();
   // The covered area is at most the sum of the areas of the covers, and at most the sum of the areas that the triangle
-  // has in common with each of them. Most triangles that are partly covered are rejected by these bounds, before they
-  // are cut into pieces whose number grows with the number of covers.
+  // has in common with each of them. These bounds reject most triangles that are partly covered. Cutting a triangle
+  // into pieces takes longer, because each further cover increases the number of pieces.
   double area = 0.0;
   for (const Triangle2d& cover : covers) area += 0.5 * Cross2d(cover[1] - cover[0], cover[2] - cover[0]);
   if (area < 0.999 * (total - 2.0 * negligible)) return false;

@@ -71,8 +71,9 @@ struct ModelOptions {
   double metres_per_unit = 1.0;  // scale of the file's numbers; 0.001 for millimetres
   // The surface has an edge where it turns by more, beyond what its curvature explains (core/mesh/README.md). A
   // cylinder of 16 sides turns by 22.5 at each edge and is round; the creases of machined parts turn by 45 or 90.
-  // Validated by surface_regions_test, whose cylinder of 16 sides and chamfers of 45 degrees bound it from both sides,
-  // and by tests/bench/models/compare_tessellations.py, which compares the edges of 29 shapes at three tessellations.
+  // Validated by surface_regions_test, which has a cylinder of 16 sides (a lower bound) and chamfers of 45 degrees (an
+  // upper bound), and by tests/bench/models/compare_tessellations.py, which compares the edges of 29 shapes at three
+  // tessellations.
   double crease_angle_deg = 30.0;
   // Facets of curved regions approximate a smooth surface, as those of an exported CAD model do. False: the object has
   // these facets itself, as in a recording that was rendered from the mesh. Each edge of the mesh at which the surface

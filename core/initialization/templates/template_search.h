@@ -21,8 +21,9 @@
 
 namespace evpose {
 
-// The defaults are validated by template_search_test (four shapes, an object of which a third is hidden, the turn of a
-// nearly round one, noise) and first_pose_bench_test; `evpose bench models --first-pose` runs with them on 29 shapes.
+// The defaults are validated by template_search_test (four shapes, a hidden third of an object, noise, and the rotation
+// of a nearly round object about its axis) and first_pose_bench_test; `evpose bench models --first-pose` runs with them
+// on 29 shapes.
 struct TemplateSearchOptions {
   EventEdgeOptions edges;
   TwistPrior twist_prior;

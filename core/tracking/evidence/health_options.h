@@ -7,9 +7,9 @@
 
 namespace evpose {
 
-// Sectors of the outline in which the events are compared with those that the motion should cause.
-// With more sectors each has too few events to be tested; with fewer a hidden part of the outline must be larger to
-// be noticed (README, section 1).
+// Sectors of the outline in which the events are compared with those that the motion should cause. With more sectors
+// each has too few events to be tested; with fewer a hidden part of the outline must be larger to be noticed (README,
+// section 1).
 inline constexpr int kNumOutlineSectors = 8;
 
 // Thresholds of the tests of core/tracking/README.md, section 1. All tests use the same event counts and have stated
@@ -73,16 +73,16 @@ struct HealthOptions {
   // Sectors of the eight of the outline that may lack their events while a pose counts as supported: an occluder that
   // hides a third of the width of a disc hides three of them.
   int max_missing_sectors = 3;
-  // Share of the testable length that may be displaced while a pose counts as supported: lines along which there are
-  // events, but not at the line (README, section 1). In the scenarios of bench tracking the share is 0 for most right
-  // poses, and above 0.15 in 6 % of the tests of an object of which 40 % are hidden; a funnel whose axis drifted away
-  // from the truth by 10 degrees had 0.19 and more.
+  // Share of the testable length that may be displaced while a pose counts as supported. A displaced line has events
+  // along it, but not at it (README, section 1). Most right poses in the scenarios of bench tracking have a share of 0;
+  // where a bar hides 40 % of the cube (occlusion-40), 6 % of the tests have more than 0.15. The pose of a funnel with
+  // an error of 10 degrees had about 0.2 (bench models).
   double max_displaced_ratio = 0.15;
-  // Contradicting test results after which a tentative pose is rejected. A smaller number may reject a right pose whose
-  // depth still converges; a larger one keeps wrong poses for longer.
+  // Number of contradicting test results after which a tentative pose is rejected. A smaller number may reject a right
+  // pose before its depth has converged; a larger number keeps wrong poses for longer.
   int max_contradictions = 3;
-  // Pixels. A pose whose projected uncertainty exceeds this is wider than the gate and cannot be distinguished from a
-  // wrong one.
+  // Pixels. Largest projected uncertainty of a pose. A larger uncertainty exceeds the width of the gate, so that the
+  // events do not distinguish a right pose from a wrong one.
   double max_uncertainty_px = 12.0;
 
   absl::Status Validate() const;
