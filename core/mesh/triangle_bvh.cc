@@ -189,7 +189,14 @@ bool TriangleBvh::LeafOccludes(const Leaf& leaf, const Eigen::Vector3d& origin, 
 
 bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point,
                              double plane_tolerance_m) const {
+  uint32_t none = ~0u;
+  return IsOccluded(origin, point, plane_tolerance_m, none);
+}
+
+bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point, double plane_tolerance_m,
+                             uint32_t& hint) const {
   if (nodes_.empty()) return false;
+  if (hint < leaves_.size() && LeafOccludes(leaves_[hint], origin, point, plane_tolerance_m)) return true;
   const Ray ray(origin - centre_, point - origin, extent_m_);
   if (ray.Enter(nodes_[0]) == kMissed) return false;
   std::array<uint32_t, kMaxDepth> waiting;
@@ -210,7 +217,8 @@ bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3
         current = near;
         continue;
       }
-    } else if (LeafOccludes(leaves_[node.first], origin, point, plane_tolerance_m)) {
+    } else if (node.first != hint && LeafOccludes(leaves_[node.first], origin, point, plane_tolerance_m)) {
+      hint = node.first;
       return true;
     }
     if (waiting_count == 0) return false;

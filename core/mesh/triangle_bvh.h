@@ -24,6 +24,10 @@ class TriangleBvh {
   // `plane_tolerance_m` of the point does not count: the point is on it, even in a grazing view. (Moller and Trumbore,
   // "Fast, minimum storage ray/triangle intersection", 1997.)
   bool IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point, double plane_tolerance_m) const;
+  // The same result. The leaf `hint` is tested first, and replaced by the one that occludes: neighbouring points are
+  // often hidden by the same triangles. Any number is allowed.
+  bool IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point, double plane_tolerance_m,
+                  uint32_t& hint) const;
 
   struct Near {
     double distance_m = 0.0;

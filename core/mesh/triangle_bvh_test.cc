@@ -51,6 +51,7 @@ TEST(TriangleBvhTest, OcclusionIsThatOfTheTrianglesOneByOne) {
     const TriangleBvh tree(soup.vertices, soup.triangles);
     const std::vector<TriangleBvh> single = OneByOne(soup);
     int num_occluded = 0;
+    uint32_t hint = ~0u;
     for (int trial = 0; trial < 4000; ++trial) {
       Eigen::Vector3d origin = centre + Eigen::Vector3d(uniform(random), uniform(random), uniform(random));
       Eigen::Vector3d point = centre + Eigen::Vector3d(uniform(random), uniform(random), uniform(random));
@@ -63,6 +64,9 @@ TEST(TriangleBvhTest, OcclusionIsThatOfTheTrianglesOneByOne) {
       bool expected = false;
       for (const TriangleBvh& one : single) expected |= one.IsOccluded(origin, point, 1e-3);
       const bool is_occluded = tree.IsOccluded(origin, point, 1e-3);
+      // From any hint: a random leaf, or the one that was found last.
+      if (trial % 3 == 0) hint = static_cast<uint32_t>(random() % 300);
+      EXPECT_EQ(tree.IsOccluded(origin, point, 1e-3, hint), is_occluded) << trial;
       // Whether a ray through a corner meets the triangle is a matter of rounding, which a box may decide. The box of a
       // leaf contains those of its triangles.
       if (expected || trial % 8 != 3) {

@@ -2,6 +2,7 @@
 #include "core/models/visibility.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -59,15 +60,16 @@ struct View {
   double tolerance_m;
   Eigen::Vector3d centre_object;
   bool has_distortion;
+  uint32_t occluder = ~0u;  // the hint of TriangleBvh::IsOccluded
 
-  bool SeesPoint(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) const {
+  bool SeesPoint(const Eigen::Vector3d& origin_object, const Eigen::Vector3d& point_object) {
     if (has_distortion && !camera.IsInImage(camera.Project(camera_from_object * point_object))) return false;
-    return !faces.IsOccluded(origin_object, point_object, tolerance_m);
+    return !faces.IsOccluded(origin_object, point_object, tolerance_m, occluder);
   }
 };
 
 // The parameter between `visible` and `hidden` at which the visibility of the line changes.
-double Bisect(const View& view, const Eigen::Vector3d& origin, const ModelLine& line, double visible, double hidden) {
+double Bisect(View& view, const Eigen::Vector3d& origin, const ModelLine& line, double visible, double hidden) {
   for (int i = 0; i < kBisections; ++i) {
     const double middle = 0.5 * (visible + hidden);
     (view.SeesPoint(origin, line.p1 + middle * (line.p2 - line.p1)) ? visible : hidden) = middle;
@@ -86,7 +88,7 @@ void AppendSegment(const View& view, int index, const ModelLine& line, double be
   segments.push_back({index, begin, end});
 }
 
-void AppendVisibleParts(const View& view, int index, const ModelLine& line, const LineInterval& interval,
+void AppendVisibleParts(View& view, int index, const ModelLine& line, const LineInterval& interval,
                         const Eigen::Vector3d& origin, std::vector<VisibleSegment>& segments) {
   const double length = interval.end - interval.begin;
   const int steps = view.options.samples_per_line;
@@ -137,13 +139,13 @@ void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const Rigi
 
 void VisibilityTester::FindVisibleSegments(const CameraModel& camera, const RigidTransform& camera_from_object,
                                            absl::Span<const int> lines, std::vector<VisibleSegment>& segments) const {
-  const View view{camera,
-                  camera_from_object,
-                  *faces_,
-                  options_,
-                  tolerance_m_,
-                  camera_from_object.Inverse().translation_m,
-                  camera.HasDistortion()};
+  View view{camera,
+            camera_from_object,
+            *faces_,
+            options_,
+            tolerance_m_,
+            camera_from_object.Inverse().translation_m,
+            camera.HasDistortion()};
   segments.clear();
   for (const int i : lines) {
     const ModelLine& line = model_->lines[i];
