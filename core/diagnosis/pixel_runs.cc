@@ -93,6 +93,7 @@ void PixelRuns::MeasurePassage(int x, int y) {
   const double residual = std::max(0.0, stt - st * st / n - slope_u * p - slope_v * q);
   if (!(slope_s > 0.0) || residual > n * kMaxPlaneRmsPx * kMaxPlaneRmsPx * slope_s * slope_s) return;
   const double duration_s = 1e-6 * static_cast<double>(centre.last_us - begin_us) / SpreadOfRun(centre.length);
+  if (duration_s < 0.0) return;  // the clock stepped back within the run
   const auto bin = static_cast<size_t>(duration_s / slope_s / kBlurBinPx);
   ++blurs_[std::min<size_t>(bin, kBlurBins - 1)];
   const double log_slope = std::log(slope_s), log_duration = std::log(std::max(duration_s, 1e-6));
