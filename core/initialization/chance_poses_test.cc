@@ -38,7 +38,8 @@ ObjectModel Poster() {
 std::vector<ImageSegment> Clutter(int count, Random& random) {
   std::vector<ImageSegment> segments;
   for (int i = 0; i < count; ++i) {
-    const Vector2d middle(random.Uniform(15.0, 225.0), random.Uniform(15.0, 165.0));
+    const double y = random.Uniform(15.0, 165.0);  // first: the order of arguments depends on the compiler
+    const Vector2d middle(random.Uniform(15.0, 225.0), y);
     const double angle = random.Uniform(0.0, std::numbers::pi), half = random.Uniform(8.0, 18.0);
     const Vector2d way(half * std::cos(angle), half * std::sin(angle));
     segments.push_back({middle - way, middle + way});

@@ -60,7 +60,8 @@ void SceneRenderer::PaintBackground(uint64_t seed) {
   Random random(seed);
   constexpr int kRectangles = 160;  // covers most of the image with rectangles of 2 to 16 % of its width
   for (int i = 0; i < kRectangles; ++i) {
-    const Vector2d centre(random.Uniform(0.0, image_.x1), random.Uniform(0.0, image_.y1));
+    const double y = random.Uniform(0.0, image_.y1);  // first: the order of arguments depends on the compiler
+    const Vector2d centre(random.Uniform(0.0, image_.x1), y);
     const SinCos turn = DeterministicSinCos(random.Uniform(0.0, std::numbers::pi));
     const Vector2d u = Vector2d(turn.cos, turn.sin) * random.Uniform(0.01, 0.08) * image_.x1;
     const Vector2d v = Vector2d(turn.sin, -turn.cos) * random.Uniform(0.01, 0.08) * image_.x1;
