@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -241,6 +243,106 @@ TEST(ContinuousSymmetryTest, ASmallDentWithoutLinesBreaksTheSymmetry) {
 TEST(ContinuousSymmetryTest, AModelWithoutASurfaceHasNone) {
   EXPECT_FALSE(Find(ObjectModel()).has_value());
   EXPECT_FALSE(Find(MustParse("v 0 0 0\nv 1 0 0\nv 1 1 0\nl 1 2 3 1\n")).has_value());
+}
+
+// --- Single rotations of surfaces without edges (FindSurfaceGroup)
+
+// A ball whose mesh has none of the symmetries of what is made of it.
+ObjectModel ObliqueBall(int sides) {
+  ObjectModel model = lathe::Ball(sides);
+  lathe::Move({ExpSo3({0.9, 0.4, -0.3}), Eigen::Vector3d::Zero()}, model);
+  return model;
+}
+
+// A ball of three different radii.
+ObjectModel Ellipsoid(int sides) {
+  const Eigen::Array3d radii(1.0, 0.8, 0.6);
+  ObjectModel model = ObliqueBall(sides);
+  for (Eigen::Vector3d& vertex : model.vertices) vertex = vertex.array() * radii;
+  for (auto& corners : model.surface.normals) {
+    for (Eigen::Vector3f& normal : corners) normal = (normal.array() / radii.cast<float>()).matrix().normalized();
+  }
+  return model;
+}
+
+// Stretches a model away from z, by a function of the angle about z and of the height.
+ObjectModel Stretched(ObjectModel model, const std::function<double(double, double)>& factor) {
+  for (Eigen::Vector3d& vertex : model.vertices) {
+    vertex.head<2>() *= factor(std::atan2(vertex.y(), vertex.x()), vertex.z());
+  }
+  return model;
+}
+
+// A ball with three lobes about z; those of the lower half are smaller by `taper`.
+ObjectModel Lobes(int sides, double taper) {
+  return Stretched(ObliqueBall(sides), [taper](double angle, double height) {
+    return 1.0 + 0.1 * (1.0 + taper * height) * std::cos(3.0 * angle);
+  });
+}
+
+TEST(SurfaceSymmetryTest, SurfacesWithoutEdgesHaveTheirRotations) {
+  struct Case {
+    ObjectModel model;
+    size_t count;
+    double least_angle_deg;
+  };
+  for (const int sides : {24, 50}) {
+    for (const RigidTransform& placement : {RigidTransform(), kPlacement}) {
+      for (Case& c : std::vector<Case>{
+               {Ellipsoid(sides), 4, 180.0}, {Lobes(sides, 0.0), 6, 120.0}, {Lobes(sides, 0.5), 3, 120.0}}) {
+        SCOPED_TRACE(absl::StrCat(sides, " sides, ", c.count, " rotations"));
+        lathe::Move(placement, c.model);
+        ASSERT_FALSE(Find(c.model).has_value());
+        const std::vector<RigidTransform> symmetries = FindSymmetries(c.model);
+        ASSERT_EQ(symmetries.size(), c.count);
+        for (size_t i = 1; i < symmetries.size(); ++i) {
+          const double angle_rad = RotationAngle(symmetries[i].rotation, Eigen::Matrix3d::Identity());
+          EXPECT_GE(Degrees(angle_rad), c.least_angle_deg - 1e-3);
+          EXPECT_LE((symmetries[i] * placement.translation_m - placement.translation_m).norm(), 0.05);
+          for (const RigidTransform& other : symmetries) {
+            const RigidTransform product = symmetries[i] * other;
+            EXPECT_TRUE(std::any_of(symmetries.begin(), symmetries.end(), [&](const RigidTransform& any) {
+              return Degrees(RotationAngle(any.rotation, product.rotation)) < 0.5;
+            }));
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(SurfaceSymmetryTest, ALobeThatDiffersLeavesAHalfTurnAboutItself) {
+  // One lobe is longer; then the longest part is between two lobes.
+  for (const auto& [angle_rad, count] : {std::pair<double, size_t>{0.0, 2}, {M_PI / 6, 1}}) {
+    const ObjectModel model = Stretched(ObliqueBall(50), [longest = angle_rad](double angle, double) {
+      return 1.0 + 0.2 * std::cos(3.0 * angle) + 0.1 * std::cos(angle - longest);
+    });
+    EXPECT_EQ(FindSymmetries(model).size(), count);
+  }
+}
+
+TEST(SurfaceSymmetryTest, LobesOnAShallowOvalAreOnlyThoseOfTheOval) {
+  // A turn by one of 16 lobes moves the oval by less than the tolerance, one by a quarter of a turn by more.
+  const ObjectModel model = Stretched(lathe::Ball(128), [](double angle, double) {
+    return (1.0 + 0.008 * std::cos(2.0 * angle)) * (1.0 + 0.1 * std::cos(16.0 * angle));
+  });
+  ASSERT_FALSE(Find(model).has_value());
+  EXPECT_EQ(FindSymmetries(model).size(), 4u);
+}
+
+TEST(SurfaceSymmetryTest, TheWorkIsBoundedAndTheResultDoesNotDependOnThePlacement) {
+  // The intervals of angles at which half turns are accepted are wide.
+  const ObjectModel model =
+      Stretched(lathe::Ball(90), [](double angle, double) { return 1.0 + 0.02 * std::cos(3.0 * angle); });
+  ASSERT_FALSE(Find(model).has_value());
+  for (const RigidTransform& placement : {RigidTransform(), kPlacement}) {
+    ObjectModel moved = model;
+    lathe::Move(placement, moved);
+    SymmetryWork work;
+    EXPECT_EQ(FindSymmetries(moved, 1e-3, nullptr, &work).size(), 6u);
+    EXPECT_LE(work.surface_samples, 1'000'000);
+    EXPECT_GT(work.surface_samples, 0);
+  }
 }
 
 // --- Equivalent poses

@@ -411,6 +411,13 @@ class GroupSearch {
   bool was_cut_short_ = false;
 };
 
+std::vector<RigidTransform> AboutCentre(const std::vector<Matrix3d>& rotations, const Vector3d& centre) {
+  std::vector<RigidTransform> motions;
+  for (const Matrix3d& rotation : rotations) motions.push_back({rotation, centre - rotation * centre});
+  motions[0] = RigidTransform();  // exactly; the centre would leave rounding errors
+  return motions;
+}
+
 void AddNotice(std::string notice, std::vector<std::string>* notices) {
   if (notices != nullptr) notices->push_back(std::move(notice));
 }
@@ -426,20 +433,22 @@ std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tole
     AddNotice(absl::StrFormat("symmetries not searched: more than %d lines", kMaxLines), notices);
     return {RigidTransform()};
   }
+  const auto note_if_cut_short = [notices](bool was_cut_short, size_t count) {
+    if (!was_cut_short) return;
+    AddNotice(absl::StrFormat("the search for symmetries ended early; the object may have more than %d", count),
+              notices);
+  };
+  if (model.lines.empty() && model.curves.empty()) {
+    const SurfaceGroup group = FindSurfaceGroup(model, tolerance_m, kMaxSurfaceSamples);
+    if (work != nullptr) *work = {.surface_samples = group.num_samples};
+    note_if_cut_short(group.was_cut_short, group.rotations.size());
+    return AboutCentre(group.rotations, group.centre);
+  }
   GroupSearch search(model, tolerance_m);
   search.Run();
   if (work != nullptr) *work = search.work();
-  if (search.was_cut_short()) {
-    AddNotice(absl::StrFormat("the search for symmetries ended early; the object may have more than %d",
-                              search.group().size()),
-              notices);
-  }
-  std::vector<RigidTransform> symmetries;
-  for (const Matrix3d& rotation : search.group()) {
-    symmetries.push_back({rotation, search.centre() - rotation * search.centre()});
-  }
-  symmetries[0] = RigidTransform();  // exactly; the centre would leave rounding errors
-  return symmetries;
+  note_if_cut_short(search.was_cut_short(), search.group().size());
+  return AboutCentre(search.group(), search.centre());
 }
 
 RigidTransform NearestEquivalent(const RigidTransform& camera_from_object, absl::Span<const RigidTransform> symmetries,

@@ -26,9 +26,10 @@ struct SymmetryWork {
 // `tolerance_ratio` of the diameter are the same; lines are the same only if the normals of their faces match. The
 // division of a surface into triangles and of an edge into lines has no effect. If all lines, and the axes of all
 // rings, lie on one axis through the centre, only rotations about this axis and half turns across it are found (README,
-// section 2). Of a model with a continuous symmetry, none are searched for, and the result is empty. The work is
-// bounded (8192 lines and curves, 4096 symmetries, and each count of SymmetryWork). At the bound, the result is the
-// group found so far, and `notices`, unless null, gets a notice. `work`, unless null, gets what was counted.
+// section 2). Of a model without lines and curves, the surface decides (FindSurfaceGroup). Of a model with a continuous
+// symmetry, none are searched for, and the result is empty. The work is bounded (8192 lines and curves, 4096
+// symmetries, and each count of SymmetryWork). At the bound, the result is the group found so far, and `notices`,
+// unless null, gets a notice. `work`, unless null, gets what was counted.
 std::vector<RigidTransform> FindSymmetries(const ObjectModel& model, double tolerance_ratio = 1e-3,
                                            std::vector<std::string>* notices = nullptr, SymmetryWork* work = nullptr);
 

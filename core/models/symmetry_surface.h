@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The surface of a model for the search for symmetries, as sample points that do not depend on its triangulation.
+// The surface of a model for the search for symmetries, as sample points that do not depend on its triangulation, and
+// the search for a model that has nothing else.
 #pragma once
 
 #include <Eigen/Core>
@@ -49,5 +50,17 @@ class CentredSurface {
   TriangleBvh faces_;
   std::vector<Sample> samples_;  // successive ones are far apart, so that a wrong rotation is rejected early
 };
+
+// The symmetries of a model without edges.
+struct SurfaceGroup {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // centroid of the area, which every symmetry keeps in place
+  std::vector<Eigen::Matrix3d> rotations;            // the identity first
+  int64_t num_samples = 0;                           // of the surface, whose images were searched for
+  bool was_cut_short = false;                        // `max_samples` was reached
+};
+// Either rotations about one axis by equal steps, at most 16, and half turns about axes perpendicular to it; or half
+// turns about three perpendicular axes. Objects with several axes of higher order, such as a rounded cube, keep the
+// identity only. `tolerance_m` is that of exact surfaces; the sagitta of the facets is added.
+SurfaceGroup FindSurfaceGroup(const ObjectModel& model, double tolerance_m, int64_t max_samples);
 
 }  // namespace evpose
