@@ -11,6 +11,7 @@
 #include "core/mesh/corner_normals.h"
 #include "core/mesh/crease_edges.h"
 #include "core/mesh/facet_graph.h"
+#include "core/mesh/triangle_bvh.h"
 #include "core/numerics/math.h"
 
 namespace evpose {
@@ -120,6 +121,97 @@ void FindPlanes(const FacetGraph& graph, double diameter_m, SmoothSurface& surfa
   }
 }
 
+// The largest step across the gap between flush parts, relative to the diameter: 0.15 px of an object of 300 px.
+constexpr double kJointStep = 5e-4;
+constexpr double kJointTurn = 5.0 * std::numbers::pi / 180.0;
+// Least turn into a gap, whose walls are steep. The face beside a flatter edge could count as the one beyond the gap.
+constexpr double kLeastFall = 30.0 * std::numbers::pi / 180.0;
+// Largest distance along an edge between the points that are tested, relative to the diameter: 6 px of an object of 300
+// px; and the largest number of points of an edge.
+constexpr double kJointStride = 0.02;
+constexpr int kMaxJointPoints = 64;
+constexpr double kEndInset = 0.05;  // of the length: beside the ends are the gaps of other edges
+// Bounds time and memory. A surface with more edges is usually a scan, which has no joints.
+constexpr size_t kMaxJointEdges = 100'000;
+
+// The triangles at the vertices of edges.
+TriangleBvh TrianglesBeside(const RawMesh& mesh, absl::Span<const MeshEdge> edges) {
+  std::vector<bool> is_beside(mesh.points.size(), false);
+  for (const MeshEdge& edge : edges) {
+    for (const uint32_t vertex : edge.ends) is_beside[vertex] = true;
+  }
+  std::vector<std::array<uint32_t, 3>> triangles;
+  for (const std::array<uint32_t, 3>& triangle : mesh.triangles) {
+    if (std::any_of(triangle.begin(), triangle.end(), [&](uint32_t vertex) { return is_beside[vertex]; })) {
+      triangles.push_back(triangle);
+    }
+  }
+  return TriangleBvh(mesh.points, triangles);
+}
+
+// Finds edges at narrow gaps between flush parts (core/mesh/README.md, section 9).
+class JointFinder {
+ public:
+  JointFinder(const FacetGraph& graph, double diameter_m, absl::Span<const MeshEdge> edges)
+      : graph_(graph),
+        diameter_m_(diameter_m),
+        min_cosine_(DeterministicSinCos(kJointTurn).cos),
+        faces_(TrianglesBeside(graph.mesh(), edges)) {}
+
+  bool IsJoint(const MeshEdge& edge) {
+    if (edge.kind == EdgeKind::kCrease && edge.turn_rad < kLeastFall) return false;
+    return std::any_of(edge.triangles.begin(), edge.triangles.end(),
+                       [&](uint32_t face) { return NothingRisesAbove(face, edge) && IsContinued(face, edge); });
+  }
+
+ private:
+  const Eigen::Vector3d& Point(uint32_t vertex) const { return graph_.mesh().points[vertex]; }
+
+  // Whether the other faces at the edge are below the plane of this one, or within the height of a step.
+  bool NothingRisesAbove(uint32_t face, const MeshEdge& edge) const {
+    const Eigen::Vector3d& normal = graph_.normal(face);
+    for (const uint32_t other : edge.triangles) {
+      if (other == face) continue;
+      for (const uint32_t vertex : graph_.mesh().triangles[other]) {
+        if (normal.dot(Point(vertex) - Point(edge.ends[0])) > kJointStep * diameter_m_) return false;
+      }
+    }
+    return true;
+  }
+
+  // Whether other faces continue this one beyond a gap, along the whole edge.
+  bool IsContinued(uint32_t face, const MeshEdge& edge) {
+    const Eigen::Vector3d& normal = graph_.normal(face);
+    const Eigen::Vector3d& begin = Point(edge.ends[0]);
+    const Eigen::Vector3d along = Point(edge.ends[1]) - begin;
+    const std::array<uint32_t, 3>& corners = graph_.mesh().triangles[face];
+    const Eigen::Vector3d centre = (Point(corners[0]) + Point(corners[1]) + Point(corners[2])) / 3.0;
+    Eigen::Vector3d beyond = normal.cross(along).normalized();
+    if (beyond.dot(centre - begin) > 0.0) beyond = -beyond;
+    const double strides = along.norm() / (kJointStride * diameter_m_);
+    const int num_points = std::clamp(static_cast<int>(std::min(strides, 1e3)) + 2, 3, kMaxJointPoints);
+    for (int i = 0; i < num_points; ++i) {
+      const double position = kEndInset + (1.0 - 2.0 * kEndInset) * i / (num_points - 1);
+      const Eigen::Vector3d point = begin + position * along + (kJointGap - kJointStep) * diameter_m_ * beyond;
+      if (!faces_.HasNear(point, kJointStep * diameter_m_, normal, min_cosine_, hint_)) return false;
+    }
+    return true;
+  }
+
+  const FacetGraph& graph_;
+  const double diameter_m_;
+  const double min_cosine_;
+  const TriangleBvh faces_;
+  uint32_t hint_ = 0;
+};
+
+void RemoveJoints(const FacetGraph& graph, double diameter_m, SurfaceEdges& result) {
+  result.are_joints_searched = result.edges.size() <= kMaxJointEdges;
+  if (!result.are_joints_searched) return;
+  JointFinder finder(graph, diameter_m, result.edges);
+  result.num_joint_edges = std::erase_if(result.edges, [&](const MeshEdge& edge) { return finder.IsJoint(edge); });
+}
+
 }  // namespace
 
 SurfaceEdges FindSurface(const RawMesh& mesh, const CreaseOptions& options, double diameter_m) {
@@ -135,6 +227,7 @@ SurfaceEdges FindSurface(const RawMesh& mesh, const CreaseOptions& options, doub
     result.facet_edges = ConvexFacetEdges(graph, is_smooth);
     return result;
   }
+  RemoveJoints(graph, diameter_m, result);
   if (!mesh.exact_surface.empty()) {
     result.surface = mesh.exact_surface;
     return result;

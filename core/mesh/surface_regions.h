@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -13,6 +14,10 @@
 #include "core/mesh/types/smooth_surface.h"
 
 namespace evpose {
+
+// The widest gap between flush parts of which nothing is seen, relative to the diameter: 0.45 px of an object of 300
+// px. A line that is narrower than half a pixel changes the light of a pixel by less than the threshold of a sensor.
+constexpr double kJointGap = 1.5e-3;
 
 struct CreaseOptions {
   // Least angle, degrees, by which the surface turns at a crease; default, reason and validation: ModelOptions, which
@@ -32,6 +37,9 @@ struct MeshEdge {
 
 struct SurfaceEdges {
   std::vector<MeshEdge> edges;
+  // Edges at narrow gaps between flush parts, which are not among `edges` (core/mesh/README.md, section 9).
+  size_t num_joint_edges = 0;
+  bool are_joints_searched = true;  // false: there are too many edges
   // Regions of shape kFree and kPlane, or those of `mesh.exact_surface`. Empty if `options.is_smooth` is false.
   SmoothSurface surface;
   // Only if `options.is_smooth` is false: the edges between two facets that are no creases and at which the surface

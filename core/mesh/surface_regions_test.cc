@@ -62,6 +62,13 @@ RawMesh BoxMesh(const Eigen::Vector3d& size) {
   return mesh;
 }
 
+// Appends another mesh, moved by `offset`.
+void Append(const RawMesh& other, const Eigen::Vector3d& offset, RawMesh& mesh) {
+  const auto first = static_cast<uint32_t>(mesh.points.size());
+  for (const Eigen::Vector3d& point : other.points) mesh.points.push_back(point + offset);
+  for (const auto& [a, b, c] : other.triangles) mesh.triangles.push_back({first + a, first + b, first + c});
+}
+
 double DiagonalOf(const RawMesh& mesh) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& point : mesh.points) box.extend(point);
@@ -307,6 +314,50 @@ TEST(SurfaceRegionsTest, CoveredEdgesAreNone) {
   EXPECT_THAT(Find(sheet).edges, SizeIs(4));
   sheet.covered_edges = {{0, 1}, {1, 3}};
   EXPECT_THAT(Find(sheet).edges, SizeIs(2));
+}
+
+// Two boxes side by side, the second moved up by a step.
+RawMesh Neighbours(double gap, double step) {
+  RawMesh mesh = BoxMesh({1, 1, 1});
+  Append(BoxMesh({1, 1, 1}), {1.0 + gap, 0.0, step}, mesh);
+  return mesh;
+}
+
+TEST(SurfaceRegionsTest, EdgesAtANarrowGapBetweenFlushPartsAreNone) {
+  const double diameter = DiagonalOf(Neighbours(0.0, 0.0));
+  struct Case {
+    double gap, step;
+    size_t num_joint_edges;
+  };
+  // A gap has four edges of each box. A step ends the flush faces above and below, but not those beside it.
+  for (const Case& c :
+       {Case{5e-4, 0.0, 8}, Case{1.3e-3, 0.0, 8}, Case{5e-4, 2e-4, 8}, Case{5e-4, 1e-3, 4}, Case{1.7e-3, 0.0, 0}}) {
+    const SurfaceEdges found = Find(Neighbours(c.gap * diameter, c.step * diameter));
+    EXPECT_EQ(found.num_joint_edges, c.num_joint_edges) << c.gap << " " << c.step;
+    EXPECT_THAT(found.edges, SizeIs(24 - c.num_joint_edges));
+    EXPECT_THAT(found.surface.regions, SizeIs(12));
+  }
+  const SurfaceEdges as_is = Find(Neighbours(5e-4 * diameter, 0.0), {.is_smooth = false});
+  EXPECT_EQ(as_is.num_joint_edges, 0u);
+}
+
+TEST(SurfaceRegionsTest, EdgesThatOtherPartsContinueInPartAreEdges) {
+  // A part beside 70 % of the side of another, and three narrow ones.
+  RawMesh one = BoxMesh({1, 10, 1});
+  Append(BoxMesh({1, 7, 1}), {1.001, 1.5, 0.0}, one);
+  RawMesh three = BoxMesh({1, 10, 1});
+  for (const double y : {1.0, 4.5, 8.0}) Append(BoxMesh({1, 1, 1}), {1.001, y, 0.0}, three);
+  // The two edges of each small part along the gap are continued by the large one, as are its ends that are flush.
+  EXPECT_EQ(Find(one).num_joint_edges, 2u);
+  EXPECT_EQ(Find(three).num_joint_edges, 6u);
+}
+
+TEST(SurfaceRegionsTest, EdgesOfAPartThatStandsOnAnotherAreEdges) {
+  RawMesh mesh = BoxMesh({4, 4, 1});
+  Append(BoxMesh({1, 1, 1}), {1.5, 1.5, 1.0 + 1e-3}, mesh);
+  const SurfaceEdges found = Find(mesh);
+  EXPECT_EQ(found.num_joint_edges, 0u);
+  EXPECT_THAT(found.edges, SizeIs(24));
 }
 
 TEST(SurfaceRegionsTest, SurfacesThatMeetInOneEdge) {

@@ -11,6 +11,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
+#include "core/base/counted.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/spiral_direction.h"
@@ -150,12 +151,26 @@ void ScaleMesh(double factor, RawMesh& mesh) {
   }
 }
 
+void NoteJoints(const SurfaceEdges& surface, ObjectModel& model) {
+  if (!surface.are_joints_searched) {
+    model.notices.push_back("joints of flush parts not searched: too many edges");
+  }
+  const size_t num_edges = surface.num_joint_edges;
+  if (num_edges == 0) return;
+  model.notices.push_back(absl::StrFormat(
+      "%s at gaps of less than %s between flush parts left out: such lines are too narrow to be seen",
+      Counted(num_edges, "edge of the mesh", "edges of the mesh"), LengthText(kJointGap * model.diameter_m)));
+}
+
 // The edges of the model: the line elements, and those of the surface unless the line elements are all.
 void FindEdges(const RawMesh& mesh, const SurfaceEdges& surface, const ModelOptions& options, ModelStepListener on_step,
                ObjectModel& model) {
   on_step("finding lines");
   if (!mesh.lines.empty()) AddPaintedEdges(mesh, options.is_smooth, model);
-  if (mesh.lines.empty() || !mesh.lines_are_all) AddSurfaceEdges(mesh, surface, model);
+  if (mesh.lines.empty() || !mesh.lines_are_all) {
+    NoteJoints(surface, model);
+    AddSurfaceEdges(mesh, surface, model);
+  }
   on_step("joining lines");
   MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(mesh), model.lines, model.notices);
 }
@@ -210,11 +225,13 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
   model.facet_edges = std::move(surface.facet_edges);
   if (model.lines.empty() && model.curves.empty() && is_flat && model.facet_edges.empty()) {
     return absl::InvalidArgumentError(
-        has_line_elements ? "has no line: all its line elements (l) have length zero"
-                          : absl::StrFormat("has no line and no curved surface: no edge turns by more than %g degrees "
-                                            "and none is a boundary; lower the crease angle, or draw the visible lines "
-                                            "as OBJ line elements (l)",
-                                            options.crease_angle_deg));
+        has_line_elements
+            ? "has no line: all its line elements (l) have length zero"
+            : absl::StrFormat("has no line and no curved surface: apart from gaps between flush parts, no "
+                              "edge turns by more than %g degrees and none is a boundary; lower the crease angle, or "
+                              "draw the visible lines "
+                              "as OBJ line elements (l)",
+                              options.crease_angle_deg));
   }
   on_step("simplifying the mesh");
   Simplify(model.diameter_m, mesh, surface.surface, model.notices);

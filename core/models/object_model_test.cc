@@ -380,6 +380,18 @@ TEST(ObjectModelTest, SheetWithTwoSides) {
   for (const ModelLine& line : model.lines) EXPECT_THAT(line.face_normals, SizeIs(2));
 }
 
+TEST(ObjectModelTest, EdgesAtAGapBetweenFlushPartsAreLeftOut) {
+  // Relative indices: the faces of the second cube are those of the latest vertices.
+  const std::string faces =
+      "f -8 -5 -6 -7\nf -4 -3 -2 -1\nf -8 -7 -3 -4\nf -7 -6 -2 -3\nf -6 -5 -1 -2\nf -5 -8 -4 -1\n";
+  const std::string second = absl::StrReplaceAll(kCubeVertices, {{"v 1", "v 2"}, {"v 0", "v 1.001"}});
+  const ObjectModel model = MustParse(absl::StrCat(kCubeVertices, faces, second, faces));
+  EXPECT_THAT(model.notices,
+              Contains("8 edges of the mesh at gaps of less than 3.674 mm between flush parts left out: such lines "
+                       "are too narrow to be seen"));
+  EXPECT_THAT(model.lines, SizeIs(16));
+}
+
 TEST(ObjectModelTest, WindingIsMadeConsistentAndOutward) {
   const ObjectModel inside_out =
       MustParse(absl::StrCat(kCubeVertices, "f 2 3 4 1\nf 8 7 6 5\nf 5 6 2 1\nf 6 7 3 2\nf 7 8 4 3\nf 8 5 1 4\n"));
