@@ -61,7 +61,13 @@ for preset in "${presets[@]}"; do
   fi
   [[ -z $label ]] || selection+=(--label-exclude '^long$')
   begin "$preset: build"
-  cmake --preset "$preset" -DEVPOSE_BUILD_TESTS=ON >/dev/null
+  # In a folder of another compiler CMake would configure again without the variables of the preset.
+  fresh=()
+  if [[ $preset == asan && -f build/$preset/CMakeCache.txt ]] &&
+    ! grep -q '^CMAKE_CXX_COMPILER:.*clang' "build/$preset/CMakeCache.txt"; then
+    fresh=(--fresh)
+  fi
+  cmake --preset "$preset" "${fresh[@]}" -DEVPOSE_BUILD_TESTS=ON >/dev/null
   cmake --build --preset "$preset" -j "$jobs" --target "$target"
   begin "$preset: tests"
   ctest --test-dir "build/$preset" -j "$jobs" --output-on-failure --no-tests=error "${selection[@]}"

@@ -22,6 +22,7 @@
 #include "client/convert_hdf5/hdf5_reader.h"
 #include "client/convert_hdf5/hdf5_writer.h"
 #include "core/base/file_version.h"
+#include "core/base/sanitized.h"
 #include "core/base/status_macros.h"
 #include "core/base/temporary_files.h"
 #include "core/base/terminate_by_signal.h"
@@ -54,7 +55,7 @@ absl::Status WriteAll(absl::Span<const uint8_t> bytes) {
 // Limits the memory of the program: a filter of the HDF5 library may decompress a chunk to any size. An allocation that
 // fails is an error of that chunk. Four columns with chunks of 64 MiB need half of the limit.
 void BoundMemory() {
-#if !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they reserve terabytes
+#ifndef EVPOSE_SANITIZED
   constexpr rlim_t kMaxBytes = rlim_t{1} << 30;
   const rlimit limit = {.rlim_cur = kMaxBytes, .rlim_max = kMaxBytes};
   setrlimit(RLIMIT_AS, &limit);

@@ -5,9 +5,11 @@
 // round each element like the scalar ones.
 #pragma once
 
+#include "core/base/sanitized.h"
+
 // Without clones under a sanitizer: the loader makes the choice before the sanitizer's runtime is initialised. Nor
-// with clang, which builds the fuzz targets only.
-#if defined(__x86_64__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+// with clang, which builds with sanitizers only.
+#if defined(__x86_64__) && !defined(__clang__) && !defined(EVPOSE_SANITIZED)
 #define EVPOSE_CLONES __attribute__((target_clones("default", "avx2", "arch=x86-64-v4")))
 #else
 #define EVPOSE_CLONES

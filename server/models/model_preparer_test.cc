@@ -6,6 +6,7 @@
 #include <fstream>
 #include <thread>
 
+#include "core/base/sanitized.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/initialization/search_views.h"
 #include "core/models/cube_files_testing.h"
@@ -129,7 +130,7 @@ TEST_F(ChildPreparerTest, ACrashIsNoErrorOfTheServer) {
   EXPECT_EQ(Prepare(directory_.path() + "/none", Cube()).status().code(), absl::StatusCode::kInternal);
 }
 
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#ifndef EVPOSE_SANITIZED
 TEST_F(ChildPreparerTest, TheMemoryIsBounded) {
   std::string file;
   for (int i = 0; i < 3'000'000; ++i) file += "v 0 0 0\n";

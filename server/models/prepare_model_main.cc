@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "absl/strings/numbers.h"
+#include "core/base/sanitized.h"
 #include "core/initialization/search_views.h"
 #include "core/models/object_model.h"
 #include "server/models/mesh_message.h"
@@ -59,7 +60,7 @@ void Limit(const Arguments& arguments) {
   setpriority(PRIO_PROCESS, 0, kNiceness);
   SetLimit(RLIMIT_CORE, 0, 0);
   SetLimit(RLIMIT_CPU, arguments.cpu_seconds, 2 * arguments.cpu_seconds + 1);
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they reserve terabytes
+#ifndef EVPOSE_SANITIZED
   SetLimit(RLIMIT_AS, arguments.memory_bytes, arguments.memory_bytes);
 #endif
 }
