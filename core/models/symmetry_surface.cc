@@ -80,7 +80,7 @@ class SurfaceGroupSearch {
   SurfaceGroup Run(const SurfaceMoments& moments) {
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(
         Eigen::Matrix3d(moments.slippage.topLeftCorner<3, 3>()));
-    const Eigen::Vector3d values = solver.eigenvalues();
+    const Eigen::Vector3d& values = solver.eigenvalues();
     const double equal = kEqualMoments * values[2];
     const bool is_low_pair = values[1] - values[0] <= equal, is_high_pair = values[2] - values[1] <= equal;
     if (is_low_pair != is_high_pair) {
@@ -134,7 +134,7 @@ class SurfaceGroupSearch {
     // The end of the interval in one direction: at most a quarter turn away, where another half turn would be across.
     const auto end = [&](int direction) {
       double inside = 0.0, outside = 1.0;
-      while (outside < kFlipSteps / 2 && IsSymmetry(half_turn(found + direction * outside))) {
+      while (outside < 0.5 * kFlipSteps && IsSymmetry(half_turn(found + direction * outside))) {
         inside = outside;
         outside *= 2.0;
       }
@@ -144,7 +144,8 @@ class SurfaceGroupSearch {
       }
       return found + direction * inside;
     };
-    const Eigen::Matrix3d flip = half_turn(0.5 * (end(-1) + end(1)));
+    const double low = end(-1), high = end(1);
+    const Eigen::Matrix3d flip = half_turn(0.5 * (low + high));
     const size_t num_turns = group_.rotations.size();
     for (size_t i = 0; i < num_turns; ++i) group_.rotations.push_back(flip * group_.rotations[i]);
   }
