@@ -22,20 +22,20 @@ namespace {
 constexpr double kFlatTolerance = 5e-4;
 constexpr double kFlatAngle = 2.0 * std::numbers::pi / 180.0;
 
+// The number (FacetGraph) of the side of a triangle that is an edge of the mesh.
+uint32_t SideAt(const RawMesh& mesh, uint32_t triangle, const std::array<uint32_t, 2>& ends) {
+  const std::array<uint32_t, 3>& corners = mesh.triangles[triangle];
+  uint32_t s = 0;
+  while (corners[(s + 2) % 3] == ends[0] || corners[(s + 2) % 3] == ends[1]) ++s;  // the third corner is opposite
+  return 3 * triangle + s;
+}
+
 // For each side of the triangles, whether the surface continues smoothly to the opposite one.
 std::vector<bool> SmoothSides(const FacetGraph& graph, absl::Span<const MeshEdge> edges) {
   std::vector<bool> is_smooth(3 * graph.mesh().triangles.size());
   for (uint32_t side = 0; side < is_smooth.size(); ++side) is_smooth[side] = graph.opposite(side) != FacetGraph::kNone;
   for (const MeshEdge& edge : edges) {
-    for (const uint32_t triangle : edge.triangles) {
-      const auto& corners = graph.mesh().triangles[triangle];
-      for (uint32_t s = 0; s < 3; ++s) {
-        const uint32_t from = corners[s], to = corners[(s + 1) % 3];
-        const bool is_side =
-            (from == edge.ends[0] && to == edge.ends[1]) || (from == edge.ends[1] && to == edge.ends[0]);
-        if (is_side) is_smooth[3 * triangle + s] = false;
-      }
-    }
+    for (const uint32_t triangle : edge.triangles) is_smooth[SideAt(graph.mesh(), triangle, edge.ends)] = false;
   }
   return is_smooth;
 }
@@ -124,7 +124,8 @@ void FindPlanes(const FacetGraph& graph, double diameter_m, SmoothSurface& surfa
 // The largest step across the gap between flush parts, relative to the diameter: 0.15 px of an object of 300 px.
 constexpr double kJointStep = 5e-4;
 constexpr double kJointTurn = 5.0 * std::numbers::pi / 180.0;
-// Least turn into a gap, whose walls are steep. The face beside a flatter edge could count as the one beyond the gap.
+// Least angle by which the surface turns from a face into the gap. At an edge with a smaller turn, the adjacent face
+// could be taken for the face on the other side of a gap.
 constexpr double kLeastFall = 30.0 * std::numbers::pi / 180.0;
 // Largest distance along an edge between the points that are tested, relative to the diameter: 6 px of an object of 300
 // px; and the largest number of points of an edge.
@@ -170,13 +171,10 @@ class JointFinder {
   // Whether the other faces at the edge are below the plane of this one, or within the height of a step.
   bool NothingRisesAbove(uint32_t face, const MeshEdge& edge) const {
     const Eigen::Vector3d& normal = graph_.normal(face);
-    for (const uint32_t other : edge.triangles) {
-      if (other == face) continue;
-      for (const uint32_t vertex : graph_.mesh().triangles[other]) {
-        if (normal.dot(Point(vertex) - Point(edge.ends[0])) > kJointStep * diameter_m_) return false;
-      }
-    }
-    return true;
+    return std::none_of(edge.triangles.begin(), edge.triangles.end(), [&](uint32_t other) {
+      const uint32_t opposite = graph_.mesh().triangles[other][(SideAt(graph_.mesh(), other, edge.ends) + 2) % 3];
+      return other != face && normal.dot(Point(opposite) - Point(edge.ends[0])) > kJointStep * diameter_m_;
+    });
   }
 
   // Whether other faces continue this one beyond a gap, along the whole edge.
@@ -184,10 +182,7 @@ class JointFinder {
     const Eigen::Vector3d& normal = graph_.normal(face);
     const Eigen::Vector3d& begin = Point(edge.ends[0]);
     const Eigen::Vector3d along = Point(edge.ends[1]) - begin;
-    const std::array<uint32_t, 3>& corners = graph_.mesh().triangles[face];
-    const Eigen::Vector3d centre = (Point(corners[0]) + Point(corners[1]) + Point(corners[2])) / 3.0;
-    Eigen::Vector3d beyond = normal.cross(along).normalized();
-    if (beyond.dot(centre - begin) > 0.0) beyond = -beyond;
+    const Eigen::Vector3d beyond = -graph_.Into(SideAt(graph_.mesh(), face, edge.ends));
     const double strides = along.norm() / (kJointStride * diameter_m_);
     const int num_points = std::clamp(static_cast<int>(std::min(strides, 1e3)) + 2, 3, kMaxJointPoints);
     for (int i = 0; i < num_points; ++i) {

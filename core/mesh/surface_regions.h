@@ -15,7 +15,7 @@
 
 namespace evpose {
 
-// The widest gap between flush parts of which nothing is seen, relative to the diameter: 0.45 px of an object of 300
+// Width, relative to the diameter, up to which a gap between flush parts causes no events: 0.45 px for an object of 300
 // px. A line that is narrower than half a pixel changes the light of a pixel by less than the threshold of a sensor.
 constexpr double kJointGap = 1.5e-3;
 

@@ -390,6 +390,15 @@ TEST(SurfaceRegionsTest, WorkIsBoundedOnAMeshOfSharpFacets) {
   EXPECT_EQ(work, 1000 - steps);
 }
 
+TEST(SurfaceRegionsTest, JointsAreSearchedForAmongALimitedNumberOfEdges) {
+  RawMesh boxes;
+  for (int i = 0; i < 8400; ++i) Append(BoxMesh({1, 1, 1}), {2.0 * (i % 100), 2.0 * (i / 100), 0.0}, boxes);
+  const SurfaceEdges found = Find(boxes);
+  EXPECT_THAT(found.edges, SizeIs(12 * 8400));
+  EXPECT_FALSE(found.are_joints_searched);
+  EXPECT_TRUE(Find(BoxMesh({1, 1, 1})).are_joints_searched);
+}
+
 TEST(SurfaceRegionsTest, PathCrossesTheUnfoldedSurface) {
   // Around a cylinder of 12 sides, perpendicular to its axis: 12 sides and 12 diagonals.
   const RawMesh mesh = Turned({{1, 0}, {1, 1}}, 12);

@@ -247,7 +247,8 @@ TEST(ContinuousSymmetryTest, AModelWithoutASurfaceHasNone) {
 
 // --- Single rotations of surfaces without edges (FindSurfaceGroup)
 
-// A ball whose mesh has none of the symmetries of what is made of it.
+// A ball whose mesh is turned against the axes, so that no rotation maps the vertices of the test objects, which are
+// made by deforming it, onto vertices.
 ObjectModel ObliqueBall(int sides) {
   ObjectModel model = lathe::Ball(sides);
   lathe::Move({ExpSo3({0.9, 0.4, -0.3}), Eigen::Vector3d::Zero()}, model);

@@ -227,11 +227,11 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
     return absl::InvalidArgumentError(
         has_line_elements
             ? "has no line: all its line elements (l) have length zero"
-            : absl::StrFormat("has no line and no curved surface: apart from gaps between flush parts, no "
-                              "edge turns by more than %g degrees and none is a boundary; lower the crease angle, or "
-                              "draw the visible lines "
-                              "as OBJ line elements (l)",
-                              options.crease_angle_deg));
+            : absl::StrFormat(
+                  "has no line and no curved surface: apart from gaps between flush parts, no edge turns by "
+                  "more than %g degrees and none is a boundary; lower the crease angle, or draw the "
+                  "visible lines as OBJ line elements (l)",
+                  options.crease_angle_deg));
   }
   on_step("simplifying the mesh");
   Simplify(model.diameter_m, mesh, surface.surface, model.notices);

@@ -37,7 +37,7 @@ constexpr int kMaxOrder = 16;
 // Angles at which half turns across an axis are tested. From one to the next the image of the outermost point moves by
 // at most 2.2e-3 of the diameter; an interval of 4e-3 is accepted.
 constexpr int kFlipSteps = 1440;
-// Halvings of a step that locate the ends of an accepted interval of angles, to 2e-6 rad.
+// Halvings that locate an end of an accepted interval of angles, to a thousandth of its length.
 constexpr int kFlipHalvings = 10;
 // Angle, rad, of a turn that is tested, too: a turn by a small angle moves a part near the axis, or a shallow oval, by
 // less than the tolerance.
@@ -84,8 +84,9 @@ class SurfaceGroupSearch {
     const double equal = kEqualMoments * values[2];
     const bool is_low_pair = values[1] - values[0] <= equal, is_high_pair = values[2] - values[1] <= equal;
     if (is_low_pair != is_high_pair) {
-      FindTurns(solver.eigenvectors().col(is_low_pair ? 2 : 0));
-      FindFlips(solver.eigenvectors().col(is_low_pair ? 2 : 0));
+      const Eigen::Vector3d axis = solver.eigenvectors().col(is_low_pair ? 2 : 0);
+      FindTurns(axis);
+      FindFlips(axis);
     } else if (!is_low_pair) {
       FindHalfTurns(solver.eigenvectors());
     }

@@ -55,7 +55,7 @@ class CentredSurface {
 struct SurfaceGroup {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // centroid of the area, which every symmetry keeps in place
   std::vector<Eigen::Matrix3d> rotations;            // the identity first
-  int64_t num_samples = 0;                           // of the surface, whose images were searched for
+  int64_t num_samples = 0;                           // number of searches for the image of a point of the surface
   bool was_cut_short = false;                        // `max_samples` was reached
 };
 // Either rotations about one axis by equal steps, at most 16, and half turns about axes perpendicular to it; or half
