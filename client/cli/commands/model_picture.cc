@@ -4,13 +4,17 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cstdint>
+#include <limits>
 #include <opencv2/imgproc.hpp>
-#include <utility>
+#include <optional>
+#include <vector>
 
 #include "client/cli/pictures/png.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/evaluation/model_views.h"
+#include "core/simulation/mesh_renderer.h"
 
 namespace evpose::client {
 namespace {
@@ -59,26 +63,33 @@ cv::Point FixedPoint(const Eigen::Vector2d& pixel) {
   return {cvRound(pixel.x() * (1 << kShift)), cvRound(pixel.y() * (1 << kShift))};
 }
 
-// Draws the faces from the farthest to the nearest, brighter where they face the camera.
-void DrawFaces(const ObjectModel& model, const RigidTransform& camera_from_object, const CameraModel& camera,
-               cv::Mat& image) {
-  std::vector<std::pair<double, size_t>> by_depth;
-  for (size_t i = 0; i < model.triangles.size(); ++i) {
-    const auto& [a, b, c] = model.triangles[i];
-    const Eigen::Vector3d middle = (model.vertices[a] + model.vertices[b] + model.vertices[c]) / 3.0;
-    by_depth.emplace_back((camera_from_object * middle).z(), i);
+// The surface alone, without a highlight: its edges are what the picture is about.
+SceneOptions PictureScene() {
+  SceneOptions scene;
+  scene.finish = {.reflectance = 0.95, .specular_ratio = 0.0};
+  scene.light.diffuse_ratio = 0.5;
+  return scene;
+}
+
+double NearestDepthM(const ObjectModel& model, const RigidTransform& camera_from_object) {
+  double nearest_m = std::numeric_limits<double>::infinity();
+  for (const Eigen::Vector3d& vertex : model.vertices) {
+    nearest_m = std::min(nearest_m, (camera_from_object * vertex).z());
   }
-  std::sort(by_depth.rbegin(), by_depth.rend());
-  for (const auto& [depth_m, i] : by_depth) {
-    std::array<Eigen::Vector3d, 3> corners;
-    std::vector<cv::Point> outline;
-    for (int k = 0; k < 3; ++k) {
-      corners[k] = camera_from_object * model.vertices[model.triangles[i][k]];
-      outline.push_back(FixedPoint(camera.Project(corners[k])));
+  return nearest_m;
+}
+
+// Draws the surface, shaded as in simulated recordings.
+void DrawSurface(MeshRenderer& renderer, const RigidTransform& camera_from_object, cv::Mat& image) {
+  constexpr float kWhite = 255.0f;
+  renderer.Render(camera_from_object, 1.0);
+  std::vector<float> picture(image.total(), 1.0f);
+  renderer.CompositeOnto(picture);
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      const auto grey = cv::saturate_cast<uint8_t>(kWhite * picture[static_cast<size_t>(y) * image.cols + x]);
+      image.at<cv::Vec3b>(y, x) = {grey, grey, grey};
     }
-    const Eigen::Vector3d normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalized();
-    const double grey = 150.0 + 90.0 * std::abs(normal.dot(corners[0].normalized()));
-    cv::fillConvexPoly(image, outline, {grey, grey, grey}, cv::LINE_AA, kShift);
   }
 }
 
@@ -102,12 +113,14 @@ absl::StatusOr<std::string> DrawModel(const ObjectModel& model, const std::strin
     WriteText(image, kEdgeStyles[i].name, {x + 50, 47});
   }
   const CameraModel camera = PictureCamera();
+  std::optional<MeshRenderer> renderer;  // made for the first view: all have the same distance
   for (size_t i = 0; i < kDirections.size(); ++i) {
     EVPOSE_ASSIGN_OR_RETURN(const ModelView view,
                             ViewModelFrom(kDirections[i], model, camera, {.object_px = kObjectSize}));
     const int column = static_cast<int>(i) % kColumns, row = static_cast<int>(i) / kColumns;
     cv::Mat panel = image(cv::Rect(column * kViewSize, kHeaderHeight + row * kViewSize, kViewSize, kViewSize));
-    DrawFaces(model, view.camera_from_object, camera, panel);
+    if (!renderer) renderer.emplace(model, PictureScene(), camera, NearestDepthM(model, view.camera_from_object));
+    DrawSurface(*renderer, view.camera_from_object, panel);
     DrawElements(view, camera, panel);
     WriteText(panel, Counted(view.elements.size(), "element"), {8, kViewSize - 10});
   }
