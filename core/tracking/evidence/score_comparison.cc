@@ -6,8 +6,9 @@
 
 namespace evpose {
 
-void ScoreComparison::Add(double difference, double squares) {
+void ScoreComparison::Add(double difference, double squares, double explained) {
   if (squares <= 0.0) return;
+  explained_ += explained;
   difference_ += difference;
   squares_ += squares;
   differences2_ += difference * difference;
@@ -16,7 +17,7 @@ void ScoreComparison::Add(double difference, double squares) {
   ++num_windows_;
 }
 
-double ScoreComparison::Sigma(double dispersion) const {
+double ScoreComparison::Sigma(double dispersion, double model_error_ratio) const {
   if (squares_ <= 0.0) return 0.0;
   double variance = dispersion * squares_;
   if (num_windows_ > 1) {
@@ -25,7 +26,8 @@ double ScoreComparison::Sigma(double dispersion) const {
     const auto count = static_cast<double>(num_windows_);
     variance = std::max(variance, residuals2 * count / (count - 1.0));
   }
-  return difference_ / std::sqrt(variance);
+  const double of_model = model_error_ratio * explained_;
+  return difference_ / std::sqrt(variance + of_model * of_model);
 }
 
 }  // namespace evpose

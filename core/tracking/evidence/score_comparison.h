@@ -12,10 +12,11 @@ namespace evpose {
 class ScoreComparison {
  public:
   // Adds a window: the sum over its events of the differences of both scores, positive if the first pose is the better
-  // one, and the sum of the squares of these differences.
-  void Add(double difference, double squares);
-  // Standard deviations by which the first pose is the better one. `dispersion`: HealthOptions::dispersion.
-  double Sigma(double dispersion) const;
+  // one, the sum of the squares of these differences, and the sum of the larger scores, as far as these are positive.
+  void Add(double difference, double squares, double explained);
+  // Standard deviations by which the first pose is the better one. `dispersion`: HealthOptions::dispersion;
+  // `model_error_ratio`: InitializationOptions::model_error_ratio.
+  double Sigma(double dispersion, double model_error_ratio) const;
 
   static void VisitState(auto& archive, auto& self);
 
@@ -24,6 +25,7 @@ class ScoreComparison {
 
   double difference_ = 0.0;
   double squares_ = 0.0;
+  double explained_ = 0.0;
   // Sums over the windows of the products of both sums of a window.
   double differences2_ = 0.0;
   double products_ = 0.0;
@@ -32,8 +34,9 @@ class ScoreComparison {
 };
 
 void ScoreComparison::VisitState(auto& archive, auto& self) {
-  auto& [difference, squares, differences2, products, squares2, num_windows] = self;
-  archive(Finite(difference), Finite(squares), Finite(differences2), Finite(products), Finite(squares2));
+  auto& [difference, squares, explained, differences2, products, squares2, num_windows] = self;
+  archive(Finite(difference), Finite(squares), Finite(explained), Finite(differences2), Finite(products));
+  archive(Finite(squares2));
   archive(InRange(num_windows, int64_t{0}, kMaxWindows));
 }
 

@@ -206,21 +206,23 @@ void Hypotheses::CompareScores(size_t i, size_t j, const ByPolarity& weights) {
   const double half_px = HalfWidthPx(a.track->spread_px(), b.track->spread_px());
   // Difference of the distances that a displaced fit can cause (README, section 2).
   const double displacement_px = std::max(kLeastDisplacementPx, clutter_.ratio() * PoseTrack::kScoredPx);
-  double sum = 0.0, squares = 0.0;
+  double sum = 0.0, squares = 0.0, explained = 0.0;
   for (size_t k = 0; k < a.events.size(); ++k) {
     YieldPoint(k);
-    if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < displacement_px) continue;
     const double weight = weights[compared_events_[k].polarity];
-    const double difference = weight * (ScoreOf(a.events[k], half_px) - ScoreOf(b.events[k], half_px));
-    sum += difference;
-    squares += difference * difference;
+    const double score_a = weight * ScoreOf(a.events[k], half_px), score_b = weight * ScoreOf(b.events[k], half_px);
+    explained += std::max({0.0, score_a, score_b});
+    if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < displacement_px) continue;
+    sum += score_a - score_b;
+    squares += (score_a - score_b) * (score_a - score_b);
   }
-  a.comparisons[j].Add(sum, squares);
-  b.comparisons[i].Add(-sum, squares);
+  a.comparisons[j].Add(sum, squares, explained);
+  b.comparisons[i].Add(-sum, squares, explained);
 }
 
 double Hypotheses::Preference(size_t i, size_t j) const {
-  return entries_[i].comparisons[j].Sigma(context_.options.health.dispersion);
+  return entries_[i].comparisons[j].Sigma(context_.options.health.dispersion,
+                                          context_.options.initialization.model_error_ratio);
 }
 
 double Hypotheses::LogLikelihoodRatio(size_t i, size_t j) const {

@@ -27,6 +27,7 @@ absl::Status InitializationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("num_repeats", num_repeats, 0, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_candidates", max_candidates, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("decision_sigma", decision_sigma));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("model_error_ratio", model_error_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_compared_events", max_compared_events, 1, 1'000'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("merge_rad", merge_rad, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("rival_interval_us", rival_interval_us, 1, 60'000'000));
