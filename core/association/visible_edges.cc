@@ -269,6 +269,32 @@ void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
                       .is_element = edges_.has_many_lines(),
                       .kind = line.kind});
   }
+  RateLines(camera_from_object);
+}
+
+void VisibleEdges::RateLines(const RigidTransform& camera_from_object) {
+  images_.clear();
+  for (const TrackedLine& line : lines_) {
+    images_.push_back(
+        SegmentBetween(camera_.Project(camera_from_object * line.p1), camera_.Project(camera_from_object * line.p2)));
+  }
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
+  const TriangleBvh& faces = edges_.visibility().faces();
+  for (size_t i = 0; i < lines_.size(); ++i) {
+    YieldPoint(i);
+    TrackedLine& line = lines_[i];
+    const auto is_stronger = [&](size_t k) {
+      const double half_px = images_[k].half_length_px, own_half_px = images_[i].half_length_px;
+      return half_px != own_half_px ? half_px > own_half_px : k < i;
+    };
+    bool has_contrast =
+        line.kind != EdgeKind::kCrease ||
+        !HasParallelSides(faces, edges_.model().diameter_m, {eye, line.p1, line.p2, camera_.MaxFocalPx()});
+    for (size_t k = 0; k < lines_.size() && has_contrast; ++k) {
+      has_contrast = !is_stronger(k) || !IsBeside(images_[i], images_[k]);
+    }
+    if (!has_contrast) line.prior_contrast = kStepContrast;
+  }
 }
 
 void VisibleEdges::ExtractAt(const RigidTransform& camera_from_object, int level) {

@@ -12,6 +12,7 @@
 
 #include "core/association/association.h"
 #include "core/contours/edge_elements.h"
+#include "core/contours/segment_image.h"
 #include "core/models/object_model.h"
 #include "core/models/visibility.h"
 
@@ -119,6 +120,10 @@ class VisibleEdges {
   void MeasureFaces(const Eigen::Vector3d& eye);
   // Computes the visible parts of the straight lines at the pose.
   void ComputeAt(const RigidTransform& camera_from_object);
+  // Sets the prior contrast of the straight lines: that of a step for creases between faces that are parallel where
+  // they are seen, and for lines beside a longer one, which has their events (core/contours/README.md, sections 4 and
+  // 5).
+  void RateLines(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // Extracts the elements at the pose, and chooses the straight lines of a model that has many.
   void ExtractAt(const RigidTransform& camera_from_object, int level);
@@ -146,6 +151,7 @@ class VisibleEdges {
   std::vector<bool> facing_planes_;  // at the last extraction
   std::vector<bool> facing_planes_now_;
   std::vector<VisibleSegment> segments_;
+  std::vector<SegmentImage> images_;  // of segments_
   bool has_more_lines_ = false;
   bool has_more_elements_ = false;
   std::vector<EdgeElement> elements_;  // as extracted and joined to arcs, by TrackedLine::curve

@@ -71,6 +71,30 @@ TEST_F(VisibleEdgesTest, ALineWithoutFacesHasNoNarrowOne) {
   for (const TrackedLine& line : seen) EXPECT_TRUE(std::isinf(line.narrowest_face_px));
 }
 
+// The cube with a painted line beside one of its edges.
+TEST_F(VisibleEdgesTest, OfLinesBesideEachOtherOnlyOneIsExpected) {
+  const RigidTransform pose = MakePose({0.0, 0.0, 1.0}, {0.5, 0.6, 0.0});
+  for (const double width_m : {0.0005, 0.02}) {
+    ObjectModel painted = *cube_;
+    ModelLine inner = painted.lines[0];
+    inner.kind = EdgeKind::kPainted;
+    const Eigen::Vector3d middle = 0.5 * (inner.p1 + inner.p2);
+    const Eigen::Vector3d inwards = (inner.face_normals[0] * inner.face_normals[0].dot(middle) - middle).normalized();
+    inner.p1 = 0.98 * (inner.p1 - middle) + middle + width_m * inwards;
+    inner.p2 = 0.98 * (inner.p2 - middle) + middle + width_m * inwards;
+    painted.lines.push_back(inner);
+    const ModelEdges edges(painted, TrackerOptions().visibility, {});
+    VisibleEdges lines(camera_, edges);
+    // From a side from which the edge is seen.
+    RigidTransform seen = pose;
+    if ((seen.rotation * inner.face_normals[0]).z() > 0.0)
+      seen.rotation *= Eigen::AngleAxisd(M_PI, middle.normalized()).toRotationMatrix();
+    size_t num_steps = 0;
+    for (const TrackedLine& line : lines.At(seen)) num_steps += line.prior_contrast == kStepContrast;
+    EXPECT_EQ(num_steps, width_m < 0.001 ? 1u : 0u);
+  }
+}
+
 // A disc of flat faces with many straight creases: a fan of thin wedges, each a step higher than the last.
 ObjectModel ManyLines(int count) {
   ObjectModel model = *MakeCube(0.1);

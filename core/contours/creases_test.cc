@@ -111,6 +111,29 @@ TEST(CreasesTest, BluntCreasesHaveASmallPriorContrast) {
   EXPECT_LT(contrast(), sharp);
 }
 
+// A hole with a floor: seen from the front, floor and plate have the same brightness; from the side the wall shows.
+TEST(CreasesTest, TheRimOfABlindHoleIsAStepFromTheFront) {
+  ObjectModel plate = Plate();
+  const auto first = static_cast<uint32_t>(plate.vertices.size());
+  constexpr double kFloorM = -0.004;
+  for (const auto& [x, y] :
+       {std::pair(-0.1, -0.04), std::pair(0.1, -0.04), std::pair(0.1, 0.04), std::pair(-0.1, 0.04)}) {
+    plate.vertices.emplace_back(x, y, kFloorM);
+  }
+  plate.triangles.push_back({first, first + 1, first + 2});
+  plate.triangles.push_back({first, first + 2, first + 3});
+  const auto num_steps = [&](const Eigen::Vector3d& eye) {
+    const auto rim = OfCurve(ElementsOf(plate, eye), 0);
+    EXPECT_GT(rim.size(), 8u);
+    return std::count_if(rim.begin(), rim.end(),
+                         [](const EdgeElement& e) { return e.prior_contrast == kStepContrast; });
+  };
+  EXPECT_EQ(num_steps({-0.06, 0, 0.4}),
+            static_cast<std::ptrdiff_t>(OfCurve(ElementsOf(plate, {-0.06, 0, 0.4}), 0).size()));
+  EXPECT_LT(num_steps({0.3, 0.1, 0.3}),
+            static_cast<std::ptrdiff_t>(OfCurve(ElementsOf(plate, {0.3, 0.1, 0.3}), 0).size()));
+}
+
 TEST(CreasesTest, BoundaryIsSeenFromItsFront) {
   ObjectModel disc;
   disc.curves.push_back(RingCurve({0, 0, 0}, 0.05, 64, {0, 0, 1}, 1.0));

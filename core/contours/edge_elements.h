@@ -19,6 +19,9 @@
 
 namespace evpose {
 
+// Prior contrast of a step between parallel faces, which have the same brightness (core/contours/README.md, section 4).
+inline constexpr float kStepContrast = 0.1f;
+
 struct EdgeElement {
   Eigen::Vector3d p1;  // object frame, metres
   Eigen::Vector3d p2;

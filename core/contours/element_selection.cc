@@ -7,13 +7,11 @@
 
 #include "core/base/yield_point.h"
 #include "core/contours/element_view.h"
+#include "core/contours/segment_image.h"
 
 namespace evpose {
 namespace {
 
-// Elements within this distance, which turn by less than 15 degrees, share their events.
-constexpr double kParallelPx = 2.0;
-constexpr double kParallelSine = 0.26;
 // Cells in which the elements of a view are counted: tiles of the box about all elements, and orientations of 45
 // degrees. With more cells each has too few elements for a choice among them; with fewer the chosen elements may all be
 // on one side of the object.
@@ -25,9 +23,7 @@ struct Ranked {
   uint32_t index = 0;
   bool is_outline = false;
   double weight = 0.0;
-  Eigen::Vector2d middle_px;
-  Eigen::Vector2d direction;
-  double half_length_px = 0.0;
+  SegmentImage image;
   int rank = 0;  // among those of one cell
 
   bool operator<(const Ranked& other) const {
@@ -36,27 +32,19 @@ struct Ranked {
   }
 };
 
-bool IsBeside(const Ranked& element, const Ranked& stronger) {
-  const Eigen::Vector2d& along = stronger.direction;
-  const auto across = [&along](const Eigen::Vector2d& v) { return std::abs(along.x() * v.y() - along.y() * v.x()); };
-  if (across(element.direction) > kParallelSine) return false;
-  const Eigen::Vector2d offset = element.middle_px - stronger.middle_px;
-  return std::abs(along.dot(offset)) <= stronger.half_length_px && across(offset) < kParallelPx;
-}
-
 // Ranks elements, the strongest first, among those of the same cell.
 void RankInCells(std::vector<Ranked>& ranked) {
   Eigen::AlignedBox2d box;
-  for (const Ranked& element : ranked) box.extend(element.middle_px);
+  for (const Ranked& element : ranked) box.extend(element.image.middle_px);
   const Eigen::Vector2d size = box.sizes();
   std::array<int, kCells> counts = {};
   const auto tile = [&](const Ranked& element, int axis) {
     if (!(size[axis] > 0.0)) return 0;
-    const double position = (element.middle_px[axis] - box.min()[axis]) / size[axis];
+    const double position = (element.image.middle_px[axis] - box.min()[axis]) / size[axis];
     return std::min(static_cast<int>(kTilesPerSide * position), kTilesPerSide - 1);
   };
   for (Ranked& element : ranked) {
-    const int orientation = ImageOctant(element.direction) % kOrientations;
+    const int orientation = ImageOctant(element.image.direction) % kOrientations;
     const int cell = (tile(element, 0) * kTilesPerSide + tile(element, 1)) * kOrientations + orientation;
     element.rank = counts[cell]++;
   }
@@ -98,15 +86,14 @@ bool SelectElements(int max_elements, std::vector<Candidate>& candidates) {
     const Candidate& candidate = candidates[i];
     const double length_px = candidate.length_px();
     if (!(length_px > 0.0)) continue;
-    ranked.push_back({i, candidate.is_outline, candidate.weight(), 0.5 * (candidate.p1_px + candidate.p2_px),
-                      (candidate.p2_px - candidate.p1_px) / length_px, 0.5 * length_px});
+    ranked.push_back({i, candidate.is_outline, candidate.weight(), SegmentBetween(candidate.p1_px, candidate.p2_px)});
   }
   std::sort(ranked.begin(), ranked.end());
   size_t kept = 0;
   for (size_t i = 0; i < ranked.size(); ++i) {
     YieldPoint(i);
     const Ranked element = ranked[i];
-    const auto is_beside = [&element](const Ranked& stronger) { return IsBeside(element, stronger); };
+    const auto is_beside = [&element](const Ranked& stronger) { return IsBeside(element.image, stronger.image); };
     if (std::none_of(ranked.begin(), ranked.begin() + kept, is_beside)) ranked[kept++] = element;
   }
   ranked.resize(kept);

@@ -13,9 +13,6 @@ namespace {
 // it: they are tested this far nearer to the eye and outside of the surface.
 constexpr double kTowardsEye = 3e-3;
 constexpr double kOutwards = 1e-3;
-// Whether an occluding edge has the background behind it is decided this far, pixels, beside it. A ray nearer to the
-// edge may meet facets of the edge's own surface, one farther away another part of the object across a narrow gap.
-constexpr double kBesidePx = 1.5;
 // Rays to the background end this many diameters behind the object: every part of the object is within one.
 constexpr double kBackground = 2.0;
 // Prior contrasts. An inner contour separates parts of one colour; a crease changes the brightness with the angle by
@@ -90,7 +87,7 @@ class Looker {
     } else if (!sight.beside.isZero()) {
       const Eigen::Vector3d middle = 0.5 * (element.p1 + element.p2);
       const double pixel_m = (middle - view_.eye).norm() / view_.camera.MaxFocalPx();
-      const Eigen::Vector3d start = middle + kBesidePx * pixel_m * sight.beside;
+      const Eigen::Vector3d start = middle + kBesideEdgePx * pixel_m * sight.beside;
       const Eigen::Vector3d end = start + kBackground * model_.diameter_m * (start - view_.eye).normalized();
       candidate.is_outline = !faces_.IsOccluded(start, end, 0.0);
     }
@@ -98,10 +95,16 @@ class Looker {
       element.prior_contrast = kOutlineContrast;
     } else if (element.kind == EdgeKind::kContour) {
       element.prior_contrast = kInnerContrast;
+    } else if (element.kind == EdgeKind::kCrease && IsStep(element)) {
+      element.prior_contrast = kStepContrast;
     }
   }
 
  private:
+  bool IsStep(const EdgeElement& element) const {
+    return HasParallelSides(faces_, model_.diameter_m, {view_.eye, element.p1, element.p2, view_.camera.MaxFocalPx()});
+  }
+
   const ElementView& view_;
   const ObjectModel& model_;
   const TriangleBvh& faces_;

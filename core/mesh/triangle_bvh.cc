@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <tuple>
 #include <utility>
 
 #include "core/base/yield_point.h"
@@ -224,6 +225,60 @@ bool TriangleBvh::IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3
     if (waiting_count == 0) return false;
     current = waiting[--waiting_count];
   }
+}
+
+std::optional<TriangleBvh::Meeting> TriangleBvh::MeetLeaf(const Leaf& leaf, const Eigen::Vector3d& origin,
+                                                          const Eigen::Vector3d& direction, double before) const {
+  std::optional<Meeting> first;
+  for (uint32_t i = leaf.first; i < leaf.first + leaf.count; ++i) {
+    const Triangle& triangle = triangles_[i];
+    const Eigen::Vector3d p = direction.cross(triangle.edge2);
+    const double determinant = triangle.edge1.dot(p);
+    if (determinant == 0.0) continue;
+    const Eigen::Vector3d s = origin - triangle.corner;
+    const Eigen::Vector3d q = s.cross(triangle.edge1);
+    const double u = s.dot(p) / determinant, v = direction.dot(q) / determinant;
+    const double at = triangle.edge2.dot(q) / determinant;
+    if (!(u >= 0.0 && v >= 0.0 && u + v <= 1.0 && at >= 0.0 && at < before)) continue;
+    before = at;
+    first = Meeting{at, i};
+  }
+  return first;
+}
+
+std::optional<Eigen::Vector3d> TriangleBvh::FirstNormal(const Eigen::Vector3d& origin,
+                                                        const Eigen::Vector3d& end) const {
+  if (nodes_.empty()) return std::nullopt;
+  const Eigen::Vector3d direction = end - origin;
+  const Ray ray(origin - centre_, direction, extent_m_);
+  Meeting first = {1.0, ~0u};
+  std::array<std::pair<uint32_t, float>, kMaxDepth> waiting;  // nodes, and where the segment enters them
+  int waiting_count = 0;
+  uint32_t current = 0;
+  float entered = ray.Enter(nodes_[0]);
+  for (size_t visited = 0;; ++visited) {
+    YieldPoint(visited);
+    const bool is_before = entered != kMissed && entered <= first.at + kParameterSlack;
+    const Node& node = nodes_[current];
+    if (is_before && node.is_leaf == 0) {
+      uint32_t near = current + 1, far = node.first;
+      float enter_near = ray.Enter(nodes_[near]), enter_far = ray.Enter(nodes_[far]);
+      if (enter_far < enter_near) {
+        std::swap(near, far);
+        std::swap(enter_near, enter_far);
+      }
+      if (enter_far != kMissed) waiting[waiting_count++] = {far, enter_far};
+      current = near;
+      entered = enter_near;
+      continue;
+    }
+    if (is_before) first = MeetLeaf(leaves_[node.first], origin, direction, first.at).value_or(first);
+    if (waiting_count == 0) break;
+    std::tie(current, entered) = waiting[--waiting_count];
+  }
+  if (first.triangle == ~0u) return std::nullopt;
+  const Eigen::Vector3d& normal = triangles_[first.triangle].normal;
+  return normal.dot(direction) > 0.0 ? Eigen::Vector3d(-normal) : normal;
 }
 
 double TriangleBvh::Triangle::SquaredDistance(const Eigen::Vector3d& point) const {

@@ -7,6 +7,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -28,6 +29,9 @@ class TriangleBvh {
   // often hidden by the same triangles. Any number is allowed.
   bool IsOccluded(const Eigen::Vector3d& origin, const Eigen::Vector3d& point, double plane_tolerance_m,
                   uint32_t& hint) const;
+
+  // Unit normal of the first triangle that the segment meets, on the side of the origin; nullopt if it meets none.
+  std::optional<Eigen::Vector3d> FirstNormal(const Eigen::Vector3d& origin, const Eigen::Vector3d& end) const;
 
   struct Near {
     double distance_m = 0.0;
@@ -76,6 +80,13 @@ class TriangleBvh {
   void Build(const Mesh& mesh, absl::Span<uint32_t> triangles);
   void AppendLeaf(const Mesh& mesh, absl::Span<const uint32_t> triangles, const Eigen::AlignedBox3d& box);
   Node MakeNode(const Eigen::AlignedBox3d& box) const;
+  // The least parameter in [0, `before`) at which the segment meets a triangle of the leaf, and the triangle.
+  struct Meeting {
+    double at = 0.0;
+    uint32_t triangle = 0;
+  };
+  std::optional<Meeting> MeetLeaf(const Leaf& leaf, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
+                                  double before) const;
   bool LeafOccludes(const Leaf& leaf, const Eigen::Vector3d& origin, const Eigen::Vector3d& point,
                     double plane_tolerance_m) const;
 

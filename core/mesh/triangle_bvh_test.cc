@@ -79,6 +79,36 @@ TEST(TriangleBvhTest, OcclusionIsThatOfTheTrianglesOneByOne) {
   }
 }
 
+TEST(TriangleBvhTest, TheFirstNormalIsThatOfTheNearestTriangle) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> uniform(-1.5, 1.5);
+  const Soup soup = RandomSoup({0, 0, 0}, 200, random);
+  const TriangleBvh tree(soup.vertices, soup.triangles);
+  const std::vector<TriangleBvh> single = OneByOne(soup);
+  int num_hit = 0;
+  for (int trial = 0; trial < 4000; ++trial) {
+    const Eigen::Vector3d origin(uniform(random), uniform(random), uniform(random));
+    Eigen::Vector3d end(uniform(random), uniform(random), uniform(random));
+    if (trial % 8 == 1) end.head<2>() = origin.head<2>();  // along an axis
+    std::optional<Eigen::Vector3d> expected;
+    double nearest = 1.0;
+    for (size_t i = 0; i < single.size(); ++i) {
+      const std::optional<Eigen::Vector3d> normal = single[i].FirstNormal(origin, end);
+      if (!normal) continue;
+      EXPECT_LE(normal->dot(end - origin), 0.0);
+      const double at = normal->dot(soup.vertices[soup.triangles[i][0]] - origin) / normal->dot(end - origin);
+      if (at > nearest) continue;
+      nearest = at;
+      expected = normal;
+    }
+    const std::optional<Eigen::Vector3d> found = tree.FirstNormal(origin, end);
+    EXPECT_EQ(found, expected) << trial;
+    num_hit += found.has_value();
+  }
+  EXPECT_GT(num_hit, 400);
+  EXPECT_LT(num_hit, 3600);
+}
+
 TEST(TriangleBvhTest, NearTrianglesAreThoseOneByOne) {
   std::mt19937 random(4);
   std::uniform_real_distribution<double> uniform(-1.2, 1.2);

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 #include "core/base/check_range.h"
@@ -47,6 +48,23 @@ bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::
   if (best_height_m < grazing_height_m) return false;
   if (best_height_m < -grazing_height_m) origin += (-grazing_height_m - best_height_m) * *best_normal;
   return true;
+}
+
+bool HasParallelSides(const TriangleBvh& faces, double diameter_m, const SeenEdge& edge) {
+  // Under one lamp, faces that differ by this angle, 6 degrees, differ in brightness by less than the contrast
+  // threshold of a sensor.
+  constexpr double kSameBrightnessCosine = 0.995;
+  constexpr double kReach = 2.0;  // diameters: every part of the object is within one
+  const Eigen::Vector3d middle = 0.5 * (edge.p1 + edge.p2);
+  const Eigen::Vector3d across = (middle - edge.eye).cross(edge.p2 - edge.p1).normalized();
+  const Eigen::Vector3d beside = kBesideEdgePx * (middle - edge.eye).norm() / edge.focal_px * across;
+  const auto normal_at = [&](const Eigen::Vector3d& point) {
+    return faces.FirstNormal(edge.eye, point + kReach * diameter_m * (point - edge.eye).normalized());
+  };
+  const std::optional<Eigen::Vector3d> first = normal_at(middle + beside);
+  if (!first) return false;
+  const std::optional<Eigen::Vector3d> second = normal_at(middle - beside);
+  return second && first->dot(*second) >= kSameBrightnessCosine;
 }
 
 namespace {

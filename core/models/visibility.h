@@ -51,6 +51,23 @@ struct VisibilityOptions {
 bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::Vector3d& middle, double grazing_cosine,
                    Eigen::Vector3d& origin);
 
+// What is seen this far beside an edge, pixels, decides about its contrast. A ray nearer to the edge may meet facets of
+// the edge's own surface, or a face that is narrower than the blur of the lens; one farther away another part of the
+// object across a narrow gap.
+inline constexpr double kBesideEdgePx = 1.5;
+
+// An edge as it is seen from `eye`; object frame, metres.
+struct SeenEdge {
+  Eigen::Vector3d eye;
+  Eigen::Vector3d p1, p2;  // the visible part
+  double focal_px = 0.0;
+};
+
+// Whether the surface that is seen kBesideEdgePx beside the middle of an edge has the same normal on both sides, within
+// 0.1 rad (README, section 3): a step between parallel faces whose wall is hidden, or too narrow to be seen. False if
+// one side shows what is more than two diameters behind the edge: the background.
+bool HasParallelSides(const TriangleBvh& faces, double diameter_m, const SeenEdge& edge);
+
 // Tests lines by ray casting against the mesh. Immutable after construction; thread-compatible. Keeps a reference:
 // `model` must outlive it. `faces` is the search tree of the triangles that hide lines, those of `model`; null:
 // computed here.

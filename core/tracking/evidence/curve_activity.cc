@@ -4,7 +4,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/contours/edge_elements.h"
+
 namespace evpose {
+namespace {
+
+// Straight lines are known to have events, unless they are steps.
+bool HasContrastOfItsOwn(const TrackedLine& line) { return line.is_element || line.prior_contrast <= kStepContrast; }
+
+}  // namespace
 
 Expectation CurveActivity::Of(const TrackedLine& line) const {
   // A curve is expected to have events from then on if it has this number of events and this multiple of the least
@@ -17,11 +25,12 @@ Expectation CurveActivity::Of(const TrackedLine& line) const {
   // Prior contrast of creases, boundaries and painted lines from which on they count as straight lines do: between that
   // of a crease of 40 degrees, which most light shows, and that of a lesser one (core/contours/README.md, section 4).
   constexpr float kHighContrast = 0.7f;
-  if (!line.is_element) return Expectation::kEvents;
+  if (!HasContrastOfItsOwn(line)) return Expectation::kEvents;
   const Counts& counts = counts_[static_cast<size_t>(line.curve)];
   const double least = min_events_per_px2_ * counts.swept_px2;
   if (counts.events >= std::max(kMinEvents, kConfirmFactor * least)) return Expectation::kEvents;
   if (counts.swept_px2 >= kNoEventsPx2 && counts.events < least * line.prior_contrast) return Expectation::kNothing;
+  if (line.prior_contrast <= kStepContrast) return Expectation::kNothing;
   const bool is_fixed = line.kind != EdgeKind::kContour;
   return is_fixed && line.prior_contrast >= kHighContrast ? Expectation::kEvents : Expectation::kPerhaps;
 }
@@ -33,7 +42,7 @@ void CurveActivity::Add(const CameraModel& camera, const WindowInput& input, abs
   constexpr double kMemoryPx2 = 1000.0;
   constexpr double kOwnWidthPx = 2.0;  // events of the background within it are attributed to a line
   ForEachCurve(input.lines, [&](size_t first, size_t end) {
-    if (!input.lines[first].is_element) return;
+    if (!HasContrastOfItsOwn(input.lines[first])) return;
     Counts& counts = counts_[static_cast<size_t>(input.lines[first].curve)];
     for (size_t k = first; k < end; ++k) {
       if (!lines[k].in_view()) continue;

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/contours/edge_elements.h"
 #include "core/estimation/ideal_events_testing.h"
 
 namespace evpose {
@@ -72,6 +73,18 @@ TEST_F(CurveActivityTest, StraightLinesAndStrongCreasesAreExpected) {
   Add(0.0, 50);
   line.is_element = false;
   EXPECT_EQ(activity_.Of(line), Expectation::kEvents);
+}
+
+TEST_F(CurveActivityTest, AStepIsExpectedOnceItHasEvents) {
+  TrackedLine& step = tracked_[0];
+  step.kind = EdgeKind::kCrease;
+  step.prior_contrast = kStepContrast;
+  for (const bool is_element : {true, false}) {
+    step.is_element = is_element;
+    EXPECT_EQ(activity_.Of(step), Expectation::kNothing);
+  }
+  Add(2.0, 3);
+  EXPECT_EQ(activity_.Of(step), Expectation::kEvents);
 }
 
 TEST_F(CurveActivityTest, ALoadedStateIsTheSame) {

@@ -6,7 +6,7 @@
 namespace evpose::server {
 
 const uint32_t kTrackerStateVersion = 9;
-const uint32_t kPreparationVersion = 7;
+const uint32_t kPreparationVersion = 8;
 
 std::string SerializeRecord(const google::protobuf::Message& record) { return SerializeYielding(record); }
 
