@@ -272,6 +272,21 @@ void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
   RateLines(camera_from_object);
 }
 
+float VisibleEdges::ContrastOf(const ModelLine& line, const SeenEdge& edge) const {
+  if (line.kind != EdgeKind::kCrease || line.face_normals.size() != 2) return 1.0f;
+  switch (SidesOf(edge, edges_.visibility().faces(), edges_.model().diameter_m)) {
+    case EdgeSides::kBackground:
+      return 1.0f;
+    case EdgeSides::kParallel:
+      return kStepContrast;
+    case EdgeSides::kDifferent:
+      break;
+  }
+  const double cosine = line.face_normals[0].dot(line.face_normals[1]);
+  const float contrast = CreaseContrast(std::acos(std::clamp(cosine, -1.0, 1.0)));
+  return contrast < kSharpCreaseContrast ? contrast : 1.0f;
+}
+
 void VisibleEdges::RateLines(const RigidTransform& camera_from_object) {
   images_.clear();
   for (const TrackedLine& line : lines_) {
@@ -279,21 +294,18 @@ void VisibleEdges::RateLines(const RigidTransform& camera_from_object) {
         SegmentBetween(camera_.Project(camera_from_object * line.p1), camera_.Project(camera_from_object * line.p2)));
   }
   const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
-  const TriangleBvh& faces = edges_.visibility().faces();
   for (size_t i = 0; i < lines_.size(); ++i) {
     YieldPoint(i);
-    TrackedLine& line = lines_[i];
     const auto is_stronger = [&](size_t k) {
       const double half_px = images_[k].half_length_px, own_half_px = images_[i].half_length_px;
       return half_px != own_half_px ? half_px > own_half_px : k < i;
     };
-    bool has_contrast =
-        line.kind != EdgeKind::kCrease ||
-        !HasParallelSides(faces, edges_.model().diameter_m, {eye, line.p1, line.p2, camera_.MaxFocalPx()});
-    for (size_t k = 0; k < lines_.size() && has_contrast; ++k) {
-      has_contrast = !is_stronger(k) || !IsBeside(images_[i], images_[k]);
+    TrackedLine& line = lines_[i];
+    line.prior_contrast =
+        ContrastOf(edges_.model().lines[segments_[i].line], {eye, line.p1, line.p2, camera_.MaxFocalPx()});
+    for (size_t k = 0; k < lines_.size() && line.prior_contrast > kStepContrast; ++k) {
+      if (is_stronger(k) && IsBeside(images_[i], images_[k])) line.prior_contrast = kStepContrast;
     }
-    if (!has_contrast) line.prior_contrast = kStepContrast;
   }
 }
 

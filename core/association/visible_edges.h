@@ -120,9 +120,9 @@ class VisibleEdges {
   void MeasureFaces(const Eigen::Vector3d& eye);
   // Computes the visible parts of the straight lines at the pose.
   void ComputeAt(const RigidTransform& camera_from_object);
-  // Sets the prior contrast of the straight lines: that of a step for creases between faces that are parallel where
-  // they are seen, and for lines beside a longer one, which has their events (core/contours/README.md, sections 4 and
-  // 5).
+  // The prior contrast of a straight line: as of curves (core/contours/README.md, section 4), but 1 for sharp creases.
+  float ContrastOf(const ModelLine& line, const SeenEdge& edge) const;
+  // Sets the prior contrasts of all. A line beside a longer one, which has its events, has that of a step.
   void RateLines(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // Extracts the elements at the pose, and chooses the straight lines of a model that has many.

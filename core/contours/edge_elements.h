@@ -19,8 +19,11 @@
 
 namespace evpose {
 
-// Prior contrast of a step between parallel faces, which have the same brightness (core/contours/README.md, section 4).
+// Prior contrasts (README, section 4): of a step between parallel faces, and of a crease before the object at which the
+// surface turns by at least 40 degrees. CreaseContrast(): of a crease before the object that turns by `turn_rad`.
 inline constexpr float kStepContrast = 0.1f;
+inline constexpr float kSharpCreaseContrast = 0.8f;
+float CreaseContrast(double turn_rad);
 
 struct EdgeElement {
   Eigen::Vector3d p1;  // object frame, metres

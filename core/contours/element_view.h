@@ -55,8 +55,6 @@ void AppendCandidates(const ElementView& view, const EdgeElement& element, uint3
 // The part of an element from the fraction `begin` to `end` of its length.
 EdgeElement PartOf(const EdgeElement& element, double begin, double end);
 
-// Expected contrast of a crease that hides nothing.
-float CreaseContrast(double turn_rad);
 // Whether all faces of a crease or boundary are turned away from the eye, by the rule of FindRayOrigin().
 bool IsTurnedAway(const ElementView& view, const EdgeElement& element);
 

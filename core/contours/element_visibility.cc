@@ -19,7 +19,6 @@ constexpr double kBackground = 2.0;
 // which the surface turns, by less than the threshold of a sensor in most light below 40 degrees.
 constexpr float kOutlineContrast = 1.0f;
 constexpr float kInnerContrast = 0.5f;
-constexpr float kSharpContrast = 0.8f;
 constexpr float kBluntContrast = 0.5f;
 constexpr double kSharpTurnRad = 0.7;  // 40 degrees
 
@@ -102,7 +101,8 @@ class Looker {
 
  private:
   bool IsStep(const EdgeElement& element) const {
-    return HasParallelSides(faces_, model_.diameter_m, {view_.eye, element.p1, element.p2, view_.camera.MaxFocalPx()});
+    const SeenEdge edge = {view_.eye, element.p1, element.p2, view_.camera.MaxFocalPx()};
+    return SidesOf(edge, faces_, model_.diameter_m) == EdgeSides::kParallel;
   }
 
   const ElementView& view_;
@@ -128,7 +128,7 @@ bool CutToVisible(const ElementView& view, Looker& looker, const EdgeSight& sigh
 
 }  // namespace
 
-float CreaseContrast(double turn_rad) { return turn_rad < kSharpTurnRad ? kBluntContrast : kSharpContrast; }
+float CreaseContrast(double turn_rad) { return turn_rad < kSharpTurnRad ? kBluntContrast : kSharpCreaseContrast; }
 
 bool IsTurnedAway(const ElementView& view, const EdgeElement& element) {
   return LookAtEdge(view, element, VisibilityOptions().grazing_cosine).is_turned_away;

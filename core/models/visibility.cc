@@ -50,7 +50,7 @@ bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::
   return true;
 }
 
-bool HasParallelSides(const TriangleBvh& faces, double diameter_m, const SeenEdge& edge) {
+EdgeSides SidesOf(const SeenEdge& edge, const TriangleBvh& faces, double diameter_m) {
   // Under one lamp, faces that differ by this angle, 6 degrees, differ in brightness by less than the contrast
   // threshold of a sensor.
   constexpr double kSameBrightnessCosine = 0.995;
@@ -62,9 +62,10 @@ bool HasParallelSides(const TriangleBvh& faces, double diameter_m, const SeenEdg
     return faces.FirstNormal(edge.eye, point + kReach * diameter_m * (point - edge.eye).normalized());
   };
   const std::optional<Eigen::Vector3d> first = normal_at(middle + beside);
-  if (!first) return false;
+  if (!first) return EdgeSides::kBackground;
   const std::optional<Eigen::Vector3d> second = normal_at(middle - beside);
-  return second && first->dot(*second) >= kSameBrightnessCosine;
+  if (!second) return EdgeSides::kBackground;
+  return first->dot(*second) >= kSameBrightnessCosine ? EdgeSides::kParallel : EdgeSides::kDifferent;
 }
 
 namespace {

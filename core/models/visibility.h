@@ -63,10 +63,13 @@ struct SeenEdge {
   double focal_px = 0.0;
 };
 
-// Whether the surface that is seen kBesideEdgePx beside the middle of an edge has the same normal on both sides, within
-// 0.1 rad (README, section 3): a step between parallel faces whose wall is hidden, or too narrow to be seen. False if
-// one side shows what is more than two diameters behind the edge: the background.
-bool HasParallelSides(const TriangleBvh& faces, double diameter_m, const SeenEdge& edge);
+// What is seen kBesideEdgePx beside the middle of an edge (README, section 3).
+enum class EdgeSides {
+  kBackground,  // on one side at least, what is more than two diameters behind the edge
+  kParallel,   // faces with the same normal, within 0.1 rad, as of a step whose wall is hidden or too narrow to be seen
+  kDifferent,  // faces with different normals
+};
+EdgeSides SidesOf(const SeenEdge& edge, const TriangleBvh& faces, double diameter_m);
 
 // Tests lines by ray casting against the mesh. Immutable after construction; thread-compatible. Keeps a reference:
 // `model` must outlive it. `faces` is the search tree of the triangles that hide lines, those of `model`; null:

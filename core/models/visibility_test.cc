@@ -125,16 +125,16 @@ TEST(VisibilityTest, SecondBoxHidesPartOfTheFirst) {
 TEST(VisibilityTest, AStepSeenFromTheFrontHasParallelSides) {
   const ObjectModel model = Model(Box({0, 0, 0}, {0.2, 0.2, 0.1}) + Box({0, 0, 0.0525}, {0.1, 0.1, 0.005}, 8));
   const VisibilityTester tester(model, {});
-  const auto has_parallel_sides = [&](const Eigen::Vector3d& eye, double x_m, double z_m) {
+  const auto sides = [&](const Eigen::Vector3d& eye, double x_m, double z_m) {
     const Eigen::Vector3d p1(x_m, -0.04, z_m), p2(x_m, 0.04, z_m);
-    return HasParallelSides(tester.faces(), model.diameter_m, {eye, p1, p2, 1000.0});
+    return SidesOf({eye, p1, p2, 1000.0}, tester.faces(), model.diameter_m);
   };
   const Eigen::Vector3d front(0, 0, 1), side(0.6, 0, 0.6);
-  EXPECT_TRUE(has_parallel_sides(front, 0.05, 0.055));  // the step
-  EXPECT_FALSE(has_parallel_sides(side, 0.05, 0.055));  // its wall, 4 px wide, is between the faces
-  EXPECT_TRUE(has_parallel_sides(side, -0.05, 0.055));  // the hidden wall
-  EXPECT_FALSE(has_parallel_sides(front, 0.1, 0.05));   // the background is beside the plate
-  EXPECT_FALSE(has_parallel_sides(side, 0.1, 0.05));    // the plate's side
+  EXPECT_EQ(sides(front, 0.05, 0.055), EdgeSides::kParallel);  // the step
+  EXPECT_EQ(sides(side, 0.05, 0.055), EdgeSides::kDifferent);  // its wall, 4 px wide, is between the faces
+  EXPECT_EQ(sides(side, -0.05, 0.055), EdgeSides::kParallel);  // the hidden wall
+  EXPECT_EQ(sides(front, 0.1, 0.05), EdgeSides::kBackground);  // the background is beside the plate
+  EXPECT_EQ(sides(side, 0.1, 0.05), EdgeSides::kDifferent);    // the plate's side
 }
 
 TEST(VisibilityTest, LineIsSplitByABarInFrontOfIt) {

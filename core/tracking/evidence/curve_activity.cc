@@ -9,8 +9,8 @@
 namespace evpose {
 namespace {
 
-// Straight lines are known to have events, unless they are steps.
-bool HasContrastOfItsOwn(const TrackedLine& line) { return line.is_element || line.prior_contrast <= kStepContrast; }
+// Other straight lines are known to have events.
+bool HasContrastOfItsOwn(const TrackedLine& line) { return line.is_element || line.prior_contrast < 1.0f; }
 
 }  // namespace
 

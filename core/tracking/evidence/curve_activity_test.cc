@@ -64,14 +64,17 @@ TEST_F(CurveActivityTest, EventsOfTheBackgroundDoNotCount) {
   EXPECT_EQ(activity_.Of(tracked_[0]), Expectation::kNothing);
 }
 
-TEST_F(CurveActivityTest, StraightLinesAndStrongCreasesAreExpected) {
+TEST_F(CurveActivityTest, StraightLinesOfFullContrastAndSharpCreasesAreExpected) {
   TrackedLine line = tracked_[0];
   line.kind = EdgeKind::kCrease;
   EXPECT_EQ(activity_.Of(line), Expectation::kEvents);
   line.prior_contrast = 0.3f;
   EXPECT_EQ(activity_.Of(line), Expectation::kPerhaps);
   Add(0.0, 50);
+  EXPECT_EQ(activity_.Of(line), Expectation::kNothing);
   line.is_element = false;
+  EXPECT_EQ(activity_.Of(line), Expectation::kNothing);
+  line.prior_contrast = 1.0f;
   EXPECT_EQ(activity_.Of(line), Expectation::kEvents);
 }
 
