@@ -274,7 +274,7 @@ absl::Status Calibrator::AdjustDetermined(Intervals& intervals) {
 double Calibrator::LargestMotionPx(const CalibrationParameters& from, const CalibrationParameters& to) const {
   double largest = 0.0;
   for (const LineSample& sample : samples_) {
-    // The bearing that the first camera without distortion has there: near enough for the size of a change.
+    // Bearing by the first camera without distortion; it is accurate enough to measure how far the image has moved.
     const Vector2d bearing((sample.pixel.x() - from[kCentreX]) / from[kFocal],
                            (sample.pixel.y() - from[kCentreY]) / (from[kFocal] * from[kAspect]));
     largest = std::max(largest, (ProjectBearing(from, bearing) - ProjectBearing(to, bearing)).norm());

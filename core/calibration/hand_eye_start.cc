@@ -170,7 +170,7 @@ HandEyeResidual ResidualOf(const HandEyePair& pair, const HandEyeState& state) {
   const Eigen::Vector3d moved = g.rotation * state.right.translation_m;
   HandEyeResidual residual;
   residual.value = Difference(pair.camera_from_object, state.left * g * state.right);
-  // Of the prediction, whose rotations are those of the residual for small ones; the residual's are the negative.
+  // Jacobian of the prediction; that of the residual is its negative (to first order in the rotation).
   auto& j = residual.jacobian;
   j.block<3, 3>(0, 0).setIdentity();
   j.block<3, 3>(0, 3) = -Hat(left * (moved + g.translation_m));

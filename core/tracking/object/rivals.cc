@@ -50,7 +50,8 @@ struct Moments {
   }
 };
 
-// Those of what the events show: the edges, unless some of them are contours, which move over the whole surface.
+// Returns the moments of the surface if the model has contours, because contours move over all of it; else of the
+// edges.
 Moments MomentsOf(const ObjectModel& model) {
   Moments moments;
   if (model.surface.empty() && model.facet_edges.empty()) {
