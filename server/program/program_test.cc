@@ -129,7 +129,7 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
       {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", "/dev/null"}, "/dev/null[^\n]*not a file[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", empty}, empty + "[^\n]*there is no password in it"},
-      {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not answer: [^\n]*start Redis there[^\n]*"},
+      {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not respond: [^\n]*start Redis there[^\n]*"},
       {{"--store", "redis-groups:/no/such/groups"}, "/no/such/groups[^\n]*"},
       {{"--store", "redis-groups:/no/such/groups", "--divide-store"}, "--divide-store: /no/such/groups[^\n]*"},
       {{"--store", "redis-groups:" + empty}, empty + ": there is no group: give each a line NAME ADDRESS"},
@@ -215,10 +215,10 @@ TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
       {"redis:/user:wrong-secret@127.0.0.1", "there is no store of this name: give memory, sqlite, redis://"},
   };
   const std::vector<std::pair<std::string, std::string>> cases = {
-      {"redis+unix:///no/such/socket", "/no/such/socket does not answer: No such file[^\n]*start Redis there"},
-      {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not answer: [^\n]*start Redis there"},
+      {"redis+unix:///no/such/socket", "/no/such/socket does not respond: No such file[^\n]*start Redis there"},
+      {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not respond: [^\n]*start Redis there"},
       {"redis+sentinel://user:wrong-secret@127.0.0.1:1/cameras",
-       "no Sentinel names the master cameras: 127.0.0.1:1 does not answer: [^\n]*start the Sentinels"},
+       "no Sentinel names the master cameras: 127.0.0.1:1 does not respond: [^\n]*start the Sentinels"},
       {redis.url(), "NOAUTH[^\n]*check the user and password of --store"},
       {redis.url(":wrong-secret@"), "WRONGPASS[^\n]*check the user and password of --store"},
   };
@@ -242,7 +242,8 @@ TEST(ProgramTest, APostgresqlThatCannotBeUsedIsOneLineWithoutItsPassword) {
   postgres.Run("CREATE ROLE keyed LOGIN SUPERUSER PASSWORD '" + password + "'");
   const std::vector<std::pair<std::string, std::string>> cases = {
       {"postgresql://user:wrong-secret@127.0.0.1", "has no database: give postgresql://"},
-      {"postgresql://user:wrong-secret@/db?host=/no/such", "/no/such/db does not answer: [^\n]*start PostgreSQL there"},
+      {"postgresql://user:wrong-secret@/db?host=/no/such",
+       "/no/such/db does not respond: [^\n]*start PostgreSQL there"},
       {postgres.url("keyed:wrong-secret"),
        "password authentication failed[^\n]*check the user and password of --store"},
       {postgres.url("evpose", "nowhere"), "\"nowhere\" does not exist: create it"},

@@ -132,9 +132,9 @@ absl::StatusOr<RedisReply> RedisConnection::Read() {
 
 absl::Status RedisConnection::Broken() const {
   const absl::string_view words = context_->errstr;
-  return absl::UnavailableError(absl::StrCat(name_, " does not answer: ",
+  return absl::UnavailableError(absl::StrCat(name_, " does not respond: ",
                                              words.empty() || absl::StartsWith(words, "Resource temporarily")
-                                                 ? absl::string_view("no answer in time")
+                                                 ? absl::string_view("no response in time")
                                                  : words));
 }
 
