@@ -324,7 +324,7 @@ class StreamAttempt:
             if ack.send_limit_bytes > self._send_limit_bytes:
                 self._send_limit_bytes = ack.send_limit_bytes
                 self._changed.notify_all()
-        self._feed.outbox.forget(ack.durable_seq)
+        self._feed.outbox.release(ack.durable_seq)
         self.made_progress = self.made_progress or ack.processed_seq > self._first_processed_seq
         self._report_position(False)
         return True
