@@ -37,7 +37,7 @@ struct WeightedPassage {
 };
 
 // SensorProfile::uncertainty of a calibrated profile. The standard errors of the constants are smaller, but the model
-// of the pixel holds to some hundredths of a pixel only (README, equation (3)): 0.3 of SystematicOptions::lag_px.
+// of the pixel holds to some hundredths of a pixel only (README, equation (9)): 0.3 of SystematicOptions::lag_px.
 constexpr double kCalibratedUncertainty = 0.3;
 
 SensorProfile WithConstants(SensorProfile profile, const double* constants) {
