@@ -28,6 +28,8 @@ struct RelativeMotion {
 std::vector<RelativeMotion> RelativeMotions(const std::vector<HandEyePair>& pairs) {
   std::vector<RelativeMotion> motions;
   const size_t n = pairs.size();
+  // Over several times: a large rotation determines the axis better than a small one, but above kMaxMotionAngle_rad it
+  // is not used.
   for (const size_t lag : {n / 16, n / 8, n / 4, n / 2}) {
     for (size_t i = 0; lag > 0 && i + lag < n; ++i) {
       const HandEyePair &a = pairs[i], &b = pairs[i + lag];

@@ -111,6 +111,8 @@ Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock, const St
     std::string place =
         absl::StrFormat("no events for %.3f ms from %s on, where %.0f would be usual",
                         1e-3 * static_cast<double>(gap.duration_us), Seconds(gap.begin_us), gap.expected_events);
+    // The clocks of EVT3, of DAT and FLAT64, and of EVT2 (core/events/README.md). One per cent allows for the time
+    // between the events beside the gap.
     for (const int bits : {24, 32, 34}) {
       const double period_us = std::ldexp(1.0, bits);
       if (std::abs(static_cast<double>(gap.duration_us) - period_us) < 0.01 * period_us) {

@@ -25,6 +25,8 @@ constexpr double kMinTurnShare = 0.6;
 constexpr double kContinuedShare = 2.0 / 3.0;
 // Scale test: length of the path, relative to the diameter: 6 px at 300 px.
 constexpr double kPathShare = 0.02;
+// Part of each of the two lengths, beside the edge, that is not used (core/mesh/README.md, section 8, test 3).
+constexpr double kSkippedShare = 0.1;
 // Tessellation test. The outermost facet of a fillet turns by half a step; 0.6 degrees allow for roundings.
 constexpr double kStepRatio = 2.0, kStepTolerance = 0.6 * kRadPerDeg;
 // Largest distance between the facets and the surface, relative to the diameter: 1.2 px at 300 px.
@@ -42,6 +44,7 @@ constexpr double kMinDeadEnd = 0.02;
 constexpr double kContinuedCosine = 0.5;
 // More triangles at one edge are not listed: bounds the time.
 constexpr size_t kMaxTriangles = 32;
+// Triangles that all paths together may cross; bounds the time (core/mesh/README.md, section 16).
 constexpr int64_t kMaxWork = 40'000'000;
 
 enum class EdgeClass : uint8_t { kSmooth, kWeak, kCrease };
@@ -183,7 +186,7 @@ class CreaseFinder {
     std::array<Eigen::Vector3d, 2> means = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
     for (const PathStep& step : path_) {
       for (int scale = 0; scale < 2; ++scale) {
-        const double from_m = std::max(step.from_m, 0.1 * (scale + 1) * h_m);
+        const double from_m = std::max(step.from_m, kSkippedShare * (scale + 1) * h_m);
         const double to_m = std::min(step.to_m, (scale + 1) * h_m);
         means[scale] += std::max(0.0, to_m - from_m) * graph_.normal(step.triangle);
       }
