@@ -16,7 +16,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr double kMaxSamples = 20'000.0;  // bounds the time
-// Relative to the diameter: less than the tolerance of a near symmetry along edges; in a surface, a curved one turns
+// Relative to the diameter: less than the tolerance of a near-symmetry along edges; in a surface, a curved one turns
 // less than 20 degrees in it unless it is a fillet.
 constexpr double kEdgeSpacing = 0.005, kSurfaceSpacing = 0.01;
 constexpr double kSameCosine = 0.94;        // 20 degrees
