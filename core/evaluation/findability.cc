@@ -157,7 +157,7 @@ std::vector<std::pair<Eigen::Vector3d, RigidTransform>> HalfTurns(const ObjectMo
   for (int i = 0; i < 3; ++i) {
     const Eigen::Vector3d axis = principal.axes.col(i);
     const Eigen::Matrix3d rotation = 2.0 * axis * axis.transpose() - Eigen::Matrix3d::Identity();
-    const RigidTransform turn = {rotation, principal.centre - rotation * principal.centre};
+    const RigidTransform turn = RotationAbout(principal.centre, rotation);
     const RigidTransform nearest = NearestEquivalent(RigidTransform(), model, turn);
     if (RotationAngle(nearest.rotation, rotation) > kSameRad) turns.emplace_back(axis, turn);
   }

@@ -161,9 +161,7 @@ class NearSymmetrySearch {
  private:
   // nullopt if the rotation, refined, is a symmetry, or too much of the object differs.
   std::optional<NearSymmetry> Test(const Vector3d& axis, double angle_rad) const {
-    RigidTransform motion;
-    motion.rotation = ExpSo3(angle_rad * axis);
-    motion.translation_m = centre_ - motion.rotation * centre_;
+    RigidTransform motion = RotationAbout(centre_, ExpSo3(angle_rad * axis));
     if (IsSymmetry(motion.rotation)) return std::nullopt;
     double reach_m = kFirstReach * model_.diameter_m;
     if (Weighted(edges_.RoughShare(motion, reach_m), surface_.RoughShare(motion, reach_m)) < kPromising) {
@@ -189,8 +187,7 @@ class NearSymmetrySearch {
     const Vector3d point =
         (Matrix3d::Identity() - rotation + along).inverse() * (across * translation_m + along * centre_);
     for (const double angle_rad : kFurtherRad) {
-      const Matrix3d spin = ExpSo3(angle_rad * unit);
-      const std::optional<NearSymmetry> further = Measure({spin, point - spin * point});
+      const std::optional<NearSymmetry> further = Measure(RotationAbout(point, ExpSo3(angle_rad * unit)));
       if (!further) return std::nullopt;
       if (further->differing_share > least.differing_share) least = *further;
     }

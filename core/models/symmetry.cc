@@ -415,7 +415,7 @@ class GroupSearch {
 
 std::vector<RigidTransform> AboutCentre(const std::vector<Matrix3d>& rotations, const Vector3d& centre) {
   std::vector<RigidTransform> motions;
-  for (const Matrix3d& rotation : rotations) motions.push_back({rotation, centre - rotation * centre});
+  for (const Matrix3d& rotation : rotations) motions.push_back(RotationAbout(centre, rotation));
   motions[0] = RigidTransform();  // exactly; the centre would leave rounding errors
   return motions;
 }

@@ -116,11 +116,6 @@ class StoredSessionsTest : public ::testing::Test {
     const auto record = store_->FindRequest(kStoredTenant, request_id);
     return record.ok() ? sessions_->Get(kStoredTenant, record->name).value() : nullptr;
   }
-  void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
-    const auto waiting = std::make_shared<WaitingListener>();
-    session->AddWatcher(waiting);
-    waiting->WaitUntil(is_true);
-  }
   void Track(const std::shared_ptr<Session>& session, uint64_t stream, uint64_t seq) {
     ASSERT_TRUE(session->PushEvents(stream, {.seq = seq, .payload = Chunk(seq)}).ok());
     Until(session, [&] { return session->View(stream).ack.processed_seq == seq; });
