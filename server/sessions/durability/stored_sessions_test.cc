@@ -3,7 +3,7 @@
 // Stores of this version and of earlier ones, in tests/data/storage/: a server opens them, reads what their
 // expected.txt says, and resumes their sessions. If the environment variable EVPOSE_WRITE_STORE names a new directory,
 // the last test writes a store of this version there (tests/data/storage/SOURCE.txt says when):
-//   EVPOSE_WRITE_STORE=$PWD/tests/data/storage/v4 build/release/server/sessions/sessions_test
+//   EVPOSE_WRITE_STORE=$PWD/tests/data/storage/v5 build/release/server/sessions/sessions_test
 //   --gtest_filter='*AStoreIsWritten'
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
