@@ -18,7 +18,7 @@ SOURCE = re.compile(r"\.(h|cc|proto|sh|py|ts|mjs|css|html|cmake)$")
 SHARED_DATA = "../" + "shared"
 SHARED_DATA_FILE = "CMakeLists.txt"
 LICENCE = "SPDX-License-Identifier: Apache-2.0"
-NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|cmake|yaml|yml|cfg|service|in)|CMakeLists\.txt|Dockerfile|suppressions\.txt|/uncounted\.txt|^\.ci/run)$")
+NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|js|ts|mjs|css|html|cmake|yaml|yml|cfg|conf|toml|service|in)|CMakeLists\.txt|Dockerfile|suppressions\.txt|/uncounted\.txt|^\.ci/run)$")
 DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,?\s+sections?\s+(\d+)(?:\s+and\s+(\d+))?|,?\s+equations?\s+\((\d+[a-z]?)\)(?:\s+(?:and|to)\s+\((\d+[a-z]?)\))?)?")
 # "README, section 2", "README, equations (1) and (2)", "equation (3) of the README": the README of the folder or of one above.
 NUMBERS = r"(sections?|equations?)\s+\(?(\d+[a-z]?)\)?(?:\s+(?:and|to)\s+\(?(\d+[a-z]?)\)?)?"
