@@ -56,8 +56,8 @@ def check_versions():
     """Checks that the default version of the images is that of the project."""
     version = re.search(r"^project\(evpose VERSION ([\d.]+)", (ROOT / "CMakeLists.txt").read_text(), re.M)[1]
     for name in ("Dockerfile", "compose.yaml", "compose.cluster.yaml", "compose.sentinel.yaml"):
-        said = re.findall(r"VERSION(?:=|:-)([^}\s]*)", (ROOT / "deploy" / name).read_text())
-        check(said and set(said) == {version}, name, "has the version", said, "and not", version)
+        versions = re.findall(r"VERSION(?:=|:-)([^}\s]*)", (ROOT / "deploy" / name).read_text())
+        check(versions and set(versions) == {version}, name, "has the version", versions, "and not", version)
 
 
 def check_images():

@@ -131,11 +131,11 @@ def check_references(pod, objects):
     containers = [pod.container, *pod.sidecars.values()]
     numbers = {port["name"]: port["containerPort"] for container in containers for port in container.get("ports", [])}
     known = {*numbers, *numbers.values()}
-    said = dict(argument[2:].split("=", 1) for argument in pod.arguments())
+    options = dict(argument[2:].split("=", 1) for argument in pod.arguments())
     proxy = one(objects, "ConfigMap", "evpose-haproxy")["data"]
-    check(f" server {said['listen']} " in proxy["pod.cfg"], "HAProxy expects the server elsewhere than at", said["listen"])
+    check(f" server {options['listen']} " in proxy["pod.cfg"], "HAProxy expects the server elsewhere than at", options["listen"])
     check(f"bind :{numbers['grpc']} " in proxy["tls.cfg"], "the port of gRPC differs from that of HAProxy")
-    check(int(said["metrics-listen"].rpartition(":")[2]) == numbers["metrics"], "that of metrics from --metrics-listen")
+    check(int(options["metrics-listen"].rpartition(":")[2]) == numbers["metrics"], "that of metrics from --metrics-listen")
     service = one(objects, "Service", "evpose-server")
     check(selects(service["spec"]["selector"], pod.labels), "the Service selects nothing")
     check(selects(pod.deployment["spec"]["selector"]["matchLabels"], pod.labels), "the Deployment selects nothing")
@@ -148,10 +148,10 @@ def check_references(pod, objects):
             for port in rule["ports"]:
                 check(port["port"] in known, "a NetworkPolicy names no port:", port)
     limit_bytes = int(pod.container["resources"]["limits"]["memory"].removesuffix("Gi")) << 30
-    check(int(said["max-session-memory"]) + PREPARATION_BYTES + OTHER_BYTES <= limit_bytes, "a pod has too little memory")
+    check(int(options["max-session-memory"]) + PREPARATION_BYTES + OTHER_BYTES <= limit_bytes, "a pod has too little memory")
     grace_s = pod.spec["terminationGracePeriodSeconds"]
-    check(float(said["shutdown-notice"]) + float(said["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before the end of its shutdown timeout")
-    return said
+    check(float(options["shutdown-notice"]) + float(options["shutdown-timeout"]) + 5 <= grace_s, "a pod is killed before the end of its shutdown timeout")
+    return options
 
 
 def check_scaling(objects, pod, metrics):

@@ -117,7 +117,7 @@ void LoadPlace::OnCreated(const grpc::Status& grpc_status) {
   ++target_.free_creations;
   const absl::Status status = FromGrpc(grpc_status, "CreateSession");
   if (status.ok()) {
-    has_answer_ = true;
+    has_response_ = true;
     request_id_.clear();
     backoff_.Reset();
     ++counts_.created;
@@ -135,7 +135,7 @@ void LoadPlace::OnCreated(const grpc::Status& grpc_status) {
   ++counts_.refusals[ReasonName(status)];
   const absl::Duration retry_in = GetDetails(status).retry_in;
   const bool is_away = absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status);
-  has_answer_ |= !is_away;
+  has_response_ |= !is_away;
   if ((retry_in == absl::ZeroDuration() && !is_away) || is_cancelled_) {
     state_ = State::kOver;
     return;
@@ -151,7 +151,7 @@ void LoadPlace::Attach(Time now) {
   stream_ = std::make_unique<Stream>(*this, stub());
   state_ = State::kAttaching;
   is_writing_ = true;
-  is_leaving_ = is_complete_ = false;
+  is_shutting_down_ = is_complete_ = false;
   request_.Clear();
   v1::TrackRequest::Attach& attach = *request_.mutable_attach();
   attach.set_session(session_.name);
@@ -164,7 +164,7 @@ void LoadPlace::Attach(Time now) {
 
 void LoadPlace::Send() {
   if (is_writing_ || is_complete_ || state_ != State::kStreaming) return;
-  if (is_leaving_ && !session_.has_summary) {
+  if (is_shutting_down_ && !session_.has_summary) {
     is_complete_ = true;
     stream_->StartWritesDone();
     return;
@@ -217,7 +217,7 @@ void LoadPlace::OnResponse(const v1::TrackResponse& response) {
       limit_bytes_ = response.ack().send_limit_bytes();
       return Send();
     case v1::TrackResponse::kNotice:
-      is_leaving_ |= response.notice().has_go_away();
+      is_shutting_down_ |= response.notice().has_go_away();
       return;
     case v1::TrackResponse::kSummary:
       session_.has_summary = true;
@@ -385,9 +385,9 @@ bool LoadPlace::IsIdle() const {
   return state_ == State::kOver;
 }
 
-bool LoadPlace::HasAnswer() const {
+bool LoadPlace::HasResponse() const {
   const std::lock_guard lock(mutex_);
-  return has_answer_;
+  return has_response_;
 }
 
 LoadCounts LoadPlace::counts() const {

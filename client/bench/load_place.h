@@ -60,7 +60,7 @@ class LoadPlace {
   // Finish() was called, and no call is under way.
   bool IsIdle() const;
   // A first creation has succeeded or was refused.
-  bool HasAnswer() const;
+  bool HasResponse() const;
   LoadCounts counts() const;
 
  private:
@@ -118,7 +118,7 @@ class LoadPlace {
   State state_ ABSL_GUARDED_BY(mutex_) = State::kWaiting;
   bool is_finishing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_cancelled_ ABSL_GUARDED_BY(mutex_) = false;
-  bool has_answer_ ABSL_GUARDED_BY(mutex_) = false;
+  bool has_response_ ABSL_GUARDED_BY(mutex_) = false;
   Time now_ ABSL_GUARDED_BY(mutex_){};     // of the last Act()
   Time act_at_ ABSL_GUARDED_BY(mutex_){};  // the next creation or attach; kAttaching: the end of the wait
   size_t server_ ABSL_GUARDED_BY(mutex_);  // index of LoadTarget::stubs
@@ -130,8 +130,8 @@ class LoadPlace {
   Position session_ ABSL_GUARDED_BY(mutex_);
   // Of the stream.
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
-  bool is_leaving_ ABSL_GUARDED_BY(mutex_) = false;   // the server shuts down
-  bool is_complete_ ABSL_GUARDED_BY(mutex_) = false;  // nothing more is written
+  bool is_shutting_down_ ABSL_GUARDED_BY(mutex_) = false;  // the server, by its GoAway
+  bool is_complete_ ABSL_GUARDED_BY(mutex_) = false;       // nothing more is written
   uint64_t sent_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t limit_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   v1::TrackRequest request_ ABSL_GUARDED_BY(mutex_);

@@ -85,7 +85,6 @@ absl::StatusOr<LoadRecording> LoadRecording::Make(double rate_hz, int64_t chunk_
 absl::Status LoadRecording::Encode(const std::vector<Event>& events, size_t num_chunks) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventEncoder> encoder,
                           MakeEventEncoder(Encoding::kEvt3, scene_.geometry));
-  num_events_ = events.size();
   // A period begins with the complete time, because it follows another one.
   EVPOSE_RETURN_IF_ERROR(encoder->EncodeTime(0, bytes_));
   auto next = events.begin();

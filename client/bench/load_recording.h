@@ -38,8 +38,6 @@ class LoadRecording {
 
   int64_t chunk_us() const { return chunk_us_; }
   int64_t period_us() const { return chunk_us_ * static_cast<int64_t>(chunks_.size()); }
-  // Events per second of sensor time.
-  double RateHz() const { return 1e6 * static_cast<double>(num_events_) / static_cast<double>(period_us()); }
   // Model, camera and first pose of the scene; without its events.
   const SpeedRecording& scene() const { return scene_; }
 
@@ -55,7 +53,6 @@ class LoadRecording {
 
   SpeedRecording scene_;
   int64_t chunk_us_ = 0;
-  uint64_t num_events_ = 0;  // of a period
   std::vector<Chunk> chunks_;
   std::vector<uint8_t> bytes_;
   std::vector<size_t> highs_;  // positions of the TIME_HIGH words in bytes_

@@ -82,20 +82,20 @@ class LoadRun {
 
   // Waits until every session was created or refused.
   absl::Status Start() {
-    ptrdiff_t num_answers = 0;
-    Time answered_at = begin_;
+    ptrdiff_t num_responses = 0;
+    Time responded_at = begin_;
     bool is_away = false;
     const auto is_over = [&](Time now) {
-      if (const ptrdiff_t num = NumAnswers(); num > num_answers) {
-        num_answers = num;
-        answered_at = now;
+      if (const ptrdiff_t num = NumResponses(); num > num_responses) {
+        num_responses = num;
+        responded_at = now;
       }
-      is_away = now - answered_at >= absl::ToChronoMicroseconds(options_.max_outage);
-      return is_away || num_answers == std::ssize(places_);
+      is_away = now - responded_at >= absl::ToChronoMicroseconds(options_.max_outage);
+      return is_away || num_responses == std::ssize(places_);
     };
     if (!Until(is_over, 0.0)) return absl::CancelledError("interrupted");
-    if (num_answers == std::ssize(places_)) return absl::OkStatus();
-    return absl::UnavailableError(absl::StrCat(options_.addresses, ": ", places_.size() - num_answers, " of ",
+    if (num_responses == std::ssize(places_)) return absl::OkStatus();
+    return absl::UnavailableError(absl::StrCat(options_.addresses, ": ", places_.size() - num_responses, " of ",
                                                places_.size(), " sessions were neither created nor refused within ",
                                                absl::FormatDuration(options_.max_outage),
                                                "; check that the servers run and can be reached"));
@@ -166,8 +166,8 @@ class LoadRun {
     progress_at_ = now + kProgressPeriod;
     return on_progress_(ratio_, Counts());
   }
-  ptrdiff_t NumAnswers() const {
-    return std::count_if(places_.begin(), places_.end(), [](const auto& place) { return place->HasAnswer(); });
+  ptrdiff_t NumResponses() const {
+    return std::count_if(places_.begin(), places_.end(), [](const auto& place) { return place->HasResponse(); });
   }
   bool IsIdle() const {
     return std::all_of(places_.begin(), places_.end(), [](const auto& place) { return place->IsIdle(); });

@@ -26,8 +26,8 @@ struct LoadOptions {
   double churn_per_minute = 0.0;  // sessions that end and are replaced by new ones
   int watchers = 0;               // of all sessions together
   double watch_hz = 30.0;         // most poses per second that a watcher asks for
-  // Called when every session was created or refused, and at the end of the test. They may start work in another
-  // thread: the sessions go on, and are not measured, until is_read() returns true, but at most for 30 s.
+  // Called when every session was created or refused, and at the end of the test. If they start work in another thread,
+  // the sessions continue without being measured until is_read() returns true, at most 30 s.
   std::function<void()> on_begin, on_end;
   std::function<bool()> is_read;  // empty: such work is not waited for
   // The start fails when no session has been created or refused for this time.

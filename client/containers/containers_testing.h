@@ -70,9 +70,4 @@ inline std::string WriteBytes(const std::string& path, const std::string& bytes)
   return path;
 }
 
-inline std::string ReadBytesOf(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
 }  // namespace evpose::client

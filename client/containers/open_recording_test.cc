@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "client/containers/containers_testing.h"
+#include "core/base/output_file.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/recordings/recording_writer.h"
 #include "tests/data/test_data.h"
@@ -63,7 +64,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST_P(ForeignFileTest, TruncatedOrDamagedItGivesCountsOrAnError) {
   const TemporaryDirectory directory;
-  const std::string bytes = ReadBytesOf(FindTestData(std::string("containers/") + GetParam().name));
+  const std::string bytes = ReadFile(FindTestData(std::string("containers/") + GetParam().name), SIZE_MAX).value();
   for (size_t step = 1; step < 24; ++step) {
     const size_t position = bytes.size() * step / 24;
     const auto truncated = ReadAll(WriteBytes(directory.File("truncated"), bytes.substr(0, position)));
@@ -116,7 +117,7 @@ TEST(OpenRecordingTest, AFileWithTheCharacterOfTopicsInItsNameIsFound) {
 
 TEST(OpenRecordingTest, AFolderOfRosbag2IsReadThroughItsFile) {
   const TemporaryDirectory directory;
-  const std::string bytes = ReadBytesOf(FindTestData("containers/packets.mcap"));
+  const std::string bytes = ReadFile(FindTestData("containers/packets.mcap"), SIZE_MAX).value();
   WriteBytes(directory.File("metadata.yaml"), "rosbag2_bagfile_information:\n");
   EXPECT_THAT(ErrorOf(directory.path()), HasSubstr("is a directory, not a recording"));
   const std::string first = WriteBytes(directory.File("bag_0.mcap"), bytes);

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kFlat64Addresses = 1 << 14;                // of rows and of columns
 constexpr int64_t kClockRange_us = int64_t{1} << 32;     // of FLAT64
-constexpr int64_t kMaxStep_us = (int64_t{1} << 31) - 1;  // that a decoder takes for what it is
+constexpr int64_t kMaxStep_us = (int64_t{1} << 31) - 1;  // largest step in time that a decoder does not take for a wrap
 constexpr SensorGeometry kUnknownSensor = {2048, 2048};  // as for FLAT64 without a geometry
 
 // The sizes of the sensors of Prophesee, iniVation, Samsung and CelePixel, by their number of pixels.

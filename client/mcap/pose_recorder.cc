@@ -141,7 +141,7 @@ void PoseRecorder::Add(const Pose& camera_pose, const FramedPose& framed, const 
   const std::string& id = camera_pose.object_id;
   if (!IsRecorded(id)) return;
   const uint64_t time_ns = LogTime(camera_pose.t_us);
-  // A subscriber takes every message with a pose for one that it may act on.
+  // Subscribers may act on every pose that they receive, so that poses in other states are not written.
   if (camera_pose.state == TrackState::kTracking || camera_pose.state == TrackState::kDegraded) {
     const Pose& pose = framed.pose;
     Write("/tf", kTransformsType, time_ns,

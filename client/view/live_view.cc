@@ -50,7 +50,8 @@ void LiveView::Run(const std::stop_token& stop) {
     const auto [next, calls] = NextRequest(stop);
     if (stop.stop_requested()) return;
     if (next.settings && !(*next.settings == settings_)) {
-      // The page itself uses the window (README, section 3), so that a change of it needs no other stream.
+      // The page itself accumulates live images over the window (README, section 3); a change of it needs no new
+      // stream.
       const bool is_other = next.settings->cell_px != settings_.cell_px || next.settings->rate_hz != settings_.rate_hz;
       settings_ = *next.settings;
       if (watch_ && is_other && !next.session) watch_->SetImages(settings_);

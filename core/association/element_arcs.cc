@@ -141,6 +141,8 @@ class ArcJoiner {
   // Whether the curve is smooth from one element to the next.
   bool IsSmooth(const Link& a, const Link& b) const {
     const double turn = a.direction.x() * b.direction.y() - a.direction.y() * b.direction.x();
+    // An arc that turns by `turn` over the length of its chord has the sagitta turn * length / 8; the length is the
+    // mean of both elements, and the sine of the turn stands for the turn.
     const double sagitta_px = std::abs(turn) * (a.length_px + b.length_px) / 16.0;
     return a.direction.dot(b.direction) > 0.0 && sagitta_px <= kMaxSagittaRatio * options_.sagitta_px;
   }

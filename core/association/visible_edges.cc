@@ -282,8 +282,8 @@ float VisibleEdges::ContrastOf(const ModelLine& line, const SeenEdge& edge) cons
     case EdgeSides::kDifferent:
       break;
   }
-  const double cosine = line.face_normals[0].dot(line.face_normals[1]);
-  const float contrast = CreaseContrast(std::acos(std::clamp(cosine, -1.0, 1.0)));
+  const Eigen::Vector3d &a = line.face_normals[0], &b = line.face_normals[1];
+  const float contrast = CreaseContrast(DeterministicAtan2(a.cross(b).norm(), a.dot(b)));
   return contrast < kSharpCreaseContrast ? contrast : 1.0f;
 }
 

@@ -24,8 +24,8 @@ using Eigen::Vector2d;
 constexpr double kFocalPrior = 0.2;         // of the focal length: the tolerance of tracking
 constexpr double kAspectPrior = 0.01;       // pixels are square
 constexpr double kCentrePrior = 0.03;       // of the width: how far lenses are off the middle of their sensors
-constexpr double kRadialPrior = 0.3;        // coefficients of wide lenses; of a rational lens they reach one
-constexpr double kRationalPrior = 1.0;      //
+constexpr double kRadialPrior = 0.3;        // coefficients of wide lenses
+constexpr double kRationalPrior = 1.0;      // coefficients of a rational lens reach one
 constexpr double kTangentialPrior = 0.005;  // p1, p2
 constexpr double kEdgeShiftPriorPx = 0.3;   // at rest, and its change at 1000 px/s
 constexpr double kMaxErrorToPrior = 0.5;
@@ -35,6 +35,8 @@ constexpr double kMaxErrorToPrior = 0.5;
 constexpr int64_t kTrialUs = 2'500'000;
 // The longest search for the object in it, microseconds: bounds the time for a recording that does not show the object.
 constexpr int64_t kMaxTrialUs = 60'000'000;
+// Half of the intervals of a calibration: a trial estimates few parameters, and only compares the focal lengths.
+constexpr int kTrialIntervals = 150;
 // Standard errors need so many parts of the recordings; their duration is halved until there are as many, or until it
 // is that of an interval.
 constexpr int kWantedBlocks = 16;
@@ -191,8 +193,10 @@ absl::Status Calibrator::FindStart() {
     parameters_ = start;
     SetParameters(parameters_, camera_);
     if (!camera_.CheckView().ok()) continue;
-    TrackedRecordingOptions tracked{
-        .sensor = options_.sensor, .max_duration_us = kMaxTrialUs, .max_tracked_us = kTrialUs, .max_intervals = 150};
+    TrackedRecordingOptions tracked{.sensor = options_.sensor,
+                                    .max_duration_us = kMaxTrialUs,
+                                    .max_tracked_us = kTrialUs,
+                                    .max_intervals = kTrialIntervals};
     EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> recording, open_(recordings_[0]));
     EVPOSE_ASSIGN_OR_RETURN(Intervals intervals,
                             CollectIntervals(*recording, 0, model_, camera_, tracked, [](double) {}));
@@ -274,7 +278,7 @@ absl::Status Calibrator::AdjustDetermined(Intervals& intervals) {
 double Calibrator::LargestMotionPx(const CalibrationParameters& from, const CalibrationParameters& to) const {
   double largest = 0.0;
   for (const LineSample& sample : samples_) {
-    // The bearing that the first camera without distortion has there: near enough for the size of a change.
+    // Bearing by the first camera without distortion; it is accurate enough to measure how far the image has moved.
     const Vector2d bearing((sample.pixel.x() - from[kCentreX]) / from[kFocal],
                            (sample.pixel.y() - from[kCentreY]) / (from[kFocal] * from[kAspect]));
     largest = std::max(largest, (ProjectBearing(from, bearing) - ProjectBearing(to, bearing)).norm());

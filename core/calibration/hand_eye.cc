@@ -35,6 +35,20 @@ constexpr double kLeastScale = 5e-5;
 constexpr int kScaleUpdates = 4;
 constexpr int kIterations = 30;
 constexpr int kOffsetCandidates = 3;
+// Damping of Levenberg and Marquardt's iteration, relative to the diagonal of the equations: at first and its bounds.
+// It changes by the factor 10; above the upper bound a step no longer changes the cost.
+constexpr double kFirstDamping = 1e-4, kLeastDamping = 1e-9, kLargestDamping = 1e8, kDampingFactor = 10.0;
+// A fit whose cost decreases by less than this part of it in a step has converged.
+constexpr double kConverged = 1e-10;
+// Autocorrelation below which residuals count as uncorrelated (README, section 7).
+constexpr double kUncorrelated = 0.1;
+// Standard errors above it, metres and radians, are reported: such a transform misses the object by centimetres.
+constexpr double kLargeError = 0.05;
+// A number of outliers above one in so many poses is reported. By chance there are 3e-7 (kOutlier2).
+constexpr int kPosesPerOutlier = 20;
+// Fits whose offsets are nearer than this, seconds, have the same offset: half the time over which time_offset.cc
+// measures the motion.
+constexpr double kSameOffset_s = 0.05;
 // Another offset or mount whose residuals are not larger by this factor is reported.
 constexpr double kClearRatio = 1.5;
 
@@ -114,7 +128,7 @@ NormalEquations MakeEquations(const HandEyeFit& fit, const HandEyeFree& free) {
 // Levenberg and Marquardt's iteration at fixed scales. Returns false if too few poses have a reference.
 bool Iterate(const Trajectory& poses, const MovingReference& reference, const HandEyeFree& free, size_t min_poses,
              HandEyeFit& fit) {
-  double damping = 1e-4;
+  double damping = kFirstDamping;
   double cost = MeanCost(fit, fit.pairs, fit.state);
   for (int i = 0; i < kIterations; ++i) {
     const NormalEquations equations = MakeEquations(fit, free);
@@ -127,15 +141,15 @@ bool Iterate(const Trajectory& poses, const MovingReference& reference, const Ha
     std::vector<HandEyePair> pairs = free.offset ? PairPoses(poses, reference, next.time_offset_s) : fit.pairs;
     const double next_cost = pairs.size() < min_poses ? kInfinity : MeanCost(fit, pairs, next);
     if (!(next_cost <= cost)) {
-      damping *= 10.0;
-      if (damping > 1e8) break;
+      damping *= kDampingFactor;
+      if (damping > kLargestDamping) break;
       continue;
     }
-    const bool is_done = cost - next_cost <= 1e-10 * cost;
+    const bool is_done = cost - next_cost <= kConverged * cost;
     fit.state = next;
     fit.pairs = std::move(pairs);
     cost = next_cost;
-    damping = std::max(1e-9, 0.1 * damping);
+    damping = std::max(kLeastDamping, 0.1 * damping);
     if (is_done) break;
   }
   return fit.pairs.size() >= min_poses;
@@ -175,7 +189,7 @@ std::pair<size_t, double> Correlation(const HandEyeFit& fit) {
     Vector6d product = Vector6d::Zero();
     for (size_t i = lag; i < whites.size(); ++i) product += whites[i].cwiseProduct(whites[i - lag]);
     const Vector6d correlation = product.cwiseQuotient(variance);
-    ended = ended || correlation.array() < 0.1;
+    ended = ended || correlation.array() < kUncorrelated;
     for (int k = 0; k < 6; ++k) {
       if (!ended(k)) sum(k) += 2.0 * correlation(k);
     }
@@ -281,7 +295,7 @@ void AddWarnings(const HandEyeFree& free, const HandEyeOptions& options, HandEye
   }
   const double worst_rad = std::max(result.left_errors.tail<3>().maxCoeff(), result.right_errors.tail<3>().maxCoeff());
   const double worst_m = std::max(result.left_errors.head<3>().maxCoeff(), result.right_errors.head<3>().maxCoeff());
-  if (free.transforms && (worst_rad > 0.05 || worst_m > 0.05)) {
+  if (free.transforms && (worst_rad > kLargeError || worst_m > kLargeError)) {
     warn("a standard error exceeds 50 mm or 0.05 rad: the poses hardly determine that number");
   }
   if (result.other_mount_ratio && *result.other_mount_ratio < kClearRatio) {
@@ -289,7 +303,7 @@ void AddWarnings(const HandEyeFree& free, const HandEyeOptions& options, HandEye
         "the other mount fits nearly as well (residuals larger by a factor of %.2f): give the mount, or move more",
         *result.other_mount_ratio));
   }
-  if (result.num_outliers * 20 > result.num_poses) {
+  if (result.num_outliers * kPosesPerOutlier > result.num_poses) {
     warn(absl::StrFormat("%d of %d poses are outliers, beyond 5 standard deviations", result.num_outliers,
                          result.num_poses));
   }
@@ -344,7 +358,7 @@ void AddAlternatives(const std::vector<HandEyeFit>& fits, HandEye& result) {
       continue;
     }
     const double apart_s = std::abs(fit.state.time_offset_s - best.state.time_offset_s);
-    if (apart_s < 0.05 || ratio >= kClearRatio) continue;
+    if (apart_s < kSameOffset_s || ratio >= kClearRatio) continue;
     result.warnings.push_back(absl::StrFormat(
         "a time offset of %.3f s fits nearly as well (residuals larger by a factor of %.2f): is the motion periodic?",
         fit.state.time_offset_s, ratio));

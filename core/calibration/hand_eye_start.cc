@@ -28,6 +28,8 @@ struct RelativeMotion {
 std::vector<RelativeMotion> RelativeMotions(const std::vector<HandEyePair>& pairs) {
   std::vector<RelativeMotion> motions;
   const size_t n = pairs.size();
+  // Over several times: a large rotation determines the axis better than a small one, but above kMaxMotionAngle_rad it
+  // is not used.
   for (const size_t lag : {n / 16, n / 8, n / 4, n / 2}) {
     for (size_t i = 0; lag > 0 && i + lag < n; ++i) {
       const HandEyePair &a = pairs[i], &b = pairs[i + lag];
@@ -170,7 +172,7 @@ HandEyeResidual ResidualOf(const HandEyePair& pair, const HandEyeState& state) {
   const Eigen::Vector3d moved = g.rotation * state.right.translation_m;
   HandEyeResidual residual;
   residual.value = Difference(pair.camera_from_object, state.left * g * state.right);
-  // Of the prediction, whose rotations are those of the residual for small ones; the residual's are the negative.
+  // Jacobian of the prediction; that of the residual is its negative (to first order in the rotation).
   auto& j = residual.jacobian;
   j.block<3, 3>(0, 0).setIdentity();
   j.block<3, 3>(0, 3) = -Hat(left * (moved + g.translation_m));

@@ -24,7 +24,7 @@ struct CalibrationInterval {
   int64_t duration_us = 0;  // of the events
   RigidTransform camera_from_object;
   Vector6d twist = Vector6d::Zero();  // as PoseEstimate::twist
-  bool is_degraded = false;           // the tracker doubts the pose; with a wrong camera it always does
+  bool is_degraded = false;           // the pose was DEGRADED, as all poses are with a wrong camera
   std::vector<Event> events;
 };
 

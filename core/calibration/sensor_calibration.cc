@@ -37,7 +37,7 @@ struct WeightedPassage {
 };
 
 // SensorProfile::uncertainty of a calibrated profile. The standard errors of the constants are smaller, but the model
-// of the pixel holds to some hundredths of a pixel only (README, equation (3)): 0.3 of SystematicOptions::lag_px.
+// of the pixel holds to some hundredths of a pixel only (README, equation (9)): 0.3 of SystematicOptions::lag_px.
 constexpr double kCalibratedUncertainty = 0.3;
 
 SensorProfile WithConstants(SensorProfile profile, const double* constants) {
@@ -275,7 +275,8 @@ absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRe
                         "cannot be distinguished from the lag; record slow and fast motion",
                         options.initial.latency_us, result.slowest_px_per_s, result.fastest_px_per_s));
   }
-  // With tracked poses, the latency in the fit is what the tracker's own profile leaves of the common delay.
+  // With tracked poses, the fitted latency contains only the part of the common delay that the tracker's profile does
+  // not correct.
   const int num_free = !has_speeds ? kNumAtAnySpeed : result.are_times_fitted ? kNumConstants : kNumAtAnySpeed + 1;
   EVPOSE_ASSIGN_OR_RETURN(const Constants constants, Minimise(passages, options, num_free));
   const Covariance covariance =

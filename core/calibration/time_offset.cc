@@ -19,6 +19,8 @@ constexpr double kMinStep_s = 0.005;
 constexpr double kMinSpan_s = 0.1;
 // Rotations below this root mean square, radians, within the span are noise: then distances are compared.
 constexpr double kMinRotation_rad = 0.005;
+// Fewer pairs of samples may have a high correlation by chance.
+constexpr int64_t kMinPairs = 10;
 
 // Values above this quantile are set to it: jumps between the equivalent poses of a symmetric object are no motion.
 constexpr double kCappedQuantile = 0.9;
@@ -114,7 +116,7 @@ std::vector<OffsetCandidate> FindTimeOffsets(const Trajectory& estimate, const T
   const auto is_known = [](double value) { return !std::isnan(value); };
   const int64_t known =
       std::min(std::count_if(a.begin(), a.end(), is_known), std::count_if(b.begin(), b.end(), is_known));
-  const int64_t min_count = std::max<int64_t>(10, (known + 1) / 2);
+  const int64_t min_count = std::max<int64_t>(kMinPairs, (known + 1) / 2);
 
   std::vector<double> correlations;
   const int64_t first_shift = -std::ssize(a);

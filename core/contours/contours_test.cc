@@ -3,6 +3,7 @@
 
 #include "core/contours/contour_shapes_testing.h"
 #include "core/contours/edge_elements.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -23,12 +24,6 @@ std::vector<double> ErrorsPx(const DistanceField& field, const std::vector<EdgeE
     for (const Eigen::Vector3d& point : SamplesOf(element)) errors.push_back(OutsidePx(field, eye, point, 0.03));
   }
   return errors;
-}
-
-double Mean(const std::vector<double>& values) {
-  double sum = 0.0;
-  for (const double value : values) sum += value;
-  return sum / static_cast<double>(values.size());
 }
 
 std::vector<double> Magnitudes(std::vector<double> values) {

@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "core/events/event.h"
@@ -50,6 +51,9 @@ class LineDetector {
   // empty.
   virtual LineDetection Detect(absl::Span<const PixelEvent> events) = 0;
 };
+
+// Error: INVALID_ARGUMENT for a sensor without pixels.
+absl::Status CheckSensor(SensorGeometry geometry);
 
 // Makes a detector for a sensor. Errors: INVALID_ARGUMENT.
 using LineDetectorFactory = std::function<absl::StatusOr<std::unique_ptr<LineDetector>>(SensorGeometry geometry)>;

@@ -74,6 +74,7 @@ struct MovingLineOptions {
   // this struct are validated by simulated_lines_test and driving_lines_test.
   double gate_px = 3.0;
   // Standard deviation of the rotation of lines, rad/s: a prior, without which short lines would follow their noise.
+  // 115 degrees per second, as of an object that is turned by hand.
   double turn_rad_per_s = 2.0;
   // Standard deviation of the acceleration of lines, px/s^2: a prior. 3 m/s^2 of a hand at 1 m, with f = 1000 px.
   double acceleration_px_per_s2 = 3000.0;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 
@@ -69,10 +68,7 @@ absl::Status PlaneDetectorOptions::Validate() const {
 absl::StatusOr<std::unique_ptr<LineDetector>> MakePlaneLineDetector(const PlaneDetectorOptions& options,
                                                                     SensorGeometry geometry) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  if (geometry.width_px <= 0 || geometry.height_px <= 0) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("the sensor has %d x %d pixels; both must be positive", geometry.width_px, geometry.height_px));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckSensor(geometry));
   return std::make_unique<PlaneLineDetector>(options, geometry);
 }
 

@@ -33,7 +33,7 @@ Finding Named(const char* check) {
   return finding;
 }
 
-// What a reader left out and should not have had to.
+// Events and pieces that the reader of a container skipped because they were damaged.
 struct LostParts {
   uint64_t events = 0;
   uint64_t pieces = 0;
@@ -90,7 +90,7 @@ Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock, const St
   Finding gaps = finding;
   SetVerdict(step_back_us, options_.step_back_us, "us", finding);
   SetVerdict(gap_us, options_.gap_us, "us", gaps);
-  // The decoder's count, which is also that of evpose info: some of these times are not those of events.
+  // The count is the decoder's, as in `evpose info`; it includes time words without events.
   finding.text = absl::StrCat("time stamps step back ", Counted(facts.counts.time_backsteps, "time"),
                               "; the largest step between events is ", clock.largest_step_back_us, " us; ",
                               Counted(clock.num_gaps, "gap"));
@@ -111,6 +111,8 @@ Finding RecordingDiagnosis::CheckClock(const ClockWatch::Result& clock, const St
     std::string place =
         absl::StrFormat("no events for %.3f ms from %s on, where %.0f would be usual",
                         1e-3 * static_cast<double>(gap.duration_us), Seconds(gap.begin_us), gap.expected_events);
+    // The clocks of EVT3, of DAT and FLAT64, and of EVT2 (core/events/README.md). One per cent allows for the time
+    // between the events beside the gap.
     for (const int bits : {24, 32, 34}) {
       const double period_us = std::ldexp(1.0, bits);
       if (std::abs(static_cast<double>(gap.duration_us) - period_us) < 0.01 * period_us) {
@@ -221,7 +223,8 @@ Finding RecordingDiagnosis::CheckHotPixels() const {
   const std::vector<PixelCounts::HotPixel> hot = pixels_.FindHot(options_);
   double hot_events = 0.0;
   for (const PixelCounts::HotPixel& pixel : hot) hot_events += static_cast<double>(pixel.events);
-  // Of the events that tracking needs at least, if nothing moves.
+  // Lower bound of the denominator: the least number of events for tracking, so that the share is not large only
+  // because nothing moves.
   const double needed = options_.min_events_in_20_ms * static_cast<double>(duration_us()) / MotionSamples::kSlice_us;
   const double share = hot_events / std::max(static_cast<double>(num_events()), needed);
   SetVerdict(share, options_.hot_share, "share of the events", finding);

@@ -42,7 +42,6 @@ class RecordingDiagnosis {
   void Add(absl::Span<const Event> events);
 
   uint64_t num_events() const { return pixels_.num_events(); }
-  int64_t t_first_us() const { return t_first_us_; }
   int64_t duration_us() const { return num_events() == 0 ? 0 : t_last_us_ - t_first_us_; }
   const SensorGeometry& geometry() const { return geometry_; }
   const DiagnosisOptions& options() const { return options_; }

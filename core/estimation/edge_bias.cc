@@ -103,6 +103,7 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
     for (size_t k = begin; k < end; ++k) {
       const ImageLine& line = lines[k];
       if (!line.in_view()) continue;
+      // Not the ends themselves: a pivot in the outer tenths reverses the motion of few events.
       const double first = NormalSpeedPxPerS(camera_, line, 0.1);
       const double last = NormalSpeedPxPerS(camera_, line, 0.9);
       if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;

@@ -65,8 +65,8 @@ EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& ra
 // the choice of min_events follows from the errors of 1 % and 3 degrees that a stripe caused
 // (core/estimation/README.md, section 3). edge_bias_test bounds turn_memory_px2 from above.
 struct EdgeOptions {
-  // Explained events of a line before a correction is applied to it: a step correction applied to a stripe locks onto
-  // one of its sides (core/estimation/README.md, section 3).
+  // Explained events of a line before a correction is applied to it: with a step correction, the line of a stripe
+  // converges to one of its sides (core/estimation/README.md, section 3).
   double min_events = 200.0;
   // Explained events over which the contrast is averaged. The contrast changes with the view and the background within
   // about a second.

@@ -49,9 +49,12 @@ struct DeficitCounts {
 
 // The conclusion from the absence of events near a line that moves across itself.
 enum class Expectation : uint8_t {
-  kEvents,   // the estimate is wrong: a straight line, or a curve that has shown events or has a high contrast
-  kPerhaps,  // nothing yet for the motion: a contour against a background that may be as bright as the object
-  kNothing,  // nothing: the curve has moved without events while the pose was confirmed
+  // A straight line, or a curve that has shown events or has a high contrast: missing events contradict the estimate.
+  kEvents,
+  // A contour against a background that may be as bright as the object: missing events say nothing yet of the motion.
+  kPerhaps,
+  // A curve that has moved without events while the pose was confirmed: missing events say nothing.
+  kNothing,
 };
 
 // The events of a window near the predicted lines. All pointers and spans are valid during the call only.

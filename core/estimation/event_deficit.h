@@ -29,12 +29,12 @@ void PoolCounts(absl::Span<DeficitCounts> counts);
 // the missing share of the expected events, in [0, 1].
 //
 // Where fewer events were observed than `deficit_counts` expects of `twist`, a one-sided Poisson penalty, multiplied by
-// `scale`, brakes the motion of the half line. It is applied only as far as more than half of the expected events of
-// the whole object are missing: otherwise the lines without events are occluded, and braking them would pull the object
-// away from its visible lines. An excess of one line does not compensate for a deficit of another one, because it is
-// caused by something else that passes. In a single window a slow line is expected to produce a tenth of an event and
-// usually produces none; `past`, the counts of earlier windows for the same lines, or empty, distinguishes this from a
-// deficit.
+// `scale`, reduces the estimated speed of the half line. It is applied only as far as more than half of the expected
+// events of the whole object are missing: otherwise the lines without events are occluded, and the penalty would pull
+// the object away from its visible lines. An excess of one line does not compensate for a deficit of another one,
+// because it is caused by something else that passes. In a single window a slow line is expected to produce a tenth of
+// an event and usually produces none; `past`, the counts of earlier windows for the same lines, or empty, distinguishes
+// this from a deficit.
 double AddEventDeficit(const CameraModel& camera, absl::Span<const ImageLine> lines,
                        absl::Span<const DeficitCounts> deficit_counts, absl::Span<const DeficitCounts> past,
                        const Vector6d& twist, double scale, Matrix12d& hessian, Vector12d& gradient);

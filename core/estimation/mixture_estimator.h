@@ -55,7 +55,8 @@ struct MixtureOptions {
   double usual_displacement_px = 0.05;
   // Lower bound of the events per swept square pixel of every line, for the event deficit (core/estimation/README.md,
   // section 4). It is well below what sensors produce at ordinary contrast (1 to 5), so that faint or occluded lines do
-  // not brake the object. Validated by the scenario "rests": without the event deficit an object that stops is lost.
+  // not bias the twist towards zero. Validated by the scenario "rests": without the event deficit an object that stops
+  // is lost.
   double min_events_per_px2 = 0.15;
 
   // Explained events over which the spread and the outlier ratio are averaged from window to window. They change with

@@ -157,7 +157,7 @@ std::vector<std::pair<Eigen::Vector3d, RigidTransform>> HalfTurns(const ObjectMo
   for (int i = 0; i < 3; ++i) {
     const Eigen::Vector3d axis = principal.axes.col(i);
     const Eigen::Matrix3d rotation = 2.0 * axis * axis.transpose() - Eigen::Matrix3d::Identity();
-    const RigidTransform turn = {rotation, principal.centre - rotation * principal.centre};
+    const RigidTransform turn = RotationAbout(principal.centre, rotation);
     const RigidTransform nearest = NearestEquivalent(RigidTransform(), model, turn);
     if (RotationAngle(nearest.rotation, rotation) > kSameRad) turns.emplace_back(axis, turn);
   }
@@ -185,20 +185,20 @@ class FindabilityPredictor {
     const std::vector<SampledEdge> samples = SampleEdges(viewer_.image_lines());
     for (const auto& [axis, turn] : turns_) {
       viewer_.At(view.camera_from_object * turn);
-      result.twins.push_back(Compare(axis, samples, SampleEdges(viewer_.image_lines())));
+      result.rivals.push_back(Compare(axis, samples, SampleEdges(viewer_.image_lines())));
     }
     FindSmallest(direction, result);
     return result;
   }
 
  private:
-  HalfTurnTwin Compare(const Eigen::Vector3d& axis, const std::vector<SampledEdge>& samples,
-                       std::vector<SampledEdge> twin) const {
-    // The twin would be shifted by the search: its centre of rotation is not that of its outline.
+  HalfTurnRival Compare(const Eigen::Vector3d& axis, const std::vector<SampledEdge>& samples,
+                        std::vector<SampledEdge> rival) const {
+    // The rival would be shifted by the search: its centre of rotation is not that of its outline.
     constexpr double kReach = 0.08;  // relative to the object's size
-    ShiftOnto(samples, kReach * options_.views.object_px, options_.same_rad, twin);
-    const size_t differing = CountDiffering(samples, twin, options_) + CountDiffering(twin, samples, options_);
-    const size_t all = samples.size() + twin.size();
+    ShiftOnto(samples, kReach * options_.views.object_px, options_.same_rad, rival);
+    const size_t differing = CountDiffering(samples, rival, options_) + CountDiffering(rival, samples, options_);
+    const size_t all = samples.size() + rival.size();
     return {axis, kSamplePx * static_cast<double>(differing),
             all > 0 ? static_cast<double>(differing) / static_cast<double>(all) : 0.0};
   }

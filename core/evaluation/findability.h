@@ -16,7 +16,7 @@ namespace evpose {
 // The defaults are limits of the searches, which the comments name. They are validated by findability_test on a cube,
 // on its edges as dashes and on nearly symmetric boxes; no benchmark compares the prediction with searches.
 struct FindabilityOptions {
-  ModelViewOptions views;  // `object_px` is the size at which edges are counted and twins are compared
+  ModelViewOptions views;  // `object_px` is the size at which edges are counted and rivals are compared
   // Visible length, pixels, of edges that a view needs: three edges, which determine the six unknowns of a pose, of
   // `min_line_px`.
   double min_edge_px = 60.0;
@@ -46,7 +46,7 @@ struct FindabilityOptions {
 };
 
 // The pose that is turned by half a turn, compared with the true one.
-struct HalfTurnTwin {
+struct HalfTurnRival {
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // principal axis, object frame, unit
   // Visible length of the edges of either pose that have no counterpart in the other, pixels, after the best shift in
   // the image, and its share of the length of both.
@@ -60,7 +60,7 @@ struct ViewFindability {
   // Smallest diameter of the object in the image with which it can be found; infinite if it cannot be found with the
   // largest one.
   double smallest_px = std::numeric_limits<double>::infinity();
-  std::vector<HalfTurnTwin> twins;  // without those that are symmetries of the object
+  std::vector<HalfTurnRival> rivals;  // without those that are symmetries of the object
 };
 
 // Returns the views of ViewModel(). Errors: INVALID_ARGUMENT for invalid options or an invalid camera.

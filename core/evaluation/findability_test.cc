@@ -37,28 +37,28 @@ std::string Box(double x, double y, double z, int first = 0, double at_x = 0.0, 
   return obj;
 }
 
-TEST(Findability, ACubeIsFoundFromAllSidesAndHasNoTwin) {
+TEST(Findability, ACubeIsFoundFromAllSidesAndHasNoRival) {
   const std::vector<ViewFindability> views = PredictFindability(FindModel(Cube()), kFindCamera).value();
   ASSERT_EQ(views.size(), 96u);
   for (const ViewFindability& view : views) {
-    EXPECT_TRUE(view.twins.empty()) << "half turns are symmetries of a cube";
+    EXPECT_TRUE(view.rivals.empty()) << "half turns are symmetries of a cube";
     EXPECT_GT(view.edge_px, 600.0);
     EXPECT_GE(view.smallest_px, 40.0);
     EXPECT_LT(view.smallest_px, 120.0);
   }
 }
 
-// Median over the views of the share of differing edges of the most similar twin.
+// Median over the views of the share of differing edges of the most similar rival.
 double MedianOfLeastShares(const ObjectModel& model) {
   std::vector<double> least;
   const std::vector<ViewFindability> views = PredictFindability(model, kFindCamera).value();
   for (const ViewFindability& view : views) {
-    EXPECT_EQ(view.twins.size(), 3u);
+    EXPECT_EQ(view.rivals.size(), 3u);
     double share = 1.0;
-    for (const HalfTurnTwin& twin : view.twins) {
-      EXPECT_NEAR(twin.axis.norm(), 1.0, 1e-9);
-      EXPECT_LE(twin.differing_share, 1.0);
-      share = std::min(share, twin.differing_share);
+    for (const HalfTurnRival& rival : view.rivals) {
+      EXPECT_NEAR(rival.axis.norm(), 1.0, 1e-9);
+      EXPECT_LE(rival.differing_share, 1.0);
+      share = std::min(share, rival.differing_share);
     }
     least.push_back(share);
   }

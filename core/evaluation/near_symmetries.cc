@@ -25,8 +25,8 @@ using Eigen::Vector3d;
 constexpr size_t kMaxNear = 16;  // those of a cube with a mark, without the inverse rotations
 // Rotations nearer to each other are the same, rad: the refinement ends within it.
 constexpr double kSameRad = 0.05;
-// Angles of no common symmetry. The first, the golden section of a turn, is refined, which may end at the next tooth of
-// a gear; the others are not.
+// Angles that are no symmetry of common objects. Only the first, the golden section of a turn, is refined; on a gear
+// the refinement may move it to the nearest tooth.
 constexpr double kNoSymmetryRad = 2.4;
 constexpr std::array<double, 3> kFurtherRad = {0.93, 1.49, 2.89};
 // Reach of the refinement, relative to the diameter: first, and by how much it shrinks. The first one covers an axis
@@ -161,9 +161,7 @@ class NearSymmetrySearch {
  private:
   // nullopt if the rotation, refined, is a symmetry, or too much of the object differs.
   std::optional<NearSymmetry> Test(const Vector3d& axis, double angle_rad) const {
-    RigidTransform motion;
-    motion.rotation = ExpSo3(angle_rad * axis);
-    motion.translation_m = centre_ - motion.rotation * centre_;
+    RigidTransform motion = RotationAbout(centre_, ExpSo3(angle_rad * axis));
     if (IsSymmetry(motion.rotation)) return std::nullopt;
     double reach_m = kFirstReach * model_.diameter_m;
     if (Weighted(edges_.RoughShare(motion, reach_m), surface_.RoughShare(motion, reach_m)) < kPromising) {
@@ -177,7 +175,7 @@ class NearSymmetrySearch {
     return Measure(motion);
   }
 
-  // nullopt unless all of some rotations about the axis are near; else the least similar of them.
+  // Tests several rotations about the axis. Returns the one that differs most; nullopt if one of them is not near.
   std::optional<NearSymmetry> TestAnyAngle(const Vector3d& axis) const {
     const std::optional<NearSymmetry> first = Test(axis, kNoSymmetryRad);
     if (!first) return std::nullopt;
@@ -189,8 +187,7 @@ class NearSymmetrySearch {
     const Vector3d point =
         (Matrix3d::Identity() - rotation + along).inverse() * (across * translation_m + along * centre_);
     for (const double angle_rad : kFurtherRad) {
-      const Matrix3d spin = ExpSo3(angle_rad * unit);
-      const std::optional<NearSymmetry> further = Measure({spin, point - spin * point});
+      const std::optional<NearSymmetry> further = Measure(RotationAbout(point, ExpSo3(angle_rad * unit)));
       if (!further) return std::nullopt;
       if (further->differing_share > least.differing_share) least = *further;
     }
@@ -256,7 +253,8 @@ class NearSymmetrySearch {
     return near;
   }
 
-  // Unless an earlier one is the same but for a symmetry of the model, or for the rotation by any angle.
+  // Adds `near`, unless an earlier entry equals it up to a symmetry of the model, or up to a rotation about an axis of
+  // any angle.
   void Add(const NearSymmetry& near) {
     constexpr double kAlongAxis = 0.995, kAcrossAxis = 0.1;  // 6 degrees
     for (const NearSymmetry& other : found_) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Near symmetries: rotations after which an object has almost the same edges and surface, so that a pose can be
+// Near-symmetries: rotations after which an object has almost the same edges and surface, so that a pose can be
 // mistaken for another one (core/evaluation/README.md, section 6).
 #pragma once
 
@@ -14,9 +14,9 @@
 
 namespace evpose {
 
-// The tolerance is validated by near_symmetries_test of this folder: marks with 2 to 7 % of the edges are near
-// symmetries; an L profile has none, and neither has a prism of twelve sides between the twelfths of a turn. No test
-// has a share near the other default.
+// The tolerance is validated by near_symmetries_test of this folder: marks with 2 to 7 % of the edges are
+// near-symmetries; an L profile has none, and neither has a prism of twelve sides between the twelfths of a turn. No
+// test has a share near the other default.
 struct NearSymmetryOptions {
   // Distance, relative to the diameter, beyond which an edge or a part of the surface has no counterpart: 3 px of an
   // object of 300 px, FindabilityOptions::same_px, up to which a hypothesis attributes events to an edge.
@@ -32,7 +32,7 @@ struct NearSymmetry {
   RigidTransform object_from_object;               // rotation by `angle_rad` about `axis`
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();  // object frame, unit; its largest component is positive
   double angle_rad = 0.0;                          // (0, pi]; the inverse rotation is as near, and not in the list
-  // Rotations by all other angles about the axis are near symmetries, too, as those of a shaft with a keyway. They are
+  // Rotations by all other angles about the axis are near-symmetries, too, as those of a shaft with a keyway. They are
   // not in the list, and the shares below are those of the least similar of four.
   bool is_any_angle = false;
   // Share of the length of lines and curves, and of the contours over all views, that has no counterpart within the
@@ -46,7 +46,7 @@ struct NearSymmetry {
   double displacement_ratio = 0.0;
 };
 
-// Returns the near symmetries of a model, the most similar first, at most 16. Tested are rotations by 30, 36, 45, 60,
+// Returns the near-symmetries of a model, the most similar first, at most 16. Tested are rotations by 30, 36, 45, 60,
 // 72, 90, 108, 120, 135, 144, 150 and 180 degrees about the principal axes of edges and surface, the directions of its
 // largest flat parts and longest lines, and the diagonals between these; each is refined (README, section 6).
 // Symmetries of the model (ObjectModel::symmetries, ::continuous_symmetry) are not among them, and of rotations that

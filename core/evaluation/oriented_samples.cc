@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/functional/function_ref.h"
+#include "core/evaluation/triangle_sequence.h"
 
 namespace evpose {
 namespace {
@@ -16,7 +17,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr double kMaxSamples = 20'000.0;  // bounds the time
-// Relative to the diameter: less than the tolerance of a near symmetry along edges; in a surface, a curved one turns
+// Relative to the diameter: less than the tolerance of a near-symmetry along edges; in a surface, a curved one turns
 // less than 20 degrees in it unless it is a fillet.
 constexpr double kEdgeSpacing = 0.005, kSurfaceSpacing = 0.01;
 constexpr double kSameCosine = 0.94;        // 20 degrees
@@ -137,8 +138,6 @@ double SurfaceSpacing(const ObjectModel& model) {
 std::vector<OrientedSample> SampleSurface(const ObjectModel& model) {
   const double spacing_m = SurfaceSpacing(model), step = spacing_m * spacing_m;
   const bool has_normals = model.surface.normals.size() == model.triangles.size();
-  // A low-discrepancy sequence (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
-  constexpr double kStepU = 0.7548776662466927, kStepV = 0.5698402909980532;
   std::vector<OrientedSample> samples;
   double sum = 0.0;
   for (size_t t = 0; t < model.triangles.size(); ++t) {
@@ -147,12 +146,7 @@ std::vector<OrientedSample> SampleSurface(const ObjectModel& model) {
     sum += 0.5 * area.norm();
     const double weight = ContourWeight(model, t);
     while (sum >= (static_cast<double>(samples.size()) + 0.5) * step) {
-      const double number = static_cast<double>(samples.size()) + 1.0;
-      double u = number * kStepU - std::floor(number * kStepU), v = number * kStepV - std::floor(number * kStepV);
-      if (u + v > 1.0) {
-        u = 1.0 - u;
-        v = 1.0 - v;
-      }
+      const auto [u, v] = TriangleSequence(samples.size());
       const double w = 1.0 - u - v;
       Vector3d normal = area.normalized();
       if (has_normals) {

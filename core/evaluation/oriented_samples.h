@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Samples of the edges and of the surface of a model, with directions, for the search for near symmetries
+// Samples of the edges and of the surface of a model, with directions, for the search for near-symmetries
 // (near_symmetries.h).
 #pragma once
 

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/evaluation/triangle_sequence.h"
+
 namespace evpose {
 namespace {
 
@@ -18,10 +20,8 @@ double AreaOf(const ObjectModel& model, const std::array<uint32_t, 3>& triangle)
   return 0.5 * (model.vertices[j] - model.vertices[i]).cross(model.vertices[k] - model.vertices[i]).norm();
 }
 
-// Points at equal steps of the area, in the order of the triangles; in each triangle at the next place of a
-// low-discrepancy sequence (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
+// Points at equal steps of the area, in the order of the triangles; in each triangle at the next place of the sequence.
 std::vector<Eigen::Vector3d> SamplesOf(const ObjectModel& model) {
-  constexpr double kStepU = 0.7548776662466927, kStepV = 0.5698402909980532;
   double total = 0.0;
   for (const auto& triangle : model.triangles) total += AreaOf(model, triangle);
   std::vector<Eigen::Vector3d> samples;
@@ -30,12 +30,7 @@ std::vector<Eigen::Vector3d> SamplesOf(const ObjectModel& model) {
     sum += AreaOf(model, triangle);
     while (static_cast<int>(samples.size()) < kSamples &&
            sum * kSamples >= (static_cast<double>(samples.size()) + 0.5) * total) {
-      const double number = static_cast<double>(samples.size()) + 1.0;
-      double u = number * kStepU - std::floor(number * kStepU), v = number * kStepV - std::floor(number * kStepV);
-      if (u + v > 1.0) {
-        u = 1.0 - u;
-        v = 1.0 - v;
-      }
+      const auto [u, v] = TriangleSequence(samples.size());
       const auto& [i, j, k] = triangle;
       samples.push_back(model.vertices[i] + u * (model.vertices[j] - model.vertices[i]) +
                         v * (model.vertices[k] - model.vertices[i]));

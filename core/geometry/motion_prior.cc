@@ -74,7 +74,7 @@ MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOpt
   p.bottomLeftCorner<6, 6>() = p.topRightCorner<6, 6>().transpose();
 
   const double depth_m = state.camera_from_object.translation_m.norm();
-  // core/geometry/README.md 2 (3).
+  // core/geometry/README.md, equation (3).
   const double linear = noise_factor * (Squared(options.linear_acceleration_density * depth_m) +
                                         state.twist.head<3>().squaredNorm() / options.turn_time_s);
   const double angular = noise_factor * (Squared(options.angular_acceleration_density) +

@@ -30,10 +30,10 @@ struct InitialPoseOptions {
   absl::Status Validate() const;
 };
 
-// White acceleration: the twist performs a random walk with these densities (core/geometry/README.md 2 (3)). Where a
-// field does not say more, it is validated by the position errors, losses and NEES of `evpose bench tracking` at up to
-// 2.83 m/s and after rests (core/experiments/RESULTS.md, Tracking). For slower objects motion_adaptation.h reduces the
-// densities.
+// White acceleration: the twist performs a random walk with these densities (core/geometry/README.md, equation (3)).
+// Where a field does not say more, it is validated by the position errors, losses and NEES of `evpose bench tracking`
+// at up to 2.83 m/s and after rests (core/experiments/RESULTS.md, Tracking). For slower objects motion_adaptation.h
+// reduces the densities.
 struct MotionPriorOptions {
   // Depths per second^1.5, relative to the depth, because the motion in the image counts. In 10 ms the velocity changes
   // by 0.034 depths/s, 34 px/s at f = 1000 px. Faster changes are found by the retry (retry_noise_factor).
@@ -78,8 +78,8 @@ Vector12d Minus(const MotionState& to, const MotionState& from);
 MotionState InitialMotionState(const RigidTransform& camera_from_object, int64_t t_us, double focal_px,
                                const InitialPoseOptions& options);
 
-// The predicted state at t_us >= state.t_us (core/geometry/README.md 2 (1) to (3)). `noise_factor` multiplies the
-// spectral density of the acceleration.
+// The predicted state at t_us >= state.t_us (core/geometry/README.md, equations (1) to (3)). `noise_factor` multiplies
+// the spectral density of the acceleration.
 MotionState Predict(const MotionState& state, int64_t t_us, const MotionPriorOptions& options,
                     double noise_factor = 1.0);
 

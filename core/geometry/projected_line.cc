@@ -12,7 +12,7 @@ constexpr double kMinSubtendedAngle = 1e-9;
 
 using LineJacobian = Eigen::Matrix<double, 3, 6>;
 
-// The Jacobian of n = P1 x P2 with respect to the pose, with Q = P - T (core/geometry/README.md 3 (5)):
+// The Jacobian of n = P1 x P2 with respect to the pose, with Q = P - T (core/geometry/README.md, equation (5)):
 // [ [P1 - P2]x, [P2]x [Q1]x - [P1]x [Q2]x ], where [p]x [q]x = q p^T - (p . q) I. Single assignments, because a block
 // of three rows is read in pairs, for which the processor waits when they were written one by one.
 LineJacobian NormalJacobian(const Eigen::Vector3d& p1, const Eigen::Vector3d& p2, const Eigen::Vector3d& q1,

@@ -40,6 +40,11 @@ struct RigidTransform {
   }
 };
 
+// The motion that rotates about a point, in the frame of the point.
+inline RigidTransform RotationAbout(const Eigen::Vector3d& point, const Eigen::Matrix3d& rotation) {
+  return {rotation, point - rotation * point};
+}
+
 // Normalises the quaternion. Errors: INVALID_ARGUMENT if its norm differs from 1 by more than 1e-3, which hints at
 // wrong numbers rather than rounding, or if a number is not finite.
 absl::StatusOr<RigidTransform> MakeRigidTransform(const Eigen::Vector3d& translation_m,

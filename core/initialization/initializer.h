@@ -74,7 +74,7 @@ class PoseInitializer {
 
  private:
   FirstPoses FindByLines(absl::Span<const PixelEvent> events, LineDetector& detector);
-  // Replaces the poses by those of the template search, which judges them together with its own.
+  // Replaces the poses by those of the template search, which scores them together with its own.
   void FindByContours(absl::Span<const PixelEvent> events, FirstPoses& first);
   // Returns whether random segments hardly give a pose that explains as much.
   bool IsPlausible(const PoseHypothesis& hypothesis) const;

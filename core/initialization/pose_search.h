@@ -12,7 +12,7 @@
 //    lines that may be visible come from a table of views (pose_fitter.h).
 // 5. PoseFitter::ScoreVisible(): the cheapest ones become hypotheses, with the visible lines found by ray casting and
 //    the final cost.
-// 6. The near-symmetric poses of the best hypothesis (near_symmetries.h) and its depth reflection are refined and
+// 6. The near-symmetric poses of the best hypothesis (line_near_symmetries.h) and its depth reflection are refined and
 //    scored in the same way and added.
 // 7. PoseFitter::ScoreMinimum(): the best hypotheses are refined to the minimum of their cost.
 //
@@ -44,8 +44,8 @@ struct PoseHypothesis {
   double evidence = 0.0;
   std::vector<int> model_line;  // for each segment the index into ObjectModel::lines, or -1 for clutter
   int num_matched = 0;          // number of segments with a model line
-  // True if this pose and the best one differ by a near-symmetry (near_symmetries.h). Such a pose is kept regardless of
-  // its cost, because the few lines by which the two differ may not have produced events yet.
+  // True if this pose and the best one differ by a near-symmetry (line_near_symmetries.h). Such a pose is kept
+  // regardless of its cost, because the few lines by which the two differ may not have produced events yet.
   bool is_near_symmetric = false;
   // Expected number of poses that would explain as much if all segments were clutter (chance_poses.h).
   double chance_poses = 0.0;

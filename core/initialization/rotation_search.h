@@ -27,14 +27,18 @@ struct RotationSearchOptions {
   double max_line_cost = 16.0;     // squared sigmas; a segment with a larger deviation is assigned to no direction
   double unexplained_cost = 24.0;  // squared sigmas; the cost of such a segment
   int max_rotations = 24'000;      // limit of the number of scored rotations
-  int max_candidates = 40;         // number of returned candidates
+  // Number of returned candidates. The pose search sets it to 10 to 600, by the number of votes that each of them
+  // takes.
+  int max_candidates = 40;
   // Standard deviation of the difference between a rotation of the sweep and the best rotation beside it, radians: half
   // a step of 1.5 degrees plus the error of the two segments of the pair. Added to that of each segment.
   double sweep_sigma_rad = 0.01;
   // The same after refinement, radians. With 0, a line parallel to the line of sight, which determines a rotation to a
   // thousandth of a radian, would have no influence until all other lines agree.
   double refined_sigma_rad = 0.005;
-  // Standard deviation of the prior that keeps a refined rotation near the rotation of the sweep, radians.
+  // Standard deviation of the prior that keeps a refined rotation near the rotation of the sweep, radians. It admits
+  // the minimum beside that rotation, at most half a step of 0.026 rad away, and keeps apart the rotations of a valley,
+  // which are kept every two steps.
   double prior_rad = 0.02;
   // Rotations closer than this, radians, are duplicates; the pose refinement converges from a greater distance.
   double same_rotation_rad = 0.03;

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
-#include "core/initialization/near_symmetries.h"
+#include "core/initialization/line_near_symmetries.h"
 #include "core/initialization/pose_search.h"
 #include "core/initialization/rotation_count.h"
 
@@ -58,7 +58,7 @@ SearchModel::SearchModel(const ObjectModel& model, std::shared_ptr<const Triangl
   if (faces == nullptr) faces = std::make_shared<const TriangleBvh>(model.vertices, model.triangles);
   ChooseLines(model);
   FindLabellings(model);
-  near_symmetries_ = FindNearSymmetries(shape_.lines, labellings_, radius_m_);
+  near_symmetries_ = FindLineNearSymmetries(shape_.lines, labellings_, radius_m_);
   FindPairs();
   const VisibilityOptions visibility = {.samples_per_line = kSamplesPerLine, .min_length_px = kMinPartPx};
   visibility_ = std::make_unique<VisibilityTester>(shape_, visibility, std::move(faces));

@@ -47,7 +47,7 @@ class SearchModel {
   const std::vector<Eigen::Matrix3d>& labellings() const { return labellings_; }
   // Number of the object's own symmetries, the identity included.
   size_t num_symmetries() const { return num_symmetries_; }
-  // The near-symmetries among the labellings, with their shifts (near_symmetries.h).
+  // The near-symmetries among the labellings, with their shifts (line_near_symmetries.h).
   const std::vector<RigidTransform>& near_symmetries() const { return near_symmetries_; }
   // The most informative pair first, by the length of the lines that have the directions.
   const std::vector<DirectionPair>& pairs() const { return pairs_; }

@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <iterator>
-#include <numbers>
 #include <optional>
 #include <utility>
 
@@ -17,31 +16,32 @@
 namespace evpose {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
-
 // The constants below were chosen on public CAD models and scans (core/mesh/README.md, section 8). Shares of the
 // crease angle: least turn of the two triangles themselves, and least jump of an edge that continues a crease.
 constexpr double kMinTurnShare = 0.6;
 constexpr double kContinuedShare = 2.0 / 3.0;
 // Scale test: length of the path, relative to the diameter: 6 px at 300 px.
 constexpr double kPathShare = 0.02;
+// Part of each of the two lengths, beside the edge, that is not used (core/mesh/README.md, section 8, test 3).
+constexpr double kSkippedShare = 0.1;
 // Tessellation test. The outermost facet of a fillet turns by half a step; 0.6 degrees allow for roundings.
-constexpr double kStepRatio = 2.0, kStepTolerance = 0.6 * kRadPerDeg;
+constexpr double kStepRatio = 2.0, kStepTolerance = 0.6 * kRadiansPerDegree;
 // Largest distance between the facets and the surface, relative to the diameter: 1.2 px at 300 px.
 constexpr double kMaxSagitta = 0.004;
 // CAD programs turn by less between facets. A path of the scale test ends at a sharper edge, beyond which there is the
 // other side of a thin wall or of a chamfer.
-constexpr double kMaxStep = 40.0 * kRadPerDeg;
+constexpr double kMaxStep = 40.0 * kRadiansPerDegree;
 // Edges that turn by less are diagonals of flat or nearly flat quadrilaterals.
-constexpr double kLeastTurn = 0.3 * kRadPerDeg;
+constexpr double kLeastTurn = 0.3 * kRadiansPerDegree;
 // Jump of exact normals and of normals in the file at a crease, and the largest difference of equal ones.
-constexpr double kMinStatedJump = 10.0 * kRadPerDeg, kSameStated = 1.0 * kRadPerDeg;
+constexpr double kMinStatedJump = 10.0 * kRadiansPerDegree, kSameStated = 1.0 * kRadiansPerDegree;
 // A crease shorter than this, relative to the diameter, of which an end meets no other edge is noise of the mesh.
 constexpr double kMinDeadEnd = 0.02;
 // Largest turn, as a cosine, between a crease and the edge that continues it: 60 degrees.
 constexpr double kContinuedCosine = 0.5;
 // More triangles at one edge are not listed: bounds the time.
 constexpr size_t kMaxTriangles = 32;
+// Triangles that all paths together may cross; bounds the time (core/mesh/README.md, section 16).
 constexpr int64_t kMaxWork = 40'000'000;
 
 enum class EdgeClass : uint8_t { kSmooth, kWeak, kCrease };
@@ -63,7 +63,7 @@ class CreaseFinder {
   CreaseFinder(const FacetGraph& graph, const CreaseOptions& options, double diameter_m)
       : graph_(graph),
         mesh_(graph.mesh()),
-        crease_rad_(options.crease_angle_deg * kRadPerDeg),
+        crease_rad_(options.crease_angle_deg * kRadiansPerDegree),
         crease_cosine_(DeterministicSinCos(crease_rad_).cos),
         is_smooth_(options.is_smooth),
         diameter_m_(diameter_m),
@@ -183,7 +183,7 @@ class CreaseFinder {
     std::array<Eigen::Vector3d, 2> means = {Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
     for (const PathStep& step : path_) {
       for (int scale = 0; scale < 2; ++scale) {
-        const double from_m = std::max(step.from_m, 0.1 * (scale + 1) * h_m);
+        const double from_m = std::max(step.from_m, kSkippedShare * (scale + 1) * h_m);
         const double to_m = std::min(step.to_m, (scale + 1) * h_m);
         means[scale] += std::max(0.0, to_m - from_m) * graph_.normal(step.triangle);
       }

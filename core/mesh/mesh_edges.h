@@ -40,9 +40,9 @@ std::vector<ExactSegment> ExactSegments(const RawMesh& mesh);
 // The segment between two vertices; nullptr if there is none.
 const ExactSegment* FindExactSegment(const std::vector<ExactSegment>& segments, uint32_t low, uint32_t high);
 
-// Calls `function` once for each edge, with its uses.
-template <typename Function>  // void(absl::Span<const EdgeUse>)
-void ForEachEdge(const std::vector<EdgeUse>& uses, const Function& function) {
+// Calls `function` once for each edge, with its uses. A use has members `low` and `high`, by which `uses` are sorted.
+template <typename Use, typename Function>  // void(absl::Span<const Use>)
+void ForEachEdge(const std::vector<Use>& uses, const Function& function) {
   for (size_t begin = 0; begin < uses.size();) {
     size_t end = begin + 1;
     while (end < uses.size() && uses[end].low == uses[begin].low && uses[end].high == uses[begin].high) ++end;

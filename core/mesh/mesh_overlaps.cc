@@ -91,12 +91,14 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   double perimeter = 0.0;
   for (size_t i = 0; i < 3; ++i) perimeter += (triangle[(i + 1) % 3] - triangle[i]).norm();
   std::vector<Polygon2d> pieces(1, Polygon2d(triangle.begin(), triangle.end())), rest;
+  // The area of the strip, which of a narrow triangle would be all of it: at most a hundredth.
   const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
   if (budget < covers.size()) return false;
   budget -= covers.size();
   // The covered area is at most the sum of the areas of the covers, and at most the sum of the areas that the triangle
   // has in common with each of them. These bounds reject most triangles that are partly covered. Cutting a triangle
-  // into pieces takes longer, because each further cover increases the number of pieces.
+  // into pieces takes longer, because each further cover increases the number of pieces. The factor of the first bound
+  // is a margin for roundings.
   double area = 0.0;
   for (const Triangle2d& cover : covers) area += 0.5 * Cross2d(cover[1] - cover[0], cover[2] - cover[0]);
   if (area < 0.999 * (total - 2.0 * negligible)) return false;

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 
 #include "absl/types/span.h"
@@ -20,7 +19,7 @@ namespace {
 // A region is flat if its points are at most that far from a plane, relative to the diameter (0.15 px at 300 px), and
 // its facets are inclined to it by at most 2 degrees.
 constexpr double kFlatTolerance = 5e-4;
-constexpr double kFlatAngle = 2.0 * std::numbers::pi / 180.0;
+constexpr double kFlatAngle = 2.0 * kRadiansPerDegree;
 
 // The number (FacetGraph) of the side of a triangle that is an edge of the mesh.
 uint32_t SideAt(const RawMesh& mesh, uint32_t triangle, const std::array<uint32_t, 2>& ends) {
@@ -123,10 +122,10 @@ void FindPlanes(const FacetGraph& graph, double diameter_m, SmoothSurface& surfa
 
 // The largest step across the gap between flush parts, relative to the diameter: 0.15 px of an object of 300 px.
 constexpr double kJointStep = 5e-4;
-constexpr double kJointTurn = 5.0 * std::numbers::pi / 180.0;
+constexpr double kJointTurn = 5.0 * kRadiansPerDegree;
 // Least angle by which the surface turns from a face into the gap. At an edge with a smaller turn, the adjacent face
 // could be taken for the face on the other side of a gap.
-constexpr double kLeastFall = 30.0 * std::numbers::pi / 180.0;
+constexpr double kLeastFall = 30.0 * kRadiansPerDegree;
 // Largest distance along an edge between the points that are tested, relative to the diameter: 6 px of an object of 300
 // px; and the largest number of points of an edge.
 constexpr double kJointStride = 0.02;

@@ -171,7 +171,7 @@ FreeDirections FreeDirectionsAt(const ContinuousSymmetry& symmetry, const RigidT
 }
 
 RigidTransform AboutCentre(const ContinuousSymmetry& symmetry, const Matrix3d& rotation) {
-  return {rotation, symmetry.centre - rotation * symmetry.centre};
+  return RotationAbout(symmetry.centre, rotation);
 }
 
 RigidTransform NearestWithoutFlip(const RigidTransform& camera_from_object, const ContinuousSymmetry& symmetry,

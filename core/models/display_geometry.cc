@@ -111,8 +111,6 @@ void SetEdges(const ObjectModel& model, size_t max_edges, DisplayGeometry& geome
 
 }  // namespace
 
-size_t DisplayGeometry::NumBytes() const { return MeshBytes(*this) + sizeof(float) * 6 * edges.size(); }
-
 DisplayGeometry MakeDisplayGeometry(const ObjectModel& model, const DisplayLimits& limits) {
   DisplayGeometry geometry;
   SetEdges(model, limits.max_edges, geometry);

@@ -19,9 +19,6 @@ struct DisplayGeometry {
   std::vector<std::array<uint32_t, 3>> faces;         // counter-clockwise seen from outside
   std::vector<std::array<Eigen::Vector3f, 2>> edges;  // straight lines, and the chords of curved edges
   bool is_simplified = false;                         // something is left out
-
-  // Bytes of its numbers, with four for each.
-  size_t NumBytes() const;
 };
 
 // The limits of a geometry. With the defaults it is smaller than a message of 4 MB.

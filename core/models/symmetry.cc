@@ -43,6 +43,8 @@ constexpr size_t kMaxRefiningLines = 64;
 constexpr double kRoughTolerance = 8.0;
 // Rotations whose images of the outermost point are at most this far apart are the same.
 constexpr double kSameRotation = 1.5;
+// A rotation from two points that is this near to a known one is not refined: the result would be the known one.
+constexpr double kKnownRotation = 0.1;
 // Largest distance of the image of a point of a ring from a ring.
 constexpr double kOnOutline = 2.0;
 // Maximum distance for the product of two rotations that are each within one tolerance.
@@ -255,7 +257,7 @@ class GroupSearch {
   }
 
   void Consider(const Matrix3d& rough) {
-    if (IsIn(group_, rough, 0.1)) return;
+    if (IsIn(group_, rough, kKnownRotation)) return;
     const std::optional<Matrix3d> rotation = Refine(rough, {kRoughTolerance, kRoughTolerance}, 1.0);
     if (!rotation.has_value() || IsIn(group_, *rotation, kSameRotation)) return;
     const std::optional<Matrix3d> power = LargePower(*rotation);
@@ -413,7 +415,7 @@ class GroupSearch {
 
 std::vector<RigidTransform> AboutCentre(const std::vector<Matrix3d>& rotations, const Vector3d& centre) {
   std::vector<RigidTransform> motions;
-  for (const Matrix3d& rotation : rotations) motions.push_back({rotation, centre - rotation * centre});
+  for (const Matrix3d& rotation : rotations) motions.push_back(RotationAbout(centre, rotation));
   motions[0] = RigidTransform();  // exactly; the centre would leave rounding errors
   return motions;
 }

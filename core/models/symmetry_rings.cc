@@ -131,7 +131,7 @@ bool AxialRings::AreFlippable() const {
   std::vector<Arc> near;
   for (size_t i = 0; i < arcs_.size(); ++i) {
     const Arc& arc = arcs_[i];
-    // Successive arcs of one circle have one answer.
+    // The result is the same for all arcs of one circle.
     if (i > 0 && arcs_[i - 1].kind == arc.kind && arcs_[i - 1].radius_cell == arc.radius_cell &&
         arcs_[i - 1].height_cell == arc.height_cell) {
       continue;

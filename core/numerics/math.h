@@ -11,6 +11,7 @@
 namespace evpose {
 
 inline constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
+inline constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;  // has other last bits than 1 / kDegreesPerRadian
 
 // e^x, within 2 ulp for x in [-708, 709]; 0 below, +infinity above, NaN for NaN.
 double DeterministicExp(double x);

@@ -61,12 +61,6 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> RecordingReader::Open(const std
   return FromBytes(std::move(source));
 }
 
-absl::StatusOr<std::unique_ptr<RecordingReader>> RecordingReader::OpenDescriptor(
-    int descriptor, const std::string& name, const RecordingReaderOptions& options) {
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ByteSource> source, ByteSource::OpenDescriptor(descriptor, name, options));
-  return FromBytes(std::move(source));
-}
-
 absl::StatusOr<std::unique_ptr<RecordingReader>> RecordingReader::FromBytes(std::unique_ptr<ByteSource> source) {
   auto reader = std::make_unique<RawReader>(std::move(source));
   EVPOSE_RETURN_IF_ERROR(reader->Start());

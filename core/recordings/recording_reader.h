@@ -36,9 +36,6 @@ class RecordingReader {
   // header.
   static absl::StatusOr<std::unique_ptr<RecordingReader>> Open(const std::string& path,
                                                                const RecordingReaderOptions& options = {});
-  // The same for an open descriptor (a pipe, a socket), which the reader closes; `name` replaces the path in errors.
-  static absl::StatusOr<std::unique_ptr<RecordingReader>> OpenDescriptor(int descriptor, const std::string& name,
-                                                                         const RecordingReaderOptions& options = {});
   // The same for bytes of which nothing has been read yet.
   static absl::StatusOr<std::unique_ptr<RecordingReader>> FromBytes(std::unique_ptr<ByteSource> source);
   virtual ~RecordingReader() = default;

@@ -16,8 +16,10 @@
 #include <thread>
 #include <utility>
 
+#include "core/base/status_macros.h"
 #include "core/events/encoder.h"
 #include "core/events/events_testing.h"
+#include "core/recordings/byte_source.h"
 
 namespace evpose {
 namespace {
@@ -110,11 +112,17 @@ TEST(RecordingReaderTest, UnreadableFile) {
   EXPECT_THAT(std::string(reader.status().message()), StartsWith(path));
 }
 
+absl::StatusOr<std::unique_ptr<RecordingReader>> ReadDescriptor(int descriptor, const std::string& name,
+                                                                const RecordingReaderOptions& options = {}) {
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ByteSource> source, ByteSource::OpenDescriptor(descriptor, name, options));
+  return RecordingReader::FromBytes(std::move(source));
+}
+
 TEST(RecordingReaderTest, FailedReadsNameTheOffset) {
   const TemporaryDirectory directory;
   // A write-only descriptor of a readable file.
   const int descriptor = open(directory.File("a.raw").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
-  const auto reader = RecordingReader::OpenDescriptor(descriptor, "a.raw");
+  const auto reader = ReadDescriptor(descriptor, "a.raw");
   EXPECT_EQ(reader.status().code(), absl::StatusCode::kUnavailable);
   EXPECT_THAT(std::string(reader.status().message()), StartsWith("a.raw: reading failed at byte 0: "));
 }
@@ -122,7 +130,7 @@ TEST(RecordingReaderTest, FailedReadsNameTheOffset) {
 TEST(RecordingReaderTest, ReadsAPipeAsItComes) {
   Pipe pipe;
   pipe.Write(kHeader + "ab");
-  auto reader = RecordingReader::OpenDescriptor(pipe.reading_end(), "a pipe");
+  auto reader = ReadDescriptor(pipe.reading_end(), "a pipe");
   ASSERT_TRUE(reader.ok()) << reader.status();
   EXPECT_EQ((*reader)->data_size_bytes(), -1);
   std::vector<uint8_t> buffer(100);
@@ -140,7 +148,7 @@ TEST(RecordingReaderTest, PipesThatEndEarly) {
     Pipe pipe;
     pipe.Write(bytes);
     pipe.Close();
-    EXPECT_EQ(RecordingReader::OpenDescriptor(pipe.reading_end(), "a pipe").status().message(), message);
+    EXPECT_EQ(ReadDescriptor(pipe.reading_end(), "a pipe").status().message(), message);
   }
 }
 
@@ -150,7 +158,7 @@ TEST(RecordingReaderTest, StopEndsAWaitForAPipe) {
   int num_questions = 0;
   RecordingReaderOptions options;
   options.stop = [&] { return ++num_questions >= 3; };
-  auto reader = RecordingReader::OpenDescriptor(pipe.reading_end(), "a pipe", options);
+  auto reader = ReadDescriptor(pipe.reading_end(), "a pipe", options);
   ASSERT_TRUE(reader.ok());
   EXPECT_EQ(ReadAll(**reader, 100), "ab");
   EXPECT_EQ(num_questions, 3);

@@ -24,11 +24,6 @@ absl::Status RecordingWriter::Write(absl::Span<const Event> events) {
   return Flush(encoder_->Encode(events, bytes_));
 }
 
-absl::Status RecordingWriter::WriteTime(int64_t t_us) {
-  EVPOSE_RETURN_IF_ERROR(CheckOpen());
-  return Flush(encoder_->EncodeTime(t_us, bytes_));
-}
-
 absl::Status RecordingWriter::WriteTrigger(const Trigger& trigger) {
   EVPOSE_RETURN_IF_ERROR(CheckOpen());
   return Flush(encoder_->EncodeTrigger(trigger, bytes_));

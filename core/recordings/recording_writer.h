@@ -25,10 +25,8 @@ class RecordingWriter {
   // geometry that the encoding cannot address. `time_offset_us`: see RecordingHeader.
   static absl::StatusOr<std::unique_ptr<RecordingWriter>> Create(const std::string& path, Encoding encoding,
                                                                  SensorGeometry geometry, int64_t time_offset_us = 0);
-  // EventEncoder::Encode(), EncodeTime() and EncodeTrigger(), with the path in errors. A call with an error writes
-  // nothing.
+  // EventEncoder::Encode() and EncodeTrigger(), with the path in errors. A call with an error writes nothing.
   absl::Status Write(absl::Span<const Event> events);
-  absl::Status WriteTime(int64_t t_us);
   absl::Status WriteTrigger(const Trigger& trigger);
   // Completes the file; the last call. Errors: delayed write errors, a full disk in particular; then there is no file
   // under `path`.

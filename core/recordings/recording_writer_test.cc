@@ -44,7 +44,6 @@ TEST(RecordingWriterTest, ARecordingReadsBack) {
     for (size_t i = 0; i < events.size(); i += 1000) {
       ASSERT_TRUE((*writer)->Write(absl::MakeConstSpan(events).subspan(i, 1000)).ok());
     }
-    ASSERT_TRUE((*writer)->WriteTime(50000).ok());
     EXPECT_FALSE(std::filesystem::exists(path)) << "the file does not exist before Close()";
     ASSERT_TRUE((*writer)->Close().ok());
     const auto reader = RecordingReader::Open(path);
@@ -92,7 +91,6 @@ TEST(RecordingWriterTest, WrongEventsNameThePathAndAreNotWritten) {
   const absl::Status status = (*writer)->Write({&outside, 1});
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
   EXPECT_EQ(status.message(), path + ": event 0 at x 640, y 0 lies outside the sensor of 640x480 pixels");
-  EXPECT_EQ((*writer)->WriteTime(-1).message(), path + ": the time is -1 us; it must not be negative");
   ASSERT_TRUE((*writer)->Close().ok());
   EXPECT_EQ(std::filesystem::file_size(path), MakeRawHeader(Encoding::kEvt3, kVga).size());
   EXPECT_EQ((*writer)->Write({}).code(), absl::StatusCode::kFailedPrecondition);

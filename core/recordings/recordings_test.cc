@@ -5,14 +5,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <fstream>
-#include <iterator>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/output_file.h"
 #include "core/events/events_testing.h"
 #include "core/numerics/hash.h"
 #include "core/recordings/event_digest.h"
@@ -22,11 +22,6 @@
 
 namespace evpose {
 namespace {
-
-std::string FileText(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 struct RecordingCase {
   std::string file;
@@ -44,7 +39,7 @@ struct Recording {
 
 Recording Load(const std::string& path) {
   Recording recording;
-  recording.text = FileText(path);
+  recording.text = ReadFile(path, SIZE_MAX).value();
   recording.header = ParseRecordingHeader(recording.text, true).value().value();
   return recording;
 }
@@ -74,8 +69,8 @@ class RecordingTest : public testing::TestWithParam<RecordingCase> {
 TEST_P(RecordingTest, GivesTheExpectedEvents) {
   EXPECT_EQ(recording_.header.encoding, GetParam().encoding);
   EXPECT_EQ(recording_.header.geometry, GetParam().geometry);
-  const auto expected =
-      nlohmann::json::parse(FileText(std::filesystem::path(path()).parent_path().string() + "/expected.json"));
+  const auto expected = nlohmann::json::parse(
+      ReadFile(std::filesystem::path(path()).parent_path().string() + "/expected.json", SIZE_MAX).value());
   const Decoded decoded = Decode({});
   EXPECT_EQ(decoded.out.events.size(), expected["cd_events"].get<size_t>());
   EXPECT_EQ(decoded.counts.cd_events, expected["cd_events"].get<size_t>());
@@ -139,7 +134,7 @@ TEST_P(TriggersTest, AreThoseOfTheRecord) {
   const Recording recording = Load(directory + "/evt3_trigger_vga.raw");
   const Decoded decoded = DecodeAll(recording.header.encoding, recording.header.geometry, recording.bytes());
   std::vector<Trigger> expected;
-  std::istringstream lines(FileText(directory + "/triggers_t_id_pol.csv"));
+  std::istringstream lines(ReadFile(directory + "/triggers_t_id_pol.csv", SIZE_MAX).value());
   for (std::string line; std::getline(lines, line);) {
     std::istringstream fields(line);
     int64_t t_us = 0;
@@ -185,7 +180,7 @@ TEST(RecordingsTest, EventsOutsideTheSensorAreDroppedUnlessAskedFor) {
 TEST(RecordingsTest, GoldenCasesGiveTheEventsOfOpenEbAtEveryCut) {
   const std::string directory = FindTestData("openeb_golden_vectors");
   ASSERT_FALSE(directory.empty());
-  const auto golden = nlohmann::json::parse(FileText(directory + "/expected.json"));
+  const auto golden = nlohmann::json::parse(ReadFile(directory + "/expected.json", SIZE_MAX).value());
   int num_cases = 0;
   for (const auto& [name, expected] : golden["cases"].items()) {
     const std::string path = absl::StrCat(directory, "/", name, ".raw");

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "absl/types/span.h"
+#include "core/mesh/mesh_edges.h"
 #include "core/mesh/triangle_bvh.h"
 
 namespace evpose {
@@ -38,17 +39,6 @@ std::vector<EdgeSide> SortedSides(const std::vector<std::array<uint32_t, 3>>& tr
   }
   std::sort(sides.begin(), sides.end(), [](const EdgeSide& a, const EdgeSide& b) { return a.Key() < b.Key(); });
   return sides;
-}
-
-// Calls `visit` with the sides of each edge.
-template <typename Visit>
-void VisitEdges(const std::vector<EdgeSide>& sides, const Visit& visit) {
-  for (size_t begin = 0; begin < sides.size();) {
-    size_t end = begin + 1;
-    while (end < sides.size() && sides[end].low == sides[begin].low && sides[end].high == sides[begin].high) ++end;
-    visit(absl::MakeConstSpan(sides).subspan(begin, end - begin));
-    begin = end;
-  }
 }
 
 Vector3d FaceNormal(const SmoothMesh& mesh, size_t triangle) {
@@ -98,7 +88,7 @@ class Subdivider {
     middle_point_.assign(3 * mesh_.triangles.size(), kNoPoint);
     middle_normal_.resize(middle_point_.size());
     const size_t num_points = mesh_.points.size();
-    VisitEdges(SortedSides(mesh_.triangles), [this](absl::Span<const EdgeSide> sides) { DivideEdge(sides); });
+    ForEachEdge(SortedSides(mesh_.triangles), [this](absl::Span<const EdgeSide> sides) { DivideEdge(sides); });
     if (mesh_.points.size() == num_points) return false;
     DivideTriangles();
     return true;
@@ -268,7 +258,7 @@ bool IsClosed(const SmoothMesh& mesh) {
   const auto starts_low = [&](const EdgeSide& side) {
     return mesh.triangles[side.side / 3][side.side % 3] == side.low;
   };
-  VisitEdges(SortedSides(mesh.triangles), [&](absl::Span<const EdgeSide> sides) {
+  ForEachEdge(SortedSides(mesh.triangles), [&](absl::Span<const EdgeSide> sides) {
     is_closed = is_closed && sides.size() == 2 && starts_low(sides[0]) != starts_low(sides[1]);
   });
   return is_closed;

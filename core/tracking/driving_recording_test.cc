@@ -8,9 +8,8 @@
 
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/estimation/ideal_events_testing.h"
-#include "core/events/decoder.h"
 #include "core/numerics/random.h"
-#include "core/recordings/recording_reader.h"
+#include "core/recordings/recordings_testing.h"
 #include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
 #include "tests/data/test_data.h"
@@ -18,21 +17,10 @@
 namespace evpose {
 namespace {
 
-std::vector<Event> ReadAll(const std::string& path) {
-  auto reader = RecordingReader::Open(path).value();
-  auto decoder = MakeEventDecoder(reader->header().encoding, reader->header().geometry).value();
-  DecodedEvents decoded;
-  std::vector<uint8_t> buffer(1 << 16);
-  while (const size_t size = reader->Read(absl::MakeSpan(buffer)).value()) {
-    decoder->Decode(absl::MakeConstSpan(buffer).subspan(0, size), decoded);
-  }
-  return {decoded.events.begin(), decoded.events.end()};
-}
-
 TEST(DrivingRecording, NoCubeIsReported) {
   const std::string path = FindTestData("evt3_driving_gen41/evt3_sample.raw");
   if (path.empty()) GTEST_SKIP() << "the recording is not in the test data";
-  const std::vector<Event> events = ReadAll(path);
+  const std::vector<Event> events = EventsOf(path);
   const auto cube = testing::MakeCube(0.15);
   const CameraModel camera = testing::MakeCamera(1280, 720, 1000.0);
   Random random(1);

@@ -195,7 +195,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> Tracker::Create(std::vector<ObjectToTra
     return MakeViewTracker(std::move(objects), camera, options, tables->undistortion);
   }
   const SensorGeometry sensor = {camera.width_px, camera.height_px};
-  // Of all objects, which search in turn.
+  // All objects share these detectors, because they search one after the other.
   std::vector<std::shared_ptr<LineDetector>> detectors;
   if (options.initialization.is_automatic) {
     EVPOSE_ASSIGN_OR_RETURN(detectors, MakeDetectors(options.initialization, sensor));

@@ -134,6 +134,7 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
   }
   memory.max_bytes += 2 * static_cast<uint64_t>(options.windows.max_events) * (sizeof(WindowEvent) + sizeof(uint64_t));
   for (const auto& model : models) memory.max_bytes += ObjectBytes(*model, num_cells, models.size() > 1, options);
+  // PixelHistory saves five pixels in a byte.
   memory.max_state_bytes = num_pixels / 5 + 2 * kStateEventBytes * static_cast<uint64_t>(options.windows.max_events) +
                            models.size() * (kStateEventBytes * search_events + kTrackBytes);
   for (const auto& model : models) {

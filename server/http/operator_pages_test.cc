@@ -67,7 +67,7 @@ TEST_F(OperatorPagesTest, ReadyWhileTheStoreResponds) {
   for (int i = 0; i < 2; ++i) {
     trouble_->Set(absl::UnavailableError("gone\nfor lunch"));
     const HttpAnswer answer = WaitUntilReadyIs(503);
-    EXPECT_THAT(answer.body, testing::MatchesRegex("the store does not answer: gone for lunch\n"));
+    EXPECT_THAT(answer.body, testing::MatchesRegex("the store does not respond: gone for lunch\n"));
     EXPECT_EQ(Scrape().At("evpose_ready"), 0.0);
     EXPECT_EQ(Get("/healthz").status, 200) << "restarting the process would not help";
     trouble_->Set(absl::OkStatus());
@@ -82,7 +82,7 @@ TEST_F(OperatorPagesTest, NotReadyAfterDrain) {
   ASSERT_TRUE(admin_->Drain(&context, {}, &response).ok());
   const HttpAnswer answer = Get("/readyz");
   EXPECT_EQ(answer.status, 503);
-  EXPECT_THAT(answer.body, testing::MatchesRegex("the server is leaving[^\n]*\n"));
+  EXPECT_THAT(answer.body, testing::MatchesRegex("the server is shutting down[^\n]*\n"));
   EXPECT_EQ(Get("/healthz").status, 200);
   EXPECT_EQ(Scrape().At("evpose_ready"), 0.0);
   EXPECT_EQ(Scrape().At("evpose_sessions{state=\"attached\"}"), 1.0);

@@ -32,8 +32,8 @@ std::unique_ptr<ModelPreparer> MakeModelPreparer();
 // The bounds of the preparation of one model.
 struct PreparationBudget {
   // Processor time, seconds. For meshes of a million triangles, tests/bench/model_preparation.py printed 5 to 9 s on a
-  // machine with other load, 0.5 to 2 s of it for the views. These have the same time once more. Some meshes of 2
-  // million triangles exceed the default.
+  // machine with other load, 0.5 to 2 s of it for the views. The views have a budget of the same size of their own.
+  // Some meshes of 2 million triangles exceed the default.
   uint32_t cpu_seconds = 10;
   // Address space, bytes. Binary STL files of 64 MiB (1.34 million triangles) took up to 732 MB of resident memory
   // there.

@@ -291,7 +291,7 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
   }
   auto model = Prepare(record, ending_);
   if (absl::IsCancelled(model.status())) {
-    return WithReason(absl::UnavailableError("the server is leaving: the model is not loaded"), v1::DRAINING);
+    return WithReason(absl::UnavailableError("the server is shutting down: the model is not loaded"), v1::DRAINING);
   }
   if (absl::IsInvalidArgument(model.status())) {
     return absl::DataLossError(absl::StrCat(record.name, " cannot be loaded: ", model.status().message()));

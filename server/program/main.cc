@@ -95,7 +95,7 @@ int WaitForEndSignal() {
   return signal_number;
 }
 
-// Waits for the shutdown notice, in which load balancers detect that the server is leaving; clients are served as
+// Waits for the shutdown notice, in which load balancers detect that the server is shutting down; clients are served as
 // before. A Drain call ends the wait early; a signal ends the process.
 void WaitForBalancers(absl::Duration notice) {
   sigset_t drain;

@@ -110,9 +110,9 @@ TEST(ProgramTest, ReportsWrongUsage) {
   for (const auto& [arguments, expected] : cases) {
     Program program(arguments);
     EXPECT_EQ(program.Wait(), 2) << expected;
-    const std::string said = program.Stderr();
-    EXPECT_THAT(said, testing::HasSubstr(expected));
-    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*\n")) << "more than one line";
+    const std::string message = program.Stderr();
+    EXPECT_THAT(message, testing::HasSubstr(expected));
+    EXPECT_THAT(message, testing::MatchesRegex("evpose-server: [^\n]*\n")) << "more than one line";
   }
 }
 
@@ -129,7 +129,7 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
       {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", "/dev/null"}, "/dev/null[^\n]*not a file[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", empty}, empty + "[^\n]*there is no password in it"},
-      {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not answer: [^\n]*start Redis there[^\n]*"},
+      {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not respond: [^\n]*start Redis there[^\n]*"},
       {{"--store", "redis-groups:/no/such/groups"}, "/no/such/groups[^\n]*"},
       {{"--store", "redis-groups:/no/such/groups", "--divide-store"}, "--divide-store: /no/such/groups[^\n]*"},
       {{"--store", "redis-groups:" + empty}, empty + ": there is no group: give each a line NAME ADDRESS"},
@@ -188,10 +188,10 @@ TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
   Program maker({"--new-token", "lab"});
   maker.ReadLine();
   EXPECT_EQ(maker.Wait(), 0);
-  const std::string said = maker.Stderr();
-  ASSERT_NE(said.find("lab "), std::string::npos) << said;
+  const std::string message = maker.Stderr();
+  ASSERT_NE(message.find("lab "), std::string::npos) << message;
   const std::string path = TemporaryPath("tokens");
-  std::ofstream(path) << said.substr(said.find("lab "));
+  std::ofstream(path) << message.substr(message.find("lab "));
   Program program({"--listen", "127.0.0.1:0", "--token-file", path, "--max-sessions", "12", "--tenant-max-watchers",
                    "3", "--tenant-max-streams", "0", "--max-session-memory", "1000000000", "--tenant-max-cpu", "1.5"});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
@@ -215,19 +215,19 @@ TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
       {"redis:/user:wrong-secret@127.0.0.1", "there is no store of this name: give memory, sqlite, redis://"},
   };
   const std::vector<std::pair<std::string, std::string>> cases = {
-      {"redis+unix:///no/such/socket", "/no/such/socket does not answer: No such file[^\n]*start Redis there"},
-      {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not answer: [^\n]*start Redis there"},
+      {"redis+unix:///no/such/socket", "/no/such/socket does not respond: No such file[^\n]*start Redis there"},
+      {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not respond: [^\n]*start Redis there"},
       {"redis+sentinel://user:wrong-secret@127.0.0.1:1/cameras",
-       "no Sentinel names the master cameras: 127.0.0.1:1 does not answer: [^\n]*start the Sentinels"},
+       "no Sentinel names the master cameras: 127.0.0.1:1 does not respond: [^\n]*start the Sentinels"},
       {redis.url(), "NOAUTH[^\n]*check the user and password of --store"},
       {redis.url(":wrong-secret@"), "WRONGPASS[^\n]*check the user and password of --store"},
   };
   const auto expect = [](const std::string& store, int status, const std::string& expected) {
     Program program({"--listen", "127.0.0.1:0", "--store", store});
     EXPECT_EQ(program.Wait(), status) << store;
-    const std::string said = program.Stderr();
-    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*" + expected + "[^\n]*\n")) << store;
-    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret"))) << store;
+    const std::string message = program.Stderr();
+    EXPECT_THAT(message, testing::MatchesRegex("evpose-server: [^\n]*" + expected + "[^\n]*\n")) << store;
+    EXPECT_THAT(message, testing::Not(testing::HasSubstr("secret"))) << store;
   };
   for (const auto& [store, expected] : malformed) expect(store, 2, expected);
   for (const auto& [store, expected] : cases) expect(store, 1, expected);
@@ -242,7 +242,8 @@ TEST(ProgramTest, APostgresqlThatCannotBeUsedIsOneLineWithoutItsPassword) {
   postgres.Run("CREATE ROLE keyed LOGIN SUPERUSER PASSWORD '" + password + "'");
   const std::vector<std::pair<std::string, std::string>> cases = {
       {"postgresql://user:wrong-secret@127.0.0.1", "has no database: give postgresql://"},
-      {"postgresql://user:wrong-secret@/db?host=/no/such", "/no/such/db does not answer: [^\n]*start PostgreSQL there"},
+      {"postgresql://user:wrong-secret@/db?host=/no/such",
+       "/no/such/db does not respond: [^\n]*start PostgreSQL there"},
       {postgres.url("keyed:wrong-secret"),
        "password authentication failed[^\n]*check the user and password of --store"},
       {postgres.url("evpose", "nowhere"), "\"nowhere\" does not exist: create it"},
@@ -250,9 +251,9 @@ TEST(ProgramTest, APostgresqlThatCannotBeUsedIsOneLineWithoutItsPassword) {
   for (const auto& [store, expected] : cases) {
     Program program({"--listen", "127.0.0.1:0", "--store", store});
     EXPECT_EQ(program.Wait(), absl::StrContains(expected, "give postgresql://") ? 2 : 1) << store;
-    const std::string said = program.Stderr();
-    EXPECT_THAT(said, testing::MatchesRegex("evpose-server: [^\n]*" + expected + "[^\n]*\n")) << store;
-    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret"))) << store;
+    const std::string message = program.Stderr();
+    EXPECT_THAT(message, testing::MatchesRegex("evpose-server: [^\n]*" + expected + "[^\n]*\n")) << store;
+    EXPECT_THAT(message, testing::Not(testing::HasSubstr("secret"))) << store;
   }
   const std::string path = TemporaryPath("password");
   std::ofstream(path) << password << "\n";
@@ -270,9 +271,9 @@ TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
   std::ofstream(path) << password << "\n";
   const auto expect_ready = [](Program& program) {
     EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
-    const std::string said = program.Stderr();
-    EXPECT_THAT(said, testing::HasSubstr(" store=redis+unix:///"));
-    EXPECT_THAT(said, testing::Not(testing::HasSubstr("secret")));
+    const std::string message = program.Stderr();
+    EXPECT_THAT(message, testing::HasSubstr(" store=redis+unix:///"));
+    EXPECT_THAT(message, testing::Not(testing::HasSubstr("secret")));
     program.Signal(SIGTERM);
     EXPECT_EQ(program.Wait(), 0);
   };
@@ -302,11 +303,11 @@ TEST(ProgramTest, AGeneratedTokenIsAccepted) {
   const std::string token = maker.ReadLine();
   EXPECT_EQ(maker.Wait(), 0);
   EXPECT_TRUE(absl::StartsWith(token, "evpose_")) << token;
-  const std::string said = maker.Stderr();
-  const size_t line = said.find("lab ");
-  ASSERT_NE(line, std::string::npos) << said;
+  const std::string message = maker.Stderr();
+  const size_t line = message.find("lab ");
+  ASSERT_NE(line, std::string::npos) << message;
   const std::string path = TemporaryPath("tokens");
-  std::ofstream(path) << said.substr(line);
+  std::ofstream(path) << message.substr(line);
   Program program({"--listen", "127.0.0.1:0", "--token-file", path});
   EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
   program.Signal(SIGTERM);

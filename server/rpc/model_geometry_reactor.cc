@@ -45,17 +45,17 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
     preparations.Post(
         caller->tenant,
         [this, tenant = caller->tenant](const absl::Status& admitted) {
-          Finish(ToGrpcStatus(admitted.ok() ? OrOutOfMemory([&] { return Answer(tenant); }) : admitted));
+          Finish(ToGrpcStatus(admitted.ok() ? OrOutOfMemory([&] { return SetResponse(tenant); }) : admitted));
         },
         cancellation_);
   }
 
-  // A call that waits is answered in its turn, without work.
+  // A call that waits is finished in its turn, without work.
   void OnCancel() override { cancellation_->Cancel(); }
   void OnDone() override { delete this; }
 
  private:
-  absl::Status Answer(const std::string& tenant) {
+  absl::Status SetResponse(const std::string& tenant) {
     std::shared_ptr<const ObjectModel> model;
     {
       // The model may be deleted while it is simplified.

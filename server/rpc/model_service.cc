@@ -171,7 +171,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       return End(InvalidField("header.size_bytes", absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_,
                                                                 " bytes were received")));
     }
-    if (known_ != nullptr) return AnswerKnown();
+    if (known_ != nullptr) return FinishKnown();
     // The task holds a reference, here and below, because OnDone() may run on another thread before it ends.
     services_.pool.preparations().Post(
         caller_->tenant, [self = shared_from_this()](const absl::Status& admitted) { self->Prepare(admitted); },
@@ -197,7 +197,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     End(model.status());
   }
 
-  void AnswerKnown() {
+  void FinishKnown() {
     const absl::Status status = CheckSha256(sha256_hex_, known_->digest.FinishHex(), size_bytes_);
     if (!status.ok()) return End(status);
     services_.pool.slow().Post(caller_->tenant, [this, self = shared_from_this()](const absl::Status& admitted) {
@@ -259,7 +259,7 @@ grpc::ServerReadReactor<v1::UploadModelRequest>* ModelServiceImpl::UploadModel(g
 
 grpc::ServerUnaryReactor* ModelServiceImpl::GetModel(grpc::CallbackServerContext* context,
                                                      const v1::GetModelRequest* request, v1::Model* response) {
-  return AnswerUnary(services_.authenticator, context, [this, request, response](const Caller& caller) -> absl::Status {
+  return FinishUnary(services_.authenticator, context, [this, request, response](const Caller& caller) -> absl::Status {
     EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, services_.models.Get(caller.tenant, request->name()));
     *response = ToProto(model);
     return absl::OkStatus();
@@ -269,7 +269,7 @@ grpc::ServerUnaryReactor* ModelServiceImpl::GetModel(grpc::CallbackServerContext
 grpc::ServerUnaryReactor* ModelServiceImpl::ListModels(grpc::CallbackServerContext* context,
                                                        const v1::ListModelsRequest* request,
                                                        v1::ListModelsResponse* response) {
-  return AnswerUnary(services_.authenticator, context, [this, request, response](const Caller& caller) {
+  return FinishUnary(services_.authenticator, context, [this, request, response](const Caller& caller) {
     return List(services_.models, caller.tenant, *request, *response);
   });
 }
@@ -284,7 +284,7 @@ grpc::ServerUnaryReactor* ModelServiceImpl::GetModelGeometry(grpc::CallbackServe
 grpc::ServerUnaryReactor* ModelServiceImpl::DeleteModel(grpc::CallbackServerContext* context,
                                                         const v1::DeleteModelRequest* request,
                                                         google::protobuf::Empty*) {
-  return AnswerSlowly(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
+  return PostUnary(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
     return DeletionStatus(services_.models.Delete(caller.tenant, request->name()), request->allow_missing());
   });
 }

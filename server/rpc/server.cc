@@ -345,7 +345,7 @@ class ServerImpl : public Server, public Drainer {
   }
 
   void Drain(absl::Duration deadline) override {
-    if (BeginToLeave(deadline) && on_drain_ != nullptr) on_drain_(deadline);
+    if (BeginShutdown(deadline) && on_drain_ != nullptr) on_drain_(deadline);
   }
 
   void Shutdown(absl::Duration deadline) override {
@@ -353,7 +353,7 @@ class ServerImpl : public Server, public Drainer {
     is_shut_down_ = true;
     deadline = std::min(deadline, kLongestDuration);
     const absl::Time end = absl::Now() + deadline - std::min(3 * kCallGrace, deadline / 2);
-    BeginToLeave(deadline);
+    BeginShutdown(deadline);
     if (server_ != nullptr) streams_.WaitForTracks(end);
     sessions_.FlushAll(absl::Now() + kCallGrace);
     const absl::Status leaving = WithReason(absl::UnavailableError("the server has shut down"), v1::DRAINING);
@@ -388,7 +388,7 @@ class ServerImpl : public Server, public Drainer {
   absl::Status OpenSocket(const ServerOptions& options, grpc::ServerBuilder& builder) {
     EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
     const auto on_stalled = [this, call = options.on_stalled] {
-      if (is_leaving_) return;
+      if (is_shutting_down_) return;
       AnnounceShutdown();  // health is NOT_SERVING for clients that are connected already
       if (call != nullptr) call();
     };
@@ -416,8 +416,8 @@ class ServerImpl : public Server, public Drainer {
   }
 
   // Starts draining. Returns false if it has started before.
-  bool BeginToLeave(absl::Duration deadline) {
-    if (is_leaving_.exchange(true)) return false;
+  bool BeginShutdown(absl::Duration deadline) {
+    if (is_shutting_down_.exchange(true)) return false;
     sessions_.Drain();
     store_check_.Stop();
     if (server_ != nullptr) {
@@ -453,7 +453,7 @@ class ServerImpl : public Server, public Drainer {
   std::unique_ptr<ConnectionAcceptor> acceptor_;  // null without a socket
   std::mutex health_mutex_;
   std::atomic<bool> is_announced_ = false;
-  std::atomic<bool> is_leaving_ = false;
+  std::atomic<bool> is_shutting_down_ = false;
   bool is_shut_down_ = false;
 };
 

@@ -35,8 +35,8 @@ absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const 
 // Finishes the call with the session and its resume token. For a session that was loaded from the store, the server has
 // only the digest of the token, and the client did not receive the token; so a new token is issued and sent when it is
 // durable. If the store does not respond, the call fails instead of waiting without limit.
-void AnswerCreated(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store,
-                   v1::CreateSessionResponse& response, grpc::ServerUnaryReactor& reactor) {
+void FinishCreate(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store,
+                  v1::CreateSessionResponse& response, grpc::ServerUnaryReactor& reactor) {
   const absl::Status status = OrOutOfMemory([&]() -> absl::Status {
     EVPOSE_RETURN_IF_ERROR(session.status());
     *response.mutable_session() = ToProto((*session)->Describe());
@@ -77,9 +77,9 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
     return reactor;
   }
   // Creating trackers takes too long for gRPC's threads and for the workers.
-  PostCall(services_.pool, caller->tenant, context, reactor, [this, request, response, reactor, asking = *caller] {
-    AnswerCreated(OrOutOfMemory([&] { return Create(services_.sessions, asking, *request); }), services_.store,
-                  *response, *reactor);
+  PostCall(services_.pool, caller->tenant, context, reactor, [this, request, response, reactor, caller = *caller] {
+    FinishCreate(OrOutOfMemory([&] { return Create(services_.sessions, caller, *request); }), services_.store,
+                 *response, *reactor);
   });
   return reactor;
 }
@@ -93,24 +93,23 @@ grpc::ServerUnaryReactor* SessionServiceImpl::GetSession(grpc::CallbackServerCon
   };
   const absl::StatusOr<Caller> caller = Authenticate(services_.authenticator, *context);
   if (!caller.ok() || !services_.sessions.Get(caller->tenant, request->name()).ok()) {
-    return AnswerSlowly(services_.authenticator, services_.pool, context, describe);
+    return PostUnary(services_.authenticator, services_.pool, context, describe);
   }
-  return AnswerUnary(services_.authenticator, context, describe);
+  return FinishUnary(services_.authenticator, context, describe);
 }
 
 grpc::ServerUnaryReactor* SessionServiceImpl::ListSessions(grpc::CallbackServerContext* context,
                                                            const v1::ListSessionsRequest* request,
                                                            v1::ListSessionsResponse* response) {
-  return AnswerSlowly(services_.authenticator, services_.pool, context,
-                      [this, request, response](const Caller& caller) {
-                        return List(services_.sessions, caller.tenant, *request, *response);
-                      });
+  return PostUnary(services_.authenticator, services_.pool, context, [this, request, response](const Caller& caller) {
+    return List(services_.sessions, caller.tenant, *request, *response);
+  });
 }
 
 grpc::ServerUnaryReactor* SessionServiceImpl::DeleteSession(grpc::CallbackServerContext* context,
                                                             const v1::DeleteSessionRequest* request,
                                                             google::protobuf::Empty*) {
-  return AnswerSlowly(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
+  return PostUnary(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
     return DeletionStatus(services_.sessions.Delete(caller.tenant, request->name(), caller.peer),
                           request->allow_missing());
   });

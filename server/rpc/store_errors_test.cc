@@ -204,7 +204,7 @@ TEST_F(StoreErrorsTest, CallsThatNeedAnUnreachableStoreFail) {
   EXPECT_EQ(Describe(Delete(here.name())), "UNAVAILABLE STORE_UNAVAILABLE");
   const grpc::Status attached = AttachError(here.name(), here.resume_token());
   EXPECT_EQ(Describe(attached), "UNAVAILABLE STORE_UNAVAILABLE");
-  EXPECT_THAT(attached.error_message(), testing::HasSubstr("does not answer"));
+  EXPECT_THAT(attached.error_message(), testing::HasSubstr("does not respond"));
   v1::Model model;
   std::string other = kCubeObj;
   other.insert(0, "# other\n");

@@ -57,7 +57,7 @@ absl::Status FromStore(const absl::Status& status) {
   if (status.ok() || !details.reason.empty() || !details.field.empty()) return status;
   switch (status.code()) {
     case absl::StatusCode::kUnavailable:
-      return WithReason(absl::UnavailableError(absl::StrCat("the store does not answer: ", status.message())),
+      return WithReason(absl::UnavailableError(absl::StrCat("the store does not respond: ", status.message())),
                         v1::STORE_UNAVAILABLE);
     case absl::StatusCode::kResourceExhausted:
       return WithReason(absl::ResourceExhaustedError(absl::StrCat("the store has no room: ", status.message())),

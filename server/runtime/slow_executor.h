@@ -34,10 +34,12 @@ class Cancellation {
 // most one running item, it leaves the other threads to the other tenants. Thread-safe.
 class SlowExecutor {
  public:
-  // Is called exactly once, on a thread of the executor, unless the executor is destroyed before: with OK in its turn;
-  // with CANCELLED in its turn if the item was cancelled; with UNAVAILABLE (DRAINING) after Stop(). With an error it
-  // must only answer its caller. If memory is exhausted, only the item ends; work that must answer even then guards
-  // itself (out_of_memory.h).
+  // Is called exactly once, on a thread of the executor, unless the executor is destroyed before. `admitted`:
+  //   OK                      the turn of the item has come
+  //   CANCELLED               the turn of the item has come, but the item was cancelled
+  //   UNAVAILABLE (DRAINING)  Stop() was called
+  // With an error, the work only reports it to its caller. If memory is exhausted, only the item ends; work that must
+  // report even then guards itself (out_of_memory.h).
   using Work = absl::AnyInvocable<void(const absl::Status& admitted)>;
 
   // Runs at most `max_running` items at a time on `threads`, which must outlive this object.

@@ -42,7 +42,8 @@ enum class Arrival { kLive, kBulk };
 
 struct TenantShare {
   double used_s = 0.0;  // processor time; after idle time raised to at most kCreditS (.cc) below the others
-  // The largest SessionShare::used_s with which a session of the tenant had a turn by its share.
+  // Virtual clock of the tenant: the largest SessionShare::used_s of a session at its turn by share. A session that
+  // becomes active starts at most kCreditS (.cc) below it.
   double clock_s = 0.0;
   // Sessions that wait or have their turn.
   size_t num_live = 0;
@@ -58,11 +59,12 @@ struct SessionShare {
   Arrival arrival = Arrival::kLive;
   bool is_active = false;          // it waits or has its turn
   bool has_priority_turn = false;  // its present or last turn was by its priority, and not by its share
-  // As TenantShare::used_s, among the sessions of the tenant, without the time that the session had by its priority;
-  // the time of live sessions counts as a part of it.
+  // Processor time, seconds, compared among the sessions of the tenant as TenantShare::used_s is among the tenants. The
+  // time of turns by priority is not counted. Beside replays of the tenant, a part of the time of a live session is
+  // counted (kLiveWeight in the .cc).
   double used_s = 0.0;
-  std::chrono::nanoseconds since_drained{0};  // processor time since no data waited
-  CpuMeter::Time drained_at{};                // no data waited then for the last time
+  std::chrono::nanoseconds since_drained{0};  // processor time since the queue was last empty
+  CpuMeter::Time drained_at{};                // when the queue was last empty
   CpuMeter::Time paced_since{};               // the session has kept its pace since
   CpuMeter meter;
 

@@ -107,8 +107,8 @@ class FairScheduler {
   void RunStep(SessionTurns& session, Lock& lock) ABSL_NO_THREAD_SAFETY_ANALYSIS;
   // After a turn. Returns whether the session is idle now; it may have been deleted then.
   bool EndTurn(SessionTurns& session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Whether a thread is left for the place of a step that is to be paused now; starts one if there is none. Invariant:
-  // without those that take over begun_, there are at least as many idle threads as free places.
+  // Whether another thread can take the place of a step that pauses; starts a thread if necessary. Invariant: idle
+  // threads - size of begun_ >= free places.
   bool HasSpareThread() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool IsFinished() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { return num_running_ == 0 && queue_.size() == 0; }
   void End(bool drops_steps);

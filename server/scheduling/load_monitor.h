@@ -27,13 +27,13 @@ class LoadMonitor {
     std::function<Time()> now = std::chrono::steady_clock::now;
   };
 
-  // Of the average. A search for a first pose takes a part of a second, and a new session should count before the next
-  // ones are distributed.
+  // Time constant of the average: a search for a first pose takes a part of a second, and a new session should count
+  // before the next ones are distributed.
   static constexpr std::chrono::seconds kTimeConstant{5};
   // Time for which the average must be above the bound: with the average's own delay, bursts of several seconds, such
   // as the searches of sessions that have come from another server, do not refuse sessions.
   static constexpr std::chrono::seconds kHold{5};
-  // Between two calls of Update(): a small part of the time constant.
+  // Period of Update(), small against kTimeConstant.
   static constexpr std::chrono::milliseconds kPeriod{500};
 
   explicit LoadMonitor(Options options);

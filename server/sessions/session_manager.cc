@@ -443,7 +443,7 @@ void SessionManager::Drain() {
 absl::Status SessionManager::CheckNotDraining() const {
   const std::lock_guard lock(mutex_);
   if (!draining_) return absl::OkStatus();
-  return WithReason(absl::UnavailableError("the server is leaving: no new sessions and streams"), v1::DRAINING);
+  return WithReason(absl::UnavailableError("the server is shutting down: no new sessions and streams"), v1::DRAINING);
 }
 
 std::vector<std::shared_ptr<Session>> SessionManager::Sessions() const {

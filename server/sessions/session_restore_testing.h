@@ -71,11 +71,6 @@ class SharedStoreTest : public testing::Test {
     return server->Create(kTenant, Config(server), request_id).value();
   }
 
-  void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
-    const auto waiting = std::make_shared<WaitingListener>();
-    session->AddWatcher(waiting);
-    waiting->WaitUntil(is_true);
-  }
   Attachment Attach(const std::shared_ptr<Session>& session, const std::string& token, uint64_t last_pose_seq = 0) {
     const Attachment attachment = session->Attach(token, last_pose_seq, listener_).value();
     Until(session, [&] { return session->View(attachment.stream).attached; });

@@ -6,6 +6,7 @@
 
 #include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -233,5 +234,12 @@ class WaitingListener : public SessionListener {
   std::mutex mutex_;
   std::condition_variable changed_;
 };
+
+// Waits until `is_true`, which is called after each change of the session.
+inline void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
+  const auto waiting = std::make_shared<WaitingListener>();
+  session->AddWatcher(waiting);
+  waiting->WaitUntil(is_true);
+}
 
 }  // namespace evpose::server

@@ -8,7 +8,7 @@
 #include <functional>
 
 #include "server/stores/common/store.h"
-#include "server/stores/store_houses_testing.h"
+#include "server/stores/store_fixtures_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -22,7 +22,7 @@ INSTANTIATE_TEST_SUITE_P(Stores, StoreFencingSuite, kTestedStores, NameOfTestedS
 TEST_P(StoreFencingSuite, TwoLeasesWithOneNumberAreDifferentHolders) {
   auto created = store_->CreateSession(Record("sessions/a"), "life").value();
   const auto first = store_->TakeSession("sessions/a").value().lease;
-  house_->RepeatLastNumber();
+  fixture_->RepeatLastNumber();
   const auto second = store_->TakeSession("sessions/a").value().lease;
   ASSERT_EQ(first->token().number, second->token().number);
   EXPECT_EQ(CommitNow(*first, {.checkpoint = "x", .poses = {Segment("x", 1, 2)}}).code(), StatusCode::kAborted);
@@ -35,7 +35,7 @@ TEST_P(StoreFencingSuite, TwoLeasesWithOneNumberAreDifferentHolders) {
 TEST_P(StoreFencingSuite, ALostCommitIsReportedAndLeavesNoGap) {
   auto lease = store_->CreateSession(Record("sessions/a"), "life").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
-  const std::function<void()> roll_back = house_->Snapshot();
+  const std::function<void()> roll_back = fixture_->Snapshot();
   if (roll_back == nullptr) GTEST_SKIP() << "the file of a store in use cannot be exchanged";
   ASSERT_TRUE(CommitNow(*lease, {.lifecycle = "new life", .poses = {Segment("a", 4, 6)}}).ok());
   roll_back();
@@ -51,7 +51,7 @@ TEST_P(StoreFencingSuite, ALostCommitIsReportedAndLeavesNoGap) {
 
 TEST_P(StoreFencingSuite, ALostLeaseIsReported) {
   auto first = store_->CreateSession(Record("sessions/a"), "life").value();
-  const std::function<void()> roll_back = house_->Snapshot();
+  const std::function<void()> roll_back = fixture_->Snapshot();
   if (roll_back == nullptr) GTEST_SKIP() << "the file of a store in use cannot be exchanged";
   const auto second = store_->TakeSession("sessions/a").value().lease;
   ASSERT_TRUE(CommitNow(*second, {.checkpoint = "2"}).ok());

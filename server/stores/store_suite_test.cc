@@ -10,7 +10,7 @@
 #include <thread>
 
 #include "server/stores/common/store.h"
-#include "server/stores/store_houses_testing.h"
+#include "server/stores/store_fixtures_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -37,7 +37,7 @@ TEST_P(StoreSuite, ReturnsCommittedData) {
                 {.checkpoint = checkpoint, .lifecycle = "life 1", .poses = {Segment("a", 1, 3), Segment("a", 4, 4)}})
           .ok());
   ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 5, 9)}}).ok()) << "nothing else changes";
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   const StoredSession session = store_->ReadSession(record.name).value();
   EXPECT_EQ(session.record.name, record.name);
   EXPECT_EQ(session.record.tenant, "lab");
@@ -116,7 +116,7 @@ TEST_P(StoreSuite, ListsTheSessionsOfATenantByPages) {
        {std::pair("sessions/c", "lab"), {"sessions/a", "lab"}, {"sessions/d", "lab"}, {"sessions/b", "lab-2"}}) {
     ASSERT_TRUE(store_->CreateSession({.name = name, .tenant = tenant, .config = name}, "").ok());
   }
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   EXPECT_THAT(NamesOf(*store_), ElementsAre("sessions/a", "sessions/b", "sessions/c", "sessions/d"));
   EXPECT_EQ(store_->ListOwners()->at(1).tenant, "lab-2");
   const SessionPage first = store_->ListSessions("lab", "", 2).value();
@@ -151,7 +151,7 @@ TEST_P(StoreSuite, ATenantHasOneSessionForARequest) {
   for (int i = 0; i < 2; ++i) {
     EXPECT_TRUE(store_->CreateSession(record("lab", ""), "").ok()) << "an empty request_id is none";
   }
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   EXPECT_EQ(store_->FindRequest("lab", "1")->name, first.name);
   EXPECT_EQ(store_->FindRequest("lab", "1")->config, "config");
   EXPECT_EQ(store_->FindRequest("other", "1")->name, of_other.name);
@@ -173,7 +173,7 @@ TEST_P(StoreSuite, ReturnsTheLifecyclesThatWereWrittenLeastRecently) {
   auto a = store_->CreateSession(Record("sessions/a"), "a").value();
   ASSERT_TRUE(CommitNow(*b, {.lifecycle = "b again"}).ok());
   ASSERT_TRUE(CommitNow(*a, {.checkpoint = "1"}).ok());
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   const auto texts = [this](size_t max_sessions) {
     const std::vector<StoredLifecycle> lifecycles = store_->ReadOldestLifecycles(max_sessions).value();
     std::vector<std::string> found;
@@ -216,7 +216,7 @@ TEST_P(StoreSuite, DeletesPosesBySegments) {
   ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 31, 40)}, .first_pose_seq_kept = 50}).ok());
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "") << "all are below 50";
   ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 41, 45), Segment("a", 46, 60)}}).ok());
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "46-60");
   Store::Taken taken = store_->TakeSession("sessions/a").value();
   EXPECT_TRUE(CommitNow(*taken.lease, {.poses = {Segment("a", 61, 61)}}).ok());
@@ -245,7 +245,7 @@ TEST_P(StoreSuite, KeepsModelsOfTenantsApart) {
   ASSERT_TRUE(store_->PutModel(Model("models/b", "tenant", "b of tenant")).ok());
   ASSERT_TRUE(store_->PutModel(Model("models/a", "tenant", std::string("a\0a", 3))).ok());
   ASSERT_TRUE(store_->PutModel(Model("models/b", "", "another")).ok()) << "replaces the model";
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   const auto models = store_->ListModels().value();
   ASSERT_EQ(models.size(), 3u);
   EXPECT_EQ(models[0].name, "models/a");
@@ -274,7 +274,7 @@ TEST_P(StoreSuite, KeepsLargeBytesWhole) {
                                    .poses = {{.first_pose_seq = i, .last_pose_seq = i, .bytes = Noise(1u << 20, i)}}})
                     .ok());
   }
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   const StoredSession session = store_->ReadSession("sessions/a").value();
   EXPECT_TRUE(session.checkpoint == Noise((5u << 20) + 5, 5));
   ASSERT_EQ(session.poses.size(), 5u);
@@ -401,8 +401,8 @@ TEST_P(StoreSuite, EveryCommitIsCompleteWhenTheStoreIsDestroyed) {
     EXPECT_TRUE(outcomes[i][0].ok() || outcomes[i][0].code() == StatusCode::kCancelled) << outcomes[i][0];
   }
   EXPECT_EQ(CommitNow(*leases[1], {.checkpoint = "x"}).code(), StatusCode::kCancelled);
-  if (!house_->keeps()) return;
-  store_ = house_->Open().value();
+  if (!fixture_->keeps()) return;
+  store_ = fixture_->Open().value();
   EXPECT_EQ(CommitNow(*leases[1], {.checkpoint = "x"}).code(), StatusCode::kCancelled);
   for (int i = 0; i < kSessions; ++i) {
     if (!outcomes[i][0].ok()) continue;
@@ -412,7 +412,7 @@ TEST_P(StoreSuite, EveryCommitIsCompleteWhenTheStoreIsDestroyed) {
 
 TEST_P(StoreSuite, FencingNumbersRiseAcrossOpenings) {
   const uint64_t first = store_->CreateSession(Record("sessions/a"), "").value()->token().number;
-  if (house_->keeps()) Reopen();
+  if (fixture_->keeps()) Reopen();
   const uint64_t second = store_->TakeSession("sessions/a").value().lease->token().number;
   EXPECT_GT(second, first);
   ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
@@ -438,7 +438,7 @@ TEST_P(StoreSuite, DeletesSessionsThatEndedBefore) {
 
 TEST_P(StoreSuite, AFullStoreRejectsCommitsUntilSpaceIsAvailable) {
   store_.reset();
-  store_ = house_->OpenSmall(8u << 20).value();
+  store_ = fixture_->OpenSmall(8u << 20).value();
   auto living = store_->CreateSession(Record("sessions/living"), "life").value();
   ASSERT_TRUE(CommitNow(*living, {.checkpoint = "whole", .poses = {Segment("a", 1, 1)}}).ok());
   auto large = store_->CreateSession(Record("sessions/large"), "").value();
@@ -462,9 +462,9 @@ TEST_P(StoreSuite, AFullStoreRejectsCommitsUntilSpaceIsAvailable) {
   ASSERT_TRUE(store_->DeleteSession("sessions/large").ok());
   EXPECT_TRUE(CommitNow(*living, {.checkpoint = Noise(4u << 20, 1), .poses = {Segment("a", 2, 2)}}).ok());
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/living")->poses), "1-1 2-2");
-  if (!house_->keeps()) return;
+  if (!fixture_->keeps()) return;
   store_.reset();
-  store_ = house_->OpenSmall(8u << 20).value();
+  store_ = fixture_->OpenSmall(8u << 20).value();
   EXPECT_THAT(store_->damage(), testing::IsEmpty());
   EXPECT_TRUE(store_->ReadSession("sessions/living")->checkpoint == Noise(4u << 20, 1));
 }
@@ -472,9 +472,9 @@ TEST_P(StoreSuite, AFullStoreRejectsCommitsUntilSpaceIsAvailable) {
 // A group of a store can delete only its own sessions.
 TEST_P(StoreSuite, EndedSessionsAreDeletedForActiveOnes) {
   store_.reset();
-  store_ = house_->OpenSmall(8u << 20).value();
+  store_ = fixture_->OpenSmall(8u << 20).value();
   const auto beside_first = [this](std::string name) {
-    while (!house_->AreTogether(name, "sessions/1")) name += "x";
+    while (!fixture_->AreTogether(name, "sessions/1")) name += "x";
     return name;
   };
   const std::string second = beside_first("sessions/2");

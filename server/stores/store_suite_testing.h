@@ -22,9 +22,9 @@
 namespace evpose::server {
 
 // Opens stores of one kind on the same data, one after the other.
-class StoreHouse {
+class StoreFixture {
  public:
-  virtual ~StoreHouse() = default;
+  virtual ~StoreFixture() = default;
   virtual absl::StatusOr<std::unique_ptr<Store>> Open() = 0;
   // Opens a store with space for about `max_bytes`.
   virtual absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) = 0;
@@ -42,7 +42,7 @@ class StoreHouse {
 
 struct TestedStore {
   std::string name;
-  std::function<std::unique_ptr<StoreHouse>()> build;
+  std::function<std::unique_ptr<StoreFixture>()> build;
 
   friend void PrintTo(const TestedStore& kind, std::ostream* out) { *out << kind.name; }
 };

@@ -122,7 +122,7 @@ class BudgetTest(server.AdversaryTest):
         for name, data in hostile.items():
             with self.subTest(name):
                 cost_s, failure = upload_cost(running, api, data)
-                # The transfer and the parts between two looks at the budget are not in it.
+                # BUDGET_S does not include the transfer of the file and the work between two checks of the budget.
                 self.assertLess(cost_s, 2 * self.BUDGET_S, failure)
                 if failure is not None:
                     self.assertEqual(failure.code, "INVALID_ARGUMENT")

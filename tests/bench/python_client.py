@@ -51,9 +51,9 @@ def measure(address, scene, kind):
 def child_cpu_s(command, **settings):
     """Returns the processor time of a process and what it prints."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    said = subprocess.run(command, check=True, capture_output=True, text=True, **settings).stdout
+    output = subprocess.run(command, check=True, capture_output=True, text=True, **settings).stdout
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, said
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, output
 
 
 def compare(arguments, address, scene):
@@ -70,7 +70,7 @@ def compare(arguments, address, scene):
     for kind in ("raw", "arrays"):
         runs = [child_cpu_s([PYTHON, __file__, "--measure", address, scene, kind], env=environment) for _ in range(arguments.repetitions)]
         process_cpu_s = min(cpu_s for cpu_s, _ in runs)
-        figures = min((json.loads(said) for _, said in runs), key=lambda each: each["cpu_s"])
+        figures = min((json.loads(output) for _, output in runs), key=lambda each: each["cpu_s"])
         rate = figures["events"] / figures["cpu_s"] * 1e-6
         ratio = f"{figures['cpu_s'] / cli_cpu_s:14.2f}" if kind == "raw" else ""
         print(f"{'Python, ' + kind:24}{figures['events']:12}{figures['poses']:8}{figures['cpu_s']:10.3f}{rate:17.1f}{ratio}")

@@ -100,8 +100,8 @@ class Sensor(threading.Thread):
 def session_of(evpose, address):
     """Waits for the one session of the server."""
     while True:
-        said = subprocess.run([evpose, "sessions", "list", "--server", address], capture_output=True, text=True, check=True).stdout
-        names = [word for word in said.split() if word.startswith("sessions/")]
+        output = subprocess.run([evpose, "sessions", "list", "--server", address], capture_output=True, text=True, check=True).stdout
+        names = [word for word in output.split() if word.startswith("sessions/")]
         if names:
             return names[0]
 

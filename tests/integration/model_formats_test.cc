@@ -43,7 +43,7 @@ TEST_F(ModelFormatsTest, AnInspectionPredictsWhereTheObjectCanBeFound) {
   EXPECT_EQ(findability["views"], 96);
   EXPECT_EQ(findability["findable_views"], 96);
   EXPECT_EQ(findability["thin_views"], 0);
-  EXPECT_EQ(findability["twins"].size(), 0u) << "half turns are symmetries of a cube";
+  EXPECT_EQ(findability["rivals"].size(), 0u) << "half turns are symmetries of a cube";
   ASSERT_EQ(findability["by_view"].size(), 96u);
   EXPECT_GT(findability["by_view"][0]["max_distance_m"], 0.0);
   const CliResult text = Run({"models", "inspect", model});

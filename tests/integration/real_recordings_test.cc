@@ -14,10 +14,9 @@
 #include <vector>
 
 #include "core/camera_files/camera_file.h"
-#include "core/events/decoder.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
-#include "core/recordings/recording_reader.h"
+#include "core/recordings/recordings_testing.h"
 #include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
 #include "tests/data/test_data.h"
@@ -27,17 +26,6 @@ namespace {
 
 // Pixels: half of the distance of the densest parallel lines of these models, 5 px, and twice the references' errors.
 constexpr double kWrongPx = 5.0;
-
-std::vector<Event> ReadAll(const std::string& path) {
-  auto reader = RecordingReader::Open(path).value();
-  auto decoder = MakeEventDecoder(reader->header().encoding, reader->header().geometry).value();
-  DecodedEvents decoded;
-  std::vector<uint8_t> buffer(1 << 16);
-  while (const size_t size = reader->Read(absl::MakeSpan(buffer)).value()) {
-    decoder->Decode(absl::MakeConstSpan(buffer).subspan(0, size), decoded);
-  }
-  return {decoded.events.begin(), decoded.events.end()};
-}
 
 struct Scene {
   std::vector<Event> events;
@@ -52,7 +40,7 @@ std::string PathOf(const std::string& name) { return FindTestData("real/" + name
 std::optional<Scene> Load(const std::string& recording, const std::string& reference, const std::string& folder) {
   if (PathOf(recording).empty() || PathOf(reference).empty()) return std::nullopt;
   Scene scene;
-  scene.events = ReadAll(PathOf(recording));
+  scene.events = EventsOf(PathOf(recording));
   scene.reference = ReadTumTrajectory(PathOf(reference)).value();
   scene.camera = LoadCameraModel(PathOf(folder + "/camera.yaml")).value();
   scene.model = std::make_shared<ObjectModel>(LoadObjectModel(PathOf(folder + "/model.obj")).value());
@@ -183,7 +171,7 @@ TEST_P(AbsentObjectTest, IsNeverTracked) {
   const std::string model = PathOf(std::string(GetParam().folder) + "/model.obj");
   if (recording.empty() || model.empty()) GTEST_SKIP() << "real/ is not in EVPOSE_SHARED_DATA";
   Scene scene;
-  scene.events = ReadAll(recording);
+  scene.events = EventsOf(recording);
   scene.camera = LoadCameraModel(PathOf(std::string(GetParam().folder) + "/camera.yaml")).value();
   scene.model = std::make_shared<ObjectModel>(LoadObjectModel(model).value());
   Outcome outcome;

@@ -109,8 +109,8 @@ class TraceTest : public CliTest {
   }
 };
 
-// What client and servers have said about a session.
-struct Said {
+// What client and servers have reported of a session.
+struct Reports {
   std::vector<client::StreamTrace> broken, back;  // by the client
   std::vector<std::string> metrics;
   std::vector<Line> first, second;  // the logs of the servers
@@ -129,24 +129,24 @@ class RestartTest : public TraceTest {
     client::TrackCallbacks callbacks;
     callbacks.on_pose = [&](const client::Pose& pose) {
       if (second != nullptr || pose.seq < 50) return;
-      said_.metrics.push_back(first->Metrics());
+      reports_.metrics.push_back(first->Metrics());
       first->Kill();
       second = std::make_unique<TracedServer>(Path("data"));
       proxy_.SetTarget(second->port());
     };
     callbacks.on_connection = [&](const client::ConnectionChange& change) {
-      (change.is_away ? said_.broken : said_.back).push_back(change.trace);
+      (change.is_away ? reports_.broken : reports_.back).push_back(change.trace);
     };
     summary_ = Track(*client, session_, callbacks);
     ASSERT_TRUE(summary_.ok()) << summary_.status();
     ASSERT_NE(second, nullptr);
     described_ = Run({"sessions", "get", session_.name, "--server", proxy_.address(), "--json"}).Json();
-    said_.metrics.push_back(second->Metrics());
+    reports_.metrics.push_back(second->Metrics());
     ASSERT_TRUE(client->DeleteSession(session_.name).ok());
     failed_ = Track(*client, session_, {}).status();
     second->AwaitEnd();
-    said_.first = first->LinesOf(session_.name);
-    said_.second = second->LinesOf(session_.name);
+    reports_.first = first->LinesOf(session_.name);
+    reports_.second = second->LinesOf(session_.name);
   }
 
   CuttingProxy proxy_;
@@ -154,7 +154,7 @@ class RestartTest : public TraceTest {
   absl::StatusOr<client::TrackSummary> summary_ = absl::UnknownError("");
   nlohmann::json described_;
   absl::Status failed_;
-  Said said_;
+  Reports reports_;
 };
 
 TEST_F(RestartTest, OneIdIsInMessagesLogsAndMetrics) {
@@ -162,33 +162,33 @@ TEST_F(RestartTest, OneIdIsInMessagesLogsAndMetrics) {
   if (HasFatalFailure()) return;
   const std::string trace_id = client::TraceId(session_.name);
   EXPECT_EQ(described_["trace_id"], trace_id);
-  for (const std::string& metrics : said_.metrics) {
+  for (const std::string& metrics : reports_.metrics) {
     EXPECT_THAT(metrics, HasSubstr(absl::StrCat(" # {trace_id=\"", trace_id, "\"} ")));
   }
-  for (const auto* lines : {&said_.first, &said_.second}) {
+  for (const auto* lines : {&reports_.first, &reports_.second}) {
     for (const Line& line : *lines) EXPECT_EQ(line.value("trace_id", ""), trace_id) << line;
   }
-  EXPECT_THAT(EventsOf(said_.first), IsSupersetOf({"session_created", "session_attached", "object_initialized"}));
-  EXPECT_THAT(EventsOf(said_.second), IsSupersetOf({"session_resumed", "session_reattached", "session_ended",
-                                                    "stream_ended", "session_deleted", "attach_refused"}));
+  EXPECT_THAT(EventsOf(reports_.first), IsSupersetOf({"session_created", "session_attached", "object_initialized"}));
+  EXPECT_THAT(EventsOf(reports_.second), IsSupersetOf({"session_resumed", "session_reattached", "session_ended",
+                                                       "stream_ended", "session_deleted", "attach_refused"}));
   // A stream has the same span at the client and at its server.
-  ASSERT_FALSE(said_.broken.empty());
-  ASSERT_FALSE(said_.back.empty());
-  EXPECT_EQ(summary_->trace, said_.back.back());
-  EXPECT_THAT(SpansOf(said_.first, kAttachments), ElementsAre(said_.broken.front().span_id));
-  EXPECT_THAT(SpansOf(said_.second, kAttachments), Contains(summary_->trace.span_id));
-  EXPECT_THAT(SpansOf(said_.second, {"session_ended"}), ElementsAre(summary_->trace.span_id));
+  ASSERT_FALSE(reports_.broken.empty());
+  ASSERT_FALSE(reports_.back.empty());
+  EXPECT_EQ(summary_->trace, reports_.back.back());
+  EXPECT_THAT(SpansOf(reports_.first, kAttachments), ElementsAre(reports_.broken.front().span_id));
+  EXPECT_THAT(SpansOf(reports_.second, kAttachments), Contains(summary_->trace.span_id));
+  EXPECT_THAT(SpansOf(reports_.second, {"session_ended"}), ElementsAre(summary_->trace.span_id));
   EXPECT_EQ(failed_.code(), absl::StatusCode::kNotFound);
-  EXPECT_THAT(
-      std::string(failed_.message()),
-      HasSubstr(absl::StrCat("; trace_id=", trace_id, " span_id=", SpansOf(said_.second, {"attach_refused"}).back())));
+  EXPECT_THAT(std::string(failed_.message()),
+              HasSubstr(absl::StrCat("; trace_id=", trace_id,
+                                     " span_id=", SpansOf(reports_.second, {"attach_refused"}).back())));
 }
 
 TEST_F(RestartTest, OneLineOfAllLogsHasTheSums) {
   TrackAndFail();
   if (HasFatalFailure()) return;
   std::vector<Line> ends;
-  for (const auto* lines : {&said_.first, &said_.second}) {
+  for (const auto* lines : {&reports_.first, &reports_.second}) {
     std::copy_if(lines->begin(), lines->end(), std::back_inserter(ends),
                  [](const Line& line) { return line.contains("cause"); });
   }

@@ -18,8 +18,12 @@ SOURCE = re.compile(r"\.(h|cc|proto|sh|py|ts|mjs|css|html|cmake)$")
 SHARED_DATA = "../" + "shared"
 SHARED_DATA_FILE = "CMakeLists.txt"
 LICENCE = "SPDX-License-Identifier: Apache-2.0"
-NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|cmake|yaml|yml|cfg|service|in)|CMakeLists\.txt|Dockerfile|suppressions\.txt|/uncounted\.txt|^\.ci/run)$")
-DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,?\s+sections?\s+(\d+)(?:\s+and\s+(\d+))?|,?\s+equations?\s+\((\d+)\))?")
+NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|js|ts|mjs|css|html|cmake|yaml|yml|cfg|conf|toml|service|in)|CMakeLists\.txt|Dockerfile|suppressions\.txt|/uncounted\.txt|^\.ci/run)$")
+DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,?\s+sections?\s+(\d+)(?:\s+and\s+(\d+))?|,?\s+equations?\s+\((\d+[a-z]?)\)(?:\s+(?:and|to)\s+\((\d+[a-z]?)\))?)?")
+# "README, section 2", "README, equations (1) and (2)", "equation (3) of the README": the README of the folder or of one above.
+NUMBERS = r"(sections?|equations?)\s+\(?(\d+[a-z]?)\)?(?:\s+(?:and|to)\s+\(?(\d+[a-z]?)\)?)?"
+README_BEFORE = re.compile(rf"(?<![\w/.-])README,?\s+{NUMBERS}")
+README_AFTER = re.compile(rf"\b{NUMBERS}\s+of\s+the\s+README(?![\w.-])", re.I)
 PATH = re.compile(r"(?<![\w/.$}{-])((?:core|server|client|proto|deploy|tests)/[\w/.-]*\w\.(?:h|cc|sh|py|proto|yaml|cfg|yml|txt))(?![\w/*])")
 # Folders with code that computes poses, and functions of the C library for which IEEE 754 does not prescribe correct rounding.
 DETERMINISTIC = re.compile(r"core/(association|contours|detection|estimation|geometry|initialization|mesh|models|numerics|tracking|windows)/")
@@ -40,6 +44,13 @@ def resolve(path, from_file):
         if os.path.exists(candidate):
             return candidate
     return None
+
+
+def nearest_readme(file):
+    folder = os.path.dirname(file)
+    while folder and not os.path.exists(os.path.join(folder, "README.md")):
+        folder = os.path.dirname(folder)
+    return os.path.join(folder, "README.md")
 
 
 def comment_text(text):
@@ -86,12 +97,32 @@ def check_citations(file, text, findings):
         for section in filter(None, match.group(2, 3)):
             if not re.search(rf"^## {section}\.", document, re.M):
                 findings.append(f"{file}:{line}: {target} has no section {section}")
-        equation = match.group(4)
-        if equation and not re.search(rf"\({equation}\)\s*$", document, re.M):
+        for equation in filter(None, match.group(4, 5)):
+            if re.search(rf"\({equation}\)\s*$", document, re.M):
+                continue
             findings.append(f"{file}:{line}: {target} has no equation ({equation})")
+    check_readme_citations(file, text, flat, findings)
     if file.endswith(".md"):
         check_links(file, text, findings)
         check_equations(file, text, findings)
+
+
+def check_readme_citations(file, text, flat, findings):
+    matches = [*README_BEFORE.finditer(flat), *README_AFTER.finditer(flat)]
+    if not matches:
+        return
+    readme = nearest_readme(file)
+    with open(readme, encoding="utf-8") as f:
+        document = f.read()
+    for match in matches:
+        line = text.count("\n", 0, match.start()) + 1
+        kind, *numbers = match.groups()
+        for number in filter(None, numbers):
+            if kind.lower().startswith("section"):
+                if not re.search(rf"^## {number}\.", document, re.M):
+                    findings.append(f"{file}:{line}: {readme} has no section {number}")
+            elif not re.search(rf"\({number}\)\s*$", document, re.M):
+                findings.append(f"{file}:{line}: {readme} has no equation ({number})")
 
 
 def check_equations(file, text, findings):

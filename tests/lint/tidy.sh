@@ -22,8 +22,7 @@ for option in unknown-warning-option ignored-optimization-argument; do arguments
 # Most of the time is spent in the headers of libraries: in unity builds they are read once for up to eight files.
 check_all() {
   configure release build/tidy_all
-  run-clang-tidy -quiet -p build/tidy_all -j "$(nproc)" "${arguments[@]}" -checks=-bugprone-suspicious-include \
-    -header-filter="^$PWD/(core|server|client|tests|deploy)/" '^(?!.*/(generated|precompiled\.dir)/)'
+  run-clang-tidy -quiet -p build/tidy_all -j "$(nproc)" "${arguments[@]}" -checks=-bugprone-suspicious-include '^(?!.*/(generated|precompiled\.dir)/)'
 }
 
 default_base() {

@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_format.h"
 #include "client/cli/pictures/png.h"
+#include "core/numerics/math.h"
 
 namespace evpose::client {
 namespace {
@@ -23,9 +24,8 @@ const cv::Scalar kInk(30, 30, 30);
 
 constexpr int kSubPixelBits = 4;  // OpenCV draws at 1/16 px
 constexpr int kMinWidth = 800;    // pixels of the picture; smaller sensors are enlarged
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
-constexpr int kMaxDegrees = 85;  // the largest angle of kMaxFisheyeTangent (core/geometry/lens_models.h)
-constexpr int kSamples = 400;    // number of points of a curve
+constexpr int kMaxDegrees = 85;   // the largest angle of kMaxFisheyeTangent (core/geometry/lens_models.h)
+constexpr int kSamples = 400;     // number of points of a curve
 
 class CameraPicture {
  public:

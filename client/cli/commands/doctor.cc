@@ -135,8 +135,9 @@ absl::Status PackBundle(const DoctorArguments& arguments, const DoctorInputs& in
                       1e-6 * static_cast<double>(slice.begin_us), 1e-6 * static_cast<double>(slice.end_us),
                       1e-6 * static_cast<double>(slice.data_bytes), Counted(num_poses, "pose"));
   if (slice.is_cut) {
-    absl::StrAppend(&subject, "; the rest is left out, for a bundle has at most 60 s and 34 MB of events: --start and ",
-                    "--duration choose another part");
+    absl::StrAppend(&subject,
+                    "; a bundle contains at most 60 s and 34 MB of events, and the rest is left out: --start ",
+                    "and --duration choose another part");
   }
   report.subjects.push_back(std::move(subject));
   return absl::OkStatus();

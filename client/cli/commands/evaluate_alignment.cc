@@ -24,8 +24,8 @@ void AlignmentArguments::AddTo(CLI::App& app) {
       CLI::IsMember({"none", "rigid"}));
   AddOption(
       app, "--truth-of", truth_of,
-      "What --align rigid takes the truth for: the pose of the object or of the camera, in a frame at rest; auto: "
-      "that with the smaller residuals",
+      "Whose poses the truth contains, for --align rigid: those of the object or of the camera, in a frame at rest; "
+      "auto: the choice with the smaller residuals",
       CLI::IsMember({"auto", "object", "camera"}))
       ->needs(rigid);
   app.add_option("--time-offset", time_offset,

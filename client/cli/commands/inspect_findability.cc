@@ -15,7 +15,7 @@ namespace {
 constexpr double kSimilarShare = 0.1;
 
 // The result for a half turn over all views.
-struct TwinSummary {
+struct RivalSummary {
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();
   double median_share = 0.0;
   double least_share = 0.0;
@@ -29,16 +29,16 @@ struct FindabilitySummary {
   double median_px = 0.0;  // median of the smallest sizes, over the views from which the object can be found
   double worst_px = 0.0;
   size_t num_thin = 0;  // views with less than FindabilityOptions::min_edge_px of edges
-  std::vector<TwinSummary> twins;
+  std::vector<RivalSummary> rivals;
 };
 
-TwinSummary SummariseTwin(const std::vector<ViewFindability>& views, size_t twin) {
-  TwinSummary summary;
-  summary.axis = views.front().twins[twin].axis;
+RivalSummary SummariseRival(const std::vector<ViewFindability>& views, size_t rival) {
+  RivalSummary summary;
+  summary.axis = views.front().rivals[rival].axis;
   std::vector<double> shares, lengths_px;
   for (const ViewFindability& view : views) {
-    shares.push_back(view.twins[twin].differing_share);
-    lengths_px.push_back(view.twins[twin].differing_px);
+    shares.push_back(view.rivals[rival].differing_share);
+    lengths_px.push_back(view.rivals[rival].differing_px);
     summary.num_similar += shares.back() < kSimilarShare ? 1 : 0;
   }
   std::sort(shares.begin(), shares.end());
@@ -63,7 +63,8 @@ FindabilitySummary SummariseFindability(const std::vector<ViewFindability>& view
     summary.median_px = smallest_px[smallest_px.size() / 2];
     summary.worst_px = smallest_px.back();
   }
-  for (size_t twin = 0; twin < views.front().twins.size(); ++twin) summary.twins.push_back(SummariseTwin(views, twin));
+  for (size_t rival = 0; rival < views.front().rivals.size(); ++rival)
+    summary.rivals.push_back(SummariseRival(views, rival));
   return summary;
 }
 
@@ -84,15 +85,15 @@ Json FindabilityJson(const std::vector<ViewFindability>& views, const ObjectMode
                {"smallest_px_worst", is_found ? Json(summary.worst_px) : Json(nullptr)},
                {"min_edge_px", FindabilityOptions().min_edge_px},
                {"thin_views", summary.num_thin},
-               {"twins", Json::array()},
+               {"rivals", Json::array()},
                {"by_view", Json::array()}};
-  for (const TwinSummary& twin : summary.twins) {
-    json["twins"].push_back({{"axis", AxisJson(twin.axis)},
-                             {"differing_share_median", twin.median_share},
-                             {"differing_share_least", twin.least_share},
-                             {"differing_px_median", twin.median_px},
-                             {"differing_px_least", twin.least_px},
-                             {"similar_views", twin.num_similar}});
+  for (const RivalSummary& rival : summary.rivals) {
+    json["rivals"].push_back({{"axis", AxisJson(rival.axis)},
+                              {"differing_share_median", rival.median_share},
+                              {"differing_share_least", rival.least_share},
+                              {"differing_px_median", rival.median_px},
+                              {"differing_px_least", rival.least_px},
+                              {"similar_views", rival.num_similar}});
   }
   for (const ViewFindability& view : views) {
     const bool is_finite = std::isfinite(view.smallest_px);
@@ -102,9 +103,9 @@ Json FindabilityJson(const std::vector<ViewFindability>& views, const ObjectMode
                  {"max_distance_m", is_finite ? Json(DistanceM(view.smallest_px, model, camera)) : Json(nullptr)},
                  {"differing_share", Json::array()},
                  {"differing_px", Json::array()}};
-    for (const HalfTurnTwin& twin : view.twins) {
-      item["differing_share"].push_back(twin.differing_share);
-      item["differing_px"].push_back(twin.differing_px);
+    for (const HalfTurnRival& rival : view.rivals) {
+      item["differing_share"].push_back(rival.differing_share);
+      item["differing_px"].push_back(rival.differing_px);
     }
     json["by_view"].push_back(std::move(item));
   }
@@ -126,12 +127,12 @@ void PrintFindability(const std::vector<ViewFindability>& views, const ObjectMod
   out << absl::StrFormat("\n             %.0f %% of the views show less than %.0f px of edges at a size of %.0f px\n",
                          100.0 * static_cast<double>(summary.num_thin) / static_cast<double>(views.size()),
                          options.min_edge_px, options.views.object_px);
-  for (const TwinSummary& twin : summary.twins) {
+  for (const RivalSummary& rival : summary.rivals) {
     out << absl::StrFormat(
         "confusable   with its half turn about (%.2f, %.2f, %.2f): %.0f / %.0f %% of the edges differ, median / least "
         "view (%.0f / %.0f px); less than %.0f %% in %d of %d views\n",
-        twin.axis.x(), twin.axis.y(), twin.axis.z(), 100.0 * twin.median_share, 100.0 * twin.least_share,
-        twin.median_px, twin.least_px, 100.0 * kSimilarShare, twin.num_similar, views.size());
+        rival.axis.x(), rival.axis.y(), rival.axis.z(), 100.0 * rival.median_share, 100.0 * rival.least_share,
+        rival.median_px, rival.least_px, 100.0 * kSimilarShare, rival.num_similar, views.size());
   }
 }
 

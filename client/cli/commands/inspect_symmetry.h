@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Prints the symmetries and the near symmetries of a model (evpose models inspect), as text and as JSON.
+// Prints the symmetries and the near-symmetries of a model (evpose models inspect), as text and as JSON.
 #pragma once
 
 #include <ostream>
@@ -18,7 +18,7 @@ Json SymmetryJson(const ObjectModel& model);
 Json NearSymmetriesJson(absl::Span<const NearSymmetry> near);
 // Prints lines that begin with "symmetry" and, if there are near ones, "near".
 void PrintSymmetries(const ObjectModel& model, absl::Span<const NearSymmetry> near, std::ostream& out);
-// Appends what near symmetries mean for the user, and what helps.
+// Appends what near-symmetries mean for the user, and what helps.
 void AddNearSymmetryWarning(absl::Span<const NearSymmetry> near, std::vector<std::string>& warnings);
 
 }  // namespace evpose::client

@@ -37,8 +37,8 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kRenderPieceBytes = size_t{64} * 1024;  // interrupts are checked before each piece
-// The longest time between two poses, microseconds, for which poses are interpolated, and the longest time before the
-// first and after the last one for which that is drawn.
+// Longest gap between two poses, microseconds, that is interpolated; the first (last) pose is also drawn for this time
+// before (after) it.
 constexpr int64_t kMaxPoseGapUs = 50'000;
 constexpr int64_t kMaxFrames = 200'000;  // a jump of the clock must not fill the disk
 

@@ -36,8 +36,8 @@ struct WatchArguments {
   PoseFrameArguments frame;
 };
 
-// Prints the states of the objects on standard error when they change, with the reason for a missing pose; and once in
-// each silence of at least `silence` that it waits for poses. Thread-safe.
+// Prints the states of the objects on standard error when they change, with the reason for a missing pose; and, once
+// for each pause of at least `silence` without poses, a line that it is waiting. Thread-safe.
 class StateLines {
  public:
   StateLines(std::ostream& err, const std::string& session, absl::Duration silence)

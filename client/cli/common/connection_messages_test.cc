@@ -51,10 +51,10 @@ TEST(ConnectionMessagesTest, NamesTheStreamThatBrokeAndTheNewOne) {
 
 TEST(ConnectionMessagesTest, RepeatsAtMostOnceAMinute) {
   ConnectionMessages lines;
-  int said = 0;
-  for (int away_s = 0; away_s < 3600; away_s += 5) said += !lines.Describe(Away(away_s)).empty();
-  EXPECT_GT(said, 55);
-  EXPECT_LT(said, 70);
+  int num_lines = 0;
+  for (int away_s = 0; away_s < 3600; away_s += 5) num_lines += !lines.Describe(Away(away_s)).empty();
+  EXPECT_GT(num_lines, 55);
+  EXPECT_LT(num_lines, 70);
 }
 
 }  // namespace

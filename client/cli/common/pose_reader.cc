@@ -47,13 +47,6 @@ class PoseCollector {
 
 }  // namespace
 
-absl::StatusOr<ReadPoses> ParsePoseCsv(absl::string_view text, const std::string& name_for_errors) {
-  PoseCollector poses;
-  EVPOSE_ASSIGN_OR_RETURN(const PoseFileFacts facts,
-                          VisitCsvPoses(text, name_for_errors, [&](const Pose& pose) { return poses.Add(pose); }));
-  return poses.Finish(facts);
-}
-
 absl::StatusOr<ReadPoses> ReadPoseFile(const std::string& path) {
   PoseCollector poses;
   EVPOSE_ASSIGN_OR_RETURN(const PoseFileFacts facts,

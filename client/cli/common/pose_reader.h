@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "absl/strings/string_view.h"
 #include "client/cli/common/pose_format.h"
 #include "core/geometry/trajectory.h"
 
@@ -24,7 +23,6 @@ struct ReadPoses {
 // Reads a .csv, .jsonl or TUM file (VisitPoses()). Times must increase. Errors: those of VisitPoses(), and
 // INVALID_ARGUMENT for poses of several objects.
 absl::StatusOr<ReadPoses> ReadPoseFile(const std::string& path);
-absl::StatusOr<ReadPoses> ParsePoseCsv(absl::string_view text, const std::string& name_for_errors);
 // ReadPoseFile() for users of camera_from_object: object_from_camera is inverted, with its covariances. Additional
 // error: INVALID_ARGUMENT for another transform.
 absl::StatusOr<ReadPoses> ReadCameraPoses(const std::string& path);

@@ -13,11 +13,20 @@
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/pose_records.h"
 #include "core/base/output_file.h"
+#include "core/base/status_macros.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
 namespace {
 
 using ::testing::HasSubstr;
+
+absl::StatusOr<ReadPoses> ReadCsv(const std::string& text) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("some.csv");
+  EVPOSE_RETURN_IF_ERROR(WriteFile(path, text));
+  return ReadPoseFile(path);
+}
 
 Pose SomePose(int64_t t_us, const std::string& object = "cube") {
   Pose pose;
@@ -81,11 +90,11 @@ TEST(PoseReaderTest, ReadsTheFrameOfTheFile) {
     write(PoseFrame());
     EXPECT_EQ(ReadPoseFile(path)->transform, "camera_from_object");
   }
-  EXPECT_EQ(ParsePoseCsv("t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw\n", "")->transform, "camera_from_object");
+  EXPECT_EQ(ReadCsv("t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw\n")->transform, "camera_from_object");
 }
 
 TEST(PoseReaderTest, ColumnsInAnyOrderAndWithoutCovariance) {
-  const auto poses = ParsePoseCsv("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\r\n1,0,0,0,3,2,1,7\r\n", "some.csv");
+  const auto poses = ReadCsv("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\r\n1,0,0,0,3,2,1,7\r\n");
   ASSERT_TRUE(poses.ok()) << poses.status();
   ASSERT_EQ(poses->trajectory.size(), 1u);
   EXPECT_EQ(poses->trajectory[0].t_us, 7);
@@ -97,18 +106,18 @@ TEST(PoseReaderTest, AmbiguousPosesAreNoPartOfTheTrajectory) {
   Pose ambiguous = SomePose(6);
   ambiguous.state = TrackState::kAmbiguous;
   ambiguous.alternatives = {{ambiguous.camera_from_object, -1.0}};
-  const auto poses = ParsePoseCsv(Csv({SomePose(5), ambiguous, SomePose(7)}), "some.csv");
+  const auto poses = ReadCsv(Csv({SomePose(5), ambiguous, SomePose(7)}));
   ASSERT_TRUE(poses.ok()) << poses.status();
   ASSERT_EQ(poses->trajectory.size(), 2u);
   EXPECT_EQ(poses->trajectory[1].t_us, 7);
   EXPECT_EQ(poses->covariances.size(), 2u);
   EXPECT_THAT(poses->ambiguous_us, ::testing::ElementsAre(6));
-  EXPECT_FALSE(ParsePoseCsv(Csv({ambiguous, SomePose(6)}), "some.csv").ok());
+  EXPECT_FALSE(ReadCsv(Csv({ambiguous, SomePose(6)})).ok());
 }
 
 TEST(PoseReaderTest, ErrorsNameTheLineAndTheCause) {
   const auto message = [](const std::string& text) {
-    const absl::Status status = ParsePoseCsv(text, "some.csv").status();
+    const absl::Status status = ReadCsv(text).status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
     return std::string(status.message());
   };

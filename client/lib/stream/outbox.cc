@@ -58,7 +58,7 @@ absl::StatusOr<std::unique_ptr<Outbox>> Outbox::Open(const OutboxOptions& option
   outbox->last_ = spool.last();
   // An unreadable spool is reported when its chunks are sent.
   if (const auto point = outbox->spool_->PointAfter(spool.first_seq()); point.ok()) {
-    outbox->forgotten_ = {.seq = spool.first_seq() - 1, .bytes = point->bytes};
+    outbox->released_ = {.seq = spool.first_seq() - 1, .bytes = point->bytes};
   }
   return outbox;
 }
@@ -125,7 +125,7 @@ void Outbox::AddDurable(OutgoingChunk chunk) {
       memory_.push_back(std::make_shared<const OutgoingChunk>(std::move(chunk)));
       ++num_durable_in_memory_;
     } else {
-      forgotten_ = {.seq = end.seq, .bytes = end.bytes};
+      released_ = {.seq = end.seq, .bytes = end.bytes};
     }
     has_reached_begin_ = end.seq >= begin_.seq;
     if (has_reached_begin_) marks_.push_back({.seq = end.seq, .bytes = end.bytes, .durable_at = Now()});
@@ -207,18 +207,18 @@ void Outbox::DropRetained(bool all) {
   const absl::Time now = marks_.empty() ? absl::InfinitePast() : Now();
   const auto is_dropped = [&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
     return all || marks_.front().durable_at + options_.retain.duration <= now ||
-           SizeBetween(forgotten_.seq, forgotten_.bytes, durable_) > options_.retain.max_bytes;
+           SizeBetween(released_.seq, released_.bytes, durable_) > options_.retain.max_bytes;
   };
   while (!marks_.empty() && is_dropped()) {
-    forgotten_ = marks_.front();
+    released_ = marks_.front();
     marks_.pop_front();
   }
-  while (num_durable_in_memory_ > 0 && memory_.front()->end.seq <= forgotten_.seq) {
+  while (num_durable_in_memory_ > 0 && memory_.front()->end.seq <= released_.seq) {
     memory_.pop_front();
     --num_durable_in_memory_;
   }
-  if (spool_ != nullptr && !spool_->empty() && forgotten_.seq >= spool_->first_seq()) {
-    spool_->Forget(std::min(forgotten_.seq, spool_->last().seq));
+  if (spool_ != nullptr && !spool_->empty() && released_.seq >= spool_->first_seq()) {
+    spool_->Release(std::min(released_.seq, spool_->last().seq));
   }
 }
 
@@ -231,7 +231,7 @@ void Outbox::DropDurable() {
   if (!memory_.empty()) first_seq_ = std::min(first_seq_, memory_.front()->end.seq);
 }
 
-void Outbox::Forget(uint64_t durable_seq) {
+void Outbox::Release(uint64_t durable_seq) {
   {
     const std::lock_guard lock(mutex_);
     if (durable_seq <= durable_seq_) return;

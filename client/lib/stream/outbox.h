@@ -43,7 +43,7 @@ struct OutboxState {
   bool is_waiting = false;  // the outbox is full, and the source waits
 };
 
-// One thread may append, one may read, and any may forget.
+// One thread may append, one may read, and any may call Release().
 class Outbox {
  public:
   // Begins after `begin`; a spool with chunks of an earlier process continues after those. Errors: those of
@@ -63,11 +63,11 @@ class Outbox {
   void Finish(const absl::Status& status);
 
   // Waits for the chunk with this number; nullptr if the feed ended before it. Errors: the cause of the feed's end;
-  // CANCELLED if `stop` was requested first; DATA_LOSS (ROLLED_BACK) for a forgotten chunk; FAILED_PRECONDITION for a
+  // CANCELLED if `stop` was requested first; DATA_LOSS (ROLLED_BACK) for a released chunk; FAILED_PRECONDITION for a
   // number beyond the end.
   absl::StatusOr<std::shared_ptr<const OutgoingChunk>> Get(uint64_t seq, std::stop_token stop);
   // The server has made the chunks up to this one durable.
-  void Forget(uint64_t durable_seq);
+  void Release(uint64_t durable_seq);
   // Deletes the content of the spool at the end of the session.
   void Clear();
   // The position after the last durable chunk.
@@ -111,7 +111,7 @@ class Outbox {
   std::deque<std::shared_ptr<const OutgoingChunk>> memory_ ABSL_GUARDED_BY(mutex_);
   size_t num_durable_in_memory_ ABSL_GUARDED_BY(mutex_) = 0;  // the first ones
   std::deque<Mark> marks_ ABSL_GUARDED_BY(mutex_);            // of the retained chunks
-  Mark forgotten_ ABSL_GUARDED_BY(mutex_);                    // chunks up to this one are not retained
+  Mark released_ ABSL_GUARDED_BY(mutex_);                     // chunks up to this one are not retained
   bool has_reached_begin_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<Spool> spool_ ABSL_GUARDED_BY(mutex_);
   uint64_t memory_bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // without durable chunks

@@ -72,16 +72,16 @@ TEST_F(OutboxTest, KeepsChunksThatAreNotDurable) {
   EXPECT_EQ(LetterOf(1), 'a');
   EXPECT_EQ(LetterOf(5), 'e');
   EXPECT_EQ(outbox_->state().kept_bytes, 40u);
-  outbox_->Forget(3);
+  outbox_->Release(3);
   EXPECT_EQ(outbox_->state().kept_bytes, 16u);
   EXPECT_EQ(outbox_->durable().seq, 3u);
   EXPECT_EQ(outbox_->durable().bytes, 24u);
   EXPECT_EQ(LetterOf(4), 'd') << "again, after a break";
-  const auto forgotten = outbox_->Get(3, stop_.get_token());
-  EXPECT_EQ(forgotten.status().code(), absl::StatusCode::kDataLoss);
-  EXPECT_THAT(forgotten.status().message(),
+  const auto released = outbox_->Get(3, stop_.get_token());
+  EXPECT_EQ(released.status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(released.status().message(),
               HasSubstr("requests chunk 3 again, which it had reported as durable (up to 3)"));
-  outbox_->Forget(1);  // an old ack
+  outbox_->Release(1);  // an old ack
   EXPECT_EQ(outbox_->durable().seq, 3u);
 }
 
@@ -128,7 +128,7 @@ TEST_F(OutboxTest, FullMemoryMakesTheSourceWait) {
   auto second = std::async(std::launch::async, [this] { return Append(800); });
   while (!outbox_->state().is_waiting) std::this_thread::yield();
   EXPECT_EQ(outbox_->state().last.seq, 1u);
-  outbox_->Forget(1);
+  outbox_->Release(1);
   EXPECT_TRUE(second.get().ok());
   EXPECT_EQ(outbox_->state().last.seq, 2u);
   EXPECT_FALSE(outbox_->state().is_waiting);
@@ -154,11 +154,11 @@ TEST_F(OutboxTest, ChunksBeyondTheMemoryAreSpooledAndReturnedInOrder) {
   for (int i = 0; i < 20; ++i) ASSERT_TRUE(Append(500).ok());
   EXPECT_EQ(outbox_->state().kept_bytes, 10'000u);
   for (uint64_t seq = 1; seq <= 20; ++seq) EXPECT_EQ(LetterOf(seq), static_cast<char>('a' + seq - 1));
-  outbox_->Forget(10);
+  outbox_->Release(10);
   EXPECT_EQ(outbox_->durable().bytes, 5000u);
   EXPECT_EQ(outbox_->state().kept_bytes, 5000u);
   EXPECT_EQ(LetterOf(11), 'k');
-  outbox_->Forget(20);
+  outbox_->Release(20);
   EXPECT_EQ(outbox_->state().kept_bytes, 0u);
   for (int i = 0; i < 6; ++i) ASSERT_TRUE(Append(500).ok());
   EXPECT_EQ(LetterOf(21), 'u');
@@ -174,7 +174,7 @@ TEST_F(OutboxTest, FullSpoolMakesTheSourceWait) {
   for (int i = 0; i < 15; ++i) ASSERT_TRUE(Append(1 << 20).ok());
   auto next = std::async(std::launch::async, [this] { return Append(1 << 20); });
   while (!outbox_->state().is_waiting) std::this_thread::yield();
-  outbox_->Forget(2);
+  outbox_->Release(2);
   EXPECT_TRUE(next.get().ok());
 }
 
@@ -215,7 +215,7 @@ TEST_F(OutboxTest, AnotherProcessContinuesAfterTheSpooledChunks) {
 
 TEST_F(OutboxTest, DurableChunksAreNotKept) {
   Open(NothingRetained());
-  outbox_->Forget(2);  // received by the server from an earlier process
+  outbox_->Release(2);  // received by the server from an earlier process
   for (int i = 0; i < 3; ++i) ASSERT_TRUE(Append(8).ok());
   EXPECT_EQ(outbox_->state().kept_bytes, 8u);
   EXPECT_EQ(outbox_->durable().seq, 2u);
@@ -230,7 +230,7 @@ TEST_F(OutboxTest, DurableChunksAreRetainedForATime) {
   Open(options);
   for (uint64_t seq = 1; seq <= 3; ++seq) {
     ASSERT_TRUE(Append(8).ok());
-    outbox_->Forget(seq);
+    outbox_->Release(seq);
     clock.Advance(absl::Seconds(2));
   }
   EXPECT_EQ(outbox_->durable().seq, 3u);
@@ -238,7 +238,7 @@ TEST_F(OutboxTest, DurableChunksAreRetainedForATime) {
   EXPECT_EQ(LetterOf(1), 'a') << "the last report was 4 s after the first";
   EXPECT_EQ(outbox_->FirstSeq(), 1u);
   ASSERT_TRUE(Append(8).ok());
-  outbox_->Forget(4);
+  outbox_->Release(4);
   EXPECT_EQ(outbox_->FirstSeq(), 2u);
   const auto lost = outbox_->Get(1, stop_.get_token());
   EXPECT_EQ(lost.status().code(), absl::StatusCode::kDataLoss);
@@ -252,7 +252,7 @@ TEST_F(OutboxTest, TheRetainedBytesAreBounded) {
   Open(options);
   for (uint64_t seq = 1; seq <= 100; ++seq) {
     ASSERT_TRUE(Append(24).ok());
-    outbox_->Forget(seq);
+    outbox_->Release(seq);
     EXPECT_EQ(outbox_->FirstSeq(), seq < 4 ? 1 : seq - 3);
   }
   EXPECT_EQ(LetterOf(97), 's');
@@ -264,7 +264,7 @@ TEST_F(OutboxTest, EmptyChunksCountAmongTheRetainedBytes) {
   Open(options);
   for (uint64_t seq = 1; seq <= 100; ++seq) {
     ASSERT_TRUE(Append(0).ok());
-    outbox_->Forget(seq);
+    outbox_->Release(seq);
   }
   EXPECT_EQ(outbox_->FirstSeq(), 94u) << "7 times 128 bytes";
 }
@@ -277,19 +277,19 @@ TEST_F(OutboxTest, SpooledChunksAreRetainedAndChunksInMemoryFollowThem) {
   options.spool = SpoolThere(false);
   Open(options);
   for (int i = 0; i < 10; ++i) ASSERT_TRUE(Append(500).ok());
-  outbox_->Forget(10);
+  outbox_->Release(10);
   for (int i = 0; i < 3; ++i) ASSERT_TRUE(Append(500).ok());  // in memory
   for (uint64_t seq = 1; seq <= 13; ++seq) EXPECT_EQ(LetterOf(seq), static_cast<char>('a' + seq - 1));
-  outbox_->Forget(11);
+  outbox_->Release(11);
   EXPECT_EQ(outbox_->durable().seq, 11u);
   for (int i = 0; i < 8; ++i) ASSERT_TRUE(Append(500).ok());  // in the spool, which begins again
   for (uint64_t seq = outbox_->FirstSeq().value(); seq <= 21; ++seq) {
     EXPECT_EQ(LetterOf(seq), static_cast<char>('a' + seq - 1));
   }
-  outbox_->Forget(21);
+  outbox_->Release(21);
   clock.Advance(absl::Seconds(5));
   ASSERT_TRUE(Append(500).ok());
-  outbox_->Forget(22);
+  outbox_->Release(22);
   EXPECT_EQ(outbox_->FirstSeq(), 22u);
 }
 
@@ -299,13 +299,13 @@ TEST_F(OutboxTest, RetainedChunksGiveWayInAFullSpool) {
   options.spool = SpoolThere(false);
   Open(options);
   for (int i = 0; i < 15; ++i) ASSERT_TRUE(Append(1 << 20).ok());
-  outbox_->Forget(1);
+  outbox_->Release(1);
   EXPECT_EQ(outbox_->FirstSeq(), 1u);
   auto next = std::async(std::launch::async, [this] { return Append(3 << 20); });
   while (!outbox_->state().is_waiting) std::this_thread::yield();
   EXPECT_EQ(outbox_->FirstSeq(), 2u);
   EXPECT_EQ(outbox_->Get(1, stop_.get_token()).status().code(), absl::StatusCode::kDataLoss);
-  outbox_->Forget(3);
+  outbox_->Release(3);
   EXPECT_TRUE(next.get().ok());
 }
 

@@ -281,7 +281,7 @@ void Spool::Clear() {
   while (!segments_.empty()) RemoveFront();
 }
 
-void Spool::Forget(uint64_t seq) {
+void Spool::Release(uint64_t seq) {
   while (segments_.size() > 1 && segments_[1].first_seq <= seq + 1) RemoveFront();
   if (segments_.size() == 1 && !options_.outlives_process && last_.seq <= seq) RemoveFront();
 }

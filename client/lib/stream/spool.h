@@ -44,7 +44,7 @@ class Spool {
   // The position after a chunk from first_seq() to last_seq(); fast in sequential order.
   absl::StatusOr<FeedPoint> PointAfter(uint64_t seq);
   // Deletes the files without a chunk above `seq`; a persistent spool keeps its last file.
-  void Forget(uint64_t seq);
+  void Release(uint64_t seq);
 
   // Deletes all files.
   void Clear();

@@ -107,14 +107,14 @@ TEST_F(SpoolTest, FilesAreDeletedWithTheirChunks) {
   Append(*spool, 12);
   const size_t num_files = Files().size();
   EXPECT_EQ(num_files, 4u);
-  spool->Forget(2);
+  spool->Release(2);
   EXPECT_EQ(Files().size(), num_files);
-  spool->Forget(3);
+  spool->Release(3);
   EXPECT_EQ(Files().size(), num_files - 1);
   EXPECT_EQ(spool->first_seq(), 4u);
   EXPECT_FALSE(spool->Read(3).ok());
   ExpectChunk(*spool, 4);
-  spool->Forget(12);
+  spool->Release(12);
   EXPECT_EQ(Files().size(), 1u) << "the last file contains the position for the next process";
   Append(*spool, 1);
   ExpectChunk(*spool, 13);
@@ -126,7 +126,7 @@ TEST_F(SpoolTest, WithoutNamesNoFileIsLeft) {
   Append(*spool, 5);
   EXPECT_TRUE(Files().empty());
   ExpectChunk(*spool, 3);
-  spool->Forget(5);
+  spool->Release(5);
   EXPECT_TRUE(spool->empty());
   Append(*spool, 1);
   ExpectChunk(*spool, 6);
@@ -227,7 +227,7 @@ TEST_F(SpoolTest, AcceptsChunksUpToItsLimit) {
     ASSERT_TRUE(spool->Append(MakeOutgoingChunk(spool->last(), chunk.payload, false)).ok());
   }
   EXPECT_EQ(count, 15);  // of 16 MiB, since the records have headers
-  spool->Forget(3);
+  spool->Release(3);
   EXPECT_TRUE(spool->HasRoomFor(chunk));
   options_.max_bytes = 1;
   EXPECT_THAT(Spool::Open(options_).status().message(), HasSubstr("max_bytes"));

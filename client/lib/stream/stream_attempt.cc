@@ -169,7 +169,7 @@ std::string StreamAttempt::ProtocolViolation(const Pose& pose) {
 
 bool StreamAttempt::HandleAck(const v1::TrackResponse::Ack& ack) {
   uplink_.GrantCredit(ack.send_limit_bytes());
-  feed_.outbox().Forget(ack.durable_seq());
+  feed_.outbox().Release(ack.durable_seq());
   outcome_.made_progress = outcome_.made_progress || ack.processed_seq() > first_processed_seq_;
   if (callbacks_.on_progress) {
     callbacks_.on_progress({uplink_.fed_bytes(), ack.processed_seq(), position_.last_pose_seq - position_.lost_poses});

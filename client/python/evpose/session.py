@@ -127,8 +127,8 @@ class PoseWatch:
 
     def __init__(self, servers: Servers, request: Any) -> None:
         self.num_skipped = 0  # poses that were not sent, because this reader was too slow or they are no longer stored
-        # The session's last pose, when it had fewer than were read: it was resumed from a checkpoint, or its store has lost the
-        # last writes. It computes the same poses again, which are not returned again.
+        # Set when the session had fewer poses than were read, because it was resumed from a checkpoint or its store has lost the last
+        # writes: the number of its last pose at that time. The session computes the same poses again; they are not returned again.
         self.continues_after_seq: Optional[int] = None
         self._request = request
         self._responses = servers.watch(SERVICE + "WatchPoses", request, session_service_pb2.WatchPosesResponse)

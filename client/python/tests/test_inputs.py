@@ -75,8 +75,8 @@ class CameraTest(InputTest):
             for old, new in zip(change[::2], change[1::2]):
                 text = text.replace(old, new)
             path = self.write("camera.yaml", text)
-            said = self.write("camera.json", run_evpose("camera", path, "--json"))
-            self.assertEqual(evpose.read_camera(said), evpose.read_camera(path))
+            written = self.write("camera.json", run_evpose("camera", path, "--json"))
+            self.assertEqual(evpose.read_camera(written), evpose.read_camera(path))
 
     def test_lens_models_of_ros(self):
         def read(model, numbers):
@@ -390,7 +390,7 @@ class RetryTest(InputTest):
             point = chunk.end
             self.assertTrue(outbox.append(chunk))
         self.assertEqual((outbox.last, outbox.kept_bytes), (point, 24))
-        outbox.forget(2)
+        outbox.release(2)
         self.assertEqual((outbox.durable.seq, outbox.kept_bytes), (2, 8))
         with outbox.changed:
             self.assertEqual(outbox.get(3).payload, b"\x02" * 8)
@@ -408,7 +408,7 @@ class RetryTest(InputTest):
         results = []
         thread = threading.Thread(target=lambda: results.append((outbox.append(second), outbox.durable.seq)))
         thread.start()
-        outbox.forget(1)
+        outbox.release(1)
         thread.join()
         self.assertEqual(results, [(True, 1)])
         thread = threading.Thread(target=lambda: results.append(outbox.append(make_chunk(second.end, b"\x02" * 8))))
@@ -426,7 +426,7 @@ class RetryTest(InputTest):
             chunk = make_chunk(point, bytes([seq]) * 8)
             point = chunk.end
             self.assertTrue(outbox.append(chunk))
-            outbox.forget(seq)
+            outbox.release(seq)
             now[0] += 1.0
         self.assertEqual((outbox.first_seq, outbox.durable.seq, outbox.kept_bytes), (3, 5, 0))
         with outbox.changed:

@@ -35,11 +35,11 @@ class PackageTest(unittest.TestCase):
         site = self.directory / "site"
         self.run_python("-m", "pip", "install", "--no-index", "--no-build-isolation", "--no-deps", "--target", site,
                         self.directory / "tree/client/python", PIP_ROOT_USER_ACTION="ignore")
-        said = self.run_python("-c", "import evpose, importlib.metadata; print(evpose.__file__, importlib.metadata.version('evpose'))",
+        output = self.run_python("-c", "import evpose, importlib.metadata; print(evpose.__file__, importlib.metadata.version('evpose'))",
                                PYTHONPATH=str(site))
-        self.assertIn(str(site), said)
+        self.assertIn(str(site), output)
         version = re.search(r"project\(evpose VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text()).group(1)
-        self.assertEqual(said.split()[-1], version)
+        self.assertEqual(output.split()[-1], version)
         # The same files as in the build, and thus in the Debian package.
         built = server.BIN / "client/python/evpose"
         files = {path.relative_to(built) for path in built.rglob("*") if path.is_file() and "__pycache__" not in path.parts}

@@ -428,12 +428,12 @@ class ExampleTest(ServerTest):
 
     def test_track_recording(self):
         self.assertLessEqual(len((EXAMPLES / "track_recording.py").read_text().splitlines()), 22)
-        said = self.run_example("track_recording.py", self.serve().address, self.recording, self.model, self.camera)
-        self.assertEqual(len(said.splitlines()), len(self.replay()))
+        output = self.run_example("track_recording.py", self.serve().address, self.recording, self.model, self.camera)
+        self.assertEqual(len(output.splitlines()), len(self.replay()))
 
     def test_plot_poses(self):
-        said = self.run_example("plot_poses.py", self.serve().address, self.recording, self.model, self.camera, "poses.png")
-        self.assertIn(f"{len(self.replay())} poses", said)
+        output = self.run_example("plot_poses.py", self.serve().address, self.recording, self.model, self.camera, "poses.png")
+        self.assertIn(f"{len(self.replay())} poses", output)
         self.assertEqual((self.directory / "poses.png").read_bytes()[:4], b"\x89PNG")
 
 

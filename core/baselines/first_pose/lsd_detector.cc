@@ -7,7 +7,6 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
-#include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/detection/event_grid.h"
@@ -223,10 +222,7 @@ absl::Status LsdDetectorOptions::Validate() const {
 absl::StatusOr<std::unique_ptr<LineDetector>> MakeLsdLineDetector(const LsdDetectorOptions& options,
                                                                   SensorGeometry geometry) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  if (geometry.width_px <= 0 || geometry.height_px <= 0) {
-    return absl::InvalidArgumentError(
-        absl::StrFormat("the sensor has %d x %d pixels; both must be positive", geometry.width_px, geometry.height_px));
-  }
+  EVPOSE_RETURN_IF_ERROR(CheckSensor(geometry));
   return std::make_unique<LsdLineDetector>(options, geometry);
 }
 

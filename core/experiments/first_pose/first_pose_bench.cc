@@ -156,10 +156,7 @@ absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& op
     row.error = std::string(tracked.status().message());
     return row;
   }
-  std::shared_ptr<const ObjectModel> rendered = *tracked;
-  if (!bench_model.reference_path.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(rendered, LoadBenchModel(bench_model.reference_path, 1.0));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered, LoadRenderedModel(bench_model, *tracked));
   std::shared_ptr<const SearchModel> search_model;
   if (IsSearchable(**tracked)) {
     EVPOSE_ASSIGN_OR_RETURN(search_model, MakeSearchModel(*tracked));

@@ -190,10 +190,7 @@ absl::StatusOr<ModelBenchRow> RunModel(const ModelBenchOptions& options, const B
     row.error = std::string(tracked.status().message());
     return row;
   }
-  std::shared_ptr<const ObjectModel> rendered = *tracked;
-  if (!bench_model.reference_path.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(rendered, LoadBenchModel(bench_model.reference_path, 1.0));
-  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered, LoadRenderedModel(bench_model, *tracked));
   for (int i = 0; i < options.num_seeds; ++i) {
     const std::string text = absl::StrFormat("%s, seed %d", bench_model.name, i + 1);
     const auto on_run = [&](double ratio) {

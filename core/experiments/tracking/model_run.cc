@@ -16,6 +16,12 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const std::str
   return std::make_shared<const ObjectModel>(std::move(model));
 }
 
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadRenderedModel(const BenchModel& bench_model,
+                                                                     std::shared_ptr<const ObjectModel> tracked) {
+  if (bench_model.reference_path.empty()) return tracked;
+  return LoadBenchModel(bench_model.reference_path, 1.0);
+}
+
 absl::StatusOr<ModelRunInputs> MakeModelRun(const ModelBenchOptions& options, const BenchModel& bench_model,
                                             std::shared_ptr<const ObjectModel> tracked,
                                             std::shared_ptr<const ObjectModel> rendered, uint64_t seed) {

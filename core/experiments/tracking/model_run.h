@@ -25,6 +25,10 @@ struct ModelRunInputs {
 
 // Errors: those of LoadObjectModel().
 absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const std::string& path, double metres_per_unit);
+// Returns the reference of `bench_model`, which is rendered; `tracked` if it has none. Errors: those of
+// LoadObjectModel().
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadRenderedModel(const BenchModel& bench_model,
+                                                                     std::shared_ptr<const ObjectModel> tracked);
 
 // `tracked` is the model of `bench_model`, `rendered` its reference. Errors: those of ModelSimulationPreset() and
 // SimulationOptions::Validate().

@@ -22,7 +22,6 @@ struct ImageBox {
   Eigen::Vector2d high_px = Eigen::Vector2d::Zero();
 
   Eigen::Vector2d size_px() const { return high_px - low_px; }
-  Eigen::Vector2d centre_px() const { return 0.5 * (low_px + high_px); }
 };
 
 // The edge points of one cell and direction: means.

@@ -80,8 +80,8 @@ VisibilityOptions TemplateVisibilityOptions() {
 
 EdgeElementOptions TemplateElementOptions() {
   EdgeElementOptions options;
-  options.sagitta_px = 0.5;  // half a cell of the distance maps
-  options.max_elements = 96;
+  options.sagitta_px = 0.5;   // half a cell of the distance maps
+  options.max_elements = 96;  // fewer than in tracking: a template has only kPoints samples of them
   return options;
 }
 
@@ -145,6 +145,8 @@ void TemplateModel::FindNearAxis() {
   if (!(axis.ratios[0] < kNearlyRound)) return;
   near_axis_ = ContinuousSymmetry{ContinuousSymmetry::Kind::kAxis, moments.centroid + moments.radius_m * axis.point,
                                   axis.direction, false};
+  // Symmetries either keep the axis or turn it by far more than these 2.6 degrees, which allow for the error of the
+  // axis.
   const auto keeps_axis = [&](const RigidTransform& symmetry) {
     return axis.direction.dot(symmetry.rotation * axis.direction) > 0.999;
   };

@@ -57,6 +57,8 @@ void TemplateSearch::AppendCandidates(const EdgeDistanceMap& map, size_t box,
     const absl::Span<const EdgeSample> samples = model_->views()[placement.view].samples;
     Candidate candidate;
     candidate.box = box;
+    // The gate begins at the reach of the map and shrinks to 5 cells; Refine() continues from 6. Of the stages, this
+    // one has the most poses, so that every second sample is used.
     candidate.camera_from_object =
         aligner.Align(scanner_.PoseOf(placement, map, camera_), samples, EdgeDistanceMap::kReach, 5.0, 4, 2);
     candidate.score = aligner.Nearness(candidate.camera_from_object, samples);
@@ -83,6 +85,7 @@ void TemplateSearch::Refine(const EdgeDistanceMap& map, int num_samples, double 
   std::vector<EdgeSample> samples;
   SampleVisibleEdges(model_->edges(), aligner.map_camera(), candidate.camera_from_object, num_samples, samples);
   YieldPoint();
+  // The gate is halved in four steps, so that edges of other parts lose their weight as the pose approaches its edges.
   candidate.camera_from_object = aligner.Align(candidate.camera_from_object, samples, gate, 0.5 * gate, 4, 1);
   YieldPoint();
   candidate.motion = aligner.EstimateTwist(candidate.camera_from_object, samples, options_.twist_prior);
@@ -114,6 +117,7 @@ void TemplateSearch::AppendSpins(const Maps& maps, double duration_s, std::vecto
       spin.camera_from_object = candidate.camera_from_object * AboutCentre(*model_->near_axis(), rotation);
       const absl::Span<const EdgeSample> samples =
           model_->views()[model_->NearestView(spin.camera_from_object)].samples;
+      // All but the turn is aligned already: two steps, with the first gate of the next stage.
       spin.camera_from_object = aligner.Align(spin.camera_from_object, samples, 4.0, 3.0, 2, 1);
       spin.score = aligner.Score(spin.camera_from_object, samples, spin.motion.twist, duration_s).total();
       spins.push_back(std::move(spin));

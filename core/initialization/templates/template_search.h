@@ -56,7 +56,7 @@ struct TemplateSearchOptions {
   absl::Status Validate() const;
 };
 
-// A pose that another search has found, which is judged together with the templates.
+// A pose that another search has found, which is scored together with the templates.
 struct PoseProposal {
   int64_t t_us = 0;
   RigidTransform camera_from_object;

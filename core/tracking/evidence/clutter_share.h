@@ -23,11 +23,11 @@ class ClutterShare {
     void Add(double score, size_t polarity) { (score > 0.0 ? near : beside)[polarity] += std::abs(score); }
   };
 
-  // A window with these scores of each settled pose. Returns the weight of an event of each polarity in [0, 1]: the
-  // share of the events near the lines that clutter does not explain, of the pose for which it is the largest.
+  // Adds a window, with the scores of each settled pose. Returns the weight of an event, in [0, 1], by polarity: 1
+  // minus the share of clutter near the lines, the maximum over the poses.
   ByPolarity Update(absl::Span<const Scores> poses, int64_t t_us);
-  // Clutter divided by all events near the lines, of both polarities and of the pose for which it is the smallest; the
-  // largest one of the last windows.
+  // Share of clutter among the events near the lines (both polarities): the minimum over the poses in a window, and the
+  // maximum of it over the last windows.
   double ratio() const { return ratio_; }
 
   static void VisitState(auto& archive, auto& self);

@@ -39,9 +39,9 @@ class Determination {
   const BoundingSphere& sphere_;
   const HealthOptions& options_;
   Eigen::Matrix3Xd free_rotations_;
-  Matrix6d information_ = Matrix6d::Zero();  // information of the supported curves, by their events
-  Matrix6d supported_ = Matrix6d::Zero();    // information of the same by their expected events
-  Matrix6d expected_ = Matrix6d::Zero();     // information of all curves
+  Matrix6d information_ = Matrix6d::Zero();  // information of the events observed on the supported curves
+  Matrix6d supported_ = Matrix6d::Zero();    // information of the events expected on the supported curves
+  Matrix6d expected_ = Matrix6d::Zero();     // information of the events expected on all curves
   std::vector<Matrix6d> of_curves_;          // the parts of information_
 };
 

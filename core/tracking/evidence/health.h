@@ -177,8 +177,8 @@ class TrackHealth {
   bool HasPower(const LineStatistics& line, double credited_ratio) const;
   // Standard deviations by which near events would exceed chance at the right pose.
   double PowerSigma(const LineStatistics& line, double credited_ratio) const;
-  // Lines without power alone may have it together: the share of the excess of the right pose that they have, which is
-  // the share of them that is supported; 0 if their excess is not significant.
+  // Tests together the lines whose own tests have no power. Returns their excess divided by the excess at the right
+  // pose, at most 1, which is taken as the supported share of their length; 0 if their excess is not significant.
   double PooledShare(const LineStatistics& pooled, double credited_ratio) const;
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;

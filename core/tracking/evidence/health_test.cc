@@ -132,7 +132,7 @@ TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
 TEST_F(HealthTest, AFewEventsOfOnePolaritySufficeAmongManyOfTheOther) {
   // Like a lamp that becomes brighter: 20 OFF events of the line among ON events of the lit surface. Without the
   // weights by polarity, the 20 events are within the fluctuation of the 420 gated ones.
-  const auto judge = [&](double own_half_width_px) {
+  const auto evaluate = [&](double own_half_width_px) {
     HealthResult result;
     for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) {
@@ -144,15 +144,15 @@ TEST_F(HealthTest, AFewEventsOfOnePolaritySufficeAmongManyOfTheOther) {
     }
     return result.kind;
   };
-  EXPECT_EQ(judge(1.0), Kind::kSupported);
-  EXPECT_EQ(judge(8.0), Kind::kUnsupported);
+  EXPECT_EQ(evaluate(1.0), Kind::kSupported);
+  EXPECT_EQ(evaluate(8.0), Kind::kUnsupported);
 }
 
 TEST_F(HealthTest, FlickerDoesNotCountAgainstALine) {
   // While the lamp becomes brighter, lines with ON events are masked; half of the lines have OFF events. The motion is
   // so slow that no event is expected of the masked ones.
   state_.twist[0] = 0.02;
-  const auto judge = [&](ByPolarity polarity_weight) {
+  const auto evaluate = [&](ByPolarity polarity_weight) {
     HealthResult result;
     for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) {
@@ -164,10 +164,10 @@ TEST_F(HealthTest, FlickerDoesNotCountAgainstALine) {
     }
     return result;
   };
-  const HealthResult result = judge({1.0, 0.01});
+  const HealthResult result = evaluate({1.0, 0.01});
   EXPECT_EQ(result.kind, Kind::kSupported);
   EXPECT_EQ(result.testable_lines, kNumLines / 2);
-  EXPECT_EQ(judge({1.0, 1.0}).kind, Kind::kDoubtful);
+  EXPECT_EQ(evaluate({1.0, 1.0}).kind, Kind::kDoubtful);
 }
 
 TEST_F(HealthTest, EventsAtTheBackgroundRateAreFewEvents) {
@@ -193,7 +193,7 @@ TEST_F(HealthTest, EventsAtTheBackgroundRateAreFewEvents) {
 TEST_F(HealthTest, ACrossingEdgeIsPresentOnAPartOfTheLines) {
   state_.twist.setZero();
   ProjectLines(camera_, state_, tracked_, lines_);
-  const auto judge = [&](double along_begin, double along_end) {
+  const auto evaluate = [&](double along_begin, double along_end) {
     HealthResult result;
     for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
       for (int k = 0; k < kNumLines; ++k) AddEvents(k, 20, 8.0, along_begin, along_end);
@@ -202,9 +202,9 @@ TEST_F(HealthTest, ACrossingEdgeIsPresentOnAPartOfTheLines) {
     }
     return result;
   };
-  EXPECT_LT(judge(0.3, 0.45).present_ratio, 0.35);
+  EXPECT_LT(evaluate(0.3, 0.45).present_ratio, 0.35);
   // Events along the whole lines: the object has moved away from this pose.
-  EXPECT_GT(judge(0.0, 1.0).present_ratio, 0.9);
+  EXPECT_GT(evaluate(0.0, 1.0).present_ratio, 0.9);
 }
 
 TEST_F(HealthTest, AnObjectAtRestStaysQuietInDenseNoise) {

@@ -50,7 +50,8 @@ struct Moments {
   }
 };
 
-// Those of what the events show: the edges, unless some of them are contours, which move over the whole surface.
+// Returns the moments of the surface if the model has contours, because contours move over all of it; else of the
+// edges.
 Moments MomentsOf(const ObjectModel& model) {
   Moments moments;
   if (model.surface.empty() && model.facet_edges.empty()) {
@@ -91,6 +92,7 @@ MotionState MirroredState(const MotionState& state, const Vector3d& point, const
   // README, equation (9): the product of two reflections is the rotation in the plane of both vectors.
   const Vector3d across = ray - ray.dot(direction) * direction;
   const Vector3d other = Reflection(ray) * direction;
+  // With a smaller `across`, the normal is along the ray, and the mirrored pose is the pose itself.
   if (across.norm() > 1e-9) {
     mirrored.camera_from_object.rotation = Reflection(ray) * Reflection(across.normalized()) * pose.rotation;
   }
@@ -103,6 +105,7 @@ MotionState MirroredState(const MotionState& state, const Vector3d& point, const
   mirrored.twist << centre_velocity - turn.cross(arm), turn;
   SetRivalCovariance(state, focal_px, options, mirrored);
   // The rate of the inclination may have been taken from events that belong to the other side.
+  // Along the ray, the normal has no inclination.
   const Vector3d hinge = direction.cross(ray);
   if (hinge.norm() > 1e-9) {
     const Vector3d about = hinge.normalized();

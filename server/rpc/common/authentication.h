@@ -34,38 +34,38 @@ absl::Status StillAdmitted(Authenticator& authenticator, const grpc::ServerConte
 // client may also send a header with the trace ID of its own program. Malformed headers are ignored.
 StreamOrigin OriginOf(const grpc::ServerContextBase& context, const std::string& peer, absl::string_view session);
 
-// Authenticates a unary call and finishes it immediately with the absl::Status that `answer(caller)` returns.
-template <typename Answer>
-grpc::ServerUnaryReactor* AnswerUnary(Authenticator& authenticator, grpc::CallbackServerContext* context,
-                                      const Answer& answer) {
+// Authenticates a unary call and finishes it immediately with the absl::Status that `handler(caller)` returns.
+template <typename Handler>
+grpc::ServerUnaryReactor* FinishUnary(Authenticator& authenticator, grpc::CallbackServerContext* context,
+                                      const Handler& handler) {
   const absl::StatusOr<Caller> caller = Authenticate(authenticator, *context);
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   reactor->Finish(
-      ToGrpcStatus(caller.ok() ? OrOutOfMemory([&] { return absl::Status(answer(*caller)); }) : caller.status()));
+      ToGrpcStatus(caller.ok() ? OrOutOfMemory([&] { return absl::Status(handler(*caller)); }) : caller.status()));
   return reactor;
 }
 
-// Runs `answer()`, which finishes the call, on the pool's threads for slow work, because it may wait for the store and
+// Runs `handler()`, which finishes the call, on the pool's threads for slow work, because it may wait for the store and
 // must block neither gRPC's threads nor the workers. A call that was cancelled before its turn, that the shutdown ends,
 // or for which there is no memory, is finished without it.
-template <typename Answer>
+template <typename Handler>
 void PostCall(WorkerPool& pool, const std::string& tenant, grpc::CallbackServerContext* context,
-              grpc::ServerUnaryReactor* reactor, Answer answer) {
+              grpc::ServerUnaryReactor* reactor, Handler handler) {
   const absl::Status posted = OrOutOfMemory([&] {
-    pool.slow().Post(tenant, [context, reactor, answer = std::move(answer)](const absl::Status& admitted) {
+    pool.slow().Post(tenant, [context, reactor, handler = std::move(handler)](const absl::Status& admitted) {
       if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
       if (context->IsCancelled()) return reactor->Finish(grpc::Status::CANCELLED);
-      answer();
+      handler();
     });
     return absl::OkStatus();
   });
   if (!posted.ok()) reactor->Finish(ToGrpcStatus(posted));
 }
 
-// As AnswerUnary(), but runs `answer` with PostCall().
-template <typename Answer>
-grpc::ServerUnaryReactor* AnswerSlowly(Authenticator& authenticator, WorkerPool& pool,
-                                       grpc::CallbackServerContext* context, Answer answer) {
+// As FinishUnary(), but runs `handler` with PostCall().
+template <typename Handler>
+grpc::ServerUnaryReactor* PostUnary(Authenticator& authenticator, WorkerPool& pool,
+                                    grpc::CallbackServerContext* context, Handler handler) {
   grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   absl::StatusOr<Caller> caller = Authenticate(authenticator, *context);
   if (!caller.ok()) {
@@ -73,8 +73,8 @@ grpc::ServerUnaryReactor* AnswerSlowly(Authenticator& authenticator, WorkerPool&
     return reactor;
   }
   const std::string tenant = caller->tenant;
-  PostCall(pool, tenant, context, reactor, [reactor, answer = std::move(answer), asking = *std::move(caller)] {
-    reactor->Finish(ToGrpcStatus(OrOutOfMemory([&] { return absl::Status(answer(asking)); })));
+  PostCall(pool, tenant, context, reactor, [reactor, handler = std::move(handler), caller = *std::move(caller)] {
+    reactor->Finish(ToGrpcStatus(OrOutOfMemory([&] { return absl::Status(handler(caller)); })));
   });
   return reactor;
 }

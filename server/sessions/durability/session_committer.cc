@@ -157,7 +157,7 @@ void SessionCommitter::RecordDuration() {
   const auto duration = std::chrono::steady_clock::now() - in_flight_.begun_at;
   metrics_->checkpoint_time.Add(duration, log_->trace_id());
   const bool was_slow = std::exchange(is_slow_, duration >= kSlowCommit);
-  // An outage of the store has its own lines.
+  // An outage is logged as session_waits_for_store.
   if (!is_slow_ || was_slow || progress_.store_is_away) return;
   const SessionCommit& commit = in_flight_.commit;
   uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;

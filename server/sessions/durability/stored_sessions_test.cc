@@ -3,7 +3,7 @@
 // Stores of this version and of earlier ones, in tests/data/storage/: a server opens them, reads what their
 // expected.txt says, and resumes their sessions. If the environment variable EVPOSE_WRITE_STORE names a new directory,
 // the last test writes a store of this version there (tests/data/storage/SOURCE.txt says when):
-//   EVPOSE_WRITE_STORE=$PWD/tests/data/storage/v4 build/release/server/sessions/sessions_test
+//   EVPOSE_WRITE_STORE=$PWD/tests/data/storage/v5 build/release/server/sessions/sessions_test
 //   --gtest_filter='*AStoreIsWritten'
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -115,11 +115,6 @@ class StoredSessionsTest : public ::testing::Test {
   std::shared_ptr<Session> Find(const std::string& request_id) {
     const auto record = store_->FindRequest(kStoredTenant, request_id);
     return record.ok() ? sessions_->Get(kStoredTenant, record->name).value() : nullptr;
-  }
-  void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
-    const auto waiting = std::make_shared<WaitingListener>();
-    session->AddWatcher(waiting);
-    waiting->WaitUntil(is_true);
   }
   void Track(const std::shared_ptr<Session>& session, uint64_t stream, uint64_t seq) {
     ASSERT_TRUE(session->PushEvents(stream, {.seq = seq, .payload = Chunk(seq)}).ok());

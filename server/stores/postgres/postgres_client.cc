@@ -30,7 +30,7 @@ absl::StatusOr<std::unique_ptr<PostgresConnection>> PostgresClient::Connect() {
   {
     const std::lock_guard lock(mutex_);
     if (std::chrono::steady_clock::now() < next_connection_) {
-      return absl::UnavailableError(absl::StrCat(name, " does not answer: tried a moment ago"));
+      return absl::UnavailableError(absl::StrCat(name, " does not respond: tried a moment ago"));
     }
   }
   auto opened = PostgresConnection::Open(options_.address, options_.timeout);

@@ -51,7 +51,7 @@ absl::Status ConnectionError(const std::string& name, PGconn* connection) {
     return absl::FailedPreconditionError(
         absl::StrCat(name, ": ", words, ": create it (createdb), or correct the address of --store"));
   }
-  return absl::UnavailableError(absl::StrCat(name, " does not answer: ", words));
+  return absl::UnavailableError(absl::StrCat(name, " does not respond: ", words));
 }
 
 }  // namespace
@@ -243,7 +243,7 @@ absl::Status PostgresConnection::Await() {
     if (ready < 0 && errno == EINTR) continue;
     if (ready == 0) {
       has_timed_out_ = true;
-      return Broken(absl::StrCat("no answer within ", absl::FormatDuration(timeout_)));
+      return Broken(absl::StrCat("no response within ", absl::FormatDuration(timeout_)));
     }
     if (ready < 0) return Broken(std::generic_category().message(errno));
     if ((socket.revents & (POLLIN | POLLHUP | POLLERR)) != 0 && PQconsumeInput(connection_.get()) != 1) {
@@ -276,7 +276,7 @@ absl::Status PostgresConnection::MakeError(const PGresult* result) const {
 
 absl::Status PostgresConnection::Broken(absl::string_view words) {
   is_broken_ = true;
-  return absl::UnavailableError(absl::StrCat(name_, " does not answer: ", OneLine(words)));
+  return absl::UnavailableError(absl::StrCat(name_, " does not respond: ", OneLine(words)));
 }
 
 }  // namespace evpose::server

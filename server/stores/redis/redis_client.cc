@@ -266,7 +266,7 @@ bool RedisClient::RunAgain(const Job& job, absl::StatusOr<RedisReply>& reply) {
 absl::Status RedisClient::Connect() {
   if (connection_ != nullptr) return absl::OkStatus();
   if (std::chrono::steady_clock::now() < next_connection_) {
-    return absl::UnavailableError(absl::StrCat(options_.address.Printable(), " does not answer: tried a moment ago"));
+    return absl::UnavailableError(absl::StrCat(options_.address.Printable(), " does not respond: tried a moment ago"));
   }
   absl::StatusOr<std::unique_ptr<RedisConnection>> opened = OpenConnection();
   std::map<const RedisScript*, std::string> digests;

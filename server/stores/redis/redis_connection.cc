@@ -17,27 +17,27 @@ constexpr absl::string_view kElsewhere = "ELSEWHERE";
 
 // Maps an error reply of Redis, whose first word names its kind, to a status.
 absl::Status MakeError(const std::string& name, absl::string_view words) {
-  const std::string said = absl::StrCat(name, ": ", words);
+  const std::string message = absl::StrCat(name, ": ", words);
   if (absl::StartsWith(words, kScriptMissing)) return absl::FailedPreconditionError(words);
   if (absl::StartsWith(words, kElsewhere)) return absl::FailedPreconditionError(words);
   if (absl::StartsWith(words, "OOM")) {
-    return absl::ResourceExhaustedError(absl::StrCat(said, ": delete sessions, or give Redis more maxmemory"));
+    return absl::ResourceExhaustedError(absl::StrCat(message, ": delete sessions, or give Redis more maxmemory"));
   }
   for (const char* const kind :
        {"NOAUTH", "WRONGPASS", "NOPERM", "ERR invalid password", "ERR AUTH", "ERR Client sent"}) {
     if (absl::StartsWith(words, kind)) {
-      return absl::PermissionDeniedError(absl::StrCat(said, ": check the user and password of --store"));
+      return absl::PermissionDeniedError(absl::StrCat(message, ": check the user and password of --store"));
     }
   }
   for (const char* const kind :
        {"LOADING", "BUSY", "MASTERDOWN", "READONLY", "CLUSTERDOWN", "TRYAGAIN", "MISCONF", "NOREPLICAS", "UNBLOCKED"}) {
-    if (absl::StartsWith(words, kind)) return absl::UnavailableError(said);
+    if (absl::StartsWith(words, kind)) return absl::UnavailableError(message);
   }
   // Redis 6.2 puts the place in the script before the error of a command in it.
   if (absl::StrContains(words, "-READONLY ") || absl::StrContains(words, "-NOREPLICAS ")) {
-    return absl::UnavailableError(said);
+    return absl::UnavailableError(message);
   }
-  return absl::InternalError(said);
+  return absl::InternalError(message);
 }
 
 }  // namespace
@@ -132,9 +132,9 @@ absl::StatusOr<RedisReply> RedisConnection::Read() {
 
 absl::Status RedisConnection::Broken() const {
   const absl::string_view words = context_->errstr;
-  return absl::UnavailableError(absl::StrCat(name_, " does not answer: ",
+  return absl::UnavailableError(absl::StrCat(name_, " does not respond: ",
                                              words.empty() || absl::StartsWith(words, "Resource temporarily")
-                                                 ? absl::string_view("no answer in time")
+                                                 ? absl::string_view("no response in time")
                                                  : words));
 }
 

@@ -69,8 +69,8 @@ TEST(RedisSentinelTest, WithoutASentinelEachIsNamedWithTheReason) {
       OpenStore({.store = "redis+sentinel://me:secret@127.0.0.1:1,127.0.0.1:2/cameras"}).status();
   EXPECT_EQ(status.code(), StatusCode::kUnavailable);
   EXPECT_EQ(status.message(),
-            "no Sentinel names the master cameras: 127.0.0.1:1 does not answer: Connection refused; 127.0.0.1:2 does "
-            "not answer: Connection refused: start the Sentinels, or correct their addresses in --store");
+            "no Sentinel names the master cameras: 127.0.0.1:1 does not respond: Connection refused; 127.0.0.1:2 does "
+            "not respond: Connection refused: start the Sentinels, or correct their addresses in --store");
 }
 
 // A busy machine must not be taken for a lost master or replica. A call does not wait for a failover, so that a test
@@ -157,7 +157,7 @@ TEST_F(RedisSentinelFixture, ANodeThatIsNotTheMasterIsNotUsed) {
   EXPECT_THAT(std::string(status.message()), HasSubstr(" as the master replica, but its role is slave"));
   group_.node(1).Kill();
   EXPECT_THAT(std::string(OpenRedisStore(Options("replica")).status().message()),
-              HasSubstr("does not answer: Connection refused"));
+              HasSubstr("does not respond: Connection refused"));
 }
 
 TEST_F(RedisSentinelFixture, ASentinelThatDoesNotRespondIsPassedOver) {

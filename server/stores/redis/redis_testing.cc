@@ -72,9 +72,9 @@ absl::Status RedisProcess::Start(std::vector<std::string> arguments, const std::
   FILE* const lines = fdopen(log[0], "r");
   char line[1024];
   bool is_ready = false;
-  std::string said;
+  std::string output;
   while (!is_ready && std::fgets(line, sizeof(line), lines) != nullptr) {
-    said += line;
+    output += line;
     is_ready = absl::StrContains(line, ready);
   }
   // Later output is not read: it fits into the buffer of the pipe or is lost.
@@ -82,7 +82,7 @@ absl::Status RedisProcess::Start(std::vector<std::string> arguments, const std::
   if (is_ready) return absl::OkStatus();
   Kill();
   return absl::UnavailableError(
-      absl::StrCat("redis-server (deploy/install-dependencies.sh --test) did not start: ", said));
+      absl::StrCat("redis-server (deploy/install-dependencies.sh --test) did not start: ", output));
 }
 
 void RedisProcess::Kill() {

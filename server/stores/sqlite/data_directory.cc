@@ -22,19 +22,19 @@ constexpr mode_t kOwnerOnlyFile = 0600;
 std::string Words(int error) { return std::generic_category().message(error); }
 
 absl::Status PathError(const std::string& path, int error) {
-  const std::string said = absl::StrCat("data directory ", path, ": ", Words(error));
+  const std::string message = absl::StrCat("data directory ", path, ": ", Words(error));
   switch (error) {
     case ENOENT:
-      return absl::NotFoundError(absl::StrCat(said, ": make the directory above it, or choose another --data-dir"));
+      return absl::NotFoundError(absl::StrCat(message, ": make the directory above it, or choose another --data-dir"));
     case ENOTDIR:
     case EEXIST:
-      return absl::FailedPreconditionError(absl::StrCat(said, ": choose another --data-dir"));
+      return absl::FailedPreconditionError(absl::StrCat(message, ": choose another --data-dir"));
     case ENOSPC:
     case EDQUOT:
-      return absl::ResourceExhaustedError(absl::StrCat(said, ": free space on its disk"));
+      return absl::ResourceExhaustedError(absl::StrCat(message, ": free space on its disk"));
     default:
       return absl::PermissionDeniedError(
-          absl::StrCat(said, ": let the server's user write there, or choose another --data-dir"));
+          absl::StrCat(message, ": let the server's user write there, or choose another --data-dir"));
   }
 }
 

@@ -13,35 +13,35 @@ namespace {
 constexpr int kBusyTimeout_ms = 5000;
 
 absl::Status MakeError(const std::string& path, int extended_code, const char* words) {
-  const std::string said = absl::StrCat(path, ": ", words);
+  const std::string message = absl::StrCat(path, ": ", words);
   switch (extended_code) {
     case SQLITE_IOERR_WRITE:
     case SQLITE_IOERR_SHMSIZE:
       return absl::ResourceExhaustedError(
-          absl::StrCat(said, ": free space on its disk; deleted sessions leave free space in the file only"));
+          absl::StrCat(message, ": free space on its disk; deleted sessions leave free space in the file only"));
     case SQLITE_IOERR_FSYNC:
-      return absl::UnavailableError(absl::StrCat(said, ": the disk did not confirm a write"));
+      return absl::UnavailableError(absl::StrCat(message, ": the disk did not confirm a write"));
     default:
       break;
   }
   switch (extended_code & 0xff) {
     case SQLITE_FULL:
       return absl::ResourceExhaustedError(absl::StrCat(
-          said, ": free space on its disk or, if --store-max-bytes is reached, delete sessions or raise it"));
+          message, ": free space on its disk or, if --store-max-bytes is reached, delete sessions or raise it"));
     case SQLITE_CORRUPT:
     case SQLITE_NOTADB:
       return absl::DataLossError(absl::StrCat(
-          said, ": the file is damaged; restart the server, which copies the intact records to a new file"));
+          message, ": the file is damaged; restart the server, which copies the intact records to a new file"));
     case SQLITE_BUSY:
     case SQLITE_LOCKED:
-      return absl::UnavailableError(absl::StrCat(said, ": another process locks it"));
+      return absl::UnavailableError(absl::StrCat(message, ": another process locks it"));
     case SQLITE_READONLY:
     case SQLITE_CANTOPEN:
     case SQLITE_PERM:
       return absl::PermissionDeniedError(
-          absl::StrCat(said, ": the server needs to read and write this file, and to make files beside it"));
+          absl::StrCat(message, ": the server needs to read and write this file, and to make files beside it"));
     default:
-      return absl::InternalError(said);
+      return absl::InternalError(message);
   }
 }
 

@@ -15,6 +15,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
+#include "core/base/output_file.h"
 #include "server/stores/open_store.h"
 #include "server/stores/sqlite/sqlite_database.h"
 #include "server/stores/store_suite_testing.h"
@@ -25,11 +26,6 @@ namespace {
 using absl::StatusCode;
 using testing::AllOf;
 using testing::HasSubstr;
-
-std::string ReadAll(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
 
 void WriteAll(const std::string& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary).write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
@@ -126,7 +122,7 @@ TEST_F(SqliteStoreTest, OtherFilesAreRejectedAndNotChanged) {
   const absl::Status text = TryOpen().status();
   EXPECT_EQ(text.code(), StatusCode::kFailedPrecondition);
   EXPECT_THAT(std::string(text.message()), AllOf(HasSubstr(File()), HasSubstr("no SQLite database")));
-  EXPECT_EQ(ReadAll(File()), "a text of somebody's");
+  EXPECT_EQ(ReadFile(File(), SIZE_MAX).value(), "a text of somebody's");
 
   std::filesystem::remove(File());
   Execute("CREATE TABLE others (a); PRAGMA user_version=3");
@@ -213,7 +209,7 @@ TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsUpgraded) {
 TEST_F(SqliteStoreTest, ADamagedFileOfTheFirstSchemaIsRescued) {
   Fill();
   MakeFirstSchema();
-  const std::string whole_file = ReadAll(File());
+  const std::string whole_file = ReadFile(File(), SIZE_MAX).value();
   for (size_t at = 4096; at < whole_file.size(); at += 16384) {
     std::string bytes = whole_file;
     std::fill(bytes.begin() + static_cast<ptrdiff_t>(at), bytes.begin() + static_cast<ptrdiff_t>(at) + 512, '\xff');
@@ -268,7 +264,7 @@ TEST_F(SqliteStoreTest, ALargeFileIsCheckedAfterDamageHasBeenRead) {
 // can be read is unchanged.
 TEST_F(SqliteStoreTest, RandomDamageNeverChangesASession) {
   Fill();
-  const std::string whole_file = ReadAll(File());
+  const std::string whole_file = ReadFile(File(), SIZE_MAX).value();
   std::mt19937_64 random(1);
   int with_damage = 0;
   int with_survivors = 0;
@@ -309,7 +305,7 @@ TEST_F(SqliteStoreTest, RandomDamageNeverChangesASession) {
 TEST_F(SqliteStoreTest, AnEmptyFileWithALogIsNotTreatedAsNew) {
   std::unique_ptr<Store> store = Open();
   ASSERT_TRUE(store->CreateSession(Record("sessions/a"), "").ok());
-  const std::string log = ReadAll(File() + "-wal");
+  const std::string log = ReadFile(File() + "-wal", SIZE_MAX).value();
   ASSERT_FALSE(log.empty());
   store.reset();
   WriteAll(File(), "");
@@ -322,8 +318,8 @@ TEST_F(SqliteStoreTest, ADamagedLogIsNamed) {
   std::unique_ptr<Store> store = Open();
   auto lease = store->CreateSession(Record("sessions/a"), "").value();
   for (uint64_t i = 1; i <= 5; ++i) ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", i, i)}}).ok());
-  const std::string file = ReadAll(File());
-  const std::string log = ReadAll(File() + "-wal");
+  const std::string file = ReadFile(File(), SIZE_MAX).value();
+  const std::string log = ReadFile(File() + "-wal", SIZE_MAX).value();
   store.reset();
   const auto damage_with = [&](const std::string& bytes) {
     std::filesystem::remove_all(DataDir());

@@ -68,7 +68,8 @@ class Callbacks:
     """Called in the thread that reads the poses, in the order of the server's messages."""
 
     on_notice: Optional[Callable[[Notice], None]] = None
-    # With a new token before a message that invalidates the previous one: a caller that stores it must do so here.
+    # Called with each new position. When the token is new, it is called before the message that invalidates the previous token, so that
+    # the caller can store it first.
     on_position: Optional[Callable[[TrackPosition, bool], None]] = None
 
 
@@ -323,7 +324,7 @@ class StreamAttempt:
             if ack.send_limit_bytes > self._send_limit_bytes:
                 self._send_limit_bytes = ack.send_limit_bytes
                 self._changed.notify_all()
-        self._feed.outbox.forget(ack.durable_seq)
+        self._feed.outbox.release(ack.durable_seq)
         self.made_progress = self.made_progress or ack.processed_seq > self._first_processed_seq
         self._report_position(False)
         return True

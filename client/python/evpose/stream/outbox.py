@@ -80,7 +80,7 @@ class _Mark(NamedTuple):
 
 
 class Outbox:
-    """One thread appends, one reads, and any forgets. `changed` is notified of every change, and guards all of it.
+    """One thread may append, one may read, and any may call release(). `changed` is notified of every change, and guards all of it.
 
     Durable chunks are retained for a while (RetainOptions), beside `memory_bytes`. Those up to `begin` are durable from the
     beginning, and are added with add_durable().
@@ -97,7 +97,7 @@ class Outbox:
         self._has_reached_begin = begin.seq == 0
         self._retained: collections.deque[Chunk] = collections.deque()  # durable; the numbers of _chunks follow
         self._marks: collections.deque[_Mark] = collections.deque()  # of the retained chunks
-        self._forgotten = 0, 0  # number and bytes up to the first retained chunk
+        self._released = 0, 0  # number and bytes up to the first retained chunk
         self._chunks: collections.deque[Chunk] = collections.deque()
         self._size = 0
         self._last = begin
@@ -139,7 +139,7 @@ class Outbox:
             if self._retain.duration_s > 0.0 and size <= self._retain.max_bytes:
                 self._retained.append(chunk)
             else:
-                self._forgotten = chunk.end.seq, chunk.end.bytes
+                self._released = chunk.end.seq, chunk.end.bytes
             self._has_reached_begin = chunk.end.seq >= self._begin.seq
             if self._has_reached_begin:
                 self._marks.append(_Mark(chunk.end.seq, chunk.end.bytes, self._now()))
@@ -167,7 +167,7 @@ class Outbox:
 
     def get(self, seq: int) -> Optional[Chunk]:
         """Returns the chunk with this number, for which has() is true; None at the end. Raises the cause of the feed's end,
-        DataLossError for a forgotten chunk, and FailedPreconditionError for a number beyond the end. Requires `changed`."""
+        DataLossError for a released chunk, and FailedPreconditionError for a number beyond the end. Requires `changed`."""
         self._wanted_seq = 0
         if seq <= self._begin.seq and not self._has_reached_begin and self._failure is not None:
             raise self._failure
@@ -189,7 +189,7 @@ class Outbox:
         self.changed.notify_all()
         return chunk
 
-    def forget(self, durable_seq: int) -> None:
+    def release(self, durable_seq: int) -> None:
         with self.changed:
             if durable_seq > self._durable_seq:
                 self._durable_seq = durable_seq
@@ -210,10 +210,10 @@ class Outbox:
     def _drop_retained(self) -> None:
         oldest = self._now() - self._retain.duration_s
         while self._marks and (self._marks[0].durable_at <= oldest
-                               or _size_between(*self._forgotten, self._durable) > self._retain.max_bytes):
+                               or _size_between(*self._released, self._durable) > self._retain.max_bytes):
             mark = self._marks.popleft()
-            self._forgotten = mark.seq, mark.bytes
-        while self._retained and self._retained[0].end.seq <= self._forgotten[0]:
+            self._released = mark.seq, mark.bytes
+        while self._retained and self._retained[0].end.seq <= self._released[0]:
             self._retained.popleft()
 
     def _first_seq(self) -> int:

@@ -19,11 +19,11 @@ _Result = TypeVar("_Result")
 
 # Attempts at each server without a response, after which a call fails.
 MAX_ROUNDS = 3
-# Seconds for which a lost connection is waited for: to a server that others are tried after, and to the only one. gRPC tries to connect
-# about once a second.
+# Seconds to wait for a lost connection if another server can be tried next, and if there is only one server. gRPC tries to connect about
+# once a second.
 CONNECTION_WAIT_S = 0.1
 ONLY_CONNECTION_WAIT_S = 2.0
-# Codes of errors that may say something of the server alone.
+# Codes of errors whose cause may be this server alone, so that another server may respond.
 _AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
 # Reasons of RESOURCE_EXHAUSTED that are about one server. The quota of a tenant is not: the caller can delete a session.
 _FULL_REASONS = frozenset(("OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"))

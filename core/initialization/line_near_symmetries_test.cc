@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/initialization/near_symmetries.h"
+#include "core/initialization/line_near_symmetries.h"
 
 #include <gtest/gtest.h>
 
@@ -40,8 +40,8 @@ std::vector<Matrix3d> Rotations() {
   return DirectionSymmetries(std::vector<Vector3d>{Vector3d::UnitX(), Vector3d::UnitY(), Vector3d::UnitZ()});
 }
 
-TEST(FindNearSymmetries, AreTheHalfTurnsOfABoxWithAMast) {
-  const std::vector<RigidTransform> near_symmetries = FindNearSymmetries(BoxWithMast(0.2), Rotations(), kRadius_m);
+TEST(FindLineNearSymmetries, AreTheHalfTurnsOfABoxWithAMast) {
+  const std::vector<RigidTransform> near_symmetries = FindLineNearSymmetries(BoxWithMast(0.2), Rotations(), kRadius_m);
   ASSERT_EQ(near_symmetries.size(), 3u);
   const Vector3d centre(0.5, -0.3, 0.1);
   for (const RigidTransform& near_symmetry : near_symmetries) {
@@ -50,7 +50,7 @@ TEST(FindNearSymmetries, AreTheHalfTurnsOfABoxWithAMast) {
   }
 }
 
-TEST(FindNearSymmetries, LessThanHalfOfTheLinesIsNotEnough) {
+TEST(FindLineNearSymmetries, LessThanHalfOfTheLinesIsNotEnough) {
   std::vector<ModelLine> lines = BoxWithMast(0.2);
   // A comb beside the box, without any symmetry, with a larger total length than the box's lines.
   double z_m = 0.0;
@@ -58,22 +58,22 @@ TEST(FindNearSymmetries, LessThanHalfOfTheLinesIsNotEnough) {
     z_m += 0.02 + 0.001 * i * i;
     lines.push_back({{0.8, -0.3, z_m}, {0.8 + 0.2 + 0.013 * i, -0.3, z_m}, {}});
   }
-  EXPECT_TRUE(FindNearSymmetries(lines, Rotations(), 2.0 * kRadius_m).empty());
+  EXPECT_TRUE(FindLineNearSymmetries(lines, Rotations(), 2.0 * kRadius_m).empty());
 }
 
-TEST(FindNearSymmetries, AnEdgeInTwoPartsIsTheEdge) {
+TEST(FindLineNearSymmetries, AnEdgeInTwoPartsIsTheEdge) {
   std::vector<ModelLine> lines = BoxWithMast(0.2);
   for (size_t i = 0; i < 6; ++i) {
     const Vector3d middle = 0.3 * lines[i].p1 + 0.7 * lines[i].p2;
     lines.push_back({middle, lines[i].p2, {}});
     lines[i].p2 = middle;
   }
-  EXPECT_EQ(FindNearSymmetries(lines, Rotations(), kRadius_m).size(), 3u);
+  EXPECT_EQ(FindLineNearSymmetries(lines, Rotations(), kRadius_m).size(), 3u);
 }
 
-TEST(FindNearSymmetries, TheIdentityIsNone) {
-  EXPECT_TRUE(FindNearSymmetries(BoxWithMast(0.2), std::vector<Matrix3d>{Matrix3d::Identity()}, kRadius_m).empty());
-  EXPECT_TRUE(FindNearSymmetries({}, std::vector<Matrix3d>{Rotations().back()}, kRadius_m).empty());
+TEST(FindLineNearSymmetries, TheIdentityIsNone) {
+  EXPECT_TRUE(FindLineNearSymmetries(BoxWithMast(0.2), std::vector<Matrix3d>{Matrix3d::Identity()}, kRadius_m).empty());
+  EXPECT_TRUE(FindLineNearSymmetries({}, std::vector<Matrix3d>{Rotations().back()}, kRadius_m).empty());
 }
 
 }  // namespace

@@ -24,7 +24,7 @@
 
 namespace evpose::server {
 
-class MemoryHouse : public StoreHouse {
+class MemoryFixture : public StoreFixture {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenSmall(UINT64_MAX); }
   absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
@@ -45,7 +45,7 @@ class MemoryHouse : public StoreHouse {
   std::shared_ptr<MemorySessions> sessions_;
 };
 
-class SqliteHouse : public StoreHouse {
+class SqliteFixture : public StoreFixture {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override {
     return OpenSqliteStore({.data_dir = directory_.path() + "/data"});
@@ -75,7 +75,7 @@ inline void RepeatNumberOn(const RedisServer& redis) {
   redis.Run({"HINCRBY", RedisBucketKey(RedisBucketOf("sessions/a")), "fencing", "-1"});
 }
 
-class RedisHouse : public StoreHouse {
+class RedisFixture : public StoreFixture {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override {
     RedisStoreOptions options;
@@ -97,7 +97,7 @@ class RedisHouse : public StoreHouse {
 };
 
 // Two Redis groups without replicas.
-class RedisGroupsHouse : public StoreHouse {
+class RedisGroupsFixture : public StoreFixture {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override {
     RedisStoreOptions options;
@@ -137,7 +137,7 @@ class RedisGroupsHouse : public StoreHouse {
   RedisServer b_;
 };
 
-class SentinelHouse : public StoreHouse {
+class SentinelFixture : public StoreFixture {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override {
     RedisStoreOptions options;
@@ -160,7 +160,7 @@ class SentinelHouse : public StoreHouse {
   RedisGroup group_{{.password = "", .down_after = absl::Minutes(5)}};
 };
 
-class PostgresHouse : public StoreHouse {
+class PostgresFixture : public StoreFixture {
  public:
   absl::StatusOr<std::unique_ptr<Store>> Open() override { return OpenSmall(UINT64_MAX); }
   absl::StatusOr<std::unique_ptr<Store>> OpenSmall(uint64_t max_bytes) override {
@@ -194,25 +194,25 @@ class PostgresHouse : public StoreHouse {
 class StoreSuite : public testing::TestWithParam<TestedStore> {
  protected:
   void SetUp() override {
-    house_ = GetParam().build();
-    store_ = house_->Open().value();
+    fixture_ = GetParam().build();
+    store_ = fixture_->Open().value();
   }
   void Reopen() {
     store_.reset();
-    store_ = house_->Open().value();
+    store_ = fixture_->Open().value();
   }
 
-  std::unique_ptr<StoreHouse> house_;
+  std::unique_ptr<StoreFixture> fixture_;
   std::unique_ptr<Store> store_;
 };
 
 inline const auto kTestedStores =
-    testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryHouse>(); }},
-                    TestedStore{"Sqlite", [] { return std::make_unique<SqliteHouse>(); }},
-                    TestedStore{"Redis", [] { return std::make_unique<RedisHouse>(); }},
-                    TestedStore{"RedisGroups", [] { return std::make_unique<RedisGroupsHouse>(); }},
-                    TestedStore{"Sentinel", [] { return std::make_unique<SentinelHouse>(); }},
-                    TestedStore{"Postgres", [] { return std::make_unique<PostgresHouse>(); }});
+    testing::Values(TestedStore{"Memory", [] { return std::make_unique<MemoryFixture>(); }},
+                    TestedStore{"Sqlite", [] { return std::make_unique<SqliteFixture>(); }},
+                    TestedStore{"Redis", [] { return std::make_unique<RedisFixture>(); }},
+                    TestedStore{"RedisGroups", [] { return std::make_unique<RedisGroupsFixture>(); }},
+                    TestedStore{"Sentinel", [] { return std::make_unique<SentinelFixture>(); }},
+                    TestedStore{"Postgres", [] { return std::make_unique<PostgresFixture>(); }});
 inline std::string NameOfTestedStore(const testing::TestParamInfo<TestedStore>& tested) { return tested.param.name; }
 
 }  // namespace evpose::server

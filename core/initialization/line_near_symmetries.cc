@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/initialization/near_symmetries.h"
+#include "core/initialization/line_near_symmetries.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -88,8 +88,8 @@ double CoveredLength(const Line& line, const Vector3d& shift, const std::vector<
 
 }  // namespace
 
-std::vector<RigidTransform> FindNearSymmetries(absl::Span<const ModelLine> lines, absl::Span<const Matrix3d> rotations,
-                                               double radius_m) {
+std::vector<RigidTransform> FindLineNearSymmetries(absl::Span<const ModelLine> lines,
+                                                   absl::Span<const Matrix3d> rotations, double radius_m) {
   const double tolerance_m = kToleranceOfRadius * radius_m;
   const std::vector<Line> all = MakeLines(lines);
   struct Found {

@@ -18,7 +18,7 @@ namespace evpose {
 // lines closer than 2 % of it coincide, which is about the resolution of an image. Returns object_from_object, the
 // motion that aligns the largest length first, at most seven. A rotation with several such shifts yields one of them.
 // Time: number of rotations times the square of the number of lines.
-std::vector<RigidTransform> FindNearSymmetries(absl::Span<const ModelLine> lines,
-                                               absl::Span<const Eigen::Matrix3d> rotations, double radius_m);
+std::vector<RigidTransform> FindLineNearSymmetries(absl::Span<const ModelLine> lines,
+                                                   absl::Span<const Eigen::Matrix3d> rotations, double radius_m);
 
 }  // namespace evpose
