@@ -12,6 +12,7 @@
 #include "core/association/element_arcs.h"
 #include "core/base/yield_point.h"
 #include "core/contours/surface_tables.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 namespace {
