@@ -382,9 +382,23 @@ class WrongInputTest(ServerTest):
         camera = evpose.read_camera(self.camera)
         bad = self.directory / "bad.obj"
         bad.write_text("v 0 0 0\nf 1 2 3\n")
+        empty = self.directory / "empty.obj"
+        empty.write_text("")
         for call, error, reason, text in (
                 (lambda: client.create_session("models/none", camera), evpose.NotFoundError, "MODEL_NOT_FOUND", "models/none"),
-                (lambda: client.upload_model(bad), evpose.InvalidArgumentError, "", "line 2"),
+                (lambda: client.upload_model(bad), evpose.InvalidArgumentError, "", f"{bad}: 127.0.0.1:"),
+                (lambda: client.upload_model(bad), evpose.InvalidArgumentError, "", ": line 2: "),
+                (lambda: client.upload_model(empty), evpose.InvalidArgumentError, "", ": its size is 0"),
+                (lambda: client.upload_model(self.model, metres_per_unit="a"), evpose.InvalidArgumentError, "",
+                 "metres_per_unit: 'a' is not a number"),
+                (lambda: client.upload_model(self.model, metres_per_unit=-1.0), evpose.InvalidArgumentError, "",
+                 f"{self.model}: 127.0.0.1:"),
+                (lambda: client.create_session("models/none", "camera.yaml"), evpose.InvalidArgumentError, "",
+                 "camera: 'camera.yaml' is no Camera; read_camera(path) reads one"),
+                (lambda: client.create_session("models/none", camera, "EVT3"), evpose.InvalidArgumentError, "",
+                 "encoding: 'EVT3' is none of Encoding.EVT3, "),
+                (lambda: client.create_session(3, camera), evpose.InvalidArgumentError, "", "objects: 3 is neither a Model"),
+                (lambda: client.create_session(["models/none"], camera), evpose.InvalidArgumentError, "", "nor a list of TrackedObject"),
                 (lambda: client.get_model("models/none"), evpose.NotFoundError, "MODEL_NOT_FOUND", "models/none"),
                 (lambda: client.upload_model(self.directory / "none.obj"), evpose.NotFoundError, "", "none.obj"),
                 (lambda: client.upload_model(self.camera), evpose.InvalidArgumentError, "", "must end in .obj, .ply or .stl"),
