@@ -195,7 +195,7 @@ CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--start-factor", options.start_factor, "Factor on the distance of the start from the truth",
             CLI::Range(0.0, 100.0))
       ->type_name("FACTOR");
-  AddFile(app, "--csv", arguments->csv, "CSV with the table; the file appears when it is complete")
+  AddOutputFile(app, "--csv", arguments->csv, "CSV with the table; the file appears when it is complete")
       ->group(kOutputGroup);
   AddJson(app, arguments->is_json);
   app.footer(absl::StrCat(kAbout, "\nMethods:\n", SyntheticMethodList(),

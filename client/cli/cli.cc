@@ -12,6 +12,7 @@
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/file_arguments.h"
 #include "client/cli/first_steps.h"
 #include "core/base/version.h"
 #include "core/command_line/help.h"
@@ -118,7 +119,8 @@ int ExitStatus(int status, const std::string& name, CliContext& context) {
 int RunParsed(const CommandRunners& runners, CliContext& context) {
   for (const auto& [command, run] : runners) {
     if (!command->parsed()) continue;
-    const absl::Status status = run();
+    absl::Status status = CheckFileArguments(*command);
+    if (status.ok()) status = run();
     if (status.ok()) return ExitStatus(kDone, FullCommandName(*command), context);
     context.out.flush();
     const bool is_usage = IsUsageError(status);

@@ -88,10 +88,6 @@ absl::Status CheckCounts(const CalibrateArguments& arguments) {
 absl::Status CheckMode(const CalibrateArguments& arguments) {
   if (arguments.models.empty()) return UsageError("--model is required, except with --hand-eye");
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
-  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"-o", arguments.out},
-                                              {"--camera-out", arguments.camera_out},
-                                              {"--picture", arguments.picture},
-                                              {"--coverage", arguments.coverage}}));
   if (arguments.truths.empty() &&
       std::find(arguments.recordings.begin(), arguments.recordings.end(), "-") != arguments.recordings.end()) {
     return UsageError("without --truth a recording is read several times: give a file instead of standard input");
@@ -372,8 +368,8 @@ void AddCameraOptions(CLI::App& app, CalibrateArguments& arguments) {
        {evpose::LensModel::kBrown, evpose::LensModel::kRational, evpose::LensModel::kFisheye}) {
     lenses.emplace_back(LensModelName(lens), lens);
   }
-  AddFile(app, "--camera-out", arguments.camera_out,
-          "Estimated camera, YAML of ROS camera_info; the file appears when it is complete");
+  AddOutputFile(app, "--camera-out", arguments.camera_out,
+                "Estimated camera, YAML of ROS camera_info; the file appears when it is complete");
   AddPicture(app, "--coverage", arguments.coverage,
              "Picture (.png) of where the object was seen, and of the uncertainty of the projection");
   app.add_option("--lens", arguments.lens,
@@ -397,9 +393,10 @@ void AddCameraOptions(CLI::App& app, CalibrateArguments& arguments) {
 
 void AddProfileOptions(CLI::App& app, CalibrateArguments& arguments) {
   app.option_defaults()->group("Estimation of the sensor's profile");
-  AddFile(app, "-o,--out", arguments.out,
-          "Profile for evpose replay --sensor, YAML; with --hand-eye, the pose of the camera. The file appears when it "
-          "is complete");
+  AddOutputFile(
+      app, "-o,--out", arguments.out,
+      "Profile for evpose replay --sensor, YAML; with --hand-eye, the pose of the camera. The file appears when it "
+      "is complete");
   AddFile(app, "--sensor", arguments.start,
           "Profile at the start, which is kept where the recordings determine nothing. Default: that of an EVK4");
   app.add_option("--name", arguments.name, "Name of the sensor in the profile")->type_name("NAME");

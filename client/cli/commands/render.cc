@@ -320,7 +320,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   AddFile(app, "--camera", arguments->camera, kCameraFiles)->required();
   arguments->reading.AddTo(app);
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi) to write")->required();
+  AddOutputFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi) to write")->required();
   app.add_option("--at", arguments->at_s, "Time of the picture on the sensor's clock. Default: the middle of the poses")
       ->type_name("SECONDS");
   AddOption(app, "--window-ms", arguments->window_ms, "Duration of the events that are drawn, around that time",

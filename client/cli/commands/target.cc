@@ -127,8 +127,8 @@ CommandRunner AddTargetCommand(CLI::App& app, CliContext& context) {
           ->needs(screen);
   screen->needs(screen_mm);
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "-o,--out", arguments->out,
-          "Drawing: .pdf, or .png for a screen; the model is written beside it, with the extension .obj")
+  AddOutputFile(app, "-o,--out", arguments->out,
+                "Drawing: .pdf, or .png for a screen; the model is written beside it, with the extension .obj")
       ->required();
   AddJson(app, arguments->is_json);
   app.footer(

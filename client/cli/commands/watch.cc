@@ -285,9 +285,9 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
       ->type_name("SECONDS")
       ->needs(health);
   CLI::Option* const out =
-      AddFile(app, "-o,--out", arguments->out,
-              absl::StrCat("Poses, in a file instead of on standard output: ", kPoseFormats,
-                           ". It appears at the end. {object} in the name stands for the ID of each object"))
+      AddOutputFile(app, "-o,--out", arguments->out,
+                    absl::StrCat("Poses, in a file instead of on standard output: ", kPoseFormats,
+                                 ". It appears at the end. {object} in the name stands for the ID of each object"))
           ->excludes(health);
   arguments->recording.AddTo(app, "host");
   arguments->frame.AddTo(app);

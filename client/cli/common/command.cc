@@ -49,6 +49,21 @@ absl::StatusOr<std::string> ReadToken(const std::string& path) {
   return token;
 }
 
+// The name of the check by which an option of an output file is recognized.
+constexpr char kOutputMark[] = "output file";
+
+// Returns a text that is equal for all names of the same file; empty if `path` is no file.
+std::string IdentityOfFile(const std::string& path) {
+  if (path.empty() || path == "-") return "";
+  struct stat info = {};
+  if (stat(path.c_str(), &info) == 0) {
+    return S_ISREG(info.st_mode) ? absl::StrCat(info.st_dev, " ", info.st_ino) : std::string();
+  }
+  std::error_code error;
+  const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
+  return error ? path : resolved.string();
+}
+
 std::string CheckAddresses(const std::string& text) {
   for (const absl::string_view address : absl::StrSplit(text, ',')) {
     const absl::Status status = ParseServerAddress(std::string(address)).status();
@@ -94,16 +109,28 @@ CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, 
   return app.add_option(name, path, description)->type_name("FILE")->check(check);
 }
 
-absl::Status CheckDifferentFiles(const std::vector<std::pair<std::string, std::string>>& outputs) {
-  std::map<std::filesystem::path, std::string> options;  // by path
-  for (const auto& [option, path] : outputs) {
-    if (path.empty()) continue;
-    std::error_code error;
-    const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
-    const auto [other, is_new] = options.emplace(error ? std::filesystem::path(path) : resolved, option);
-    if (is_new) continue;
-    return UsageError(
-        absl::StrCat(other->second, " and ", option, " are the same file, ", path, ": give each a name of its own"));
+CLI::Option* AddOutputFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
+  const auto accept = [](const std::string&) { return std::string(); };
+  return AddFile(app, name, path, description)->check(CLI::Validator(accept, "", kOutputMark));
+}
+
+bool IsOutputFile(CLI::Option& option) {
+  try {
+    return option.get_validator(kOutputMark) != nullptr;
+  } catch (const CLI::OptionNotFound&) {
+    return false;
+  }
+}
+
+absl::Status CheckNothingIsOverwritten(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs) {
+  std::map<std::string, std::string> options;  // by the identity of the file
+  for (const NamedFile& input : inputs) options.emplace(IdentityOfFile(input.path), input.option);
+  for (const NamedFile& output : outputs) {
+    const std::string identity = IdentityOfFile(output.path);
+    const auto [other, is_new] = options.emplace(identity, output.option);
+    if (is_new || identity.empty()) continue;
+    return UsageError(absl::StrCat(other->second, " and ", output.option, " are the same file, ", output.path,
+                                   ", which would be overwritten: give ", output.option, " another name"));
   }
   return absl::OkStatus();
 }
@@ -113,7 +140,7 @@ CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& pat
     if (absl::EndsWith(text, ".png")) return "";
     return absl::StrCat(text, ": pictures are written as PNG; the name must end in .png");
   };
-  return AddFile(app, name, path, description)->check(check);
+  return AddOutputFile(app, name, path, description)->check(check);
 }
 
 CLI::Option* AddJson(CLI::App& app, bool& is_json, const std::string& description) {

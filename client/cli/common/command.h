@@ -57,9 +57,18 @@ CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, con
 }
 // Adds an option for the path of a file.
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
-// Returns a usage error if two of the options, with the names of output files, name the same file. Empty names are
-// none.
-absl::Status CheckDifferentFiles(const std::vector<std::pair<std::string, std::string>>& outputs);
+// The same for a file that the command writes: before the command runs, RunCli() checks that it is none of the files
+// that other options name.
+CLI::Option* AddOutputFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
+bool IsOutputFile(CLI::Option& option);
+// A file with the name of the option that it was given with.
+struct NamedFile {
+  std::string option;
+  std::string path;
+};
+// Returns a usage error if one of the outputs is also one of the inputs or another output, under any name (links).
+// Devices and pipes, "-" and empty paths are no files.
+absl::Status CheckNothingIsOverwritten(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs);
 // Adds an option for a picture that is written as PNG; a name with another extension is wrong usage.
 CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
 // Adds --json, with which the command prints JSON instead of text.

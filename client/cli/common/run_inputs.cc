@@ -219,10 +219,6 @@ std::vector<std::string> RunInputs::object_ids() const {
 absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArguments& arguments,
                                         const RecordingReaderOptions& reader_options) {
   RunInputs inputs;
-  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"the recording", arguments.recording == "-" ? "" : arguments.recording},
-                                              {"--out", arguments.out},
-                                              {"--clock-log", arguments.clock_log},
-                                              {"--resume", arguments.resume}}));
   EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
   if (!arguments.out.empty()) {
     EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFiles::Check(arguments.out, inputs.object_ids()), "--out "));
@@ -310,15 +306,17 @@ void RunArguments::AddInputs(CLI::App& app) {
 
 void RunArguments::AddOutputs(CLI::App& app, const std::string& epoch_default) {
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "-o,--out", out,
-          absl::StrCat("Poses: ", kPoseFormats,
-                       ", with covariances, transforms, model, camera and health; the file appears when the run has "
-                       "ended. {object} in the name stands for the ID of each object"));
+  AddOutputFile(
+      app, "-o,--out", out,
+      absl::StrCat("Poses: ", kPoseFormats,
+                   ", with covariances, transforms, model, camera and health; the file appears when the run has "
+                   "ended. {object} in the name stands for the ID of each object"));
   recording_options.AddTo(app, epoch_default);
   frame.AddTo(app);
-  AddFile(app, "--clock-log", clock_log,
-          "CSV with the host's times (UTC) at which events, poses and triggers arrived, and their sensor times, which "
-          "relates the sensor's clock to others");
+  AddOutputFile(
+      app, "--clock-log", clock_log,
+      "CSV with the host's times (UTC) at which events, poses and triggers arrived, and their sensor times, which "
+      "relates the sensor's clock to others");
   AddJson(app, is_json);
 }
 
@@ -361,7 +359,7 @@ void RunArguments::AddConnection(CLI::App& app, bool server_is_required) {
             CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
       ->type_name("BYTES")
       ->needs(app.get_option("--server"));
-  AddFile(
+  AddOutputFile(
       app, "--resume", resume,
       "File with the position of the session, which is removed at the end. If it exists, the command continues from "
       "there: after a kill, run the same command again");
