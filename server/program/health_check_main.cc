@@ -15,6 +15,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "absl/time/clock.h"
@@ -112,6 +113,7 @@ std::string WhyNoAnswer(const Arguments& arguments, const grpc::Status& status) 
     case grpc::StatusCode::UNIMPLEMENTED:
       return "has no gRPC health service: is this evpose-server's port?";
     case grpc::StatusCode::UNAVAILABLE:
+      if (absl::StrContains(what, "Connection refused")) return "cannot be reached: no server listens on this port";
       return absl::StrCat("cannot be reached (", what, "): check that the server runs",
                           arguments.has_tls() ? ", uses TLS, and that the certificates are right"
                                               : " without TLS; for a server with TLS give --tls-ca");
