@@ -3,6 +3,7 @@
 
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -33,18 +34,27 @@ constexpr char kUsagePayload[] = "evpose/usage";
 constexpr char kTokenVariable[] = "EVPOSE_TOKEN";
 constexpr size_t kMaxTokenFileBytes = 4096;
 
+// Checks the characters of a token from a file or a variable of this name, as ClientOptions::Validate() does.
+absl::StatusOr<std::string> CheckedToken(absl::string_view text, const std::string& source) {
+  const std::string token(absl::StripAsciiWhitespace(text));
+  if (std::all_of(token.begin(), token.end(), absl::ascii_isgraph)) return token;
+  return absl::InvalidArgumentError(
+      absl::StrCat(source, ": is no token, which has no spaces and no line feeds inside; a server's list of tokens is ",
+                   "none either: give the token that evpose-server --new-token printed"));
+}
+
 absl::StatusOr<std::string> ReadToken(const std::string& path) {
   if (path.empty()) {
     const char* variable = std::getenv(kTokenVariable);
-    return variable == nullptr ? std::string() : std::string(absl::StripAsciiWhitespace(variable));
+    return variable == nullptr ? std::string() : CheckedToken(variable, kTokenVariable);
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(path, kMaxTokenFileBytes));
   struct stat info = {};
   if (stat(path.c_str(), &info) == 0 && S_ISREG(info.st_mode) && (info.st_mode & (S_IRWXG | S_IRWXO)) != 0) {
     return absl::FailedPreconditionError(
-        absl::StrCat(path, ": others may read this token, or replace it: chmod 600 ", path));
+        absl::StrCat(path, ": other users can read or replace this file: chmod 600 ", path));
   }
-  const std::string token(absl::StripAsciiWhitespace(contents));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string token, CheckedToken(contents, path));
   if (token.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": the file has no token"));
   return token;
 }
