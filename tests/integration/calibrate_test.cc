@@ -47,6 +47,9 @@ TEST_F(CliTest, TargetRefusesWrongArguments) {
   };
   expect({"-o", Path("out.png")}, "must end in .pdf");
   expect({"--screen", "640x400", "--screen-mm", "320", "-o", Path("out.pdf")}, "must end in .png");
+  const CliResult lens = Run({"calibrate", "a.raw", "--model", "m.obj", "--camera-out", "c.yaml", "--lens", "foo"});
+  EXPECT_EQ(lens.status, 2);
+  EXPECT_THAT(lens.err, HasSubstr("--lens: \"foo\" is none of brown, rational, fisheye; "));
   expect({"--page", "B17", "-o", Path("out.pdf")}, "A4, A3, letter");
   expect({"--page", "10x10", "-o", Path("out.pdf")}, "80 to 5000 mm");
   expect({"--screen", "640", "--screen-mm", "320", "-o", Path("out.png")}, "WIDTHxHEIGHT");
