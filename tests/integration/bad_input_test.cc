@@ -285,6 +285,10 @@ TEST_F(BadInputTest, AbsentServer) {
   // No server listens on port 1.
   const std::string error = ReplayError({"--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
   EXPECT_THAT(error, AllOf(HasSubstr("no server at 127.0.0.1:1"), HasSubstr("for 0.2 s")));
+  const CliResult stream = Run({"stream", Path("cube/recording.raw"), "--model", Path("cube/model.obj"), "--camera",
+                                Path("cube/camera.yaml"), "--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
+  EXPECT_EQ(stream.status, 1);
+  EXPECT_THAT(stream.err, AllOf(HasSubstr("no server at 127.0.0.1:1"), HasSubstr("for 0.2 s")));
   for (const char* command : {"sessions", "models"}) {
     const CliResult result = Run({command, "list", "--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
     EXPECT_EQ(result.status, 1);

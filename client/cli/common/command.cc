@@ -213,7 +213,7 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
       AddFile(app, "--token-file", token_file,
               "File with the token that evpose-server --new-token printed; only its owner may have access (chmod 600). "
               "It is read again before every call. Default: the variable EVPOSE_TOKEN"),
-      AddOption(app, "--connect-timeout", connect_timeout_s, "Longest wait for a server that does not answer",
+      AddOption(app, "--connect-timeout", connect_timeout_s, "Longest wait for the first response of a server",
                 CLI::Range(0.001, 86400.0))
           ->type_name("SECONDS")};
   server->group(kConnectionGroup);
