@@ -72,7 +72,10 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
 absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments, const std::string& camera) {
   if (arguments.model.empty()) return SimulationPreset(arguments.object, camera, arguments.speed_scale);
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.model));
-  return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), camera, arguments.speed_scale);
+  absl::StatusOr<SimulationOptions> options =
+      ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), camera, arguments.speed_scale);
+  if (options.ok()) return options;
+  return absl::Status(options.status().code(), absl::StrCat(arguments.model, ": ", options.status().message()));
 }
 
 // Returns the standard scene with the camera of the option: one of the simulated cameras, or that of a file.

@@ -18,6 +18,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "client/cli/console/cli_context.h"
+#include "core/base/length_text.h"
 #include "core/base/output_file.h"
 #include "core/command_line/help_page.h"
 #include "core/events/event.h"
@@ -129,15 +130,6 @@ absl::Status PrintList(CliContext& context, bool is_json, const std::vector<Item
 absl::StatusOr<std::optional<OutputFile>> OpenOutput(const std::string& path);
 // Appends the rest of an output and completes it; does nothing for nullopt.
 absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest);
-
-// The unit in which a length is printed.
-struct LengthUnit {
-  const char* name;
-  double metres;
-};
-LengthUnit UnitOfLength(double length_m);
-// "0.2 m", "3.5 mm", "1.414 micrometres"
-std::string FormatLength(double length_m);
 
 // A number of milliseconds; null for nullopt.
 Json MillisecondsJson(const std::optional<absl::Duration>& duration);
