@@ -126,7 +126,8 @@ TEST_F(CliTest, CalibrateRefusesOptionsThatDoNotBelongTogether) {
   expect({"--truth", Path("cube/truth.tum"), "-o", out}, 2, "--camera");
   expect({"--camera-out", out, "--focal-mm", "5", "--fov", "60"}, 2, "--fov");
   expect({"--camera-out", out, "--picture", Path("out.png")}, 2, "needs -o");
-  expect({"--camera-out", out, "--model", Path("cube/model.obj")}, 2, "--model is given 2 times for 1 recordings");
+  expect({"--camera-out", out, "--model", Path("cube/model.obj")}, 2,
+         "--model has 2 files for 1 recording: give one for all");
   expect({"--camera", camera, "--truth", Path("truth.mcap"), "-o", out}, 1, "poses are not read from .mcap files, but");
   // 20 ms are enough to find a pose, and too short for the rest.
   expect({"--camera-out", out}, 1, "record longer");

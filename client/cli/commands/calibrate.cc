@@ -24,6 +24,7 @@
 #include "client/cli/console/progress.h"
 #include "client/containers/open_recording.h"
 #include "client/model_intake/model_intake.h"
+#include "core/base/counted.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/camera_calibration.h"
@@ -71,15 +72,15 @@ const std::string& Of(const std::vector<std::string>& values, size_t i) {
 absl::Status CheckCounts(const CalibrateArguments& arguments) {
   const size_t wanted = arguments.recordings.size();
   if (!arguments.truths.empty() && arguments.truths.size() != wanted) {
-    return UsageError(absl::StrFormat("--truth is given %d times for %d recordings: one for each, in their order",
-                                      arguments.truths.size(), wanted));
+    return UsageError(absl::StrFormat("--truth has %s for %s: give one for each, in their order",
+                                      Counted(arguments.truths.size(), "file"), Counted(wanted, "recording")));
   }
   for (const auto& [option, count] :
        {std::pair{"--model", arguments.models.size()}, {"--camera", arguments.cameras.size()}}) {
     const bool is_missing_camera = count == 0 && arguments.IsCameraWanted();
     if (count == 1 || count == wanted || is_missing_camera) continue;
-    return UsageError(absl::StrFormat("%s is given %d times for %d recordings: once, or one for each in their order",
-                                      option, count, wanted));
+    return UsageError(absl::StrFormat("%s has %s for %s: give one for all, or one for each in their order", option,
+                                      Counted(count, "file"), Counted(wanted, "recording")));
   }
   return absl::OkStatus();
 }
