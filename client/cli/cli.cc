@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/cli.h"
 
+#include <poll.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <exception>
+#include <iostream>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -111,8 +113,12 @@ bool ReportWrongCommand(const CLI::App& app, const std::vector<std::string>& arg
 int ExitStatus(int status, const std::string& name, CliContext& context) {
   context.out.flush();
   if (context.out || status != kDone) return status;
-  context.err << name << ": the result could not be written completely to standard output: the disk is full, or its "
-              << "reader has ended" << std::endl;
+  pollfd output = {STDOUT_FILENO, POLLOUT, 0};
+  if (&context.out == &std::cout && poll(&output, 1, 0) == 1 && (output.revents & POLLERR) != 0) {
+    return kFailed;  // the reader of a pipe, such as head, has ended: it has read what it wanted
+  }
+  context.err << name << ": the result could not be written completely to standard output: the disk is full"
+              << std::endl;
   return kFailed;
 }
 
@@ -148,6 +154,11 @@ int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
   if (arguments.empty()) {
     context.err << FirstSteps(TextWidth(STDERR_FILENO)) << std::flush;
     return kWrongUsage;
+  }
+  if (arguments.front() == "help") {  // "help replay" is "replay --help"
+    std::vector<std::string> words(arguments.begin() + 1, arguments.end());
+    words.emplace_back("--help");
+    return RunCli(words, context);
   }
   try {
     CommandRunners runners;

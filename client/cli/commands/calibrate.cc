@@ -320,7 +320,7 @@ absl::Status WriteCamera(const CameraCalibration& camera, std::optional<OutputFi
 }
 
 void PrintWarnings(const std::vector<std::string>& warnings, CliContext& context) {
-  for (const std::string& warning : warnings) context.err << "evpose calibrate: " << warning << "\n";
+  for (const std::string& warning : warnings) context.err << "evpose calibrate: warning: " << warning << "\n";
 }
 
 absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
@@ -359,6 +359,9 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   return PrintResult(context, arguments.is_json, json, [&](std::ostream& out) {
     if (camera) PrintCameraCalibration(*camera, out);
     if (profile) PrintCalibration(profile->calibration, out);
+    for (const std::string& path : {arguments.camera_out, arguments.coverage, arguments.out, arguments.picture}) {
+      if (!path.empty()) out << "written: " << path << "\n";
+    }
   });
 }
 
