@@ -7,8 +7,10 @@
 #include <vector>
 
 #include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "client/cli/common/command.h"
+#include "core/base/status_macros.h"
 #include "core/command_line/help_page.h"
 
 namespace evpose::client {
@@ -41,6 +43,33 @@ std::vector<std::string> FilesOf(const CLI::Option& option, const std::string& v
   return {std::filesystem::exists(path, error) ? path : path.substr(0, path.find('#'))};
 }
 
+// Returns whether the file is one that a command would read from the directory: one that exists there, unless it is a
+// table of results at its top.
+bool IsInputIn(const std::filesystem::path& directory, const std::filesystem::path& file) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;
+  const std::filesystem::path below = std::filesystem::relative(file, directory, error);
+  if (error || below.empty() || *below.begin() == "..") return false;
+  const bool is_result = below.extension() == ".json" || below.extension() == ".csv";
+  return !is_result || below.has_parent_path() || below == "models.json";
+}
+
+// The same check for the directories of inputs.
+absl::Status CheckDirectories(const CLI::App& command, const std::vector<NamedFile>& outputs) {
+  for (const CLI::Option* const option : command.get_options()) {
+    if (option->get_group() != kInputGroup || !absl::StrContains(option->get_type_name(), "DIR")) continue;
+    const std::string name = option->get_positional() ? PositionalName(*option) : option->get_name();
+    for (const std::string& directory : option->results()) {
+      for (const NamedFile& output : outputs) {
+        if (!IsInputIn(directory, output.path)) continue;
+        return UsageError(absl::StrCat(output.path, " is a file of ", name, " ", directory,
+                                       ", which would be overwritten: give ", output.option, " another name"));
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::Status CheckFileArguments(CLI::App& command) {
@@ -57,7 +86,8 @@ absl::Status CheckFileArguments(CLI::App& command) {
       }
     }
   }
-  return CheckNothingIsOverwritten(inputs, outputs);
+  EVPOSE_RETURN_IF_ERROR(CheckNothingIsOverwritten(inputs, outputs));
+  return CheckDirectories(command, outputs);
 }
 
 }  // namespace evpose::client

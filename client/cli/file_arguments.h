@@ -11,7 +11,7 @@ namespace evpose::client {
 
 // Checks a command whose arguments have been parsed: returns a usage error if an option of an output file
 // (AddOutputFile()) names a file that another option names, too. The values of all other options whose type contains
-// FILE are inputs.
+// FILE are inputs, and so are the files in the directories of options of inputs, except for earlier results.
 absl::Status CheckFileArguments(CLI::App& command);
 
 }  // namespace evpose::client

@@ -82,6 +82,22 @@ TEST_F(OverwriteTest, InputsAreNoOutputs) {
   ExpectRefused({"simulate", "--camera", camera, "--duration", "0.01", "--out", Path("cube")}, "--camera", "--out");
 }
 
+TEST_F(OverwriteTest, FilesOfADirectoryOfInputsAreNoOutputs) {
+  const std::string models = Path("cube"), list = Path("cube/models.json");
+  WriteText("cube/models.json", "[]");
+  WriteText("cube/result.json", "{}");
+  for (const std::string& name : {Path("cube/../cube/model.obj"), list}) {
+    const CliResult result = Run({"bench", "models", "--models", models, "--duration", "0.01", "--out", name});
+    EXPECT_EQ(result.status, 2);
+    EXPECT_THAT(result.err, HasSubstr(absl::StrCat("evpose bench models: ", name, " is a file of --models ", models,
+                                                   ", which would be overwritten: give --out another name; ")));
+  }
+  EXPECT_EQ(Run({"bench", "real", Path("."), "--out", Path("cube/truth.tum")}).status, 2);
+  for (const auto& [path, content] : before_) EXPECT_TRUE(ReadAll(path) == content) << path;
+  const CliResult earlier = Run({"bench", "models", "--models", models, "--out", Path("cube/result.json")});
+  EXPECT_THAT(earlier.err, ::testing::Not(HasSubstr("overwritten")));
+}
+
 TEST_F(OverwriteTest, LinksAreTheSameFile) {
   fs::create_symlink(Path("cube/camera.yaml"), Path("symbolic.tum"));
   fs::create_hard_link(Path("cube/model.obj"), Path("hard.tum"));
