@@ -19,7 +19,7 @@ for component in server client dev; do
   [[ -f $work/root/usr/share/doc/evpose-$component/copyright ]] || fail "evpose-$component has no copyright"
 done
 programs=(evpose evpose-server)
-pages=(man1/evpose.1 man1/evpose-replay.1 man1/evpose-sessions-list.1 man8/evpose-server.8)
+pages=(man1/evpose.1 man1/evpose-replay.1 man1/evpose-sessions-list.1 man8/evpose-server.8 man8/evpose-health-check.8)
 # Only where OpenCASCADE is installed.
 if [[ -x $build/client/convert_step/evpose-convert-step ]]; then
   package=$(echo "$work"/packages/evpose-convert-step_*.deb)

@@ -125,14 +125,15 @@ void PrintFirstPoseSummary(const std::vector<FirstPoseBenchRow>& rows, std::ostr
 
 const char kStartCauseHelp[] =
     "With --explain a second table counts the starts by the first of these causes that applies:\n"
-    "  not moved      the image of the object never moves by 2 px\n"
-    "  turn not shown the events do not prefer the true poses of a nearly round object to those that are turned about\n"
-    "                 its axis: a keyway or a handle is hidden or has too few events\n"
-    "  not supported  a tracker that is given the true pose is not TRACKING within this time, either\n"
-    "  not ranked     searches do not return the right pose, even if it is proposed to them\n"
-    "  not proposed   they return it only if it is proposed: no view near it was aligned\n"
-    "  undecided      they return it, but it competes with other poses until the end\n"
-    "  not confirmed  they return it, but it is DEGRADED, rejected or too late\n";
+    "  not moved       the image of the object never moves by 2 px\n"
+    "  turn not shown  the events do not prefer the true poses of a nearly round object to those that are turned "
+    "about\n"
+    "                  its axis: a keyway or a handle is hidden or has too few events\n"
+    "  not supported   a tracker that is given the true pose is not TRACKING within this time, either\n"
+    "  not ranked      searches do not return the right pose, even if it is proposed to them\n"
+    "  not proposed    they return it only if it is proposed: no view near it was aligned\n"
+    "  undecided       they return it, but it competes with other poses until the end\n"
+    "  not confirmed   they return it, but it is DEGRADED, rejected or too late\n";
 
 void PrintStartCauses(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out) {
   out << absl::StrFormat("\n%-24s", "starts by cause");

@@ -32,10 +32,11 @@ struct ModelsArguments {
   double metres_per_unit = 1.0;
   bool is_first_pose = false;
   FirstPoseBenchOptions first_pose;  // num_starts alone
-  double watch_s = 0.4;
+  std::optional<double> watch_s;
   std::string out;
 };
 
+constexpr double kWatchS = 0.4;  // default of --watch, in seconds, unless the recordings are shorter
 constexpr const char* kListName = "models.json";
 
 // The entries of models.json, which tests/bench/models/generate.py writes.
@@ -103,7 +104,11 @@ absl::StatusOr<std::vector<BenchModel>> FindModels(const ModelsArguments& argume
 absl::Status RunFirstPoses(const ModelsArguments& arguments, const ModelBenchOptions& bench, CliContext& context) {
   FirstPoseBenchOptions options = arguments.first_pose;
   options.bench = bench;
-  options.watch_us = std::llround(arguments.watch_s * 1e6);
+  if (arguments.watch_s.value_or(0.0) > arguments.duration_s) {
+    return UsageError(absl::StrFormat("--watch %g is longer than the recordings, which have --duration %g s",
+                                      *arguments.watch_s, arguments.duration_s));
+  }
+  options.watch_us = std::llround(arguments.watch_s.value_or(std::min(kWatchS, arguments.duration_s)) * 1e6);
   EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.out));
   ProgressLine progress(context);
@@ -176,11 +181,12 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   app.add_flag("--first-pose", arguments->is_first_pose, "Find the first pose without a prior, instead");
   AddOption(app, "--starts", arguments->first_pose.num_starts, "Number of starts in each recording of --first-pose",
             CLI::Range(1, 10'000));
-  AddOption(app, "--watch", arguments->watch_s, "Length of the events after a start of --first-pose",
-            CLI::Range(0.01, 1800.0))
-      ->type_name("SECONDS");
+  app.add_option("--watch", arguments->watch_s, "Length of the events after a start of --first-pose")
+      ->type_name("SECONDS")
+      ->check(CLI::Range(0.01, 1800.0))
+      ->default_str("0.4");
   app.add_flag("--explain", arguments->first_pose.explains, "Print why the starts of --first-pose find no right pose");
-  AddFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete")
+  AddOutputFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete")
       ->group(kOutputGroup);
   app.footer(absl::StrCat(kModelsTableHelp, kFirstPoseTableHelp, kStartCauseHelp,
                           "\nExample:\n"

@@ -209,7 +209,7 @@ CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--bound-px", arguments->options.bound_px, "Largest error of a right pose", CLI::Range(0.01, 1000.0))
       ->type_name("PIXELS");
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete");
+  AddOutputFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete");
   app.add_flag("--check", arguments->is_checked,
                "End with status 1 if TRACKING was reported for more than 30 ms with a wrong pose, or for an absent "
                "object");

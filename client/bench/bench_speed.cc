@@ -227,8 +227,8 @@ CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
       ->type_name("SECONDS");
   AddOption(app, "--repetitions", arguments->service.num_repetitions,
             "Number of repetitions; the shortest time is reported", CLI::Range(1, 1000));
-  AddFile(app, "-o,--out", arguments->out,
-          "JSON with the table, for tests/bench/compare.py; the file appears when it is complete")
+  AddOutputFile(app, "-o,--out", arguments->out,
+                "JSON with the table, for tests/bench/compare.py; the file appears when it is complete")
       ->group(kOutputGroup);
   arguments->service.server.AddTo(app, false);
   app.add_option("--server-pid", arguments->service.server_pid,

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 #include "client/bench/bench.h"
 #include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
@@ -119,7 +120,9 @@ absl::StatusOr<SyntheticBenchOptions> MakeOptions(const SyntheticArguments& argu
     EVPOSE_RETURN_IF_ERROR(AsUsageError(sweep.status(), "--sweeps: "));
     options.sweeps.push_back(*sweep);
   }
-  EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
+  if (const absl::Status status = options.Validate(); !status.ok()) {
+    return UsageError(absl::StrReplaceAll(status.message(), {{"SyntheticBenchOptions.", "--"}}));
+  }
   return options;
 }
 
@@ -195,7 +198,7 @@ CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--start-factor", options.start_factor, "Factor on the distance of the start from the truth",
             CLI::Range(0.0, 100.0))
       ->type_name("FACTOR");
-  AddFile(app, "--csv", arguments->csv, "CSV with the table; the file appears when it is complete")
+  AddOutputFile(app, "--csv", arguments->csv, "CSV with the table; the file appears when it is complete")
       ->group(kOutputGroup);
   AddJson(app, arguments->is_json);
   app.footer(absl::StrCat(kAbout, "\nMethods:\n", SyntheticMethodList(),

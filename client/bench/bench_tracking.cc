@@ -97,8 +97,9 @@ CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
                  "Directory where the simulated recordings are kept and used again")
       ->type_name("DIR");
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "--csv", arguments->csv, "CSV with a line for each run; the file appears when it is complete");
-  AddFile(app, "--traces", arguments->traces, "CSV with poses and errors over time, of the first run of each scenario");
+  AddOutputFile(app, "--csv", arguments->csv, "CSV with a line for each run; the file appears when it is complete");
+  AddOutputFile(app, "--traces", arguments->traces,
+                "CSV with poses and errors over time, of the first run of each scenario");
   AddJson(app, arguments->is_json, "Print one JSON object instead of text, at the end");
   app.footer(absl::StrCat(kTrackingTableHelp,
                           "tests/bench/plot.py draws the files of --json and --traces.\n\nEstimators:\n",

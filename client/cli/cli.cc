@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/cli/cli.h"
 
+#include <poll.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <exception>
+#include <iostream>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -12,6 +14,7 @@
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/file_arguments.h"
 #include "client/cli/first_steps.h"
 #include "core/base/version.h"
 #include "core/command_line/help.h"
@@ -110,15 +113,20 @@ bool ReportWrongCommand(const CLI::App& app, const std::vector<std::string>& arg
 int ExitStatus(int status, const std::string& name, CliContext& context) {
   context.out.flush();
   if (context.out || status != kDone) return status;
-  context.err << name << ": the result could not be written completely to standard output: the disk is full, or its "
-              << "reader has ended" << std::endl;
+  pollfd output = {STDOUT_FILENO, POLLOUT, 0};
+  if (&context.out == &std::cout && poll(&output, 1, 0) == 1 && (output.revents & POLLERR) != 0) {
+    return kFailed;  // the reader of a pipe, such as head, has ended: it has read what it wanted
+  }
+  context.err << name << ": the result could not be written completely to standard output: the disk is full"
+              << std::endl;
   return kFailed;
 }
 
 int RunParsed(const CommandRunners& runners, CliContext& context) {
   for (const auto& [command, run] : runners) {
     if (!command->parsed()) continue;
-    const absl::Status status = run();
+    absl::Status status = CheckFileArguments(*command);
+    if (status.ok()) status = run();
     if (status.ok()) return ExitStatus(kDone, FullCommandName(*command), context);
     context.out.flush();
     const bool is_usage = IsUsageError(status);
@@ -146,6 +154,11 @@ int RunCli(const std::vector<std::string>& arguments, CliContext& context) {
   if (arguments.empty()) {
     context.err << FirstSteps(TextWidth(STDERR_FILENO)) << std::flush;
     return kWrongUsage;
+  }
+  if (arguments.front() == "help") {  // "help replay" is "replay --help"
+    std::vector<std::string> words(arguments.begin() + 1, arguments.end());
+    words.emplace_back("--help");
+    return RunCli(words, context);
   }
   try {
     CommandRunners runners;

@@ -20,6 +20,7 @@
 #include "core/command_line/completion.h"
 #include "core/command_line/help.h"
 #include "core/command_line/man_page.h"
+#include "server/program/health_check_arguments.h"
 #include "server/program/options.h"
 
 namespace evpose {
@@ -76,6 +77,9 @@ absl::Status WriteAll(const std::filesystem::path& directory) {
   EVPOSE_RETURN_IF_ERROR(WriteProgram(*client::MakeStepParser(step), kUserCommands, "evpose(1)", directory));
   client::Hdf5Arguments hdf5;
   EVPOSE_RETURN_IF_ERROR(WriteProgram(*client::MakeHdf5Parser(hdf5), kUserCommands, "evpose(1)", directory));
+  server::HealthCheckArguments health_check;
+  EVPOSE_RETURN_IF_ERROR(
+      WriteProgram(*server::MakeHealthCheckParser(health_check), kAdministration, "evpose-server(8)", directory));
   absl::Status status;
   server::UseParser(
       [&](const CLI::App& program) { status = WriteProgram(program, kAdministration, "evpose(1)", directory); });

@@ -5,10 +5,12 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -42,6 +44,10 @@ absl::Status WriteAll(int descriptor, absl::string_view bytes) {
 
 // `output` is empty for standard output.
 absl::Status Convert(const std::string& input, const std::string& output) {
+  std::error_code error;
+  if (!output.empty() && std::filesystem::equivalent(input, output, error)) {
+    return absl::InvalidArgumentError(output + ": is the file to read, which would be overwritten: give another name");
+  }
   const int standard_output = RedirectReports();
   EVPOSE_ASSIGN_OR_RETURN(const evpose::RawMesh mesh, evpose::client::ReadStep(input));
   const std::string message = evpose::server::EncodeMesh(mesh);

@@ -9,6 +9,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "client/lib/channel.h"
@@ -18,6 +19,7 @@
 #include "client/lib/messages/status_details.h"
 #include "client/lib/server_choice.h"
 #include "client/lib/stream/retry.h"
+#include "client/lib/tcp_probe.h"
 #include "client/lib/tls_probe.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
@@ -114,6 +116,12 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
     return absl::UnimplementedError(absl::StrCat("the server at ", name, " is not an evpose server"));
   }
   if (is_connected) return info.status();
+  // gRPC's description of an unknown name is that of its resolver.
+  if (absl::StrContains(info.status().message(), "DNS resolution failed")) {
+    const std::optional<TcpFailure> failure = ExplainUnreachable(name, kConnectSlice);
+    if (failure)
+      return absl::UnavailableError(absl::StrCat("no server at ", name, ": ", failure->cause, ": ", failure->remedy));
+  }
   return absl::UnavailableError(absl::StrCat("no server at ", addresses, ": tried to connect for ",
                                              absl::ToDoubleSeconds(options.connect_timeout),
                                              " s; is evpose-server running there? (", info.status().message(), ")"));

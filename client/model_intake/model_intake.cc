@@ -82,6 +82,7 @@ absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, double metres_per
 }
 
 absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres_per_unit) {
+  EVPOSE_RETURN_IF_ERROR(CheckIsFile(path));
   const std::string extension = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
   if (extension == ".step" || extension == ".stp" || extension == ".igs" || extension == ".iges") {
     EVPOSE_ASSIGN_OR_RETURN(std::string mesh, ConvertStep(path));

@@ -149,8 +149,11 @@ TEST(ModelIntakeTest, FilesThatServersReadPassUnchanged) {
 }
 
 TEST(ModelIntakeTest, UnknownExtensionsAndMissingFilesAreErrors) {
-  EXPECT_THAT(std::string(ReadModelFile("a.blend").status().message()),
-              AllOf(StartsWith("a.blend: unknown model format"), HasSubstr(".3mf")));
+  const TemporaryDirectory directory;
+  const std::string blend = directory.File("a.blend");
+  ASSERT_TRUE(WriteFile(blend, "anything").ok());
+  EXPECT_THAT(std::string(ReadModelFile(blend).status().message()),
+              AllOf(StartsWith(blend + ": unknown model format"), HasSubstr(".3mf")));
   EXPECT_EQ(ReadModelFile("/nowhere/a.glb").status().code(), absl::StatusCode::kNotFound);
 }
 

@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -121,6 +122,11 @@ void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, Pa
 
 absl::StatusOr<std::map<std::string, RecordedPoses>> ReadRecordedPoses(const std::string& path,
                                                                        const std::vector<std::string>& object_ids) {
+  if (object_ids.size() > 1 && absl::EndsWith(path, ".tum") && !absl::StrContains(path, "{object}")) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": a .tum file has the poses of one object: give the name of one for each object, such as ",
+                     "'poses-{object}.tum', or a .csv or .jsonl file"));
+  }
   std::map<std::string, RecordedPoses> poses;
   for (const auto& [id, name] : PoseFiles::Paths(path, object_ids)) {
     const std::vector<std::string> ids = id.empty() ? object_ids : std::vector<std::string>{id};

@@ -212,7 +212,7 @@ std::string TargetToObj(const CalibrationTarget& target) {
                             white.IndexOf(polygon[(i + 1) % polygon.size()]) + 1);
     }
   }
-  std::string obj = absl::StrFormat("# evpose target %g x %g mm, in metres\n", target.width_mm, target.height_mm);
+  std::string obj = absl::StrFormat("%s%g x %g mm, in metres\n", kTargetObjBegin, target.width_mm, target.height_mm);
   for (const Vector2d& point : white.points()) {
     absl::StrAppendFormat(&obj, "v %.9f %.9f 0\n", 1e-3 * (point.x() - 0.5 * target.width_mm),
                           1e-3 * (point.y() - 0.5 * target.height_mm));

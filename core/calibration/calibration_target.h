@@ -39,6 +39,8 @@ absl::StatusOr<CalibrationTarget> ParseCalibrationTarget(const std::string& page
 // faces are the white part of the sheet; the line elements are the borders of the ink, which are all edges of the
 // model: those of the sheet depend on the printer.
 std::string TargetToObj(const CalibrationTarget& target);
+// The first words of that text.
+inline constexpr char kTargetObjBegin[] = "# evpose target ";
 
 // A PDF file of one page that prints at the true scale.
 std::string TargetToPdf(const CalibrationTarget& target);

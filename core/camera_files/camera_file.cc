@@ -75,13 +75,23 @@ absl::StatusOr<CameraFile> ParseCameraFile(const std::string& text, const std::s
   return result;
 }
 
+namespace {
+
+absl::StatusOr<std::string> ReadCameraText(const std::string& path) {
+  absl::StatusOr<std::string> text = ReadFile(path, kMaxFileBytes);
+  if (!absl::IsInvalidArgument(text.status())) return text;
+  return absl::InvalidArgumentError(absl::StrCat(text.status().message(), "; not a camera file"));
+}
+
+}  // namespace
+
 absl::StatusOr<CameraFile> ReadCameraFile(const std::string& path) {
   const size_t mark = path.rfind('#');
   if (mark == std::string::npos || mark == 0 || CheckIsFile(path).ok()) {
-    EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxFileBytes));
+    EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadCameraText(path));
     return ParseCameraFile(text, path);
   }
-  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path.substr(0, mark), kMaxFileBytes));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadCameraText(path.substr(0, mark)));
   return ParseCameraFile(text, path.substr(0, mark), path.substr(mark + 1));
 }
 

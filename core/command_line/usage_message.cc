@@ -2,12 +2,15 @@
 #include "core/command_line/usage_message.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <vector>
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
@@ -57,16 +60,30 @@ std::string SourceOfValue(const CLI::App& command, absl::string_view name) {
   return absl::StrCat("the environment variable ", option->get_envname(), ", which stands for ", name);
 }
 
-// "--out FILE", as --help prints it.
-std::string WithValue(const CLI::App& command, absl::string_view name) {
+// The option as --help describes it; one without content if it has no help.
+HelpOption HelpOf(const CLI::App& command, absl::string_view name) {
   const HelpPage page = DescribeCommand(command);
   for (const HelpGroup& group : page.groups) {
     for (const HelpOption& option : group.options) {
-      if (std::find(option.names.begin(), option.names.end(), name) == option.names.end()) continue;
-      return absl::StrCat(name, option.value.empty() ? "" : " ", option.value);
+      if (std::find(option.names.begin(), option.names.end(), name) != option.names.end()) return option;
     }
   }
-  return std::string(name);
+  return {};
+}
+
+// "--out FILE", as --help prints it.
+std::string WithValue(const CLI::App& command, absl::string_view name) {
+  const std::string value = HelpOf(command, name).value;
+  return absl::StrCat(name, value.empty() ? "" : " ", value);
+}
+
+// What is wrong with the value of an option that takes numbers and has no check of its own.
+std::string DescribeNumber(absl::string_view value) {
+  double number = 0.0;
+  if (!absl::SimpleAtod(value, &number)) return " is not a number";
+  if (number < 0.0) return " is not a whole number of at least 0";
+  return number == std::floor(number) && number < 1e9 ? " is not a number that it accepts"
+                                                      : " is not a whole number in its range";
 }
 
 std::string DescribeMissing(const CLI::App& command, absl::string_view text) {
@@ -104,8 +121,11 @@ std::string DescribeConversion(const CLI::App& command, absl::string_view text) 
     return absl::StrCat(name, " has no value, but ", Quoted(value), " was given");
   }
   const bool is_boolean = option != nullptr && option->get_type_name() == "BOOLEAN";
-  return absl::StrCat(SourceOfValue(command, name), ": ", Quoted(value),
-                      is_boolean ? " is neither true nor false" : " is not a number that it accepts");
+  const std::vector<std::string> choices = HelpOf(command, name).choices;
+  const std::string what = is_boolean        ? " is neither true nor false"
+                           : choices.empty() ? DescribeNumber(value)
+                                             : absl::StrCat(" is none of ", absl::StrJoin(choices, ", "));
+  return absl::StrCat(SourceOfValue(command, name), ": ", Quoted(value), what);
 }
 
 // The error of an option with too few or too many values.

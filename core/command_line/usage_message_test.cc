@@ -6,6 +6,7 @@
 
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/environment_testing.h"
@@ -20,6 +21,7 @@ std::string ErrorOf(const std::string& line) {
   unsigned count = 0;
   std::vector<double> corner;
   bool is_quick = false, is_slow = false, is_closed = false;
+  enum class Side { kLeft, kRight } side = Side::kLeft;
   CLI::App app("A tool", "tool");
   CLI::App& draw = *app.add_subcommand("draw", "Draw a recording");
   draw.add_option("recording", file, "Recording")->type_name("FILE")->required();
@@ -29,6 +31,9 @@ std::string ErrorOf(const std::string& line) {
   draw.add_option("--count", count, "Number")->envname("EVPOSE_TEST_COUNT");
   draw.add_option("--corner", corner, "Place")->expected(2);
   draw.add_option("--closed", is_closed, "Whether it is")->type_name("BOOLEAN");
+  draw.add_option("--side", side, "Side")
+      ->transform(
+          CLI::Transformer(std::vector<std::pair<std::string, Side>>{{"left", Side::kLeft}, {"right", Side::kRight}}));
   draw.add_flag("--slow", is_slow, "Take time");
   CLI::Option* const to =
       draw.add_option("--to", format, "Format")->envname("EVPOSE_TEST_FORMAT")->check(CLI::IsMember({"png", "pdf"}));
@@ -72,8 +77,11 @@ TEST(UsageMessageTest, Values) {
               "--bytes: \"" + value + "\" is not a whole number from 1048576 to 16777216; ");
   }
   EXPECT_EQ(ErrorOf("a.raw --out a.png --to gif"), "--to: \"gif\" is none of png, pdf; ");
-  EXPECT_EQ(ErrorOf("a.raw --out a.png --count many"), "--count: \"many\" is not a number that it accepts; ");
-  EXPECT_EQ(ErrorOf("a.raw --out a.png --count -1"), "--count: \"-1\" is not a number that it accepts; ");
+  EXPECT_EQ(ErrorOf("a.raw --out a.png --count many"), "--count: \"many\" is not a number; ");
+  EXPECT_EQ(ErrorOf("a.raw --out a.png --count -1"), "--count: \"-1\" is not a whole number of at least 0; ");
+  EXPECT_EQ(ErrorOf("a.raw --out a.png --count 1.5"), "--count: \"1.5\" is not a whole number in its range; ");
+  EXPECT_EQ(ErrorOf("a.raw --out a.png --count 1e12"), "--count: \"1e12\" is not a whole number in its range; ");
+  EXPECT_EQ(ErrorOf("a.raw --out a.png --side top"), "--side: \"top\" is none of left, right; ");
   EXPECT_EQ(ErrorOf("a.raw --out a.png --closed maybe"), "--closed: \"maybe\" is neither true nor false; ");
   EXPECT_EQ(ErrorOf("a.raw --out a.png --slow=often"), "--slow has no value, but \"often\" was given; ");
 }
@@ -95,8 +103,7 @@ TEST(UsageMessageTest, AValueOfAnEnvironmentVariableIsReportedWithTheVariable) {
   }
   const ScopedEnvironmentVariable count("EVPOSE_TEST_COUNT", "many");
   EXPECT_EQ(ErrorOf("a.raw --out a.png"),
-            "the environment variable EVPOSE_TEST_COUNT, which stands for --count: \"many\" is not a number that it "
-            "accepts; ");
+            "the environment variable EVPOSE_TEST_COUNT, which stands for --count: \"many\" is not a number; ");
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/length_text.h"
 #include "core/tracking/object/event_extent.h"
 
 namespace evpose {
@@ -63,12 +64,13 @@ Finding CheckScale(double diameter_m, double scale, const CameraModel& camera, d
                    const DiagnosisOptions& options) {
   Finding finding;
   finding.check = "model-scale";
-  finding.text = absl::StrFormat("the model is %.3g m across", diameter_m);
+  finding.text = absl::StrCat("the model is ", FormatLength(diameter_m), " across");
   const double metres_per_diameter = extent_px > 0.0 ? camera.MaxFocalPx() / extent_px : 0.0;
   const double distance_m = metres_per_diameter * diameter_m;
   if (extent_px > 0.0) {
-    absl::StrAppend(&finding.text, absl::StrFormat("; as large as the moving region, %.0f px, at a distance of %.3g m",
-                                                   extent_px, distance_m));
+    absl::StrAppend(&finding.text,
+                    absl::StrFormat("; at a distance of %s its image is as large as the moving region, %.0f px",
+                                    FormatLength(distance_m), extent_px));
   }
   const auto is_in = [&](const Range& diameters, const Range& distances) {
     return diameters.Contains(diameter_m) && (extent_px <= 0.0 || distances.Contains(distance_m));

@@ -65,7 +65,7 @@ Finding RecordingDiagnosis::CheckDecoding(const StreamFacts& facts) const {
   // How many events a lost piece had is unknown. A long gap is a problem of the clock.
   if (lost.pieces > 0) finding.verdict = std::max(finding.verdict, Verdict::kAdvice);
   finding.text =
-      absl::StrFormat("%d events; %s, %s outside the sensor, %s at the end that %s no word", counts.cd_events,
+      absl::StrFormat("%d events decoded; %s, %s outside the sensor, %s at the end that %s no word", counts.cd_events,
                       Counted(counts.invalid_words(), "invalid word"), Counted(counts.dropped_outside_sensor, "event"),
                       Counted(facts.truncated_bytes, "byte"), facts.truncated_bytes == 1 ? "is" : "are");
   finding.places = lost.descriptions;
@@ -251,8 +251,8 @@ Finding RecordingDiagnosis::CheckDeadPixels(const Shares& shares) const {
   if (areas.empty() && busy_share < kMinBusyShare) {
     return NotChecked(
         "dead-pixels",
-        absl::StrFormat("%s of the pixels have %d events or more; to tell dead areas from places at rest, "
-                        "half of them must, as before a moving pattern that fills the image",
+        absl::StrFormat("only %s of the pixels have %d events or more, and the check needs half of them: record a "
+                        "moving pattern that fills the image",
                         Percent(busy_share), PixelCounts::kMinRimEvents));
   }
   double silent = 0.0;
@@ -341,8 +341,7 @@ Finding RecordingDiagnosis::CheckFocus(const Shares& shares) const {
     return NotChecked("focus", "all edges move at one speed, as on a screen that is drawn line by line");
   }
   if (blur.median_px > options_.blur_px.advice && blur.exponent < kMinBlurExponent) {
-    return NotChecked("focus",
-                      "edges are wide in time, whatever their speed: the pixels are slow, not the lens blurred");
+    return NotChecked("focus", "edges are wide in time at every speed: the cause is slow pixels, not a blurred lens");
   }
   Finding finding = Named("focus");
   SetVerdict(blur.median_px, options_.blur_px, "px", finding);

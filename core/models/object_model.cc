@@ -221,6 +221,9 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
   on_step("fitting shapes");
   if (!surface.surface.empty()) FitShapes(mesh, model.diameter_m, surface.surface);
   FindEdges(mesh, surface, options, on_step, model);
+  if (mesh.triangles.empty()) {
+    model.notices.push_back("the model has no faces: edges that the object hides are expected to be visible");
+  }
   const bool is_flat = IsFlat(surface.surface);
   model.facet_edges = std::move(surface.facet_edges);
   if (model.lines.empty() && model.curves.empty() && is_flat && model.facet_edges.empty()) {

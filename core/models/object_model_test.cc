@@ -199,13 +199,13 @@ TEST(ObjectModelTest, OverlappingLinesAreOne) {
   const std::string points = "v 0 0 0\nv 1 0 0\nv 0.25 0 0\nv 0.5 0 0\nv 1.5 0 0\nv -1 0 0\nv 0 1 0\nv 0 2 0\n";
   const ObjectModel part = MustParse(points + "l 1 2\nl 3 4\nl 1 7\nl 7 8\n");
   EXPECT_THAT(LineSet(part), testing::UnorderedElementsAre("(0 0 0)(1 0 0)", "(0 0 0)(0 1 0)", "(0 1 0)(0 2 0)"));
-  EXPECT_THAT(part.notices, ElementsAre("1 line merged with overlapping ones"));
+  EXPECT_THAT(part.notices, ElementsAre("1 line merged with overlapping ones", HasSubstr("no faces")));
   const ObjectModel pieces = MustParse(points + "l 1 2\nl 2 4 1\n");
   EXPECT_THAT(LineSet(pieces), testing::UnorderedElementsAre("(0 0 0)(1 0 0)"));
-  EXPECT_THAT(pieces.notices, ElementsAre("2 lines merged with overlapping ones"));
+  EXPECT_THAT(pieces.notices, ElementsAre("2 lines merged with overlapping ones", HasSubstr("no faces")));
   const ObjectModel longer = MustParse(points + "l 4 5\nl 2 1\nl 6 3\n");
   EXPECT_THAT(LineSet(longer), testing::UnorderedElementsAre("(-1 0 0)(1.5 0 0)"));
-  EXPECT_THAT(longer.notices, ElementsAre("2 lines merged with overlapping ones"));
+  EXPECT_THAT(longer.notices, ElementsAre("2 lines merged with overlapping ones", HasSubstr("no faces")));
 }
 
 TEST(ObjectModelTest, LinesNearEachOtherAreTwo) {

@@ -13,14 +13,13 @@
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
 #include "core/recordings/recording_writer.h"
+#include "core/simulation/describe.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr const char* kFileNames[] = {"recording.raw", "truth.tum", "model.obj", "camera.yaml"};
 
 absl::Status FileError(const char* what, const fs::path& path, const std::error_code& error) {
   return absl::UnavailableError(absl::StrCat(path.string(), ": ", what, ": ", error.message()));
@@ -33,7 +32,7 @@ class StagingDirectory {
     std::error_code error;
     const bool made_target = fs::create_directories(target, error);
     if (error) return FileError("cannot make this directory", target, error);
-    for (const char* name : kFileNames) {
+    for (const char* name : kSimulationFiles) {
       // Checked before the simulation, because a failure at its end would leave some files replaced and others not.
       if (fs::is_directory(target / name, error)) {
         return absl::InvalidArgumentError(absl::StrCat(
@@ -56,7 +55,7 @@ class StagingDirectory {
   std::string PathOf(const char* name) const { return (path_ / name).string(); }
 
   absl::Status Publish() {
-    for (const char* name : kFileNames) {
+    for (const char* name : kSimulationFiles) {
       std::error_code error;
       fs::rename(path_ / name, target_ / name, error);
       if (error) return FileError("cannot replace this file", target_ / name, error);
@@ -96,6 +95,7 @@ absl::StatusOr<SimulationReport> SimulateToDirectory(const SimulationOptions& op
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<StagingDirectory> staging, StagingDirectory::Create(directory));
   EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, SimulatedModel(options));
+  EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf(kSimulationNote), DescribeSimulation(options)));
   EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf("model.obj"), ModelText(options, model)));
   EVPOSE_RETURN_IF_ERROR(WriteFile(staging->PathOf("camera.yaml"), CameraModelToYaml(options.camera)));
   EVPOSE_RETURN_IF_ERROR(WriteTumTrajectory(staging->PathOf("truth.tum"), SimulatedTruth(options)));

@@ -11,6 +11,7 @@
 #include "absl/strings/str_join.h"
 #include "core/base/check_range.h"
 #include "core/base/find_named.h"
+#include "core/base/length_text.h"
 #include "core/base/status_macros.h"
 #include "core/simulation/simulator.h"
 
@@ -102,9 +103,21 @@ absl::StatusOr<SimulationOptions> ModelSimulationPreset(std::shared_ptr<const Ob
   // Of the light. A lamp and bright walls: faces that are turned away from the lamp have a third of its light, which is
   // twice that of the background, or two contrast thresholds.
   constexpr double kDiffuseRatio = 0.65;
+  // As MotionOptions::depth_m.
+  constexpr double kLeastDiameter = 0.01 / kDepthToDiameter, kLargestDiameter = 1e4 / kDepthToDiameter;
   SimulationOptions options;
   EVPOSE_ASSIGN_OR_RETURN(options.camera, FindCamera(camera_name));
   EVPOSE_RETURN_IF_ERROR(CheckRange("speed_scale", speed_scale, 0.0, 100.0));
+  if (model->triangles.empty()) {
+    return absl::InvalidArgumentError(
+        "the model has no face, only lines, and the simulator draws faces: give a model with faces");
+  }
+  if (!(model->diameter_m >= kLeastDiameter && model->diameter_m <= kLargestDiameter)) {
+    return absl::InvalidArgumentError(absl::StrCat("the model is ", FormatLength(model->diameter_m),
+                                                   " across, and the simulator has objects of ",
+                                                   FormatLength(kLeastDiameter), " to ", FormatLength(kLargestDiameter),
+                                                   ": check --scale, the metres per unit of the file"));
+  }
   MotionOptions& motion = options.scene.motion;
   motion.depth_m = kDepthToDiameter * model->diameter_m;
   motion.speed_m_per_s = speed_scale * kSpeedToDepth * motion.depth_m;

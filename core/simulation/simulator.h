@@ -3,6 +3,7 @@
 // Simulates an event camera in front of a moving object (core/simulation/README.md).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -78,10 +79,16 @@ Trajectory SimulatedTruth(const SimulationOptions& options);
 // Returns the model of the simulated object. Error: that of SimulationOptions::Validate().
 absl::StatusOr<ObjectModel> SimulatedModel(const SimulationOptions& options);
 
-// Writes recording.raw (EVT3 as an EVK4 writes it), truth.tum, model.obj and camera.yaml into `directory`, which is
-// created if it does not exist. Of SceneOptions::model, model.obj has the mesh in metres and the painted lines. On an
-// error, no file of that name is new or changed. Errors name the path that cannot be written; CANCELLED if
-// `is_cancelled`, which is called from time to time, returns true.
+// The files of SimulateToDirectory(). The first one, which has the options as text, tells a directory of a simulation
+// from others; it is written first.
+inline constexpr const char* kSimulationNote = "simulation.txt";
+inline constexpr std::array<const char*, 5> kSimulationFiles = {kSimulationNote, "recording.raw", "truth.tum",
+                                                                "model.obj", "camera.yaml"};
+
+// Writes kSimulationFiles, the recording in EVT3 as an EVK4 writes it, into `directory`, which is created if it does
+// not exist. Of SceneOptions::model, model.obj has the mesh in metres and the painted lines. On an error, no file of
+// that name is new or changed. Errors name the path that cannot be written; CANCELLED if `is_cancelled`, which is
+// called from time to time, returns true.
 absl::StatusOr<SimulationReport> SimulateToDirectory(
     const SimulationOptions& options, const std::string& directory,
     const std::function<void(double progress_ratio)>& on_progress = nullptr,

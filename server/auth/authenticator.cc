@@ -110,9 +110,7 @@ void Authenticator::ReportFailure(const absl::Status& status, absl::string_view 
 absl::StatusOr<Caller> Authenticator::CallerOfToken(const std::vector<absl::string_view>& authorization) const {
   if (authorization.empty()) {
     return Unauthenticated(
-        v1::NO_TOKEN,
-        "the server requires a token: send the metadata authorization, \"Bearer TOKEN\"; evpose reads it from "
-        "--token-file");
+        v1::NO_TOKEN, "the server requires a token: give --token-file (API: metadata authorization, \"Bearer TOKEN\")");
   }
   if (authorization.size() > 1 || !absl::StartsWithIgnoreCase(authorization.front(), kScheme)) {
     return Unauthenticated(v1::BAD_TOKEN, "the metadata authorization must have exactly one value, \"Bearer TOKEN\"");

@@ -27,7 +27,8 @@ bool ListenAddress::IsLoopback() const {
 
 absl::StatusOr<ListenAddress> ParseListenAddress(const std::string& text) {
   const auto bad = [&text](const char* why) {
-    return absl::InvalidArgumentError(absl::StrCat("address \"", text, "\" ", why, "; give HOST:PORT, as 127.0.0.1:0"));
+    return absl::InvalidArgumentError(
+        absl::StrCat("address \"", text, "\" ", why, "; give HOST:PORT, such as 127.0.0.1:50051"));
   };
   const size_t colon = text.rfind(':');
   if (colon == std::string::npos) return bad("has no port");

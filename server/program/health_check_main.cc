@@ -15,6 +15,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "absl/time/clock.h"
@@ -23,59 +24,18 @@
 #include "core/command_line/help.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/connections/listen_address.h"
+#include "server/program/health_check_arguments.h"
 
 namespace {
 
+using evpose::server::HealthCheckArguments;
 using grpc::health::v1::HealthCheckResponse;
 
 constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 
-constexpr char kNotes[] =
-    "Exit status:\n"
-    "  0  The server accepts sessions\n"
-    "  1  It does not; the reason is on standard error\n"
-    "  2  Wrong usage\n\n"
-    "Example:\n"
-    "  evpose-health-check 127.0.0.1:50051\n"
-    "  evpose-health-check --tls-ca ca.crt --tls-name tracker.example.org 127.0.0.1:50051";
-
-struct Arguments {
-  std::string address = "127.0.0.1:50051";
-  double timeout_s = 3.0;
-  std::string ca_file;
-  std::string certificate_file;
-  std::string key_file;
-  std::string tls_name;
-  bool has_tls() const { return !ca_file.empty() || !certificate_file.empty() || !tls_name.empty(); }
-};
-
-void DefineArguments(CLI::App& app, Arguments& arguments) {
-  app.footer(kNotes);
-  app.option_defaults()->always_capture_default();
-  app.option_defaults()->group("Connection");
-  app.add_option("address", arguments.address, "Address of the server, HOST:PORT")->type_name("HOST:PORT");
-  app.add_option("--timeout", arguments.timeout_s, "Longest wait for a response")
-      ->type_name("SECONDS")
-      ->check(CLI::Range(0.001, 3600.0));
-  app.option_defaults()->group("Servers with TLS");
-  app.add_option("--tls-ca", arguments.ca_file, "Authorities that may have signed the server's certificate, PEM")
-      ->type_name("FILE")
-      ->envname("EVPOSE_HEALTH_TLS_CA");
-  app.add_option("--tls-cert", arguments.certificate_file,
-                 "Client certificate, PEM, for a server that requires one (--tls-client-ca)")
-      ->type_name("FILE")
-      ->envname("EVPOSE_HEALTH_TLS_CERT");
-  app.add_option("--tls-key", arguments.key_file, "Private key of that certificate, PEM")
-      ->type_name("FILE")
-      ->envname("EVPOSE_HEALTH_TLS_KEY");
-  app.add_option("--tls-name", arguments.tls_name, "Name in the server's certificate if it is not HOST")
-      ->type_name("NAME")
-      ->envname("EVPOSE_HEALTH_TLS_NAME");
-}
-
 // Checks the arguments without opening files. Returns the error, or an empty string.
-std::string WrongUsage(const Arguments& arguments) {
+std::string WrongUsage(const HealthCheckArguments& arguments) {
   if (std::isnan(arguments.timeout_s)) return "--timeout: is not a number";  // CLI::Range accepts it
   const auto address = evpose::server::ParseListenAddress(arguments.address);
   if (!address.ok()) return std::string(address.status().message());
@@ -86,7 +46,7 @@ std::string WrongUsage(const Arguments& arguments) {
   return "--tls-cert and --tls-key belong together: give both";
 }
 
-absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const Arguments& arguments) {
+absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const HealthCheckArguments& arguments) {
   if (!arguments.has_tls()) return grpc::InsecureChannelCredentials();
   grpc::SslCredentialsOptions options;
   if (!arguments.ca_file.empty()) {
@@ -104,7 +64,7 @@ absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const 
   return grpc::SslCredentials(options);
 }
 
-std::string WhyNoAnswer(const Arguments& arguments, const grpc::Status& status) {
+std::string WhyNoAnswer(const HealthCheckArguments& arguments, const grpc::Status& status) {
   const std::string what = status.error_message().empty() ? "no reason was given" : status.error_message();
   switch (status.error_code()) {
     case grpc::StatusCode::DEADLINE_EXCEEDED:
@@ -112,6 +72,7 @@ std::string WhyNoAnswer(const Arguments& arguments, const grpc::Status& status) 
     case grpc::StatusCode::UNIMPLEMENTED:
       return "has no gRPC health service: is this evpose-server's port?";
     case grpc::StatusCode::UNAVAILABLE:
+      if (absl::StrContains(what, "Connection refused")) return "cannot be reached: no server listens on this port";
       return absl::StrCat("cannot be reached (", what, "): check that the server runs",
                           arguments.has_tls() ? ", uses TLS, and that the certificates are right"
                                               : " without TLS; for a server with TLS give --tls-ca");
@@ -121,7 +82,7 @@ std::string WhyNoAnswer(const Arguments& arguments, const grpc::Status& status) 
 }
 
 // Asks the server for its health. An error explains why the server accepts no sessions.
-absl::Status Check(const Arguments& arguments) {
+absl::Status Check(const HealthCheckArguments& arguments) {
   EVPOSE_ASSIGN_OR_RETURN(const auto credentials, MakeCredentials(arguments));
   grpc::ChannelArguments channel_arguments;
   channel_arguments.SetInt(GRPC_ARG_ENABLE_HTTP_PROXY, 0);
@@ -152,11 +113,9 @@ int Main(int argc, char** argv) {
   // The line of output has the reason of a failed connection already.
   // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread runs yet
   setenv("GRPC_VERBOSITY", "NONE", 0);
-  Arguments arguments;
-  CLI::App app("Check whether an evpose-server accepts sessions", "evpose-health-check");
-  DefineArguments(app, arguments);
-  evpose::UseHelp(app);
-  if (const std::optional<int> status = evpose::ParseOrAnswer(app, argc, argv)) return *status;
+  HealthCheckArguments arguments;
+  const std::unique_ptr<CLI::App> app = evpose::server::MakeHealthCheckParser(arguments);
+  if (const std::optional<int> status = evpose::ParseOrAnswer(*app, argc, argv)) return *status;
   if (const std::string wrong = WrongUsage(arguments); !wrong.empty()) return Fail(kWrongUsage, wrong);
   const absl::Status checked = Check(arguments);
   return checked.ok() ? 0 : Fail(kFailed, std::string(checked.message()));

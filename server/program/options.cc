@@ -77,6 +77,11 @@ struct Arguments {
   double shutdown_notice_s = 0.0;
 };
 
+// An empty value, as of a variable of the shell that is not set, would have the effect of an absent option.
+CLI::Validator NotEmpty(const std::string& error) {
+  return CLI::Validator([error](const std::string& text) { return text.empty() ? error : std::string(); }, "");
+}
+
 void DefineAccess(CLI::App& app, Arguments& arguments) {
   ServerOptions& options = arguments.program.server;
   app.option_defaults()->group("Access");
@@ -95,7 +100,8 @@ void DefineAccess(CLI::App& app, Arguments& arguments) {
   app.add_option("--new-token", arguments.program.new_token,
                  "Make a token for this tenant, print it, and exit; its line is added to --token-file or, without one, "
                  "printed on standard error")
-      ->type_name("TENANT");
+      ->type_name("TENANT")
+      ->check(NotEmpty("the tenant's name is empty"));
   app.add_flag("--operator", arguments.program.is_operator,
                "With --new-token: the token allows its holder to drain the server and to set its log level")
       ->needs("--new-token");
@@ -276,6 +282,9 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   DefineStorage(app, arguments);
   DefineLimits(app, arguments);
   DefineTenantLimits(app, options);
+  for (CLI::Option* const option : app.get_options()) {
+    if (option->get_type_name() == "FILE") option->check(NotEmpty("the name is empty"));
+  }
 }
 
 // Describes an error of ServerOptions::Validate() with the command-line option that sets the invalid field. An error of

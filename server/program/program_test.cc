@@ -53,6 +53,17 @@ TEST(ProgramTest, PrintsItsAddressAndEndsAtASignal) {
   }
 }
 
+// Without it, a variable of the shell that is not set would start a server that requires no token.
+TEST(ProgramTest, AnEmptyValueIsWrongUsage) {
+  for (const auto& [option, expected] : {std::pair("--new-token", "--new-token: the tenant's name is empty; "),
+                                         {"--token-file", "--token-file: the name is empty; "},
+                                         {"--tls-client-ca", "--tls-client-ca: the name is empty; "}}) {
+    Program program({option, ""});
+    EXPECT_EQ(program.Wait(), 2);
+    EXPECT_THAT(program.Stderr(), testing::HasSubstr(expected));
+  }
+}
+
 TEST(ProgramTest, ReportsWrongUsage) {
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{"--no-such-option"}, "--no-such-option"},

@@ -14,6 +14,7 @@
 namespace evpose {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -203,11 +204,20 @@ TEST_F(CliTest, BenchSyntheticReportsInvalidArguments) {
     EXPECT_THAT(result.out, Not(HasSubstr("noise"))) << "before the first trial";
     return result.err;
   };
-  EXPECT_THAT(fails({"--methods", "magic"}, 2), HasSubstr("known are: mixture, ls"));
+  EXPECT_THAT(fails({"--methods", "magic"}, 2), AllOf(HasSubstr("evpose bench synthetic: --methods: there is no magic"),
+                                                      HasSubstr("known are: mixture, ls")));
   EXPECT_THAT(fails({"--sweeps", "speed"}, 2), HasSubstr("noise, outliers, lines"));
   EXPECT_THAT(fails({"--trials", "0"}, 2), HasSubstr("--trials"));
   EXPECT_THAT(fails({"--csv", Path("missing/table.csv")}, 1), HasSubstr("missing/table.csv"));
   EXPECT_THAT(FilesBeginning("table"), testing::IsEmpty());
+}
+
+TEST_F(CliTest, BenchModelsReportsAWatchThatIsLongerThanTheRecordings) {
+  SimulateCube(0.001);
+  const CliResult result =
+      Run({"bench", "models", "--models", Path("cube"), "--first-pose", "--duration", "0.1", "--watch", "0.4"});
+  EXPECT_EQ(result.status, 2);
+  EXPECT_THAT(result.err, HasSubstr("--watch 0.4 is longer than the recordings, which have --duration 0.1 s"));
 }
 
 std::vector<std::string> SpeedArguments(const std::vector<std::string>& more) {

@@ -47,6 +47,9 @@ TEST_F(CliTest, TargetRefusesWrongArguments) {
   };
   expect({"-o", Path("out.png")}, "must end in .pdf");
   expect({"--screen", "640x400", "--screen-mm", "320", "-o", Path("out.pdf")}, "must end in .png");
+  const CliResult lens = Run({"calibrate", "a.raw", "--model", "m.obj", "--camera-out", "c.yaml", "--lens", "foo"});
+  EXPECT_EQ(lens.status, 2);
+  EXPECT_THAT(lens.err, HasSubstr("--lens: \"foo\" is none of brown, rational, fisheye; "));
   expect({"--page", "B17", "-o", Path("out.pdf")}, "A4, A3, letter");
   expect({"--page", "10x10", "-o", Path("out.pdf")}, "80 to 5000 mm");
   expect({"--screen", "640", "--screen-mm", "320", "-o", Path("out.png")}, "WIDTHxHEIGHT");
@@ -123,7 +126,8 @@ TEST_F(CliTest, CalibrateRefusesOptionsThatDoNotBelongTogether) {
   expect({"--truth", Path("cube/truth.tum"), "-o", out}, 2, "--camera");
   expect({"--camera-out", out, "--focal-mm", "5", "--fov", "60"}, 2, "--fov");
   expect({"--camera-out", out, "--picture", Path("out.png")}, 2, "needs -o");
-  expect({"--camera-out", out, "--model", Path("cube/model.obj")}, 2, "--model is given 2 times for 1 recordings");
+  expect({"--camera-out", out, "--model", Path("cube/model.obj")}, 2,
+         "--model has 2 files for 1 recording: give one for all");
   expect({"--camera", camera, "--truth", Path("truth.mcap"), "-o", out}, 1, "poses are not read from .mcap files, but");
   // 20 ms are enough to find a pose, and too short for the rest.
   expect({"--camera-out", out}, 1, "record longer");

@@ -198,6 +198,7 @@ TEST_F(CliTest, ManualPagesAndCompletionsHaveNoErrors) {
   // groff -ww reports every problem of a page; bash -n and zsh -n check the syntax.
   const CliResult pages = RunShell(
       "test -e $HELP/man1/evpose-sessions-list.1\ntest -e $HELP/man1/evpose-hdf5.1\n"
+      "test -e $HELP/man8/evpose-health-check.8\n"
       "for page in $HELP/man1/*.1 $HELP/man8/*.8; do groff -man -Tutf8 -ww -z \"$page\" || exit 1; done\n"
       "bash -n $HELP/bash/evpose\nbash -n $HELP/bash/evpose-server\n"
       "if command -v zsh >/dev/null; then zsh -fn $HELP/zsh/_evpose; zsh -fn $HELP/zsh/_evpose-server; fi\n"

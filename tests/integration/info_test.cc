@@ -66,6 +66,10 @@ TEST_F(InfoOfSimulationTest, DescribesASimulatedRecording) {
   EXPECT_LT(info.Json()["t_last_us"], 1'050'000);
   const CliResult text = Run({"info", Path("cube/recording.raw")});
   EXPECT_THAT(text.out, HasSubstr("EVT3 640x480"));
+  const std::string zero = "\nzero       times count from the sensor's start; Metavision's zero is at ";
+  EXPECT_THAT(text.out, HasSubstr(zero));
+  ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("cube/recording.csv")}).status, 0);
+  EXPECT_THAT(Run({"info", Path("cube/recording.csv")}).out, ::testing::Not(HasSubstr("zero ")));
   EXPECT_THAT(text.out, HasSubstr("sha256     " + info.Json()["sha256"].get<std::string>()));
 }
 

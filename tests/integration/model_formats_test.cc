@@ -7,7 +7,11 @@
 #include <cmath>
 #include <memory>
 #include <string>
+#include <utility>
 
+#include "absl/strings/match.h"
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "server/rpc/server.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
@@ -52,6 +56,47 @@ TEST_F(ModelFormatsTest, AnInspectionPredictsWhereTheObjectCanBeFound) {
   EXPECT_THAT(text.out, ::testing::Not(HasSubstr("confusable")));
   EXPECT_TRUE(json.Json()["near_symmetries"].empty());
   EXPECT_THAT(text.out, ::testing::Not(HasSubstr("\nnear ")));
+}
+
+TEST_F(ModelFormatsTest, AHalfTurnWithoutASimilarViewIsNotReported) {
+  // A wedge: its half turns are no symmetries, and change many of its edges.
+  WriteText("wedge.obj",
+            "v 0 0 0\nv 0.2 0 0\nv 0.2 0.1 0\nv 0 0.1 0\nv 0 0 0.1\nv 0 0.1 0.1\nf 1 4 3 2\nf 1 2 5\nf 3 4 6\n"
+            "f 1 5 6 4\nf 2 3 6 5\n");
+  const nlohmann::json twins = Run({"models", "inspect", Path("wedge.obj"), "--json"}).Json()["findability"]["twins"];
+  const std::string text = Run({"models", "inspect", Path("wedge.obj")}).out;
+  size_t num_similar = 0;
+  for (const nlohmann::json& twin : twins) num_similar += twin["similar_views"] > 0 ? 1 : 0;
+  EXPECT_LT(num_similar, twins.size());
+  EXPECT_EQ(text.find("confusable") != std::string::npos, num_similar > 0) << text;
+  EXPECT_THAT(text, ::testing::Not(HasSubstr("in 0 of 96 views")));
+}
+
+TEST_F(ModelFormatsTest, AModelWithoutFacesIsReported) {
+  SimulateCube(0.001);
+  std::string lines;
+  for (const absl::string_view line : absl::StrSplit(ReadText("cube/model.obj"), '\n')) {
+    if (!absl::StartsWith(line, "f ")) absl::StrAppend(&lines, line, "\n");
+  }
+  WriteText("lines.obj", lines);
+  const std::string notice = "the model has no faces: edges that the object hides are expected to be visible";
+  EXPECT_THAT(Run({"models", "inspect", Path("lines.obj")}).out, HasSubstr(notice));
+  EXPECT_THAT(Run({"models", "inspect", Path("cube/model.obj")}).out, ::testing::Not(HasSubstr(notice)));
+  const CliResult simulated = Run({"simulate", "--model", Path("lines.obj"), "--out", Path("lines")});
+  EXPECT_EQ(simulated.status, 1);
+  EXPECT_THAT(simulated.err, HasSubstr("lines.obj: the model has no face, only lines, and the simulator draws faces"));
+}
+
+TEST_F(ModelFormatsTest, TheSimulatorStatesTheSizesThatItTakes) {
+  SimulateCube(0.001);
+  for (const auto& [scale, size] : {std::pair("0.001", "0.3464 mm"), {"2e4", "6928 m"}}) {
+    const CliResult result =
+        Run({"simulate", "--model", Path("cube/model.obj"), "--scale", scale, "--out", Path("scaled")});
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, HasSubstr(absl::StrCat("cube/model.obj: the model is ", size,
+                                                   " across, and the simulator has objects of 2.941 mm to 2941 m: "
+                                                   "check --scale, the metres per unit of the file")));
+  }
 }
 
 // A cuboid with a line of 0.06 m that is drawn on one of its sides.
@@ -111,7 +156,7 @@ TEST_F(ModelFormatsTest, APoseBehindTheCameraIsRefused) {
   for (const char* z : {"-0.6", "-100"}) {
     const CliResult replay = Run(SearchArguments("poses.tum", {"--init-pose", std::string("0 0 ") + z + " 0 0 0 1"}));
     EXPECT_EQ(replay.status, 1);
-    EXPECT_THAT(replay.err, HasSubstr("the object is behind the camera"));
+    EXPECT_THAT(replay.err, HasSubstr("evpose replay: --init-pose: the object is behind the camera"));
   }
 }
 

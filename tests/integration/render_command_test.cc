@@ -4,10 +4,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -16,6 +19,7 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 class RenderCommandTest : public CliTest {
  protected:
@@ -45,13 +49,26 @@ TEST_F(RenderCommandTest, PosesOfAnotherTimeAreReportedWithBothTimes) {
     const CliResult picture = Render(poses, "a.png");
     EXPECT_EQ(picture.status, 1);
     EXPECT_THAT(picture.err, expected(poses, span + " s"));
-    for (const auto& [out, more] :
-         {std::pair<std::string, std::vector<std::string>>("a.png", {"--at", "16.02"}), {"a.avi", {}}}) {
-      const CliResult result = Render(poses, out, more);
-      EXPECT_EQ(result.status, 0) << result.err;
-      EXPECT_THAT(result.err, expected(poses, span + " s"));
-      EXPECT_TRUE(std::filesystem::exists(Path(out))) << "the events alone";
-    }
+    const CliResult film = Render(poses, "a.avi");
+    EXPECT_EQ(film.status, 1);
+    EXPECT_THAT(film.err, expected(poses, span + " s"));
+    EXPECT_THAT(FilesBeginning("a."), IsEmpty());
+    const CliResult alone = Render(poses, "a.png", {"--at", "16.02"});
+    EXPECT_EQ(alone.status, 0) << alone.err;
+    EXPECT_THAT(alone.err, expected(poses, span + " s"));
+    EXPECT_EQ(std::filesystem::remove(Path("a.png")), true) << "the events alone";
+  }
+}
+
+TEST_F(RenderCommandTest, AFileThatCannotBeWrittenIsReportedWithItsCause) {
+  for (const char* name : {"none/a.mp4", "none/a.avi", "none/a.png"}) {
+    const CliResult result = RunShell(absl::StrCat(
+        "evpose render cube/recording.raw --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml -o ",
+        name));
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, AllOf(HasSubstr(absl::StrCat("evpose render: ", name, ": ")),
+                                  HasSubstr("No such file or directory\n")));
+    EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
   }
 }
 

@@ -277,7 +277,7 @@ TEST_F(ReplayTest, TruncatedRecordingIsUsedUpToItsEnd) {
   EXPECT_GT(result.Json()["poses"], 20);
   std::vector<std::string> arguments = ReplayArguments("poses.tum");
   arguments.erase(std::find(arguments.begin(), arguments.end(), "--json"));
-  EXPECT_THAT(Run(arguments).out, HasSubstr("truncated: the last 1 bytes are no whole word"));
+  EXPECT_THAT(Run(arguments).out, HasSubstr("truncated: the last byte is no whole word"));
 }
 
 TEST_F(ReplayTest, StandardInput) {

@@ -266,7 +266,8 @@ TEST_F(ResumeTest, StreamFromAPipeBeforeTheServerStarts) {
   const std::string expected = Undisturbed();
   proxy_.SetTarget(0);
   Pipe pipe;
-  Program program = Start(StreamArguments("poses.csv", {"--server", proxy_.address()}), pipe.ends[0]);
+  Program program =
+      Start(StreamArguments("poses.csv", {"--server", proxy_.address(), "--connect-timeout", "600"}), pipe.ends[0]);
   // The client accepts the data although there is no server; it is more than a pipe holds.
   ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
   pipe.CloseWriter();
@@ -284,7 +285,7 @@ TEST_F(ResumeTest, StreamSpoolsEventsBeyondTheMemory) {
   std::filesystem::create_directory(Path("spool"));
   Pipe pipe;
   Program program = Start(StreamArguments("poses.csv", {"--server", proxy_.address(), "--memory-bytes", "1048576",
-                                                        "--spool", Path("spool")}),
+                                                        "--spool", Path("spool"), "--connect-timeout", "600"}),
                           pipe.ends[0]);
   ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
   pipe.CloseWriter();

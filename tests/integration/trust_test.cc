@@ -85,7 +85,7 @@ TEST_F(TrustTest, WhereATokenComesFrom) {
   EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0);
   const CliResult none = List(*plain_, {});
   EXPECT_EQ(none.status, 1);
-  EXPECT_THAT(none.err, HasSubstr("--token-file"));
+  EXPECT_THAT(none.err, HasSubstr("the server requires a token: give --token-file (API: "));
   {
     const ScopedEnvironmentVariable right("EVPOSE_TOKEN", lab_.token);
     EXPECT_EQ(List(*plain_, {}).status, 0);
@@ -107,6 +107,10 @@ TEST_F(TrustTest, TokenFilesThatCannotBeUsed) {
   WriteText("empty.token", "\n");
   std::filesystem::permissions(Path("empty.token"), static_cast<std::filesystem::perms>(0600));
   EXPECT_THAT(List(*plain_, {"--token-file", Path("empty.token")}).err, HasSubstr("the file has no token"));
+  std::filesystem::permissions(Path("tokens"), static_cast<std::filesystem::perms>(0600));
+  EXPECT_THAT(
+      List(*plain_, {"--token-file", Path("tokens")}).err,
+      AllOf(HasSubstr(Path("tokens") + ": is no token"), HasSubstr("a server's list of tokens is none either")));
 }
 
 TEST_F(TrustTest, OptionsOfTls) {

@@ -129,6 +129,19 @@ TEST_F(ViewCommandTest, WrongUseNamesTheOption) {
   EXPECT_EQ(Run({"view", "a.raw", "--port", "1", "--listen", "127.0.0.1:1"}).status, 2);
 }
 
+TEST_F(ViewCommandTest, AFileOfOneObjectIsRefusedForSeveral) {
+  SimulateCube(0.02);
+  const CliResult result = Run({"view", Path("cube/recording.raw"), "--poses", Path("cube/truth.tum"), "--object",
+                                "a=" + Path("cube/model.obj"), "--object", "b=" + Path("cube/model.obj"), "--camera",
+                                Path("cube/camera.yaml")});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("cube/truth.tum: a .tum file has the poses of one object: give the name of one for "
+                                    "each object, such as 'poses-{object}.tum', or a .csv or .jsonl file"));
+  const CliResult both = Run({"view", "r.raw", "--model", "m.obj", "--object", "a=m.obj"});
+  EXPECT_EQ(both.status, 2);
+  EXPECT_THAT(both.err, HasSubstr("--model and --object exclude each other: give one of them"));
+}
+
 TEST_F(ViewCommandTest, FilesThatCannotBeReadAreNamed) {
   SimulateCube(0.02);
   const auto view = [&](const std::string& recording, const std::string& poses) {

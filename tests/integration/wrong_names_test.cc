@@ -43,6 +43,41 @@ TEST_F(WrongNamesTest, AUrlIsNoAddressOfAServer) {
   EXPECT_THAT(error("http://"), HasSubstr("HOST:PORT: give HOST:PORT; "));
 }
 
+TEST_F(WrongNamesTest, AHostThatDoesNotExist) {
+  const CliResult result = Run({"sessions", "list", "--server", "nowhere.invalid:50051", "--connect-timeout", "0.3"});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("no server at nowhere.invalid:50051: the name nowhere.invalid has no address: "));
+  EXPECT_THAT(result.err, HasSubstr(": check the spelling of the name"));
+}
+
+TEST_F(WrongNamesTest, HelpIsAlsoACommand) {
+  EXPECT_EQ(Run({"help"}).out, Run({"--help"}).out);
+  EXPECT_EQ(Run({"help", "models", "inspect"}).out, Run({"models", "inspect", "--help"}).out);
+  const CliResult wrong = Run({"help", "replai"});
+  EXPECT_EQ(wrong.status, 2);
+  EXPECT_THAT(wrong.err, HasSubstr("there is no command \"replai\"; did you mean replay?"));
+}
+
+TEST_F(WrongNamesTest, FilesOfAnotherKind) {
+  SimulateCube(0.02);
+  EXPECT_THAT(Run({"models", "inspect", Path("cube")}).err, HasSubstr("cube: is a directory"));
+  EXPECT_THAT(Run({"models", "inspect", Path("none")}).err, HasSubstr("none: cannot be read: No such file"));
+  WriteText("large.raw", std::string(2 << 20, 'x'));
+  EXPECT_THAT(Run({"camera", Path("large.raw")}).err, HasSubstr("is larger than 1048576 bytes; not a camera file"));
+  EXPECT_THAT(Run({"evaluate", "--truth", Path("truth.csv"), "--estimate", Path("cube/truth.tum")}).err,
+              HasSubstr("truth.csv: the true poses (--truth) are a TUM file"));
+  const CliResult page = Run({"view", "--listen", "foo"});
+  EXPECT_EQ(page.status, 2);
+  EXPECT_THAT(page.err, HasSubstr("--listen: address \"foo\" has no port; give HOST:PORT, such as 127.0.0.1:50051"));
+}
+
+TEST_F(WrongNamesTest, AReaderThatEndsIsNoFullDisk) {
+  SimulateCube(0.02);
+  const CliResult result = RunShell("mkfifo pipe\nexec 3<>pipe 4>pipe 3<&-\nevpose camera cube/camera.yaml --json >&4");
+  EXPECT_EQ(result.status, 1);
+  EXPECT_EQ(result.err, "");
+}
+
 TEST_F(WrongNamesTest, ModelsThatDoNotExist) {
   auto server = server::Server::Start({});
   ASSERT_TRUE(server.ok()) << server.status();

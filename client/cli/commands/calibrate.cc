@@ -24,6 +24,7 @@
 #include "client/cli/console/progress.h"
 #include "client/containers/open_recording.h"
 #include "client/model_intake/model_intake.h"
+#include "core/base/counted.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/camera_calibration.h"
@@ -71,15 +72,15 @@ const std::string& Of(const std::vector<std::string>& values, size_t i) {
 absl::Status CheckCounts(const CalibrateArguments& arguments) {
   const size_t wanted = arguments.recordings.size();
   if (!arguments.truths.empty() && arguments.truths.size() != wanted) {
-    return UsageError(absl::StrFormat("--truth is given %d times for %d recordings: one for each, in their order",
-                                      arguments.truths.size(), wanted));
+    return UsageError(absl::StrFormat("--truth has %s for %s: give one for each, in their order",
+                                      Counted(arguments.truths.size(), "file"), Counted(wanted, "recording")));
   }
   for (const auto& [option, count] :
        {std::pair{"--model", arguments.models.size()}, {"--camera", arguments.cameras.size()}}) {
     const bool is_missing_camera = count == 0 && arguments.IsCameraWanted();
     if (count == 1 || count == wanted || is_missing_camera) continue;
-    return UsageError(absl::StrFormat("%s is given %d times for %d recordings: once, or one for each in their order",
-                                      option, count, wanted));
+    return UsageError(absl::StrFormat("%s has %s for %s: give one for all, or one for each in their order", option,
+                                      Counted(count, "file"), Counted(wanted, "recording")));
   }
   return absl::OkStatus();
 }
@@ -88,10 +89,6 @@ absl::Status CheckCounts(const CalibrateArguments& arguments) {
 absl::Status CheckMode(const CalibrateArguments& arguments) {
   if (arguments.models.empty()) return UsageError("--model is required, except with --hand-eye");
   EVPOSE_RETURN_IF_ERROR(CheckCounts(arguments));
-  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"-o", arguments.out},
-                                              {"--camera-out", arguments.camera_out},
-                                              {"--picture", arguments.picture},
-                                              {"--coverage", arguments.coverage}}));
   if (arguments.truths.empty() &&
       std::find(arguments.recordings.begin(), arguments.recordings.end(), "-") != arguments.recordings.end()) {
     return UsageError("without --truth a recording is read several times: give a file instead of standard input");
@@ -323,7 +320,7 @@ absl::Status WriteCamera(const CameraCalibration& camera, std::optional<OutputFi
 }
 
 void PrintWarnings(const std::vector<std::string>& warnings, CliContext& context) {
-  for (const std::string& warning : warnings) context.err << "evpose calibrate: " << warning << "\n";
+  for (const std::string& warning : warnings) context.err << "evpose calibrate: warning: " << warning << "\n";
 }
 
 absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
@@ -362,6 +359,9 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   return PrintResult(context, arguments.is_json, json, [&](std::ostream& out) {
     if (camera) PrintCameraCalibration(*camera, out);
     if (profile) PrintCalibration(profile->calibration, out);
+    for (const std::string& path : {arguments.camera_out, arguments.coverage, arguments.out, arguments.picture}) {
+      if (!path.empty()) out << "written: " << path << "\n";
+    }
   });
 }
 
@@ -372,8 +372,8 @@ void AddCameraOptions(CLI::App& app, CalibrateArguments& arguments) {
        {evpose::LensModel::kBrown, evpose::LensModel::kRational, evpose::LensModel::kFisheye}) {
     lenses.emplace_back(LensModelName(lens), lens);
   }
-  AddFile(app, "--camera-out", arguments.camera_out,
-          "Estimated camera, YAML of ROS camera_info; the file appears when it is complete");
+  AddOutputFile(app, "--camera-out", arguments.camera_out,
+                "Estimated camera, YAML of ROS camera_info; the file appears when it is complete");
   AddPicture(app, "--coverage", arguments.coverage,
              "Picture (.png) of where the object was seen, and of the uncertainty of the projection");
   app.add_option("--lens", arguments.lens,
@@ -397,9 +397,10 @@ void AddCameraOptions(CLI::App& app, CalibrateArguments& arguments) {
 
 void AddProfileOptions(CLI::App& app, CalibrateArguments& arguments) {
   app.option_defaults()->group("Estimation of the sensor's profile");
-  AddFile(app, "-o,--out", arguments.out,
-          "Profile for evpose replay --sensor, YAML; with --hand-eye, the pose of the camera. The file appears when it "
-          "is complete");
+  AddOutputFile(
+      app, "-o,--out", arguments.out,
+      "Profile for evpose replay --sensor, YAML; with --hand-eye, the pose of the camera. The file appears when it "
+      "is complete");
   AddFile(app, "--sensor", arguments.start,
           "Profile at the start, which is kept where the recordings determine nothing. Default: that of an EVK4");
   app.add_option("--name", arguments.name, "Name of the sensor in the profile")->type_name("NAME");

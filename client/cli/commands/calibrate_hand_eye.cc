@@ -172,9 +172,11 @@ absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& po
   }
   EVPOSE_RETURN_IF_ERROR(file.Append(MountYaml(*result, poses, arguments.reference)));
   EVPOSE_RETURN_IF_ERROR(file.Commit());
-  for (const std::string& warning : result->warnings) context.err << "evpose calibrate: " << warning << "\n";
-  return PrintResult(context, is_json, HandEyeJson(*result),
-                     [&result](std::ostream& stream) { PrintHandEye(*result, stream); });
+  for (const std::string& warning : result->warnings) context.err << "evpose calibrate: warning: " << warning << "\n";
+  return PrintResult(context, is_json, HandEyeJson(*result), [&](std::ostream& stream) {
+    PrintHandEye(*result, stream);
+    stream << "written: " << out << "\n";
+  });
 }
 
 }  // namespace evpose::client

@@ -130,7 +130,7 @@ CommandRunner AddCameraCommand(CLI::App& app, CliContext& context) {
   std::vector<std::string> names;
   for (const auto& [name, format] : kFormats) names.emplace_back(name);
   app.option_defaults()->group(kOutputGroup);
-  CLI::Option* out = AddFile(app, "-o,--out", arguments->out, "File for the converted calibration");
+  CLI::Option* out = AddOutputFile(app, "-o,--out", arguments->out, "File for the converted calibration");
   CLI::Option* to = app.add_option("--to", arguments->to,
                                    "Convert to this format; without --out, to standard output. Default with --out: ros")
                         ->check(CLI::IsMember(names));

@@ -209,7 +209,6 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
   if (arguments.out == "-")
     return UsageError("out: a recording is not written to standard output: give the name of a file");
   EVPOSE_RETURN_IF_ERROR(AsUsageError(format.status()));
-  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"RECORDING", arguments.recording}, {"OUT", arguments.out}}));
   if (CanBeReadTwice(arguments.recording)) EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,
@@ -241,7 +240,8 @@ CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
                  "sensor that contains all events")
       ->type_name("WIDTHxHEIGHT");
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "out", arguments->out, "File to write; its suffix is the format: .raw, .dat, .csv or .hdf5")->required();
+  AddOutputFile(app, "out", arguments->out, "File to write; its suffix is the format: .raw, .dat, .csv or .hdf5")
+      ->required();
   std::vector<std::string> names;
   for (const EventFileFormat& format : EventFileFormats()) names.emplace_back(format.name);
   app.add_option("--to", arguments->to, "Format of the file. Default: by its suffix")->check(CLI::IsMember(names));

@@ -187,9 +187,9 @@ void AddDoctorInputs(CLI::App& app, DoctorArguments& arguments) {
 void AddBundleOptions(CLI::App& app, DoctorArguments& arguments) {
   app.option_defaults()->group(kBundleGroup);
   CLI::Option* bundle =
-      AddFile(app, "--bundle", arguments.bundle,
-              "Archive (tar) to write, of the part of the recording from --start on, the model, the camera, the "
-              "options, the version, and the poses that this program computes from them");
+      AddOutputFile(app, "--bundle", arguments.bundle,
+                    "Archive (tar) to write, of the part of the recording from --start on, the model, the camera, the "
+                    "options, the version, and the poses that this program computes from them");
   for (const char* name : {"recording", "--model", "--camera"}) bundle->needs(app.get_option(name));
   bundle->excludes(app.get_option("--server"));
   AddFile(app, "--sensor", arguments.sensor,

@@ -63,9 +63,9 @@ absl::Status RecordingExamination::Read(const std::optional<CameraModel>& camera
     ShowReading(events, reader, progress);
   }
   if (recording_.start_s > 0.0 && t_begin_us_ && diagnosis_->num_events() == 0) {
-    return absl::OutOfRangeError(absl::StrFormat(
-        "%s: has no events from %.6g s after its first on: give an earlier --start, or a longer --duration",
-        recording_.path, recording_.start_s));
+    return absl::OutOfRangeError(
+        absl::StrFormat("%s: has no events later than --start, %.6g s after its first event: give an earlier --start",
+                        recording_.path, recording_.start_s));
   }
   facts_ = {events.counts(), events.data_bytes(), WordBytes(header_.encoding), 0, reader.skipped()};
   if (!recording_.is_pipe() && !is_complete_) facts_.truncated_bytes = events.pending_bytes();
@@ -92,10 +92,14 @@ void RecordingExamination::AddPiece(absl::Span<const Event> events) {
 
 void RecordingExamination::Report(const std::optional<CameraModel>& camera, DoctorReport& report) const {
   const std::string encoding(EncodingName(header_.encoding));
+  // The rest is of a time that is not examined, or has no time.
+  const std::string of_all = diagnosis_->num_events() == facts_.counts.cd_events
+                                 ? ""
+                                 : absl::StrFormat(" of the %d that were decoded,", facts_.counts.cd_events);
   report.subjects.push_back(absl::StrFormat(
-      "%s: %s %dx%d, %d events in %.3f s", recording_.is_pipe() ? "standard input" : recording_.path,
+      "%s: %s %dx%d, %d events%s in %.3f s", recording_.is_pipe() ? "standard input" : recording_.path,
       header_.container.empty() ? encoding : header_.container, header_.geometry.width_px, header_.geometry.height_px,
-      diagnosis_->num_events(), 1e-6 * static_cast<double>(diagnosis_->duration_us())));
+      diagnosis_->num_events(), of_all, 1e-6 * static_cast<double>(diagnosis_->duration_us())));
   if (!facts_.skipped.empty()) report.subjects.push_back("left out: " + DescribeSkipped(facts_.skipped));
   for (Finding& finding : diagnosis_->Findings(facts_)) report.findings.push_back(std::move(finding));
   if (recording_.is_pipe()) {

@@ -12,6 +12,11 @@ namespace {
 
 constexpr char kIndent[] = "                            ";
 
+std::string LimitText(double limit, const std::string& unit) {
+  const bool is_large = unit == "events/s" && limit >= 1e5;
+  return absl::StrFormat(" (limit %.4g %s)", is_large ? 1e-6 * limit : limit, is_large ? "Mev/s" : unit);
+}
+
 Json OrNull(const std::optional<double>& number) { return number ? Json(*number) : Json(nullptr); }
 
 }  // namespace
@@ -36,15 +41,19 @@ Json DoctorReport::ToJson() const {
                       {"places", finding.places},
                       {"remedy", finding.remedy}});
   }
-  return {{"subjects", subjects}, {"checks", checks}};
+  std::vector<std::string> all = subjects;
+  for (const auto& [index, subject] : later_subjects) all.push_back(subject);
+  return {{"subjects", all}, {"checks", checks}};
 }
 
 void DoctorReport::Print(std::ostream& out) const {
   for (const std::string& subject : subjects) out << subject << "\n";
-  for (const Finding& finding : findings) {
+  for (size_t i = 0; i < findings.size(); ++i) {
+    const Finding& finding = findings[i];
+    if (const auto subject = later_subjects.find(i); subject != later_subjects.end()) out << subject->second << "\n";
     out << absl::StrFormat("%-11s  %-13s  %s", std::string(VerdictName(finding.verdict)), finding.check, finding.text);
     const bool is_bad = finding.verdict == Verdict::kAdvice || finding.verdict == Verdict::kProblem;
-    if (is_bad && finding.limit) out << absl::StrFormat(" (limit %.4g %s)", *finding.limit, finding.unit);
+    if (is_bad && finding.limit) out << LimitText(*finding.limit, finding.unit);
     out << "\n";
     if (!is_bad) continue;
     for (const std::string& place : finding.places) out << kIndent << place << "\n";

@@ -41,7 +41,7 @@ absl::Status ExamineServers(const ServerArguments& servers, const ServerNeeds& n
     ServerArguments server = servers;
     server.address = address;
     EVPOSE_ASSIGN_OR_RETURN(std::vector<Finding> findings, ExamineServer(server, needs, context));
-    report.subjects.push_back("server " + address);
+    report.later_subjects[report.findings.size()] = "server " + address;
     for (Finding& finding : findings) {
       if (addresses.size() > 1) finding.text = absl::StrCat(address, ": ", finding.text);
       report.findings.push_back(std::move(finding));

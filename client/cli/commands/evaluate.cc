@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -91,6 +92,9 @@ absl::StatusOr<std::optional<double>> MeanSurfaceDistance(const Trajectory& trut
 
 absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments) {
   EVPOSE_RETURN_IF_ERROR(RefuseMcap(arguments.truth, ".tum"));
+  if (absl::EndsWith(arguments.truth, ".csv") || absl::EndsWith(arguments.truth, ".jsonl")) {
+    return absl::InvalidArgumentError(absl::StrCat(arguments.truth, ": the true poses (--truth) are a TUM file"));
+  }
   EVPOSE_ASSIGN_OR_RETURN(const Trajectory truth, ReadTumTrajectory(arguments.truth));
   std::optional<ObjectModel> model;
   std::optional<CameraModel> camera;
@@ -248,7 +252,7 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.option_defaults()->group(kInputGroup);
   AddFile(app, "--truth", arguments->truth, "True poses, TUM")->required();
   app.add_option("--estimate", arguments->estimates,
-                 "Estimated poses, TUM or CSV; to be repeated for further rows of the table")
+                 "Estimated poses, TUM, CSV or JSON lines; to be repeated for further rows of the table")
       ->type_name("[NAME=]FILE")
       ->required()
       ->take_all();

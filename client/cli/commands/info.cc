@@ -118,9 +118,11 @@ std::string DescribeSizeSource(const std::string& path, const RecordingHeader& h
 
 // Prints the zeros of the clocks of other programs.
 void PrintTimeZeros(const RecordingInfo& info, std::ostream& out) {
-  if (info.counts.cd_events > 0) {
+  // Metavision counts the times of RAW files alone from their first one.
+  const bool is_raw = info.header.container.empty() && info.header.encoding != Encoding::kDat;
+  if (info.counts.cd_events > 0 && is_raw) {
     out << absl::StrFormat(
-        "zero       of the sensor's clock; Metavision counts from %.6f s, the first event there is at %.6f s\n",
+        "zero       times count from the sensor's start; Metavision's zero is at %.6f s, its first event at %.6f s\n",
         info.metavision_zero_us * 1e-6, (info.t_first_us - info.metavision_zero_us) * 1e-6);
   }
   if (info.header.time_offset_us != 0) {

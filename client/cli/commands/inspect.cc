@@ -308,13 +308,16 @@ CommandRunner AddInspectCommand(CLI::App& models, CliContext& context) {
   app->option_defaults()->group(kInputGroup);
   AddFile(*app, "file", arguments->file, absl::StrCat("Model file: ", kModelFormats))->required();
   arguments->reading.AddTo(*app);
-  AddFile(*app, "--camera", arguments->camera, absl::StrCat(kCameraFiles, ". Default: that of evpose simulate"));
+  AddFile(*app, "--camera", arguments->camera,
+          absl::StrCat(kCameraFiles, ". Default: that of evpose simulate, an EVK4"));
   app->option_defaults()->group(kOutputGroup);
   AddPicture(*app, "--picture", arguments->picture, "Picture (.png) of six views with the edges that the tracker uses");
   AddJson(*app, arguments->is_json);
   app->footer(
-      "findable is a prediction from the visible edges: at least 40 px of the image, three edges of 20 px, and a pose "
-      "that is determined to 10 deg by one event for each pixel of edge and of motion. confusable are half turns about "
+      "findable is a prediction from the edges that a view shows. The image must be at least 40 px wide and have three "
+      "edges of 20 px, and one event for each pixel of edge and of motion must determine the pose to 10 deg. From "
+      "other "
+      "views the search is expected to find no pose. confusable are half turns about "
       "the principal axes, and how many of the edges that a view shows then differ. --json has both for each view. "
       "near "
       "are rotations after which less than 20 % of the edges and outlines are farther than 1 % of the diameter from "

@@ -119,15 +119,16 @@ void PrintFindability(const std::vector<ViewFindability>& views, const ObjectMod
   out << absl::StrFormat("findable     from %d of %d views, once the image has moved by %g px", summary.num_findable,
                          views.size(), options.motion_px);
   if (summary.num_findable > 0) {
-    out << absl::StrFormat(
-        "; least diameter in the image, median / worst view: %.0f / %.0f px, up to %.3g / %.3g m away",
-        summary.median_px, summary.worst_px, DistanceM(summary.median_px, model, camera),
-        DistanceM(summary.worst_px, model, camera));
+    out << absl::StrFormat("; least diameter in the image, median / worst view: %.0f / %.0f px, up to %s / %s away",
+                           summary.median_px, summary.worst_px,
+                           FormatLength(DistanceM(summary.median_px, model, camera)),
+                           FormatLength(DistanceM(summary.worst_px, model, camera)));
   }
   out << absl::StrFormat("\n             %.0f %% of the views show less than %.0f px of edges at a size of %.0f px\n",
                          100.0 * static_cast<double>(summary.num_thin) / static_cast<double>(views.size()),
                          options.min_edge_px, options.views.object_px);
   for (const RivalSummary& rival : summary.rivals) {
+    if (rival.num_similar == 0) continue;
     out << absl::StrFormat(
         "confusable   with its half turn about (%.2f, %.2f, %.2f): %.0f / %.0f %% of the edges differ, median / least "
         "view (%.0f / %.0f px); less than %.0f %% in %d of %d views\n",

@@ -17,7 +17,8 @@ std::string SymmetryText(const ObjectModel& model) {
     if (symmetry.kind == evpose::ContinuousSymmetry::Kind::kSphere) return "sphere: the rotation cannot be known";
     const Eigen::Vector3d& axis = symmetry.axis;
     return absl::StrFormat("continuous about the axis (%.3f, %.3f, %.3f)%s: the angle about it cannot be known",
-                           axis.x(), axis.y(), axis.z(), symmetry.is_flippable ? " and half turns across it" : "");
+                           axis.x(), axis.y(), axis.z(),
+                           symmetry.is_flippable ? " and half turns about axes perpendicular to it" : "");
   }
   const size_t count = std::max<size_t>(1, model.symmetries.size());
   if (count == 1) return "none";

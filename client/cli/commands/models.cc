@@ -153,7 +153,7 @@ void AddModelsCommands(CLI::App& app, CliContext& context, CommandRunners& runne
         arguments.reading.AddTo(command);
       });
   add("get", "Print the properties of one model", RunGet, add_name);
-  add("delete", "Delete a model that no session uses", RunDelete, add_name);
+  add("delete", "Delete a model that no session uses. A model that does not exist is an error", RunDelete, add_name);
   runners.emplace_back(app.get_subcommand("inspect"), std::move(inspect));
   app.footer(Example("upload"));
 }

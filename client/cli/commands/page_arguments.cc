@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/view/page_files.h"
 #include "core/base/status_macros.h"
+#include "server/connections/listen_address.h"
 
 namespace evpose::client {
 namespace {
@@ -59,6 +60,7 @@ void PageArguments::AddTo(CLI::App& app) {
   app.add_option("--listen", listen,
                  "Address to listen on, for containers, whose port is published on 127.0.0.1 of the host only")
       ->type_name("HOST:PORT")
+      ->check([](const std::string& text) { return std::string(server::ParseListenAddress(text).status().message()); })
       ->excludes(port_option);
   app.add_option("--allow-host", hosts,
                  "Another name and port by which browsers may reach the page, as of a reverse proxy with "

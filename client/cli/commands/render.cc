@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/videoio.hpp>
 #include <string>
 #include <utility>
@@ -123,18 +124,21 @@ std::string DescribeNoPoseAt(const RenderInputs& inputs, int64_t at_us) {
                          Seconds(at_us), kMaxPoseGapUs / 1000);
 }
 
+// Returns whether the poses are of other times than the events: the reason, or an empty text.
+std::string DescribeOtherTimes(const RenderArguments& arguments, const RenderInputs& inputs, const TimeSpan& events) {
+  if (inputs.poses.empty()) return "";
+  const TimeSpan poses = {inputs.poses.front().t_us, inputs.poses.back().t_us};
+  return DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
+}
+
 // Prints why the film has no pose in any frame, or why the picture at `at_us` has none; nothing if there is a pose.
 void WarnWithoutPose(const RenderArguments& arguments, const RenderInputs& inputs, const TimeSpan& events,
                      std::optional<int64_t> at_us) {
-  std::string why;
+  std::string why = DescribeOtherTimes(arguments, inputs, events);
   if (inputs.poses.empty()) {
     why = absl::StrCat(DescribeNoPose(arguments, inputs), ": the events are drawn alone");
-  } else {
-    const TimeSpan poses = {inputs.poses.front().t_us, inputs.poses.back().t_us};
-    why = DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
-    if (why.empty() && at_us && !PoseNear(inputs.poses, *at_us, kMaxPoseGapUs)) {
-      why = absl::StrCat(arguments.poses, ": ", DescribeNoPoseAt(inputs, *at_us), ": the events are drawn alone");
-    }
+  } else if (why.empty() && at_us && !PoseNear(inputs.poses, *at_us, kMaxPoseGapUs)) {
+    why = absl::StrCat(arguments.poses, ": ", DescribeNoPoseAt(inputs, *at_us), ": the events are drawn alone");
   }
   if (!why.empty()) inputs.context->err << "evpose render: " << why << std::endl;
 }
@@ -148,10 +152,8 @@ void FinishFrame(FramePainter& painter, const Trajectory& poses, int64_t t_us, d
 // The error for a picture at a time without events.
 absl::Status NoEventError(const RenderArguments& arguments, const RenderInputs& inputs, int64_t t_us,
                           const TimeSpan& events) {
-  if (!arguments.at_s) {
-    const TimeSpan poses = {inputs.poses.front().t_us, inputs.poses.back().t_us};
-    const std::string why = DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
-    if (!why.empty()) return absl::OutOfRangeError(why);
+  if (const std::string why = DescribeOtherTimes(arguments, inputs, events); !arguments.at_s && !why.empty()) {
+    return absl::OutOfRangeError(why);
   }
   return absl::OutOfRangeError(
       absl::StrFormat("%s has no event within %g ms of %.6f s: its events are %s; give another time with --at",
@@ -197,6 +199,10 @@ class Film {
     // FFmpeg.
     // NOLINTNEXTLINE(concurrency-mt-unsafe): no other thread uses the environment
     setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", /*overwrite=*/0);
+    cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+    // OpenCV does not report why it cannot write a file.
+    EVPOSE_ASSIGN_OR_RETURN(OutputFile probe, OutputFile::Create(path));
+    probe.Remove();
     std::unique_ptr<Film> film(new Film(path));
     const bool is_mp4 = absl::EndsWith(path, ".mp4");
     const int codec =
@@ -287,7 +293,11 @@ absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) 
   EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, on_event));
   if (!first_us) return absl::OutOfRangeError(absl::StrCat(arguments.recording, " has no event"));
   finish();
-  WarnWithoutPose(arguments, inputs, {*first_us, last_us}, std::nullopt);
+  const TimeSpan events = {*first_us, last_us};
+  if (const std::string why = DescribeOtherTimes(arguments, inputs, events); !why.empty()) {
+    return absl::OutOfRangeError(why);  // for every frame
+  }
+  WarnWithoutPose(arguments, inputs, events, std::nullopt);
   return film->Commit();
 }
 
@@ -320,7 +330,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   AddFile(app, "--camera", arguments->camera, kCameraFiles)->required();
   arguments->reading.AddTo(app);
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi) to write")->required();
+  AddOutputFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi) to write")->required();
   app.add_option("--at", arguments->at_s, "Time of the picture on the sensor's clock. Default: the middle of the poses")
       ->type_name("SECONDS");
   AddOption(app, "--window-ms", arguments->window_ms, "Duration of the events that are drawn, around that time",

@@ -3,9 +3,11 @@
 // evpose simulate: writes a simulated recording with its true poses.
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -70,7 +72,10 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
 absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments, const std::string& camera) {
   if (arguments.model.empty()) return SimulationPreset(arguments.object, camera, arguments.speed_scale);
   EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.model));
-  return ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), camera, arguments.speed_scale);
+  absl::StatusOr<SimulationOptions> options =
+      ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), camera, arguments.speed_scale);
+  if (options.ok()) return options;
+  return absl::Status(options.status().code(), absl::StrCat(arguments.model, ": ", options.status().message()));
 }
 
 // Returns the standard scene with the camera of the option: one of the simulated cameras, or that of a file.
@@ -136,7 +141,26 @@ void PrintReport(const SimulateArguments& arguments, const SimulationReport& rep
       events > 0.0 ? 100.0 * static_cast<double>(report.noise_events) / events : 0.0, report.max_speed_px_per_s);
 }
 
+// Checks that the simulation replaces no input, and no files that are not of an earlier simulation.
+absl::Status CheckDirectory(const SimulateArguments& arguments) {
+  const std::filesystem::path directory(arguments.out);
+  std::vector<NamedFile> outputs;
+  for (const char* const name : kSimulationFiles) outputs.push_back({"--out", (directory / name).string()});
+  EVPOSE_RETURN_IF_ERROR(
+      CheckNothingIsOverwritten({{"--model", arguments.model}, {"--camera", arguments.camera}}, outputs));
+  std::error_code error;
+  if (std::filesystem::exists(directory / kSimulationNote, error)) return absl::OkStatus();
+  for (const NamedFile& file : outputs) {
+    if (!std::filesystem::exists(file.path, error)) continue;
+    return absl::FailedPreconditionError(absl::StrCat(file.path, " exists, and without ", kSimulationNote,
+                                                      " beside it this may be no file of an earlier simulation: ",
+                                                      "give --out another directory, or remove the file"));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context) {
+  EVPOSE_RETURN_IF_ERROR(CheckDirectory(arguments));
   EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions options, MakeOptions(arguments));
   ProgressLine progress(context);
   const auto on_progress = [&progress](double ratio) {
@@ -273,7 +297,9 @@ void AddSensorOptions(CLI::App& app, SimulateArguments& arguments) {
 }
 
 void AddOptions(CLI::App& app, SimulateArguments& arguments) {
-  app.add_option("-o,--out", arguments.out, "Directory for the files; it is made if it does not exist")
+  app.add_option(
+         "-o,--out", arguments.out,
+         "Directory for the files; it is made if it does not exist. Files of an earlier simulation there are replaced")
       ->type_name("DIR")
       ->required()
       ->group(kOutputGroup);

@@ -96,7 +96,7 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
     if (arguments.overload == "latest") config.overload_policy = OverloadPolicy::kLatest;
     if (arguments.max_lag_s > 0.0) config.max_lag = absl::Seconds(arguments.max_lag_s);
   };
-  const SessionStartOptions begin = {options.retry, /*waits_for_first_server=*/true, complete};
+  const SessionStartOptions begin = {options.retry, /*continues_session=*/run.is_resumed(), complete};
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, StartSession(begin, run, arguments.track, context));
   EVPOSE_RETURN_IF_ERROR(run.Track(*client, options));
   std::error_code error;
@@ -142,6 +142,8 @@ CommandRunner AddStreamCommand(CLI::App& app, CliContext& context) {
       "Usage:\n  RECORDING --camera FILE (--model FILE | --object ID=FILE ...) --server HOST:PORT\n\n"
       "Reads a RAW or DAT stream from standard input (-) until it ends, or such a file that still grows, until an "
       "interrupt (SIGINT, SIGTERM, SIGHUP); then all data that was read is tracked.\n\n"
+      "If no server can be reached within --connect-timeout at the start, the command fails. Later, and with a session "
+      "that --resume continues, --max-outage is the limit.\n\n"
       "While the server cannot be reached, standard input is read and stored, and a file is read later. If that lasts "
       "more than two seconds, an interrupt ends the wait; a second interrupt ends the program at once. After an error, "
       "the poses received so far are written; with --resume, the same command continues the session instead, and for "

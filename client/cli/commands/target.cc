@@ -3,9 +3,12 @@
 // evpose target: writes the printable target of a camera calibration, and its model.
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
+#include <fstream>
 #include <memory>
 #include <opencv2/imgproc.hpp>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -67,11 +70,24 @@ absl::StatusOr<std::string> DrawScreen(const CalibrationTarget& target, const cv
   return EncodePng(image);
 }
 
+// An error if the file exists and was not written by this command.
+absl::Status CheckIsReplaceable(const std::string& model) {
+  std::error_code error;
+  if (!std::filesystem::exists(model, error)) return absl::OkStatus();
+  std::string begin(sizeof(kTargetObjBegin) - 1, ' ');
+  std::ifstream(model).read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  if (begin == kTargetObjBegin) return absl::OkStatus();
+  return absl::FailedPreconditionError(
+      absl::StrCat(model, " exists and is not the model of a target: the model is written beside the drawing, so give ",
+                   "--out another name, or move that file"));
+}
+
 absl::Status RunTarget(const TargetArguments& arguments, CliContext& context) {
   const bool is_screen = !arguments.screen.empty();
   const std::string extension = is_screen ? ".png" : ".pdf";
   if (!absl::EndsWithIgnoreCase(arguments.out, extension) || arguments.out.size() == extension.size()) {
-    return UsageError(absl::StrCat("--out ", arguments.out, ": the name must end in ", extension));
+    return UsageError(absl::StrCat("--out ", arguments.out, ": the name must end in ", extension,
+                                   is_screen ? "" : "; for .png give --screen and --screen-mm"));
   }
   CalibrationTarget target;
   std::string drawing;
@@ -89,6 +105,7 @@ absl::Status RunTarget(const TargetArguments& arguments, CliContext& context) {
     drawing = TargetToPdf(target);
   }
   const std::string model = absl::StrCat(arguments.out.substr(0, arguments.out.size() - extension.size()), ".obj");
+  EVPOSE_RETURN_IF_ERROR(CheckIsReplaceable(model));
   EVPOSE_ASSIGN_OR_RETURN(OutputFile drawing_file, OutputFile::Create(arguments.out));
   EVPOSE_ASSIGN_OR_RETURN(OutputFile model_file, OutputFile::Create(model));
   EVPOSE_RETURN_IF_ERROR(drawing_file.Append(drawing));
@@ -127,8 +144,8 @@ CommandRunner AddTargetCommand(CLI::App& app, CliContext& context) {
           ->needs(screen);
   screen->needs(screen_mm);
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "-o,--out", arguments->out,
-          "Drawing: .pdf, or .png for a screen; the model is written beside it, with the extension .obj")
+  AddOutputFile(app, "-o,--out", arguments->out,
+                "Drawing: .pdf, or .png for a screen; the model is written beside it, with the extension .obj")
       ->required();
   AddJson(app, arguments->is_json);
   app.footer(

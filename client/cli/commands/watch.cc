@@ -285,9 +285,9 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
       ->type_name("SECONDS")
       ->needs(health);
   CLI::Option* const out =
-      AddFile(app, "-o,--out", arguments->out,
-              absl::StrCat("Poses, in a file instead of on standard output: ", kPoseFormats,
-                           ". It appears at the end. {object} in the name stands for the ID of each object"))
+      AddOutputFile(app, "-o,--out", arguments->out,
+                    absl::StrCat("Poses, in a file instead of on standard output: ", kPoseFormats,
+                                 ". It appears at the end. {object} in the name stands for the ID of each object"))
           ->excludes(health);
   arguments->recording.AddTo(app, "host");
   arguments->frame.AddTo(app);
@@ -296,7 +296,10 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "Prints the stored poses (TUM) and then the live ones, until the session ends or until an interrupt. Changes of "
       "the objects' states are printed on standard error. With --health, prints a line at once and after each period: "
-      "sensor time, rates, latency and the states of the objects.\n\n"
+      "sensor time, rates, latency and the states of the objects. \"can track 5.8 x real time\" is what the server "
+      "could "
+      "do with events that arrive faster; below 1 it falls behind the sensor. With --json, real_time_ratio is the "
+      "inverse of this, from the first event on: the processing time of a second of events.\n\n"
       "Exit status:\n"
       "  0  Poses were printed, or an interrupt has ended the command\n"
       "  1  Failure, or the session has ended without a pose; the reason is on standard error\n"

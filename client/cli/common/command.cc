@@ -3,6 +3,7 @@
 
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -33,20 +34,44 @@ constexpr char kUsagePayload[] = "evpose/usage";
 constexpr char kTokenVariable[] = "EVPOSE_TOKEN";
 constexpr size_t kMaxTokenFileBytes = 4096;
 
+// Checks the characters of a token from a file or a variable of this name, as ClientOptions::Validate() does.
+absl::StatusOr<std::string> CheckedToken(absl::string_view text, const std::string& source) {
+  const std::string token(absl::StripAsciiWhitespace(text));
+  if (std::all_of(token.begin(), token.end(), absl::ascii_isgraph)) return token;
+  return absl::InvalidArgumentError(
+      absl::StrCat(source, ": is no token, which has no spaces and no line feeds inside; a server's list of tokens is ",
+                   "none either: give the token that evpose-server --new-token printed"));
+}
+
 absl::StatusOr<std::string> ReadToken(const std::string& path) {
   if (path.empty()) {
     const char* variable = std::getenv(kTokenVariable);
-    return variable == nullptr ? std::string() : std::string(absl::StripAsciiWhitespace(variable));
+    return variable == nullptr ? std::string() : CheckedToken(variable, kTokenVariable);
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(path, kMaxTokenFileBytes));
   struct stat info = {};
   if (stat(path.c_str(), &info) == 0 && S_ISREG(info.st_mode) && (info.st_mode & (S_IRWXG | S_IRWXO)) != 0) {
     return absl::FailedPreconditionError(
-        absl::StrCat(path, ": others may read this token, or replace it: chmod 600 ", path));
+        absl::StrCat(path, ": other users can read or replace this file: chmod 600 ", path));
   }
-  const std::string token(absl::StripAsciiWhitespace(contents));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string token, CheckedToken(contents, path));
   if (token.empty()) return absl::InvalidArgumentError(absl::StrCat(path, ": the file has no token"));
   return token;
+}
+
+// The name of the check by which an option of an output file is recognized.
+constexpr char kOutputMark[] = "output file";
+
+// Returns a text that is equal for all names of the same file; empty if `path` is no file.
+std::string IdentityOfFile(const std::string& path) {
+  if (path.empty() || path == "-") return "";
+  struct stat info = {};
+  if (stat(path.c_str(), &info) == 0) {
+    return S_ISREG(info.st_mode) ? absl::StrCat(info.st_dev, " ", info.st_ino) : std::string();
+  }
+  std::error_code error;
+  const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
+  return error ? path : resolved.string();
 }
 
 std::string CheckAddresses(const std::string& text) {
@@ -94,16 +119,28 @@ CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, 
   return app.add_option(name, path, description)->type_name("FILE")->check(check);
 }
 
-absl::Status CheckDifferentFiles(const std::vector<std::pair<std::string, std::string>>& outputs) {
-  std::map<std::filesystem::path, std::string> options;  // by path
-  for (const auto& [option, path] : outputs) {
-    if (path.empty()) continue;
-    std::error_code error;
-    const std::filesystem::path resolved = std::filesystem::weakly_canonical(path, error);
-    const auto [other, is_new] = options.emplace(error ? std::filesystem::path(path) : resolved, option);
-    if (is_new) continue;
-    return UsageError(
-        absl::StrCat(other->second, " and ", option, " are the same file, ", path, ": give each a name of its own"));
+CLI::Option* AddOutputFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
+  const auto accept = [](const std::string&) { return std::string(); };
+  return AddFile(app, name, path, description)->check(CLI::Validator(accept, "", kOutputMark));
+}
+
+bool IsOutputFile(CLI::Option& option) {
+  try {
+    return option.get_validator(kOutputMark) != nullptr;
+  } catch (const CLI::OptionNotFound&) {
+    return false;
+  }
+}
+
+absl::Status CheckNothingIsOverwritten(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs) {
+  std::map<std::string, std::string> options;  // by the identity of the file
+  for (const NamedFile& input : inputs) options.emplace(IdentityOfFile(input.path), input.option);
+  for (const NamedFile& output : outputs) {
+    const std::string identity = IdentityOfFile(output.path);
+    const auto [other, is_new] = options.emplace(identity, output.option);
+    if (is_new || identity.empty()) continue;
+    return UsageError(absl::StrCat(other->second, " and ", output.option, " are the same file, ", output.path,
+                                   ", which would be overwritten: give ", output.option, " another name"));
   }
   return absl::OkStatus();
 }
@@ -113,7 +150,7 @@ CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& pat
     if (absl::EndsWith(text, ".png")) return "";
     return absl::StrCat(text, ": pictures are written as PNG; the name must end in .png");
   };
-  return AddFile(app, name, path, description)->check(check);
+  return AddOutputFile(app, name, path, description)->check(check);
 }
 
 CLI::Option* AddJson(CLI::App& app, bool& is_json, const std::string& description) {
@@ -176,7 +213,7 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
       AddFile(app, "--token-file", token_file,
               "File with the token that evpose-server --new-token printed; only its owner may have access (chmod 600). "
               "It is read again before every call. Default: the variable EVPOSE_TOKEN"),
-      AddOption(app, "--connect-timeout", connect_timeout_s, "Longest wait for a server that does not answer",
+      AddOption(app, "--connect-timeout", connect_timeout_s, "Longest wait for the first response of a server",
                 CLI::Range(0.001, 86400.0))
           ->type_name("SECONDS")};
   server->group(kConnectionGroup);
@@ -229,17 +266,6 @@ absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest
   if (!file) return absl::OkStatus();
   EVPOSE_RETURN_IF_ERROR(file->Append(rest));
   return file->Commit();
-}
-
-LengthUnit UnitOfLength(double length_m) {
-  if (length_m >= 1e4) return {"km", 1e3};
-  if (length_m >= 0.01 || length_m <= 0.0) return {"m", 1.0};
-  return length_m >= 1e-4 ? LengthUnit{"mm", 1e-3} : LengthUnit{"micrometres", 1e-6};
-}
-
-std::string FormatLength(double length_m) {
-  const LengthUnit unit = UnitOfLength(length_m);
-  return absl::StrFormat("%.4g %s", length_m / unit.metres, unit.name);
 }
 
 Json MillisecondsJson(const std::optional<absl::Duration>& duration) {

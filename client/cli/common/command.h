@@ -18,6 +18,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "client/cli/console/cli_context.h"
+#include "core/base/length_text.h"
 #include "core/base/output_file.h"
 #include "core/command_line/help_page.h"
 #include "core/events/event.h"
@@ -57,9 +58,18 @@ CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, con
 }
 // Adds an option for the path of a file.
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
-// Returns a usage error if two of the options, with the names of output files, name the same file. Empty names are
-// none.
-absl::Status CheckDifferentFiles(const std::vector<std::pair<std::string, std::string>>& outputs);
+// The same for a file that the command writes: before the command runs, RunCli() checks that it is none of the files
+// that other options name.
+CLI::Option* AddOutputFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
+bool IsOutputFile(CLI::Option& option);
+// A file with the name of the option that it was given with.
+struct NamedFile {
+  std::string option;
+  std::string path;
+};
+// Returns a usage error if one of the outputs is also one of the inputs or another output, under any name (links).
+// Devices and pipes, "-" and empty paths are no files.
+absl::Status CheckNothingIsOverwritten(const std::vector<NamedFile>& inputs, const std::vector<NamedFile>& outputs);
 // Adds an option for a picture that is written as PNG; a name with another extension is wrong usage.
 CLI::Option* AddPicture(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
 // Adds --json, with which the command prints JSON instead of text.
@@ -120,15 +130,6 @@ absl::Status PrintList(CliContext& context, bool is_json, const std::vector<Item
 absl::StatusOr<std::optional<OutputFile>> OpenOutput(const std::string& path);
 // Appends the rest of an output and completes it; does nothing for nullopt.
 absl::Status FinishOutput(std::optional<OutputFile>& file, std::string_view rest);
-
-// The unit in which a length is printed.
-struct LengthUnit {
-  const char* name;
-  double metres;
-};
-LengthUnit UnitOfLength(double length_m);
-// "0.2 m", "3.5 mm", "1.414 micrometres"
-std::string FormatLength(double length_m);
 
 // A number of milliseconds; null for nullopt.
 Json MillisecondsJson(const std::optional<absl::Duration>& duration);

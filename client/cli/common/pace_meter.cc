@@ -28,7 +28,8 @@ std::string PaceMeter::Update(const SessionHealth& health) {
   const double processing_s = reports_.back().processing_s - reports_.front().processing_s;
   if (passed_s < kShortestSeconds || processing_s <= 0.0) return "";
   const double pace = passed_s / processing_s;
-  return absl::StrFormat("%.*f x real time%s", pace < 0.1 ? 2 : 1, pace, pace < kSlowPace ? ": too slow" : "");
+  return absl::StrFormat("can track %.*f x real time%s", pace < 0.1 ? 2 : 1, pace,
+                         pace < kSlowPace ? ": too slow" : "");
 }
 
 }  // namespace evpose::client

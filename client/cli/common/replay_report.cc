@@ -101,9 +101,11 @@ void ReplayReport::PrintInput(std::ostream& stream) const {
   }
   if (is_interrupted) stream << "interrupted: only the events read until then\n";
   if (outages > 0) {
-    stream << absl::StrFormat(
-        "connection: lost %d times, away for %.1f s in all; %s\n", outages, absl::ToDoubleSeconds(away_for),
-        summary.lost_poses > 0 ? absl::StrCat(summary.lost_poses, " poses are missing") : "nothing was lost");
+    stream << absl::StrFormat("connection: lost %s, away for %.1f s in all; %s\n",
+                              Counted(static_cast<uint64_t>(outages), "time"), absl::ToDoubleSeconds(away_for),
+                              summary.lost_poses > 0
+                                  ? absl::StrCat(Counted(summary.lost_poses, "pose"), " not received")
+                                  : "nothing was lost");
   }
   for (const TrackingRestarted& restart : restarts_) {
     stream << "tracking: restarted after chunk " << restart.after_seq;
@@ -116,7 +118,9 @@ void ReplayReport::PrintInput(std::ostream& stream) const {
   }
   if (!skipped.empty()) stream << "left out of the recording: " << DescribeSkipped(skipped) << "\n";
   if (truncated_bytes > 0) {
-    stream << "truncated: the last " << truncated_bytes << " bytes are no whole word; all before them were used\n";
+    stream << "truncated: "
+           << (truncated_bytes == 1 ? "the last byte is" : absl::StrCat("the last ", truncated_bytes, " bytes are"))
+           << " no whole word; all before were used\n";
   }
   if (decode_faults_ > 0) {
     stream << "decoder: skipped " << decode_faults_ << " words or events, the first in " << first_decode_fault_ << "\n";
@@ -177,7 +181,7 @@ void ReplayReport::Print(std::ostream& stream) const {
   if (triggers_ > 0) stream << "triggers: " << triggers_ << " edges on the camera's trigger inputs\n";
   if (host_minus_sensor) {
     stream << absl::StrFormat(
-        "clock of the host (Unix time) - clock of the sensor: at most %.6f s, that of the chunk that came soonest\n",
+        "clock of the host (Unix time) - clock of the sensor: at most %.6f s, from the chunk with the shortest delay\n",
         absl::ToDoubleSeconds(*host_minus_sensor));
   }
   stream << absl::StrFormat("events %d  poses %d  losses %d  %.2f Mev/s  latency p50 %s  p99 %s\n",

@@ -69,6 +69,19 @@ absl::Status WriteDurably(const std::string& path, const std::string& text) {
   return status;
 }
 
+bool IsRecord(const Json& json) { return json.is_object() && json.contains("evpose_resume"); }
+
+// An error if the file exists and is none of this program, which could be any file of the user.
+absl::Status CheckIsOwn(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) return absl::OkStatus();
+  const absl::StatusOr<std::string> text = ReadFile(path, kMaxBytes);
+  if (text.ok() && IsRecord(Json::parse(*text, nullptr, false))) return absl::OkStatus();
+  if (absl::IsPermissionDenied(text.status())) return text.status();
+  return absl::InvalidArgumentError(
+      absl::StrCat(path, ": is not a file of --resume: give --resume the name of another file"));
+}
+
 }  // namespace
 
 std::string ResumeRecord::ToText() const {
@@ -91,9 +104,7 @@ std::string ResumeRecord::ToText() const {
 
 absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
   Json json = Json::parse(text, nullptr, false);
-  if (!json.is_object() || !json.contains("evpose_resume")) {
-    return absl::InvalidArgumentError("is not a file of --resume");
-  }
+  if (!IsRecord(json)) return absl::InvalidArgumentError("is not a file of --resume");
   EVPOSE_ASSIGN_OR_RETURN(const auto version, WholeNumber<uint32_t>(json["evpose_resume"], "evpose_resume"));
   if (version != kVersion) return absl::InvalidArgumentError("was written by another version of evpose");
   ResumeRecord record;
@@ -130,6 +141,7 @@ absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
 }
 
 absl::StatusOr<ResumeFile> ResumeFile::Open(const std::string& path) {
+  EVPOSE_RETURN_IF_ERROR(CheckIsOwn(path));
   const std::string lock_path = path + ".lock";
   const int lock = open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
   if (lock < 0) return Error(path, "cannot be written");

@@ -127,7 +127,17 @@ TEST_F(ResumeFileTest, NumbersOutsideTheRangeAreNamed) {
 }
 
 TEST_F(ResumeFileTest, FilesOfAnotherKindAreNamed) {
-  for (const char* text : {"", "1 2 3\n", "{}", "[]", "{\"evpose_resume\": 2}", "{\"evpose_resume\": \"1\"}"}) {
+  for (const char* text : {"", "1 2 3\n", "{}", "[]"}) {
+    ASSERT_TRUE(WriteFile(path_, text).ok());
+    const auto file = ResumeFile::Open(path_);
+    EXPECT_EQ(file.status().code(), absl::StatusCode::kInvalidArgument) << text;
+    // It may be any file of the user.
+    EXPECT_THAT(file.status().message(), path_ + ": is not a file of --resume: give --resume the name of another file");
+    EXPECT_FALSE(std::filesystem::exists(path_ + ".lock")) << text;
+  }
+  EXPECT_THAT(ResumeFile::Open(directory_.path()).status().message(), HasSubstr("is not a file of --resume"));
+  EXPECT_FALSE(std::filesystem::exists(directory_.path() + ".lock"));
+  for (const char* text : {"{\"evpose_resume\": 2}", "{\"evpose_resume\": \"1\"}"}) {
     ASSERT_TRUE(WriteFile(path_, text).ok());
     const auto file = ResumeFile::Open(path_);
     EXPECT_EQ(file.status().code(), absl::StatusCode::kInvalidArgument) << text;

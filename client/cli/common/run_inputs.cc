@@ -5,6 +5,7 @@
 #include <functional>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -177,6 +178,20 @@ class StoppableReader final : public RecordingReader {
   const absl::Status stop_status_;
 };
 
+// The error of a server for an initial pose, which names the field of the API, in terms of the options; empty for
+// other errors.
+std::string DescribeInitialPose(absl::string_view message, const RunInputs& inputs) {
+  constexpr absl::string_view kField = "initial_camera_from_object: ";
+  const size_t begin = message.find(kField);
+  if (begin == absl::string_view::npos) return "";
+  for (size_t i = 0; i < inputs.objects.size(); ++i) {
+    if (!absl::StrContains(message, absl::StrCat("config.objects[", i, "]"))) continue;
+    const std::string of = inputs.objects.size() > 1 ? absl::StrCat(" of ", inputs.objects[i].id) : "";
+    return absl::StrCat("--init-pose", of, ": ", message.substr(begin + kField.size()));
+  }
+  return "";
+}
+
 absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
   for (InputObject& object : objects) {
     EVPOSE_ASSIGN_OR_RETURN(object.model, arguments.reading.ReadForUpload(object.model_path));
@@ -204,10 +219,11 @@ absl::StatusOr<std::vector<std::pair<std::string, std::string>>> ParseObjectMode
 }
 
 void AddObjectModels(CLI::App& app, std::string& model, std::vector<std::string>& objects) {
-  AddFile(app, "--model", model, absl::StrCat("Model of the object: ", kModelFormats));
+  CLI::Option* const one = AddFile(app, "--model", model, absl::StrCat("Model of the object: ", kModelFormats));
   app.add_option("--object", objects, "Name and model of one of several objects; to be repeated for each of them")
       ->type_name("ID=FILE")
-      ->allow_extra_args(false);
+      ->allow_extra_args(false)
+      ->excludes(one);
 }
 
 std::vector<std::string> RunInputs::object_ids() const {
@@ -219,10 +235,6 @@ std::vector<std::string> RunInputs::object_ids() const {
 absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArguments& arguments,
                                         const RecordingReaderOptions& reader_options) {
   RunInputs inputs;
-  EVPOSE_RETURN_IF_ERROR(CheckDifferentFiles({{"the recording", arguments.recording == "-" ? "" : arguments.recording},
-                                              {"--out", arguments.out},
-                                              {"--clock-log", arguments.clock_log},
-                                              {"--resume", arguments.resume}}));
   EVPOSE_ASSIGN_OR_RETURN(inputs.objects, ParseObjects(arguments));
   if (!arguments.out.empty()) {
     EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFiles::Check(arguments.out, inputs.object_ids()), "--out "));
@@ -285,6 +297,9 @@ absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client,
   const WaitMessage wait(context, "the server to create the session, for which it draws views of each model");
   absl::StatusOr<Session> session = client.CreateSession(config, request_id, /*max_wait=*/absl::ZeroDuration());
   if (session.ok()) return session;
+  if (const std::string why = DescribeInitialPose(session.status().message(), inputs); !why.empty()) {
+    return WithMessage(session.status(), why);
+  }
   const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {
     absl::StrAppend(text, object.model_path);
   });
@@ -310,15 +325,17 @@ void RunArguments::AddInputs(CLI::App& app) {
 
 void RunArguments::AddOutputs(CLI::App& app, const std::string& epoch_default) {
   app.option_defaults()->group(kOutputGroup);
-  AddFile(app, "-o,--out", out,
-          absl::StrCat("Poses: ", kPoseFormats,
-                       ", with covariances, transforms, model, camera and health; the file appears when the run has "
-                       "ended. {object} in the name stands for the ID of each object"));
+  AddOutputFile(
+      app, "-o,--out", out,
+      absl::StrCat("Poses: ", kPoseFormats,
+                   ", with covariances, transforms, model, camera and health; the file appears when the run has "
+                   "ended. {object} in the name stands for the ID of each object"));
   recording_options.AddTo(app, epoch_default);
   frame.AddTo(app);
-  AddFile(app, "--clock-log", clock_log,
-          "CSV with the host's times (UTC) at which events, poses and triggers arrived, and their sensor times, which "
-          "relates the sensor's clock to others");
+  AddOutputFile(
+      app, "--clock-log", clock_log,
+      "CSV with the host's times (UTC) at which events, poses and triggers arrived, and their sensor times, which "
+      "relates the sensor's clock to others");
   AddJson(app, is_json);
 }
 
@@ -361,7 +378,7 @@ void RunArguments::AddConnection(CLI::App& app, bool server_is_required) {
             CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
       ->type_name("BYTES")
       ->needs(app.get_option("--server"));
-  AddFile(
+  AddOutputFile(
       app, "--resume", resume,
       "File with the position of the session, which is removed at the end. If it exists, the command continues from "
       "there: after a kill, run the same command again");

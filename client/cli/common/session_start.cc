@@ -72,11 +72,12 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     change.source_waits = state.is_waiting;
     run.PrintLine(run.connection().Describe(change));
   };
-  // Until a server has been reachable, there is one attempt, for the whole --connect-timeout; with
-  // waits_for_first_server, attempts are repeated from the start.
-  const auto may_wait = [&] { return was_connected || options.waits_for_first_server; };
+  // Until a server has been reachable, there is one attempt, for the whole --connect-timeout; a session that is
+  // continued has been there, so that the attempts are repeated from the start.
+  const auto may_wait = [&] { return was_connected || options.continues_session; };
   while (true) {
     const double timeout_s = may_wait() ? absl::ToDoubleSeconds(kConnectSlice) : arguments.server.connect_timeout_s;
+    const absl::Time begin = clock.Now();
     absl::StatusOr<std::unique_ptr<Client>> client =
         TryToStart(options, run, arguments, context, timeout_s, request_id, was_connected);
     if (client.ok()) {
@@ -86,7 +87,7 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     const absl::Status& status = client.status();
     if (!may_wait() || AdviseOn(status) != RetryAdvice::kTryAgain) return status;
     if (context.IsInterrupted()) return Interrupted(arguments, status);
-    if (!away_since) away_since = clock.Now();
+    if (!away_since) away_since = begin;
     // The error of a full server states the delay before the next attempt.
     const absl::Duration delay = std::max(backoff.Next(), GetDetails(status).retry_in);
     if (clock.Now() - *away_since + delay > options.retry.max_outage) return status;

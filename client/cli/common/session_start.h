@@ -17,8 +17,8 @@ namespace evpose::client {
 
 struct SessionStartOptions {
   RetryOptions retry;  // retries after a server has become unreachable
-  // Whether a server that has never been reachable is waited for in the same way; otherwise for --connect-timeout.
-  bool waits_for_first_server = false;
+  // Whether a server is waited for in the same way from the start; otherwise the first one for --connect-timeout.
+  bool continues_session = false;
   std::function<void(SessionConfig&)> complete = [](SessionConfig&) {};
 };
 

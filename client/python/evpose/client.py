@@ -17,7 +17,7 @@ from evpose.convert import model_from_message, server_from_message, session_from
 from evpose.errors import (AbortedError, EvposeError, FailedPreconditionError, InternalError, InvalidArgumentError,
                            UnavailableError, UnimplementedError)
 from evpose.events import Encoding
-from evpose.files import PathLike, read_file
+from evpose.files import PathLike, read_file, to_enum, to_number
 from evpose.session import SERVICE as SESSIONS
 from evpose.session import Session
 from evpose.stream.attempt import TrackPosition
@@ -88,8 +88,9 @@ class Client:
             raise InvalidArgumentError(f"{path}: unknown model format; the name must end in .obj, .ply or .stl "
                                        "(`evpose models upload` takes more formats)")
         data = read_file(path, _MAX_MODEL_BYTES, ", the limit of a server")
-        header = {"format": _FORMATS[suffix], "metres_per_unit": metres_per_unit, "crease_angle_deg": crease_angle_deg,
-                  "surface": int(surface), "file_name": pathlib.Path(path).name, "size_bytes": len(data),
+        header = {"format": _FORMATS[suffix], "metres_per_unit": to_number(metres_per_unit, "metres_per_unit"),
+                  "crease_angle_deg": to_number(crease_angle_deg, "crease_angle_deg"),
+                  "surface": int(to_enum(surface, Surface, "surface")), "file_name": pathlib.Path(path).name, "size_bytes": len(data),
                   "sha256": hashlib.sha256(data).digest()}
 
         def requests() -> Iterator[Any]:
@@ -101,11 +102,16 @@ class Client:
             return endpoint.upload(_MODELS + "UploadModel", requests(), model_service_pb2.Model, timeout_s)
 
         try:
-            message = self._servers.at_any(upload, self._timeout_s)
-        except AbortedError:
-            # The server had the model and did not read the bytes, but another server has deleted the model since: the second
-            # upload is read.
-            message = self._servers.at_any(upload, self._timeout_s)
+            try:
+                message = self._servers.at_any(upload, self._timeout_s)
+            except AbortedError:
+                # The server had the model and did not read the bytes, but another server has deleted the model since: the second
+                # upload is read.
+                message = self._servers.at_any(upload, self._timeout_s)
+        except InvalidArgumentError as error:
+            # The fields of the API are parts of this file.
+            text = error.message.replace(": chunk: ", ": ").replace(": header.size_bytes: ", ": its size ").replace(": header.", ": ")
+            raise error.with_message(f"{path}: {text}") from None
         return model_from_message(message)
 
     def get_model(self, name: str) -> Model:
@@ -146,6 +152,9 @@ class Client:
         Raises InvalidArgumentError for a parameter, CancelledError if close() ended the wait, and EvposeError."""
         if not max_wait_s >= 0.0:
             raise InvalidArgumentError("max_wait_s must not be negative")
+        if not isinstance(camera, Camera):
+            raise InvalidArgumentError(f"camera: {camera!r} is no Camera; read_camera(path) reads one")
+        encoding = to_enum(encoding, Encoding, "encoding")
         config = SessionConfig(encoding, camera, _tracked_objects(objects), overload, max_lag_s, estimator, sensor)
         request = session_service_pb2.CreateSessionRequest(config=config.to_proto(), request_id=request_id or uuid.uuid4().hex)
 
@@ -196,7 +205,10 @@ def _server_info(endpoint: Endpoint, timeout_s: float) -> ServerInfo:
 def _tracked_objects(objects: Objects) -> tuple[TrackedObject, ...]:
     if isinstance(objects, (Model, str)):
         return (TrackedObject(objects),)
-    return (objects,) if isinstance(objects, TrackedObject) else tuple(objects)
+    several = (objects,) if isinstance(objects, TrackedObject) else objects
+    if not isinstance(several, Sequence) or not all(isinstance(each, TrackedObject) for each in several):
+        raise InvalidArgumentError(f"objects: {objects!r} is neither a Model, the name of one, a TrackedObject nor a list of TrackedObject")
+    return tuple(several)
 
 
 def connect(addresses: str, *, tls: Optional[Tls] = None, token: Optional[Token] = None, connect_timeout_s: float = 10.0,

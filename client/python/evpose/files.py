@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import enum
 import json
 import pathlib
 import reprlib
-from typing import Any, Optional, Union
+from typing import Any, Optional, TypeVar, Union
 
 import yaml
 
 from evpose.errors import InvalidArgumentError, NotFoundError
 
 PathLike = Union[str, pathlib.Path]
+_Enum = TypeVar("_Enum", bound=enum.Enum)
 
 # A camera file or a sensor profile is a page of text; the limit bounds the work on another file.
 _MAX_TEXT_BYTES = 100_000
@@ -57,6 +59,15 @@ def to_number(value: Any, key: str) -> float:
         return float(value)  # YAML 1.1 reads 1e-5 as a text
     except (TypeError, ValueError, OverflowError):  # OverflowError: an integer of hundreds of digits
         raise InvalidArgumentError(f"{key}: {_REPR.repr(value)} is not a number") from None
+
+
+def to_enum(value: Any, kind: type[_Enum], key: str) -> _Enum:
+    """Returns the value of a key as a member of an enumeration. Raises InvalidArgumentError with the key."""
+    try:
+        return kind(value)
+    except ValueError:
+        members = ", ".join(f"{kind.__name__}.{each.name}" for each in kind)
+        raise InvalidArgumentError(f"{key}: {_REPR.repr(value)} is none of {members}") from None
 
 
 def to_text(value: Any, key: str) -> str:

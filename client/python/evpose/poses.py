@@ -147,7 +147,7 @@ def poses_from_messages(messages: Iterable[Any], object_ids: Sequence[str]) -> n
 
 def write_tum(path: Union[str, pathlib.Path], poses: npt.NDArray[Any]) -> None:
     """Writes the rows of an array of POSE_DTYPE as TUM: timestamp (seconds of the sensor's clock) tx ty tz qx qy qz qw. As in the
-    files of `evpose replay`, poses that are AMBIGUOUS are left out."""
+    files of `evpose replay`, poses that are AMBIGUOUS are left out. Raises OSError."""
     with open(path, "w", encoding="ascii") as file:
         for pose in poses[poses["state"] != TrackState.AMBIGUOUS]:
             numbers = (*pose["translation_m"].tolist(), *pose["quaternion_xyzw"].tolist())

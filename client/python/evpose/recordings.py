@@ -111,7 +111,8 @@ def parse_header(prefix: bytes) -> Header:
     if size > _MAX_HEADER_BYTES:
         raise InvalidArgumentError(f"the header is longer than {_MAX_HEADER_BYTES} bytes")
     if not lines:
-        raise InvalidArgumentError("there is no header: a RAW or DAT recording begins with lines that start with '% '")
+        raise InvalidArgumentError("there is no header: a RAW or DAT recording begins with lines that start with '% '; "
+                                   "`evpose convert FILE recording.raw` makes one of other formats")
     statements = _Statements()
     for number, line in enumerate(lines, 1):
         statements.read(line, number)

@@ -8,7 +8,7 @@ from typing import Any, Generator, Iterator, Optional
 from google.protobuf import empty_pb2
 
 from evpose.convert import health_from_message, session_from_message
-from evpose.errors import FailedPreconditionError, InternalError, InvalidArgumentError
+from evpose.errors import EvposeError, FailedPreconditionError, InternalError, InvalidArgumentError
 from evpose.events import Encoding
 from evpose.poses import CONFIRMED, Pose, defect, pose_from_message
 from evpose.recordings import Recording
@@ -24,7 +24,9 @@ SERVICE = "/evpose.v1.SessionService/"
 
 
 class Session:
-    """A session of a server, made by Client.create_session() or, to watch it, by Client.session(). `name` is "sessions/{id}"."""
+    """A session of a server, made by Client.create_session() or, to watch it, by Client.session(). `name` is "sessions/{id}".
+
+    A `with` block deletes the session at its end, also after an exception, unless keep() was called or another client feeds it."""
 
     def __init__(self, servers: Servers, info: SessionInfo, resume_token: str, call_timeout_s: float) -> None:
         self._servers = servers
@@ -32,6 +34,23 @@ class Session:
         self._resume_token = resume_token
         self._call_timeout_s = call_timeout_s
         self._was_tracked = False
+        self._is_kept = not resume_token  # the session of another client
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], *_: object) -> None:
+        if self._is_kept:
+            return
+        try:
+            self.delete()
+        except EvposeError:  # the session expires later; the first exception says what went wrong
+            if kind is None:
+                raise
+
+    def keep(self) -> None:
+        """Lets the session live beyond a `with` block: to be watched by others, or for Client.resume() in another process."""
+        self._is_kept = True
 
     @property
     def name(self) -> str:

@@ -1,12 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Tracks an object in a recording, and plots position and velocity with two standard deviations, and the share of explained events.
-
-usage: plot_poses.py HOST:PORT RECORDING MODEL CAMERA PICTURE.png
-"""
+It needs matplotlib."""
+import argparse
 import sys
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import evpose
@@ -15,13 +13,12 @@ import evpose
 def track(address, recording_path, model_path, camera_path):
     """Returns the poses as an array."""
     with evpose.connect(address) as client, evpose.Recording(recording_path) as recording:
-        session = client.create_session(client.upload_model(model_path), evpose.read_camera(camera_path), recording.encoding)
-        poses = session.track(recording).read_all()
-        session.delete()
-    return poses
+        model = client.upload_model(model_path)
+        with client.create_session(model, evpose.read_camera(camera_path), recording.encoding) as session:
+            return session.track(recording).read_all()
 
 
-def plot(poses, path):
+def plot(plt, poses, path):
     t_s = 1e-6 * poses["t_us"]
     sigma_m = np.sqrt(np.diagonal(poses["covariance"], axis1=1, axis2=2))[:, :3]
     position_m = poses["translation_m"] - poses["translation_m"].mean(axis=0)
@@ -41,14 +38,22 @@ def plot(poses, path):
 
 
 def main():
-    *inputs, picture = sys.argv[1:]
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name, what in (("server", "HOST:PORT"), ("recording", "RAW or DAT file"), ("model", "OBJ, PLY or STL"), ("camera", "YAML"),
+                       ("picture", "PNG file to write")):
+        parser.add_argument(name, help=what)
+    given = parser.parse_args()
     try:
-        poses = track(*inputs)
+        import matplotlib.pyplot as plt
+    except ImportError:
+        sys.exit("plot_poses: matplotlib is missing: install python3-matplotlib (Debian) or `pip install matplotlib`")
+    try:
+        poses = track(given.server, given.recording, given.model, given.camera)
     except evpose.EvposeError as error:
         sys.exit(f"plot_poses: {error}")
     if len(poses) == 0:
         sys.exit("plot_poses: no pose was found; `evpose replay` says why")
-    plot(poses, picture)
+    plot(plt, poses, given.picture)
     print(f"{len(poses)} poses, state TRACKING in {100 * np.mean(poses['state'] == evpose.TrackState.TRACKING):.1f} %")
 
 

@@ -259,7 +259,7 @@ class RecordingTest(InputTest):
     def test_files_that_are_no_recordings(self):
         self.assertIn("no such file", self.refused(evpose.NotFoundError, evpose.Recording, self.directory / "none.raw"))
         self.assertIn("cannot be read", self.refused(evpose.InvalidArgumentError, evpose.Recording, self.directory))
-        for content, words in ((b"\x7fELF", "there is no header"), (b"% evt 3.0\n% end\n", "a header but no events"), (b"", "no header")):
+        for content, words in ((b"\x7fELF", "there is no header"), (b"t,x,y,p\n", "`evpose convert FILE recording.raw` makes one"), (b"% evt 3.0\n% end\n", "a header but no events"), (b"", "no header")):
             path = self.write("file.raw", content)
             message = self.refused(evpose.InvalidArgumentError, evpose.Recording, path)
             self.assertIn(words, message)

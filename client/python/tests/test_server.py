@@ -382,9 +382,23 @@ class WrongInputTest(ServerTest):
         camera = evpose.read_camera(self.camera)
         bad = self.directory / "bad.obj"
         bad.write_text("v 0 0 0\nf 1 2 3\n")
+        empty = self.directory / "empty.obj"
+        empty.write_text("")
         for call, error, reason, text in (
                 (lambda: client.create_session("models/none", camera), evpose.NotFoundError, "MODEL_NOT_FOUND", "models/none"),
-                (lambda: client.upload_model(bad), evpose.InvalidArgumentError, "", "line 2"),
+                (lambda: client.upload_model(bad), evpose.InvalidArgumentError, "", f"{bad}: 127.0.0.1:"),
+                (lambda: client.upload_model(bad), evpose.InvalidArgumentError, "", ": line 2: "),
+                (lambda: client.upload_model(empty), evpose.InvalidArgumentError, "", ": its size is 0"),
+                (lambda: client.upload_model(self.model, metres_per_unit="a"), evpose.InvalidArgumentError, "",
+                 "metres_per_unit: 'a' is not a number"),
+                (lambda: client.upload_model(self.model, metres_per_unit=-1.0), evpose.InvalidArgumentError, "",
+                 f"{self.model}: 127.0.0.1:"),
+                (lambda: client.create_session("models/none", "camera.yaml"), evpose.InvalidArgumentError, "",
+                 "camera: 'camera.yaml' is no Camera; read_camera(path) reads one"),
+                (lambda: client.create_session("models/none", camera, "EVT3"), evpose.InvalidArgumentError, "",
+                 "encoding: 'EVT3' is none of Encoding.EVT3, "),
+                (lambda: client.create_session(3, camera), evpose.InvalidArgumentError, "", "objects: 3 is neither a Model"),
+                (lambda: client.create_session(["models/none"], camera), evpose.InvalidArgumentError, "", "nor a list of TrackedObject"),
                 (lambda: client.get_model("models/none"), evpose.NotFoundError, "MODEL_NOT_FOUND", "models/none"),
                 (lambda: client.upload_model(self.directory / "none.obj"), evpose.NotFoundError, "", "none.obj"),
                 (lambda: client.upload_model(self.camera), evpose.InvalidArgumentError, "", "must end in .obj, .ply or .stl"),
@@ -419,15 +433,60 @@ class WrongInputTest(ServerTest):
                 session.track(source).read_all()
             self.assertIn(text, str(caught.exception))
 
+    def test_wrong_events_are_no_error_of_the_server(self):
+        session = self.create(self.connect(self.serve().address), evpose.Encoding.FLAT64)
+        with self.assertRaises(evpose.InvalidArgumentError) as caught:
+            session.track([evpose.make_events([640], [0], [0], [0])]).read_all()
+        self.assertRegex(str(caught.exception), r"^events: x of event 0 is 640, but must lie in \[0, 639\] \(after 0 bytes sent, ")
+
+
+class SessionBlockTest(ServerTest):
+    def test_the_end_of_the_block_deletes_the_session(self):
+        client = self.connect(self.serve().address)
+        with self.create(client) as session:
+            self.assertEqual([each.name for each in client.list_sessions()], [session.name])
+            with client.session(session.name):
+                pass
+            self.assertEqual(len(client.list_sessions()), 1, "a session that another client feeds stays")
+        self.assertEqual(client.list_sessions(), [])
+        with self.assertRaises(ZeroDivisionError), self.create(client):
+            raise ZeroDivisionError
+        self.assertEqual(client.list_sessions(), [])
+        with self.create(client) as session:
+            session.keep()
+        self.assertEqual([each.name for each in client.list_sessions()], [session.name])
+
+    def test_an_exception_in_the_block_is_the_one_that_is_raised(self):
+        running = self.serve()
+        client = self.connect(running.address, call_timeout_s=1.0)
+        with self.assertRaises(ZeroDivisionError), self.create(client):
+            running.kill()
+            raise ZeroDivisionError
+
 
 class ExampleTest(ServerTest):
-    def run_example(self, name, *arguments):
+    def run_example(self, name, *arguments, script=None, status=0):
         environment = {**os.environ, "PYTHONPATH": str(server.BIN / "client/python"), "MPLBACKEND": "Agg"}
-        return subprocess.run([sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, check=True,
-                              env=environment, cwd=self.directory).stdout
+        command = ["bash", "-o", "pipefail", "-c", script, "bash"] if script else []
+        done = subprocess.run([*command, sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True,
+                              check=False, env=environment, cwd=self.directory)
+        self.assertEqual(done.returncode, status, done.stderr)
+        self.assertNotIn("Traceback", done.stderr)
+        return done.stdout if status == 0 else done.stderr
+
+    def test_usage(self):
+        for name in ("track_recording.py", "plot_poses.py"):
+            self.assertIn("usage: ", self.run_example(name, "--help"))
+            self.assertIn("the following arguments are required: server", self.run_example(name, status=2))
+
+    def test_a_reader_that_ends_early(self):
+        running = self.serve()
+        output = self.run_example("track_recording.py", running.address, self.recording, self.model, self.camera, script='"$@" | head -1')
+        self.assertEqual(len(output.splitlines()), 1)
+        self.assertEqual(self.connect(running.address).list_sessions(), [])
 
     def test_track_recording(self):
-        self.assertLessEqual(len((EXAMPLES / "track_recording.py").read_text().splitlines()), 22)
+        self.assertLessEqual(len((EXAMPLES / "track_recording.py").read_text().splitlines()), 26)
         output = self.run_example("track_recording.py", self.serve().address, self.recording, self.model, self.camera)
         self.assertEqual(len(output.splitlines()), len(self.replay()))
 

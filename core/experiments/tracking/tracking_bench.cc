@@ -192,8 +192,8 @@ std::vector<TrackingSubject> TrackingSubjects() {
                         is_ours ? "ours; finds its first pose itself" : "published; given the true first pose",
                         is_ours ? Kind::kDefault : Kind::kPublished, estimator});
   }
-  subjects.push_back(
-      {"oracle", "ours on every window alone, from the truth: the floor", Kind::kOracle, Estimator::kMixture});
+  subjects.push_back({"oracle", "ours on every window alone, from the truth: the smallest error to be expected",
+                      Kind::kOracle, Estimator::kMixture});
   return subjects;
 }
 

@@ -21,7 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kNoteName = "simulation.txt";
 constexpr const char* kRecordingName = "recording.raw";
 
 // Text of simulation.txt of a complete recording.
@@ -33,7 +32,7 @@ std::string Note(const SimulationOptions& run, uint64_t num_events, uint64_t num
 // incomplete.
 std::optional<uint64_t> NumKeptEvents(const SimulationOptions& run, const fs::path& directory) {
   constexpr size_t kMaxNoteBytes = 1 << 16;  // a description has some kilobytes
-  const absl::StatusOr<std::string> note = ReadFile((directory / kNoteName).string(), kMaxNoteBytes);
+  const absl::StatusOr<std::string> note = ReadFile((directory / kSimulationNote).string(), kMaxNoteBytes);
   if (!note.ok()) return std::nullopt;
   std::error_code error;
   const uint64_t num_bytes = fs::file_size(directory / kRecordingName, error);
@@ -50,7 +49,7 @@ std::optional<uint64_t> NumKeptEvents(const SimulationOptions& run, const fs::pa
 absl::StatusOr<uint64_t> Keep(const SimulationOptions& run, const fs::path& directory,
                               const std::function<bool(double)>& on_simulated) {
   std::error_code error;
-  fs::remove(directory / kNoteName, error);  // it describes the recording that is about to be replaced
+  fs::remove(directory / kSimulationNote, error);  // it describes the recording that is about to be replaced
   double done_ratio = 0.0;
   EVPOSE_ASSIGN_OR_RETURN(const SimulationReport report,
                           SimulateToDirectory(
@@ -60,7 +59,7 @@ absl::StatusOr<uint64_t> Keep(const SimulationOptions& run, const fs::path& dire
   if (error) {
     return absl::UnavailableError(absl::StrCat((directory / kRecordingName).string(), ": ", error.message()));
   }
-  EVPOSE_RETURN_IF_ERROR(WriteFile((directory / kNoteName).string(), Note(run, report.events, num_bytes)));
+  EVPOSE_RETURN_IF_ERROR(WriteFile((directory / kSimulationNote).string(), Note(run, report.events, num_bytes)));
   return report.events;
 }
 

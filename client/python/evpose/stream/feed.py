@@ -39,6 +39,7 @@ class EventFeed:
         self._encoder = FlatEncoder(*size_px)
         self._read_ahead_bytes = memory_bytes if is_live else _READ_AHEAD_BYTES
         self._skip = skip
+        self.failure: Optional[Exception] = None  # of the source, or of its data
         self._point = FeedPoint()
         self._is_after_gap = False
         self._lock = threading.Lock()
@@ -66,7 +67,8 @@ class EventFeed:
         try:
             is_complete = self._read_all()
         except Exception as error:  # of the source, or of its data: the reader of the outbox raises it
-            failure, is_complete = error, True
+            self.failure = failure = error
+            is_complete = True
         if is_complete:
             self.outbox.finish(failure)
 

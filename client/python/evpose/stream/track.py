@@ -263,7 +263,8 @@ class Track:
 
     def _with_progress(self, error: EvposeError) -> EvposeError:
         poses = self.position.last_pose_seq - self.position.lost_poses
-        text = f"{self._server.name}: {error.message} (after {self._fed_bytes} bytes sent, {poses} poses received)"
+        place = "" if error is self._feed.failure else f"{self._server.name}: "
+        text = f"{place}{error.message} (after {self._fed_bytes} bytes sent, {poses} poses received)"
         if self._tries > 0 and self._away_since is not None:
             text += f"; gave up after {self._tries} more tries in {self._clock.now() - self._away_since:.1f} s"
         if self._trace.span_id:
