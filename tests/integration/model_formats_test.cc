@@ -63,11 +63,11 @@ TEST_F(ModelFormatsTest, AHalfTurnWithoutASimilarViewIsNotReported) {
   WriteText("wedge.obj",
             "v 0 0 0\nv 0.2 0 0\nv 0.2 0.1 0\nv 0 0.1 0\nv 0 0 0.1\nv 0 0.1 0.1\nf 1 4 3 2\nf 1 2 5\nf 3 4 6\n"
             "f 1 5 6 4\nf 2 3 6 5\n");
-  const nlohmann::json twins = Run({"models", "inspect", Path("wedge.obj"), "--json"}).Json()["findability"]["twins"];
+  const nlohmann::json rivals = Run({"models", "inspect", Path("wedge.obj"), "--json"}).Json()["findability"]["rivals"];
   const std::string text = Run({"models", "inspect", Path("wedge.obj")}).out;
   size_t num_similar = 0;
-  for (const nlohmann::json& twin : twins) num_similar += twin["similar_views"] > 0 ? 1 : 0;
-  EXPECT_LT(num_similar, twins.size());
+  for (const nlohmann::json& rival : rivals) num_similar += rival["similar_views"] > 0 ? 1 : 0;
+  EXPECT_LT(num_similar, rivals.size());
   EXPECT_EQ(text.find("confusable") != std::string::npos, num_similar > 0) << text;
   EXPECT_THAT(text, ::testing::Not(HasSubstr("in 0 of 96 views")));
 }

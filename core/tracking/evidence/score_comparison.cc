@@ -26,7 +26,7 @@ double ScoreComparison::Sigma(double dispersion, double model_error_ratio) const
     const auto count = static_cast<double>(num_windows_);
     variance = std::max(variance, residuals2 * count / (count - 1.0));
   }
-  const double of_model = model_error_ratio * explained_;
+  const double of_model = model_error_ratio * std::max(0.0, explained_);
   return difference_ / std::sqrt(variance + of_model * of_model);
 }
 

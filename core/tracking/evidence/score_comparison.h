@@ -12,7 +12,7 @@ namespace evpose {
 class ScoreComparison {
  public:
   // Adds a window: the sum over its events of the differences of both scores, positive if the first pose is the better
-  // one, the sum of the squares of these differences, and the sum of the larger scores, as far as these are positive.
+  // one, the sum of the squares of these differences, and the mean of the sums of both scores.
   void Add(double difference, double squares, double explained);
   // Standard deviations by which the first pose is the better one. `dispersion`: HealthOptions::dispersion;
   // `model_error_ratio`: InitializationOptions::model_error_ratio.

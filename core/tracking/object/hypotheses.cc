@@ -211,7 +211,7 @@ void Hypotheses::CompareScores(size_t i, size_t j, const ByPolarity& weights) {
     YieldPoint(k);
     const double weight = weights[compared_events_[k].polarity];
     const double score_a = weight * ScoreOf(a.events[k], half_px), score_b = weight * ScoreOf(b.events[k], half_px);
-    explained += std::max({0.0, score_a, score_b});
+    explained += 0.5 * (score_a + score_b);
     if (std::abs(a.events[k].distance_px - b.events[k].distance_px) < displacement_px) continue;
     sum += score_a - score_b;
     squares += (score_a - score_b) * (score_a - score_b);
