@@ -51,8 +51,8 @@ struct InitializationOptions {
   double decision_sigma = 4.0;
   // Standard deviation of the score difference that edges without events, and events without an edge in the model, can
   // cause, relative to all scores (core/tracking/README.md, equation (3)). At decision_sigma, poses are told apart by
-  // at least 2 % of what the events explain. The README, section 2, has the models with which it was validated.
-  double model_error_ratio = 0.005;
+  // at least 2.4 % of what they explain on average. The README, section 2, has the models with which it was validated.
+  double model_error_ratio = 0.006;
   // Events of a window on which two poses are compared; further ones are correlated with these.
   int max_compared_events = 1000;
   // Radians, and ratio of the distance to the camera: hypotheses closer than both are merged, because no line detector
