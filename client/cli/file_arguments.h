@@ -9,9 +9,9 @@
 
 namespace evpose::client {
 
-// Checks a command whose arguments have been parsed: returns a usage error if an option of an output file
-// (AddOutputFile()) names a file that another option names, too. The values of all other options whose type contains
-// FILE are inputs, and so are the files in the directories of options of inputs, except for earlier results.
+// Returns a usage error if an output file of a parsed command is also an input or another output of it. Options that
+// were added by AddOutputFile() name outputs. Inputs are the values of the other options whose type contains FILE, and
+// the files in the directories that options of inputs name, except for results of earlier runs.
 absl::Status CheckFileArguments(CLI::App& command);
 
 }  // namespace evpose::client

@@ -38,7 +38,7 @@ constexpr int kOffsetCandidates = 3;
 // Damping of Levenberg and Marquardt's iteration, relative to the diagonal of the equations: at first and its bounds.
 // It changes by the factor 10; above the upper bound a step no longer changes the cost.
 constexpr double kFirstDamping = 1e-4, kLeastDamping = 1e-9, kLargestDamping = 1e8, kDampingFactor = 10.0;
-// A fit whose cost decreases by less than this part of it in a step has converged.
+// A fit has converged when a step decreases its cost by less than this share of the cost.
 constexpr double kConverged = 1e-10;
 // Autocorrelation below which residuals count as uncorrelated (README, section 7).
 constexpr double kUncorrelated = 0.1;
@@ -46,8 +46,8 @@ constexpr double kUncorrelated = 0.1;
 constexpr double kLargeError = 0.05;
 // A number of outliers above one in so many poses is reported. By chance there are 3e-7 (kOutlier2).
 constexpr int kPosesPerOutlier = 20;
-// Fits whose offsets are nearer than this, seconds, have the same offset: half the time over which time_offset.cc
-// measures the motion.
+// Two fits have the same offset if their offsets differ by less than this, seconds. It is half of the interval over
+// which time_offset.cc measures the motion.
 constexpr double kSameOffset_s = 0.05;
 // Another offset or mount whose residuals are not larger by this factor is reported.
 constexpr double kClearRatio = 1.5;

@@ -13,8 +13,6 @@ namespace {
 // it: they are tested this far nearer to the eye and outside of the surface.
 constexpr double kTowardsEye = 3e-3;
 constexpr double kOutwards = 1e-3;
-// Rays to the background end this many diameters behind the object: every part of the object is within one.
-constexpr double kBackground = 2.0;
 // Prior contrasts. An inner contour separates parts of one colour; a crease changes the brightness with the angle by
 // which the surface turns, by less than the threshold of a sensor in most light below 40 degrees.
 constexpr float kOutlineContrast = 1.0f;
@@ -87,7 +85,7 @@ class Looker {
       const Eigen::Vector3d middle = 0.5 * (element.p1 + element.p2);
       const double pixel_m = (middle - view_.eye).norm() / view_.camera.MaxFocalPx();
       const Eigen::Vector3d start = middle + kBesideEdgePx * pixel_m * sight.beside;
-      const Eigen::Vector3d end = start + kBackground * model_.diameter_m * (start - view_.eye).normalized();
+      const Eigen::Vector3d end = start + kBackgroundDiameters * model_.diameter_m * (start - view_.eye).normalized();
       candidate.is_outline = !faces_.IsOccluded(start, end, 0.0);
     }
     if (candidate.is_outline) {

@@ -247,8 +247,8 @@ TEST(ContinuousSymmetryTest, AModelWithoutASurfaceHasNone) {
 
 // --- Single rotations of surfaces without edges (FindSurfaceGroup)
 
-// A ball whose mesh is turned against the axes, so that no rotation maps the vertices of the test objects, which are
-// made by deforming it, onto vertices.
+// A ball whose mesh is turned relative to the axes of the coordinates. The test objects are deformed copies of it. No
+// rotation maps their vertices onto vertices.
 ObjectModel ObliqueBall(int sides) {
   ObjectModel model = lathe::Ball(sides);
   lathe::Move({ExpSo3({0.9, 0.4, -0.3}), Eigen::Vector3d::Zero()}, model);

@@ -54,12 +54,11 @@ EdgeSides SidesOf(const SeenEdge& edge, const TriangleBvh& faces, double diamete
   // Under one lamp, faces that differ by this angle, 6 degrees, differ in brightness by less than the contrast
   // threshold of a sensor.
   constexpr double kSameBrightnessCosine = 0.995;
-  constexpr double kReach = 2.0;  // diameters: every part of the object is within one
   const Eigen::Vector3d middle = 0.5 * (edge.p1 + edge.p2);
   const Eigen::Vector3d across = (middle - edge.eye).cross(edge.p2 - edge.p1).normalized();
   const Eigen::Vector3d beside = kBesideEdgePx * (middle - edge.eye).norm() / edge.focal_px * across;
   const auto normal_at = [&](const Eigen::Vector3d& point) {
-    return faces.FirstNormal(edge.eye, point + kReach * diameter_m * (point - edge.eye).normalized());
+    return faces.FirstNormal(edge.eye, point + kBackgroundDiameters * diameter_m * (point - edge.eye).normalized());
   };
   const std::optional<Eigen::Vector3d> first = normal_at(middle + beside);
   if (!first) return EdgeSides::kBackground;

@@ -55,6 +55,8 @@ bool FindRayOrigin(absl::Span<const Eigen::Vector3d> face_normals, const Eigen::
 // the edge's own surface, or a face that is narrower than the blur of the lens; one farther away another part of the
 // object across a narrow gap.
 inline constexpr double kBesideEdgePx = 1.5;
+// The background begins this many diameters behind an edge: every part of the object is within one.
+inline constexpr double kBackgroundDiameters = 2.0;
 
 // An edge as it is seen from `eye`; object frame, metres.
 struct SeenEdge {
@@ -65,9 +67,9 @@ struct SeenEdge {
 
 // What is seen kBesideEdgePx beside the middle of an edge (README, section 3).
 enum class EdgeSides {
-  kBackground,  // on one side at least, what is more than two diameters behind the edge
-  kParallel,   // faces with the same normal, within 0.1 rad, as of a step whose wall is hidden or too narrow to be seen
-  kDifferent,  // faces with different normals
+  kBackground,  // on at least one side the ray meets no face up to kBackgroundDiameters behind the edge
+  kParallel,    // the rays meet faces whose normals differ by less than 0.1 rad
+  kDifferent,   // the rays meet faces whose normals differ by more
 };
 EdgeSides SidesOf(const SeenEdge& edge, const TriangleBvh& faces, double diameter_m);
 

@@ -177,8 +177,8 @@ class TrackHealth {
   bool HasPower(const LineStatistics& line, double credited_ratio) const;
   // Standard deviations by which near events would exceed chance at the right pose.
   double PowerSigma(const LineStatistics& line, double credited_ratio) const;
-  // Tests together the lines whose own tests have no power. Returns their excess divided by the excess at the right
-  // pose, at most 1, which is taken as the supported share of their length; 0 if their excess is not significant.
+  // `pooled` is the sum over the lines whose own tests have no power. Returns the supported share of their length:
+  // their excess divided by the excess that is expected at the right pose, at most 1; 0 if it is not significant.
   double PooledShare(const LineStatistics& pooled, double credited_ratio) const;
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;

@@ -23,7 +23,7 @@ MAX_ROUNDS = 3
 # once a second.
 CONNECTION_WAIT_S = 0.1
 ONLY_CONNECTION_WAIT_S = 2.0
-# Codes of errors whose cause may be this server alone, so that another server may respond.
+# Codes of errors that may concern one server only: the same call may succeed at another server.
 _AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
 # Reasons of RESOURCE_EXHAUSTED that are about one server. The quota of a tenant is not: the caller can delete a session.
 _FULL_REASONS = frozenset(("OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"))
