@@ -127,6 +127,7 @@ class RegionSimplifier {
   // `indices` of `vertices_`, three for each triangle.
   void Reduce(size_t target, double error_m, std::vector<uint32_t>& indices) {
     cell_index_.assign(vertices_.size(), kNotCollected);
+    is_corner_.assign(vertices_.size(), false);
     removed_.clear();
     first_limit_ = 0;
     for (const double shift : kShifts) {
@@ -264,12 +265,27 @@ class RegionSimplifier {
   }
 
   bool AreNear(const std::vector<uint32_t>& vertices, const std::vector<uint32_t>& watched, double error_m,
-               const std::vector<uint32_t>& indices) const {
+               const std::vector<uint32_t>& indices) {
     const TriangleBvh tree = TreeOf(indices);
+    MarkCorners(indices);
     uint32_t hint = 0;
-    const auto is_near = [&](uint32_t vertex) { return IsNear(tree, vertex, error_m, hint); };
-    return std::all_of(vertices.begin(), vertices.end(), is_near) &&
-           std::all_of(watched.begin(), watched.end(), is_near);
+    const auto is_near = [&](uint32_t vertex) { return is_corner_[vertex] || IsNear(tree, vertex, error_m, hint); };
+    const bool are_near =
+        std::all_of(vertices.begin(), vertices.end(), is_near) && std::all_of(watched.begin(), watched.end(), is_near);
+    for (const uint32_t index : indices) is_corner_[index] = false;
+    return are_near;
+  }
+
+  // Marks the vertices that are corners of a triangle of about their direction: these need no search.
+  void MarkCorners(const std::vector<uint32_t>& indices) {
+    for (size_t i = 0; i < indices.size(); i += 3) {
+      const Eigen::Vector3d& a = PointOf(indices[i]);
+      const Eigen::Vector3d normal = (PointOf(indices[i + 1]) - a).cross(PointOf(indices[i + 2]) - a);
+      for (size_t corner = i; corner < i + 3; ++corner) {
+        const uint32_t vertex = indices[corner];
+        if (normal.dot(vertices_[vertex].normal.cast<double>()) > 0.0) is_corner_[vertex] = true;
+      }
+    }
   }
 
   void AddRemoved(const std::vector<uint32_t>& vertices, const std::vector<uint32_t>& indices) {
@@ -285,6 +301,7 @@ class RegionSimplifier {
   std::vector<uint32_t> index_;  // index of a point in `vertices_`
   std::vector<Vertex> vertices_;
   std::vector<uint32_t> cell_index_;  // index of a vertex among those of a cell
+  std::vector<bool> is_corner_;       // vertices that MarkCorners() has marked; none outside of AreNear()
   std::vector<uint32_t> removed_;     // vertices of the region, in all passes so far
   size_t first_limit_ = 0;            // index in kLimitsOfMean with which the last cell succeeded
   Eigen::AlignedBox3d box_;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <tuple>
 #include <utility>
 
@@ -102,22 +101,21 @@ struct TriangleBvh::Ray {
 TriangleBvh::TriangleBvh(absl::Span<const Eigen::Vector3d> vertices,
                          absl::Span<const std::array<uint32_t, 3>> triangles) {
   if (triangles.empty()) return;
-  std::vector<uint32_t> order(triangles.size());
-  std::iota(order.begin(), order.end(), 0u);
   triangles_.reserve(triangles.size());
   // A leaf has at least two of five or more triangles, and there are twice as many nodes: 156 bytes for each triangle.
   leaves_.reserve(triangles.size() / 2 + 1);
   nodes_.reserve(triangles.size() + 1);
   Eigen::AlignedBox3d box;
-  std::vector<Eigen::Vector3d> centres;
-  centres.reserve(triangles.size());
+  std::vector<Entry> order;
+  order.reserve(triangles.size());
   for (const std::array<uint32_t, 3>& triangle : triangles) {
     for (const uint32_t corner : triangle) box.extend(vertices[corner]);
-    centres.push_back(vertices[triangle[0]] + vertices[triangle[1]] + vertices[triangle[2]]);
+    order.push_back(
+        {vertices[triangle[0]] + vertices[triangle[1]] + vertices[triangle[2]], static_cast<uint32_t>(order.size())});
   }
   centre_ = box.center();
   extent_m_ = 0.5 * box.sizes().maxCoeff();
-  Build({vertices, triangles, centres}, absl::MakeSpan(order));
+  Build({vertices, triangles}, absl::MakeSpan(order));
 }
 
 TriangleBvh::Node TriangleBvh::MakeNode(const Eigen::AlignedBox3d& box) const {
@@ -129,41 +127,46 @@ TriangleBvh::Node TriangleBvh::MakeNode(const Eigen::AlignedBox3d& box) const {
   return node;
 }
 
-void TriangleBvh::AppendLeaf(const Mesh& mesh, absl::Span<const uint32_t> triangles, const Eigen::AlignedBox3d& box) {
-  leaves_.push_back({box, static_cast<uint32_t>(triangles_.size()), static_cast<uint32_t>(triangles.size())});
-  for (const uint32_t triangle : triangles) {
-    const auto& [i, j, k] = mesh.triangles[triangle];
-    const Eigen::Vector3d edge1 = mesh.vertices[j] - mesh.vertices[i], edge2 = mesh.vertices[k] - mesh.vertices[i];
-    triangles_.push_back({mesh.vertices[i], edge1, edge2, edge1.cross(edge2).normalized()});
+Eigen::AlignedBox3d TriangleBvh::AppendLeaf(const Mesh& mesh, absl::Span<const Entry> entries) {
+  const auto first = static_cast<uint32_t>(triangles_.size());
+  Eigen::AlignedBox3d box;
+  for (const Entry& entry : entries) {
+    const auto& [i, j, k] = mesh.triangles[entry.triangle];
+    const Eigen::Vector3d &a = mesh.vertices[i], &b = mesh.vertices[j], &c = mesh.vertices[k];
+    box.extend(a).extend(b).extend(c);
+    triangles_.push_back({a, b - a, c - a, (b - a).cross(c - a).normalized()});
   }
+  leaves_.push_back({box, first, static_cast<uint32_t>(entries.size())});
+  return box;
 }
 
-void TriangleBvh::Build(const Mesh& mesh, absl::Span<uint32_t> triangles) {
+Eigen::AlignedBox3d TriangleBvh::Build(const Mesh& mesh, absl::Span<Entry> entries) {
   const size_t node = nodes_.size();
-  Eigen::AlignedBox3d box, centres;
-  for (const uint32_t triangle : triangles) {
-    const auto& [i, j, k] = mesh.triangles[triangle];
-    box.extend(mesh.vertices[i]).extend(mesh.vertices[j]).extend(mesh.vertices[k]);
-    centres.extend(mesh.centres[triangle]);
+  nodes_.emplace_back();
+  Eigen::AlignedBox3d box;
+  uint32_t first;
+  const bool is_leaf = entries.size() <= kMaxLeafTriangles;
+  if (is_leaf) {
+    first = static_cast<uint32_t>(leaves_.size());
+    box = AppendLeaf(mesh, entries);
+  } else {
+    Eigen::AlignedBox3d centres;
+    for (const Entry& entry : entries) centres.extend(entry.centre);
+    int axis;
+    centres.sizes().maxCoeff(&axis);
+    const size_t half = entries.size() / 2;
+    // Ties are broken by index, so that the tree is a function of the mesh.
+    std::nth_element(entries.begin(), entries.begin() + half, entries.end(), [axis](const Entry& a, const Entry& b) {
+      return a.centre[axis] != b.centre[axis] ? a.centre[axis] < b.centre[axis] : a.triangle < b.triangle;
+    });
+    box = Build(mesh, entries.subspan(0, half));
+    first = static_cast<uint32_t>(nodes_.size());
+    box.extend(Build(mesh, entries.subspan(half)));
   }
-  nodes_.push_back(MakeNode(box));
-  if (triangles.size() <= kMaxLeafTriangles) {
-    nodes_[node].first = static_cast<uint32_t>(leaves_.size());
-    nodes_[node].is_leaf = 1;
-    AppendLeaf(mesh, triangles, box);
-    return;
-  }
-  int axis;
-  centres.sizes().maxCoeff(&axis);
-  const size_t half = triangles.size() / 2;
-  // Ties are broken by index, so that the tree is a function of the mesh.
-  std::nth_element(triangles.begin(), triangles.begin() + half, triangles.end(), [&](uint32_t a, uint32_t b) {
-    const double centre_a = mesh.centres[a][axis], centre_b = mesh.centres[b][axis];
-    return centre_a != centre_b ? centre_a < centre_b : a < b;
-  });
-  Build(mesh, triangles.subspan(0, half));
-  nodes_[node].first = static_cast<uint32_t>(nodes_.size());
-  Build(mesh, triangles.subspan(half));
+  nodes_[node] = MakeNode(box);
+  nodes_[node].first = first;
+  nodes_[node].is_leaf = is_leaf ? 1 : 0;
+  return box;
 }
 
 bool TriangleBvh::LeafOccludes(const Leaf& leaf, const Eigen::Vector3d& origin, const Eigen::Vector3d& point,

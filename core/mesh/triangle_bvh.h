@@ -71,14 +71,18 @@ class TriangleBvh {
   struct Mesh {
     absl::Span<const Eigen::Vector3d> vertices;
     absl::Span<const std::array<uint32_t, 3>> triangles;
-    absl::Span<const Eigen::Vector3d> centres;  // centres of the triangles, times three
+  };
+  // A triangle to be sorted into the tree, with its centre times three, so that sorting reads memory in order.
+  struct Entry {
+    Eigen::Vector3d centre;
+    uint32_t triangle;
   };
   // Calls `visit` with each triangle within the radius and its squared distance, until it returns true.
   template <typename Visit>
   void VisitNear(const Eigen::Vector3d& point, double radius_m, const Visit& visit) const;
-  // Appends the tree of these triangles and reorders the span.
-  void Build(const Mesh& mesh, absl::Span<uint32_t> triangles);
-  void AppendLeaf(const Mesh& mesh, absl::Span<const uint32_t> triangles, const Eigen::AlignedBox3d& box);
+  // Appends the tree, or the leaf, of at least one entry, whose order changes. Returns its box.
+  Eigen::AlignedBox3d Build(const Mesh& mesh, absl::Span<Entry> entries);
+  Eigen::AlignedBox3d AppendLeaf(const Mesh& mesh, absl::Span<const Entry> entries);
   Node MakeNode(const Eigen::AlignedBox3d& box) const;
   // The least parameter in [0, `before`) at which the segment meets a triangle of the leaf, and the triangle.
   struct Meeting {
