@@ -48,20 +48,30 @@ double CornerAngle(const FacetGraph& graph, uint32_t corner) {
   return AngleBetween(points[corners[(corner + 1) % 3]] - here, points[corners[(corner + 2) % 3]] - here);
 }
 
+double TwiceArea(const FacetGraph& graph, uint32_t triangle) {
+  const auto& [i, j, k] = graph.mesh().triangles[triangle];
+  const auto& points = graph.mesh().points;
+  return (points[j] - points[i]).cross(points[k] - points[i]).norm();
+}
+
 }  // namespace
 
 std::vector<std::array<Eigen::Vector3f, 3>> CornerNormals(const FacetGraph& graph, const std::vector<bool>& is_smooth) {
   CornerFans fans(graph, is_smooth);
   const auto num_corners = static_cast<uint32_t>(is_smooth.size());
   std::vector<Eigen::Vector3d> sums(num_corners, Eigen::Vector3d::Zero());
+  std::vector<double> weights(num_corners);
   for (uint32_t corner = 0; corner < num_corners; ++corner) {
-    sums[fans.Root(corner)] += CornerAngle(graph, corner) * graph.normal(corner / 3);
+    const double weight = CornerAngle(graph, corner) * TwiceArea(graph, corner / 3);
+    const uint32_t root = fans.Root(corner);
+    sums[root] += weight * graph.normal(corner / 3);
+    weights[root] += weight;
   }
   std::vector<std::array<Eigen::Vector3f, 3>> normals(num_corners / 3);
   for (uint32_t corner = 0; corner < num_corners; ++corner) {
     const Eigen::Vector3d& sum = sums[fans.Root(corner)];
     // Opposite facets may cancel each other at the tip of a sliver.
-    const bool has_direction = sum.squaredNorm() > 1e-12;
+    const bool has_direction = sum.norm() > 1e-6 * weights[fans.Root(corner)];
     normals[corner / 3][corner % 3] = (has_direction ? sum.normalized() : graph.normal(corner / 3)).cast<float>();
   }
   return normals;

@@ -100,6 +100,35 @@ void SetParts(const RawMesh& mesh, const std::vector<RegionPart>& parts, uint32_
   }
 }
 
+// Distance of the patch of a triangle (README, section 14) from the facet, at the middles of its sides and its
+// centroid.
+double PatchDistance(const std::array<Eigen::Vector3d, 3>& corners, const std::array<Eigen::Vector3d, 3>& normals) {
+  double distance_m = 0.0;
+  for (const Eigen::Vector3d& at : {Eigen::Vector3d(0.5, 0.5, 0.0), Eigen::Vector3d(0.0, 0.5, 0.5),
+                                    Eigen::Vector3d(0.5, 0.0, 0.5), Eigen::Vector3d::Constant(1.0 / 3.0).eval()}) {
+    const Eigen::Vector3d on_facet = at[0] * corners[0] + at[1] * corners[1] + at[2] * corners[2];
+    distance_m = std::max(distance_m, (SmoothPoint(corners, normals, at) - on_facet).norm());
+  }
+  return distance_m;
+}
+
+// Gives triangles of free regions the normal of the facet if their patch would be too far from it.
+void FlattenFarPatches(const RawMesh& mesh, double diameter_m, SmoothSurface& surface) {
+  // Relative to the diameter. The coarsest tessellations of smooth shapes have 0.0135, and at the ends of a long
+  // chamfer whose corners are cut it was 0.07: the tessellation of a smooth surface would divide such a triangle.
+  constexpr double kMaxDistance = 0.015;
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    if (surface.regions[surface.region_of[t]].shape != RegionShape::kFree) continue;
+    std::array<Eigen::Vector3d, 3> corners, normals;
+    for (size_t i = 0; i < 3; ++i) {
+      corners[i] = mesh.points[mesh.triangles[t][i]];
+      normals[i] = surface.normals[t][i].cast<double>();
+    }
+    if (PatchDistance(corners, normals) <= kMaxDistance * diameter_m) continue;
+    surface.normals[t].fill(FacetOf(mesh, t).normal.cast<float>());
+  }
+}
+
 }  // namespace
 
 void FitShapes(const RawMesh& mesh, double diameter_m, SmoothSurface& surface) {
@@ -115,6 +144,7 @@ void FitShapes(const RawMesh& mesh, double diameter_m, SmoothSurface& surface) {
     }
     SetParts(mesh, FindRegionParts(mesh, triangles, diameter_m), region, surface);
   }
+  FlattenFarPatches(mesh, diameter_m, surface);
 }
 
 Eigen::Vector3d ProjectToShape(const SurfaceRegion& region, const Eigen::Vector3d& point) {

@@ -10,6 +10,7 @@
 #include <map>
 
 #include "core/mesh/surface_patch_testing.h"
+#include "core/mesh/surface_regions.h"
 
 namespace evpose {
 namespace {
@@ -424,6 +425,61 @@ TEST(RegionShapesTest, SmoothPointIsOfFourthOrderOnASphere) {
   const double chord_error = 1.0 - std::cos(0.1);  // of the middle of an edge of 0.2 rad
   EXPECT_LT(SmoothPointError(0.2), 0.05 * chord_error);
   EXPECT_NEAR(SmoothPointError(0.2) / SmoothPointError(0.1), 16.0, 1.0);
+}
+
+// A cube of this size about the origin whose edges and corners are cut.
+RawMesh ChamferedCube(double size, double cut) {
+  RawMesh mesh;
+  const double half = 0.5 * size, inner = half - cut;
+  // Point 8 axis + i is the corner of the face across `axis`; bits of i: signs of x, y and z.
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int i = 0; i < 8; ++i) {
+      Eigen::Vector3d point;
+      for (int k = 0; k < 3; ++k) point[k] = ((i >> k & 1) != 0 ? 1.0 : -1.0) * (k == axis ? half : inner);
+      mesh.points.push_back(point);
+    }
+  }
+  const auto add = [&mesh](uint32_t a, uint32_t b, uint32_t c) {
+    const Eigen::Vector3d &p = mesh.points[a], &q = mesh.points[b], &r = mesh.points[c];
+    const bool is_outward = (q - p).cross(r - p).dot(p + q + r) > 0.0;
+    mesh.triangles.push_back({a, is_outward ? b : c, is_outward ? c : b});
+  };
+  const auto add_quad = [&add](uint32_t a, uint32_t b, uint32_t c, uint32_t d) {
+    add(a, b, c);
+    add(a, c, d);
+  };
+  for (uint32_t axis = 0; axis < 3; ++axis) {
+    const uint32_t u = 1u << (axis + 1) % 3, v = 1u << (axis + 2) % 3, w = 1u << axis;
+    for (const uint32_t side : {0u, w}) {
+      const uint32_t first = 8 * axis + side;
+      add_quad(first, first + u, first + u + v, first + v);
+    }
+    // The chamfers along `axis`, between the faces across the other two.
+    for (const uint32_t i : {0u, u, v, u + v}) {
+      const uint32_t a = 8 * ((axis + 1) % 3) + i, b = 8 * ((axis + 2) % 3) + i;
+      add_quad(a, a + w, b + w, b);
+    }
+  }
+  for (uint32_t i = 0; i < 8; ++i) add(i, 8 + i, 16 + i);
+  return mesh;
+}
+
+TEST(FitShapesTest, ChamfersWithCutCornersStayFlat) {
+  const RawMesh mesh = ChamferedCube(1.0, 0.02);
+  const double diameter_m = std::sqrt(3.0);
+  SurfaceEdges found = FindSurface(mesh, {}, diameter_m);
+  FitShapes(mesh, diameter_m, found.surface);
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    std::array<Eigen::Vector3d, 3> corners, normals;
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (size_t i = 0; i < 3; ++i) {
+      corners[i] = mesh.points[mesh.triangles[t][i]];
+      normals[i] = found.surface.normals[t][i].cast<double>();
+      middle += corners[i] / 3.0;
+    }
+    const Eigen::Vector3d point = SmoothPoint(corners, normals, Eigen::Vector3d::Constant(1.0 / 3.0));
+    EXPECT_LT((point - middle).norm(), 0.002 * diameter_m) << "triangle " << t;
+  }
 }
 
 }  // namespace

@@ -19,6 +19,9 @@ namespace {
 // to the region: else a shape would fit any part that is small compared with the object.
 constexpr double kMaxDistance = 5e-4;
 constexpr double kMaxRelativeDistance = 5e-3;
+// Largest distance of the middle of a facet from the shape, relative to the diameter of the model: a cylinder of twelve
+// sides that is as wide as the object has 0.017. The chamfers of a cube have all vertices on a sphere and 0.06.
+constexpr double kMaxFacetDistance = 0.02;
 // Bounds the time of a fit; vertices of CAD models lie on their surfaces to single precision, so that more add nothing.
 constexpr size_t kSampleTriangles = 128;
 // Three strips of two triangles: any two strips lie on a cylinder.
@@ -287,9 +290,9 @@ bool FacetAgrees(const RawMesh& mesh, uint32_t triangle, const FacetGeometry& fa
   return difference <= spread + kNormalSlack;
 }
 
-// Sets `is_convex`.
-bool NormalsAgree(const RawMesh& mesh, absl::Span<const uint32_t> triangles, const FacetMoments& moments,
-                  SurfaceRegion& region) {
+// Whether the facets are near to the shape and have its normals. Sets `is_convex`.
+bool FacetsAgree(const RawMesh& mesh, absl::Span<const uint32_t> triangles, const FacetMoments& moments,
+                 double diameter_m, SurfaceRegion& region) {
   double outward = 0.0, different = 0.0;
   for (const uint32_t t : triangles) {
     const FacetGeometry facet = FacetOf(mesh, t);
@@ -298,6 +301,8 @@ bool NormalsAgree(const RawMesh& mesh, absl::Span<const uint32_t> triangles, con
   if (outward < 0.0) region.is_convex = !region.is_convex;
   for (const uint32_t t : triangles) {
     const FacetGeometry facet = FacetOf(mesh, t);
+    const double distance_m = (ProjectToShape(region, facet.centroid) - facet.centroid).norm();
+    if (!(distance_m <= kMaxFacetDistance * diameter_m)) return false;
     if (!FacetAgrees(mesh, t, facet, region)) different += facet.area_m2;
   }
   return different <= kMaxDifferentArea * moments.area_m2;
@@ -329,7 +334,7 @@ std::optional<SurfaceRegion> FitShape(const RawMesh& mesh, absl::Span<const uint
   const double tolerance_m = std::min(kMaxDistance * diameter_m, kMaxRelativeDistance * samples.size_m);
   const auto accept = [&](std::optional<SurfaceRegion> region) -> std::optional<SurfaceRegion> {
     if (region.has_value() && VerticesLieOn(mesh, triangles, tolerance_m, *region) &&
-        NormalsAgree(mesh, triangles, moments, *region)) {
+        FacetsAgree(mesh, triangles, moments, diameter_m, *region)) {
       return region;
     }
     return std::nullopt;
