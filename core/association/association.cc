@@ -66,17 +66,17 @@ Vector6d AlongJacobian(const CameraModel& camera, const ImageLine& line, const E
 }
 
 // Bends an element to an arc, README, equations (11) and (12).
-void Bend(const CameraModel& camera, const MotionState& state, const Eigen::Vector3d& bow, const Eigen::Vector3d& point,
-          const Vector6d& along_jacobian, ImageLine& line) {
-  const Eigen::Vector3d sagitta = state.camera_from_object.rotation * bow;
+void ToArc(const CameraModel& camera, const MotionState& state, const Eigen::Vector3d& sagitta_object,
+           const Eigen::Vector3d& point, const Vector6d& along_jacobian, ImageLine& line) {
+  const Eigen::Vector3d sagitta = state.camera_from_object.rotation * sagitta_object;
   const Eigen::Vector2d focal_px(camera.fx_px, camera.fy_px);
   const Eigen::Vector2d image_px =
       focal_px.cwiseProduct(sagitta.head<2>() - sagitta.z() / point.z() * point.head<2>()) / point.z();
-  line.bow_px = line.a.head<2>().cwiseQuotient(focal_px).dot(image_px);
+  line.sagitta_px = line.a.head<2>().cwiseQuotient(focal_px).dot(image_px);
   const Eigen::Vector2d along = 2.0 / line.length_px * line.direction;
   const Eigen::Vector3d position(along.x() * camera.fx_px, along.y() * camera.fy_px,
                                  along.dot(Eigen::Vector2d(camera.cx_px, camera.cy_px) - line.p1_px) - 1.0);
-  line.jacobian -= 4.0 * line.bow_px / line.length_px * position * along_jacobian.transpose();
+  line.jacobian -= 4.0 * line.sagitta_px / line.length_px * position * along_jacobian.transpose();
   line.a_dot = line.jacobian * state.twist;
 }
 
@@ -93,7 +93,7 @@ void JoinElements(const CameraModel& camera, const MotionState& state, absl::Spa
     if (point.z() > 0.0) {
       const Vector6d along_jacobian = AlongJacobian(camera, line, arm, point);
       line.along_dot_px_per_s = along_jacobian.dot(state.twist);
-      if (!lines[k].bow.isZero(0.0)) Bend(camera, state, lines[k].bow, point, along_jacobian, line);
+      if (!lines[k].sagitta.isZero(0.0)) ToArc(camera, state, lines[k].sagitta, point, along_jacobian, line);
     }
     const std::array<int, 2> neighbours = {lines[k].previous, lines[k].next};
     for (int end = 0; end < 2; ++end) {
@@ -204,7 +204,7 @@ void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
     YieldPoint(k);
     const ImageLine& line = lines[k];
     if (!line.in_view()) continue;
-    const double reach = reach_px + kHalfDiagonalPx + std::abs(line.bow_px);
+    const double reach = reach_px + kHalfDiagonalPx + std::abs(line.sagitta_px);
     const double y1 = line.p1_px.y();
     const double y2 = line.PointAt(1.0).y();
     const double first = (std::min(y1, y2) - reach + kMarginPx) / kTilePx;

@@ -45,14 +45,14 @@ struct TrackedLine {
   int next = -1;
   // An element that stands for an arc: the sagitta of the arc as a vector, from the middle of its chord to the arc. The
   // line from p1 to p2 is the chord, moved to the mean of the arc; README, equation (11). Zero: a straight element.
-  Eigen::Vector3d bow = Eigen::Vector3d::Zero();
+  Eigen::Vector3d sagitta = Eigen::Vector3d::Zero();
 
   // The reader must check the ranges of `curve`, `previous` and `next`. The face width depends on the view and is not
   // part of the state.
   static void VisitState(auto& archive, auto& self) {
-    auto& [curve, p1, p2, narrowest_face_px, is_element, kind, prior_contrast, previous, next, bow] = self;
+    auto& [curve, p1, p2, narrowest_face_px, is_element, kind, prior_contrast, previous, next, sagitta] = self;
     archive(curve, Finite(p1), Finite(p2), is_element, AtMost(kind, EdgeKind::kContour),
-            InRange(prior_contrast, 0.0f, 1.0f), previous, next, Finite(bow));
+            InRange(prior_contrast, 0.0f, 1.0f), previous, next, Finite(sagitta));
   }
 };
 
@@ -71,7 +71,7 @@ void ForEachCurve(absl::Span<const TrackedLine> lines, const Visit& visit) {
 }
 
 // The moving image of a TrackedLine. The signed distance of bearing b from it is d = (a + tau a_dot) . b pixels, where
-// tau is the time in seconds since the time of the state; from that of an arc it is d - BowAt().
+// tau is the time in seconds since the time of the state; from that of an arc it is d - ArcOffsetAt().
 struct ImageLine {
   Eigen::Vector3d a = Eigen::Vector3d::Zero();
   // The same line displaced by the edge bias, to the expected position of its events (core/estimation/edge_bias.h);
@@ -83,7 +83,7 @@ struct ImageLine {
   double length_px = 0.0;                               // 0 if the line is not in view; no event is then near it
   // The following members, up to is_element, differ from their defaults for elements only.
   double along_dot_px_per_s = 0.0;  // velocity of the element along itself
-  double bow_px = 0.0;              // sagitta of an arc in the direction of the gradient of d
+  double sagitta_px = 0.0;          // sagitta of an arc in the direction of the gradient of d
   // For p1 and p2: the slope of the border to the element that continues there, README, equation (9), and whether one
   // does.
   std::array<double, 2> border = {0.0, 0.0};
@@ -102,11 +102,11 @@ struct ImageLine {
     return (u_px - p1_px.x()) * direction.x() + (v_px - p1_px.y()) * direction.y();
   }
   // Returns the distance of the arc from the line at a coordinate along the line, README, equation (11).
-  double BowAt(double along_px) const {
+  double ArcOffsetAt(double along_px) const {
     // Events beyond the ends may belong to the neighbours; far beyond, the parabola is not the curve.
     constexpr double kFarthest2 = 2.25;  // square of the position 1.5, which is a quarter of the length beyond an end
     const double position = 2.0 * along_px / length_px - 1.0;
-    return bow_px * (1.0 / 3.0 - std::min(position * position, kFarthest2));
+    return sagitta_px * (1.0 / 3.0 - std::min(position * position, kFarthest2));
   }
   // Returns whether a point at this coordinate along the line and this distance from it lies between the ends, or at
   // most margin_px beyond an end at which no element continues, or joined_margin_px beyond a border.
@@ -173,12 +173,12 @@ struct Observation {
   uint8_t polarity = 0;
   PreviousPolarity previous = PreviousPolarity::kUnknown;
   // Density of the events of other objects at this event, 1/px, relative to the event rate of the object's own nearest
-  // line, so that the density of this line integrates to one across it (competitors.h). 0 without other objects.
-  float competing = 0.0f;
+  // line, so that the density of this line integrates to one across it (other_objects.h). 0 without other objects.
+  float others_per_px = 0.0f;
 
   absl::Span<const uint16_t> Lines() const { return absl::MakeConstSpan(lines.data(), num_lines); }
   // Returns the probability that the previous event of the pixel had the other polarity; 0.5 if it is unknown.
-  double TurnRatio() const {
+  double ReversalProbability() const {
     constexpr double kRatio[] = {0.5, 0.0, 1.0};  // by PreviousPolarity
     return kRatio[static_cast<int>(previous)];
   }
@@ -288,7 +288,7 @@ inline double DistancePx(const Observation& event, const ImageLine& line) {
   const double distance_px = a.x() * event.bx + a.y() * event.by + a.z() +
                              event.tau_s * (line.a_dot.x() * event.bx + line.a_dot.y() * event.by + line.a_dot.z());
   // The motion of the arc along itself within the window is part of a_dot.
-  return line.bow_px == 0.0 ? distance_px : distance_px - line.BowAt(line.AlongPx(event.u_px, event.v_px));
+  return line.sagitta_px == 0.0 ? distance_px : distance_px - line.ArcOffsetAt(line.AlongPx(event.u_px, event.v_px));
 }
 
 // Removes the candidate lines that are farther than reach_px from the event, across the line or beyond its ends, or

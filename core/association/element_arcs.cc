@@ -24,7 +24,7 @@ constexpr double kMaxSagittaRatio = 1.5;
 // sagitta, both along the normal (-y, x) of the chord's direction (x, y).
 struct Arc {
   double mean_px = 0.0;
-  double bow_px = 0.0;
+  double sagitta_px = 0.0;
 };
 
 // The image of an element of a chain.
@@ -63,10 +63,10 @@ std::optional<Arc> FitArc(absl::Span<const Link> run) {
     length_px += link.length_px;
   }
   Arc arc;
-  arc.bow_px = -0.25 * chord_px * slopes / squares;
-  arc.mean_px = (offsets - shapes * arc.bow_px) / length_px;
+  arc.sagitta_px = -0.25 * chord_px * slopes / squares;
+  arc.mean_px = (offsets - shapes * arc.sagitta_px) / length_px;
   for (const Link& link : run) {
-    const double error_px = middle_of(link).dot(normal) - arc.mean_px - shape_of(link) * arc.bow_px;
+    const double error_px = middle_of(link).dot(normal) - arc.mean_px - shape_of(link) * arc.sagitta_px;
     if (!(std::abs(error_px) <= kMaxArcErrorPx)) return std::nullopt;
   }
   return arc;
@@ -187,7 +187,7 @@ class ArcJoiner {
       return MoveOfPixel(p1, last.p2, normal, point);
     };
     line.next = lines_[run.back().index].next;
-    line.bow = arc->bow_px * move_at(0.5 * (element.p1 + last.p2));
+    line.sagitta = arc->sagitta_px * move_at(0.5 * (element.p1 + last.p2));
     line.p1 = element.p1 + arc->mean_px * move_at(element.p1);
     line.p2 = last.p2 + arc->mean_px * move_at(last.p2);
     element.p1 = line.p1;

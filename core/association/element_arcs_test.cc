@@ -116,7 +116,7 @@ TEST_F(ElementArcsTest, ATurnOfACircleAboutItsAxisMovesNoArc) {
   Project();
   double largest = 0.0;
   for (const ImageLine& line : images_) {
-    if (line.bow_px == 0.0) continue;  // the rest of the circle is one short chord
+    if (line.sagitta_px == 0.0) continue;  // the rest of the circle is one short chord
     for (const double fraction : {0.1, 0.5, 0.9}) {
       EXPECT_NEAR(NormalSpeedPxPerS(camera_, line, fraction), 0.0, 1.5);
     }
@@ -157,7 +157,7 @@ TEST_F(ElementArcsTest, CornersAndOtherCurvesEndAnArc) {
   Join();
   ASSERT_EQ(lines_.size(), 3u);
   EXPECT_LT((lines_[0].p2 - Eigen::Vector3d(0.06, 0.0, 0.0)).norm(), 1e-9);
-  EXPECT_LT(lines_[0].bow.norm(), 1e-9);
+  EXPECT_LT(lines_[0].sagitta.norm(), 1e-9);
   EXPECT_EQ(lines_[0].next, 1);
   EXPECT_EQ(lines_[1].previous, 0);
   EXPECT_EQ(lines_[2].previous, 1);

@@ -9,8 +9,8 @@ namespace {
 // The bearing of an event, displaced by the distance of the arc from its line.
 Eigen::Vector2d StraightenedBearing(const Observation& event, const ImageLine& arc) {
   const Eigen::Vector2d across = arc.a.head<2>();
-  const double bow_px = arc.BowAt(arc.AlongPx(event.u_px, event.v_px));
-  return Eigen::Vector2d(event.bx, event.by) - bow_px / across.squaredNorm() * across;
+  const double sagitta_px = arc.ArcOffsetAt(arc.AlongPx(event.u_px, event.v_px));
+  return Eigen::Vector2d(event.bx, event.by) - sagitta_px / across.squaredNorm() * across;
 }
 
 }  // namespace
@@ -25,7 +25,7 @@ void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines, ab
   MakeGroups();
   shared_.clear();
   const auto image_of = [&](uint16_t line) {
-    return lines.empty() || lines[line].bow_px == 0.0 ? nullptr : &lines[line];
+    return lines.empty() || lines[line].sagitta_px == 0.0 ? nullptr : &lines[line];
   };
   for (const Observation& event : events) {
     if (event.num_lines == 1) {
@@ -33,7 +33,7 @@ void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines, ab
     } else if (event.num_lines > 1) {
       Shared& shared = shared_.emplace_back();
       shared.num_places = event.num_lines;
-      shared.competing = event.competing;
+      shared.others_per_px = event.others_per_px;
       for (int i = 0; i < event.num_lines; ++i) {
         shared.places[i] = Place(event, event.lines[i], image_of(event.lines[i]));
       }
@@ -94,8 +94,8 @@ uint32_t LineEvents::Place(const Observation& event, int line, const ImageLine* 
   lanes.u_px[lane] = static_cast<float>(event.u_px - group.origin_px.x());
   lanes.v_px[lane] = static_cast<float>(event.v_px - group.origin_px.y());
   lanes.tau_s[lane] = static_cast<float>(event.tau_s);
-  lanes.competing[lane] = event.competing;
-  lanes.turn[lane] = static_cast<float>(event.TurnRatio());
+  lanes.others_per_px[lane] = event.others_per_px;
+  lanes.turn[lane] = static_cast<float>(event.ReversalProbability());
   lanes.is_event[lane] = 1.0f;
   return place;
 }

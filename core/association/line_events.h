@@ -21,10 +21,10 @@ struct EventLanes {
   Lanes by = {};
   Lanes u_px = {};  // undistorted pixel minus LineGroup::origin_px
   Lanes v_px = {};
-  Lanes tau_s = {};      // Observation::tau_s
-  Lanes competing = {};  // Observation::competing
-  Lanes turn = {};       // Observation::TurnRatio()
-  Lanes is_event = {};   // 1 in used lanes, 0 in unused ones
+  Lanes tau_s = {};          // Observation::tau_s
+  Lanes others_per_px = {};  // Observation::others_per_px
+  Lanes turn = {};           // Observation::ReversalProbability()
+  Lanes is_event = {};       // 1 in used lanes, 0 in unused ones
 };
 
 // The events of one polarity with the same candidate line. Events with this line as their only candidate and events
@@ -95,7 +95,7 @@ class LineEvents {
   struct Shared {
     std::array<uint32_t, Observation::kMaxLines> places;
     uint8_t num_places = 0;
-    float competing = 0.0f;
+    float others_per_px = 0.0f;
 
     // The positions of the event in the shared groups: index of the EventLanes among all shared ones, times kNumLanes,
     // plus the lane.

@@ -24,7 +24,7 @@ std::vector<Observation> SomeEvents(int count) {
     event.tau_s = random.Uniform(-5e-4, 5e-4);
     event.polarity = static_cast<uint8_t>(random.UniformInt(2));
     event.previous = static_cast<PreviousPolarity>(random.UniformInt(3));
-    event.competing = static_cast<float>(random.Uniform());
+    event.others_per_px = static_cast<float>(random.Uniform());
     event.num_lines = static_cast<uint8_t>(random.UniformInt(4));
     for (int k = 0; k < event.num_lines; ++k) event.lines[k] = static_cast<uint16_t>((i + k) % kNumLines);
     events.push_back(event);
@@ -33,14 +33,14 @@ std::vector<Observation> SomeEvents(int count) {
 }
 
 bool IsAt(const Observation& event, const LineGroup& group, const EventLanes& lanes, int lane) {
-  constexpr double kTurnRatio[] = {0.5, 0.0, 1.0};
+  constexpr double kReversalProbability[] = {0.5, 0.0, 1.0};
   return group.polarity == event.polarity && lanes.is_event[lane] == 1.0f &&
          std::abs(group.origin.x() + lanes.bx[lane] - event.bx) < 1e-7 &&
          std::abs(group.origin.y() + lanes.by[lane] - event.by) < 1e-7 &&
          std::abs(group.origin_px.x() + lanes.u_px[lane] - event.u_px) < 1e-4 &&
          std::abs(group.origin_px.y() + lanes.v_px[lane] - event.v_px) < 1e-4 &&
-         std::abs(lanes.tau_s[lane] - event.tau_s) < 1e-10 && lanes.competing[lane] == event.competing &&
-         lanes.turn[lane] == kTurnRatio[static_cast<int>(event.previous)];
+         std::abs(lanes.tau_s[lane] - event.tau_s) < 1e-10 && lanes.others_per_px[lane] == event.others_per_px &&
+         lanes.turn[lane] == kReversalProbability[static_cast<int>(event.previous)];
 }
 
 TEST(LineEvents, ContainEveryEventOnceForEachOfItsLines) {
@@ -78,7 +78,7 @@ TEST(LineEvents, LocateTheSharedEvents) {
   for (const Observation& event : events) {
     if (event.num_lines < 2) continue;
     const LineEvents::Shared& shared = sorted.shared()[next++];
-    EXPECT_EQ(shared.competing, event.competing);
+    EXPECT_EQ(shared.others_per_px, event.others_per_px);
     ASSERT_EQ(shared.Places().size(), event.num_lines);
     for (int k = 0; k < event.num_lines; ++k) {
       const uint32_t place = shared.places[k];

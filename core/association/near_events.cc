@@ -22,8 +22,8 @@ double ObservedRatio(const ByPolarity& events_per_observation, const ByPolarity&
 
 }  // namespace
 
-NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int max_events,
-                            BackgroundRate& background) {
+EventSampling NearEvents::Find(const EventWindow& window, const TileGrid& grid, int max_events,
+                               BackgroundRate& background) {
   events_.clear();
   ByPolarity background_events = {};
   // Members are copied to local variables, because the compiler must assume that Count() changes members.
@@ -56,20 +56,20 @@ NearShares NearEvents::Find(const EventWindow& window, const TileGrid& grid, int
   UpdateUsualEvents(near_events);
   const ByPolarity samples_per_observation = DownsampleByClass(static_cast<size_t>(max_events), SampleShares(found),
                                                                absl::MakeConstSpan(events_), is_on, events_);
-  NearShares shares;
-  shares.near_events = near_events;
+  EventSampling sampling;
+  sampling.near_events = near_events;
   for (int polarity = 0; polarity < 2; ++polarity) {
-    shares.events_per_observation[polarity] = window.events_per_sample[polarity] * samples_per_observation[polarity];
+    sampling.events_per_observation[polarity] = window.events_per_sample[polarity] * samples_per_observation[polarity];
   }
   const ByPolarity excess = Excess(found);
   for (int polarity = 0; polarity < 2; ++polarity) {
-    shares.polarity_weight[polarity] = std::min(1.0, kFlickerExcess / excess[polarity]);
+    sampling.polarity_weight[polarity] = std::min(1.0, kFlickerExcess / excess[polarity]);
   }
-  shares.mean_events_per_observation = 1.0 / ObservedRatio(shares.events_per_observation, near_events);
+  sampling.mean_events_per_observation = 1.0 / ObservedRatio(sampling.events_per_observation, near_events);
   // Without background events, the ratio of the polarities is assumed to be that of the events near lines.
-  shares.observations_per_background_event =
-      ObservedRatio(shares.events_per_observation, SumOf(background_events) > 0.0 ? background_events : near_events);
-  return shares;
+  sampling.observations_per_background_event =
+      ObservedRatio(sampling.events_per_observation, SumOf(background_events) > 0.0 ? background_events : near_events);
+  return sampling;
 }
 
 void NearEvents::UpdateUsualEvents(const ByPolarity& near_events) {

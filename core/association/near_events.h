@@ -20,7 +20,7 @@
 namespace evpose {
 
 // The ratios between events of the sensor and observations, and the weights of the polarities.
-struct NearShares {
+struct EventSampling {
   ByPolarity events_per_observation = {1.0, 1.0};  // number of events that each observation represents
   double mean_events_per_observation = 1.0;        // the same over both polarities
   // Weight of each polarity in tests of the events: below 1 while a flicker burst produces events of this polarity in
@@ -41,15 +41,15 @@ class NearEvents {
   // Stores the events of the window that lie in tiles with lines, and counts the others in `background`. At most
   // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities: while the brightness of
   // a lamp changes, the whole image produces events of one polarity, and the few events of the other are due to edges.
-  NearShares Find(const EventWindow& window, const TileGrid& grid, int max_events, BackgroundRate& background);
+  EventSampling Find(const EventWindow& window, const TileGrid& grid, int max_events, BackgroundRate& background);
 
   // Converts the events that Find() kept, for the same window and grid, to observations relative to time `t_us`, and
   // returns those within reach_px of a line at the time of the event. `lines` are the lines of the grid;
-  // `competing(observation)` returns Observation::competing. The result is valid until the next call.
-  template <typename Competing>
+  // `others_per_px(observation)` returns Observation::others_per_px. The result is valid until the next call.
+  template <typename OthersPerPx>
   absl::Span<const Observation> Observe(const EventWindow& window, const TileGrid& grid,
                                         absl::Span<const ImageLine> lines, int64_t t_us, double reach_px,
-                                        const Competing& competing) {
+                                        const OthersPerPx& others_per_px) {
     observations_.clear();
     for (size_t i = 0; i < events_.size(); ++i) {
       YieldPoint(i);
@@ -61,7 +61,7 @@ class NearEvents {
       std::optional<Observation> observation = evpose::Observe(camera_, undistortion_, window.events[near.index], t_us);
       if (!observation) continue;  // cannot happen: Find() keeps events inside the sensor only
       grid.GiveLines(near.tile, *observation);
-      observation->competing = competing(*observation);
+      observation->others_per_px = others_per_px(*observation);
       KeepLinesWithin(reach_px, lines.data(), *observation);
       if (observation->num_lines > 0) observations_.push_back(*observation);
     }

@@ -35,14 +35,14 @@ class NearEventsTest : public ::testing::Test {
       events_.push_back(event);
     }
   }
-  NearShares Find(ByPolarity events_per_sample = {1.0, 1.0}) {
+  EventSampling Find(ByPolarity events_per_sample = {1.0, 1.0}) {
     for (size_t i = events_.size(); i > 1; --i) std::swap(events_[i - 1], events_[random_.UniformInt(i)]);
     EventWindow window;
     window.t_end_us = kWindowUs;
     window.events = events_;
     window.num_events = events_.size();
     window.events_per_sample = events_per_sample;
-    const NearShares shares = near_.Find(window, grid_, kMaxEvents, background_);
+    const EventSampling sampling = near_.Find(window, grid_, kMaxEvents, background_);
     const absl::Span<const Observation> found =
         near_.Observe(window, grid_, lines_, kWindowUs / 2, 1000.0, [](const Observation&) { return 0.0f; });
     EXPECT_LE(found.size(), static_cast<size_t>(kMaxEvents));
@@ -50,7 +50,7 @@ class NearEventsTest : public ::testing::Test {
     for (const Observation& event : found) ++num_found_[event.polarity];
     background_.CloseWindow(grid_, 1e-6 * kWindowUs);
     events_.clear();
-    return shares;
+    return sampling;
   }
 
   const CameraModel camera_ = testing::MakeCamera(640, 480, 600.0);
@@ -68,11 +68,11 @@ TEST_F(NearEventsTest, KeepsAllOfFewEvents) {
   Add(30, 0);
   Add(100, 1);
   Add(50, 1, false);
-  const NearShares shares = Find();
+  const EventSampling sampling = Find();
   EXPECT_EQ(num_found_, (std::array<int, 2>{30, 100}));
-  EXPECT_EQ(shares.events_per_observation, (ByPolarity{1.0, 1.0}));
-  EXPECT_EQ(shares.mean_events_per_observation, 1.0);
-  EXPECT_EQ(shares.observations_per_background_event, 1.0);
+  EXPECT_EQ(sampling.events_per_observation, (ByPolarity{1.0, 1.0}));
+  EXPECT_EQ(sampling.mean_events_per_observation, 1.0);
+  EXPECT_EQ(sampling.observations_per_background_event, 1.0);
 }
 
 TEST_F(NearEventsTest, DownsamplesAFlickerBurstMore) {
@@ -80,13 +80,13 @@ TEST_F(NearEventsTest, DownsamplesAFlickerBurstMore) {
     const bool is_on = i / 5 % 2 != 0;  // the rising and falling light of a lamp
     Add(is_on ? 100 : 2000, 0);
     Add(is_on ? 2000 : 100, 1);
-    const NearShares shares = Find();
+    const EventSampling sampling = Find();
     if (i < 10) continue;
     EXPECT_GT(num_found_[is_on ? 0 : 1], 60) << i;
-    EXPECT_LT(shares.events_per_observation[is_on ? 0 : 1], 1.7) << i;
-    EXPECT_GT(shares.events_per_observation[is_on ? 1 : 0], 10.0) << i;
-    EXPECT_EQ(shares.polarity_weight[is_on ? 0 : 1], 1.0) << i;
-    EXPECT_LT(shares.polarity_weight[is_on ? 1 : 0], 0.25) << i;
+    EXPECT_LT(sampling.events_per_observation[is_on ? 0 : 1], 1.7) << i;
+    EXPECT_GT(sampling.events_per_observation[is_on ? 1 : 0], 10.0) << i;
+    EXPECT_EQ(sampling.polarity_weight[is_on ? 0 : 1], 1.0) << i;
+    EXPECT_LT(sampling.polarity_weight[is_on ? 1 : 0], 0.25) << i;
   }
 }
 
@@ -105,14 +105,14 @@ TEST_F(NearEventsTest, SharesCountTheEventsOfTheSensor) {
   Add(300, 1);
   Add(10, 0, false);
   Add(30, 1, false);
-  const NearShares shares = Find({8.0, 1.0});
-  const double seen_off = num_found_[0] * shares.events_per_observation[0];
-  const double seen_on = num_found_[1] * shares.events_per_observation[1];
+  const EventSampling sampling = Find({8.0, 1.0});
+  const double seen_off = num_found_[0] * sampling.events_per_observation[0];
+  const double seen_on = num_found_[1] * sampling.events_per_observation[1];
   EXPECT_NEAR(seen_off, 800.0, 1e-9);
   EXPECT_NEAR(seen_on, 300.0, 1e-9);
-  EXPECT_NEAR(shares.mean_events_per_observation, 1100.0 / (num_found_[0] + num_found_[1]), 1e-9);
-  const double background = 80.0 / shares.events_per_observation[0] + 30.0 / shares.events_per_observation[1];
-  EXPECT_NEAR(shares.observations_per_background_event, background / 110.0, 1e-9);
+  EXPECT_NEAR(sampling.mean_events_per_observation, 1100.0 / (num_found_[0] + num_found_[1]), 1e-9);
+  const double background = 80.0 / sampling.events_per_observation[0] + 30.0 / sampling.events_per_observation[1];
+  EXPECT_NEAR(sampling.observations_per_background_event, background / 110.0, 1e-9);
 }
 
 }  // namespace

@@ -32,7 +32,7 @@ void AddInformation(const CameraModel& camera, const ImageLine& line, double eve
 bool IsDetermined(const Matrix6d& information, const Eigen::Matrix3Xd& free_rotations, double max_deviation_px);
 
 // Whether, for every motion but the free rotations, `part` has at least this share of the information of `whole`.
-// Motions about which `whole` has less than 1e-6 of its largest information do not count.
+// Motions about which `whole` has less than 1e-6 of its trace do not count.
 bool IsAtLeast(const Matrix6d& part, double share, const Matrix6d& whole, const Eigen::Matrix3Xd& free_rotations);
 
 }  // namespace evpose

@@ -8,8 +8,8 @@
 #include <numeric>
 #include <utility>
 
-#include "core/association/competitors.h"
 #include "core/association/element_arcs.h"
+#include "core/association/other_objects.h"
 #include "core/base/yield_point.h"
 #include "core/contours/surface_tables.h"
 #include "core/numerics/math.h"
@@ -63,8 +63,8 @@ std::vector<int> LongestLines(const ObjectModel& model, size_t max_lines) {
   return order;
 }
 
-// Angle in which the view of a point at `centre` differs between two camera centres, by its sine; above 90 degrees 1.
-double SineBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+// Sine of the angle between two vectors from the object to the camera centre; 1 for angles above 90 degrees.
+double SineOfViewChange(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return a.dot(b) > 0.0 ? a.cross(b).norm() / (a.norm() * b.norm()) : 1.0;
 }
 
@@ -200,7 +200,7 @@ bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int
   const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
   const Eigen::Vector3d now = eye - edges_.centre();
   const Eigen::Vector3d then = extracted_at_->Inverse().translation_m - edges_.centre();
-  if (SineBetween(now, then) > kElementChangeRad ||
+  if (SineOfViewChange(now, then) > kElementChangeRad ||
       std::abs(now.norm() - then.norm()) > kElementChangeOfDistance * then.norm()) {
     return true;
   }
@@ -270,7 +270,7 @@ void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
                       .is_element = edges_.has_many_lines(),
                       .kind = line.kind});
   }
-  RateLines(camera_from_object);
+  SetPriorContrasts(camera_from_object);
 }
 
 float VisibleEdges::ContrastOf(const ModelLine& line, const SeenEdge& edge) const {
@@ -288,7 +288,7 @@ float VisibleEdges::ContrastOf(const ModelLine& line, const SeenEdge& edge) cons
   return contrast < kSharpCreaseContrast ? contrast : 1.0f;
 }
 
-void VisibleEdges::RateLines(const RigidTransform& camera_from_object) {
+void VisibleEdges::SetPriorContrasts(const RigidTransform& camera_from_object) {
   images_.clear();
   for (const TrackedLine& line : lines_) {
     images_.push_back(

@@ -123,7 +123,7 @@ class VisibleEdges {
   // The prior contrast of a straight line: as of curves (core/contours/README.md, section 4), but 1 for sharp creases.
   float ContrastOf(const ModelLine& line, const SeenEdge& edge) const;
   // Sets the prior contrasts of all. A line beside a longer one, which has its events, has that of a step.
-  void RateLines(const RigidTransform& camera_from_object);
+  void SetPriorContrasts(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // Extracts the elements at the pose, and chooses the straight lines of a model that has many.
   void ExtractAt(const RigidTransform& camera_from_object, int level);

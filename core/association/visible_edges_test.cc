@@ -199,7 +199,7 @@ TEST_F(RoundEdgesTest, ElementsAreChainsOnOneSideOfTheirCurve) {
     const TrackedLine& next = lines[static_cast<size_t>(lines[k].next)];
     EXPECT_EQ(next.previous, static_cast<int>(k));
     // The ends of the arcs are at -2/3 of their sagittas from those of the lines.
-    const Eigen::Vector3d gap = (next.p1 - 2.0 / 3.0 * next.bow) - (lines[k].p2 - 2.0 / 3.0 * lines[k].bow);
+    const Eigen::Vector3d gap = (next.p1 - 2.0 / 3.0 * next.sagitta) - (lines[k].p2 - 2.0 / 3.0 * lines[k].sagitta);
     EXPECT_LT(gap.norm() * 600.0 / (next.p1 - eye).norm(), 1.5);
     ++joints;
   }

@@ -25,7 +25,7 @@ namespace evpose {
 struct AssociatedEvents {
   absl::Span<const Observation> events;
   const LineEvents* sorted = nullptr;  // the same events by line; never null in the input of an estimator
-  NearShares shares;                   // other than one if the events were downsampled
+  EventSampling sampling;              // sampling ratios and weights of the polarities
   double duration_s = 0.0;             // duration of the window
   double background_per_px2 = 0.0;     // expected background events per square pixel in this time
   absl::Span<const LineCell> cells;    // cells of the lines; empty: no line is near another
@@ -40,18 +40,18 @@ class WindowAssociator {
       : camera_(camera), grid_(camera), background_(camera), near_events_(camera, tables.undistortion) {}
 
   // Returns the events of `window` within reach_px of a line at their own times, at most `max_events` of them.
-  // `lines` are the image lines at `t_us`, the middle of the window. `competing(observation)` returns
-  // Observation::competing.
-  template <typename Competing>
+  // `lines` are the image lines at `t_us`, the middle of the window. `others_per_px(observation)` returns
+  // Observation::others_per_px.
+  template <typename OthersPerPx>
   AssociatedEvents Associate(const EventWindow& window, absl::Span<const ImageLine> lines, int64_t t_us,
-                             double reach_px, int max_events, const Competing& competing) {
+                             double reach_px, int max_events, const OthersPerPx& others_per_px) {
     AssociatedEvents associated;
     associated.duration_s = static_cast<double>(window.t_end_us - window.t_begin_us) * 1e-6;
     BuildGrid(lines, reach_px, associated.duration_s);
-    associated.shares = near_events_.Find(window, grid_, max_events, background_);
+    associated.sampling = near_events_.Find(window, grid_, max_events, background_);
     background_.CloseWindow(grid_, associated.duration_s);
     associated.background_per_px2 = background_.hz_per_px() * associated.duration_s;
-    associated.events = near_events_.Observe(window, grid_, lines, t_us, reach_px, competing);
+    associated.events = near_events_.Observe(window, grid_, lines, t_us, reach_px, others_per_px);
     line_events_.Sort(associated.events, lines.size(), lines);
     associated.sorted = &line_events_;
     FindCells(grid_, lines, cells_);

@@ -212,8 +212,8 @@ void Collector::ClosePassage(int model_line) {
     passage.direction = open.direction;
     passage.speed_px_per_s = open.speed_px2 / open.swept_px2;
     passage.rates.events_per_px2 = events / open.swept_px2;
-    passage.rates.turns_per_px2 = passage.rates.recent_turns_per_px2 =
-        (open.counts.turns[0] + open.counts.turns[1]) / open.swept_px2;
+    passage.rates.reversals_per_px2 = passage.rates.recent_reversals_per_px2 =
+        (open.counts.reversals[0] + open.counts.reversals[1]) / open.swept_px2;
     passage.rates.kappa = open.direction * (open.counts.polarity[1] - open.counts.polarity[0]) / events;
     passage.residual_px = fit.mean_px;
     passage.spread_px = fit.spread_px;

@@ -187,13 +187,13 @@ void DescribeTypicalEdge(const std::vector<WeightedPassage>& passages, SensorCal
   const SensorProfile& profile = calibration.profile;
   EdgeRates typical;
   typical.events_per_px2 = QuantileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.events_per_px2; });
-  typical.turns_per_px2 = QuantileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.turns_per_px2; });
-  typical.recent_turns_per_px2 = typical.turns_per_px2;
+  typical.reversals_per_px2 = QuantileOf(passages, 0.5, [](const EdgePassage& p) { return p.rates.reversals_per_px2; });
+  typical.recent_reversals_per_px2 = typical.reversals_per_px2;
   typical.kappa = 1.0;
   const EdgeOffsets offsets = ExpectedEdgeOffsets(profile, typical);
   const double brighter = offsets.along_px;
   const double darker = -offsets.against_px;
-  calibration.typical_contrast = profile.contrast_threshold * (typical.events_per_px2 + typical.turns_per_px2);
+  calibration.typical_contrast = profile.contrast_threshold * (typical.events_per_px2 + typical.reversals_per_px2);
   calibration.edge_shift_px = 0.5 * (brighter - darker);
   calibration.lag_px = -0.5 * (brighter + darker);
 }

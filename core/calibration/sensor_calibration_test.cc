@@ -44,7 +44,7 @@ CalibrationRecording Make(const Passages& wanted, uint64_t seed) {
       const double thresholds = std::max(0.3, contrast / wanted.sensor.contrast_threshold - turns);
       const double taken = 1.0 - LiveAreaPx2(wanted.sensor, 1.0, 1.0, passage.speed_px_per_s);
       passage.rates.events_per_px2 = thresholds / (1.0 + thresholds * taken);
-      passage.rates.turns_per_px2 = passage.rates.recent_turns_per_px2 = turns;
+      passage.rates.reversals_per_px2 = passage.rates.recent_reversals_per_px2 = turns;
       passage.rates.kappa = wanted.kappa * sign;
       passage.num_events = 400.0;
       passage.spread_px = 0.5;

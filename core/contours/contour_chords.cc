@@ -34,8 +34,8 @@ double MeanOutside(const ImageRun& run, size_t first, size_t last, bool is_facet
     const Eigen::Vector2d step = run.pixels[i + 1] - run.pixels[i];
     const double step_px = step.norm();
     const double middle_px = outward.dot(0.5 * (run.pixels[i] + run.pixels[i + 1]) - run.pixels[first]);
-    const double sagitta_px = is_faceted ? 0.0 : (run.normals[i + 1] - run.normals[i]).dot(step) / 12.0;
-    area += step_px * (middle_px + sagitta_px);
+    const double arc_mean_px = is_faceted ? 0.0 : (run.normals[i + 1] - run.normals[i]).dot(step) / 12.0;
+    area += step_px * (middle_px + arc_mean_px);
     length_px += step_px;
   }
   return length_px > 0.0 ? area / length_px : 0.0;

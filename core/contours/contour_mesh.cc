@@ -53,7 +53,7 @@ EVPOSE_CLONES void SubtractEye(const double* x, const double* y, const double* z
   }
 }
 
-struct ContourMesh::Sight {
+struct ContourMesh::EyeHeights {
   Eigen::Vector3d eye;
   double max_sagitta_rad;
   std::vector<double> heights_m;  // n . (p - eye) at each corner: negative where the surface faces the eye
@@ -137,9 +137,9 @@ void ContourMesh::LinkTriangles() {
   }
 }
 
-std::vector<ContourMesh::Crossing> ContourMesh::FindCrossings(const Sight& sight) const {
+std::vector<ContourMesh::Crossing> ContourMesh::FindCrossings(const EyeHeights& eye_heights) const {
   std::vector<Crossing> crossings;
-  const uint8_t* const is_back = sight.is_back.data();
+  const uint8_t* const is_back = eye_heights.is_back.data();
   for (uint32_t i = 0; i < corners_of_.size(); ++i) {
     const auto& [a, b, c] = corners_of_[i];
     const unsigned backs = is_back[a] | is_back[b] << 1 | is_back[c] << 2;
@@ -155,12 +155,13 @@ std::vector<ContourMesh::Crossing> ContourMesh::FindCrossings(const Sight& sight
   return crossings;
 }
 
-Eigen::Vector3d ContourMesh::CrossingOfEdge(const Sight& sight, const Triangle& triangle, int edge) const {
+Eigen::Vector3d ContourMesh::CrossingOfEdge(const EyeHeights& eye_heights, const Triangle& triangle, int edge) const {
   const int next = (edge + 1) % 3;
   // In the same order of the corners from both triangles, so that both compute the same bits.
   const bool is_reversed = triangle.corners[edge] > triangle.corners[next];
   const int low = is_reversed ? next : edge, high = is_reversed ? edge : next;
-  const double low_m = sight.heights_m[triangle.corners[low]], high_m = sight.heights_m[triangle.corners[high]];
+  const double low_m = eye_heights.heights_m[triangle.corners[low]],
+               high_m = eye_heights.heights_m[triangle.corners[high]];
   const double fraction = low_m / (low_m - high_m);
   Eigen::Vector3d barycentric = Eigen::Vector3d::Zero();
   barycentric[low] = 1.0 - fraction;
@@ -169,19 +170,20 @@ Eigen::Vector3d ContourMesh::CrossingOfEdge(const Sight& sight, const Triangle& 
 }
 
 // core/contours/README.md, equation (4): the height grows along the ray by the curvature times the distance.
-double ContourMesh::CurvatureAlongRay(const Sight& sight, const Triangle& triangle, const Eigen::Vector3d& ray) const {
+double ContourMesh::CurvatureAlongRay(const EyeHeights& eye_heights, const Triangle& triangle,
+                                      const Eigen::Vector3d& ray) const {
   const auto& [a, b, c] = triangle.corners;
   const Eigen::Vector3d edge1 = points_[b] - points_[a], edge2 = points_[c] - points_[a];
   const double e11 = edge1.squaredNorm(), e12 = edge1.dot(edge2), e22 = edge2.squaredNorm();
   const double determinant = e11 * e22 - e12 * e12;
   if (!(determinant > 0.0)) return 0.0;
   const double r1 = edge1.dot(ray), r2 = edge2.dot(ray);
-  const double growth = (e22 * r1 - e12 * r2) * (sight.heights_m[b] - sight.heights_m[a]) +
-                        (e11 * r2 - e12 * r1) * (sight.heights_m[c] - sight.heights_m[a]);
+  const double growth = (e22 * r1 - e12 * r2) * (eye_heights.heights_m[b] - eye_heights.heights_m[a]) +
+                        (e11 * r2 - e12 * r1) * (eye_heights.heights_m[c] - eye_heights.heights_m[a]);
   return growth / (determinant * ray.squaredNorm());
 }
 
-RimPoint ContourMesh::MakeRimPoint(const Sight& sight, const Triangle& triangle, const Triangle& other,
+RimPoint ContourMesh::MakeRimPoint(const EyeHeights& eye_heights, const Triangle& triangle, const Triangle& other,
                                    const Eigen::Vector3d& barycentric) const {
   std::array<Eigen::Vector3d, 3> corners, normals;
   Eigen::Vector3d mesh_point = Eigen::Vector3d::Zero(), normal = Eigen::Vector3d::Zero();
@@ -195,44 +197,46 @@ RimPoint ContourMesh::MakeRimPoint(const Sight& sight, const Triangle& triangle,
   const SurfaceRegion& region = model_.surface.regions[triangle.region];
   if (region.shape != RegionShape::kFree) {
     const Eigen::Vector3d surface_point = ProjectToShape(region, mesh_point);
-    return RimOfShape(region, sight.eye, surface_point, NormalOfShape(region, surface_point), model_.diameter_m);
+    return RimOfShape(region, eye_heights.eye, surface_point, NormalOfShape(region, surface_point), model_.diameter_m);
   }
-  const Eigen::Vector3d ray = mesh_point - sight.eye;
+  const Eigen::Vector3d ray = mesh_point - eye_heights.eye;
   const double length = normal.norm();
-  const double curvature = CurvatureAlongRay(sight, triangle, ray) + CurvatureAlongRay(sight, other, ray);
+  const double curvature = CurvatureAlongRay(eye_heights, triangle, ray) + CurvatureAlongRay(eye_heights, other, ray);
   if (!(length > 0.0) || !(curvature > 0.0)) return {mesh_point, Eigen::Vector3d::Zero(), 0.0};
   RimPoint rim{SmoothPoint(corners, normals, barycentric), normal / length, 0.0};
   // The mean of the two triangles. The gradient is that of a normal of this length.
   const double radius_m = std::min(2.0 * length / curvature, model_.diameter_m);
-  if (MoveToRim(sight.eye, radius_m, rim.point, rim.normal)) rim.radius_m = radius_m;
+  if (MoveToRim(eye_heights.eye, radius_m, rim.point, rim.normal)) rim.radius_m = radius_m;
   return rim;
 }
 
-void ContourMesh::AppendDivided(const Sight& sight, const Triangle& triangle, const Eigen::Vector3d& from,
+void ContourMesh::AppendDivided(const EyeHeights& eye_heights, const Triangle& triangle, const Eigen::Vector3d& from,
                                 const Eigen::Vector3d& to, const RimPoint& end, Rims& rims) const {
   const RimPoint start = rims.points.back();
   int num_parts = 1;
   if (start.is_convex() && end.is_convex()) {
     // core/contours/README.md, equation (8).
     const double sagitta_m = std::abs((end.normal - start.normal).dot(end.point - start.point)) / 8.0;
-    const double ratio = sagitta_m / (sight.max_sagitta_rad * (end.point - sight.eye).norm());
+    const double ratio = sagitta_m / (eye_heights.max_sagitta_rad * (end.point - eye_heights.eye).norm());
     while (num_parts < kMaxParts && num_parts * num_parts < ratio) ++num_parts;
   }
   for (int part = 1; part < num_parts; ++part) {
     const double fraction = static_cast<double>(part) / num_parts;
-    rims.points.push_back(MakeRimPoint(sight, triangle, triangle, from + fraction * (to - from)));
+    rims.points.push_back(MakeRimPoint(eye_heights, triangle, triangle, from + fraction * (to - from)));
   }
   rims.points.push_back(end);
 }
 
-void ContourMesh::FollowContour(const Sight& sight, absl::Span<Crossing> crossings, size_t first, Rims& rims) const {
+void ContourMesh::FollowContour(const EyeHeights& eye_heights, absl::Span<Crossing> crossings, size_t first,
+                                Rims& rims) const {
   Crossing* crossing = &crossings[first];
   const uint32_t first_neighbour = triangles_[crossing->triangle].neighbours[crossing->in];
   const auto begin = static_cast<uint32_t>(rims.points.size());
   {
     const Triangle& triangle = triangles_[crossing->triangle];
     const Triangle& other = first_neighbour == kNone ? triangle : triangles_[first_neighbour / 3];
-    rims.points.push_back(MakeRimPoint(sight, triangle, other, CrossingOfEdge(sight, triangle, crossing->in)));
+    rims.points.push_back(
+        MakeRimPoint(eye_heights, triangle, other, CrossingOfEdge(eye_heights, triangle, crossing->in)));
   }
   bool is_ring = false;
   while (true) {
@@ -240,11 +244,11 @@ void ContourMesh::FollowContour(const Sight& sight, absl::Span<Crossing> crossin
     const Triangle& triangle = triangles_[crossing->triangle];
     const uint32_t neighbour = triangle.neighbours[crossing->out];
     is_ring = neighbour != kNone && neighbour / 3 == crossings[first].triangle;
-    const Eigen::Vector3d from = CrossingOfEdge(sight, triangle, crossing->in);
-    const Eigen::Vector3d to = CrossingOfEdge(sight, triangle, crossing->out);
+    const Eigen::Vector3d from = CrossingOfEdge(eye_heights, triangle, crossing->in);
+    const Eigen::Vector3d to = CrossingOfEdge(eye_heights, triangle, crossing->out);
     const Triangle& other = neighbour == kNone ? triangle : triangles_[neighbour / 3];
-    const RimPoint end = is_ring ? rims.points[begin] : MakeRimPoint(sight, triangle, other, to);
-    AppendDivided(sight, triangle, from, to, end, rims);
+    const RimPoint end = is_ring ? rims.points[begin] : MakeRimPoint(eye_heights, triangle, other, to);
+    AppendDivided(eye_heights, triangle, from, to, end, rims);
     if (neighbour == kNone || is_ring) break;
     crossing = &*std::lower_bound(crossings.begin(), crossings.end(), neighbour / 3,
                                   [](const Crossing& c, uint32_t index) { return c.triangle < index; });
@@ -257,10 +261,10 @@ void ContourMesh::FindRims(const Eigen::Vector3d& eye, double max_sagitta_rad, R
   rims.points.clear();
   rims.chains.clear();
   if (triangles_.empty()) return;
-  Sight sight{eye, max_sagitta_rad, heights_m_, std::vector<uint8_t>(heights_m_.size())};
+  EyeHeights eye_heights{eye, max_sagitta_rad, heights_m_, std::vector<uint8_t>(heights_m_.size())};
   SubtractEye(normals_[0].data(), normals_[1].data(), normals_[2].data(), eye, heights_m_.size(),
-              sight.heights_m.data(), sight.is_back.data());
-  std::vector<Crossing> crossings = FindCrossings(sight);
+              eye_heights.heights_m.data(), eye_heights.is_back.data());
+  std::vector<Crossing> crossings = FindCrossings(eye_heights);
   // Contours that end at the border of a region first, from their beginning; what remains are rings.
   for (const bool is_open : {true, false}) {
     for (size_t i = 0; i < crossings.size(); ++i) {
@@ -268,7 +272,7 @@ void ContourMesh::FindRims(const Eigen::Vector3d& eye, double max_sagitta_rad, R
       const Crossing& crossing = crossings[i];
       if (crossing.is_visited) continue;
       if (is_open && triangles_[crossing.triangle].neighbours[crossing.in] != kNone) continue;
-      FollowContour(sight, absl::MakeSpan(crossings), i, rims);
+      FollowContour(eye_heights, absl::MakeSpan(crossings), i, rims);
     }
   }
 }

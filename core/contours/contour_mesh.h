@@ -57,20 +57,20 @@ class ContourMesh {
     uint8_t in, out;  // the edges at which the contour enters and leaves
     bool is_visited;
   };
-  struct Sight;  // the eye, and the height of the eye's rays above the tangent planes at the corners
+  struct EyeHeights;  // the eye, and n . (p - eye) at each corner p with the normal n
 
   void AddTriangles(const std::vector<uint32_t>& curved_number);
   void LinkTriangles();
   // The triangles through which contours pass, in ascending order.
-  std::vector<Crossing> FindCrossings(const Sight& sight) const;
-  void FollowContour(const Sight& sight, absl::Span<Crossing> crossings, size_t first, Rims& rims) const;
-  Eigen::Vector3d CrossingOfEdge(const Sight& sight, const Triangle& triangle, int edge) const;
+  std::vector<Crossing> FindCrossings(const EyeHeights& eye_heights) const;
+  void FollowContour(const EyeHeights& eye_heights, absl::Span<Crossing> crossings, size_t first, Rims& rims) const;
+  Eigen::Vector3d CrossingOfEdge(const EyeHeights& eye_heights, const Triangle& triangle, int edge) const;
   // Curvature of the surface along the ray, 1/m.
-  double CurvatureAlongRay(const Sight& sight, const Triangle& triangle, const Eigen::Vector3d& ray) const;
+  double CurvatureAlongRay(const EyeHeights& eye_heights, const Triangle& triangle, const Eigen::Vector3d& ray) const;
   // The contour point at barycentric coordinates; `other` is the second triangle at an edge, or the same one.
-  RimPoint MakeRimPoint(const Sight& sight, const Triangle& triangle, const Triangle& other,
+  RimPoint MakeRimPoint(const EyeHeights& eye_heights, const Triangle& triangle, const Triangle& other,
                         const Eigen::Vector3d& barycentric) const;
-  void AppendDivided(const Sight& sight, const Triangle& triangle, const Eigen::Vector3d& from,
+  void AppendDivided(const EyeHeights& eye_heights, const Triangle& triangle, const Eigen::Vector3d& from,
                      const Eigen::Vector3d& to, const RimPoint& end, Rims& rims) const;
 
   const ObjectModel& model_;

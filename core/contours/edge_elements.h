@@ -19,10 +19,11 @@
 
 namespace evpose {
 
-// Prior contrasts (README, section 4): of a step between parallel faces, and of a crease before the object at which the
-// surface turns by at least 40 degrees. CreaseContrast(): of a crease before the object that turns by `turn_rad`.
+// Prior contrast of a step between parallel faces (README, section 4).
 inline constexpr float kStepContrast = 0.1f;
+// Prior contrast of a crease of at least 40 degrees that is no part of the outline.
 inline constexpr float kSharpCreaseContrast = 0.8f;
+// Returns the prior contrast of a crease that turns by `turn_rad` and is no part of the outline.
 float CreaseContrast(double turn_rad);
 
 struct EdgeElement {

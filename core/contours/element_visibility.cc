@@ -20,21 +20,21 @@ constexpr float kInnerContrast = 0.5f;
 constexpr float kBluntContrast = 0.5f;
 constexpr double kSharpTurnRad = 0.7;  // 40 degrees
 
-// How one candidate is seen.
-struct EdgeSight {
+// The rays that test the visibility of a candidate.
+struct EdgeRays {
   Eigen::Vector3d origin;    // of the rays
   Eigen::Vector3d outwards;  // unit normal of a side that faces the eye; zero for a wire
   Eigen::Vector3d beside;    // in the image beyond an occluding edge; zero for other edges
   bool is_turned_away = false;
 };
 
-EdgeSight LookAtContour(const ElementView& view, const EdgeElement& element) {
+EdgeRays RaysOfContour(const ElementView& view, const EdgeElement& element) {
   const Eigen::Vector3d normal = (element.normals[0] + element.normals[1]).normalized();
   return {view.eye, normal, normal, false};
 }
 
-EdgeSight LookAtEdge(const ElementView& view, const EdgeElement& element, double grazing_cosine) {
-  EdgeSight sight{view.eye, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(), false};
+EdgeRays RaysOfEdge(const ElementView& view, const EdgeElement& element, double grazing_cosine) {
+  EdgeRays rays{view.eye, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(), false};
   std::array<Eigen::Vector3d, 2> normals;
   size_t num_normals = 0, num_back = 0;
   const Eigen::Vector3d middle = 0.5 * (element.p1 + element.p2);
@@ -46,45 +46,44 @@ EdgeSight LookAtEdge(const ElementView& view, const EdgeElement& element, double
     if (height_m < 0.0) ++num_back;
     if (num_normals == 0 || height_m > best_height_m) {
       best_height_m = height_m;
-      sight.outwards = normal;
+      rays.outwards = normal;
     }
     normals[num_normals++] = normal;
   }
-  sight.is_turned_away = !FindRayOrigin({normals.data(), num_normals}, middle, grazing_cosine, sight.origin);
+  rays.is_turned_away = !FindRayOrigin({normals.data(), num_normals}, middle, grazing_cosine, rays.origin);
   if (num_normals == 2 && num_back == 1) {
     const Eigen::Vector3d across = to_eye.cross(element.p2 - element.p1).normalized();
-    sight.beside = across.dot(element.normals[0] + element.normals[1]) < 0.0 ? Eigen::Vector3d(-across) : across;
+    rays.beside = across.dot(element.normals[0] + element.normals[1]) < 0.0 ? Eigen::Vector3d(-across) : across;
   }
-  return sight;
+  return rays;
 }
 
-class Looker {
+class VisibilityRays {
  public:
-  Looker(const ElementView& view, const ObjectModel& model, const TriangleBvh& faces)
+  VisibilityRays(const ElementView& view, const ObjectModel& model, const TriangleBvh& faces)
       : view_(view), model_(model), faces_(faces), has_distortion_(view.camera.HasDistortion()) {}
 
-  EdgeSight Look(const EdgeElement& element) const {
-    return element.kind == EdgeKind::kContour ? LookAtContour(view_, element)
-                                              : LookAtEdge(view_, element, VisibilityOptions().grazing_cosine);
+  EdgeRays RaysOf(const EdgeElement& element) const {
+    return element.kind == EdgeKind::kContour ? RaysOfContour(view_, element)
+                                              : RaysOfEdge(view_, element, VisibilityOptions().grazing_cosine);
   }
 
-  bool Sees(const EdgeSight& sight, const Eigen::Vector3d& point) {
+  bool IsVisible(const EdgeRays& rays, const Eigen::Vector3d& point) {
     if (has_distortion_ && !view_.camera.IsInImage(view_.Project(point))) return false;
-    const Eigen::Vector3d towards = (sight.origin - point).normalized();
-    const Eigen::Vector3d moved = point + model_.diameter_m * (kTowardsEye * towards + kOutwards * sight.outwards);
-    return !faces_.IsOccluded(sight.origin, moved, VisibilityOptions().surface_tolerance * model_.diameter_m,
-                              occluder_);
+    const Eigen::Vector3d towards = (rays.origin - point).normalized();
+    const Eigen::Vector3d moved = point + model_.diameter_m * (kTowardsEye * towards + kOutwards * rays.outwards);
+    return !faces_.IsOccluded(rays.origin, moved, VisibilityOptions().surface_tolerance * model_.diameter_m, occluder_);
   }
 
-  // Sets the prior contrast. Whether an occluding edge has the background behind it needs a ray.
-  void Rate(const EdgeSight& sight, Candidate& candidate) const {
+  // Whether an occluding edge has the background behind it needs a ray.
+  void SetPriorContrast(const EdgeRays& rays, Candidate& candidate) const {
     EdgeElement& element = candidate.element;
     if (element.kind == EdgeKind::kBoundary) {
       candidate.is_outline = true;
-    } else if (!sight.beside.isZero()) {
+    } else if (!rays.beside.isZero()) {
       const Eigen::Vector3d middle = 0.5 * (element.p1 + element.p2);
       const double pixel_m = (middle - view_.eye).norm() / view_.camera.MaxFocalPx();
-      const Eigen::Vector3d start = middle + kBesideEdgePx * pixel_m * sight.beside;
+      const Eigen::Vector3d start = middle + kBesideEdgePx * pixel_m * rays.beside;
       const Eigen::Vector3d end = start + kBackgroundDiameters * model_.diameter_m * (start - view_.eye).normalized();
       candidate.is_outline = !faces_.IsOccluded(start, end, 0.0);
     }
@@ -111,16 +110,18 @@ class Looker {
 };
 
 // Cuts a candidate to its visible part; false if most of it is hidden.
-bool CutToVisible(const ElementView& view, Looker& looker, const EdgeSight& sight, Candidate& candidate) {
+bool CutToVisible(const ElementView& view, VisibilityRays& visibility, const EdgeRays& rays, Candidate& candidate) {
   const Eigen::Vector3d along = candidate.element.p2 - candidate.element.p1;
-  const auto sees = [&](double fraction) { return looker.Sees(sight, candidate.element.p1 + fraction * along); };
-  const bool sees_first = sees(1.0 / 6.0), sees_last = sees(5.0 / 6.0);
-  if (sees_first && sees_last) return true;
-  if (!sees_first && !sees_last) return false;
-  if (!sees(0.5)) return false;
-  candidate.element = PartOf(candidate.element, sees_first ? 0.0 : 1.0 / 3.0, sees_first ? 2.0 / 3.0 : 1.0);
-  (sees_first ? candidate.p2_px : candidate.p1_px) =
-      view.Project(sees_first ? candidate.element.p2 : candidate.element.p1);
+  const auto is_visible = [&](double fraction) {
+    return visibility.IsVisible(rays, candidate.element.p1 + fraction * along);
+  };
+  const bool is_first_visible = is_visible(1.0 / 6.0), is_last_visible = is_visible(5.0 / 6.0);
+  if (is_first_visible && is_last_visible) return true;
+  if (!is_first_visible && !is_last_visible) return false;
+  if (!is_visible(0.5)) return false;
+  candidate.element = PartOf(candidate.element, is_first_visible ? 0.0 : 1.0 / 3.0, is_first_visible ? 2.0 / 3.0 : 1.0);
+  (is_first_visible ? candidate.p2_px : candidate.p1_px) =
+      view.Project(is_first_visible ? candidate.element.p2 : candidate.element.p1);
   return true;
 }
 
@@ -129,19 +130,19 @@ bool CutToVisible(const ElementView& view, Looker& looker, const EdgeSight& sigh
 float CreaseContrast(double turn_rad) { return turn_rad < kSharpTurnRad ? kBluntContrast : kSharpCreaseContrast; }
 
 bool IsTurnedAway(const ElementView& view, const EdgeElement& element) {
-  return LookAtEdge(view, element, VisibilityOptions().grazing_cosine).is_turned_away;
+  return RaysOfEdge(view, element, VisibilityOptions().grazing_cosine).is_turned_away;
 }
 
 void KeepVisible(const ElementView& view, const ObjectModel& model, const TriangleBvh& faces,
                  std::vector<Candidate>& candidates) {
-  Looker looker(view, model, faces);
+  VisibilityRays visibility(view, model, faces);
   size_t kept = 0;
   for (size_t i = 0; i < candidates.size(); ++i) {
     YieldPoint(i);
     Candidate candidate = candidates[i];
-    const EdgeSight sight = looker.Look(candidate.element);
-    if (sight.is_turned_away || !CutToVisible(view, looker, sight, candidate)) continue;
-    looker.Rate(sight, candidate);
+    const EdgeRays rays = visibility.RaysOf(candidate.element);
+    if (rays.is_turned_away || !CutToVisible(view, visibility, rays, candidate)) continue;
+    visibility.SetPriorContrast(rays, candidate);
     candidates[kept++] = candidate;
   }
   candidates.resize(kept);

@@ -23,7 +23,7 @@ double MotionSign(double speed_px_per_s) {
 absl::Status EdgeOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckPositive("min_events", min_events));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("memory_events", memory_events));
-  return CheckPositive("turn_memory_px2", turn_memory_px2);
+  return CheckPositive("reversal_memory_px2", reversal_memory_px2);
 }
 
 double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events, double speed_px_per_s) {
@@ -40,8 +40,8 @@ EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& ra
   const double kappa = std::clamp(rates.kappa, -1.0, 1.0);
   // A stripe has two edges, and each produces half of the events.
   const double edge_share = 0.5 * (1.0 + std::abs(kappa));
-  const double thresholds = edge_share * (rates.events_per_px2 + rates.turns_per_px2);
-  const double turn_ratio = std::min(1.0, edge_share * rates.recent_turns_per_px2);
+  const double thresholds = edge_share * (rates.events_per_px2 + rates.reversals_per_px2);
+  const double turn_ratio = std::min(1.0, edge_share * rates.recent_reversals_per_px2);
   const double contrast = thresholds * sensor.contrast_threshold;
   const double hysteresis = turn_ratio / std::max(thresholds, turn_ratio);
   const EdgeResponse& response = EdgeResponse::Get();
@@ -56,8 +56,8 @@ EdgeOffsets EdgeBias::ExpectedOffsets(const Profile& profile, int half) const {
   if (profile.events < options_.min_events) return {};
   // The lower bounds of the areas avoid a division by zero; min_events need far larger areas.
   const EdgeRates rates = {profile.events / std::max(profile.live_px2, 0.25),
-                           profile.turns / std::max(profile.swept_px2, 1.0),
-                           profile.recent_turns[half] / std::max(profile.recent_swept_px2[half], 1.0),
+                           profile.reversals / std::max(profile.swept_px2, 1.0),
+                           profile.recent_reversals[half] / std::max(profile.recent_swept_px2[half], 1.0),
                            profile.polarity_motion / profile.events};
   return ExpectedEdgeOffsets(sensor_, rates);
 }
@@ -126,18 +126,19 @@ void EdgeBias::Add(const EdgeCounts& counts, double velocity_px_per_s, const std
   profile.swept_px2 += both_px2;
   profile.live_px2 += LiveAreaPx2(sensor_, both_px2, events, std::abs(velocity_px_per_s));
   profile.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]);
-  profile.turns += counts.turns[0] + counts.turns[1];
+  profile.reversals += counts.reversals[0] + counts.reversals[1];
   const double keep = std::min(1.0, options_.memory_events / std::max(profile.events, 1.0));
   profile.events *= keep;
   profile.swept_px2 *= keep;
   profile.live_px2 *= keep;
   profile.polarity_motion *= keep;
-  profile.turns *= keep;
+  profile.reversals *= keep;
   for (int half = 0; half < 2; ++half) {
-    profile.recent_turns[half] += counts.turns[half];
+    profile.recent_reversals[half] += counts.reversals[half];
     profile.recent_swept_px2[half] += swept_px2[half];
-    const double keep_recent = std::min(1.0, options_.turn_memory_px2 / std::max(profile.recent_swept_px2[half], 1.0));
-    profile.recent_turns[half] *= keep_recent;
+    const double keep_recent =
+        std::min(1.0, options_.reversal_memory_px2 / std::max(profile.recent_swept_px2[half], 1.0));
+    profile.recent_reversals[half] *= keep_recent;
     profile.recent_swept_px2[half] *= keep_recent;
   }
 }

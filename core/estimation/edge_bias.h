@@ -27,20 +27,20 @@ struct EdgeCounts {
   std::array<double, 2> polarity = {};  // by polarity: OFF, ON
   // Events after one of the other polarity, on the first and on the second half of the line. An event with an unknown
   // predecessor counts one half.
-  std::array<double, 2> turns = {};
+  std::array<double, 2> reversals = {};
 
   void Add(const Observation& event, int half, double weight) {
     polarity[event.polarity] += weight;
-    turns[half] += event.TurnRatio() * weight;
+    reversals[half] += event.ReversalProbability() * weight;
   }
 };
 
 // Rates of the events of a moving line.
 struct EdgeRates {
-  double events_per_px2 = 0.0;        // per square pixel of LiveAreaPx2()
-  double turns_per_px2 = 0.0;         // events after one of the other polarity, per square pixel of the swept area
-  double recent_turns_per_px2 = 0.0;  // the same over the last milliseconds
-  double kappa = 0.0;                 // mean of the polarity (+-1) times the sign of the normal velocity
+  double events_per_px2 = 0.0;            // per square pixel of LiveAreaPx2()
+  double reversals_per_px2 = 0.0;         // events after one of the other polarity, per square pixel of the swept area
+  double recent_reversals_per_px2 = 0.0;  // the same over the last milliseconds
+  double kappa = 0.0;                     // mean of the polarity (+-1) times the sign of the normal velocity
 };
 
 // Area in square pixels that a line sweeps while the pixels are able to respond. After each event a pixel is
@@ -63,7 +63,7 @@ EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& ra
 // are in its profile. Validated together with the constants of the profile by the position errors of `evpose bench
 // tracking` (core/experiments/RESULTS.md, Tracking): without the correction the depth had a bias of 0.09 to 0.24 %, and
 // the choice of min_events follows from the errors of 1 % and 3 degrees that a stripe caused
-// (core/estimation/README.md, section 3). edge_bias_test bounds turn_memory_px2 from above.
+// (core/estimation/README.md, section 3). edge_bias_test bounds reversal_memory_px2 from above.
 struct EdgeOptions {
   // Explained events of a line before a correction is applied to it: with a step correction, the line of a stripe
   // converges to one of its sides (core/estimation/README.md, section 3).
@@ -73,7 +73,7 @@ struct EdgeOptions {
   double memory_events = 5000.0;
   // Square pixels, swept by one half of a line, over which the recent rate of polarity reversals is averaged: some
   // milliseconds. The previous events of the pixels change as soon as the motion does.
-  double turn_memory_px2 = 150.0;
+  double reversal_memory_px2 = 150.0;
 
   absl::Status Validate() const;
 };
@@ -102,13 +102,13 @@ class EdgeBias {
     double swept_px2 = 0.0;        // area that the line swept while it produced them
     double live_px2 = 0.0;         // share of it by LiveAreaPx2()
     double polarity_motion = 0.0;  // sum of polarity (+-1) times the sign of the normal velocity
-    double turns = 0.0;            // events after one of the other polarity
-    // Reversals and swept area of each half over the last milliseconds (EdgeOptions::turn_memory_px2).
-    std::array<double, 2> recent_turns = {};
+    double reversals = 0.0;        // events after one of the other polarity
+    // Reversals and swept area of each half over the last milliseconds (EdgeOptions::reversal_memory_px2).
+    std::array<double, 2> recent_reversals = {};
     std::array<double, 2> recent_swept_px2 = {};
 
     static void VisitState(auto& archive, auto& self) {
-      auto& [events, swept_px2, live_px2, polarity_motion, turns, recent_turns, recent_swept_px2] = self;
+      auto& [events, swept_px2, live_px2, polarity_motion, reversals, recent_reversals, recent_swept_px2] = self;
       // No line reaches it: at 1e9 events per second it takes eleven days. Ratios of loaded values stay finite, so that
       // no index of a table overflows.
       constexpr double kMax = 1e15;
@@ -116,9 +116,9 @@ class EdgeBias {
       archive(is_empty);
       if (is_empty) return;
       archive(AtMost(events, kMax), AtMost(swept_px2, kMax), AtMost(live_px2, kMax),
-              InRange(polarity_motion, -kMax, kMax), AtMost(turns, kMax));
+              InRange(polarity_motion, -kMax, kMax), AtMost(reversals, kMax));
       for (int half = 0; half < 2; ++half)
-        archive(AtMost(recent_turns[half], kMax), AtMost(recent_swept_px2[half], kMax));
+        archive(AtMost(recent_reversals[half], kMax), AtMost(recent_swept_px2[half], kMax));
     }
   };
   // Adds the counts of one window. The velocity is normal to the line, the swept areas are those of its halves.

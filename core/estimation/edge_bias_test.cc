@@ -27,8 +27,8 @@ class EdgeBiasTest : public ::testing::Test {
     return sign * (lines_[0].a - lines_[0].a_expected).dot(middle);
   }
   // Learns from a window of 10 ms, in which the line of 100 px sweeps 200 px^2.
-  void Learn(EdgeBias& bias, double off, double on, double turns = 0.0) {
-    const std::vector<EdgeCounts> counts = {{{off, on}, {0.5 * turns, 0.5 * turns}}};
+  void Learn(EdgeBias& bias, double off, double on, double reversals = 0.0) {
+    const std::vector<EdgeCounts> counts = {{{off, on}, {0.5 * reversals, 0.5 * reversals}}};
     bias.Learn(tracked_, lines_, counts, 0.01);
   }
   void MoveBack() {
@@ -107,8 +107,8 @@ TEST_F(EdgeBiasTest, AnUnknownPreviousEventCountsHalf) {
     counts.Add(event, 1, 0.5);
   }
   EXPECT_DOUBLE_EQ(counts.polarity[1], 1.5);
-  EXPECT_DOUBLE_EQ(counts.turns[1], 0.75);
-  EXPECT_EQ(counts.turns[0], 0.0);
+  EXPECT_DOUBLE_EQ(counts.reversals[1], 0.75);
+  EXPECT_EQ(counts.reversals[0], 0.0);
 }
 
 TEST_F(EdgeBiasTest, AStripeLagsButIsNotShifted) {

@@ -33,7 +33,8 @@ struct DeficitCounts {
   // deficit.
   void Add(const DeficitCounts& window);
   // Expected events that are remembered, at the lower bound of the event rate (MixtureOptions::min_events_per_px2).
-  // Sensors produce about ten times as many, so that a half line that moves seldom has no event for so long.
+  // Sensors produce about ten times as many, so that half a line in motion seldom remains without an event over this
+  // memory.
   static constexpr double kMemoryEvents = 0.5;
 
   // Most lines of a large model have no counts; one flag is stored for each of these.
@@ -51,16 +52,19 @@ struct DeficitCounts {
 enum class Expectation : uint8_t {
   // A straight line, or a curve that has shown events or has a high contrast: missing events contradict the estimate.
   kEvents,
-  // A contour against a background that may be as bright as the object: missing events say nothing yet of the motion.
+  // A contour against a background that may be as bright as the object: missing events are no
+  // evidence about the motion yet.
   kPerhaps,
-  // A curve that has moved without events while the pose was confirmed: missing events say nothing.
+  // A curve that has moved without events while the pose was confirmed: missing events are no
+  // evidence.
   kNothing,
 };
 
 // The events of a window near the predicted lines. All pointers and spans are valid during the call only.
 struct WindowInput : AssociatedEvents {
-  bool is_confirmed = false;  // the pose before this window is that of a confirmed track; otherwise no correction for
-                              // flicker is applied
+  // The hypothesis is no longer tentative, and most of its lines have been tested (TestCoverage::kMost). Otherwise no
+  // correction for flicker is applied.
+  bool is_mostly_tested = false;
   absl::Span<const TrackedLine> lines;
   absl::Span<const ImageLine> image_lines;  // image of `lines` at the predicted state; empty: not computed yet
   absl::Span<const DeficitCounts> past_deficit_counts;  // counts of `lines`, from earlier windows; empty: none

@@ -54,8 +54,8 @@ void CountForDeficit(const CameraModel& camera, const WindowInput& input, absl::
     for (int half = 0; half < 2; ++half) {
       const double speed = std::max(std::abs(HalfSpeedRow(camera, lines[k], half).dot(twist)), kMinSpeedPxPerS);
       deficit_counts[k].expected[half] = events_per_px2 * half_px * speed * input.duration_s;
-      const double events = sums[k].half_weight[half][0] * input.shares.events_per_observation[0] +
-                            sums[k].half_weight[half][1] * input.shares.events_per_observation[1];
+      const double events = sums[k].half_weight[half][0] * input.sampling.events_per_observation[0] +
+                            sums[k].half_weight[half][1] * input.sampling.events_per_observation[1];
       deficit_counts[k].observed[half] = events - noise_per_px * half_px;
     }
   }

@@ -84,7 +84,7 @@ class MixtureEstimator : public WindowEstimator {
       const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
       density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
       noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
-      if (input.is_confirmed) CorrectFlickerBias(input, density.gate_px);
+      if (input.is_mostly_tested) CorrectFlickerBias(input, density.gate_px);
       const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
       // The added variance shrinks by a factor of ten per pass and is negligible below 1 % of that of the events.
       if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
@@ -125,7 +125,7 @@ class MixtureEstimator : public WindowEstimator {
     LearnDisplacement(input.lines);
     LearnDispersion(input);
     counts_.clear();
-    for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.shares.events_per_observation));
+    for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.sampling.events_per_observation));
     clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
     edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s);
   }
@@ -148,7 +148,7 @@ class MixtureEstimator : public WindowEstimator {
     ForEachCurve(input.lines, [&](size_t first, size_t end) {
       LineCounts counts;
       for (size_t k = first; k < end; ++k) counts.Add(line_counts_[k]);
-      const double shift_px = FlickerBiasPx(counts, input.shares.events_per_observation, gate_px, sigma_px_);
+      const double shift_px = FlickerBiasPx(counts, input.sampling.events_per_observation, gate_px, sigma_px_);
       for (size_t k = first; k < end; ++k) {
         lines_[k].a_expected.z() -= shift_px - flicker_biases_px_[k];
         flicker_biases_px_[k] = shift_px;
@@ -386,7 +386,7 @@ class MixtureEstimator : public WindowEstimator {
   double Background(const WindowInput& input, double gate_px) const {
     double area_px2 = 0.0;
     for (size_t k = 0; k < lines_.size(); ++k) area_px2 += GateAreaPx2(input.cells, lines_, k, gate_px);
-    return input.background_per_px2 * area_px2 * input.shares.observations_per_background_event;
+    return input.background_per_px2 * area_px2 * input.sampling.observations_per_background_event;
   }
 
   const MixtureOptions options_;

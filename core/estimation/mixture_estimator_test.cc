@@ -129,12 +129,12 @@ TEST_F(MixtureTest, SumsAreByLineHalfAndPolarity) {
 TEST_F(MixtureTest, CountsAccountForDownsamplingByPolarity) {
   MixtureLine line;
   line.half_weight = {{{4.0, 1.0}, {2.0, 3.0}}};
-  line.half_turns = {{{2.0, 1.0}, {0.0, 3.0}}};
+  line.half_reversals = {{{2.0, 1.0}, {0.0, 3.0}}};
   const EdgeCounts counts = line.Counts({2.0, 10.0});
   EXPECT_EQ(counts.polarity[0], 12.0);
   EXPECT_EQ(counts.polarity[1], 40.0);
-  EXPECT_EQ(counts.turns[0], 14.0);
-  EXPECT_EQ(counts.turns[1], 30.0);
+  EXPECT_EQ(counts.reversals[0], 14.0);
+  EXPECT_EQ(counts.reversals[1], 30.0);
 }
 
 TEST_F(MixtureTest, AnEventDeficitBrakesTheTwist) {

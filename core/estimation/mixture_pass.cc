@@ -56,7 +56,7 @@ struct MixturePass::GroupSums {
   Lanes num_gated = {};
   std::array<Lanes, 2> beside = {};       // clutter, by side
   std::array<Lanes, 2> half_weight = {};  // weight of the whole line, and of its second half
-  std::array<Lanes, 2> turns = {};        // likewise
+  std::array<Lanes, 2> reversals = {};    // likewise
   Lanes ambiguous_px2 = {};
   Lanes squares_px2 = {};
 
@@ -64,7 +64,7 @@ struct MixturePass::GroupSums {
   void Add(const EventLanes& event, const GroupTerms& group, const Terms& terms, Lanes inverse, Lanes inlier_ratio,
            LaneMask is_nearest) {
     const LaneMask is_counted = terms.is_gated & is_nearest;
-    num_gated += Only(is_counted, 1.0f - inlier_ratio * event.competing * inverse);
+    num_gated += Only(is_counted, 1.0f - inlier_ratio * event.others_per_px * inverse);
     const Lanes clutter = Only(is_counted & group.IsBeside(terms), terms.outlier * inverse);
     const Lanes above = Only(terms.distance_px > 0.0f, clutter);
     beside[0] += clutter - above;
@@ -72,11 +72,11 @@ struct MixturePass::GroupSums {
     const Lanes responsibility = terms.likelihood * inverse;
     const Lanes weight = Only(terms.is_gated & (responsibility >= kLeastWeight), responsibility);
     const LaneMask is_second = group.IsSecondHalf(terms);
-    const Lanes turned = weight * event.turn;
+    const Lanes reversed = weight * event.turn;
     half_weight[0] += weight;
     half_weight[1] += Only(is_second, weight);
-    turns[0] += turned;
-    turns[1] += Only(is_second, turned);
+    reversals[0] += reversed;
+    reversals[1] += Only(is_second, reversed);
     const Lanes squares = weight * (terms.distance_px * terms.distance_px);
     ambiguous_px2 += (1.0f - weight) * squares;
     squares_px2 += squares;
@@ -87,11 +87,11 @@ struct MixturePass::GroupSums {
     line.sums.Add(products, group.origin);
     const double weight = SumOf(half_weight[0]);
     const double second_weight = SumOf(half_weight[1]);
-    const double second_turns = SumOf(turns[1]);
+    const double second_reversals = SumOf(reversals[1]);
     line.half_weight[0][group.polarity] += weight - second_weight;
     line.half_weight[1][group.polarity] += second_weight;
-    line.half_turns[0][group.polarity] += SumOf(turns[0]) - second_turns;
-    line.half_turns[1][group.polarity] += second_turns;
+    line.half_reversals[0][group.polarity] += SumOf(reversals[0]) - second_reversals;
+    line.half_reversals[1][group.polarity] += second_reversals;
     for (int side = 0; side < 2; ++side) line.beside[side][group.polarity] += SumOf(beside[side]);
     line.ambiguous_px2 += SumOf(ambiguous_px2);
     totals.num_gated += SumOf(num_gated);
@@ -141,7 +141,7 @@ EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, ab
         of_events.Add(event, of_group, terms_[k], inverse_[k], inlier_ratio, is_nearest_[k]);
       } else {
         const Terms terms = of_group.Of(event);
-        const Lanes inverse = 1.0f / (terms.likelihood + terms.outlier + inlier_ratio * event.competing);
+        const Lanes inverse = 1.0f / (terms.likelihood + terms.outlier + inlier_ratio * event.others_per_px);
         of_events.Add(event, of_group, terms, inverse, inlier_ratio, kAllLanes);
       }
     }
@@ -173,7 +173,7 @@ void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& de
       off_px[0] = is_first ? distance_px : off_px[0];
     }
     if (near[0] == kNone) continue;
-    float sum = inlier_ratio * event.competing + terms_[near[0] / kNumLanes].outlier[near[0] % kNumLanes];
+    float sum = inlier_ratio * event.others_per_px + terms_[near[0] / kNumLanes].outlier[near[0] % kNumLanes];
     for (const uint32_t place : near) {
       if (place != kNone) sum += terms_[place / kNumLanes].likelihood[place % kNumLanes];
     }
@@ -189,7 +189,7 @@ EdgeCounts MixtureLine::Counts(const ByPolarity& events_per_observation) const {
   for (int polarity = 0; polarity < 2; ++polarity) {
     counts.polarity[polarity] = weight()[polarity] * events_per_observation[polarity];
     for (int half = 0; half < 2; ++half) {
-      counts.turns[half] += half_turns[half][polarity] * events_per_observation[polarity];
+      counts.reversals[half] += half_reversals[half][polarity] * events_per_observation[polarity];
     }
   }
   return counts;

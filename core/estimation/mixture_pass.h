@@ -21,8 +21,8 @@ struct MixtureLine {
   LineSums sums;
   // Weights of the observations on the first and the second half, by polarity.
   std::array<ByPolarity, 2> half_weight = {};
-  // The part of half_weight whose previous event had the other polarity (EdgeCounts::turns).
-  std::array<ByPolarity, 2> half_turns = {};
+  // The part of half_weight whose previous event had the other polarity (EdgeCounts::reversals).
+  std::array<ByPolarity, 2> half_reversals = {};
   std::array<ByPolarity, 2> beside = {};  // clutter by side and polarity (LineCounts::beside)
   double ambiguous_px2 = 0.0;             // sum of w (1 - w) d^2, for ObservedRatio()
   // Observed information about the position of the line divided by the complete one, in [0.1, 1]: the missing
@@ -46,8 +46,8 @@ struct MixtureTotals {
 // Performs passes over the events; the memory is kept for the next pass.
 class MixturePass {
  public:
-  // Computes the weights of every event for its two nearest lines, for other objects (Observation::competing) and for
-  // the clutter beside the nearest line, and sums by line. `densities` has one entry per line of `lines`; `sums`
+  // Computes the weights of every event for its two nearest lines, for other objects (Observation::others_per_px) and
+  // for the clutter beside the nearest line, and sums by line. `densities` has one entry per line of `lines`; `sums`
   // likewise, and is overwritten. Returns the sums over all lines.
   MixtureTotals Accumulate(const LineEvents& events, absl::Span<const ImageLine> lines, const MixtureDensity& density,
                            absl::Span<const LineDensities> densities, std::vector<MixtureLine>& sums);

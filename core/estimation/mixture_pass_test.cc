@@ -38,14 +38,14 @@ MixtureTotals PlainPass(absl::Span<const Observation> events, absl::Span<const I
       const double u = near.distance_px[k] / density.sigma_px;
       likelihood[k] = densities[near.line[k]].own[event.polarity] * density.Peak() * std::exp(-0.5 * u * u);
     }
-    const double competing = (1.0 - density.outlier_ratio) * event.competing;
+    const double others_per_px = (1.0 - density.outlier_ratio) * event.others_per_px;
     const int side = near.distance_px[0] > 0.0 ? 1 : 0;
     const double outlier = densities[near.line[0]].beside[side][event.polarity];
-    const double all = likelihood[0] + likelihood[1] + outlier + competing;
+    const double all = likelihood[0] + likelihood[1] + outlier + others_per_px;
     if (std::abs(near.distance_px[0]) > LineCounts::kLateralRatio * density.gate_px) {
       sums[near.line[0]].beside[side][event.polarity] += outlier / all;
     }
-    totals.num_gated += 1.0 - competing / all;
+    totals.num_gated += 1.0 - others_per_px / all;
     for (int k = 0; k < near.count; ++k) {
       const double weight = likelihood[k] / all;
       if (weight < kLeastWeight) continue;
@@ -103,7 +103,7 @@ class MixturePassTest : public ::testing::TestWithParam<int> {
     event.tau_s = random_.Uniform(-1e-3, 1e-3);
     event.polarity = static_cast<uint8_t>(random_.UniformInt(2));
     event.previous = static_cast<PreviousPolarity>(random_.UniformInt(3));
-    event.competing = random_.Uniform() < 0.3 ? static_cast<float>(random_.Uniform(0.0, 0.5)) : 0.0f;
+    event.others_per_px = random_.Uniform() < 0.3 ? static_cast<float>(random_.Uniform(0.0, 0.5)) : 0.0f;
     if (grid_.GiveLines(event)) events_.push_back(event);
   }
 
@@ -146,7 +146,7 @@ TEST_P(MixturePassTest, EqualsAPlainLoop) {
     for (int i = 0; i < 2; ++i) {
       EXPECT_NEAR(sums[k].half_weight[i][0] + sums[k].half_weight[i][1], plain[k].half_weight[i], kEvents);
       EXPECT_NEAR(sums[k].weight()[i], plain[k].counts.polarity[i], kEvents);
-      EXPECT_NEAR(sums[k].Counts({1.0, 1.0}).turns[i], plain[k].counts.turns[i], kEvents);
+      EXPECT_NEAR(sums[k].Counts({1.0, 1.0}).reversals[i], plain[k].counts.reversals[i], kEvents);
       for (int j = 0; j < 2; ++j) EXPECT_NEAR(sums[k].beside[i][j], plain[k].beside[i][j], kEvents);
     }
   }

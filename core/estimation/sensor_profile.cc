@@ -63,7 +63,7 @@ absl::Status FieldError(const std::string& file, const std::string& key, const s
 absl::Status ReadField(const std::string& file, const std::string& key, const YAML::Node& node,
                        SensorProfile& profile) {
   if (key == kNameKey) {
-    if (!node.IsScalar()) return FieldError(file, key, "must be a single text");
+    if (!node.IsScalar()) return FieldError(file, key, "must be a YAML scalar");
     profile.name = node.Scalar();
     return absl::OkStatus();
   }
@@ -85,7 +85,7 @@ absl::StatusOr<SensorProfile> ReadProfile(const YAML::Node& root, const std::str
   }
   SensorProfile profile;
   for (const auto& entry : root) {
-    if (!entry.first.IsScalar()) return absl::InvalidArgumentError(absl::StrCat(file, ": a key must be a single text"));
+    if (!entry.first.IsScalar()) return absl::InvalidArgumentError(absl::StrCat(file, ": a key must be a YAML scalar"));
     EVPOSE_RETURN_IF_ERROR(ReadField(file, entry.first.Scalar(), entry.second, profile));
   }
   if (const absl::Status status = profile.Validate(); !status.ok()) {

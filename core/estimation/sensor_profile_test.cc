@@ -67,14 +67,14 @@ TEST(SensorProfile, ErrorsNameFileAndField) {
   EXPECT_THAT(ErrorOf("blur_px: wide"), HasSubstr("blur_px: is not a number"));
   EXPECT_THAT(ErrorOf("blur_px: [0.7]"), HasSubstr("blur_px: is not a number"));
   EXPECT_THAT(ErrorOf("blur_px:"), HasSubstr("blur_px: is not a number"));
-  EXPECT_THAT(ErrorOf("name: {a: b}"), HasSubstr("name: must be a single text"));
+  EXPECT_THAT(ErrorOf("name: {a: b}"), HasSubstr("name: must be a YAML scalar"));
   EXPECT_THAT(ErrorOf("name: \xcc\xf5\x8f"), HasSubstr("name must be text in UTF-8"));
   EXPECT_THAT(ErrorOf("blur_px: 50"), HasSubstr("blur_px is 50; it must lie in [0, 5]"));
   EXPECT_THAT(ErrorOf("contrast_threshold: 0"), HasSubstr("contrast_threshold is 0; it must lie in"));
   EXPECT_THAT(ErrorOf("pixel_noise_px: -1"), HasSubstr("pixel_noise_px is -1; it must lie in"));
   EXPECT_THAT(ErrorOf("latency_us: .nan"), HasSubstr("latency_us is nan; it must lie in"));
   EXPECT_THAT(ErrorOf("image_width: 1280\nimage_height: 720"), HasSubstr("image_width: is not a field"));
-  EXPECT_THAT(ErrorOf("? [a, b]\n: 1\n"), HasSubstr("a key must be a single text"));
+  EXPECT_THAT(ErrorOf("? [a, b]\n: 1\n"), HasSubstr("a key must be a YAML scalar"));
   EXPECT_THAT(ErrorOf(std::string(100'000, '#')), HasSubstr("larger than"));
 }
 

@@ -11,8 +11,8 @@
 
 namespace evpose {
 
-// Standard deviations of the constants among sensors. The sensor profile says which share of them remains
-// (SensorProfile::uncertainty). They were validated by the NEES of objects on sensors with thresholds from 0.15 to
+// Standard deviations of the constants among sensors. SensorProfile::uncertainty is the share of them that remains with
+// a profile. They were validated by the NEES of objects on sensors with thresholds from 0.15 to
 // 0.45, bandwidths from 600 Hz to 10 kHz, refractory times from 50 to 400 us and lenses that blur by 0.3 to 1.2 px
 // (tests/bench/consistency.py).
 struct SystematicOptions {

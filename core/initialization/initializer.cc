@@ -74,7 +74,7 @@ PoseInitializer::PoseInitializer(std::shared_ptr<const ObjectModel> model, const
       templates_(std::move(templates)) {}
 
 bool PoseInitializer::IsPlausible(const PoseHypothesis& hypothesis) const {
-  return hypothesis.chance_poses <= options_.max_chance_poses;
+  return hypothesis.expected_false_alarms <= options_.max_false_alarms;
 }
 
 FirstPoses PoseInitializer::Find(absl::Span<const PixelEvent> events) {

@@ -35,16 +35,17 @@ struct FirstPoses {
   std::vector<FirstPose> poses;  // the best one first; distinct modulo the model's symmetries
 };
 
-// max_chance_poses is validated by chance_poses_test, min_motion_px by event_trials_test (time until the first pose)
+// max_false_alarms is validated by false_alarms_test, min_motion_px by event_trials_test (time until the first pose)
 // and tracker_initialization_test (an object that hardly moves). initializer_test bounds line_error_px from above.
 // `evpose bench initialization --from-events` runs with the defaults (core/experiments/RESULTS.md, The first pose).
 struct InitializerOptions {
   // Smallest displacement, in pixels, with which a search starts. With a smaller one there are too few events, too
   // close together, to separate lines from noise and to decide which lines are collinear.
   double min_motion_px = 1.0;
-  // Largest PoseHypothesis::chance_poses of a pose: of ten searches in views of clutter alone, one returns a pose. The
-  // events reject it within a few milliseconds (core/tracking/README.md), so that more would cost processor time only.
-  double max_chance_poses = 0.1;
+  // Largest PoseHypothesis::expected_false_alarms of a pose: of ten searches in views of clutter alone, one returns a
+  // pose. The events reject it within a few milliseconds (core/tracking/README.md), so that more would cost processor
+  // time only.
+  double max_false_alarms = 0.1;
   TwistPrior twist_prior;
   // Pixels: standard deviation of the position of a detected line at either end of its interval, from the rounding of
   // pixels and the width of an edge. With a smaller value the twist follows the errors of single lines more than the
@@ -62,9 +63,9 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 // Deterministic; not thread-safe.
 class PoseInitializer {
  public:
-  // Several initializers of one thread may share detectors, which keep no state between calls. Each detector is tried
-  // until the lines of one give a pose: detectors for lines of other lengths. `search` is null for a
-  // model whose lines determine no pose, `templates` for one without curved edges; not both are.
+  // Several initializers of one thread may share detectors, which keep no state between calls. The detectors, for lines
+  // of different lengths, are used in order until the lines of one give a pose. `search` is null for a model whose
+  // lines determine no pose, `templates` for one without curved edges. At least one must not be null.
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
                   std::vector<std::shared_ptr<LineDetector>> detectors, std::unique_ptr<PoseSearch> search,
                   std::unique_ptr<TemplateSearch> templates = nullptr);
@@ -76,7 +77,7 @@ class PoseInitializer {
   FirstPoses FindByLines(absl::Span<const PixelEvent> events, LineDetector& detector);
   // Replaces the poses by those of the template search, which scores them together with its own.
   void FindByContours(absl::Span<const PixelEvent> events, FirstPoses& first);
-  // Returns whether random segments hardly give a pose that explains as much.
+  // Returns whether the expected number of false alarms is at most max_false_alarms.
   bool IsPlausible(const PoseHypothesis& hypothesis) const;
 
   const std::shared_ptr<const ObjectModel> model_;

@@ -125,7 +125,7 @@ TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   std::vector<ImageSegment> asked;
-  PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10};
+  PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10};
   PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
                               std::make_unique<FixedSearch>(hypothesis, asked));
   const FirstPoses first = initializer.Find({});
@@ -145,15 +145,15 @@ TEST(PoseInitializer, RejectsPosesThatRandomSegmentsWouldGive) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   std::vector<ImageSegment> asked;
-  const double bound = InitializerOptions().max_chance_poses;
-  for (const auto& [chance_poses, is_plausible] : {std::pair{0.9 * bound, true}, {1.1 * bound, false}}) {
-    PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10};
-    hypothesis.chance_poses = chance_poses;
+  const double bound = InitializerOptions().max_false_alarms;
+  for (const auto& [expected_false_alarms, is_plausible] : {std::pair{0.9 * bound, true}, {1.1 * bound, false}}) {
+    PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10};
+    hypothesis.expected_false_alarms = expected_false_alarms;
     PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
                                 std::make_unique<FixedSearch>(hypothesis, asked));
     const FirstPoses first = initializer.Find({});
     EXPECT_TRUE(first.has_moved);
-    EXPECT_EQ(first.poses.size(), is_plausible ? 1u : 0u) << chance_poses;
+    EXPECT_EQ(first.poses.size(), is_plausible ? 1u : 0u) << expected_false_alarms;
   }
 }
 
@@ -162,7 +162,7 @@ TEST(PoseInitializer, WaitsUntilTheLinesHaveMoved) {
   LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   for (DetectedLine& line : detection.lines) line.normal_velocity_px_per_s = -90.0;
   std::vector<ImageSegment> asked;
-  PoseHypothesis hypothesis{kPose, 3.5, 100.0, InOrder(model->lines.size()), 10};
+  PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10};
   PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
                               std::make_unique<FixedSearch>(hypothesis, asked));
   const FirstPoses first = initializer.Find({});

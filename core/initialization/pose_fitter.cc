@@ -9,7 +9,7 @@
 
 #include "core/base/yield_point.h"
 #include "core/geometry/projected_line.h"
-#include "core/initialization/chance_poses.h"
+#include "core/initialization/false_alarms.h"
 #include "core/initialization/segment_fit.h"
 
 namespace evpose {
@@ -233,7 +233,6 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
     lengths_px.push_back((parts[i].b_px - parts[i].a_px).norm());
     hypothesis.cost += MissingCost(lengths_px[i], std::min(covered_px[i], lengths_px[i]), options_);
   }
-  hypothesis.evidence = options_.unexplained_cost * static_cast<double>(lines_.size()) - hypothesis.cost;
   ExplainedSegments explained;
   for (const double cost : across_cost) {
     if (cost >= kUnmatched) continue;
@@ -241,8 +240,8 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
     explained.across_cost += cost;
   }
   const double lines_per_part = static_cast<double>(model_.lines().size()) / static_cast<double>(parts.size());
-  hypothesis.chance_poses = ExpectedChancePoses(explained, lines_, lengths_px, std::max(1.0, lines_per_part),
-                                                static_cast<double>(model_.num_symmetries()), options_);
+  hypothesis.expected_false_alarms = ExpectedFalseAlarms(explained, lines_, lengths_px, std::max(1.0, lines_per_part),
+                                                         static_cast<double>(model_.num_symmetries()), options_);
   return hypothesis;
 }
 

@@ -40,15 +40,13 @@ struct PoseHypothesis {
   // Cost of the unexplained segments and of the visible model lines without a segment, in squared standard deviations
   // of a segment's end point. Less is better.
   double cost = 0.0;
-  // The additional cost if no segment belonged to the object: twice a log likelihood ratio.
-  double evidence = 0.0;
   std::vector<int> model_line;  // for each segment the index into ObjectModel::lines, or -1 for clutter
   int num_matched = 0;          // number of segments with a model line
   // True if this pose and the best one differ by a near-symmetry (line_near_symmetries.h). Such a pose is kept
   // regardless of its cost, because the few lines by which the two differ may not have produced events yet.
   bool is_near_symmetric = false;
-  // Expected number of poses that would explain as much if all segments were clutter (chance_poses.h).
-  double chance_poses = 0.0;
+  // Expected number of poses that would explain as much if all segments were clutter (false_alarms.h).
+  double expected_false_alarms = 0.0;
 };
 
 // Immutable after construction; deterministic. Keeps the model.
@@ -76,8 +74,9 @@ struct PoseSearchOptions {
   // Upper bound of the cost of an end that stops before its line does, in squared standard deviations: twice the log
   // odds that a detector follows a line to its end. 4 corresponds to a probability of 7/8.
   double short_cost = 4.0;
-  // Cost of a clutter segment: twice the log likelihood ratio against a well-fitting segment of the object. 16 of it,
-  // after twice `short_cost`, bound the distance: a true segment is farther away in 3 of 10000 cases.
+  // Cost of a clutter segment: twice the log likelihood ratio against a well-fitting segment of the object. Of it,
+  // 16 remain after `2 short_cost` is subtracted. They bound the squared distances of both ends, which a true segment
+  // exceeds in 3 of 10,000 cases.
   double unexplained_cost = 24.0;
   // Twice the log odds that a visible line is detected: 4 corresponds to a probability of 7/8.
   double missing_cost = 4.0;

@@ -26,6 +26,9 @@ constexpr size_t kMaxLines = 256;
 constexpr size_t kFewLines = 128;
 // Directions closer than this are equal for the search; a segment of 100 px cannot resolve less.
 constexpr double kSameDirectionRad = 0.01;
+// Cosine of 8 degrees: a rotation that maps the directions onto each other preserves a direction, reverses it, or turns
+// it by at least the angle between two of them.
+constexpr double kSameAxisCosine = 0.99;
 // Number of directions up to which their symmetries are computed. The time grows with its fourth power, and an object
 // with more directions has hardly any.
 constexpr size_t kMaxDirections = 64;
@@ -48,9 +51,10 @@ constexpr size_t kMaxPairs = 4096;
 // that counts as visible: about 1/100 of the radius.
 CameraModel ViewCamera() { return {2400, 2400, 2400.0, 2400.0, 1200.0, 1200.0, {}}; }
 
-// Return whether a rotation reverses a unit vector, and whether it preserves it.
-bool Reverses(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) < -1.0 + kSameDirectionRad; }
-bool Preserves(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) > 1.0 - kSameDirectionRad; }
+// Returns whether a rotation reverses a unit vector.
+bool Reverses(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) < -kSameAxisCosine; }
+// Returns whether a rotation preserves a unit vector.
+bool Preserves(const Matrix3d& rotation, const Vector3d& v) { return v.dot(rotation * v) > kSameAxisCosine; }
 
 }  // namespace
 

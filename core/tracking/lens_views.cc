@@ -34,7 +34,7 @@ double BorderAngle(const CameraModel& camera, const Eigen::Vector2d& pixel) {
 
 struct ViewAngle {
   double angle;
-  bool is_sought;
+  bool is_searched;
 };
 
 // The angles of the axes along one axis of the image: from 0 towards the borders, in steps.
@@ -93,15 +93,15 @@ std::vector<LensView> MakeLensViews(const CameraModel& camera) {
   const double top = BorderAngle(camera, {camera.cx_px, -0.5});
   const double bottom = BorderAngle(camera, {camera.cx_px, camera.height_px - 0.5});
   std::vector<LensView> views;
-  for (const auto& [tilt, is_row_sought] : ViewAngles(top, bottom)) {      // downwards
-    for (const auto& [pan, is_column_sought] : ViewAngles(left, right)) {  // to the right
+  for (const auto& [tilt, is_row_searched] : ViewAngles(top, bottom)) {      // downwards
+    for (const auto& [pan, is_column_searched] : ViewAngles(left, right)) {  // to the right
       const Eigen::Matrix3d camera_from_view = ExpSo3({0.0, pan, 0.0}) * ExpSo3({-tilt, 0.0, 0.0});
       const Eigen::Vector3d axis = camera_from_view.col(2);
       // A corner that the lens does not show.
       if (!DistortNormalised(camera.lens_model, camera.distortion, axis.head<2>() / axis.z()).is_regular) continue;
       LensView view;
       view.view_from_camera = camera_from_view.transpose();
-      view.is_sought = is_row_sought && is_column_sought;
+      view.is_searched = is_row_searched && is_column_searched;
       const Eigen::Vector2d focal_px = LocalFocalPx(camera, camera_from_view);
       view.camera.fx_px = focal_px.x();
       view.camera.fy_px = focal_px.y();

@@ -15,7 +15,7 @@ struct LensView {
   // A pinhole camera without distortion, at least as large as the sensor, with as many pixels per radian at its axis as
   // the lens has there, in x and y. Its image ends with that of the lens to the left, right, top and bottom.
   CameraModel camera;
-  bool is_sought = true;  // one of the views in which an object without a pose is sought, which cover the lens together
+  bool is_searched = true;  // an object without a pose is searched for in these views, which together cover the lens
 };
 
 // The views that cover what the lens shows: the first one along the optical axis, the others towards the borders that

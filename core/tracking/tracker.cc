@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 #include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"

@@ -9,6 +9,7 @@
 #include "core/detection/plane_detector.h"
 #include "core/initialization/pose_search.h"
 #include "core/tracking/lens_views.h"
+#include "core/tracking/object/object_tracker.h"
 #include "core/tracking/object/tracker_options.h"
 #include "core/windows/pixel_history.h"
 
@@ -37,10 +38,10 @@ constexpr uint64_t kTrackBytes = 440u << 10;
 constexpr uint64_t kTrackLineBytes = 2200;
 // Statistics of a hypothesis about an edge curve.
 constexpr uint64_t kTrackCurveBytes = 700;
-// A visible line or element in the past states of an object, which other objects need: 96 bytes in at most 400 windows
-// of the search's memory; and the bytes of it that are saved.
-constexpr uint64_t kPastLineBytes = uint64_t{400} * 96;
-constexpr uint64_t kStatePastLineBytes = uint64_t{400} * 70;
+// A visible line or element in the past states of an object, which other objects need, and the bytes of it that are
+// saved.
+constexpr uint64_t kPastLineBytes = ObjectTracker::kMaxPastStates * sizeof(TrackedLine);
+constexpr uint64_t kStatePastLineBytes = ObjectTracker::kMaxPastStates * 70;
 // A triangle in the search tree (SurfaceTables), and a line or a vertex with a triangle in a model.
 constexpr uint64_t kTreeTriangleBytes = 160;
 constexpr uint64_t kModelLineBytes = 400;
@@ -84,7 +85,7 @@ uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_othe
            (kTrackBytes + kTrackLineBytes * num_lines + kTrackCurveBytes * CurvesOf(model) + kCellBytes * num_cells);
   if (HasCurvedEdges(model)) bytes += kTemplateSearchBytes;
   bytes += 2 * kPageBytes * num_cells;
-  if (has_others) bytes += kPastLineBytes * num_lines + (kCellBytes + kPageBytes) * num_cells;  // Competitors
+  if (has_others) bytes += kPastLineBytes * num_lines + (kCellBytes + kPageBytes) * num_cells;  // OtherObjects
   return bytes;
 }
 
@@ -95,11 +96,11 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
                                     const TrackerOptions& options) {
   if (camera.lens_model == LensModel::kFisheye) {
     const std::vector<LensView> views = MakeLensViews(camera);
-    // A lost object is sought in several views, and its trackers in the view that it was lost in and in the one that
-    // was to take it over are kept meanwhile.
-    const auto is_sought = [](const LensView& view) { return view.is_sought; };
-    const uint64_t num_sought = std::count_if(views.begin(), views.end(), is_sought);
-    const uint64_t num_trackers = std::min<uint64_t>(views.size(), num_sought + 2);
+    // A lost object is searched for in several views, and its trackers in the view that it was lost in and in the one
+    // that was to take it over are kept meanwhile.
+    const auto is_searched = [](const LensView& view) { return view.is_searched; };
+    const uint64_t num_searched = std::count_if(views.begin(), views.end(), is_searched);
+    const uint64_t num_trackers = std::min<uint64_t>(views.size(), num_searched + 2);
     TrackerMemory memory;
     for (const auto& model : models) {
       TrackerMemory largest;

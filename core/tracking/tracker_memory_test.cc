@@ -77,7 +77,7 @@ TEST(TrackerMemory, CountsTheSecondLineDetectorOfASmallSensor) {
   EXPECT_GT(two, one + 2.0 + 200e3 * sizeof(PixelEvent) / kMb - 0.1);
 }
 
-// Three of the five views are those in which a lost object is sought; the other two may still have a tracker.
+// Three of the five views are those in which a lost object is searched for; the other two may still have a tracker.
 TEST(TrackerMemory, CountsATrackerInEachViewOfAFisheyeLens) {
   CameraModel camera = MakeCamera(1280, 720, 640.0 / (75.0 / kDegreesPerRadian));
   camera.lens_model = LensModel::kFisheye;

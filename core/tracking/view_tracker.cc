@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "core/association/camera_tables.h"
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 #include "core/base/status_macros.h"
 #include "core/tracking/lens_views.h"
 #include "core/tracking/object/tracker_options.h"
@@ -53,10 +53,10 @@ PoseEstimate InCamera(const LensView& view, const PoseEstimate& in_view) {
   return estimate;
 }
 
-// Where an object without a pose is sought. Stored as one byte.
+// Where an object without a pose is searched for. Stored as one byte.
 enum class SearchScope : uint8_t {
   kAllViews,
-  kHomeView,  // a given pose is being tested there
+  kReportingView,  // a given pose is being tested there
 };
 
 // One object in the views.
@@ -72,10 +72,10 @@ class ViewedObject {
 
   absl::Status Start() {
     if (object_.initial_camera_from_object) {
-      home_ = NearestTo(*object_.initial_camera_from_object);
-      scope_ = SearchScope::kHomeView;
+      reporting_view_ = NearestTo(*object_.initial_camera_from_object);
+      scope_ = SearchScope::kReportingView;
     }
-    return Create(home_, object_.initial_camera_from_object);
+    return Create(reporting_view_, object_.initial_camera_from_object);
   }
 
   void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) {
@@ -90,35 +90,35 @@ class ViewedObject {
     ForEach(estimates, [](Tracker& tracker, std::vector<PoseEstimate>& of_view) { tracker.Finish(of_view); });
   }
   EventGap Skip(absl::Span<const Event> events, int64_t t_us) {
-    EventGap gap = home().Skip(events, t_us);
+    EventGap gap = reporting_tracker().Skip(events, t_us);
     for (size_t v = 0; v < views_.size(); ++v) {
-      if (trackers_[v] != nullptr && v != home_) trackers_[v]->Skip(events, t_us);
+      if (trackers_[v] != nullptr && v != reporting_view_) trackers_[v]->Skip(events, t_us);
     }
     return gap;
   }
 
-  // Changes the views in which the object is followed or sought. To be called between windows, at times that depend on
-  // the events alone.
+  // Changes the views in which the object is followed or searched for. To be called between windows, at times that
+  // depend on the events alone.
   void Decide(int64_t t_us) {
-    const TrackState state = home().state();
+    const TrackState state = reporting_tracker().state();
     const bool is_reported = IsReported(state);
     if (is_reported || state == TrackState::kLost) scope_ = SearchScope::kAllViews;
     if (is_reported) {
-      // A view that has just been taken has its first estimate at the end of its window.
+      // A tracker that has just taken over has no estimate before the end of its window.
       if (latest_) Follow(t_us);
     } else if (scope_ == SearchScope::kAllViews && options_.initialization.is_automatic) {
-      Seek();
+      SearchInViews();
     }
   }
 
   void ResetPose(const RigidTransform& camera_from_object) {
     past_losses_ = losses();
     std::fill(trackers_.begin(), trackers_.end(), nullptr);
-    home_ = NearestTo(camera_from_object);
+    reporting_view_ = NearestTo(camera_from_object);
     latest_.reset();
-    scope_ = SearchScope::kHomeView;
+    scope_ = SearchScope::kReportingView;
     // Start() has made a tracker of the same object.
-    if (!Create(home_, camera_from_object).ok()) (void)Create(home_, std::nullopt);
+    if (!Create(reporting_view_, camera_from_object).ok()) (void)Create(reporting_view_, std::nullopt);
   }
 
   void SetPhaseListener(const PhaseListener& listener) {
@@ -128,14 +128,15 @@ class ViewedObject {
     }
   }
 
-  Tracker& home() { return *trackers_[home_]; }
-  const Tracker& home() const { return *trackers_[home_]; }
-  uint32_t losses() const { return past_losses_ + home().losses(); }
+  Tracker& reporting_tracker() { return *trackers_[reporting_view_]; }
+  const Tracker& reporting_tracker() const { return *trackers_[reporting_view_]; }
+  uint32_t losses() const { return past_losses_ + reporting_tracker().losses(); }
 
   // The edges are in the frame of the object, and the pose in that of the camera, as in InCamera().
   bool Outline(ObjectOutline& outline) const {
-    if (!home().Outline(0, outline)) return false;
-    outline.camera_from_object = Turned(views_[home_].lens.view_from_camera.transpose(), outline.camera_from_object);
+    if (!reporting_tracker().Outline(0, outline)) return false;
+    outline.camera_from_object =
+        Turned(views_[reporting_view_].lens.view_from_camera.transpose(), outline.camera_from_object);
     return true;
   }
 
@@ -150,7 +151,7 @@ class ViewedObject {
   void LoadState(StateReader& reader) {
     VisitState(reader, *this);
     if (!reader.ok()) return;
-    reader.Check(home_ < views_.size(), "a view that the lens does not have");
+    reader.Check(reporting_view_ < views_.size(), "a view that the lens does not have");
     reader.Check(!latest_ || latest_->t_us == published_us_, "an estimate that was not published");
     for (size_t v = 0; v < views_.size() && reader.ok(); ++v) {
       bool is_running = false;
@@ -160,12 +161,12 @@ class ViewedObject {
       reader.Check(Create(v, std::nullopt).ok(), "a view without a tracker");
       if (trackers_[v] != nullptr) trackers_[v]->LoadState(reader);
     }
-    if (reader.ok()) reader.Check(trackers_[home_] != nullptr, "the view of the object is not tracked");
+    if (reader.ok()) reader.Check(trackers_[reporting_view_] != nullptr, "the view of the object is not tracked");
   }
 
  private:
   static void VisitState(auto& archive, auto& self) {
-    archive(self.home_, self.past_losses_, AtMost(self.scope_, SearchScope::kHomeView), self.latest_,
+    archive(self.reporting_view_, self.past_losses_, AtMost(self.scope_, SearchScope::kReportingView), self.latest_,
             InRange(self.published_us_, kNever, kMaxStateTime_us),
             InRange(self.candidate_us_, kNever, kMaxStateTime_us));
   }
@@ -197,7 +198,7 @@ class ViewedObject {
   void Listen(size_t view) {
     trackers_[view]->SetPhaseListener([this, view](PhaseTransition transition) {
       transition.object_index = index_;
-      if (view == home_ && listener_) listener_(transition);
+      if (view == reporting_view_ && listener_) listener_(transition);
     });
   }
 
@@ -207,7 +208,7 @@ class ViewedObject {
       if (trackers_[v] == nullptr) continue;
       of_view_.clear();
       run(*trackers_[v], of_view_);
-      if (v == home_) Publish(estimates);
+      if (v == reporting_view_) Publish(estimates);
     }
   }
 
@@ -215,7 +216,7 @@ class ViewedObject {
     for (const PoseEstimate& in_view : of_view_) {
       // The windows of two views end at different times.
       if (in_view.t_us <= published_us_) continue;
-      PoseEstimate& estimate = estimates.emplace_back(InCamera(views_[home_].lens, in_view));
+      PoseEstimate& estimate = estimates.emplace_back(InCamera(views_[reporting_view_].lens, in_view));
       estimate.object_index = index_;
       published_us_ = estimate.t_us;
       latest_ = estimate;
@@ -227,9 +228,9 @@ class ViewedObject {
     const RigidTransform& pose = latest_->camera_from_object;
     const uint32_t nearest = NearestTo(pose);
     for (size_t v = 0; v < views_.size(); ++v) {
-      if (v != home_ && v != nearest) trackers_[v].reset();
+      if (v != reporting_view_ && v != nearest) trackers_[v].reset();
     }
-    if (nearest == home_) return;
+    if (nearest == reporting_view_) return;
     const Tracker* const candidate = trackers_[nearest].get();
     // A candidate with a loss has rejected the predicted pose: a pose that it finds afterwards is another one.
     if (candidate != nullptr && candidate->losses() == 0) {
@@ -240,7 +241,7 @@ class ViewedObject {
       if (t_us - candidate_us_ < kConfirmUs) return;
     }
     trackers_[nearest].reset();
-    if (CosineTo(nearest, pose) < CosineTo(home_, pose) + kTakeOverCosine) return;
+    if (CosineTo(nearest, pose) < CosineTo(reporting_view_, pose) + kTakeOverCosine) return;
     const double dt_s = static_cast<double>(t_us - latest_->t_us) * 1e-6;
     candidate_us_ = t_us;
     // Without a tracker in the nearer view, the object stays in the present one.
@@ -248,24 +249,24 @@ class ViewedObject {
   }
 
   // Searches in all views until one has found the object.
-  void Seek() {
+  void SearchInViews() {
     latest_.reset();
     for (const TrackState wanted : {TrackState::kTracking, TrackState::kDegraded, TrackState::kAmbiguous}) {
       for (uint32_t v = 0; v < views_.size(); ++v) {
-        if (v == home_ || trackers_[v] == nullptr || trackers_[v]->state() != wanted) continue;
+        if (v == reporting_view_ || trackers_[v] == nullptr || trackers_[v]->state() != wanted) continue;
         MoveTo(v);
         return;
       }
     }
     for (size_t v = 0; v < views_.size(); ++v) {
-      if (trackers_[v] == nullptr && views_[v].lens.is_sought) (void)Create(v, std::nullopt);
+      if (trackers_[v] == nullptr && views_[v].lens.is_searched) (void)Create(v, std::nullopt);
     }
   }
 
   void MoveTo(uint32_t view) {
-    past_losses_ += home().losses();
-    trackers_[home_].reset();
-    home_ = view;
+    past_losses_ += reporting_tracker().losses();
+    trackers_[reporting_view_].reset();
+    reporting_view_ = view;
   }
 
   const ObjectToTrack object_;
@@ -277,7 +278,7 @@ class ViewedObject {
   std::vector<std::unique_ptr<Tracker>> trackers_;  // by view; null: not followed there
   std::vector<PoseEstimate> of_view_;
 
-  uint32_t home_ = 0;  // the view from which the object is reported
+  uint32_t reporting_view_ = 0;  // the view from which the object is reported
   uint32_t past_losses_ = 0;
   SearchScope scope_ = SearchScope::kAllViews;
   std::optional<PoseEstimate> latest_;  // in the frame of the camera, since the object was found
@@ -334,9 +335,9 @@ class ViewTracker : public Tracker {
     for (const auto& object : objects_) object->SetPhaseListener(listener);
   }
   size_t num_objects() const override { return objects_.size(); }
-  TrackState state(size_t object_index) const override { return objects_[object_index]->home().state(); }
+  TrackState state(size_t object_index) const override { return objects_[object_index]->reporting_tracker().state(); }
   InitializationReport initialization(size_t object_index) const override {
-    return objects_[object_index]->home().initialization();
+    return objects_[object_index]->reporting_tracker().initialization();
   }
   uint32_t losses(size_t object_index) const override { return objects_[object_index]->losses(); }
   bool Outline(size_t object_index, ObjectOutline& outline) const override {

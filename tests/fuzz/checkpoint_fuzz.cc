@@ -40,7 +40,7 @@ TrackerOptions Options(Estimator estimator) {
   options.health.min_span_us = 1000;
   options.health.memory_us = 10'000;
   options.health.max_hold_us = 2000;
-  options.health.patience_us = 3000;
+  options.health.min_contradiction_us = 3000;
   options.health.lost_after_us = 5000;
   options.initialization.memory_us = 10'000;
   options.initialization.max_window_events = 100;

@@ -63,7 +63,7 @@ std::vector<Bin> BinBy(std::vector<EdgePassage> passages, const SensorProfile& p
 }
 
 double SpeedOf(const EdgePassage& passage) { return passage.speed_px_per_s; }
-double DensityOf(const EdgePassage& passage) { return passage.rates.events_per_px2 + passage.rates.turns_per_px2; }
+double DensityOf(const EdgePassage& passage) { return passage.rates.events_per_px2 + passage.rates.reversals_per_px2; }
 
 struct Polarity {
   const char* name;

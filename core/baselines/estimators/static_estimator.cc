@@ -9,7 +9,7 @@
 #include <cmath>
 #include <vector>
 
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 #include "core/estimation/estimator.h"
 
 namespace evpose {
@@ -73,7 +73,7 @@ void StaticEstimator::Associate(const MotionState& predicted, const WindowInput&
     const NearLines near = FindNearLines(event, lines_.data(), DistancePx(gate_factor), 0.0);
     if (near.count == 0) continue;
     if (near.count == 2 && std::abs(near.distance_px[1]) < options_.two_lines_px) continue;
-    if (OwnShare(near.distance_px[0], event.competing) < kMinOwnShare) continue;
+    if (OwnShare(near.distance_px[0], event.others_per_px) < kMinOwnShare) continue;
     const ImageLine& line = lines_[near.line[0]];
     const Eigen::Vector2d from_middle = Eigen::Vector2d(event.u_px, event.v_px) - line.PointAt(0.5);
     if (from_middle.norm() >= options_.midpoint_ratio * line.length_px) continue;

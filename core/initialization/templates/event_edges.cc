@@ -126,8 +126,8 @@ struct EdgePlane {
   double variance = 0.0;  // variance of the events about it, px^2
 };
 
-// Cofactors of a symmetric matrix: a multiple of the projection to the eigenvector of the smallest eigenvalue is their
-// limit when they are squared repeatedly.
+// Returns the matrix of cofactors of a symmetric matrix. Its repeated squares converge, up to scale, to the projection
+// onto the eigenvector of the smallest eigenvalue.
 Matrix3d Cofactors(const Matrix3d& m) {
   Matrix3d out;
   out.row(0) = Vector3d(m.row(1)).cross(Vector3d(m.row(2)));

@@ -19,12 +19,13 @@
 
 namespace evpose {
 
-// Turns about the line of sight in steps of 7.5 degrees; a direction of an edge has twice as many steps.
+// Turns about the line of sight in steps of 7.5 degrees. Directions of edges, which are modulo a half turn, have steps
+// of half of that.
 inline constexpr int kTemplateTurns = 48;
 
 struct TemplatePoint {
-  // Position relative to the centre of the object, in its radii: offset (x, y) at depth z is (x / z) D, D the distance
-  // of the view in radii.
+  // Position relative to the centre of the object, in its radii: the offset (x, y) at the depth z is
+  // D (x, y) / z, where D is the distance of the view in radii.
   Eigen::Vector2f at = Eigen::Vector2f::Zero();
   // Direction of the edge in steps of pi / kTemplateTurns from the u axis to the v axis, below kTemplateTurns.
   uint8_t direction = 0;

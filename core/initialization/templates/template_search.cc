@@ -33,8 +33,8 @@ absl::Status TemplateSearchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_placements", max_placements, 1, 10'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_coarse", max_coarse, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_fine", max_fine, 1, 1000));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_spun", max_spun, 1, 100));
-  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_spins", max_spins, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_rotated_candidates", max_rotated_candidates, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_rotations", max_rotations, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_matches", max_matches, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.min_hit_ratio", min_hit_ratio, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.min_sum", min_sum, 0.0, 2.0));
@@ -93,38 +93,38 @@ void TemplateSearch::Refine(const EdgeDistanceMap& map, int num_samples, double 
   candidate.score = candidate.alignment.total();
 }
 
-void TemplateSearch::AppendSpins(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const {
+void TemplateSearch::AppendRotations(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const {
   if (!model_->near_axis()) return;
-  std::vector<Candidate> spun, spins;
+  std::vector<Candidate> to_rotate, rotations;
   const auto is_known = [&](const Candidate& candidate) {
-    return std::any_of(spun.begin(), spun.end(), [&](const Candidate& other) {
+    return std::any_of(to_rotate.begin(), to_rotate.end(), [&](const Candidate& other) {
       const RigidTransform& pose = other.camera_from_object;
       const RigidTransform nearest = NearestEquivalent(candidate.camera_from_object, *model_->near_axis(), pose);
       return RotationAngle(nearest.rotation, pose.rotation) < 2.0 * kSameRotationRad;
     });
   };
   for (const Candidate& candidate : candidates) {
-    if (static_cast<int>(spun.size()) == options_.max_spun) break;
-    if (!is_known(candidate)) spun.push_back(candidate);
+    if (static_cast<int>(to_rotate.size()) == options_.max_rotated_candidates) break;
+    if (!is_known(candidate)) to_rotate.push_back(candidate);
   }
   const Eigen::Vector3d& axis = model_->near_axis()->axis;
-  for (const Candidate& candidate : spun) {
+  for (const Candidate& candidate : to_rotate) {
     const TemplateAligner aligner(*maps[candidate.box], camera_, model_->radius_m(), model_->centre());
     for (int turn = 0; turn < model_->num_spins(); ++turn) {
       YieldPoint();
-      Candidate spin = candidate;
+      Candidate rotated = candidate;
       const Eigen::Matrix3d rotation = ExpSo3(2.0 * std::numbers::pi / kTemplateTurns * turn * axis);
-      spin.camera_from_object = candidate.camera_from_object * AboutCentre(*model_->near_axis(), rotation);
+      rotated.camera_from_object = candidate.camera_from_object * AboutCentre(*model_->near_axis(), rotation);
       const absl::Span<const EdgeSample> samples =
-          model_->views()[model_->NearestView(spin.camera_from_object)].samples;
+          model_->views()[model_->NearestView(rotated.camera_from_object)].samples;
       // All but the turn is aligned already: two steps, with the first gate of the next stage.
-      spin.camera_from_object = aligner.Align(spin.camera_from_object, samples, 4.0, 3.0, 2, 1);
-      spin.score = aligner.Score(spin.camera_from_object, samples, spin.motion.twist, duration_s).total();
-      spins.push_back(std::move(spin));
+      rotated.camera_from_object = aligner.Align(rotated.camera_from_object, samples, 4.0, 3.0, 2, 1);
+      rotated.score = aligner.Score(rotated.camera_from_object, samples, rotated.motion.twist, duration_s).total();
+      rotations.push_back(std::move(rotated));
     }
   }
-  KeepDistinct(static_cast<size_t>(options_.max_spins), spins);
-  candidates.insert(candidates.end(), spins.begin(), spins.end());
+  KeepDistinct(static_cast<size_t>(options_.max_rotations), rotations);
+  candidates.insert(candidates.end(), rotations.begin(), rotations.end());
 }
 
 void TemplateSearch::KeepDistinct(size_t count, std::vector<Candidate>& candidates) const {
@@ -170,7 +170,7 @@ TemplateMatches TemplateSearch::Find(absl::Span<const PixelEvent> events, absl::
   AppendProposals(proposals, found.t_us, maps.size(), candidates);
   for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kFewSamples, 6.0, duration_s, candidate);
   KeepDistinct(static_cast<size_t>(options_.max_fine), candidates);
-  AppendSpins(maps, duration_s, candidates);
+  AppendRotations(maps, duration_s, candidates);
   for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kManySamples, 4.0, duration_s, candidate);
   KeepDistinct(static_cast<size_t>(options_.max_matches), candidates);
   for (const Candidate& candidate : candidates) {

@@ -31,17 +31,17 @@ struct TemplateSearchOptions {
   double min_motion_px = 1.0;
   // Number of boxes in the image that are searched: the object, and two things that are as large.
   int max_boxes = 3;
-  // Numbers of poses after each stage, for each box and then for all: those that are aligned with the edges of their
-  // template, with the edges that are visible at their pose, and once more. The time of a search is proportional to
-  // them.
+  // The time of a search is proportional to these numbers. Placements of each box that are aligned with the edges of
+  // their template; poses of all boxes that are aligned with the edges that are visible at them; and poses that are
+  // aligned so a second time.
   int max_placements = 64;
   int max_coarse = 24;
   int max_fine = 12;
-  // Of a nearly round object: candidates that are turned about its axis, in steps of 2 pi / kTemplateTurns, and number
-  // of the poses that are kept of all of them. Each of them takes as long as another candidate; with fewer the right
-  // turn may be left out (README, section 4).
-  int max_spun = 3;
-  int max_spins = 12;
+  // Of a nearly round object: candidates that are rotated about its axis in steps of 2 pi / kTemplateTurns, and poses
+  // that are kept of all their rotations. Each of them takes as long as another candidate; with fewer the right
+  // rotation may be left out (README, section 4).
+  int max_rotated_candidates = 3;
+  int max_rotations = 12;
   // Number of returned poses: an object with three near-symmetries looks alike in eight poses.
   int max_matches = 8;
   // Least share of the visible edges with events (hit ratio), least share of the events on edges of the box that the
@@ -106,7 +106,7 @@ class TemplateSearch {
   void Refine(const EdgeDistanceMap& map, int num_samples, double gate, double duration_s, Candidate& candidate) const;
   // Appends the best poses that differ from one of the best candidates by a rotation about the axis of a nearly round
   // object: the parts that distinguish these poses are small.
-  void AppendSpins(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const;
+  void AppendRotations(const Maps& maps, double duration_s, std::vector<Candidate>& candidates) const;
   // Sorts by score and keeps the best `count` that differ, modulo symmetries.
   void KeepDistinct(size_t count, std::vector<Candidate>& candidates) const;
 

@@ -47,7 +47,7 @@ void CurveActivity::Add(const CameraModel& camera, const WindowInput& input, abs
     for (size_t k = first; k < end; ++k) {
       if (!lines[k].in_view()) continue;
       const double noise = input.background_per_px2 * kOwnWidthPx * lines[k].length_px;
-      counts.events += line_events[k] * input.shares.mean_events_per_observation - noise;
+      counts.events += line_events[k] * input.sampling.mean_events_per_observation - noise;
       counts.swept_px2 += lines[k].length_px * std::abs(NormalSpeedPxPerS(camera, lines[k], 0.5)) * input.duration_s;
     }
     const double keep = std::min(1.0, kMemoryPx2 / std::max(counts.swept_px2, 1.0));

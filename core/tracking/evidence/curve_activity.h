@@ -12,7 +12,8 @@
 
 namespace evpose {
 
-// Averages the event rate of each edge curve over its last motion. Straight lines are always expected to show events.
+// Averages the event rate of each edge curve over its last motion. Straight lines with the prior contrast 1 are always
+// expected to have events.
 class CurveActivity {
  public:
   // `min_events_per_px2`: MixtureOptions.

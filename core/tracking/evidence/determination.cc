@@ -37,11 +37,16 @@ void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<con
 bool Determination::IsKept() const { return IsDetermined(information_, free_rotations_, options_.max_uncertainty_px); }
 
 bool Determination::IsConfirmed(double support_ratio) const {
-  return IsAtLeast(supported_, support_ratio, expected_, free_rotations_) &&
-         std::all_of(of_curves_.begin(), of_curves_.end(), [this](const Matrix6d& of_curve) {
-           YieldPoint();
-           return IsDetermined(information_ - of_curve, free_rotations_, options_.max_uncertainty_px);
-         });
+  return IsDeterminedWithoutAny(IsAtLeast(supported_, support_ratio, expected_, free_rotations_)
+                                    ? options_.max_uncertainty_px
+                                    : options_.sure_uncertainty_px);
+}
+
+bool Determination::IsDeterminedWithoutAny(double max_uncertainty_px) const {
+  return !of_curves_.empty() && std::all_of(of_curves_.begin(), of_curves_.end(), [&](const Matrix6d& of_curve) {
+    YieldPoint();
+    return IsDetermined(information_ - of_curve, free_rotations_, max_uncertainty_px);
+  });
 }
 
 }  // namespace evpose

@@ -7,7 +7,7 @@
 
 #include "absl/types/span.h"
 #include "core/association/association.h"
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
 #include "core/models/object_model.h"
@@ -29,11 +29,14 @@ class Determination {
   // Whether the supported curves determine every motion within max_uncertainty_px.
   bool IsKept() const;
   // Whether they do so without any single one of them, because another edge nearby can support one curve of a wrong
-  // pose, and have this share of the information that all curves should give, by their expected events. Curves that are
-  // not decided count if they have less than half of these.
+  // pose, and have this share of the information that all curves should give, by their expected events; with a smaller
+  // share, whether they do so within sure_uncertainty_px. Curves that are not decided count if they have less than half
+  // of their expected events.
   bool IsConfirmed(double support_ratio) const;
 
  private:
+  bool IsDeterminedWithoutAny(double max_uncertainty_px) const;
+
   const CameraModel& camera_;
   const ObjectModel& model_;
   const BoundingSphere& sphere_;

@@ -17,10 +17,11 @@ struct FlashOptions {
   // Share of the rarer polarity, over memory_us, below which the brightness changes. In recordings of moving objects
   // and scenes, by sensors of 128 x 128 to 1280 x 720 pixels, it stays above 0.2 in 99.9 % of the intervals of 4 ms.
   double max_rarer_share = 0.12;
-  // Microseconds over which the polarities are counted: half of a half-wave of light from 60 Hz mains.
+  // Microseconds over which the polarities are counted: half a period of a lamp on 60 Hz mains, whose light
+  // varies at 120 Hz.
   int64_t memory_us = 4000;
-  // Microseconds from the last detection of a change of brightness to its assumed end: one period of 50 Hz. Between the
-  // flanks events of both polarities occur, but motion causes neither.
+  // Microseconds from the last detection of a change of brightness to its assumed end: one period of 50 Hz.
+  // Between a rising and a falling flank there are events of both polarities that no motion causes.
   int64_t hold_us = 20'000;
   // Events that the share requires: its standard deviation is then 4 %.
   double min_events = 100.0;

@@ -6,8 +6,8 @@
 #include <limits>
 #include <numbers>
 
-#include "core/association/competitors.h"
 #include "core/association/line_cells.h"
+#include "core/association/other_objects.h"
 #include "core/base/yield_point.h"
 #include "core/numerics/math.h"
 #include "core/numerics/reusable_vector.h"
@@ -15,7 +15,8 @@
 namespace evpose {
 namespace {
 
-// Events of a line: fewer cannot reach the significance, even if all of them are near.
+// Events that a testable line needs. If all of them are near an isolated line, z of equation (2) is 3.5; with fewer
+// than 17 it cannot reach significance_sigma.
 constexpr double kTestableEvents = 20.0;
 
 // The octant of a direction in the image, 0 to 7.
@@ -25,16 +26,16 @@ int OctantOf(const Eigen::Vector2d& direction) {
 }
 
 // Probability that an event is within `near_px` of its nearest line, README, equation (1): events are normal about
-// lines that are two cells apart. The distance from the nearest line has a wrapped normal distribution, which is
+// lines at the distance 2 half_cell_px. The distance from the nearest line has a wrapped normal distribution, which is
 // integrated by its Fourier series.
-double NearProbability(double near_px, double cell_px, double spread_px) {
+double NearProbability(double near_px, double half_cell_px, double spread_px) {
   constexpr int kTerms = 16;  // the next one is below 1e-9 for cells of up to eight spreads
   constexpr double kPi = std::numbers::pi;
-  const double exponent = 0.5 * kPi * kPi * spread_px * spread_px / (cell_px * cell_px);
-  double probability = near_px / cell_px;
+  const double exponent = 0.5 * kPi * kPi * spread_px * spread_px / (half_cell_px * half_cell_px);
+  double probability = near_px / half_cell_px;
   for (int m = 1; m <= kTerms; ++m) {
     const double amplitude = DeterministicExp(-exponent * m * m);
-    probability += 2.0 / (kPi * m) * amplitude * DeterministicSinCos(kPi * m * near_px / cell_px).sin;
+    probability += 2.0 / (kPi * m) * amplitude * DeterministicSinCos(kPi * m * near_px / half_cell_px).sin;
   }
   return probability;
 }
@@ -62,8 +63,8 @@ TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2
     const double spread_px = options.min_spread_px + range_px * step / kSpreadSteps;
     near_probability_[step][0] = 0.5;  // the limit for a cell that is much narrower than the spread
     for (int i = 1; i <= kCellSteps; ++i) {
-      const double cell_px = options.gate_px * i / kCellSteps;
-      near_probability_[step][i] = NearProbability(NearPx(cell_px), cell_px, spread_px);
+      const double half_cell_px = options.gate_px * i / kCellSteps;
+      near_probability_[step][i] = NearProbability(NearPx(half_cell_px), half_cell_px, spread_px);
     }
   }
   const double chance = options.near_px / options.gate_px;
@@ -71,8 +72,8 @@ TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2
   testable_information_ = kTestableEvents * right_excess * right_excess / (chance * (1.0 - chance));
 }
 
-double TrackHealth::RightProbability(double cell_px) const {
-  const int step = RoundNonNegative(cell_px / options_.gate_px * kCellSteps);
+double TrackHealth::RightProbability(double half_cell_px) const {
+  const int step = RoundNonNegative(half_cell_px / options_.gate_px * kCellSteps);
   return near_probability_[spread_step_][std::clamp(step, 0, kCellSteps)];
 }
 
@@ -133,9 +134,10 @@ void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLi
       const LaneMask counts = is_own & line.IsGated(event, distance_px, along_px, gate_px);
       for (int lane = 0; lane < kNumLanes; ++lane) {
         if (counts[lane] == 0) continue;
-        const double cell_px = group.is_shared ? cell_px_[group.first + i][lane] : options_.gate_px;
+        const double half_cell_px = group.is_shared ? half_cell_px_[group.first + i][lane] : options_.gate_px;
         const size_t half = 2.0 * along_px[lane] < lines[group.line].length_px ? 0 : 1;
-        AddEvent({distance_px[lane], place.begin_px + along_px[lane], event.competing[lane], cell_px, group.polarity},
+        AddEvent({distance_px[lane], place.begin_px + along_px[lane], event.others_per_px[lane], half_cell_px,
+                  group.polarity},
                  window_lines_[place.window_line], window_sectors_[place.sector[half]]);
       }
     }
@@ -145,15 +147,15 @@ void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLi
 void TrackHealth::AddEvent(const NearEvent& event, WindowLine& line, Sector& sector) {
   // Excess of the right pose per event below which an event carries no evidence: the cell is narrower than the spread.
   constexpr double kLeastExcess = 0.1;
-  constexpr double kLeastCellPx = 1e-3;  // width of the cell of an event on two lines at the same place
-  const double share = OwnShare(event.distance_px, event.competing);
-  const double cell_px = std::max(event.cell_px, kLeastCellPx);
-  const double near_px = NearPx(cell_px);
-  const double chance = near_px / cell_px;
+  constexpr double kLeastHalfCellPx = 1e-3;  // width of the cell of an event on two lines at the same place
+  const double share = OwnShare(event.distance_px, event.others_per_px);
+  const double half_cell_px = std::max(event.half_cell_px, kLeastHalfCellPx);
+  const double near_px = NearPx(half_cell_px);
+  const double chance = near_px / half_cell_px;
   const bool is_near = std::abs(event.distance_px) <= near_px;
   const double excess = share * ((is_near ? 1.0 : 0.0) - chance);
   const double variance = share * chance * (1.0 - chance);
-  const double right_excess = RightProbability(cell_px) - chance;
+  const double right_excess = RightProbability(half_cell_px) - chance;
   const double place = std::clamp(event.along_px * line.places_per_px, 0.0, line.along.size() - 1.0);
   line.along[static_cast<int>(place)] += share;
   PolarityCounts& counts = line.of[event.polarity];
@@ -186,14 +188,14 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     statistics.lines = std::max(statistics.lines, line.lines);
     statistics.along += line.along;
     for (int polarity = 0; polarity < 2; ++polarity) {
-      statistics.gated += input.shares.polarity_weight[polarity] * line.of[polarity].gated;
-      statistics.information += input.shares.polarity_weight[polarity] * line.of[polarity].information;
+      statistics.gated += input.sampling.polarity_weight[polarity] * line.of[polarity].gated;
+      statistics.information += input.sampling.polarity_weight[polarity] * line.of[polarity].information;
       AddExcess(line.of[polarity], statistics);
       gated_ += line.of[polarity].gated;
       recent_.gated += line.of[polarity].gated;
     }
   }
-  const double observed_ratio = input.shares.observations_per_background_event;
+  const double observed_ratio = input.sampling.observations_per_background_event;
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
     if (!lines[k].in_view()) continue;
@@ -225,7 +227,7 @@ void TrackHealth::AddExpectedEvents(const CameraModel& camera, const WindowInput
       if (expectation == Expectation::kEvents) window_sectors_[places_[k].sector[half]].expected += expected;
     }
   }
-  const double events_per_observation = input.shares.mean_events_per_observation;
+  const double events_per_observation = input.sampling.mean_events_per_observation;
   for (int i = 0; i < kNumOutlineSectors; ++i) {
     Sector& sector = sectors_[i];
     sector.expected += window_sectors_[i].expected;
@@ -254,7 +256,7 @@ void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLi
   // A line at up to this distance may limit the cell of a nearer one within the gate.
   const Lanes gate_px = AllLanes(2.0 * options_.gate_px);
   AssignDefaults(events.num_shared_lanes(), events.max_lanes(), distance_px_);
-  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), cell_px_);
+  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), half_cell_px_);
   AssignDefaults(events.num_shared_lanes(), events.max_lanes(), is_nearest_);
   AssignDefaults(events.num_shared_lanes(), events.max_lanes(), line_of_);
   std::fill(distance_px_.begin(), distance_px_.end(), AllLanes(kBeyond));
@@ -282,20 +284,20 @@ void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLi
     if (!(least_px <= options_.gate_px)) continue;
     const Eigen::Vector2d& direction = lines[line_of_[nearest / kNumLanes]].direction;
     const double side = distance_at(nearest) < 0.0f ? -1.0 : 1.0;
-    double cell_px = options_.gate_px;  // half-width
+    double half_cell_px = options_.gate_px;  // half-width
     for (const uint32_t place : event.Places()) {
       const float distance_px = distance_at(place);
       if (place == nearest || !(std::abs(distance_px) < kBeyond)) continue;
       const double cosine = side * direction.dot(lines[line_of_[place / kNumLanes]].direction);
-      cell_px = std::min(cell_px, CellBoundaryPx(least_px, distance_px, cosine));
+      half_cell_px = std::min(half_cell_px, CellBoundaryPx(least_px, distance_px, cosine));
     }
     is_nearest_[nearest / kNumLanes][nearest % kNumLanes] = -1;
-    cell_px_[nearest / kNumLanes][nearest % kNumLanes] = static_cast<float>(std::max<double>(cell_px, least_px));
+    half_cell_px_[nearest / kNumLanes][nearest % kNumLanes] =
+        static_cast<float>(std::max<double>(half_cell_px, least_px));
   }
 }
 
-HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines,
-                               int64_t patience_us) {
+HealthResult TrackHealth::Test(const TestThresholds& thresholds) {
   // Seconds without more events than those of the background after which the result is kFewEvents: a pose at rest is
   // reported as such within 20 ms.
   constexpr double kLongestSpanS = 0.02;
@@ -306,9 +308,9 @@ HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_rat
   const double span_us = span_s_ * 1e6 + kHalfMicrosecond;
   HealthResult result;
   if (gated_ >= options_.min_events && span_us >= static_cast<double>(options_.min_span_us)) {
-    result = Evaluate(min_support_ratio, sure_support_ratio, min_supported_lines);
+    result = Evaluate(thresholds);
     if (result.kind != HealthResult::Kind::kSupported) {
-      if (span_us < static_cast<double>(patience_us)) {
+      if (span_us < static_cast<double>(thresholds.min_contradiction_us)) {
         result.kind = HealthResult::Kind::kOpen;
       } else if (IsExplained(gated_, Noise())) {
         result.kind = HealthResult::Kind::kFewEvents;
@@ -316,12 +318,12 @@ HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_rat
     }
   }
   if (result.kind == HealthResult::Kind::kOpen && recent_.span_s >= kLongestSpanS) {
-    const bool is_quiet = IsExplained(recent_.gated, CreditedNoiseRatio() * recent_.noise);
+    const bool is_quiet = IsExplained(recent_.gated, AcceptedNoiseRatio() * recent_.noise);
     if (is_quiet || span_s_ >= kLongestOpenS) result.kind = HealthResult::Kind::kFewEvents;
     recent_ = Recent();
   }
   if (result.kind == HealthResult::Kind::kOpen) return result;
-  was_quiet_ = result.kind == HealthResult::Kind::kFewEvents;
+  had_few_events_ = result.kind == HealthResult::Kind::kFewEvents;
   Reset();
   return result;
 }
@@ -329,13 +331,13 @@ HealthResult TrackHealth::Test(double min_support_ratio, double sure_support_rat
 double TrackHealth::Noise() const {
   double noise = 0.0;
   for (const LineStatistics& line : statistics_) noise += line.noise;
-  return noise * CreditedNoiseRatio();
+  return noise * AcceptedNoiseRatio();
 }
 
-double TrackHealth::CreditedNoiseRatio() const {
+double TrackHealth::AcceptedNoiseRatio() const {
   // After kFewEvents the object is at rest, and every background rate explains the events. A moving object does not
   // stop at the moment at which dense noise begins, so that only a limited rate is accepted as an explanation.
-  if (was_quiet_) return 1.0;
+  if (had_few_events_) return 1.0;
   double noise = 0.0;
   for (const LineStatistics& line : statistics_) noise += line.noise;
   return noise > 0.0 ? std::min(1.0, options_.max_noise_hz_per_px * gate_px2_s_ / noise) : 1.0;
@@ -360,14 +362,14 @@ double TrackHealth::ExcessSigma(const LineStatistics& line) const {
   return line.excess / std::sqrt(line.variance * options_.dispersion);
 }
 
-double TrackHealth::RightExcess(const LineStatistics& line, double credited_ratio) {
-  const double noise = credited_ratio * line.noise;
+double TrackHealth::RightExcess(const LineStatistics& line, double accepted_noise_ratio) {
+  const double noise = accepted_noise_ratio * line.noise;
   return line.right_excess * (line.gated > 0.0 ? std::max(0.0, 1.0 - noise / line.gated) : 0.0);
 }
 
-double TrackHealth::PowerSigma(const LineStatistics& line, double credited_ratio) const {
+double TrackHealth::PowerSigma(const LineStatistics& line, double accepted_noise_ratio) const {
   if (line.variance <= 0.0) return 0.0;
-  return RightExcess(line, credited_ratio) / std::sqrt(line.variance * options_.dispersion);
+  return RightExcess(line, accepted_noise_ratio) / std::sqrt(line.variance * options_.dispersion);
 }
 
 bool TrackHealth::IsExpected(const LineStatistics& line, double noise, double events) const {
@@ -382,10 +384,10 @@ bool TrackHealth::IsTestable(const LineStatistics& line) const {
   return has_events || IsExpected(line, line.noise, kTestableEvents);
 }
 
-bool TrackHealth::HasPower(const LineStatistics& line, double credited_ratio) const {
+bool TrackHealth::HasPower(const LineStatistics& line, double accepted_noise_ratio) const {
   // The number of events, and with it the square of the power, is that of IsTestable().
   const double ratio = options_.power_sigma / options_.significance_sigma;
-  return PowerSigma(line, credited_ratio) >= options_.power_sigma ||
+  return PowerSigma(line, accepted_noise_ratio) >= options_.power_sigma ||
          IsExpected(line, line.noise, ratio * ratio * kTestableEvents);
 }
 
@@ -399,26 +401,27 @@ double TrackHealth::PresentPlaces(const LineStatistics& line, double noise) {
   return static_cast<double>((line.along.array() >= least).count()) / places;
 }
 
-bool TrackHealth::IsDisplaced(size_t curve, double credited_ratio) const {
+bool TrackHealth::IsDisplaced(size_t curve, double accepted_noise_ratio) const {
   LineStatistics line = statistics_[curve];
   line.Add(memory_[curve]);
-  return ExcessSigma(line) < options_.significance_sigma && PowerSigma(line, credited_ratio) >= options_.power_sigma &&
-         PresentPlaces(line, credited_ratio * line.noise) >= 0.5;
+  return ExcessSigma(line) < options_.significance_sigma &&
+         PowerSigma(line, accepted_noise_ratio) >= options_.power_sigma &&
+         PresentPlaces(line, accepted_noise_ratio * line.noise) >= 0.5;
 }
 
-double TrackHealth::PooledShare(const LineStatistics& pooled, double credited_ratio) const {
+double TrackHealth::PooledShare(const LineStatistics& pooled, double accepted_noise_ratio) const {
   const bool is_significant = ExcessSigma(pooled) >= options_.significance_sigma;
-  return is_significant ? pooled.excess / std::max(pooled.excess, RightExcess(pooled, credited_ratio)) : 0.0;
+  return is_significant ? pooled.excess / std::max(pooled.excess, RightExcess(pooled, accepted_noise_ratio)) : 0.0;
 }
 
-void TrackHealth::AddCurve(size_t k, double credited_ratio, CurveSums& sums) {
+void TrackHealth::AddCurve(size_t k, double accepted_noise_ratio, CurveSums& sums) {
   CurveResult& curve = curve_results_[k];
   curve = {CurveResult::Kind::kOpen, std::max(0.0, statistics_[k].excess + memory_[k].excess),
            statistics_[k].expected + memory_[k].expected};
   LineStatistics line = statistics_[k];
   const double length_px = line.length_px;
   sums.total.Add(line);
-  sums.present_length += PresentRatio(line, credited_ratio * line.noise) * length_px;
+  sums.present_length += PresentRatio(line, accepted_noise_ratio * line.noise) * length_px;
   if (!IsTestable(line)) line.Add(memory_[k]);
   if (!IsTestable(line)) return;
   sums.testable_lines += line.lines;
@@ -430,7 +433,7 @@ void TrackHealth::AddCurve(size_t k, double credited_ratio, CurveSums& sums) {
     curve.kind = CurveResult::Kind::kSupported;
     return;
   }
-  if (HasPower(line, credited_ratio)) {
+  if (HasPower(line, accepted_noise_ratio)) {
     sums.decided_lines += line.lines;
     sums.contradicting_length += length_px;
     curve.kind = CurveResult::Kind::kContradicted;
@@ -439,18 +442,18 @@ void TrackHealth::AddCurve(size_t k, double credited_ratio, CurveSums& sums) {
     sums.pooled_length += length_px;
     sums.pooled_lines += line.lines;
   }
-  if (IsDisplaced(k, credited_ratio)) sums.displaced_length += length_px;
+  if (IsDisplaced(k, accepted_noise_ratio)) sums.displaced_length += length_px;
 }
 
-HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines) {
+HealthResult TrackHealth::Evaluate(const TestThresholds& thresholds) {
   using Kind = HealthResult::Kind;
-  const double credited_ratio = CreditedNoiseRatio();
+  const double accepted_noise_ratio = AcceptedNoiseRatio();
   CurveSums sums;
   for (size_t k = 0; k < statistics_.size(); ++k) {
     YieldPoint(k);
-    AddCurve(k, credited_ratio, sums);
+    AddCurve(k, accepted_noise_ratio, sums);
   }
-  const double pooled_share = PooledShare(sums.pooled, credited_ratio);
+  const double pooled_share = PooledShare(sums.pooled, accepted_noise_ratio);
   sums.supported_length += pooled_share * sums.pooled_length;
   const double decided_length = sums.supported_length + sums.contradicting_length;
   const double decided_ratio = decided_length > 0.0 ? sums.supported_length / decided_length : 0.0;
@@ -463,18 +466,20 @@ HealthResult TrackHealth::Evaluate(double min_support_ratio, double sure_support
   result.testable_ratio = length_px > 0.0 ? sums.testable_length / length_px : 0.0;
   result.support_ratio = sums.testable_length > 0.0 ? sums.supported_length / sums.testable_length : 0.0;
   result.missing_sectors = MissingSectors();
-  const bool has_excess = result.sigma > options_.significance_sigma &&
-                          sums.total.excess >= options_.min_excess_ratio * RightExcess(sums.total, credited_ratio);
-  const bool has_lines = result.supported_lines >= min_supported_lines;
+  const bool has_excess =
+      result.sigma > options_.significance_sigma &&
+      sums.total.excess >= options_.min_excess_ratio * RightExcess(sums.total, accepted_noise_ratio);
+  const bool has_lines = result.supported_lines >= thresholds.min_lines;
   if (!has_excess) {
-    result.kind = HasPower(sums.total, credited_ratio) ? Kind::kUnsupported : Kind::kOpen;
-  } else if (has_lines && result.support_ratio >= sure_support_ratio) {
+    result.kind = HasPower(sums.total, accepted_noise_ratio) ? Kind::kUnsupported : Kind::kOpen;
+  } else if (has_lines && result.support_ratio >= options_.confirm_support_ratio) {
     const bool is_doubtful = result.missing_sectors > options_.max_missing_sectors ||
                              sums.displaced_length > options_.max_displaced_ratio * sums.testable_length;
     result.kind = is_doubtful ? Kind::kDoubtful : Kind::kSupported;
-  } else if (has_lines && result.support_ratio >= min_support_ratio) {
-    result.kind = decided_ratio < sure_support_ratio ? Kind::kDoubtful : Kind::kOpen;
-  } else if (sums.decided_lines >= min_supported_lines && (!has_lines || decided_ratio < min_support_ratio)) {
+  } else if (has_lines && result.support_ratio >= thresholds.keep_support_ratio) {
+    result.kind = decided_ratio < options_.confirm_support_ratio ? Kind::kDoubtful : Kind::kOpen;
+  } else if (sums.decided_lines >= thresholds.min_lines &&
+             (!has_lines || decided_ratio < thresholds.keep_support_ratio)) {
     result.kind = Kind::kUnsupported;
   }
   return result;

@@ -55,6 +55,13 @@ struct EventConcentration {
   double ratio = 0.0;  // excess divided by that of the right pose
 };
 
+// The thresholds of a test. They are stricter for confirming a pose than for keeping one (HealthOptions).
+struct TestThresholds {
+  double keep_support_ratio = 0.0;   // share of the testable length; a pose with less support is contradicted
+  int min_lines = 0;                 // supported lines
+  int64_t min_contradiction_us = 0;  // counts of a shorter time do not contradict a pose
+};
+
 // Accumulates the event counts of the lines of one hypothesis and tests them.
 class TrackHealth {
  public:
@@ -71,32 +78,34 @@ class TrackHealth {
                  const WindowFit& fit);
   // Tests the counts since the last result.
   //
-  //   kSupported     supported length / testable length >= sure_support_ratio, with min_supported_lines supported ones;
-  //                  at most max_missing_sectors sectors of the outline lack their events, and displaced length /
-  //                  testable length <= max_displaced_ratio
+  //   kSupported     supported length / testable length >= confirm_support_ratio, with min_lines supported ones; at
+  //   most
+  //                  max_missing_sectors sectors of the outline lack their events, and displaced length / testable
+  //                  length <= max_displaced_ratio
   //   kDoubtful      the same with more such sectors or more displaced length; or supported length / testable length
-  //                  >= min_support_ratio with as many lines, and supported length / decided length <
-  //                  sure_support_ratio
-  //   kUnsupported   supported length / decided length < min_support_ratio, or fewer than min_supported_lines supported
-  //                  lines, of at least as many decided ones; or all lines together have power and no support
+  //                  >= keep_support_ratio with as many lines, and supported length / decided length <
+  //                  confirm_support_ratio
+  //   kUnsupported   supported length / decided length < keep_support_ratio, or fewer than min_lines supported lines,
+  //   of
+  //                  at least as many decided ones; or all lines together have power and no support
   //   kFewEvents     no more events than the background explains, as for an object at rest, or no other result in 1 s
   //   kOpen          too few events so far; counting continues
   //
   // A line is testable if its events have enough information, and decided if it is supported or if the right
   // pose would reach power_sigma.
   //
-  // kSupported is returned as soon as the counts reach it, kDoubtful and kUnsupported only after `patience_us`, because
-  // flicker and clutter dilute the events of the object. Every result but kOpen resets the counts. The ratios and the
-  // number of lines are stricter for confirming a pose than for keeping one (HealthOptions).
-  HealthResult Test(double min_support_ratio, double sure_support_ratio, int min_supported_lines, int64_t patience_us);
+  // kSupported is returned as soon as the counts reach it, kDoubtful and kUnsupported only after
+  // `min_contradiction_us`, because flicker and clutter dilute the events of the object. Every result but kOpen resets
+  // the counts.
+  HealthResult Test(const TestThresholds& thresholds);
 
   static void VisitState(auto& archive, auto& self) {
     auto& [options, min_events_per_px2, near_probability, testable_information, spread_step, statistics, memory, span_s,
-           gated, gate_px2_s, recent, was_quiet, sectors, window_sectors, window_lines, places, distance_px, cell_px,
-           is_nearest, line_of, curve_results] = self;
+           gated, gate_px2_s, recent, had_few_events, sectors, window_sectors, window_lines, places, distance_px,
+           half_cell_px, is_nearest, line_of, curve_results] = self;
     for (auto& line : statistics) archive(line);
     for (auto& line : memory) archive(line);
-    archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), recent, was_quiet);
+    archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), recent, had_few_events);
     for (auto& sector : sectors) archive(sector);
   }
 
@@ -156,8 +165,8 @@ class TrackHealth {
   struct NearEvent {
     double distance_px;
     double along_px;  // along the curve
-    double competing;
-    double cell_px;
+    double others_per_px;
+    double half_cell_px;
     uint8_t polarity;
   };
   void AddEvent(const NearEvent& event, WindowLine& line, Sector& sector);
@@ -168,39 +177,39 @@ class TrackHealth {
   void AddExpectedEvents(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                          const Vector6d& twist);
   // Tests a curve, and adds it to the sums.
-  void AddCurve(size_t k, double credited_ratio, CurveSums& sums);
-  HealthResult Evaluate(double min_support_ratio, double sure_support_ratio, int min_supported_lines);
+  void AddCurve(size_t k, double accepted_noise_ratio, CurveSums& sums);
+  HealthResult Evaluate(const TestThresholds& thresholds);
   // Whether the line would be supported at the right pose: it has, or should have produced, significantly more events
   // than the background, with as much information as kTestableEvents of an isolated line.
   bool IsTestable(const LineStatistics& line) const;
   // Whether the right pose would reach power_sigma.
-  bool HasPower(const LineStatistics& line, double credited_ratio) const;
+  bool HasPower(const LineStatistics& line, double accepted_noise_ratio) const;
   // Standard deviations by which near events would exceed chance at the right pose.
-  double PowerSigma(const LineStatistics& line, double credited_ratio) const;
+  double PowerSigma(const LineStatistics& line, double accepted_noise_ratio) const;
   // `pooled` is the sum over the lines whose own tests have no power. Returns the supported share of their length:
   // their excess divided by the excess that is expected at the right pose, at most 1; 0 if it is not significant.
-  double PooledShare(const LineStatistics& pooled, double credited_ratio) const;
+  double PooledShare(const LineStatistics& pooled, double accepted_noise_ratio) const;
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;
   static double PresentPlaces(const LineStatistics& line, double noise);  // the same, by the events alone
   // Whether the present counts and those of about the last memory_us, along most of a curve, give its test power and do
   // not support it.
-  bool IsDisplaced(size_t curve, double credited_ratio) const;
+  bool IsDisplaced(size_t curve, double accepted_noise_ratio) const;
   // Whether the line's motion should have produced at least `events` events and significantly more than `noise`.
   bool IsExpected(const LineStatistics& line, double noise, double events) const;
   // The share of the background events that the test accepts as an explanation (see max_noise_hz_per_px).
-  double CreditedNoiseRatio() const;
+  double AcceptedNoiseRatio() const;
   // Whether `noise` background events explain `gated` events.
   bool IsExplained(double gated, double noise) const;
   // Background events in the gates since the last test result, as far as they are accepted as an explanation.
   double Noise() const;
-  // right_excess without the share of the background events, as far as these are accepted (CreditedNoiseRatio()).
-  static double RightExcess(const LineStatistics& line, double credited_ratio);
+  // right_excess without the share of the background events, as far as these are accepted (AcceptedNoiseRatio()).
+  static double RightExcess(const LineStatistics& line, double accepted_noise_ratio);
   double ExcessSigma(const LineStatistics& line) const;
   int MissingSectors() const;
   // Probability that an event of a cell with this half-width is near its line at the right pose.
-  double RightProbability(double cell_px) const;
-  double NearPx(double cell_px) const { return std::min(options_.near_px, 0.5 * cell_px); }
+  double RightProbability(double half_cell_px) const;
+  double NearPx(double half_cell_px) const { return std::min(options_.near_px, 0.5 * half_cell_px); }
 
   const HealthOptions options_;
   const double min_events_per_px2_;
@@ -220,13 +229,13 @@ class TrackHealth {
   double gated_ = 0.0;
   double gate_px2_s_ = 0.0;  // area of the union of the gates times time
   Recent recent_;
-  bool was_quiet_ = false;  // the last test result was kFewEvents
+  bool had_few_events_ = false;  // the last test result was kFewEvents
   std::array<Sector, kNumOutlineSectors> sectors_;
   std::array<Sector, kNumOutlineSectors> window_sectors_;  // those of the window
   std::vector<WindowLine> window_lines_;
   std::vector<Place> places_;         // place of each line of the window
   std::vector<Lanes> distance_px_;    // distances of events in several gates; infinite beyond the ends of the line
-  std::vector<Lanes> cell_px_;        // for the nearest line of an event: width of its cell on the side of the event
+  std::vector<Lanes> half_cell_px_;   // for the nearest line of an event: width of its cell on the side of the event
   std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event; indexed like distance_px_
   std::vector<uint16_t> line_of_;     // index of the line, by index of the EventLanes
   std::vector<CurveResult> curve_results_;

@@ -28,10 +28,11 @@ absl::Status HealthOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_hold_us", static_cast<double>(max_hold_us), 0.0, 1e9));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_missing_sectors", max_missing_sectors, 0, kNumOutlineSectors));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_displaced_ratio", max_displaced_ratio, 0.0, 1.0));
-  EVPOSE_RETURN_IF_ERROR(CheckPositive("patience_us", static_cast<double>(patience_us)));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_contradiction_us", static_cast<double>(min_contradiction_us)));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("lost_after_us", static_cast<double>(lost_after_us)));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_contradictions", max_contradictions, 1, 1000));
-  return CheckPositive("max_uncertainty_px", max_uncertainty_px);
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("max_uncertainty_px", max_uncertainty_px));
+  return CheckPositive("sure_uncertainty_px", sure_uncertainty_px);
 }
 
 }  // namespace evpose

@@ -16,9 +16,9 @@ inline constexpr int kNumOutlineSectors = 8;
 // false alarm rates; they were validated on simulated recordings with truth (core/experiments/RESULTS.md) and on the
 // tests of this folder.
 struct HealthOptions {
-  // Pixels. An event within near_px of its line, and nearer to it than half of the width of the line's cell there,
-  // counts as an event of that line; events beyond gate_px are not counted. Under uniform clutter the share of near
-  // events among those of a cell equals the ratio of the widths.
+  // Pixels. An event counts as near its line if its distance is at most near_px and at most half of the half-width of
+  // the line's cell there (README, section 1); events beyond gate_px are not counted. Under uniform clutter the share
+  // of near events among those of a cell equals the ratio of the widths.
   double near_px = 2.0;
   double gate_px = 8.0;
   // Pixels. The standard deviation of the events about a line at the right pose, which determines the power of the
@@ -32,7 +32,7 @@ struct HealthOptions {
   // contradict a pose. The right pose then remains below significance_sigma in 3 % of the tests of a line.
   double power_sigma = 5.0;
   // Variance of event counts relative to independent events, which is above 1 because one edge passage triggers several
-  // events (see events_per_information).
+  // events (see MixtureOptions::events_per_information).
   double dispersion = 5.0;
   // Background events per second and pixel. An EVK4 in dim light produces 1 to 3, with sensitive biases 10. Events near
   // the lines at up to this rate, and no denser than elsewhere on the sensor, do not contradict an object at rest.
@@ -66,7 +66,7 @@ struct HealthOptions {
   int64_t max_hold_us = 15'000;
   // Least time, microseconds, after which a confirmed pose without support counts as unsupported: ten poses at 1 kHz.
   // At low event rates the power of the test determines the time.
-  int64_t patience_us = 10'000;
+  int64_t min_contradiction_us = 10'000;
   // Microseconds from the first unsupported test result on after which a further one makes the pose LOST. At ordinary
   // event rates a loss is thereby reported within 50 ms.
   int64_t lost_after_us = 25'000;
@@ -84,6 +84,10 @@ struct HealthOptions {
   // Pixels. Largest projected uncertainty of a pose. A larger uncertainty exceeds the width of the gate, so that the
   // events do not distinguish a right pose from a wrong one.
   double max_uncertainty_px = 12.0;
+  // Pixels. Projected uncertainty, from the supported curves without any single one of them, up to which a pose is
+  // confirmed although edges that should have events have none. Inner edges between faces of the same brightness have
+  // none at the right pose; there the uncertainty was 0.1 to 0.5 px where it remained DEGRADED (README, section 1).
+  double sure_uncertainty_px = 0.5;
 
   absl::Status Validate() const;
 };

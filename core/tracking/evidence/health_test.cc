@@ -18,7 +18,7 @@ using Kind = HealthResult::Kind;
 constexpr int kNumLines = 10;
 constexpr double kLineM = 0.1;  // 100 px
 constexpr double kWindowS = 0.002;
-constexpr double kKeep = 0.35, kSure = 0.6;
+constexpr double kKeep = 0.35;
 
 // Ten vertical lines, 40 px apart, that move to the right by 0.4 px per window.
 class HealthTest : public ::testing::Test {
@@ -53,7 +53,7 @@ class HealthTest : public ::testing::Test {
   }
   void CloseWindow(double background_per_px2 = 0.0, ByPolarity polarity_weight = {1.0, 1.0}) {
     WindowInput input;
-    input.shares.polarity_weight = polarity_weight;
+    input.sampling.polarity_weight = polarity_weight;
     const LineEvents sorted(events_, tracked_.size());
     input.events = events_;
     input.sorted = &sorted;
@@ -71,7 +71,7 @@ class HealthTest : public ::testing::Test {
     CloseWindow();
     return TestNow();
   }
-  HealthResult TestNow() { return health_.Test(kKeep, kSure, 2, options_.patience_us); }
+  HealthResult TestNow() { return health_.Test({kKeep, 2, options_.min_contradiction_us}); }
 
   const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
   const HealthOptions options_{};
@@ -267,7 +267,7 @@ class DenseLinesTest : public ::testing::Test {
       fit.residual_rms_px = std::min(spread_px, 1.0);
       health.AddWindow(camera_, input, lines_, fit);
       events_.clear();
-      result = health.Test(kKeep, kSure, 2, 10'000);
+      result = health.Test({kKeep, 2, 10'000});
     }
     return result;
   }
@@ -297,7 +297,7 @@ TEST_F(DenseLinesTest, LinesWithoutPowerOfTheirOwnSupportAPoseTogether) {
   // Too few events for the significance of most single lines.
   const HealthResult right = Judge(110, 0.0, 1.0, 1);
   EXPECT_EQ(right.kind, Kind::kSupported);
-  EXPECT_GE(right.support_ratio, kSure);
+  EXPECT_GE(right.support_ratio, HealthOptions().confirm_support_ratio);
   EXPECT_NE(Judge(110, 0.5 * kSpacingPx, 1.0, 1).kind, Kind::kSupported);
 }
 
@@ -349,7 +349,7 @@ class RingHealthTest : public ::testing::Test {
     WindowFit fit;
     fit.state = state_;
     health.AddWindow(camera_, input, lines_, fit);
-    return health.Test(kKeep, kSure, 3, 1000);
+    return health.Test({kKeep, 3, 1000});
   }
 
   const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);

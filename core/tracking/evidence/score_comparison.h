@@ -11,8 +11,8 @@ namespace evpose {
 
 class ScoreComparison {
  public:
-  // Adds a window: the sum over its events of the differences of both scores, positive if the first pose is the better
-  // one, the sum of the squares of these differences, and the mean of the sums of both scores.
+  // Adds a window with the sums D, S and E of equation (3) of the README. D is positive if the first pose is the better
+  // one.
   void Add(double difference, double squares, double explained);
   // Standard deviations by which the first pose is the better one. `dispersion`: HealthOptions::dispersion;
   // `model_error_ratio`: InitializationOptions::model_error_ratio.
@@ -26,7 +26,7 @@ class ScoreComparison {
   double difference_ = 0.0;
   double squares_ = 0.0;
   double explained_ = 0.0;
-  // Sums over the windows of the products of both sums of a window.
+  // Sums over the windows of D^2, D S and S^2.
   double differences2_ = 0.0;
   double products_ = 0.0;
   double squares2_ = 0.0;

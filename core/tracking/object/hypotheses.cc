@@ -54,13 +54,14 @@ const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind, 
   Entry entry;
   entry.track = std::make_unique<PoseTrack>(context_, state);
   if (kind == RivalKind::kSameEdges) {
+    // Copies the statistics of the first hypothesis through its saved state.
     StateWriter writer;
     writer(*entries_.front().track);
     const std::string learned = writer.Take();
     StateReader reader(learned);
     reader(*entry.track);
     entry.track->set_motion(state);
-    entry.has_rivals_tested = is_first_tested();
+    entry.are_rivals_generated = are_rivals_generated();
   }
   entry.origin = prior == RivalPrior::kUnlikely ? Origin::kUnlikelyRival : Origin::kRival;
   entry.pending = kSettlingWindows + kComparedWindows;
@@ -149,7 +150,7 @@ void Hypotheses::Append(Entry entry) {
   for (Entry& each : entries_) each.comparisons.resize(entries_.size());
 }
 
-void Hypotheses::OnWindow(const EventWindow& window, const Competitors* others) {
+void Hypotheses::OnWindow(const EventWindow& window, const OtherObjects* others) {
   now_us_ = window.t_end_us;
   for (Entry& entry : entries_) entry.estimate = entry.track->OnWindow(window, others);
   DropLost();
@@ -166,7 +167,7 @@ void Hypotheses::OnGap(int64_t gap_us) {
   for (Entry& entry : entries_) entry.track->OnGap(gap_us);
 }
 
-void Hypotheses::Compare(const EventWindow& window, const Competitors* others) {
+void Hypotheses::Compare(const EventWindow& window, const OtherObjects* others) {
   std::vector<WindowEvent>& events = compared_events_;
   DownsampleByClass(
       static_cast<size_t>(context_.options.initialization.max_compared_events), {0.5, 0.5}, window.events,
@@ -330,10 +331,10 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, estimate, events, comparisons, origin, has_rivals_tested, pending, rejected] = self;
+  auto& [track, estimate, events, comparisons, origin, are_rivals_generated, pending, rejected] = self;
   archive(*track, estimate);
   VisitOrigin(archive, origin);
-  archive(has_rivals_tested, AtMost(pending, kSettlingWindows + kComparedWindows));
+  archive(are_rivals_generated, AtMost(pending, kSettlingWindows + kComparedWindows));
   archive(rejected);
   archive.Check(rejected.size() <= kMaxRejected, "more rejected poses than are kept");
   for (auto& comparison : comparisons) archive(comparison);  // one for each entry

@@ -46,7 +46,7 @@ class Hypotheses {
   void Clear() { entries_.clear(); }
 
   // `others`: see PoseTrack::OnWindow.
-  void OnWindow(const EventWindow& window, const Competitors* others = nullptr);
+  void OnWindow(const EventWindow& window, const OtherObjects* others = nullptr);
   // See PoseTrack::OnGap.
   void OnGap(int64_t gap_us);
   // Removes the hypotheses for which `is_wrong` is true, for that reason.
@@ -58,10 +58,10 @@ class Hypotheses {
   // Whether a pose that looks like this one was rejected because the events prefer the first hypothesis. Requires
   // !empty().
   bool HasRejected(const RigidTransform& camera_from_object) const;
-  // The generated rivals of the first hypothesis have been added, and whether they have. A rival with the same edges
-  // has the same rivals.
-  void MarkFirstTested() { entries_.front().has_rivals_tested = true; }
-  bool is_first_tested() const { return entries_.front().has_rivals_tested; }
+  // Records that the generated rivals of the first hypothesis are not to be added again.
+  void MarkRivalsGenerated() { entries_.front().are_rivals_generated = true; }
+  // True after that call. A rival with the same edges inherits the value, because it has the same rivals.
+  bool are_rivals_generated() const { return entries_.front().are_rivals_generated; }
   // Whether the first hypothesis has rivals that AddRival() has added.
   bool HasRival() const;
   // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
@@ -112,7 +112,7 @@ class Hypotheses {
     std::vector<PoseTrack::Nearness> events;   // the compared ones of the window
     std::vector<ScoreComparison> comparisons;  // with each other entry, in the order of `entries_`
     Origin origin = Origin::kSearch;
-    bool has_rivals_tested = false;  // MarkFirstTested()
+    bool are_rivals_generated = false;  // MarkRivalsGenerated()
     int pending = 0;  // windows until an unfinished comparison with the first hypothesis counts as undecided
     // Poses that this one was preferred to, relative to it, object_from_object; at most kMaxRejected.
     std::vector<RigidTransform> rejected;
@@ -122,7 +122,7 @@ class Hypotheses {
     static void VisitOrigin(auto& archive, auto& origin);
   };
 
-  void Compare(const EventWindow& window, const Competitors* others);
+  void Compare(const EventWindow& window, const OtherObjects* others);
   // Returns the weights of the compared events of a window (README, section 2), and updates clutter_.
   ByPolarity WeighEvents(int64_t t_us);
   // Adds the differences of the scores of the compared events to the comparisons of both.

@@ -40,7 +40,7 @@ void MotionAdaptation::Add(const Innovation& innovation) {
   // Relative change of the ratio per degree of freedom. Slow objects have windows with few events, which measure less
   // than one direction: their ratio falls to a hundredth within some thousand windows, about ten seconds.
   constexpr double kGain = 0.02;
-  // Bound of one window: twice the directions of a pose and its twist.
+  // Largest excess of one window over its expectation: the number of directions of a pose and its twist.
   constexpr double kMaxExcess = 12.0;
   if (is_limited() || !std::isfinite(innovation.square) || !std::isfinite(innovation.expected)) return;
   const double expected = std::clamp(innovation.expected, 0.0, 12.0);

@@ -35,7 +35,7 @@ class OutlineProjection {
     // core/association/README.md, equation (11).
     const double position = 2.0 * fraction - 1.0;
     const Eigen::Vector3d point = camera_from_object_ * (edge_->p1 + fraction * (edge_->p2 - edge_->p1) +
-                                                         (1.0 / 3.0 - position * position) * edge_->bow);
+                                                         (1.0 / 3.0 - position * position) * edge_->sagitta);
     if (!(point.z() > kNearestDepthM)) return std::nullopt;
     const Eigen::Vector2d plane = point.head<2>() / point.z();
     const DistortedPoint distorted = DistortNormalised(camera_.lens_model, camera_.distortion, plane);
@@ -85,7 +85,7 @@ class OutlineProjection {
 
 void ObjectOutline::SetEdges(absl::Span<const TrackedLine> lines) {
   edges.clear();
-  for (const TrackedLine& line : lines) edges.push_back({line.p1, line.p2, line.bow, line.kind});
+  for (const TrackedLine& line : lines) edges.push_back({line.p1, line.p2, line.sagitta, line.kind});
 }
 
 std::vector<OutlineSegment> ProjectOutline(const CameraModel& camera, const ObjectOutline& outline) {

@@ -21,7 +21,7 @@ struct ObjectOutline {
   struct Edge {
     Eigen::Vector3d p1;  // object frame, metres; of an arc, the ends of TrackedLine, which is not its chord
     Eigen::Vector3d p2;
-    Eigen::Vector3d bow;  // TrackedLine::bow
+    Eigen::Vector3d sagitta;  // TrackedLine::sagitta
     EdgeKind kind = EdgeKind::kCrease;
   };
   TrackState state = TrackState::kInitializing;

@@ -60,12 +60,12 @@ void ObjectTracker::StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior)
 }
 
 void ObjectTracker::AddRivalsOfLastHypothesis() {
-  if (IsGiven(phase_) || hypotheses_.is_first_tested() || context_.options.estimator_factory) return;
+  if (IsGiven(phase_) || hypotheses_.are_rivals_generated() || context_.options.estimator_factory) return;
   for (const MotionState& rival : RivalsOf(hypotheses_.first().motion())) {
     if (hypotheses_.HasRejected(rival.camera_from_object)) continue;
     hypotheses_.AddRival(rival, Hypotheses::RivalKind::kOtherEdges);
   }
-  hypotheses_.MarkFirstTested();
+  hypotheses_.MarkRivalsGenerated();
 }
 
 std::vector<MotionState> ObjectTracker::RivalsOf(const MotionState& state) const {
@@ -74,7 +74,7 @@ std::vector<MotionState> ObjectTracker::RivalsOf(const MotionState& state) const
 }
 
 void ObjectTracker::AddEqualRivals(Hypotheses& hypotheses) {
-  hypotheses.MarkFirstTested();
+  hypotheses.MarkRivalsGenerated();
   if (context_.options.estimator_factory) return;
   const MotionState start = hypotheses.first().motion();
   const std::vector<MotionState> all = RivalsOf(start);

@@ -14,8 +14,8 @@
 namespace evpose {
 namespace {
 
-// At most this many windows: 0.5 s of the shortest ones (WindowOptions::min_interval_us). Bounds the memory.
-constexpr size_t kMaxPastStates = 1000;
+// Least time between two past states, microseconds: lines move little in this time, and that motion is predicted.
+constexpr int64_t kPastStateSpacingUs = 2500;
 // Inclination of a face at which its mirrored pose is tested, relative to InitializationOptions::merge_rad: both then
 // differ by more than poses that are merged.
 constexpr double kInclinedOfMerge = 0.6;
@@ -38,7 +38,7 @@ ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializ
 
 void ObjectTracker::SetOthers(std::vector<const ObjectTracker*> others) {
   others_ = std::move(others);
-  if (!others_.empty()) competitors_ = std::make_unique<Competitors>(context_.camera);
+  if (!others_.empty()) other_objects_ = std::make_unique<OtherObjects>(context_.camera);
 }
 
 void ObjectTracker::SetPhaseListener(PhaseListener listener) {
@@ -97,8 +97,8 @@ double ObjectTracker::ImageSpeedPxPerS() const {
 
 TrackState ObjectTracker::state() const {
   if (!IsPublished(phase_)) return ReportedState(acquisition_);
-  const bool has_competitors = hypotheses_.size() > 1 && IsCompeting(phase_);
-  return has_competitors ? TrackState::kAmbiguous : hypotheses_.first().state();
+  const bool has_competing_hypotheses = hypotheses_.size() > 1 && IsCompeting(phase_);
+  return has_competing_hypotheses ? TrackState::kAmbiguous : hypotheses_.first().state();
 }
 
 InitializationReport ObjectTracker::initialization() const {
@@ -170,7 +170,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
       Enter(ObjectInput::kRivals);  // its rival takes its place
       StartRivalRounds(window.t_end_us, Hypotheses::RivalPrior::kEqual);
     } else {
-      // One of the competitors that are left is reported when it is confirmed.
+      // One of the other_objects that are left is reported when it is confirmed.
       Reject(ObjectInput::kFirstRejected, hypotheses_.first_removed_because());
     }
   }
@@ -329,7 +329,7 @@ std::vector<PixelEvent> ObjectTracker::CollectEvents() {
   pixel_events.reserve(memory_.num_events());
   for (size_t i = 0; i < memory_.size(); ++i) {
     const EventWindow window = memory_.At(i);
-    const Competitors* others = OthersAt(window, nullptr);
+    const OtherObjects* others = OthersAt(window, nullptr);
     for (size_t k = 0; k < window.events.size(); ++k) {
       YieldPoint(k);
       if (k + kPrefetchAhead < window.events.size()) {
@@ -370,18 +370,18 @@ MotionState ObjectTracker::StartState(const FirstPose& first) const {
   return state;
 }
 
-const Competitors* ObjectTracker::OthersAt(const EventWindow& window, const MotionState* near) {
-  if (competitors_ == nullptr) return nullptr;
+const OtherObjects* ObjectTracker::OthersAt(const EventWindow& window, const MotionState* near) {
+  if (other_objects_ == nullptr) return nullptr;
   const std::optional<BoundingSphere> sphere =
       near == nullptr ? std::nullopt : std::optional(SphereAt(near->camera_from_object));
-  competitors_->Clear();
-  for (const ObjectTracker* other : published_others_) other->AddTo(window.t_mid_us(), sphere, *competitors_);
-  if (competitors_->empty()) return nullptr;
-  competitors_->Build();
-  return competitors_.get();
+  other_objects_->Clear();
+  for (const ObjectTracker* other : published_others_) other->AddTo(window.t_mid_us(), sphere, *other_objects_);
+  if (other_objects_->empty()) return nullptr;
+  other_objects_->Build();
+  return other_objects_.get();
 }
 
-void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const {
+void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, OtherObjects& other_objects) const {
   // The widest gate plus the motion of a fast object during a window.
   constexpr double kMarginPx = 64.0;
   const auto is_later = [t_us](const PastState& state) { return state.motion.t_us >= t_us; };
@@ -391,8 +391,8 @@ void ObjectTracker::AddTo(int64_t t_us, const std::optional<BoundingSphere>& nea
   const MotionState state = Predict(before.motion, t_us, context_.options.motion);
   const BoundingSphere sphere = SphereAt(state.camera_from_object);
   if (near && !MayOverlap(context_.camera, *near, sphere, kMarginPx)) return;
-  competitors.Add(state, before.lines, context_.edges->visibility(), context_.sphere,
-                  context_.options.sensor.pixel_noise_px);
+  other_objects.Add(state, before.lines, context_.edges->visibility(), context_.sphere,
+                    context_.options.sensor.pixel_noise_px);
 }
 
 BoundingSphere ObjectTracker::SphereAt(const RigidTransform& camera_from_object) const {
@@ -414,6 +414,11 @@ bool ObjectTracker::IsOccupied(const PoseTrack& track) const {
 void ObjectTracker::StorePastState(const EventWindow& window) {
   if (others_.empty() || hypotheses_.empty()) return;
   const PoseTrack& track = hypotheses_.first();
+  // Another object that processes the same window later needs the state before it, so that the latest two are kept.
+  const size_t count = past_states_.size();
+  if (count > 2 && past_states_[count - 2].motion.t_us - past_states_[count - 3].motion.t_us < kPastStateSpacingUs) {
+    past_states_.erase(past_states_.end() - 2);
+  }
   past_states_.push_back({track.motion(), {track.lines().begin(), track.lines().end()}});
   const int64_t oldest_us = window.t_end_us - context_.options.initialization.memory_us;
   while (past_states_.size() > 1 &&

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 #include "core/initialization/initializer.h"
 #include "core/tracking/object/hypotheses.h"
 #include "core/tracking/object/object_outline.h"
@@ -26,12 +26,15 @@ namespace evpose {
 // Follows the hypotheses about one object and publishes at most one pose per window. Not thread-safe.
 class ObjectTracker {
  public:
+  // Past states that other objects need. They are 2.5 ms apart, so that these cover the memory of the search, 1 s.
+  static constexpr size_t kMaxPastStates = 403;
+
   // `initializer` may be null: every pose is then given, because the caller wants it or because no edge of the model is
   // visible from any side. The pose in `object` is that at the first event.
   ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer, const ObjectToTrack& object);
 
-  // Sets the other objects of the stream, which must be alive whenever this one processes a window. Their positions
-  // before the window are used, so that the results do not depend on the order of the objects.
+  // Sets the other objects of the stream, which must be alive whenever this one processes a window. Their states before
+  // the window are used. Only of two objects of one model at the same place the first one in order is tested first.
   void SetOthers(std::vector<const ObjectTracker*> others);
 
   // To be called for all objects before any of them processes the next window: finds the others that are published.
@@ -88,9 +91,9 @@ class ObjectTracker {
   void Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // The other published objects in a window; null when there are none. `near` restricts them to those whose image is
   // near this object in that state.
-  const Competitors* OthersAt(const EventWindow& window, const MotionState* near);
+  const OtherObjects* OthersAt(const EventWindow& window, const MotionState* near);
   // Adds this object at its prediction for t_us from earlier states.
-  void AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, Competitors& competitors) const;
+  void AddTo(int64_t t_us, const std::optional<BoundingSphere>& near, OtherObjects& other_objects) const;
   BoundingSphere SphereAt(const RigidTransform& camera_from_object) const;
   // Whether another object of the same model is published at this place: both would be the same physical object.
   bool IsOccupied(const PoseTrack& track) const;
@@ -113,14 +116,14 @@ class ObjectTracker {
   // The same for those of the rivals from `next` on that are followed together. Returns the first one that is left.
   size_t AddEqualRivals(const MotionState& start, const std::vector<MotionState>& all, size_t next,
                         Hypotheses& hypotheses);
-  // Whether a search is allowed while hypotheses exist, and the search: the poses that are found become competing
-  // hypotheses.
+  // Returns whether a search is allowed while hypotheses exist.
   bool MaySearchAgain() const;
+  // Searches beside the present hypotheses and adds the poses that are found as competing ones.
   void SearchAgain(const EventWindow& window);
   // Searches in the stored events and adds the poses that are found as hypotheses. Returns the reason if there are
   // none, and counts the result.
   InitializationStatus FindHypotheses(Hypotheses& hypotheses);
-  // The reason, if it is the region of the events, why `events` have too few edges for a search; counts it.
+  // Returns the status if the region of `events` is absent or too small for a search, and counts it; else nullopt.
   std::optional<InitializationStatus> WhyTooFewEdges(absl::Span<const PixelEvent> events);
   // Returns the stored events, undistorted. Not kept between searches, because the objects of a stream search in turn.
   std::vector<PixelEvent> CollectEvents();
@@ -157,7 +160,7 @@ class ObjectTracker {
 
   std::vector<const ObjectTracker*> others_;
   std::vector<const ObjectTracker*> published_others_;  // those that were published before this window
-  std::unique_ptr<Competitors> competitors_;            // null without others
+  std::unique_ptr<OtherObjects> other_objects_;         // null without others
   // Past states for the stored windows, in order of time; empty without other objects.
   std::deque<PastState> past_states_;
   const RivalGenerator rival_generator_;

@@ -13,7 +13,7 @@ namespace evpose {
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, memory, initializer, report, losses, last_tracked, last_published_us, given,
          next_search_us, retry_us, repeats_left, hypotheses, followed_since_us, phase, acquisition, now_us, others,
-         published_others, competitors, past_states, rival_generator, turned_faces, next_rivals_us, rival_rounds_left,
+         published_others, other_objects, past_states, rival_generator, turned_faces, next_rivals_us, rival_rounds_left,
          next_rival, rival_prior] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory);

@@ -67,7 +67,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
   }
 }
 
-std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const Competitors* others) {
+std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const OtherObjects* others) {
   if (others != nullptr && others->empty()) others = nullptr;
   WindowInput input;
   const WindowFit& fit = FitWindow(window, others, input);
@@ -98,14 +98,14 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     return MakeEstimate(fit, input);
   }
   // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
-  if (!input.is_confirmed) input.shares.polarity_weight = {1.0, 1.0};
+  if (!input.is_mostly_tested) input.sampling.polarity_weight = {1.0, 1.0};
   health_.AddWindow(camera, input, image_lines_, fit);
   const bool confirming = phase_ == TrackPhase::kTentative;
   const double support = coverage_ == TestCoverage::kMost ? health.keep_support_ratio : health.confirm_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
-  const int64_t patience_us = confirming ? health.min_span_us : health.patience_us;
-  const HealthResult result = health_.Test(support, health.confirm_support_ratio,
-                                           confirming ? health.confirm_lines : health.keep_lines, patience_us);
+  const int64_t min_contradiction_us = confirming ? health.min_span_us : health.min_contradiction_us;
+  const HealthResult result =
+      health_.Test({support, confirming ? health.confirm_lines : health.keep_lines, min_contradiction_us});
   if (occlusion_ == Occlusion::kSome && input.lines.size() < static_cast<size_t>(health.confirm_lines)) {
     // Too little is visible for an event deficit or foreign events to contradict the pose.
     Enter(TrackInput::kOcclusion, window.t_end_us);
@@ -180,7 +180,7 @@ std::optional<PoseEstimate> PoseTrack::PredictOccluded(const EventWindow& window
   return MakeEstimate(fit, WindowInput());
 }
 
-PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const Competitors* others) const {
+PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const OtherObjects* others) const {
   Nearness nearness;
   if (!associator_.grid().GiveLines(observation)) return nearness;
   const NearLines near = FindNearLines(observation, image_lines_.data(), kScoredPx, 0.0);
@@ -189,11 +189,11 @@ PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const Compet
   nearness.distance_px = static_cast<float>(distance_px);
   nearness.is_contour = lines_[near.line[0]].kind == EdgeKind::kContour;
   if (others == nullptr || rates_.empty()) return nearness;
-  nearness.share = static_cast<float>(OwnShare(distance_px, CompetingFor(observation, *others, rates_)));
+  nearness.share = static_cast<float>(OwnShare(distance_px, OthersDensityPerPx(observation, *others, rates_)));
   return nearness;
 }
 
-const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input) {
+const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input) {
   constexpr double kForget = 0.05;  // the running mean covers about 20 windows, 20 to 100 ms
   adaptation_.Limit(1.0);
   MotionState predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
@@ -201,7 +201,8 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const Competito
   fit_.Clear();
   is_flash_ = false;
   if (input.lines.empty()) return fit_;
-  // A longer window has fewer events than an estimate needs that does not depend on the prior.
+  // A window longer than one interval has few events (WindowOptions::min_events), so that its estimate depends on the
+  // prior.
   const bool is_sparse = window.t_end_us - window.t_begin_us > context_.options.windows.interval_us;
   if (is_sparse && LimitMotion(input)) {
     predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
@@ -244,7 +245,7 @@ bool PoseTrack::LimitMotion(const WindowInput& input) {
   for (const ImageLine& line : image_lines_) length_px += line.in_view() ? line.length_px : 0.0;
   const double could_sweep = kEventsPerPx2 * length_px * input.duration_s;
   if (!(could_sweep > 0.0)) return false;
-  const double speed_px_per_s = (input.shares.near_events[0] + input.shares.near_events[1]) / could_sweep;
+  const double speed_px_per_s = (input.sampling.near_events[0] + input.sampling.near_events[1]) / could_sweep;
   const MotionPriorOptions& motion = context_.options.motion;
   const double focal_px = context_.camera.MaxFocalPx();
   const double radius_m = 0.5 * context_.model->diameter_m;
@@ -289,7 +290,7 @@ void PoseTrack::FitNoEvents(const WindowInput& input, const MotionState& predict
 }
 
 bool PoseTrack::IsFlash(const EventWindow& window, const WindowInput& input) {
-  flash_.Add(input.shares.near_events, window.t_begin_us, window.t_end_us);
+  flash_.Add(input.sampling.near_events, window.t_begin_us, window.t_end_us);
   if (!flash_.is_changing()) return false;
   ProjectLines(context_.camera, fit_.state, input.lines, image_lines_);
   const EventConcentration concentration = health_.Concentration(input, image_lines_, fit_);
@@ -333,8 +334,8 @@ MotionState PoseTrack::Predicted(int64_t t_us, const MotionPriorOptions& motion,
   return predicted;
 }
 
-double PoseTrack::CompetingFor(const Observation& event, const Competitors& others,
-                               absl::Span<const double> rates) const {
+double PoseTrack::OthersDensityPerPx(const Observation& event, const OtherObjects& others,
+                                     absl::Span<const double> rates) const {
   const double density = others.DensityAt(event);
   if (density <= 0.0) return 0.0;
   constexpr double kReachPx = 16.0;  // the widest gate of the first pass, MixtureOptions::max_gate_px
@@ -343,10 +344,10 @@ double PoseTrack::CompetingFor(const Observation& event, const Competitors& othe
   return near.count == 0 ? density : density / rates[near.line[0]];
 }
 
-WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
+WindowInput PoseTrack::Gather(const EventWindow& window, const OtherObjects* others, const MotionState& predicted,
                               double gate_factor) {
   WindowInput input;
-  input.is_confirmed = phase_ != TrackPhase::kTentative && coverage_ == TestCoverage::kMost;
+  input.is_mostly_tested = phase_ != TrackPhase::kTentative && coverage_ == TestCoverage::kMost;
   input.lines = estimator_->UsesVisibility() ? visible_edges_.At(predicted.camera_from_object) : all_lines_;
   occlusion_ = Occlusion::kNone;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
@@ -363,11 +364,11 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const Competitors* othe
   if (others != nullptr) {
     for (const ImageLine& line : image_lines_) rates_.push_back(RelativeEventRate(context_.camera, predicted, line));
   }
-  const auto competing = [&](const Observation& event) {
-    return others == nullptr ? 0.0f : static_cast<float>(CompetingFor(event, *others, rates_));
+  const auto others_per_px = [&](const Observation& event) {
+    return others == nullptr ? 0.0f : static_cast<float>(OthersDensityPerPx(event, *others, rates_));
   };
   static_cast<AssociatedEvents&>(input) =
-      associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), competing);
+      associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), others_per_px);
   input.image_lines = image_lines_;
   SetPastCounts(input);
   return input;
@@ -385,9 +386,9 @@ void PoseTrack::UpdatePhase(const HealthResult& result, bool is_determined, int6
   const HealthOptions& health = context_.options.health;
   const bool is_tentative = phase_ == TrackPhase::kTentative;
   const bool is_most_testable = result.testable_ratio >= health.min_tested_ratio;
-  const bool is_passed =
+  const bool is_foreign_edge =
       result.kind == HealthResult::Kind::kUnsupported && !is_tentative && result.present_ratio < kMostLines;
-  switch (is_passed ? HealthResult::Kind::kFewEvents : result.kind) {
+  switch (is_foreign_edge ? HealthResult::Kind::kFewEvents : result.kind) {
     case HealthResult::Kind::kOpen:
       return;
     case HealthResult::Kind::kSupported: {
@@ -404,7 +405,7 @@ void PoseTrack::UpdatePhase(const HealthResult& result, bool is_determined, int6
       Enter(TrackInput::kPartialSupport, t_us);
       return;
     case HealthResult::Kind::kFewEvents:
-      // An object at rest produces no events, so that they do not contradict the pose; a doubtful pose stays doubtful.
+      // A doubtful pose stays doubtful.
       Enter(TrackInput::kFewEvents, t_us);
       break;
     case HealthResult::Kind::kUnsupported:
@@ -485,7 +486,7 @@ PoseEstimate PoseTrack::MakeEstimate(const WindowFit& fit, const WindowInput& in
       WithFreeAngle(context_.model->continuous_symmetry, fit.state.camera_from_object, PublishedCovariance(fit));
   estimate.twist = fit.state.twist;
   estimate.state = ReportedState(phase_);
-  estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.shares.mean_events_per_observation));
+  estimate.num_events = static_cast<uint32_t>(std::lround(fit.num_gated * input.sampling.mean_events_per_observation));
   estimate.explained_ratio = static_cast<float>(fit.explained_ratio());
   estimate.residual_rms_px = static_cast<float>(fit.residual_rms_px);
   return estimate;

@@ -10,7 +10,7 @@
 
 #include "core/association/association.h"
 #include "core/association/camera_tables.h"
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 #include "core/association/visible_edges.h"
 #include "core/association/window_associator.h"
 #include "core/estimation/estimator.h"
@@ -47,12 +47,12 @@ class PoseTrack {
 
   // Processes a window: prediction, association, estimation, test. Returns an estimate while the state is TRACKING or
   // DEGRADED. `others` are the other objects at mid-window; null or empty: none.
-  std::optional<PoseEstimate> OnWindow(const EventWindow& window, const Competitors* others = nullptr);
+  std::optional<PoseEstimate> OnWindow(const EventWindow& window, const OtherObjects* others = nullptr);
 
   // No event was processed for `gap_us` before the next window: the timeouts of the phases are extended by it.
   void OnGap(int64_t gap_us);
 
-  // The hypothesis is removed for this reason, unless it is lost already.
+  // Enters the phase lost for this cause, unless the hypothesis is lost already.
   void Reject(LossCause cause, int64_t t_us);
 
   TrackState state() const { return ReportedState(phase_); }
@@ -67,7 +67,8 @@ class PoseTrack {
   void ClearContradictions() { num_contradictions_ = 0; }
   // State at the middle of the last window.
   const MotionState& motion() const { return motion_; }
-  // Replaces the state from which the next window is predicted: for experiments that perturb every start.
+  // Replaces the state from which the next window is predicted. Used for rivals that start with the statistics of
+  // another hypothesis, and by experiments that perturb every start.
   void set_motion(const MotionState& motion) { motion_ = motion; }
   // The lines that were associated in the last window; valid until the next one.
   absl::Span<const TrackedLine> lines() const { return lines_; }
@@ -81,7 +82,7 @@ class PoseTrack {
   // away have a score of 0. Validated by half_turns_test: a contour 2 px beside its place must not count against the
   // right pose.
   static constexpr float kScoredPx = 6.0f;
-  Nearness NearestLine(Observation observation, const Competitors* others = nullptr) const;
+  Nearness NearestLine(Observation observation, const OtherObjects* others = nullptr) const;
   // Root mean square of the residuals of the last window, pixels.
   double spread_px() const { return fit_.residual_rms_px; }
 
@@ -96,10 +97,10 @@ class PoseTrack {
 
   static void VisitState(auto& archive, auto& self);
   // Turns the window's events near the lines at `predicted` into observations.
-  WindowInput Gather(const EventWindow& window, const Competitors* others, const MotionState& predicted,
+  WindowInput Gather(const EventWindow& window, const OtherObjects* others, const MotionState& predicted,
                      double gate_factor);
   // Expected density of the other objects' events at `event`, relative to that of the nearest own line.
-  double CompetingFor(const Observation& event, const Competitors& others, absl::Span<const double> rates) const;
+  double OthersDensityPerPx(const Observation& event, const OtherObjects& others, absl::Span<const double> rates) const;
   // The state that the estimator starts from.
   MotionState Predicted(int64_t t_us, const MotionPriorOptions& motion, double noise_factor) const;
   // Limits the densities of the motion, and the velocity of a track that has just started, by the speed that the number
@@ -113,7 +114,7 @@ class PoseTrack {
   // Replaces fit_ by the one to no events.
   void FitNoEvents(const WindowInput& input, const MotionState& predicted);
   // Valid until the next window.
-  const WindowFit& FitWindow(const EventWindow& window, const Competitors* others, WindowInput& input);
+  const WindowFit& FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input);
   // Whether the predicted motion is so slow that an event deficit is not significant.
   bool IsSlow(const WindowInput& input) const;
   // Whether there are significantly more events near the lines than the background rate explains.

@@ -91,7 +91,7 @@ ObjectPhase NextPhase(ObjectPhase phase, ObjectInput input) {
       if (phase == ObjectPhase::kSearching) return phase;
       return IsCompeting(phase) ? ObjectPhase::kPublishedCompeting : ObjectPhase::kPublished;
     case ObjectInput::kFirstRejected:
-      // Among competitors the next one takes the place of the first one.
+      // Among competing hypotheses the next one takes the place of the first one.
       return IsLoss(phase, input) ? ObjectPhase::kVerifyingCompeting : phase;
     case ObjectInput::kAllRejected:
     case ObjectInput::kUnconfirmed:

@@ -36,12 +36,12 @@ bool MayOverlap(const CameraModel& camera, const BoundingSphere& a, const Boundi
 double RelativeEventRate(const CameraModel& camera, const MotionState& state, const ImageLine& line);
 
 // Returns the probability in [0, 1] that an event at this distance from a line of the object was produced by the object
-// and not by another one. `competing` is Observation::competing, 1/px.
-double OwnShare(double distance_px, double competing);
+// and not by another one. `others_per_px` is Observation::others_per_px, 1/px.
+double OwnShare(double distance_px, double others_per_px);
 
-class Competitors {
+class OtherObjects {
  public:
-  explicit Competitors(const CameraModel& camera);
+  explicit OtherObjects(const CameraModel& camera);
 
   // Removes all objects.
   void Clear();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/initialization/chance_poses.h"
+#include "core/initialization/false_alarms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -36,7 +36,7 @@ Region RegionOf(absl::Span<const SearchSegment> segments, double margin_px) {
 
 }  // namespace
 
-double ExpectedChancePoses(const ExplainedSegments& explained, absl::Span<const SearchSegment> segments,
+double ExpectedFalseAlarms(const ExplainedSegments& explained, absl::Span<const SearchSegment> segments,
                            absl::Span<const double> part_lengths_px, double lines_per_part, double num_symmetries,
                            const PoseSearchOptions& options) {
   const int surplus = explained.num_lines - kDeterminingLines;

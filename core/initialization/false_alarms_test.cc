@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/initialization/chance_poses.h"
+#include "core/initialization/false_alarms.h"
 
 #include <gtest/gtest.h>
 
@@ -71,7 +71,7 @@ bool IsPosterPose(const RigidTransform& pose) {
          (pose.translation_m - kPosterPose.translation_m).norm() < 0.05;
 }
 
-TEST(ChancePoses, EightLinesAmongAsManyClutterSegmentsAreSignificant) {
+TEST(FalseAlarms, EightLinesAmongAsManyClutterSegmentsAreSignificant) {
   const auto search = PosterSearch();
   const ObjectModel poster = Poster();
   int num_significant = 0, num_found = 0;
@@ -83,7 +83,7 @@ TEST(ChancePoses, EightLinesAmongAsManyClutterSegmentsAreSignificant) {
     for (const PoseHypothesis& hypothesis : search->Search(segments)) {
       if (!IsPosterPose(hypothesis.camera_from_object)) continue;
       ++num_found;
-      num_significant += hypothesis.chance_poses <= InitializerOptions().max_chance_poses ? 1 : 0;
+      num_significant += hypothesis.expected_false_alarms <= InitializerOptions().max_false_alarms ? 1 : 0;
       break;
     }
   }
@@ -91,7 +91,7 @@ TEST(ChancePoses, EightLinesAmongAsManyClutterSegmentsAreSignificant) {
   EXPECT_GE(num_significant, num_found - 1);
 }
 
-TEST(ChancePoses, ClutterHasAtMostTheStatedNumberOfPoses) {
+TEST(FalseAlarms, ClutterHasAtMostTheStatedNumberOfPoses) {
   const auto search = PosterSearch();
   int num_significant = 0, num_poses = 0;
   constexpr int kTrials = 60;
@@ -100,28 +100,28 @@ TEST(ChancePoses, ClutterHasAtMostTheStatedNumberOfPoses) {
     const std::vector<PoseHypothesis> hypotheses = search->Search(Clutter(10 + trial % 12, random));
     for (const PoseHypothesis& hypothesis : hypotheses) {
       ++num_poses;
-      num_significant += hypothesis.chance_poses <= InitializerOptions().max_chance_poses ? 1 : 0;
+      num_significant += hypothesis.expected_false_alarms <= InitializerOptions().max_false_alarms ? 1 : 0;
     }
   }
   EXPECT_GT(num_poses, kTrials / 2) << "poses that explain clutter are found, and must be told from right ones";
-  EXPECT_LE(num_significant, InitializerOptions().max_chance_poses * kTrials);
+  EXPECT_LE(num_significant, InitializerOptions().max_false_alarms * kTrials);
 }
 
-class ExpectedChancePosesTest : public testing::Test {
+class ExpectedFalseAlarmsTest : public testing::Test {
  protected:
-  ExpectedChancePosesTest() {
+  ExpectedFalseAlarmsTest() {
     Random random(3);
     segments_ = MakeSearchSegments(SmallCamera(), Clutter(12, random), 1.0, 32);
   }
   double Expected(int num_lines, double across_cost, double lines_per_part = 1.0, double num_symmetries = 1.0) const {
     const std::vector<double> lengths_px(9, 40.0);
-    return ExpectedChancePoses({num_lines, across_cost}, segments_, lengths_px, lines_per_part, num_symmetries, {});
+    return ExpectedFalseAlarms({num_lines, across_cost}, segments_, lengths_px, lines_per_part, num_symmetries, {});
   }
 
   std::vector<SearchSegment> segments_;
 };
 
-TEST_F(ExpectedChancePosesTest, DecreasesWithTheNumberOfLinesAndTheirCloseness) {
+TEST_F(ExpectedFalseAlarmsTest, DecreasesWithTheNumberOfLinesAndTheirCloseness) {
   EXPECT_TRUE(std::isinf(Expected(3, 0.0))) << "some pose fits any three lines";
   for (int num_lines = 5; num_lines < 12; ++num_lines) {
     EXPECT_LT(Expected(num_lines, 6.0), 0.3 * Expected(num_lines - 1, 6.0));
@@ -131,12 +131,12 @@ TEST_F(ExpectedChancePosesTest, DecreasesWithTheNumberOfLinesAndTheirCloseness) 
   EXPECT_EQ(Expected(5, 32.0), Expected(5, 40.0)) << "not closer than chance matches";
 }
 
-TEST_F(ExpectedChancePosesTest, CountsTheTriplesOfAllLinesModuloTheSymmetries) {
+TEST_F(ExpectedFalseAlarmsTest, CountsTheTriplesOfAllLinesModuloTheSymmetries) {
   EXPECT_NEAR(Expected(6, 6.0, 2.0) / Expected(6, 6.0), 8.0, 1e-9);
   EXPECT_NEAR(Expected(6, 6.0) / Expected(6, 6.0, 1.0, 24.0), 24.0, 1e-9);
 }
 
-TEST_F(ExpectedChancePosesTest, IsTheFormulaOfTheReadme) {
+TEST_F(ExpectedFalseAlarmsTest, IsTheFormulaOfTheReadme) {
   // Four equal segments of 20 px on a square of 200 px, one line of 30 px: each may lie anywhere along 10 px and 12 px
   // beyond either end.
   std::vector<ImageSegment> square = {
@@ -147,7 +147,7 @@ TEST_F(ExpectedChancePosesTest, IsTheFormulaOfTheReadme) {
   const double triples = 8.0 / 6.0 * std::pow(4.0 * range / chord, 3.0);
   const double chance = 8.0 / 10.0 * range / (side * side);
   const std::vector<double> lengths_px = {30.0};
-  EXPECT_NEAR(ExpectedChancePoses({4, 4.0}, segments, lengths_px, 1.0, 1.0, {}) / (triples * chance * 4.0 / 16.0), 1.0,
+  EXPECT_NEAR(ExpectedFalseAlarms({4, 4.0}, segments, lengths_px, 1.0, 1.0, {}) / (triples * chance * 4.0 / 16.0), 1.0,
               1e-9);
 }
 

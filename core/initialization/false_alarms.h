@@ -26,7 +26,7 @@ struct ExplainedSegments {
 // than four lines: some pose fits any three. `part_lengths_px` are the projected lengths of the visible lines,
 // `lines_per_part` is the number of all lines of the model per visible line, `num_symmetries` that of the motions that
 // map the model onto itself, at least 1.
-double ExpectedChancePoses(const ExplainedSegments& explained, absl::Span<const SearchSegment> segments,
+double ExpectedFalseAlarms(const ExplainedSegments& explained, absl::Span<const SearchSegment> segments,
                            absl::Span<const double> part_lengths_px, double lines_per_part, double num_symmetries,
                            const PoseSearchOptions& options);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Effects of other objects of a stream: shared events and hidden lines.
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 
 #include <gtest/gtest.h>
 
@@ -53,46 +53,47 @@ double TotalLength(const std::vector<TrackedLine>& lines, const RigidTransform& 
   return length_px;
 }
 
-class CompetitorsTest : public ::testing::Test {
+class OtherObjectsTest : public ::testing::Test {
  protected:
   // A cube of 15 cm seen face on: its front face spans 210 to 430 px across at 0.485 m.
   void AddCube(const RigidTransform& pose, double vx_m_per_s = 0.0) {
-    competitors_.Add(StateAt(pose, vx_m_per_s), LinesOf(*cube_, tester_, pose), tester_, BoundingSphereOf(*cube_), 0.8);
-    competitors_.Build();
+    other_objects_.Add(StateAt(pose, vx_m_per_s), LinesOf(*cube_, tester_, pose), tester_, BoundingSphereOf(*cube_),
+                       0.8);
+    other_objects_.Build();
   }
 
   const std::shared_ptr<const ObjectModel> cube_ = MakeCube(0.15);
   const VisibilityTester tester_{*cube_, VisibilityOptions()};
   const RigidTransform front_ = MakePose({0.0, 0.0, 0.56}, {0.0, 0.0, 0.0});
-  Competitors competitors_{kCamera};
+  OtherObjects other_objects_{kCamera};
 };
 
-TEST_F(CompetitorsTest, DensityFollowsTheNormalSpeedOfALine) {
+TEST_F(OtherObjectsTest, DensityFollowsTheNormalSpeedOfALine) {
   AddCube(front_, 0.1);
   const Eigen::Vector2d corner = kCamera.Project(front_ * Eigen::Vector3d(0.075, 0.075, -0.075));
   const Observation on_upright = At(corner - Eigen::Vector2d(0.0, 50.0));
   const Observation on_level = At(corner - Eigen::Vector2d(50.0, 0.0));
   const double speed_px_per_s = 0.1 * 600.0 / 0.485;
-  EXPECT_NEAR(competitors_.DensityAt(on_upright), speed_px_per_s * 0.3989 / 0.8, 0.02 * speed_px_per_s);
-  EXPECT_LT(competitors_.DensityAt(on_level), 0.02 * competitors_.DensityAt(on_upright))
+  EXPECT_NEAR(other_objects_.DensityAt(on_upright), speed_px_per_s * 0.3989 / 0.8, 0.02 * speed_px_per_s);
+  EXPECT_LT(other_objects_.DensityAt(on_level), 0.02 * other_objects_.DensityAt(on_upright))
       << "a line that slides along itself makes no events";
-  EXPECT_EQ(competitors_.DensityAt(At(corner - Eigen::Vector2d(20.0, 50.0))), 0.0);
-  EXPECT_TRUE(competitors_.Explains(on_upright));
-  EXPECT_FALSE(competitors_.Explains(At(corner - Eigen::Vector2d(20.0, 50.0))));
-  EXPECT_FALSE(competitors_.Explains(At(corner + Eigen::Vector2d(0.0, 5.0)))) << "beyond the line's end";
+  EXPECT_EQ(other_objects_.DensityAt(At(corner - Eigen::Vector2d(20.0, 50.0))), 0.0);
+  EXPECT_TRUE(other_objects_.Explains(on_upright));
+  EXPECT_FALSE(other_objects_.Explains(At(corner - Eigen::Vector2d(20.0, 50.0))));
+  EXPECT_FALSE(other_objects_.Explains(At(corner + Eigen::Vector2d(0.0, 5.0)))) << "beyond the line's end";
 }
 
-TEST_F(CompetitorsTest, ClearRemovesAllObjects) {
+TEST_F(OtherObjectsTest, ClearRemovesAllObjects) {
   AddCube(front_, 0.1);
-  EXPECT_FALSE(competitors_.empty());
-  competitors_.Clear();
-  competitors_.Build();
-  EXPECT_TRUE(competitors_.empty());
+  EXPECT_FALSE(other_objects_.empty());
+  other_objects_.Clear();
+  other_objects_.Build();
+  EXPECT_TRUE(other_objects_.empty());
   const Eigen::Vector2d corner = kCamera.Project(front_ * Eigen::Vector3d(0.075, 0.075, -0.075));
-  EXPECT_EQ(competitors_.DensityAt(At(corner - Eigen::Vector2d(0.0, 50.0))), 0.0);
+  EXPECT_EQ(other_objects_.DensityAt(At(corner - Eigen::Vector2d(0.0, 50.0))), 0.0);
 }
 
-TEST_F(CompetitorsTest, HidesLinesBehindAndNotBefore) {
+TEST_F(OtherObjectsTest, HidesLinesBehindAndNotBefore) {
   AddCube(front_);
   for (const double z_m : {0.3, 1.2}) {
     const RigidTransform pose = MakePose({0.0, 0.0, z_m}, {0.1, 0.1, 0.0});
@@ -100,21 +101,21 @@ TEST_F(CompetitorsTest, HidesLinesBehindAndNotBefore) {
     std::vector<TrackedLine> lines = LinesOf(small, VisibilityTester(small, VisibilityOptions()), pose);
     const size_t count = lines.size();
     ASSERT_GT(count, 0u);
-    competitors_.RemoveHidden(pose, lines);
+    other_objects_.RemoveHidden(pose, lines);
     EXPECT_EQ(lines.size(), z_m < 0.5 ? count : 0u) << z_m;
   }
 }
 
-TEST_F(CompetitorsTest, CutsALineWhereItIsHidden) {
+TEST_F(OtherObjectsTest, CutsALineWhereItIsHidden) {
   AddCube(front_);
   // A horizontal line behind the cube, from 100 to 540 px: it is visible on both sides of the silhouette.
   const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
   std::vector<TrackedLine> element = {{7, {-0.44, 0.0, 0.0}, {0.44, 0.0, 0.0}}}, lines = element;
   element[0].is_element = true;
-  competitors_.RemoveHidden(pose, lines);
+  other_objects_.RemoveHidden(pose, lines);
   ASSERT_EQ(lines.size(), 2u);
   // A long element is cut like a line.
-  competitors_.RemoveHidden(pose, element);
+  other_objects_.RemoveHidden(pose, element);
   ASSERT_EQ(element.size(), 2u);
   EXPECT_TRUE(element[1].is_element);
   EXPECT_EQ(element[1].p1, lines[1].p1);
@@ -127,7 +128,7 @@ TEST_F(CompetitorsTest, CutsALineWhereItIsHidden) {
   EXPECT_EQ(lines[1].curve, 7);
 }
 
-TEST_F(CompetitorsTest, ElementsStayJoinedWhereSomeAreHidden) {
+TEST_F(OtherObjectsTest, ElementsStayJoinedWhereSomeAreHidden) {
   AddCube(front_);
   // A row of elements behind the cube, from 100 to 540 px, 11 px each.
   const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
@@ -139,7 +140,7 @@ TEST_F(CompetitorsTest, ElementsStayJoinedWhereSomeAreHidden) {
     lines[k].previous = k - 1;
     lines[k].next = k + 1 < 40 ? k + 1 : -1;
   }
-  EXPECT_TRUE(competitors_.RemoveHidden(pose, lines));
+  EXPECT_TRUE(other_objects_.RemoveHidden(pose, lines));
   ASSERT_GT(lines.size(), 10u);
   ASSERT_LT(lines.size(), 30u);
   int ends = 0;
@@ -155,12 +156,12 @@ TEST_F(CompetitorsTest, ElementsStayJoinedWhereSomeAreHidden) {
   EXPECT_EQ(ends, 2) << "one on the right, and one where the cube begins";
 }
 
-TEST_F(CompetitorsTest, ADistantObjectHidesNothing) {
+TEST_F(OtherObjectsTest, ADistantObjectHidesNothing) {
   AddCube(front_);
   const RigidTransform pose = MakePose({0.45, 0.0, 1.2}, {0.1, 0.2, 0.0});
   std::vector<TrackedLine> lines = LinesOf(*cube_, tester_, pose);
   const double before_px = TotalLength(lines, pose);
-  competitors_.RemoveHidden(pose, lines);
+  other_objects_.RemoveHidden(pose, lines);
   EXPECT_EQ(TotalLength(lines, pose), before_px);
 }
 

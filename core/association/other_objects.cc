@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/association/competitors.h"
+#include "core/association/other_objects.h"
 
 #include <algorithm>
 #include <cmath>
@@ -70,27 +70,27 @@ double RelativeEventRate(const CameraModel& camera, const MotionState& state, co
   return std::max(kMinRatePxPerS, std::sqrt(speed * speed + std::max(0.0, variance)));
 }
 
-double OwnShare(double distance_px, double competing) {
-  if (competing <= 0.0) return 1.0;
+double OwnShare(double distance_px, double others_per_px) {
+  if (others_per_px <= 0.0) return 1.0;
   // Standard deviation of the events about a line, from the rounding of pixels and the several events of an edge.
   constexpr double kSigmaPx = 0.8;
   // Density of clutter relative to the line's events, 1/px: a fifth of the events, uniform over 12 px.
   constexpr double kClutterPerPx = 0.02;
   const double own = NormalDensity(distance_px, kSigmaPx) + kClutterPerPx;
-  return own / (own + competing);
+  return own / (own + others_per_px);
 }
 
-Competitors::Competitors(const CameraModel& camera) : camera_(camera), grid_(camera) {}
+OtherObjects::OtherObjects(const CameraModel& camera) : camera_(camera), grid_(camera) {}
 
-void Competitors::Clear() {
+void OtherObjects::Clear() {
   bodies_.clear();
   lines_.clear();
   rates_.clear();
   sigmas_.clear();
 }
 
-void Competitors::Add(const MotionState& state, absl::Span<const TrackedLine> lines, const VisibilityTester& visibility,
-                      const BoundingSphere& sphere, double sigma_px) {
+void OtherObjects::Add(const MotionState& state, absl::Span<const TrackedLine> lines,
+                       const VisibilityTester& visibility, const BoundingSphere& sphere, double sigma_px) {
   const RigidTransform& pose = state.camera_from_object;
   bodies_.push_back({&visibility, pose.Inverse(), {pose * sphere.centre, sphere.radius_m}});
   ProjectLines(camera_, state, lines, added_);
@@ -104,7 +104,7 @@ void Competitors::Add(const MotionState& state, absl::Span<const TrackedLine> li
   }
 }
 
-void Competitors::Build() {
+void OtherObjects::Build() {
   // Limit of the distance, pixels, at which tiles list a line. The position of a line with a wider gate is too
   // uncertain to attribute events to it.
   constexpr double kMaxReachPx = 32.0;
@@ -113,7 +113,7 @@ void Competitors::Build() {
   grid_.Build(lines_, std::min(reach_px, kMaxReachPx));
 }
 
-double Competitors::DensityAt(const Observation& event) const {
+double OtherObjects::DensityAt(const Observation& event) const {
   const uint32_t tile = grid_.TileOf(event.u_px, event.v_px);
   if (tile == TileGrid::kNoTile) return 0.0;
   double density = 0.0;
@@ -126,7 +126,7 @@ double Competitors::DensityAt(const Observation& event) const {
   return density;
 }
 
-bool Competitors::Explains(const Observation& event) const {
+bool OtherObjects::Explains(const Observation& event) const {
   // Distance, in standard deviations, at which the normal density of a line equals that of clutter: 0.02 / px for a
   // standard deviation of 0.8 px, as in OwnShare().
   constexpr double kOwnSigma = 2.5;
@@ -139,7 +139,7 @@ bool Competitors::Explains(const Observation& event) const {
   return false;
 }
 
-bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const {
+bool OtherObjects::RemoveHidden(const RigidTransform& camera_from_object, std::vector<TrackedLine>& lines) const {
   std::vector<TrackedLine> visible;
   std::vector<int> place_of(lines.size(), -1);  // index in `visible` of each element
   std::vector<const Body*> before;
@@ -158,7 +158,7 @@ bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::ve
     }
     // The straight lines of a model with many are elements, too, but not all of them are short.
     const bool is_short =
-        !line.bow.isZero(0.0) || segment.radius_m * camera_.MaxFocalPx() <= kShortHalfPx * segment.centre.z();
+        !line.sagitta.isZero(0.0) || segment.radius_m * camera_.MaxFocalPx() <= kShortHalfPx * segment.centre.z();
     if (before.empty()) {
       visible.push_back(line);
     } else if (line.is_element && is_short) {
@@ -179,15 +179,15 @@ bool Competitors::RemoveHidden(const RigidTransform& camera_from_object, std::ve
   return hides;
 }
 
-bool Competitors::IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies) {
+bool OtherObjects::IsHidden(const Eigen::Vector3d& point_camera, absl::Span<const Body* const> bodies) {
   return std::any_of(bodies.begin(), bodies.end(), [&](const Body* body) {
     const Eigen::Vector3d eye = body->object_from_camera.translation_m;
     return !body->visibility->IsPointVisible(eye, body->object_from_camera * point_camera);
   });
 }
 
-bool Competitors::AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
-                                     absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const {
+bool OtherObjects::AppendVisibleParts(const RigidTransform& camera_from_object, const TrackedLine& line,
+                                      absl::Span<const Body* const> bodies, std::vector<TrackedLine>& visible) const {
   // Distance of the tested points along the line, pixels. A visible or hidden part shorter than a step may be missed.
   constexpr double kStepPx = 12.0;
   constexpr int kMaxSteps = 32;   // bounds the number of ray casts per line
