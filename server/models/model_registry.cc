@@ -177,7 +177,7 @@ std::optional<ModelRegistry::Known> ModelRegistry::FindFile(const std::string& t
   for (auto it = models_.lower_bound(Key(tenant, "")); it != models_.end() && it->first.first == tenant; ++it) {
     const ModelInfo& info = it->second.info;
     const bool is_same = info.sha256_hex == sha256_hex && info.size_bytes == size_bytes && info.reading == reading;
-    if (is_same && !it->second.is_going) return Known{info, {it->second.model.lock(), it->second.use}};
+    if (is_same && !it->second.is_being_deleted) return Known{info, {it->second.model.lock(), it->second.use}};
   }
   return std::nullopt;
 }
@@ -310,7 +310,7 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
 absl::StatusOr<ModelUse> ModelRegistry::Use(const std::string& tenant, absl::string_view name) const {
   const std::lock_guard lock(mutex_);
   const auto found = models_.find(Key(tenant, name));
-  if (found == models_.end() || found->second.is_going) return ModelNotFound(name);
+  if (found == models_.end() || found->second.is_being_deleted) return ModelNotFound(name);
   return ModelUse{found->second.model.lock(), found->second.use};
 }
 
@@ -340,7 +340,7 @@ absl::StatusOr<bool> ModelRegistry::BeginDelete(const Key& key) {
   if (found == models_.end()) return false;
   // Copies of `use` are made under the lock only, so the count cannot rise now.
   if (found->second.use.use_count() > 1) return ModelInUse(key.second);
-  found->second.is_going = true;
+  found->second.is_being_deleted = true;
   return true;
 }
 
@@ -348,7 +348,7 @@ void ModelRegistry::EndDelete(const Key& key, const absl::Status& status) {
   if (status.ok()) return Forget(key);
   const std::lock_guard lock(mutex_);
   const auto found = models_.find(key);
-  if (found != models_.end()) found->second.is_going = false;
+  if (found != models_.end()) found->second.is_being_deleted = false;
 }
 
 absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {

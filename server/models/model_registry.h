@@ -125,7 +125,7 @@ class ModelRegistry {
     bool is_current = false;    // prepared by this version; otherwise the counts in `info` are missing
     std::shared_ptr<const void> use = std::make_shared<const char>();
     std::weak_ptr<const ObjectModel> model;  // empty while no session uses it
-    bool is_going = false;                   // Delete() is in progress: no new use is allowed
+    bool is_being_deleted = false;           // Delete() is in progress: no new use is allowed
   };
 
   ModelRegistry(const Options& options, Store& store) : options_(options), store_(store), limits_(options.limits) {}

@@ -16,9 +16,10 @@
 namespace evpose::server {
 namespace {
 
-absl::Status CheckIsOperator(const Caller& caller, absl::string_view deed) {
+absl::Status CheckIsOperator(const Caller& caller, absl::string_view action) {
   if (caller.is_operator) return absl::OkStatus();
-  return WithReason(absl::PermissionDeniedError(absl::StrCat("only an operator's token may ", deed)), v1::NOT_OPERATOR);
+  return WithReason(absl::PermissionDeniedError(absl::StrCat("only an operator's token may ", action)),
+                    v1::NOT_OPERATOR);
 }
 
 static_assert(EnumNumber(LogLevel::kOff) == v1::LogLevel_MAX);

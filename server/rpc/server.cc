@@ -246,7 +246,7 @@ class ServerImpl : public Server, public Drainer {
                       load_.Update();
                       load_ratio_ = MakeLoadRatio();
                     }),
-        store_check_(*store_, pool_, options.store_check_period, [this](bool answers) { SetHealth(answers); }),
+        store_check_(*store_, pool_, options.store_check_period, [this](bool is_healthy) { SetHealth(is_healthy); }),
         on_drain_(options.on_drain),
         context_{*store_,
                  *models_,
@@ -318,7 +318,7 @@ class ServerImpl : public Server, public Drainer {
                          .max_session_memory_bytes = sessions_.options().memory->max_bytes(),
                          .num_tokens = access_.authenticator->num_tokens(),
                          .readiness = sessions_.CheckNotDraining()};
-    state.readiness.Update(FromStore(store_check_.answer()));
+    state.readiness.Update(FromStore(store_check_.health()));
     if (const std::optional<StoreUsage> usage = store_check_.usage(); usage.has_value()) {
       state.store_bytes = usage->bytes;
       if (usage->max_bytes != 0) state.store_max_bytes = usage->max_bytes;

@@ -29,13 +29,13 @@ void StoreCheck::Stop() {
 void StoreCheck::Arm() {
   timer_ = pool_.PostAfter(period_, [this] {
     const std::lock_guard lock(mutex_);
-    if (!is_stopped_) pool_.slow().PostOwn([this] { Ask(); });
+    if (!is_stopped_) pool_.slow().PostOwn([this] { Check(); });
   });
 }
 
-absl::Status StoreCheck::answer() const {
+absl::Status StoreCheck::health() const {
   const std::lock_guard lock(mutex_);
-  return answer_;
+  return health_;
 }
 
 std::optional<StoreUsage> StoreCheck::usage() const {
@@ -45,20 +45,20 @@ std::optional<StoreUsage> StoreCheck::usage() const {
 
 void StoreCheck::LogChanges(const std::vector<StoreGroup>& groups) {
   for (const StoreGroup& group : groups) {
-    const bool was_away = groups_away_.contains(group.name);
-    if (group.health.ok() == !was_away) continue;
+    const bool was_unavailable = unavailable_groups_.contains(group.name);
+    if (group.health.ok() == !was_unavailable) continue;
     if (group.health.ok()) {
-      groups_away_.erase(group.name);
+      unavailable_groups_.erase(group.name);
       Log(LogLevel::kInfo, "store_group_back", {{"group", group.name}});
     } else {
-      groups_away_.insert(group.name);
+      unavailable_groups_.insert(group.name);
       Log(LogLevel::kWarning, "store_group_away",
           {{"group", group.name}, {"parts", group.parts}, {"message", group.health.message()}});
     }
   }
 }
 
-void StoreCheck::Ask() {
+void StoreCheck::Check() {
   {
     const std::lock_guard lock(mutex_);
     if (is_stopped_) return;
@@ -75,8 +75,8 @@ void StoreCheck::Ask() {
   LogChanges(groups);
   if (IsOutOfMemory(health)) return Arm();  // a failed allocation says nothing about the store
   if (usage.has_value()) usage_ = usage;
-  const bool has_changed = health.ok() != answer_.ok();
-  answer_ = health;
+  const bool has_changed = health.ok() != health_.ok();
+  health_ = health;
   if (has_changed) {
     if (health.ok()) {
       Log(LogLevel::kInfo, "store_back", {{"message", "the store responds again: health is SERVING"}});

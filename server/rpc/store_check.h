@@ -24,7 +24,7 @@ namespace evpose::server {
 class StoreCheck {
  public:
   // Called at every change; the initial state is true. It must not block or call the StoreCheck.
-  using Listener = std::function<void(bool answers)>;
+  using Listener = std::function<void(bool is_healthy)>;
 
   // Checks the store `period` after its last response, on the pool's threads for slow work, because a response may take
   // seconds. The arguments must live until the pool's Join() has returned.
@@ -36,13 +36,13 @@ class StoreCheck {
   // Afterwards the listener is not called and the store is not checked. May be called before Start().
   void Stop();
   // The result of the last check; OK before the first one.
-  absl::Status answer() const;
-  // The bytes in use at the last check that the store has answered.
+  absl::Status health() const;
+  // The bytes in use at the last check to which the store has responded.
   std::optional<StoreUsage> usage() const;
 
  private:
   void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void Ask();
+  void Check();
   // Logs the groups of the store that have stopped to respond, or respond again.
   void LogChanges(const std::vector<StoreGroup>& groups) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
@@ -51,9 +51,9 @@ class StoreCheck {
   const absl::Duration period_;
   const Listener listener_;
   mutable std::mutex mutex_;
-  absl::Status answer_ ABSL_GUARDED_BY(mutex_);
+  absl::Status health_ ABSL_GUARDED_BY(mutex_);
   std::optional<StoreUsage> usage_ ABSL_GUARDED_BY(mutex_);
-  std::set<std::string> groups_away_ ABSL_GUARDED_BY(mutex_);
+  std::set<std::string> unavailable_groups_ ABSL_GUARDED_BY(mutex_);
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };

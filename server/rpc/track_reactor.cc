@@ -160,7 +160,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     const std::lock_guard lock(mutex_);
     read_ = ReadState::kHalfClosed;
     ChangePhase(StreamInput::kHalfClosed);
-    if (session_ != nullptr) session_->Leave(stream_);
+    if (session_ != nullptr) session_->HalfClose(stream_);
     return absl::OkStatus();
   }
 
@@ -245,7 +245,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     chunk.discontinuity = events.discontinuity();
     if (events.has_crc32c()) chunk.crc32c = events.crc32c();
     chunk.payload = std::move(*events.mutable_payload());
-    if (IsSignOfLife(chunk)) return absl::OkStatus();
+    if (IsKeepalive(chunk)) return absl::OkStatus();
     Hold(services_.quotas.ChargeBytes(caller_->tenant, chunk.payload.size()));
     return session_->PushEvents(stream_, std::move(chunk));
   }

@@ -87,10 +87,10 @@ std::string Session::resume_token() const {
   return gate_.resume_token();
 }
 
-bool Session::IsTokenGood(absl::string_view resume_token) const {
+bool Session::IsTokenValid(absl::string_view resume_token) const {
   const std::string digest = TokenDigest(resume_token);
   const std::lock_guard lock(mutex_);
-  return IsDigestGood(digest, gate_.lifecycle());
+  return IsDigestValid(digest, gate_.lifecycle());
 }
 
 std::optional<absl::Time> Session::expire_time() const {
@@ -223,9 +223,9 @@ void Session::Detach(uint64_t stream) {
   CommitLifecycle();
 }
 
-void Session::Leave(uint64_t stream) {
+void Session::HalfClose(uint64_t stream) {
   const std::lock_guard lock(mutex_);
-  leaving_stream_ = stream;
+  half_closed_stream_ = stream;
   Schedule();
 }
 
@@ -365,7 +365,7 @@ CheckpointPolicy::Counters Session::MakeCounters() const {
           .processing_us = report_.health().processing_us,
           .is_working = queue_.is_working(),
           .has_waiting = queue_.has_items(),
-          .is_attached = gate_.is_attached() && gate_.stream() != leaving_stream_};
+          .is_attached = gate_.is_attached() && gate_.stream() != half_closed_stream_};
 }
 
 void Session::Schedule() {

@@ -75,7 +75,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   const PoseLog& pose_log() const { return pose_log_; }
   // Empty for a resumed session until a stream attaches: the store has only the token's digest.
   std::string resume_token() const;
-  bool IsTokenGood(absl::string_view resume_token) const;
+  bool IsTokenValid(absl::string_view resume_token) const;
   SessionSnapshot Snapshot() const;
   void AddTo(SessionTotals& totals) const;
   SessionInfo Describe() const { return {name(), config_, create_time_, Snapshot()}; }
@@ -100,7 +100,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
                                     uint64_t first_seq = 0);
   void Detach(uint64_t stream);
   // The client of the stream has half-closed it: what it has sent is persisted as soon as it has been processed.
-  void Leave(uint64_t stream);
+  void HalfClose(uint64_t stream);
   // A push is accepted even without room. Memory stays bounded because a stream reads only while StreamView::has_room
   // is true.
   absl::Status PushEvents(uint64_t stream, EventChunk chunk);
@@ -182,8 +182,9 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   TokenRequests token_requests_ ABSL_GUARDED_BY(mutex_);
   std::weak_ptr<SessionListener> stream_listener_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::shared_ptr<const void>> model_uses_ ABSL_GUARDED_BY(mutex_);
-  uint64_t leaving_stream_ ABSL_GUARDED_BY(mutex_) = 0;  // the latest stream that its client has half-closed; 0: none
-  bool is_scheduled_ ABSL_GUARDED_BY(mutex_) = false;    // Run has been posted
+  uint64_t half_closed_stream_ ABSL_GUARDED_BY(mutex_) =
+      0;                                               // the latest stream that its client has half-closed; 0: none
+  bool is_scheduled_ ABSL_GUARDED_BY(mutex_) = false;  // Run has been posted
 };
 
 }  // namespace evpose::server

@@ -162,9 +162,9 @@ TEST_F(SessionCheckpointTest, AnAttachmentIsAnsweredWhenItsTokenIsDurable) {
   trouble_->Set(absl::OkStatus());
   Until(attachment.stream, [](const StreamView& view) { return view.attached; });
   RestartServer();
-  EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token)) << "a token in a response has been persisted";
-  EXPECT_TRUE(session_->IsTokenGood("first")) << "the client may not have received the new token";
-  EXPECT_FALSE(session_->IsTokenGood("guess"));
+  EXPECT_TRUE(session_->IsTokenValid(attachment.resume_token)) << "a token in a response has been persisted";
+  EXPECT_TRUE(session_->IsTokenValid("first")) << "the client may not have received the new token";
+  EXPECT_FALSE(session_->IsTokenValid("guess"));
   EXPECT_EQ(session_->resume_token(), "") << "the store has only the digest of the token";
 }
 
@@ -174,8 +174,8 @@ TEST_F(SessionCheckpointTest, TheUseOfATokenIsPersisted) {
   session_->Detach(attachment.stream);
   UntilDurable(attachment.stream, 1);
   RestartServer();
-  EXPECT_FALSE(session_->IsTokenGood("first")) << "the client has used the new token";
-  EXPECT_TRUE(session_->IsTokenGood(attachment.resume_token));
+  EXPECT_FALSE(session_->IsTokenValid("first")) << "the client has used the new token";
+  EXPECT_TRUE(session_->IsTokenValid(attachment.resume_token));
   const Attachment again = Attach(attachment.resume_token);
   EXPECT_EQ(again.stream, attachment.stream + 1);
   EXPECT_EQ(again.next_seq, 2u);
@@ -187,8 +187,8 @@ TEST_F(SessionCheckpointTest, ARenewedTokenIsDurable) {
   session_->RenewToken([&answer](absl::StatusOr<std::string> token) { answer.set_value(*std::move(token)); });
   const std::string renewed = answer.get_future().get();
   RestartServer();
-  EXPECT_TRUE(session_->IsTokenGood(renewed));
-  EXPECT_TRUE(session_->IsTokenGood("first")) << "until the new one is used";
+  EXPECT_TRUE(session_->IsTokenValid(renewed));
+  EXPECT_TRUE(session_->IsTokenValid("first")) << "until the new one is used";
   absl::Status refused;
   session_->Close(absl::NotFoundError("deleted"));
   session_->RenewToken([&refused](const absl::StatusOr<std::string>& token) { refused = token.status(); });

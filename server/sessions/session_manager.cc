@@ -234,7 +234,7 @@ std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant
                                                        absl::string_view resume_token) {
   DeleteExpired();
   std::shared_ptr<Session> session = FindOpen(tenant, name);
-  if (session == nullptr || !session->IsTokenGood(resume_token)) return nullptr;
+  if (session == nullptr || !session->IsTokenValid(resume_token)) return nullptr;
   return session;
 }
 
@@ -246,10 +246,10 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
   const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
   const std::lock_guard take_lock(*resume_mutex);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
-  if (here != nullptr && here->IsTokenGood(resume_token)) return here;
+  if (here != nullptr && here->IsTokenValid(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);
   EVPOSE_ASSIGN_OR_RETURN(const SessionFactory::Stored stored, ReadOwn(tenant, name));
-  if (!IsDigestGood(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);
+  if (!IsDigestValid(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);
   if (here == nullptr) {
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(tenant));

@@ -62,13 +62,13 @@ void SessionMirror::Schedule() {
 
 void SessionMirror::Refresh() {
   auto stored = OrOutOfMemory([this] { return read_(Watch().last_pose_seq); });
-  bool is_news = false;
+  bool has_changed = false;
   {
     const std::lock_guard lock(mutex_);
-    is_news = Update(std::move(stored));
+    has_changed = Update(std::move(stored));
     Schedule();
   }
-  if (is_news) watchers_->Notify();
+  if (has_changed) watchers_->Notify();
 }
 
 bool SessionMirror::Update(absl::StatusOr<SessionFactory::Stored> stored) {

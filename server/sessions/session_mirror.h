@@ -48,7 +48,7 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
                 WorkerPool& pool);
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Refresh();
-  // Returns whether there is something new for watchers.
+  // Returns whether something has changed for watchers.
   bool Update(absl::StatusOr<SessionFactory::Stored> stored) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const std::string name_;

@@ -141,7 +141,7 @@ enum class AuthenticationFailure { kNoToken, kBadToken, kBadCertificate };
 enum class ConnectionRefusal { kMaxConnections, kMaxPerPeer, kDescriptors };
 
 // Reasons for which the store has not accepted a checkpoint.
-enum class CheckpointFailure { kStoreAway, kStoreFull, kFenced, kStoreFailed, kRolledBack };
+enum class CheckpointFailure { kStoreUnavailable, kStoreFull, kFenced, kStoreFailed, kRolledBack };
 
 // Sums over all sessions since the process started. Events and poses that are processed again after a restart or a move
 // count again.

@@ -93,7 +93,7 @@ class CounterSeries {
     Count(metrics_.falls_behind, "evpose_falls_behind_total");
     Count(metrics_.processing_ns, "evpose_processing_seconds_total", 1'000'000'000);
     Count(metrics_.sensor_time_us, "evpose_sensor_seconds_total", 1'000'000);
-    Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreAway],
+    Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreUnavailable],
           "evpose_checkpoint_failures_total{reason=\"store_away\"}");
     Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreFull],
           "evpose_checkpoint_failures_total{reason=\"store_full\"}");

@@ -202,7 +202,7 @@ void SessionLog::Drained(uint64_t poses, bool is_durable) const {
         {{"poses", poses}, {"durable", is_durable}});
 }
 
-void SessionLog::StoreAway(const absl::Status& status) const {
+void SessionLog::StoreUnavailable(const absl::Status& status) const {
   Write(LogLevel::kWarning, "session_waits_for_store", last_stream(), Outcome(status));
 }
 

@@ -89,7 +89,7 @@ class SessionLog {
   // The session has expired here and stays in the store, because another server holds it.
   void HeldByOtherServer() const;
   void Drained(uint64_t poses, bool is_durable) const;
-  void StoreAway(const absl::Status& status) const;
+  void StoreUnavailable(const absl::Status& status) const;
   void StoreBack() const;
   // A checkpoint of this many bytes became durable after a long time, for the first time in a series.
   void CommitSlow(absl::Duration duration, uint64_t bytes) const;

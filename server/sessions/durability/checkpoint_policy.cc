@@ -5,7 +5,7 @@
 
 namespace evpose::server {
 
-bool CheckpointPolicy::HasNews(const Counters& now) const {
+bool CheckpointPolicy::HasProgress(const Counters& now) const {
   return now.processed_seq != last_.processed_seq || now.has_ended != last_.has_ended;
 }
 
@@ -14,7 +14,7 @@ bool CheckpointPolicy::IsDue(const Counters& now, const Progress& store) const {
   const uint64_t new_poses = now.poses - std::min(now.poses, last_pose_seq_);
   // One item may produce more poses than may wait: these poses are then written without a state.
   if (now.is_working) return new_poses >= kMaxUncommittedPoses;
-  if (!HasNews(now)) return false;
+  if (!HasProgress(now)) return false;
   if (now.has_ended || is_flushing_ || (!now.is_attached && !now.has_waiting)) return true;
   if (new_poses >= kMaxUncommittedPoses) return true;
   const int64_t work_us = now.processing_us - last_.processing_us;
@@ -40,7 +40,7 @@ bool CheckpointPolicy::IsEndPersisted(bool has_ended, const Progress& store) con
 
 bool CheckpointPolicy::IsFlushed(const Counters& now, const Progress& store) const {
   if (now.is_working) return false;
-  return !writes_checkpoints_ || (!HasNews(now) && !store.has_waiting);
+  return !writes_checkpoints_ || (!HasProgress(now) && !store.has_waiting);
 }
 
 }  // namespace evpose::server

@@ -74,7 +74,7 @@ class CheckpointPolicy {
   uint64_t last_pose_seq() const { return last_pose_seq_; }
 
  private:
-  bool HasNews(const Counters& now) const;
+  bool HasProgress(const Counters& now) const;
 
   const bool writes_checkpoints_;
   Checkpoint last_;         // handed to the committer

@@ -131,8 +131,8 @@ void SessionCommitter::Record(const absl::Status& status) {
   if (status.ok()) {
     RecordDone();
   } else if (absl::IsUnavailable(status)) {
-    if (!progress_.store_is_away) log_->StoreAway(status);
-    progress_.store_is_away = true;
+    if (!progress_.is_store_unavailable) log_->StoreUnavailable(status);
+    progress_.is_store_unavailable = true;
     RetryLater();
   } else if (progress_.failure.ok()) {
     progress_.failure = FailureOf(status);
@@ -143,8 +143,8 @@ void SessionCommitter::Record(const absl::Status& status) {
 
 void SessionCommitter::RecordDone() {
   if (in_flight_.has_checkpoint) RecordDuration();
-  if (progress_.store_is_away) RunUnlessOutOfMemory([this] { log_->StoreBack(); });
-  progress_.store_is_away = false;
+  if (progress_.is_store_unavailable) RunUnlessOutOfMemory([this] { log_->StoreBack(); });
+  progress_.is_store_unavailable = false;
   retry_after_ = backoff_.first;
   progress_.lifecycle = std::max(progress_.lifecycle, in_flight_.lifecycle);
   progress_.seq = std::max(progress_.seq, in_flight_.seq);
@@ -158,7 +158,7 @@ void SessionCommitter::RecordDuration() {
   metrics_->checkpoint_time.Add(duration, log_->trace_id());
   const bool was_slow = std::exchange(is_slow_, duration >= kSlowCommit);
   // An outage is logged as session_waits_for_store.
-  if (!is_slow_ || was_slow || progress_.store_is_away) return;
+  if (!is_slow_ || was_slow || progress_.is_store_unavailable) return;
   const SessionCommit& commit = in_flight_.commit;
   uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;
   for (const PoseSegment& segment : commit.poses) bytes += segment.bytes.size();
@@ -183,7 +183,7 @@ void SessionCommitter::CountFailure(const absl::Status& status) {
   // NOT_FOUND: the session was deleted. CANCELLED: the server is shutting down.
   const bool is_failure = !status.ok() && !absl::IsNotFound(status) && !absl::IsCancelled(status);
   if (!is_failure || !in_flight_.has_checkpoint) return;
-  const CheckpointFailure kind = absl::IsUnavailable(status)         ? CheckpointFailure::kStoreAway
+  const CheckpointFailure kind = absl::IsUnavailable(status)         ? CheckpointFailure::kStoreUnavailable
                                  : absl::IsResourceExhausted(status) ? CheckpointFailure::kStoreFull
                                  : absl::IsAborted(status)           ? CheckpointFailure::kFenced
                                  : absl::IsOutOfRange(status)        ? CheckpointFailure::kRolledBack

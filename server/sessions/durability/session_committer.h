@@ -38,7 +38,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     uint64_t last_pose_seq = 0;
     bool ended = false;
     bool has_waiting = false;  // a checkpoint was passed on and is not persisted yet
-    bool store_is_away = false;
+    bool is_store_unavailable = false;
     // Not OK if nothing more is persisted. It is the error for the clients of the session: ABORTED (FENCED), NOT_FOUND
     // (SESSION_DELETED), RESOURCE_EXHAUSTED (STORE_FULL; OUT_OF_MEMORY), UNAVAILABLE (DRAINING: the store was closed;
     // ROLLED_BACK: it has lost the last commits), INTERNAL (STORE_FAILED).

@@ -107,7 +107,7 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
 TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
   committer_->CommitCheckpoint(State("one", 1, 10), 1);
   const SessionCommit first = Answer(absl::UnavailableError("away"));
-  EXPECT_TRUE(committer_->progress().store_is_away);
+  EXPECT_TRUE(committer_->progress().is_store_unavailable);
   EXPECT_EQ(committer_->progress().seq, 0u);
   const SessionCommit again = Answer(absl::UnavailableError("away"));
   EXPECT_EQ(again.checkpoint, "one");
@@ -127,8 +127,8 @@ TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
   EXPECT_EQ(progress.seq, 2u);
   EXPECT_EQ(progress.last_pose_seq, 20u);
   EXPECT_TRUE(progress.ended);
-  EXPECT_FALSE(progress.store_is_away);
-  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), num_failures);
+  EXPECT_FALSE(progress.is_store_unavailable);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreUnavailable].value(), num_failures);
   EXPECT_EQ(NumIn(metrics_->checkpoint_time), 1u);
 }
 
@@ -169,7 +169,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kRolledBack].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFull].value(), 1u);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreFailed].value(), 1u);
-  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreAway].value(), 0u);
+  EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreUnavailable].value(), 0u);
 }
 
 TEST_F(SessionCommitterTest, ASlowCommitIsLoggedOnceInASeries) {

@@ -7,7 +7,7 @@
 
 namespace evpose::server {
 
-bool IsSignOfLife(const EventChunk& chunk) {
+bool IsKeepalive(const EventChunk& chunk) {
   return chunk.seq == 0 && chunk.payload.empty() && !chunk.discontinuity && !chunk.crc32c.has_value();
 }
 

@@ -13,7 +13,7 @@ namespace evpose::server {
 
 // Returns true for a chunk without any field, by which a client without events shows that it is alive. It is not part
 // of the data of the session.
-bool IsSignOfLife(const EventChunk& chunk);
+bool IsKeepalive(const EventChunk& chunk);
 
 // Reads every byte of the payload if the chunk has a checksum. Errors: INVALID_ARGUMENT with the field (no number, too
 // many bytes, an incomplete word), DATA_LOSS (CRC_MISMATCH).

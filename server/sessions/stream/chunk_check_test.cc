@@ -32,11 +32,11 @@ TEST(ChunkCheckTest, NamesTheWrongField) {
 }
 
 TEST(ChunkCheckTest, AChunkWithoutAnyFieldIsASignOfLife) {
-  EXPECT_TRUE(IsSignOfLife({}));
-  EXPECT_FALSE(IsSignOfLife(Chunk(0))) << "it has a number";
-  EXPECT_FALSE(IsSignOfLife({.payload = "x"}));
-  EXPECT_FALSE(IsSignOfLife({.discontinuity = true}));
-  EXPECT_FALSE(IsSignOfLife({.crc32c = 0}));
+  EXPECT_TRUE(IsKeepalive({}));
+  EXPECT_FALSE(IsKeepalive(Chunk(0))) << "it has a number";
+  EXPECT_FALSE(IsKeepalive({.payload = "x"}));
+  EXPECT_FALSE(IsKeepalive({.discontinuity = true}));
+  EXPECT_FALSE(IsKeepalive({.crc32c = 0}));
 }
 
 TEST(ChunkCheckTest, ComparesTheChecksum) {

@@ -16,7 +16,7 @@ std::string TokenDigest(absl::string_view token) {
   return Sha256Hex({reinterpret_cast<const uint8_t*>(token.data()), token.size()});
 }
 
-bool IsDigestGood(absl::string_view digest, const SessionLifecycle& lifecycle) {
+bool IsDigestValid(absl::string_view digest, const SessionLifecycle& lifecycle) {
   const std::string& previous = lifecycle.previous_token_digest;
   return SecretsEqual(digest, lifecycle.token_digest) || (!previous.empty() && SecretsEqual(digest, previous));
 }
@@ -79,7 +79,7 @@ std::optional<uint64_t> StreamGate::TakeChangedLifecycle() {
 
 absl::Status StreamGate::CheckAttach(absl::string_view token_digest, uint64_t last_pose_seq, uint64_t num_poses) const {
   EVPOSE_RETURN_IF_ERROR(closed_);
-  if (!IsDigestGood(token_digest, lifecycle())) return WrongToken(options_.session);
+  if (!IsDigestValid(token_digest, lifecycle())) return WrongToken(options_.session);
   if (last_pose_seq > std::max(num_poses, max_seen_pose_seq_)) {
     return InvalidField("attach.last_pose_seq",
                         absl::StrCat("is ", last_pose_seq, ", but the session has made ", num_poses, " poses"));
@@ -89,7 +89,7 @@ absl::Status StreamGate::CheckAttach(absl::string_view token_digest, uint64_t la
 
 absl::Status StreamGate::CheckFirstSeq(absl::string_view token_digest, uint64_t first_seq) const {
   if (!closed_.ok() || has_ended() || first_seq <= next_seq_) return absl::OkStatus();
-  if (!IsDigestGood(token_digest, lifecycle())) return absl::OkStatus();
+  if (!IsDigestValid(token_digest, lifecycle())) return absl::OkStatus();
   return ItemsLost(options_.session, next_seq_);
 }
 

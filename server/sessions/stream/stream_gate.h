@@ -22,7 +22,7 @@ namespace evpose::server {
 // Returns the SHA-256 of a resume token in hexadecimal digits, as SessionLifecycle stores it.
 std::string TokenDigest(absl::string_view token);
 // Returns true for the digest of the current token, and for that of the previous token while it is still valid.
-bool IsDigestGood(absl::string_view digest, const SessionLifecycle& lifecycle);
+bool IsDigestValid(absl::string_view digest, const SessionLifecycle& lifecycle);
 
 // Returns the error PERMISSION_DENIED (WRONG_TOKEN).
 absl::Status WrongToken(absl::string_view session);

@@ -39,12 +39,12 @@ class StreamGateTest : public testing::Test {
 
 TEST(ResumeTokenTest, OnlyTheCurrentAndAnUnconfirmedPreviousTokenAreGood) {
   const SessionLifecycle both = {.token_digest = TokenDigest("new"), .previous_token_digest = TokenDigest("old")};
-  EXPECT_TRUE(IsDigestGood(TokenDigest("new"), both));
-  EXPECT_TRUE(IsDigestGood(TokenDigest("old"), both));
-  EXPECT_FALSE(IsDigestGood(TokenDigest("older"), both));
+  EXPECT_TRUE(IsDigestValid(TokenDigest("new"), both));
+  EXPECT_TRUE(IsDigestValid(TokenDigest("old"), both));
+  EXPECT_FALSE(IsDigestValid(TokenDigest("older"), both));
   const SessionLifecycle one = {.token_digest = TokenDigest("new")};
-  EXPECT_FALSE(IsDigestGood(TokenDigest("old"), one));
-  EXPECT_FALSE(IsDigestGood("", one)) << "an absent previous token is no token";
+  EXPECT_FALSE(IsDigestValid(TokenDigest("old"), one));
+  EXPECT_FALSE(IsDigestValid("", one)) << "an absent previous token is no token";
 }
 
 TEST_F(StreamGateTest, StartsDetachedAndOpen) {

@@ -112,7 +112,7 @@ void EventImages::Add(absl::Span<const Event> events, int64_t from_t_us, int64_t
   if (readers_.empty()) return;
   for (Canvas& canvas : canvases_) {
     if (!canvas.from_t_us) canvas.from_t_us = from_t_us;
-    canvas.has_news = canvas.has_news || !events.empty() || to_t_us > canvas.to_t_us;
+    canvas.has_changed = canvas.has_changed || !events.empty() || to_t_us > canvas.to_t_us;
     canvas.to_t_us = to_t_us;
     canvas.num_events += events.size();
     canvas.bitmap.Add(events);
@@ -132,7 +132,7 @@ void EventImages::Finish() {
   const Time now = now_();
   const std::lock_guard lock(mutex_);
   for (Canvas& canvas : canvases_) {
-    if (!canvas.has_news) continue;
+    if (!canvas.has_changed) continue;
     const absl::Status made = TryToMakeImage(canvas, now);
     for (Reader* reader : readers_) {
       if (reader->cell_px_ == canvas.bitmap.cell_px()) reader->failure_.Update(made);
@@ -144,7 +144,7 @@ void EventImages::Finish() {
 
 void EventImages::MakeDueImages(Time now) {
   for (Canvas& canvas : canvases_) {
-    if (!canvas.has_news || now < canvas.due) continue;
+    if (!canvas.has_changed || now < canvas.due) continue;
     if (TryToMakeImage(canvas, now).ok()) watchers_->Notify();
   }
 }
@@ -164,7 +164,7 @@ void EventImages::MakeImage(Canvas& canvas, Time now) {
   image->SwapBitmap(canvas.bitmap);  // after the allocations: if one fails, the next image has these events
   canvas.from_t_us = canvas.to_t_us;
   canvas.num_events = 0;
-  canvas.has_news = false;
+  canvas.has_changed = false;
   for (Reader* reader : readers_) {
     if (reader->cell_px_ != image->bitmap().cell_px()) continue;
     reader->failure_.Update(OrOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
@@ -199,7 +199,7 @@ void EventImages::SetTimer(Time now) {
   if (timer_ != nullptr) return;
   std::optional<Time> next;
   for (const Canvas& canvas : canvases_) {
-    if (canvas.has_news) next = next ? std::min(*next, canvas.due) : canvas.due;
+    if (canvas.has_changed) next = next ? std::min(*next, canvas.due) : canvas.due;
   }
   if (!next) return;
   timer_ = pool_.PostAfter(absl::FromChrono(std::max(*next - now, Clock::duration::zero())), [weak = weak_from_this()] {

@@ -95,7 +95,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
     std::optional<int64_t> from_t_us;  // absent before the first events
     int64_t to_t_us = 0;
     uint64_t num_events = 0;
-    bool has_news = false;
+    bool has_changed = false;
     Clock::duration period{};  // of the fastest reader
     Time due;
   };

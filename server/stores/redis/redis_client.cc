@@ -67,7 +67,7 @@ RedisClient::Job RedisClient::MakeJob(Command command, Done done) {
   return job;
 }
 
-std::pair<RedisClient::Job, std::future<absl::StatusOr<RedisReply>>> RedisClient::MakeAnsweredJob(Command command) {
+std::pair<RedisClient::Job, std::future<absl::StatusOr<RedisReply>>> RedisClient::MakeJobWithReply(Command command) {
   std::promise<absl::StatusOr<RedisReply>> answer;
   auto reply = answer.get_future();
   Done done = [answer = std::move(answer)](absl::StatusOr<RedisReply> received) mutable {
@@ -83,7 +83,7 @@ void RedisClient::Push(RedisCommand command, Acknowledgement acknowledgement, Do
 }
 
 std::future<absl::StatusOr<RedisReply>> RedisClient::StartCommand(Command command) {
-  auto [job, reply] = MakeAnsweredJob(std::move(command));
+  auto [job, reply] = MakeJobWithReply(std::move(command));
   thread_.Push(std::move(job));
   return std::move(reply);
 }
@@ -92,7 +92,7 @@ std::vector<std::future<absl::StatusOr<RedisReply>>> RedisClient::StartAll(std::
   std::vector<std::future<absl::StatusOr<RedisReply>>> replies;
   const auto parts = std::make_shared<std::vector<Job>>();
   for (Command& command : commands) {
-    auto [job, reply] = MakeAnsweredJob(std::move(command));
+    auto [job, reply] = MakeJobWithReply(std::move(command));
     parts->push_back(std::move(job));
     replies.push_back(std::move(reply));
   }

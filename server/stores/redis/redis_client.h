@@ -107,7 +107,7 @@ class RedisClient {
 
   static Job MakeJob(Command command, Done done);
   // A job, and the future reply to it.
-  static std::pair<Job, std::future<absl::StatusOr<RedisReply>>> MakeAnsweredJob(Command command);
+  static std::pair<Job, std::future<absl::StatusOr<RedisReply>>> MakeJobWithReply(Command command);
   std::future<absl::StatusOr<RedisReply>> StartCommand(Command command);
   // Replaces each job that has `parts` by these parts.
   static std::vector<Job> Expand(std::vector<Job> jobs);

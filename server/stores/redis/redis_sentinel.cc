@@ -31,30 +31,30 @@ absl::StatusOr<std::unique_ptr<RedisConnection>> RedisSentinels::ConnectToMaster
 
 absl::StatusOr<RedisSentinels::Named> RedisSentinels::AskAll() {
   std::vector<std::string> reasons;
-  std::vector<std::string> ignorant;
+  std::vector<std::string> without_master;
   for (size_t i = 0; i < address_.sentinels.size(); ++i) {
     const RedisHost& sentinel = address_.sentinels[first_];
     absl::StatusOr<RedisHost> node = Ask(sentinel);
     if (node.ok() && !node->host.empty()) return Named{sentinel, *std::move(node)};
     if (node.ok()) {
-      ignorant.push_back(sentinel.Printable());
+      without_master.push_back(sentinel.Printable());
     } else {
       reasons.emplace_back(node.status().message());
     }
     StartWithNextSentinel();
   }
-  if (ignorant.empty()) {
+  if (without_master.empty()) {
     return absl::UnavailableError(absl::StrCat("no Sentinel names the master ", address_.master_name, ": ",
                                                absl::StrJoin(reasons, "; "),
                                                ": start the Sentinels, or correct their addresses in --store"));
   }
   std::string others;
   if (!reasons.empty()) others = absl::StrCat(" (", absl::StrJoin(reasons, "; "), ")");
-  return absl::UnavailableError(absl::StrCat(ignorant.size() == 1 ? "the Sentinel " : "the Sentinels ",
-                                             absl::StrJoin(ignorant, ", "), ignorant.size() == 1 ? " does" : " do",
-                                             " not know the master ", address_.master_name, others,
-                                             ": correct the name in --store, or add `sentinel monitor ",
-                                             address_.master_name, "` to the configuration of the Sentinels"));
+  return absl::UnavailableError(
+      absl::StrCat(without_master.size() == 1 ? "the Sentinel " : "the Sentinels ", absl::StrJoin(without_master, ", "),
+                   without_master.size() == 1 ? " does" : " do", " not know the master ", address_.master_name, others,
+                   ": correct the name in --store, or add `sentinel monitor ", address_.master_name,
+                   "` to the configuration of the Sentinels"));
 }
 
 absl::StatusOr<RedisHost> RedisSentinels::Ask(const RedisHost& sentinel) const {
