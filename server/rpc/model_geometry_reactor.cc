@@ -42,12 +42,13 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
           "max_faces", absl::StrCat("is ", request_.max_faces(), "; at most ", kMaxFaces, " are returned"))));
     }
     // gRPC does not call OnDone() before Finish().
-    preparations.Post(
+    const absl::Status posted = preparations.TryPost(
         caller->tenant,
         [this, tenant = caller->tenant](const absl::Status& admitted) {
           Finish(ToGrpcStatus(admitted.ok() ? OrOutOfMemory([&] { return SetResponse(tenant); }) : admitted));
         },
         cancellation_);
+    if (!posted.ok()) Finish(ToGrpcStatus(posted));
   }
 
   // A call that waits is finished in its turn, without work.

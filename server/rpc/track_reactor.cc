@@ -11,7 +11,6 @@
 #include <optional>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
@@ -188,6 +187,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     PostResume(attach);
   }
 
+  // If memory is exhausted, this throws: both callers have a guard, and end the stream.
   void PostResume(const v1::TrackRequest::Attach& attach) {
     services_.pool.slow().Post(caller_->tenant, [self = shared_from_this(), attach](const absl::Status& admitted) {
       self->ResumeAndAttach(attach, admitted);
@@ -200,8 +200,11 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       admitted.Update(failure_);  // the stream may have been cancelled meanwhile
     }
     if (!admitted.ok()) return OnAttached(attach, admitted);
-    auto session = services_.sessions.ResumeForAttach(caller_->tenant, attach.session(), attach.resume_token());
-    OnAttached(attach, session.ok() ? Join(attach, *std::move(session)) : session.status());
+    OnAttached(attach, OrOutOfMemory([&]() -> absl::StatusOr<Joined> {
+                 EVPOSE_ASSIGN_OR_RETURN(auto session, services_.sessions.ResumeForAttach(
+                                                           caller_->tenant, attach.session(), attach.resume_token()));
+                 return Join(attach, std::move(session));
+               }));
   }
 
   // Under one lock: events in between find a stream that has not attached yet.
@@ -422,16 +425,15 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   bool PickAck() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    *response_.mutable_ack() = ToProto(*ack_);
-    sent_ack_ = *ack_;
-    ack_.reset();
+    sent_ack_ = *std::exchange(ack_, std::nullopt);
+    *response_.mutable_ack() = ToProto(sent_ack_);
     return true;
   }
 
   bool PickPose() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     if (page_.empty()) {
-      const std::vector<StoredPose> poses = session_->pose_log().Read(sent_pose_seq_, kPosesPerPage);
-      page_.assign(poses.begin(), poses.end());
+      for (StoredPose& pose : session_->pose_log().Read(sent_pose_seq_, kPosesPerPage))
+        page_.push_back(std::move(pose));
     }
     if (page_.empty() || page_.front().pose_seq != sent_pose_seq_ + 1) {
       Fail(WithReason(absl::AbortedError(absl::StrCat("pose ", sent_pose_seq_ + 1,

@@ -6,7 +6,6 @@
 #include <boost/asio/post.hpp>
 
 #include "server/runtime/errors.h"
-#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {

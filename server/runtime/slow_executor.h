@@ -17,6 +17,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/any_invocable.h"
 #include "absl/status/status.h"
+#include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 
@@ -51,6 +52,17 @@ class SlowExecutor {
   // Throws std::bad_alloc if there is no memory for the item, which is then not called.
   void Post(const std::string& tenant, Work work,
             std::shared_ptr<Cancellation> cancellation = std::make_shared<Cancellation>());
+  // As Post(), for callers that end a call if this fails. `work` is any function that Work can hold. Errors:
+  // RESOURCE_EXHAUSTED (OUT_OF_MEMORY); `work` is then not called.
+  template <typename Function>
+  absl::Status TryPost(const std::string& tenant, Function&& work,
+                       std::shared_ptr<Cancellation> cancellation = nullptr) {
+    return OrOutOfMemory([&] {
+      if (cancellation == nullptr) cancellation = std::make_shared<Cancellation>();
+      Post(tenant, Work(std::forward<Function>(work)), std::move(cancellation));
+      return absl::OkStatus();
+    });
+  }
   // Work of the server itself, which has a queue like a tenant. It is omitted after Stop().
   void PostOwn(absl::AnyInvocable<void()> work);
 
@@ -70,7 +82,8 @@ class SlowExecutor {
   };
   using Queues = std::map<std::string, Queue>;
 
-  // Gives a thread to each queue whose turn it is. Without memory for that, the next call does.
+  // Gives a thread to each queue whose turn it is. If the allocation of a thread fails, the next call of Dispatch()
+  // tries again.
   void Dispatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Queues::iterator FindNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The item that is about to run; without `work` if Stop() has rejected it.

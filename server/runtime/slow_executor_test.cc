@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/runtime/slow_executor.h"
 
+#include <array>
 #include <boost/asio/io_context.hpp>
 
 #include "gmock/gmock.h"
@@ -122,6 +123,32 @@ TEST_F(SlowExecutorTest, WithoutMemoryAnItemIsRefusedOrRunAndTheNextOneIsRun) {
         << number;
   }
   EXPECT_GT(num_refused, 0);
+}
+
+TEST_F(SlowExecutorTest, WithoutMemoryTryPostReturnsAnError) {
+  FailingAllocation& failing = ThisThreadsFailingAllocation();
+  const std::string tenant = "a name that does not fit into the string itself";
+  int num_refused = 0;
+  bool has_failed = true;
+  for (int number = 0; has_failed; ++number) {
+    ran_.clear();
+    // Too large for the inside of Work, so that the conversion allocates, too.
+    const auto work = [this, large = std::array<char, 256>()](const absl::Status& admitted) {
+      ran_.push_back(absl::StatusCodeToString(admitted.code()) + large.data());
+    };
+    failing.successes_before = number;
+    const absl::Status posted = slow_.TryPost(tenant, work);
+    has_failed = failing.successes_before < 0;
+    failing.successes_before = -1;
+    num_refused += !posted.ok();
+    EXPECT_EQ(GetErrorDetails(posted).reason, posted.ok() ? "" : "OUT_OF_MEMORY");
+    Post(tenant, "second");
+    threads_.restart();
+    threads_.run();
+    EXPECT_EQ(ran_, posted.ok() ? std::vector<std::string>({"OK", "second"}) : std::vector<std::string>({"second"}))
+        << number;
+  }
+  EXPECT_GT(num_refused, 2);
 }
 
 }  // namespace

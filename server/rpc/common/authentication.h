@@ -51,14 +51,12 @@ grpc::ServerUnaryReactor* FinishUnary(Authenticator& authenticator, grpc::Callba
 template <typename Handler>
 void PostCall(WorkerPool& pool, const std::string& tenant, grpc::CallbackServerContext* context,
               grpc::ServerUnaryReactor* reactor, Handler handler) {
-  const absl::Status posted = OrOutOfMemory([&] {
-    pool.slow().Post(tenant, [context, reactor, handler = std::move(handler)](const absl::Status& admitted) {
-      if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
-      if (context->IsCancelled()) return reactor->Finish(grpc::Status::CANCELLED);
-      handler();
-    });
-    return absl::OkStatus();
-  });
+  const absl::Status posted =
+      pool.slow().TryPost(tenant, [context, reactor, handler = std::move(handler)](const absl::Status& admitted) {
+        if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
+        if (context->IsCancelled()) return reactor->Finish(grpc::Status::CANCELLED);
+        handler();
+      });
   if (!posted.ok()) reactor->Finish(ToGrpcStatus(posted));
 }
 

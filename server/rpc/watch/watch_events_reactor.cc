@@ -52,9 +52,12 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
 
  private:
   // Images are compressed on their own thread, and not on gRPC's.
-  void Continue() override {
-    services().pool.images().Post(tenant_,
-                                  [self = shared_from_this()](const absl::Status&) { self->OnSessionChanged(); });
+  void Continue() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const absl::Status posted = services().pool.images().TryPost(
+        tenant_, [self = shared_from_this()](const absl::Status&) { self->OnSessionChanged(); });
+    if (posted.ok()) return;
+    Fail(posted);
+    Pump();
   }
 
   absl::Status OnFound() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

@@ -44,12 +44,11 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   void Start(const absl::Status& begun) {
     self_ = this->shared_from_this();
     services_.streams.Add(StreamRegistry::Kind::kWatch, self_);
-    if (missing_.has_value()) {
-      return services_.pool.slow().Post(
-          missing_->tenant,
-          [self = this->shared_from_this()](const absl::Status& admitted) { self->LookInStore(admitted); });
-    }
-    Watch(begun);
+    if (!missing_.has_value()) return Watch(begun);
+    const absl::Status posted = services_.pool.slow().TryPost(
+        missing_->tenant,
+        [self = this->shared_from_this()](const absl::Status& admitted) { self->LookInStore(admitted); });
+    if (!posted.ok()) Watch(posted);
   }
 
   void OnWriteDone(bool ok) override {
