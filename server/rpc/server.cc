@@ -84,35 +84,29 @@ void DeleteOldSessions(SessionManager& sessions) {
 class PeriodicTimer {
  public:
   PeriodicTimer(WorkerPool& pool, absl::Duration period, std::function<void()> work)
-      : pool_(pool), period_(period), work_(std::move(work)) {
+      : period_(period), work_(std::move(work)) {
     const std::lock_guard lock(mutex_);
-    Arm();
+    timer_ = pool.MakeTimer([this] { OnTimer(); });
+    timer_->Arm(period_);
   }
 
   // No call starts after Stop().
   void Stop() {
     const std::lock_guard lock(mutex_);
-    is_stopped_ = true;
     timer_.reset();
   }
 
  private:
-  void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    timer_ = pool_.PostAfter(period_, [this] { OnTimer(); });
-  }
-
   void OnTimer() {
     RunUnlessOutOfMemory(work_);
     const std::lock_guard lock(mutex_);
-    if (!is_stopped_) Arm();
+    if (timer_ != nullptr) timer_->Arm(period_);
   }
 
-  WorkerPool& pool_;
   const absl::Duration period_;
   const std::function<void()> work_;
   std::mutex mutex_;
-  bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<ReusableTimer> timer_ ABSL_GUARDED_BY(mutex_);  // null after Stop()
 };
 
 // A limit of each tenant; 0 or absent: only the limit of the server applies.

@@ -17,7 +17,9 @@ void StoreCheck::Start() {
   const std::optional<StoreUsage> usage = store_.Usage();
   const std::lock_guard lock(mutex_);
   usage_ = usage;
-  if (!is_stopped_) Arm();
+  if (is_stopped_) return;
+  timer_ = pool_.MakeTimer([this] { OnTimer(); });
+  timer_->Arm(period_);
 }
 
 void StoreCheck::Stop() {
@@ -26,11 +28,14 @@ void StoreCheck::Stop() {
   timer_.reset();
 }
 
-void StoreCheck::Arm() {
-  timer_ = pool_.PostAfter(period_, [this] {
-    const std::lock_guard lock(mutex_);
-    if (!is_stopped_) pool_.slow().PostOwn([this] { Check(); });
+void StoreCheck::OnTimer() {
+  const std::lock_guard lock(mutex_);
+  if (is_stopped_) return;
+  const absl::Status posted = OrOutOfMemory([this] {
+    pool_.slow().PostOwn([this] { Check(); });
+    return absl::OkStatus();
   });
+  if (!posted.ok()) timer_->Arm(period_);
 }
 
 absl::Status StoreCheck::health() const {
@@ -64,29 +69,35 @@ void StoreCheck::Check() {
     if (is_stopped_) return;
   }
   std::optional<StoreUsage> usage;
-  const absl::Status health = OrOutOfMemory([this, &usage] {
+  std::vector<StoreGroup> groups;
+  const absl::Status health = OrOutOfMemory([&] {
     absl::Status status = store_.CheckHealth();
     if (status.ok()) usage = store_.Usage();
+    groups = store_.Groups();
     return status;
   });
-  const std::vector<StoreGroup> groups = store_.Groups();
   const std::lock_guard lock(mutex_);
   if (is_stopped_) return;
-  LogChanges(groups);
-  if (IsOutOfMemory(health)) return Arm();  // a failed allocation says nothing about the store
-  if (usage.has_value()) usage_ = usage;
+  RunUnlessOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    LogChanges(groups);
+    if (IsOutOfMemory(health)) return;
+    if (usage.has_value()) usage_ = usage;
+    SetHealth(health);
+  });
+  timer_->Arm(period_);
+}
+
+void StoreCheck::SetHealth(const absl::Status& health) {
   const bool has_changed = health.ok() != health_.ok();
   health_ = health;
-  if (has_changed) {
-    if (health.ok()) {
-      Log(LogLevel::kInfo, "store_back", {{"message", "the store responds again: health is SERVING"}});
-    } else {
-      Log(LogLevel::kWarning, "store_away",
-          {{"message", absl::StrCat("health is NOT_SERVING until the store responds: ", health.message())}});
-    }
-    listener_(health.ok());
+  if (!has_changed) return;
+  listener_(health.ok());
+  if (health.ok()) {
+    Log(LogLevel::kInfo, "store_back", {{"message", "the store responds again: health is SERVING"}});
+  } else {
+    Log(LogLevel::kWarning, "store_away",
+        {{"message", absl::StrCat("health is NOT_SERVING until the store responds: ", health.message())}});
   }
-  Arm();
 }
 
 }  // namespace evpose::server

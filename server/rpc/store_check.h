@@ -3,7 +3,6 @@
 // Periodic health check of the store: a server whose store does not respond is not ready.
 #pragma once
 
-#include <boost/asio/steady_timer.hpp>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -41,8 +40,10 @@ class StoreCheck {
   std::optional<StoreUsage> usage() const;
 
  private:
-  void Arm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void OnTimer();
+  // After a failed allocation, which is no evidence about the store, the result of the last check remains.
   void Check();
+  void SetHealth(const absl::Status& health) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Logs the groups of the store that have stopped to respond, or respond again.
   void LogChanges(const std::vector<StoreGroup>& groups) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
@@ -55,7 +56,7 @@ class StoreCheck {
   std::optional<StoreUsage> usage_ ABSL_GUARDED_BY(mutex_);
   std::set<std::string> unavailable_groups_ ABSL_GUARDED_BY(mutex_);
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<ReusableTimer> timer_ ABSL_GUARDED_BY(mutex_);  // null before Start() and after Stop()
 };
 
 }  // namespace evpose::server

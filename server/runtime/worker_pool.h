@@ -8,12 +8,14 @@
 #include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <functional>
 #include <memory>
 #include <string>
 #include <utility>
 
 #include "absl/time/time.h"
 #include "server/runtime/out_of_memory.h"
+#include "server/runtime/reusable_timer.h"
 #include "server/runtime/slow_executor.h"
 #include "server/scheduling/fair_scheduler.h"
 
@@ -63,6 +65,10 @@ class WorkerPool {
       if (!error) RunUnlessOutOfMemory(work);
     });
     return timer;
+  }
+  // A timer, not armed yet, that runs `work` as PostAfter() does.
+  std::unique_ptr<ReusableTimer> MakeTimer(std::function<void()> work) {
+    return std::make_unique<ReusableTimer>(on_.work, std::move(work));
   }
   // For work that waits for the store or creates trackers.
   SlowExecutor& slow() { return slow_; }

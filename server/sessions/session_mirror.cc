@@ -15,6 +15,9 @@ std::shared_ptr<SessionMirror> SessionMirror::Start(SessionFactory::Stored store
   std::shared_ptr<SessionMirror> mirror(new SessionMirror(stored, std::move(read), capacity, period, pool));
   const std::lock_guard lock(mirror->mutex_);
   mirror->Update(std::move(stored));
+  mirror->timer_ = pool.MakeTimer([weak = mirror->weak_from_this()] {
+    if (const auto self = weak.lock()) self->OnTimer();
+  });
   mirror->Schedule();
   return mirror;
 }
@@ -52,12 +55,19 @@ SessionHealth SessionMirror::health() const {
 }
 
 void SessionMirror::Schedule() {
-  if (!status_.ok() || ended_) return;
-  timer_ = pool_.PostAfter(period_, [weak = weak_from_this(), &pool = pool_] {
-    pool.slow().PostOwn([weak] {
+  if (status_.ok() && !ended_) timer_->Arm(period_);
+}
+
+void SessionMirror::OnTimer() {
+  const absl::Status posted = OrOutOfMemory([this] {
+    pool_.slow().PostOwn([weak = weak_from_this()] {
       if (const auto self = weak.lock()) self->Refresh();
     });
+    return absl::OkStatus();
   });
+  if (posted.ok()) return;
+  const std::lock_guard lock(mutex_);
+  Schedule();
 }
 
 void SessionMirror::Refresh() {
@@ -65,7 +75,7 @@ void SessionMirror::Refresh() {
   bool has_changed = false;
   {
     const std::lock_guard lock(mutex_);
-    has_changed = Update(std::move(stored));
+    RunUnlessOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS { has_changed = Update(std::move(stored)); });
     Schedule();
   }
   if (has_changed) watchers_->Notify();

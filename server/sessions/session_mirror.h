@@ -46,7 +46,9 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
  private:
   SessionMirror(const SessionFactory::Stored& stored, ReadStored read, size_t capacity, absl::Duration period,
                 WorkerPool& pool);
+  // Starts the wait for the next read, unless nothing can follow. Allocates nothing.
   void Schedule() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void OnTimer();
   void Refresh();
   // Returns whether something has changed for watchers.
   bool Update(absl::StatusOr<SessionFactory::Stored> stored) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -63,7 +65,7 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
   SessionHealth health_ ABSL_GUARDED_BY(mutex_);
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
   bool ended_ ABSL_GUARDED_BY(mutex_) = false;
-  std::unique_ptr<PoolTimer> timer_ ABSL_GUARDED_BY(mutex_);
+  std::unique_ptr<ReusableTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace evpose::server

@@ -12,6 +12,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/failing_allocations_testing.h"
 #include "server/sessions/session_testing.h"
 
 namespace evpose::server {
@@ -38,8 +39,10 @@ class OtherServer {
     stored_.info.snapshot.state = SessionState::kAttached;
   }
 
-  void MakePoses(uint64_t first, uint64_t last) {
+  // `fails_after_read`: the first allocation after the next read, on the thread of the read, fails.
+  void MakePoses(uint64_t first, uint64_t last, bool fails_after_read = false) {
     const std::lock_guard lock(mutex_);
+    fails_after_read_ = fails_after_read;
     for (const StoredPose& pose : Poses(first, last)) stored_.poses.push_back(pose);
     stored_.info.snapshot.health.poses = last;
   }
@@ -68,6 +71,7 @@ class OtherServer {
     SessionFactory::Stored stored = stored_;
     std::erase_if(stored.poses,
                   [&](const StoredPose& pose) { return (pose.pose_seq + 9) / 10 * 10 <= after_pose_seq; });
+    if (std::exchange(fails_after_read_, false)) ThisThreadsFailingAllocation().successes_before = 0;
     return stored;
   }
   // The second read starts only after the mirror has applied the result of the first one.
@@ -83,6 +87,7 @@ class OtherServer {
   int num_reads_ = 0;
   SessionFactory::Stored stored_;
   absl::Status error_;
+  bool fails_after_read_ = false;
 };
 
 class SessionMirrorTest : public testing::Test {
@@ -132,6 +137,13 @@ TEST_F(SessionMirrorTest, ASessionWithoutPosesBeginsWithTheFirst) {
   other_.MakePoses(1, 1);
   WaitForPose(1);
   EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-1");
+}
+
+TEST_F(SessionMirrorTest, ReadsGoOnAfterAFailedAllocation) {
+  Start();
+  other_.MakePoses(1, 15, /*fails_after_read=*/true);
+  WaitForPose(15);
+  EXPECT_EQ(Range(mirror_->ReadPoses(0, 100)), "1-15");
 }
 
 TEST_F(SessionMirrorTest, PosesDeletedBetweenReadsAreMissing) {
