@@ -8,6 +8,29 @@
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
+
+class TenantQuotas::Place {
+ public:
+  Place(TenantQuotas& quotas, Counts& counts, const std::string& tenant)
+      : quotas_(quotas), counts_(counts), tenant_(tenant) {}
+  Place(const Place&) = delete;
+  Place& operator=(const Place&) = delete;
+  ~Place() {
+    if (is_counted_) quotas_.Remove(counts_, tenant_);
+  }
+  // With the lock of the quotas.
+  void Count(uint32_t& count) {
+    ++count;
+    is_counted_ = true;
+  }
+
+ private:
+  TenantQuotas& quotas_;
+  Counts& counts_;
+  const std::string tenant_;
+  bool is_counted_ = false;
+};
+
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddStream(const std::string& tenant) {
   return Add(streams_, tenant, {options_.max_streams, QuotaLimit::kTenantStreams, "tenant_streams", "streams"});
 }
@@ -18,11 +41,12 @@ absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddWatcher(const std::
 
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::Add(Counts& counts, const std::string& tenant,
                                                               const CountLimit& limit) {
+  const auto place = std::make_shared<Place>(*this, counts, tenant);
   const std::lock_guard lock(mutex_);
   uint32_t& count = counts[tenant];
   if (count < limit.max) {
-    ++count;
-    return std::shared_ptr<const void>(this, [this, &counts, tenant](const void*) { Remove(counts, tenant); });
+    place->Count(count);
+    return place;
   }
   if (count == 0) counts.erase(tenant);
   options_.metrics->quota_refusals[limit.metric].Add();
@@ -39,9 +63,10 @@ void TenantQuotas::Remove(Counts& counts, const std::string& tenant) {
 }
 
 std::shared_ptr<const void> TenantQuotas::AddHealthWatcher(const std::string& tenant) {
+  const auto place = std::make_shared<Place>(*this, health_watchers_, tenant);
   const std::lock_guard lock(mutex_);
-  ++health_watchers_[tenant];
-  return std::shared_ptr<const void>(this, [this, tenant](const void*) { Remove(health_watchers_, tenant); });
+  place->Count(health_watchers_[tenant]);
+  return place;
 }
 
 absl::Duration TenantQuotas::HealthPeriod(const std::string& tenant, absl::Duration period) const {

@@ -3,9 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <new>
+#include <string>
 #include <vector>
 
 #include "server/runtime/errors.h"
+#include "server/runtime/failing_allocations_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -47,6 +50,27 @@ TEST_F(TenantQuotasTest, StreamsOfEachTenant) {
   EXPECT_TRUE(quotas.AddStream("field").ok());
   first.reset();
   EXPECT_TRUE(quotas.AddStream("lab").ok());
+}
+
+// Whichever allocation fails, the call ends, and nothing stays counted.
+TEST_F(TenantQuotasTest, WithoutMemoryNothingIsCounted) {
+  TenantQuotas quotas(Options());
+  FailingAllocation& failing = ThisThreadsFailingAllocation();
+  const std::string tenant = "a name that does not fit into the string itself";
+  int num_failed = 0;
+  bool has_failed = true;
+  for (int number = 0; has_failed; ++number) {
+    failing.successes_before = number;
+    try {
+      quotas.AddStream(tenant).IgnoreError();
+    } catch (const std::bad_alloc&) {
+      ++num_failed;
+    }
+    has_failed = failing.successes_before < 0;
+    failing.successes_before = -1;
+    EXPECT_TRUE(quotas.AddStream(tenant).ok()) << number;
+  }
+  EXPECT_GT(num_failed, 1);
 }
 
 TEST_F(TenantQuotasTest, ManyWatchersReceiveHealthLessOften) {
