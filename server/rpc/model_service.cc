@@ -66,10 +66,12 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     ++messages_;
     if (is_finished_) return;
     alarm_.reset();
-    if (!ok) return Load();
-    const absl::Status status = OrOutOfMemory([this] { return HandleRequest(); });
-    if (!status.ok()) return End(status);
-    Read();
+    const absl::Status status = OrOutOfMemory([this, ok]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+      if (!ok) return Load();
+      EVPOSE_RETURN_IF_ERROR(HandleRequest());
+      return Read(), absl::OkStatus();
+    });
+    if (!status.ok()) End(status);
   }
 
   void OnDone() override { const std::shared_ptr<UploadReactor> last = std::move(self_); }
@@ -95,11 +97,13 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     const std::lock_guard lock(mutex_);
     if (is_finished_ || messages_ != awaited) return;
     const bool is_late = absl::Now() >= deadline_;
-    End(WithReason(
-        absl::DeadlineExceededError(absl::StrCat(
-            is_late ? "the file did not arrive within " : "the next message of the upload did not arrive within ",
-            absl::FormatDuration(is_late ? services_.upload_timeout : services_.attach_timeout))),
-        v1::UPLOAD_TIMEOUT));
+    End(OrOutOfMemory([this, is_late] {
+      return WithReason(
+          absl::DeadlineExceededError(absl::StrCat(
+              is_late ? "the file did not arrive within " : "the next message of the upload did not arrive within ",
+              absl::FormatDuration(is_late ? services_.upload_timeout : services_.attach_timeout))),
+          v1::UPLOAD_TIMEOUT);
+    }));
   }
 
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -165,50 +169,63 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     return absl::OkStatus();
   }
 
-  void Load() {
-    if (!has_header_) return End(InvalidField("header", "must be the first message of the stream"));
+  absl::Status Load() {
+    if (!has_header_) return InvalidField("header", "must be the first message of the stream");
     if (received_bytes_ != size_bytes_) {
-      return End(InvalidField("header.size_bytes", absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_,
-                                                                " bytes were received")));
+      return InvalidField("header.size_bytes",
+                          absl::StrCat("is ", size_bytes_, ", but only ", received_bytes_, " bytes were received"));
     }
-    if (known_ != nullptr) return FinishKnown();
-    // The task holds a reference, here and below, because OnDone() may run on another thread before it ends.
-    services_.pool.preparations().Post(
-        caller_->tenant, [self = shared_from_this()](const absl::Status& admitted) { self->Prepare(admitted); },
-        cancellation_);
+    // The tasks hold a reference, because OnDone() may run on another thread before they end.
+    if (known_ == nullptr) {
+      return services_.pool.preparations().TryPost(
+          caller_->tenant,
+          [this, self = shared_from_this()](const absl::Status& admitted) {
+            Complete(admitted, &UploadReactor::Prepare);
+          },
+          cancellation_);
+    }
+    EVPOSE_RETURN_IF_ERROR(CheckSha256(sha256_hex_, known_->digest.FinishHex(), size_bytes_));
+    return services_.pool.slow().TryPost(caller_->tenant,
+                                         [this, self = shared_from_this()](const absl::Status& admitted) {
+                                           Complete(admitted, &UploadReactor::FindKnown);
+                                         });
   }
 
-  void Prepare(const absl::Status& admitted) {
-    std::shared_ptr<const std::vector<uint8_t>> file;
-    {
-      const std::lock_guard lock(mutex_);
-      if (is_finished_) return;
-      if (!admitted.ok()) return End(admitted);
-      file = std::make_shared<const std::vector<uint8_t>>(std::move(bytes_));
-    }
-    // Without the lock, which OnCancel() takes.
-    const auto model = OrOutOfMemory([&] {
-      return services_.models.Upload(caller_->tenant, reading_, sha256_hex_, std::move(file), *cancellation_,
-                                     file_name_);
+  // Ends the call with the model that `make()` returns. `make` runs without the lock, which OnCancel() takes.
+  void Complete(const absl::Status& admitted, absl::StatusOr<ModelInfo> (UploadReactor::*make)()) {
+    const auto model = OrOutOfMemory([&]() -> absl::StatusOr<ModelInfo> {
+      EVPOSE_RETURN_IF_ERROR(admitted);
+      return (this->*make)();
     });
     const std::lock_guard lock(mutex_);
     if (is_finished_) return;
-    if (model.ok()) *response_ = ToProto(*model);
-    End(model.status());
+    End(OrOutOfMemory([&] {
+      if (model.ok()) *response_ = ToProto(*model);
+      return model.status();
+    }));
   }
 
-  void FinishKnown() {
-    const absl::Status status = CheckSha256(sha256_hex_, known_->digest.FinishHex(), size_bytes_);
-    if (!status.ok()) return End(status);
-    services_.pool.slow().Post(caller_->tenant, [this, self = shared_from_this()](const absl::Status& admitted) {
+  absl::StatusOr<ModelInfo> Prepare() {
+    std::shared_ptr<const std::vector<uint8_t>> file;
+    {
       const std::lock_guard lock(mutex_);
-      if (is_finished_) return;
-      if (!admitted.ok()) return End(admitted);
-      const ModelInfo& info = known_->model.info;
-      const absl::Status stored = services_.models.CheckStored(caller_->tenant, info.name);
-      *response_ = ToProto(info);
-      End(absl::IsNotFound(stored) ? ModelWasDeleted(info.name) : stored);
-    });
+      if (is_finished_) return absl::CancelledError("the call has ended");
+      file = std::make_shared<const std::vector<uint8_t>>(std::move(bytes_));
+    }
+    return services_.models.Upload(caller_->tenant, reading_, sha256_hex_, std::move(file), *cancellation_, file_name_);
+  }
+
+  absl::StatusOr<ModelInfo> FindKnown() {
+    ModelInfo info;
+    {
+      const std::lock_guard lock(mutex_);
+      if (is_finished_) return absl::CancelledError("the call has ended");
+      info = known_->model.info;
+    }
+    const absl::Status stored = services_.models.CheckStored(caller_->tenant, info.name);
+    if (absl::IsNotFound(stored)) return ModelWasDeleted(info.name);
+    EVPOSE_RETURN_IF_ERROR(stored);
+    return info;
   }
 
   const ServiceContext services_;

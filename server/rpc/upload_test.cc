@@ -6,10 +6,19 @@
 
 #include <array>
 #include <cmath>
+#include <functional>
+#include <future>
+#include <thread>
 
+#include "absl/strings/escaping.h"
+#include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "core/numerics/hash.h"
 #include "evpose/v1/mesh.pb.h"
 #include "server/rpc/server_testing.h"
+#include "server/runtime/failing_allocations_testing.h"
+#include "server/sessions/store_testing.h"
+#include "server/stores/memory/memory_store.h"
 
 namespace evpose::server {
 namespace {
@@ -85,6 +94,79 @@ TEST_F(UploadTest, RefusesAMeshWithItsFieldAndIndex) {
   const grpc::Status status = Upload(MeshUploadRequests(mesh.SerializeAsString()), &model);
   EXPECT_EQ(Describe(status), "INVALID_ARGUMENT chunk");
   EXPECT_THAT(status.error_message(), testing::HasSubstr("Mesh.triangles[7]: is 8, but there are 8 points"));
+}
+
+// A shared store with a function that is called on the thread that has read a model.
+class StoreWithHook : public TroubledStore {
+ public:
+  explicit StoreWithHook(std::function<void()> on_read)
+      : TroubledStore(MakeMemoryStore(), std::make_shared<Trouble>()), on_read_(std::move(on_read)) {}
+  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    auto model = TroubledStore::ReadModel(tenant, name);
+    on_read_();
+    return model;
+  }
+
+ private:
+  const std::function<void()> on_read_;
+};
+
+// The second upload of a file, for which the server only reads its store.
+class KnownFileTest : public RpcTest {
+ protected:
+  KnownFileTest() {
+    ServerOptions options = Options();
+    options.tenant.max_uploads = 1;
+    server_ =
+        StartServer(options, FakeTrackers(gate_), std::make_unique<StoreWithHook>([this] { on_read_(); })).value();
+    Use(server_->InProcessChannel());
+    UploadCube();
+    const absl::string_view cube = kCubeObj;
+    known_[0].mutable_header()->set_sha256(absl::HexStringToBytes(
+        Sha256Hex(absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(cube.data()), cube.size()))));
+  }
+  // "INVALID_ARGUMENT header.size_bytes" if the upload has got a place, because the file is missing.
+  std::string BeginUpload() {
+    v1::Model model;
+    return Describe(Upload({UploadHeader(100)}, &model));
+  }
+
+  std::function<void()> on_read_ = [] {};
+  std::vector<v1::UploadModelRequest> known_ = UploadRequests(kCubeObj);
+};
+
+TEST_F(KnownFileTest, WithoutMemoryForTheResponseTheCallEndsAndReleasesItsPlace) {
+  on_read_ = [] { ThisThreadsFailingAllocation().successes_before = 0; };
+  v1::Model model;
+  EXPECT_EQ(Describe(Upload(known_, &model)), "RESOURCE_EXHAUSTED OUT_OF_MEMORY");
+  on_read_ = [] {};
+  EXPECT_EQ(BeginUpload(), "INVALID_ARGUMENT header.size_bytes");
+  EXPECT_EQ(Describe(Upload(known_, &model)), "OK");
+}
+
+TEST_F(KnownFileTest, ACancelledCallEndsWhileTheStoreDoesNotRespond) {
+  std::promise<void> has_begun, may_end;
+  on_read_ = [&] {
+    has_begun.set_value();
+    may_end.get_future().wait();
+  };
+  grpc::ClientContext context;
+  v1::Model model;
+  const auto stream = models_->UploadModel(&context, &model);
+  for (const v1::UploadModelRequest& request : known_) stream->Write(request);
+  stream->WritesDone();
+  has_begun.get_future().wait();
+  context.TryCancel();
+  EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  // The server learns of it a little later.
+  const absl::Time long_after = absl::Now() + absl::Seconds(20);
+  std::string begun = BeginUpload();
+  while (begun == "RESOURCE_EXHAUSTED TENANT_QUOTA" && absl::Now() < long_after) {
+    std::this_thread::yield();
+    begun = BeginUpload();
+  }
+  EXPECT_EQ(begun, "INVALID_ARGUMENT header.size_bytes");
+  may_end.set_value();
 }
 
 }  // namespace
