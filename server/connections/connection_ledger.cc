@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <iterator>
 
+#include "server/connections/unmapped_address.h"
+
 namespace evpose::server {
 namespace {
 
@@ -24,10 +26,9 @@ ino_t SocketOf(int descriptor) {
 }  // namespace
 
 ip::address PeerOf(const ip::address& address) {
-  if (address.is_v4()) return address;
-  const ip::address_v6 v6 = address.to_v6();
-  if (v6.is_v4_mapped()) return ip::make_address_v4(ip::v4_mapped, v6);
-  ip::address_v6::bytes_type network = v6.to_bytes();
+  const ip::address peer = Unmapped(address);
+  if (peer.is_v4()) return peer;
+  ip::address_v6::bytes_type network = peer.to_v6().to_bytes();
   std::fill(network.begin() + 8, network.end(), 0);
   return ip::address_v6(network);
 }

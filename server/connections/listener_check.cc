@@ -5,6 +5,8 @@
 
 #include <cerrno>
 
+#include "server/connections/unmapped_address.h"
+
 namespace evpose::server {
 namespace {
 
@@ -13,11 +15,6 @@ namespace ip = boost::asio::ip;
 ip::tcp::endpoint Reachable(const ip::tcp::endpoint& listener) {
   if (!listener.address().is_unspecified()) return listener;
   return {ip::address_v4::loopback(), listener.port()};
-}
-
-ip::address Plain(const ip::address& address) {
-  if (address.is_v4() || !address.to_v6().is_v4_mapped()) return address;
-  return ip::make_address_v4(ip::v4_mapped, address.to_v6());
 }
 
 }  // namespace
@@ -34,7 +31,7 @@ ListenerCheck::State ListenerCheck::Step(uint64_t num_accepted) {
 }
 
 bool ListenerCheck::IsMine(const ip::tcp::endpoint& peer) const {
-  return peer.port() == local_port_ && Plain(peer.address()) == listener_.address();
+  return peer.port() == local_port_ && Unmapped(peer.address()) == listener_.address();
 }
 
 void ListenerCheck::Connect() {

@@ -2,25 +2,14 @@
 #include "server/connections/memory_trimmer.h"
 
 #include <malloc.h>
-#include <unistd.h>
 
-#include <fstream>
 #include <utility>
 
+#include "server/telemetry/process_usage.h"
+
 namespace evpose::server {
-namespace {
 
-// Resident memory of the process, bytes; 0 if /proc cannot be read.
-size_t ResidentBytes() {
-  std::ifstream statm("/proc/self/statm");
-  size_t total = 0, resident = 0;
-  statm >> total >> resident;
-  return resident * static_cast<size_t>(sysconf(_SC_PAGESIZE));
-}
-
-}  // namespace
-
-MemoryTrimmer::MemoryTrimmer() : MemoryTrimmer(ResidentBytes, [] { malloc_trim(0); }) {}
+MemoryTrimmer::MemoryTrimmer() : MemoryTrimmer(ProcessResidentBytes, [] { malloc_trim(0); }) {}
 
 MemoryTrimmer::MemoryTrimmer(std::function<size_t()> resident_bytes, std::function<void()> trim)
     : resident_bytes_(std::move(resident_bytes)), trim_(std::move(trim)) {}

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -46,5 +47,8 @@ absl::Status DecodeModelBytes(const std::string& encoded, ModelRecord& model);
 // DATA_LOSS naming the session.
 absl::Status CheckWhole(absl::string_view session, const std::vector<PoseSegment>& poses, uint64_t first_pose_seq_kept,
                         uint64_t next_pose_seq);
+
+// Appends the message of a status of reading `what` to `damage` if it is DATA_LOSS.
+void NoteDamage(absl::string_view what, const absl::Status& status, std::vector<std::string>& damage);
 
 }  // namespace evpose::server

@@ -93,6 +93,10 @@ struct SessionCommit {
   std::optional<absl::Time> ended_at;
 };
 
+// The bytes of the checkpoint, the lifecycle record and the poses.
+uint64_t SizeBytes(const std::vector<PoseSegment>& poses);
+uint64_t SizeBytes(const SessionCommit& commit);
+
 struct StoredSession {
   SessionRecord record;
   std::string lifecycle;
@@ -164,7 +168,7 @@ struct StoreGroup {
   absl::Status health;              // at the last CheckHealth()
   std::optional<StoreUsage> usage;  // at the last Usage()
   uint32_t parts = 0;               // of the store, which are distributed over all groups
-  // Since the start: the commits that the group has answered, the sum of their durations, and unreplicated_commits().
+  // Since the start: the commits that the group has completed, the sum of their durations, and unreplicated_commits().
   uint64_t commits = 0;
   double commit_s = 0.0;
   uint64_t unreplicated_commits = 0;
@@ -191,7 +195,7 @@ class Store {
   // Returns OK when the store responds; if it has several groups, when one of them does.
   virtual absl::Status CheckHealth() = 0;
 
-  // The bytes in use, in the fullest group if there are several; nullopt if the store does not tell them.
+  // The bytes in use, in the fullest group if there are several; nullopt if the store does not report it.
   virtual std::optional<StoreUsage> Usage() { return std::nullopt; }
 
   // The groups of the store, in the order of their names; empty for a store that does not divide its sessions. Does not

@@ -12,19 +12,8 @@
 namespace evpose::server {
 namespace {
 
-uint64_t SizeBytes(const std::vector<PoseSegment>& poses) {
-  uint64_t bytes = 0;
-  for (const PoseSegment& segment : poses) bytes += segment.bytes.size();
-  return bytes;
-}
-
 uint64_t SizeBytes(const StoredSession& session) {
   return session.record.config.size() + session.lifecycle.size() + session.checkpoint.size() + SizeBytes(session.poses);
-}
-
-uint64_t SizeBytes(const SessionCommit& commit) {
-  return (commit.checkpoint.has_value() ? commit.checkpoint->size() : 0) +
-         (commit.lifecycle.has_value() ? commit.lifecycle->size() : 0) + SizeBytes(commit.poses);
 }
 
 void Apply(SessionCommit commit, uint64_t next_pose_seq, MemorySession& session) {

@@ -62,11 +62,11 @@ class PostgresStore : public Store {
     if (sessions.size() + models.size() > options_.max_checked_records) return absl::OkStatus();
     for (size_t i = 0; i < sessions.size(); ++i) {
       const std::string name = sessions.Bytes(i, 0);
-      NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status());
+      NoteDamage(absl::StrCat("session ", name), ReadSession(name, 0).status(), damage_);
     }
     for (size_t i = 0; i < models.size(); ++i) {
       const std::string name = models.Bytes(i, 0);
-      NoteDamage(absl::StrCat("model ", name), ReadModel(models.Bytes(i, 1), name).status());
+      NoteDamage(absl::StrCat("model ", name), ReadModel(models.Bytes(i, 1), name).status(), damage_);
     }
     return absl::OkStatus();
   }
@@ -271,10 +271,6 @@ class PostgresStore : public Store {
     commands.insert(commands.begin(), {.statement = &kPostgresBegin});
     commands.push_back({.statement = &kPostgresCommit});
     return connection.Run(commands);
-  }
-
-  void NoteDamage(const std::string& what, const absl::Status& status) {
-    if (absl::IsDataLoss(status)) damage_.push_back(absl::StrCat(what, ": ", status.message()));
   }
 
   const PostgresStoreOptions options_;

@@ -8,15 +8,9 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/stores/common/commit_guard.h"
+#include "server/stores/common/job_groups.h"
 
 namespace evpose::server {
-namespace {
-
-// Bounds the size of a transaction, so that the first commits of a group do not wait for many megabytes of others, and
-// the bytes that libpq copies.
-constexpr uint64_t kMaxGroupBytes = 64u << 20;
-
-}  // namespace
 
 PostgresWriter::PostgresWriter(std::shared_ptr<PostgresClient> client)
     : client_(std::move(client)), thread_([this](std::vector<Job> jobs) { Process(std::move(jobs)); }) {}
@@ -42,16 +36,9 @@ void PostgresWriter::Process(std::vector<Job> jobs) {
       std::stable_partition(jobs.begin(), jobs.end(), [](const Job& job) { return job.commit != nullptr; });
   for (auto job = refused; job != jobs.end(); ++job) job->done(std::move(job->refusal));
   jobs.erase(refused, jobs.end());
-  size_t begin = 0;
-  while (begin < jobs.size()) {
-    size_t end = begin;
-    uint64_t group_bytes = 0;
-    while (end < jobs.size() && (end == begin || group_bytes + jobs[end].commit->size_bytes <= kMaxGroupBytes)) {
-      group_bytes += jobs[end++].commit->size_bytes;
-    }
-    ProcessGroup(absl::MakeSpan(jobs).subspan(begin, end - begin));
-    begin = end;
-  }
+  ForEachGroup(
+      jobs, [](const Job& job) { return job.commit->size_bytes; },
+      [this](absl::Span<Job> group) { ProcessGroup(group); });
 }
 
 void PostgresWriter::ProcessGroup(absl::Span<Job> group) {

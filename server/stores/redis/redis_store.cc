@@ -120,11 +120,11 @@ class RedisStore : public Store {
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<std::string> models, models_.Members());
     // Reads all parts of each session, so that damage is reported at the start and not when a client attaches again.
     for (const SessionOwner& session : sessions) {
-      NoteDamage(absl::StrCat("session ", session.name), ReadSession(session.name, 0).status());
+      NoteDamage(absl::StrCat("session ", session.name), ReadSession(session.name, 0).status(), damage_);
     }
     for (const std::string& member : models) {
       const auto model = models_.Read(member);
-      NoteDamage(absl::StrCat("model ", member.substr(0, member.find('\n'))), model.status());
+      NoteDamage(absl::StrCat("model ", member.substr(0, member.find('\n'))), model.status(), damage_);
     }
     return absl::OkStatus();
   }
@@ -328,10 +328,6 @@ class RedisStore : public Store {
         kRedisDelete, name, {std::string(name), token.number == 0 ? "" : std::to_string(token.number), token.holder},
         Acknowledgement::kReplica));
     return WriteOutcome(reply, name, token.number);
-  }
-
-  void NoteDamage(const std::string& what, const absl::Status& status) {
-    if (absl::IsDataLoss(status)) damage_.push_back(absl::StrCat(what, ": ", status.message()));
   }
 
   absl::StatusOr<std::vector<SessionOwner>> ReadOwners(RedisBucketMerge::UnreachableGroup unreachable_group) const {

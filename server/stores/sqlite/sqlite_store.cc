@@ -22,12 +22,6 @@ namespace {
 
 constexpr char kFileName[] = "evpose.db";
 
-uint64_t SizeBytes(const SessionCommit& commit) {
-  uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;
-  for (const PoseSegment& segment : commit.poses) bytes += segment.bytes.size();
-  return bytes;
-}
-
 absl::Status DamagedSessionError(absl::string_view name) {
   return absl::DataLossError(
       absl::StrCat("session ", name, " was found damaged when the store was opened, and is skipped: delete it"));

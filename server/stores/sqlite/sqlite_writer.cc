@@ -7,13 +7,11 @@
 #include "core/base/status_macros.h"
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/common/commit_guard.h"
+#include "server/stores/common/job_groups.h"
 #include "server/stores/sqlite/sqlite_records.h"
 
 namespace evpose::server {
 namespace {
-
-// Bounds the size of a transaction, so that the first commits of a group do not wait for many megabytes of others.
-constexpr uint64_t kMaxGroupBytes = 64u << 20;
 
 // True for the errors that a write returns before it has changed the database.
 bool IsRefusal(const absl::Status& status) {
@@ -47,16 +45,8 @@ std::vector<std::string> SqliteWriter::TakeDeletedForRoom() {
 }
 
 void SqliteWriter::Process(std::vector<Job> jobs) {
-  size_t begin = 0;
-  while (begin < jobs.size()) {
-    size_t end = begin;
-    uint64_t group_bytes = 0;
-    while (end < jobs.size() && (end == begin || group_bytes + jobs[end].size_bytes <= kMaxGroupBytes)) {
-      group_bytes += jobs[end++].size_bytes;
-    }
-    ProcessGroup(absl::MakeSpan(jobs).subspan(begin, end - begin));
-    begin = end;
-  }
+  ForEachGroup(
+      jobs, [](const Job& job) { return job.size_bytes; }, [this](absl::Span<Job> group) { ProcessGroup(group); });
 }
 
 void SqliteWriter::ProcessGroup(absl::Span<Job> group) {
