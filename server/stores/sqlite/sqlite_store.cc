@@ -8,8 +8,10 @@
 #include <utility>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/runtime/random_name.h"
 #include "server/stores/common/checked_lease.h"
 #include "server/stores/sqlite/data_directory.h"
@@ -149,6 +151,10 @@ class SqliteStore : public Store {
     if (IsDamaged(name)) return DamagedSessionError(name);
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // all queries read one snapshot
+    const absl::Cleanup end = [&reader = *reader_] {
+      // After a failed allocation or COMMIT; otherwise the next BEGIN would fail.
+      if (reader.InTransaction()) RunUnlessOutOfMemory([&reader] { reader.Execute("ROLLBACK").IgnoreError(); });
+    };
     auto session = SqliteReadSession(*reader_, name, after_pose_seq);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
     EVPOSE_RETURN_IF_ERROR(Noting(session.status()));

@@ -16,6 +16,8 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_join.h"
 #include "core/base/output_file.h"
+#include "server/runtime/failing_allocations_testing.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/stores/open_store.h"
 #include "server/stores/sqlite/sqlite_database.h"
 #include "server/stores/store_suite_testing.h"
@@ -79,6 +81,25 @@ class SqliteStoreTest : public testing::Test {
 
   const TemporaryDirectory directory_;
 };
+
+// Whichever allocation fails while a session is read, the next reading begins its own transaction.
+TEST_F(SqliteStoreTest, AFailedAllocationDoesNotLeaveTheReaderInATransaction) {
+  Fill();
+  const std::unique_ptr<Store> store = Open();
+  FailingAllocation& failing = ThisThreadsFailingAllocation();
+  int num_failed = 0;
+  bool has_failed = true;
+  for (int number = 0; has_failed; ++number) {
+    failing.successes_before = number;
+    const auto read = OrOutOfMemory([&] { return store->ReadSession(Name(0), 0); });
+    has_failed = failing.successes_before < 0;
+    failing.successes_before = -1;
+    num_failed += !read.ok();
+    const auto again = store->ReadSession(Name(0), 0);
+    ASSERT_TRUE(again.ok()) << number << ": " << again.status();
+  }
+  EXPECT_GT(num_failed, 10);
+}
 
 TEST_F(SqliteStoreTest, FilesAreAccessibleForTheirOwnerOnly) {
   const std::unique_ptr<Store> store = Open();
