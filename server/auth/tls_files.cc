@@ -27,9 +27,9 @@ absl::Status TlsPaths::Validate() const {
   return absl::OkStatus();
 }
 
-absl::StatusOr<std::unique_ptr<TlsFiles>> TlsFiles::Open(const TlsPaths& paths) {
+absl::StatusOr<std::unique_ptr<TlsFiles>> TlsFiles::Open(const TlsPaths& paths, Schedule::Now now) {
   EVPOSE_RETURN_IF_ERROR(paths.Validate());
-  std::unique_ptr<TlsFiles> files(new TlsFiles(paths));
+  std::unique_ptr<TlsFiles> files(new TlsFiles(paths, std::move(now)));
   const Stamps stamps = files->ReadStamps();
   EVPOSE_ASSIGN_OR_RETURN(auto material, files->Read());
   if ((StampOf(paths.key).mode & (S_IRWXG | S_IRWXO) & ~S_IRGRP) != 0) {
@@ -37,7 +37,7 @@ absl::StatusOr<std::unique_ptr<TlsFiles>> TlsFiles::Open(const TlsPaths& paths) 
         {{"file", paths.key}, {"message", "other users can access this private key: run chmod 600 on it"}});
   }
   const std::lock_guard lock(files->mutex_);
-  files->stamps_ = stamps;
+  files->schedule_.OnRead(stamps, absl::OkStatus());
   files->material_ = std::move(material);
   return files;
 }
@@ -61,15 +61,14 @@ absl::StatusOr<std::shared_ptr<const TlsMaterial>> TlsFiles::Read() const {
 
 std::shared_ptr<const TlsMaterial> TlsFiles::Current() {
   const std::lock_guard lock(mutex_);
-  // The stamps are taken before the files are read, so that a change in the meantime is detected by the next call.
   const Stamps stamps = ReadStamps();
-  if (stamps == stamps_) return material_;
-  stamps_ = stamps;
+  if (!schedule_.IsDue(stamps)) return material_;
   auto material = Read();
+  const bool is_new = schedule_.OnRead(stamps, material.status());
   if (material.ok()) {
     Log(LogLevel::kInfo, "certificates_read", {{"file", paths_.certificate}});
     material_ = *std::move(material);
-  } else {
+  } else if (is_new) {
     Log(LogLevel::kError, "certificates_not_read",
         {{"message", absl::StrCat("the previous certificates stay in use: ", material.status().message())}});
   }

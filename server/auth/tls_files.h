@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The server's certificate, its key and the authorities for client certificates. The files are read again when they
-// change.
+// change, or after an error of reading.
 #pragma once
 
 #include <array>
@@ -9,11 +9,13 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "server/auth/file_stamp.h"
+#include "server/auth/read_schedule.h"
 
 namespace evpose::server {
 
@@ -37,10 +39,15 @@ struct TlsMaterial {
 
 // Thread-safe.
 class TlsFiles {
+  using Stamps = std::array<FileStamp, 3>;
+
  public:
+  using Schedule = ReadSchedule<Stamps>;
+
   // Errors, which name the file and the remedy: those of reading, and of core/base/certificates.h. A key file that
   // other users can access is reported in the log.
-  static absl::StatusOr<std::unique_ptr<TlsFiles>> Open(const TlsPaths& paths);
+  static absl::StatusOr<std::unique_ptr<TlsFiles>> Open(const TlsPaths& paths,
+                                                        Schedule::Now now = Schedule::Clock::now);
 
   // Returns the contents of the files; the same pointer while they do not change. When the new files do not match each
   // other, are damaged or have expired, the log has an error and the previous contents stay in use; so the files may be
@@ -48,15 +55,13 @@ class TlsFiles {
   std::shared_ptr<const TlsMaterial> Current();
 
  private:
-  using Stamps = std::array<FileStamp, 3>;
-
-  explicit TlsFiles(const TlsPaths& paths) : paths_(paths) {}
+  TlsFiles(const TlsPaths& paths, Schedule::Now now) : paths_(paths), schedule_(std::move(now)) {}
   Stamps ReadStamps() const;
   absl::StatusOr<std::shared_ptr<const TlsMaterial>> Read() const;
 
   const TlsPaths paths_;
   std::mutex mutex_;
-  Stamps stamps_ ABSL_GUARDED_BY(mutex_);
+  Schedule schedule_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<const TlsMaterial> material_ ABSL_GUARDED_BY(mutex_);
 };
 

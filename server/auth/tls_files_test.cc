@@ -3,7 +3,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
+#include <chrono>
 #include <filesystem>
 
 #include "core/base/certificates_testing.h"
@@ -62,6 +64,24 @@ TEST_F(TlsFilesTest, NewFilesAreTakenWhenTheyBelongTogether) {
   files_.Write("server.key", new_pair.key_pem);
   EXPECT_EQ(files->Current()->certificate_pem, new_pair.certificate_pem);
   EXPECT_EQ(files->Current()->key_pem, new_pair.key_pem);
+}
+
+TEST_F(TlsFilesTest, AfterAnErrorOfReadingTheFilesAreReadAgain) {
+  Write(authority_.Issue());
+  std::chrono::steady_clock::time_point now;
+  const auto files = TlsFiles::Open(paths_, [&now] { return now; }).value();
+  const auto material = files->Current();
+  const TestCertificate new_pair = authority_.Issue();
+  Write(new_pair);
+  rlimit limit;
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &limit), 0);
+  rlimit no_files = limit;
+  no_files.rlim_cur = 0;
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &no_files), 0);
+  EXPECT_EQ(files->Current(), material);
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
+  now += std::chrono::seconds(1);
+  EXPECT_EQ(files->Current()->certificate_pem, new_pair.certificate_pem);
 }
 
 TEST_F(TlsFilesTest, DamagedNewFilesAreRefused) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The contents of a file that is read again when it changes.
+// The contents of a file that is read again when it changes, or after an error of reading.
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
 #include "server/auth/file_stamp.h"
+#include "server/auth/read_schedule.h"
 
 namespace evpose::server {
 
@@ -21,17 +22,18 @@ template <typename Contents>
 class WatchedFile {
  public:
   using Read = std::function<absl::StatusOr<Contents>(const std::string& path)>;
-  // Called after each reading but the first, for the log.
+  using Schedule = ReadSchedule<FileStamp>;
+  // Called after each reading but the first, for the log; once for an error that repeats.
   using OnRead = std::function<void(const absl::StatusOr<Contents>&)>;
 
   // Errors: those of `read`.
-  static absl::StatusOr<std::unique_ptr<WatchedFile>> Open(const std::string& path, Read read, OnRead on_read) {
-    // The stamp is taken before the file is read, so that a change in the meantime is detected by the next call.
+  static absl::StatusOr<std::unique_ptr<WatchedFile>> Open(const std::string& path, Read read, OnRead on_read,
+                                                           typename Schedule::Now now = Schedule::Clock::now) {
     const FileStamp stamp = StampOf(path);
     absl::StatusOr<Contents> contents = read(path);
     if (!contents.ok()) return contents.status();
     return std::unique_ptr<WatchedFile>(
-        new WatchedFile(path, std::move(read), std::move(on_read), stamp, *std::move(contents)));
+        new WatchedFile(path, std::move(read), std::move(on_read), std::move(now), stamp, *std::move(contents)));
   }
 
   // When a new version of the file cannot be read, the previous contents stay in use.
@@ -49,19 +51,22 @@ class WatchedFile {
   }
 
  private:
-  WatchedFile(const std::string& path, Read read, OnRead on_read, const FileStamp& stamp, Contents contents)
+  WatchedFile(const std::string& path, Read read, OnRead on_read, typename Schedule::Now now, const FileStamp& stamp,
+              Contents contents)
       : path_(path),
         read_(std::move(read)),
         on_read_(std::move(on_read)),
-        stamp_(stamp),
-        contents_(std::make_shared<const Contents>(std::move(contents))) {}
+        schedule_(std::move(now)),
+        contents_(std::make_shared<const Contents>(std::move(contents))) {
+    const std::lock_guard lock(mutex_);
+    schedule_.OnRead(stamp, absl::OkStatus());
+  }
 
   void Refresh() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const FileStamp stamp = StampOf(path_);
-    if (stamp == stamp_) return;
-    stamp_ = stamp;
+    if (!schedule_.IsDue(stamp)) return;
     absl::StatusOr<Contents> contents = read_(path_);
-    on_read_(contents);
+    if (schedule_.OnRead(stamp, contents.status())) on_read_(contents);
     if (!contents.ok()) return;
     contents_ = std::make_shared<const Contents>(*std::move(contents));
     ++version_;
@@ -71,7 +76,7 @@ class WatchedFile {
   const Read read_;
   const OnRead on_read_;
   std::mutex mutex_;
-  FileStamp stamp_ ABSL_GUARDED_BY(mutex_);
+  Schedule schedule_ ABSL_GUARDED_BY(mutex_);
   std::shared_ptr<const Contents> contents_ ABSL_GUARDED_BY(mutex_);
   uint64_t version_ ABSL_GUARDED_BY(mutex_) = 1;
 };
