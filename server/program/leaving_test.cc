@@ -198,13 +198,17 @@ TEST_F(LeavingTest, TheShutdownNoticePrecedesGoAway) {
   AwaitNotServing();
   const auto late = Attach(CreateSession());
   grpc::ClientContext context;
+  v1::DrainRequest drain;
+  drain.mutable_timeout()->set_seconds(3661);
   v1::DrainResponse drained;
-  ASSERT_TRUE(admin_->Drain(&context, {}, &drained).ok()) << "a Drain call skips the notice";
+  ASSERT_TRUE(admin_->Drain(&context, drain, &drained).ok()) << "a Drain call skips the notice";
   EXPECT_EQ(drained.remaining_sessions(), 1u);
   AwaitGoAway(*late);
   End(*late);
   EXPECT_EQ(program_->Wait(), 0);
-  EXPECT_THAT(program_->Stderr(), testing::HasSubstr("server_leaving"));
+  const std::string log = program_->Stderr();
+  EXPECT_THAT(log, testing::HasSubstr("server_leaving"));
+  EXPECT_THAT(log, testing::HasSubstr("1h1m1s")) << "the timeout of the Drain call";
 }
 
 TEST_F(LeavingTest, ASecondSignalEndsTheNoticeAndTheServer) {

@@ -96,13 +96,17 @@ int WaitForEndSignal() {
 }
 
 // Waits for the shutdown notice, in which load balancers detect that the server is shutting down; clients are served as
-// before. A Drain call ends the wait early; a signal ends the process.
-void WaitForBalancers(absl::Duration notice) {
+// before. A Drain call ends the wait early; a signal ends the process. Returns whether Drain was called.
+bool WaitForBalancers(absl::Duration notice) {
   sigset_t drain;
   sigemptyset(&drain);
   sigaddset(&drain, DrainSignal());
   const timespec timeout = absl::ToTimespec(notice);
-  while (sigtimedwait(&drain, nullptr, &timeout) < 0 && errno == EINTR) continue;
+  int received = -1;
+  do {
+    received = sigtimedwait(&drain, nullptr, &timeout);
+  } while (received < 0 && errno == EINTR);
+  return received == DrainSignal();
 }
 
 absl::Status WritePortFile(const std::string& path, int port) { return WriteFile(path, absl::StrCat(port, "\n")); }
@@ -252,12 +256,12 @@ int Serve(const ProgramOptions& options) {
   Announce(options, listening_on, pages->get(), load->get());
 
   const int signal_number = WaitForEndSignal();
-  const bool is_asked = signal_number == DrainSignal();
+  bool is_asked = signal_number == DrainSignal();
   if (!is_asked && options.shutdown_notice > absl::ZeroDuration()) {
     Log(LogLevel::kInfo, "server_leaving",
         {{"why", absl::StrCat("signal ", signal_number)}, {"notice", absl::FormatDuration(options.shutdown_notice)}});
     (*server)->AnnounceShutdown();
-    WaitForBalancers(options.shutdown_notice);
+    is_asked = WaitForBalancers(options.shutdown_notice);
   }
   const absl::Duration deadline = is_asked ? drained.get_future().get() : server_options.drain_timeout;
   Log(LogLevel::kInfo, "server_draining",
