@@ -39,7 +39,6 @@ namespace evpose::server {
 namespace {
 
 constexpr int kFailed = 1;
-constexpr int kWrongUsage = 2;
 // Time beyond the notice and the drain after which a shutdown that does not end is cut off. It allows for the last
 // commits to the store.
 constexpr absl::Duration kStalledShutdownGrace = absl::Seconds(5);
@@ -57,7 +56,7 @@ int Fail(int exit_status, const std::string& cause) {
 }
 
 // Flushes standard output, and returns the exit status.
-int FinishAnswer() {
+int FlushOutput() {
   if (std::cout.flush()) return 0;
   return Fail(kFailed, "standard output could not be written: the disk is full, or the reader has closed the pipe");
 }
@@ -283,7 +282,7 @@ int Main(int argc, char** argv) {
   BlockSignals();
 
   ParsedOptions parsed = ParseOptions(argc, argv);
-  if (parsed.is_answered) return parsed.is_wrong ? kWrongUsage : FinishAnswer();
+  if (parsed.exit_status.has_value()) return *parsed.exit_status == 0 ? FlushOutput() : *parsed.exit_status;
   ProgramOptions& options = parsed.options;
   if (!options.new_token.empty()) return PrintNewToken(options);
   if (const std::string wrong = WrongUsage(options); !wrong.empty()) {

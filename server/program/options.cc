@@ -368,10 +368,10 @@ ParsedOptions ParseOptions(int argc, char** argv) {
     UseHelp(app);
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    parsed.is_answered = true;
-    parsed.is_wrong = error.get_exit_code() != 0;
-    if (!parsed.is_wrong) app.exit(error);  // --help and --version, which it prints
-    if (parsed.is_wrong) std::cerr << UsageMessage(app, error) << std::endl;
+    const bool is_wrong = error.get_exit_code() != 0;
+    if (is_wrong) std::cerr << UsageMessage(app, error) << std::endl;
+    if (!is_wrong) app.exit(error);  // --help and --version, which it prints
+    parsed.exit_status = is_wrong ? kWrongUsage : 0;
     return parsed;
   }
   TakeValues(arguments, parsed.options.server);

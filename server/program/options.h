@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "absl/status/status.h"
@@ -30,12 +31,14 @@ struct ProgramOptions {
   std::string log_format = "text";  // a name of ParseLogFormat()
 };
 
+constexpr int kWrongUsage = 2;  // exit status
+
 // The result of parsing the command line.
 struct ParsedOptions {
   ProgramOptions options;
-  // Help or version (standard output) or an error (standard error, is_wrong) has been printed; the program ends.
-  bool is_answered = false;
-  bool is_wrong = false;
+  // The status with which the program ends: 0 after help or version, which are in the buffer of standard output;
+  // kWrongUsage after an error, which was printed on standard error. Absent: the program goes on.
+  std::optional<int> exit_status;
 };
 
 ParsedOptions ParseOptions(int argc, char** argv);
