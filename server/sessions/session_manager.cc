@@ -101,9 +101,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::FindOrReserveSlot(const
   const std::lock_guard lock(mutex_);
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindRequest(config, request));
   if (known != nullptr) return known;
-  EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(request.first));
-  ++reserved_slots_;
-  ++reserved_slots_by_[request.first];
+  EVPOSE_RETURN_IF_ERROR(ReserveSlot(request.first));
   return nullptr;
 }
 
@@ -162,6 +160,13 @@ uint32_t SessionManager::CountSessions(const std::string& tenant) const {
   const auto here = std::count_if(sessions_.begin(), sessions_.end(),
                                   [&tenant](const auto& entry) { return entry.second.tenant() == tenant; });
   return static_cast<uint32_t>(here) + static_cast<uint32_t>(waiting_.size_of(tenant));
+}
+
+absl::Status SessionManager::ReserveSlot(const std::string& tenant) {
+  EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(tenant));
+  ++reserved_slots_by_[tenant];
+  ++reserved_slots_;
+  return absl::OkStatus();
 }
 
 void SessionManager::ReleaseSlot(const std::string& tenant) {
@@ -236,29 +241,6 @@ std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant
   std::shared_ptr<Session> session = FindOpen(tenant, name);
   if (session == nullptr || !session->IsTokenValid(resume_token)) return nullptr;
   return session;
-}
-
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const std::string& tenant,
-                                                                         const std::string& name,
-                                                                         absl::string_view resume_token) {
-  EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
-  RestoreIfWaiting(tenant, name);
-  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
-  const std::lock_guard take_lock(*resume_mutex);
-  std::shared_ptr<Session> here = FindOpen(tenant, name);
-  if (here != nullptr && here->IsTokenValid(resume_token)) return here;
-  if (here != nullptr && !options_.shares_store) return WrongToken(name);
-  EVPOSE_ASSIGN_OR_RETURN(const SessionFactory::Stored stored, ReadOwn(tenant, name));
-  if (!IsDigestValid(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);
-  if (here == nullptr) {
-    const std::lock_guard lock(mutex_);
-    EVPOSE_RETURN_IF_ERROR(CheckSlotIsFree(tenant));
-  }
-  auto taken = Resume(name);
-  if (taken.ok() && here != nullptr) {
-    here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), v1::FENCED));
-  }
-  return taken;
 }
 
 absl::StatusOr<SessionInfo> SessionManager::Describe(const std::string& tenant, const std::string& name) {

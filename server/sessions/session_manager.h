@@ -91,7 +91,7 @@ class SessionManager {
   // Returns at most `max_sessions` sessions, in the order of their names, from the first name after `after_name` on.
   absl::StatusOr<std::vector<SessionInfo>> List(const std::string& tenant, absl::string_view after_name,
                                                 size_t max_sessions);
-  // Deletes a session. Returns OK also if there is no such session.
+  // Deletes a session of the tenant. If this server does not have it, it is deleted in the store.
   absl::Status Delete(const std::string& tenant, const std::string& name, const std::string& peer = "");
   // Deletes the expired sessions of this server. The other functions call it first.
   void DeleteExpired();
@@ -133,6 +133,8 @@ class SessionManager {
   // Returns the session of an earlier request with the same id, or null after reserving a slot for a new session.
   absl::StatusOr<std::shared_ptr<Session>> FindOrReserveSlot(const SessionConfig& config, const Request& request);
   absl::Status CheckSlotIsFree(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Reserves a slot, until ReleaseSlot(), if one is free.
+  absl::Status ReserveSlot(const std::string& tenant) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Resumes the session that another server created for the same request; null when there is none.
   absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> ResumeOrMake(const SessionConfig& config, const Request& request);
@@ -155,7 +157,8 @@ class SessionManager {
   absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name,
                                                  uint64_t after_pose_seq = kNoPoses) const;
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
-  absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name);
+  // If `slot_of` is not null, a slot of this tenant is reserved for the session; it is released in any case.
+  absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name, const std::string* slot_of = nullptr);
   // Restores the session if it waits to be restored and belongs to the tenant. A damaged session is reported in the log
   // and stays in the store.
   void RestoreIfWaiting(const std::string& tenant, const std::string& name);

@@ -68,16 +68,40 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeOrMake(const Sess
   return resumed;
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name) {
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, OrOutOfMemory([&] { return factory_.Resume(name); }));
-  const Request request(taken.record.tenant, taken.record.request_id);
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const std::string& tenant,
+                                                                         const std::string& name,
+                                                                         absl::string_view resume_token) {
+  EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
+  RestoreIfWaiting(tenant, name);
+  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
+  const std::lock_guard take_lock(*resume_mutex);
+  std::shared_ptr<Session> here = FindOpen(tenant, name);
+  if (here != nullptr && here->IsTokenValid(resume_token)) return here;
+  if (here != nullptr && !options_.shares_store) return WrongToken(name);
+  EVPOSE_ASSIGN_OR_RETURN(const SessionFactory::Stored stored, ReadOwn(tenant, name));
+  if (!IsDigestValid(TokenDigest(resume_token), stored.lifecycle)) return WrongToken(name);
+  if (here == nullptr) {
+    const std::lock_guard lock(mutex_);
+    EVPOSE_RETURN_IF_ERROR(ReserveSlot(tenant));
+  }
+  auto taken = Resume(name, here == nullptr ? &tenant : nullptr);
+  if (taken.ok() && here != nullptr) {
+    here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), v1::FENCED));
+  }
+  return taken;
+}
+
+absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name, const std::string* slot_of) {
+  auto taken = OrOutOfMemory([&] { return factory_.Resume(name); });
   {
     const std::lock_guard lock(mutex_);
-    Insert(taken.session, request);
+    if (slot_of != nullptr) ReleaseSlot(*slot_of);
+    if (!taken.ok()) return taken.status();
+    Insert(taken->session, Request(taken->record.tenant, taken->record.request_id));
   }
-  const WatchView view = taken.session->Watch();
-  taken.session->log().Resumed(view.last_pose_seq, view.ended);
-  return std::move(taken.session);
+  const WatchView view = taken->session->Watch();
+  taken->session->log().Resumed(view.last_pose_seq, view.ended);
+  return std::move(taken->session);
 }
 
 }  // namespace evpose::server

@@ -220,6 +220,39 @@ TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
   Kill(two);
 }
 
+// A store that lets a test act while a session is taken.
+class StoreThatTakes : public TroubledStore {
+ public:
+  using TroubledStore::TroubledStore;
+  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+    if (while_taking) std::exchange(while_taking, nullptr)();
+    return TroubledStore::TakeSession(name);
+  }
+  std::function<void()> while_taking;
+};
+
+TEST_F(SessionRestoreTest, ASessionThatIsBeingTakenHasItsSlot) {
+  Server one = Open(/*shares_store=*/true);
+  const auto first = Create(one);
+  one.models->Upload("lab", {}, "", CubeBytes()).value();
+  const auto second = one->Create("lab", Config(one), "").value();
+  StoreThatTakes store(store_, std::make_shared<Trouble>());
+  Server two = Open(/*shares_store=*/true, store, /*max_sessions=*/1);
+  const auto take = [&](const std::string& tenant, const std::shared_ptr<Session>& session) {
+    return two->ResumeForAttach(tenant, session->name(), session->resume_token()).status();
+  };
+  store.while_taking = [&] { EXPECT_EQ(ReasonOf(take("lab", second)), "TOO_MANY_SESSIONS"); };
+  EXPECT_TRUE(take(kTenant, first).ok());
+  EXPECT_EQ(two->num_sessions(), 1u);
+  // A slot whose session could not be taken is free again.
+  ASSERT_TRUE(two->Delete(kTenant, first->name()).ok());
+  store.while_taking = [&] { EXPECT_TRUE(store_->DeleteSession(second->name()).ok()); };
+  EXPECT_EQ(ReasonOf(take("lab", second)), "SESSION_NOT_FOUND");
+  EXPECT_TRUE(two->Create(kTenant, Config(two), "").ok());
+  Kill(one);
+  Kill(two);
+}
+
 TEST_F(SessionRestoreTest, FlushAllWaitsUntilEverythingIsDurable) {
   Server server = Open();
   const auto session = Create(server);

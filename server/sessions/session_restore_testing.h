@@ -38,11 +38,12 @@ class SharedStoreTest : public testing::Test {
 
   static std::string ReasonOf(const absl::Status& status) { return GetErrorDetails(status).reason; }
 
-  Server Open(bool shares_store = false) {
+  Server Open(bool shares_store = false) { return Open(shares_store, *store_); }
+  Server Open(bool shares_store, Store& store, uint32_t max_sessions = 4) {
     Server server;
-    server.models = ModelRegistry::Create({.shares_store = shares_store}, *store_).value();
+    server.models = ModelRegistry::Create({.shares_store = shares_store}, store).value();
     SessionManager::Options options;
-    options.max_sessions = 4;
+    options.max_sessions = max_sessions;
     options.max_tenant_sessions = 3;
     options.limits.expiry = absl::Minutes(1);
     options.make_tracker = FakeTrackers();
@@ -50,9 +51,9 @@ class SharedStoreTest : public testing::Test {
     options.now = [this] { return now_; };
     options.memory = memory_;
     options.steady_now = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
-    server.sessions = std::make_unique<SessionManager>(options, *store_, *server.models, pool_);
+    server.sessions = std::make_unique<SessionManager>(options, store, *server.models, pool_);
     EXPECT_TRUE(server->FindStored().ok());
-    RestoreAll(*server.sessions, *store_);
+    RestoreAll(*server.sessions, store);
     return server;
   }
   // Uncommitted data are lost.
