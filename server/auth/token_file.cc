@@ -119,7 +119,9 @@ absl::Status TokenTable::AddLine(absl::string_view line) {
   const std::vector<absl::string_view> fields = absl::StrSplit(line, absl::ByAnyChar(" \t\r"), absl::SkipEmpty());
   if (fields.empty()) return absl::OkStatus();
   if (fields.size() == 1) {
-    return absl::InvalidArgumentError("a line is: TENANT, SHA-256 of its token in hex, and \"operator\" or nothing");
+    return absl::InvalidArgumentError(
+        "has one field only: write TENANT, the SHA-256 of its token in hexadecimal, and optionally the word "
+        "`operator`");
   }
   if (!IsTenant(fields[0]) || IsHexDigest(fields[0])) {
     return absl::InvalidArgumentError(absl::StrCat("the first field is no tenant's name: ", kTenantRule));
@@ -131,7 +133,7 @@ absl::Status TokenTable::AddLine(absl::string_view line) {
         "printf %s \"$TOKEN\" | sha256sum");
   }
   if (fields.size() > 3 || (fields.size() == 3 && fields[2] != kOperator)) {
-    return absl::InvalidArgumentError("after the digest only \"operator\" may follow");
+    return absl::InvalidArgumentError("only the word `operator` may follow the SHA-256: remove the other fields");
   }
   const auto digest = ToDigest<Digest>(fields[1]);
   const bool is_known =

@@ -107,7 +107,8 @@ class BeastServer : public HttpServer {
   }
 
   HttpPage MakePage(const http::request<http::empty_body>& request) const {
-    if (request.method() == http::verb::unknown) return {.status = 400, .body = "not a method of HTTP\n"};
+    if (request.method() == http::verb::unknown)
+      return {.status = 400, .body = "the method of the request is unknown: use GET\n"};
     const std::string target(request.target());
     const auto page = pages_.find(target.substr(0, target.find('?')));
     if (page == pages_.end()) {

@@ -50,9 +50,10 @@ absl::Status CheckIndices(absl::string_view field, const Indices& indices, int c
   return absl::OkStatus();
 }
 
-absl::Status CheckUnit(absl::string_view field, int i, double x, double y, double z) {
-  if (std::abs(std::sqrt(x * x + y * y + z * z) - 1.0) <= kUnitTolerance) return absl::OkStatus();  // false for NaN
-  return ElementError(field, i, "is not a unit vector");
+absl::Status CheckUnit(absl::string_view field, double x, double y, double z) {
+  const double norm = std::sqrt(x * x + y * y + z * z);
+  if (std::abs(norm - 1.0) <= kUnitTolerance) return absl::OkStatus();  // false for NaN
+  return FieldError(field, absl::StrFormat("is not a unit vector: its norm is %.4g; normalize it", norm));
 }
 
 absl::Status CheckCount(absl::string_view field, int count, size_t most, absl::string_view of) {
@@ -75,7 +76,8 @@ absl::Status CheckGeometry(const v1::Mesh& mesh, size_t max_triangles) {
 absl::Status CheckNormals(const v1::Mesh& mesh) {
   EVPOSE_RETURN_IF_ERROR(CheckMultiple("normals", mesh.normals_size(), 3));
   for (int i = 0; i < mesh.normals_size(); i += 3) {
-    EVPOSE_RETURN_IF_ERROR(CheckUnit("normals", i, mesh.normals(i), mesh.normals(i + 1), mesh.normals(i + 2)));
+    EVPOSE_RETURN_IF_ERROR(
+        CheckUnit(absl::StrCat("normals[", i / 3, "]"), mesh.normals(i), mesh.normals(i + 1), mesh.normals(i + 2)));
   }
   if (mesh.corner_normals_size() != 0 && mesh.corner_normals_size() != mesh.triangles_size()) {
     return FieldError("corner_normals", absl::StrFormat("has %d numbers, but triangles has %d",
@@ -95,7 +97,7 @@ absl::Status CheckFace(const v1::MeshFace& face, int i) {
   }
   const v1::Vector3& axis = face.axis();
   if (face.shape() != v1::MESH_SHAPE_SPHERE) {
-    EVPOSE_RETURN_IF_ERROR(CheckUnit("faces", i, axis.x(), axis.y(), axis.z()));
+    EVPOSE_RETURN_IF_ERROR(CheckUnit(absl::StrCat("faces[", i, "].axis"), axis.x(), axis.y(), axis.z()));
   }
   const bool has_radius = face.shape() == v1::MESH_SHAPE_CYLINDER || face.shape() == v1::MESH_SHAPE_SPHERE;
   if (has_radius && !(face.radius_m() > 0.0 && std::isfinite(face.radius_m()))) {
@@ -135,7 +137,7 @@ absl::Status CheckCircle(const v1::MeshEdge& edge, const Floats& positions, int 
   if (!edge.has_centre_m() || !std::isfinite(centre.x()) || !std::isfinite(centre.y()) || !std::isfinite(centre.z())) {
     return ElementError("edges", i, "centre_m is missing or not finite");
   }
-  EVPOSE_RETURN_IF_ERROR(CheckUnit("edges", i, axis.x(), axis.y(), axis.z()));
+  EVPOSE_RETURN_IF_ERROR(CheckUnit(absl::StrCat("edges[", i, "].axis"), axis.x(), axis.y(), axis.z()));
   if (!(edge.radius_m() > 0.0 && std::isfinite(edge.radius_m()))) {
     return ElementError("edges", i, "radius_m is not above 0 and finite");
   }

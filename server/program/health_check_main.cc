@@ -68,7 +68,7 @@ std::string WhyNoAnswer(const HealthCheckArguments& arguments, const grpc::Statu
   const std::string what = status.error_message().empty() ? "no reason was given" : status.error_message();
   switch (status.error_code()) {
     case grpc::StatusCode::DEADLINE_EXCEEDED:
-      return absl::StrCat("did not answer within ", arguments.timeout_s, " s");
+      return absl::StrCat("did not respond within ", arguments.timeout_s, " s");
     case grpc::StatusCode::UNIMPLEMENTED:
       return "has no gRPC health service: is this evpose-server's port?";
     case grpc::StatusCode::UNAVAILABLE:

@@ -111,7 +111,7 @@ TEST(HealthCheckTest, ReportsAServerThatDoesNotRespond) {
   const std::string target = absl::StrCat("127.0.0.1:", ntohs(address.sin_port));
   ExpectOneLine(Check(target), 1, target + " cannot be reached: no server listens on this port\n");
   ASSERT_EQ(listen(listener, 1), 0);  // accepts connections and sends nothing
-  ExpectOneLine(Check("--timeout 0.2 " + target), 1, target + " did not answer within 0.2 s");
+  ExpectOneLine(Check("--timeout 0.2 " + target), 1, target + " did not respond within 0.2 s");
   close(listener);
 }
 

@@ -314,13 +314,13 @@ std::string Exposure(const ProgramOptions& program, const ListenAddress& address
   const std::string reached = absl::StrCat("other machines can reach ", options.listen_address);
   if (!options.tls.has_tls()) {
     return absl::StrCat(reached,
-                        ", and nothing is encrypted: give --tls-cert and --tls-key, listen on 127.0.0.1, or say "
+                        ", and nothing is encrypted: give --tls-cert and --tls-key, listen on 127.0.0.1, or give "
                         "--insecure");
   }
   if (options.token_file.empty() && options.tls.client_ca.empty()) {
     return absl::StrCat(reached,
                         ", and anybody may use the server: give --token-file or --tls-client-ca, listen on "
-                        "127.0.0.1, or say --insecure");
+                        "127.0.0.1, or give --insecure");
   }
   return "";
 }

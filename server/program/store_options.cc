@@ -101,7 +101,7 @@ absl::Status CheckStorePassword(const ProgramOptions& options) {
 absl::Status CheckStoreLimit(const StoreOptions& store) {
   constexpr uint64_t kMinBytes = 1u << 20;  // a smaller number is one of megabytes, by mistake
   if (store.max_bytes < kMinBytes) {
-    return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; at least ", kMinBytes));
+    return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; give at least ", kMinBytes));
   }
   const bool is_redis =
       HasRedisGroups(store.store) || (absl::StrContains(store.store, "://") && !IsPostgresUrl(store.store));

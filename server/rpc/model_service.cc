@@ -135,9 +135,12 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
                           absl::StrCat("has ", header.sha256().size(), " bytes; a SHA-256 has ", kSha256Bytes));
     }
     constexpr size_t kMaxFileNameBytes = 255;  // as file systems have
-    if (header.file_name().size() > kMaxFileNameBytes || !IsPlainText(header.file_name())) {
-      return InvalidField("header.file_name", absl::StrCat("has more than ", kMaxFileNameBytes,
-                                                           " bytes, or characters that are not printable"));
+    if (header.file_name().size() > kMaxFileNameBytes) {
+      return InvalidField("header.file_name", absl::StrCat("has ", header.file_name().size(),
+                                                           " bytes; a file name has at most ", kMaxFileNameBytes));
+    }
+    if (!IsPlainText(header.file_name())) {
+      return InvalidField("header.file_name", "has a character that is not printable: remove it");
     }
     file_name_ = header.file_name();
     sha256_hex_ = absl::BytesToHexString(header.sha256());

@@ -26,7 +26,9 @@ absl::StatusOr<size_t> PageSize(int32_t page_size) {
 
 absl::StatusOr<std::string> PageStart(const std::string& page_token, const std::string& prefix) {
   if (page_token.empty() || absl::StartsWith(page_token, prefix)) return page_token;
-  return InvalidField("page_token", "was not given by an earlier page");
+  return InvalidField("page_token",
+                      "is not a next_page_token of this list: give the next_page_token of the previous response, or "
+                      "leave it empty for the first page");
 }
 
 }  // namespace evpose::server

@@ -78,9 +78,14 @@ TEST_F(UploadTest, UploadsAMesh) {
 TEST_F(UploadTest, AFileNameIsPlainText) {
   std::vector<v1::UploadModelRequest> requests = MeshUploadRequests(CubeMesh().SerializeAsString());
   v1::Model model;
-  for (const std::string& name : {std::string(256, 'a'), std::string("a\nb")}) {
+  const std::pair<std::string, std::string> errors[] = {
+      {std::string(256, 'a'), "header.file_name: has 256 bytes; a file name has at most 255"},
+      {"a\nb", "header.file_name: has a character that is not printable: remove it"}};
+  for (const auto& [name, error] : errors) {
     requests[0].mutable_header()->set_file_name(name);
-    EXPECT_THAT(Describe(Upload(requests, &model)), ::testing::HasSubstr("header.file_name"));
+    const grpc::Status status = Upload(requests, &model);
+    EXPECT_EQ(Describe(status), "INVALID_ARGUMENT header.file_name");
+    EXPECT_EQ(status.error_message(), error);
   }
   requests[0].mutable_header()->set_file_name("cube of steel.stl");
   ASSERT_EQ(Describe(Upload(requests, &model)), "OK");

@@ -170,10 +170,10 @@ TEST_F(TrustTest, DrainAndLogLevelNeedAnOperator) {
   };
   const CliResult drain = run({"sessions", "drain"});
   EXPECT_EQ(drain.status, 1);
-  EXPECT_THAT(drain.err, HasSubstr("only an operator's token may drain the server"));
+  EXPECT_THAT(drain.err, HasSubstr("the caller is no operator and may not drain the server"));
   const CliResult level = run({"server", "log-level", "debug"});
   EXPECT_EQ(level.status, 1);
-  EXPECT_THAT(level.err, HasSubstr("only an operator's token may set the log level"));
+  EXPECT_THAT(level.err, HasSubstr("the caller is no operator and may not set the log level"));
   EXPECT_EQ(run({"server", "log-level", "loud"}).status, 2);
   const CliResult info = run({"server", "info", "--json"});
   EXPECT_EQ(info.status, 0) << info.err;
@@ -247,7 +247,7 @@ TEST_F(TrustTest, TheNameInACertificateIsTheTenant) {
   EXPECT_EQ(list("field"), "");
   std::vector<std::string> drain = as("lab");
   drain.insert(drain.begin(), {"sessions", "drain"});
-  EXPECT_THAT(Run(drain).err, HasSubstr("only an operator's token"));
+  EXPECT_THAT(Run(drain).err, HasSubstr("the caller is no operator"));
 }
 
 TEST_F(TrustTest, TheCommandsOfTheReadmeWorkAsPrinted) {

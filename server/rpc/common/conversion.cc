@@ -30,6 +30,7 @@ static_assert(EnumNumber(ModelFormat::kMesh) == v1::ModelFormat_MAX);
 static_assert(EnumNumber(LensModel::kFisheye) == v1::LensModel_MAX);
 
 absl::Status NotSupported(absl::string_view field, int number) {
+  if (number == 0) return InvalidField(field, "is missing: give one of its values");
   return InvalidField(field, absl::StrCat("is ", number, ", which this server does not support"));
 }
 

@@ -211,7 +211,9 @@ absl::Status SessionCommitter::FailureOf(const absl::Status& status) const {
                                          "; the data acknowledged as durable are kept: make room, then attach again")),
                         v1::STORE_FULL);
     case absl::StatusCode::kCancelled:
-      return WithReason(absl::UnavailableError("the server has left"), v1::DRAINING);
+      return WithReason(
+          absl::UnavailableError("the server shuts down: attach again, at another server if there is one"),
+          v1::DRAINING);
     default:
       return WithReason(
           absl::InternalError(absl::StrCat("the store could not write ", session, ": ", status.message())),

@@ -160,11 +160,13 @@ absl::Status StreamGate::CheckPush(uint64_t stream) {
 absl::StatusOr<bool> StreamGate::IsNext(uint64_t seq) const {
   if (seq < next_seq_) return false;
   if (state_.input != InputState::kOpen) {
-    return WithReason(absl::FailedPreconditionError(absl::StrCat(options_.session, " has ended: nothing may follow")),
+    return WithReason(absl::FailedPreconditionError(
+                          absl::StrCat(options_.session, " has ended: create a new session for further events")),
                       v1::SESSION_ENDED);
   }
   if (seq == next_seq_) return true;
-  return WithReason(absl::FailedPreconditionError(absl::StrCat(seq, " came where ", next_seq_, " was expected")),
+  return WithReason(absl::FailedPreconditionError(absl::StrCat("chunk or reset ", seq, " was received, but ", next_seq_,
+                                                               " is the next number: send the missing ones first")),
                     v1::SEQ_GAP, {{"expected_seq", absl::StrCat(next_seq_)}, {"seq", absl::StrCat(seq)}});
 }
 

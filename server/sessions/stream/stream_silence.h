@@ -64,7 +64,8 @@ inline absl::Status StreamIdleError(absl::Duration timeout) {
 // DEADLINE_EXCEEDED (ATTACH_TIMEOUT) for a stream that has not attached to a session for this time.
 inline absl::Status AttachTimeoutError(absl::Duration timeout) {
   return WithReason(
-      absl::DeadlineExceededError(absl::StrCat("the stream has not attached within ", absl::FormatDuration(timeout))),
+      absl::DeadlineExceededError(absl::StrCat("the stream has not attached within ", absl::FormatDuration(timeout),
+                                               ": send `attach` as the first message")),
       v1::ATTACH_TIMEOUT);
 }
 
