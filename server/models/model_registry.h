@@ -138,7 +138,8 @@ class ModelRegistry {
   // A use of a model that is perhaps only in the store; `record`: the model if it was read for that.
   absl::StatusOr<ModelUse> FindStored(const Key& key, std::optional<ModelRecord>& record);
   absl::StatusOr<std::shared_ptr<const ObjectModel>> Load(ModelRecord record);
-  // Blocks new uses of the model. Returns false when it is not loaded. Errors: FAILED_PRECONDITION (MODEL_IN_USE).
+  // Blocks new uses of the model. Returns false if this server has no entry for it. Errors: FAILED_PRECONDITION
+  // (MODEL_IN_USE).
   absl::StatusOr<bool> BeginDelete(const Key& key);
   void EndDelete(const Key& key, const absl::Status& status);
   absl::Status DeleteStored(const Key& key, bool was_here);

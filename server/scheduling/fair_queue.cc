@@ -15,7 +15,8 @@ namespace {
 constexpr std::chrono::milliseconds kBulkPaceTime{10};
 constexpr std::chrono::milliseconds kLivePaceTime{100};
 // A session that has kept its pace for some time may need more after a disturbance, this part of that time, so that a
-// camera does not lose its priority by the delay that others have caused. A replay does not earn it.
+// camera does not lose its priority by the delay that others have caused. A session that replays a recording does not
+// receive this allowance, because it does not keep a constant pace.
 constexpr int kEarnedPart = 5;
 constexpr std::chrono::milliseconds kMostEarned{500};
 // Processor time by which a tenant or session may be behind the others after it was idle. It must be longer than

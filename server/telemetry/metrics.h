@@ -155,7 +155,7 @@ struct ServerMetrics {
   Counter broken_vectors;
   Counter poses;
   Counter track_losses;
-  Counter reinitializations;  // searches for objects that were lost before
+  Counter reinitializations;  // objects that were found again after their track was lost
   OneFor<TrackPhase, kNumTrackPhases, OneFor<TrackPhase, kNumTrackPhases>> track_transitions;  // [from][to]
   OneFor<ObjectPhase, kNumObjectPhases, OneFor<ObjectPhase, kNumObjectPhases>> object_transitions;
   Counter reattaches;
@@ -199,7 +199,7 @@ struct ServerState {
   uint64_t session_memory_bytes = 0;  // charged for all sessions
   uint64_t max_session_memory_bytes = 0;
   std::optional<size_t> num_tokens;  // absent without a token file
-  // Absent for a store that does not tell them, before the first check, and without a limit.
+  // Absent for a store that does not report it, before the first check, and without a limit.
   std::optional<uint64_t> store_bytes;
   std::optional<uint64_t> store_max_bytes;
   uint64_t unreplicated_commits = 0;     // Store::unreplicated_commits()

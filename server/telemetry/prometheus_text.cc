@@ -129,7 +129,7 @@ void AddStoreGroups(const std::vector<StoreGroup>& groups, Families& families) {
         if (!group.usage.has_value() || group.usage->max_bytes == 0) return std::nullopt;
         return static_cast<double>(group.usage->max_bytes);
       });
-  add("evpose_store_group_commits_total", MetricType::Counter, "Commits that the group has answered.",
+  add("evpose_store_group_commits_total", MetricType::Counter, "Commits that the group has completed.",
       [](const StoreGroup& group) -> Known { return static_cast<double>(group.commits); });
   add("evpose_store_group_commit_seconds_total", MetricType::Counter, "The sum of the durations of these commits.",
       [](const StoreGroup& group) -> Known { return group.commit_s; });

@@ -77,7 +77,7 @@ class RedisGroups {
   absl::Status CheckHealth();
   // The groups in the order of their names.
   std::vector<StoreGroup> groups() const;
-  // Asks all groups for their memory. A group that does not tell it has no usage.
+  // Asks all groups for their memory. A group that does not report it has no usage.
   std::vector<std::optional<StoreUsage>> Usages();
   // The sum of all groups.
   uint64_t unreplicated_commits() const;
@@ -115,7 +115,7 @@ class RedisGroups {
     std::atomic<uint64_t> commits = 0;
     std::atomic<uint64_t> commit_us = 0;
   };
-  // What a group says about the store; redis_scripts.h describes it.
+  // The records of a group about the store; redis_scripts.h describes them.
   struct Bucket {
     std::string state;
     std::string to;

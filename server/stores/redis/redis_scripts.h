@@ -5,9 +5,9 @@
 //
 // Keys, all with the prefix "evpose:" (redis_keys.h). The values of record, lifecycle, checkpoint, b, header and bytes
 // have checksums (checked_records.h).
-//   {store}         a hash, in each group: id, random and the same in all groups of a store; name, that of the group;
-//   in
-//                   one of the groups also groups, the names of those among which the buckets were divided at first
+//   {store}         a hash in each group: `id`, which is random and the same in all groups of a store; `name`, the name
+//                   of the group; in one group also `groups`, the names of the groups among which the buckets were
+//                   divided at first
 //   sessions        a text, with which a server without buckets does not start
 // and in each bucket, as {bN}:WHAT:
 //   bucket          a hash: state: here, moving, leaving, moved or arriving (when a bucket that was moved returns), and
