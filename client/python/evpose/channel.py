@@ -131,7 +131,7 @@ class Endpoint:
         self.name = name
         self.channel = channel
         self.token = token
-        self._is_lost = False  # a call found the server away, and the channel has not been connected since
+        self._is_unreachable = False  # a call did not reach the server, and the channel has not been connected since
         self._closed = threading.Event()
 
     def close(self) -> None:
@@ -139,22 +139,22 @@ class Endpoint:
         self._closed.set()
         self.channel.close()
 
-    def lose(self) -> None:
-        """Informs the endpoint that a call found its server away."""
-        self._is_lost = True
+    def mark_unreachable(self) -> None:
+        """Informs the endpoint that a call did not reach its server."""
+        self._is_unreachable = True
 
     def connect_again(self, longest_s: float, stop: threading.Event) -> None:
-        """If a call found the server away, blocks until the channel is connected, for at most `longest_s` seconds or until `stop`. After a
-        failed connection attempt a call does not wait for the next one, and gRPC processes an attempt only while a thread waits for the
-        channel, and otherwise every 5 s."""
-        if not self._is_lost or self._closed.is_set():
+        """If a call did not reach the server, blocks until the channel is connected, for at most `longest_s` seconds or until `stop`.
+        After a failed connection attempt a call does not wait for the next one, and gRPC processes an attempt only while a thread waits
+        for the channel, and otherwise every 5 s."""
+        if not self._is_unreachable or self._closed.is_set():
             return
         ready = grpc.channel_ready_future(self.channel)
         end = time.monotonic() + longest_s
-        while self._is_lost and time.monotonic() < end and not stop.is_set() and not self._closed.is_set():
+        while self._is_unreachable and time.monotonic() < end and not stop.is_set() and not self._closed.is_set():
             try:
                 ready.result(min(_STOP_PERIOD_S, longest_s))
-                self._is_lost = False
+                self._is_unreachable = False
             except grpc.FutureTimeoutError:
                 continue
         ready.cancel()
@@ -198,7 +198,7 @@ class Endpoint:
 
 
 def explain_tls(address: str, tls: Optional[Tls], timeout_s: float) -> str:
-    """Returns why a TLS handshake with the server fails; "" if it does not, or if nothing listens there."""
+    """Returns why a TLS handshake with the server fails, or cannot be tried; "" if it succeeds, or if nothing listens there."""
     host, port = parse_address(address)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.set_alpn_protocols(["h2"])
@@ -206,9 +206,13 @@ def explain_tls(address: str, tls: Optional[Tls], timeout_s: float) -> str:
         context.check_hostname = False
         context.verify_mode = ssl.CERT_NONE
     else:
-        context.load_verify_locations(tls.ca) if tls.ca else context.load_default_certs()
-        if tls.certificate and tls.key:
-            context.load_cert_chain(tls.certificate, tls.key)
+        try:
+            context.load_verify_locations(tls.ca) if tls.ca else context.load_default_certs()
+            if tls.certificate and tls.key:
+                # Without the password, OpenSSL asks for that of an encrypted key at the terminal.
+                context.load_cert_chain(tls.certificate, tls.key, password=lambda: b"")
+        except (ssl.SSLError, OSError) as error:
+            return f"the TLS files of this client cannot be used: {error}: check Tls.ca, Tls.certificate and Tls.key"
     try:
         with socket.create_connection((host, port), timeout_s) as connection:
             return _explain_handshake(connection, context, host, tls)
@@ -237,7 +241,7 @@ def _explain_client_certificate(secure: ssl.SSLSocket, tls: Tls) -> str:
     try:
         if secure.recv(1):
             return ""
-    except TimeoutError:
+    except socket.timeout:  # a TimeoutError only since Python 3.10
         return ""
     except OSError:
         pass

@@ -14,12 +14,12 @@ from google.protobuf import empty_pb2
 from evpose.cameras import Camera
 from evpose.channel import Endpoint, Tls, Token, TokenSource, explain_tls, parse_address
 from evpose.convert import model_from_message, server_from_message, session_from_message
-from evpose.errors import (AbortedError, EvposeError, FailedPreconditionError, InternalError, InvalidArgumentError,
-                           UnavailableError, UnimplementedError)
+from evpose.errors import (AbortedError, DeadlineExceededError, EvposeError, FailedPreconditionError, InternalError,
+                           InvalidArgumentError, UnavailableError, UnimplementedError)
 from evpose.events import Encoding
 from evpose.files import PathLike, read_file, to_enum, to_number
-from evpose.session import SERVICE as SESSIONS
 from evpose.session import Session
+from evpose.stream.attempt import SERVICE as SESSIONS
 from evpose.stream.attempt import TrackPosition
 from evpose.stream.feed import EventSource
 from evpose.stream.servers import Servers, is_away
@@ -31,7 +31,7 @@ from evpose.v1 import admin_service_pb2, model_service_pb2, session_pb2, session
 _MODELS = "/evpose.v1.ModelService/"
 _ADMIN = "/evpose.v1.AdminService/"
 _UPLOAD_PIECE_BYTES = 256 * 1024
-_MAX_MODEL_BYTES = 64 << 20  # the default limit of a server
+_MAX_MODEL_BYTES = 64 << 20  # the default limit of a server, for one that states none
 # Time for which each server is waited for in turn.
 _CONNECT_SLICE_S = 0.1
 # Time after which the client checks whether TLS prevents the connection.
@@ -46,9 +46,10 @@ class Client:
     """Made by connect(). Thread-safe. All calls block; they raise EvposeError with a text that begins with the server's address.
     Use it in a `with` block, or close() it."""
 
-    def __init__(self, servers: Servers, call_timeout_s: float) -> None:
+    def __init__(self, servers: Servers, call_timeout_s: float, max_model_bytes: int = 0) -> None:
         self._servers = servers
         self._timeout_s = call_timeout_s
+        self._max_model_bytes = max_model_bytes or _MAX_MODEL_BYTES
 
     def close(self) -> None:
         """Ends all calls and closes the connections."""
@@ -75,7 +76,7 @@ class Client:
                 "/grpc.health.v1.Health/Check", health_pb2.HealthCheckRequest(), health_pb2.HealthCheckResponse, self._timeout_s)
         except EvposeError as error:
             if is_away(error):
-                endpoint.lose()
+                endpoint.mark_unreachable()
             raise
         return bool(response.status == health_pb2.HealthCheckResponse.SERVING)
 
@@ -87,7 +88,7 @@ class Client:
         if suffix not in _FORMATS:
             raise InvalidArgumentError(f"{path}: unknown model format; the name must end in .obj, .ply or .stl "
                                        "(`evpose models upload` takes more formats)")
-        data = read_file(path, _MAX_MODEL_BYTES, ", the limit of a server")
+        data = read_file(path, self._max_model_bytes, ", the limit of the server for a model")
         header = {"format": _FORMATS[suffix], "metres_per_unit": to_number(metres_per_unit, "metres_per_unit"),
                   "crease_angle_deg": to_number(crease_angle_deg, "crease_angle_deg"),
                   "surface": int(to_enum(surface, Surface, "surface")), "file_name": pathlib.Path(path).name, "size_bytes": len(data),
@@ -109,8 +110,9 @@ class Client:
                 # upload is read.
                 message = self._servers.at_any(upload, self._timeout_s)
         except InvalidArgumentError as error:
-            # The fields of the API are parts of this file.
-            text = error.message.replace(": chunk: ", ": ").replace(": header.size_bytes: ", ": its size ").replace(": header.", ": ")
+            # The fields of the API are parts of this file, or parameters of this function.
+            name = {"chunk": "", "header.size_bytes": "its size "}.get(error.field, error.field.removeprefix("header.") + ": ")
+            text = error.message.replace(f": {error.field}: ", f": {name}") if error.field else error.message
             raise error.with_message(f"{path}: {text}") from None
         return model_from_message(message)
 
@@ -146,8 +148,9 @@ class Client:
         A server without room refuses with ResourceExhaustedError (OVERLOADED, TOO_MANY_SESSIONS, SESSION_MEMORY, OUT_OF_MEMORY). The
         next servers are then tried at once. If all refuse, the call is made again after at least the shortest delay that a server
         proposes, as long as these delays end within `max_wait_s` seconds from the start (0: never); then the last refusal is raised. A
-        refusal without a delay by all servers, and TENANT_QUOTA, are raised at once. A server after a full one that does not know the
-        model counts as one without room. The default permits several delays of 5 s, which is what evpose-server proposes.
+        refusal without a delay by all servers, and TENANT_QUOTA, are raised at once. If a full server has refused the session,
+        NOT_FOUND for the model from a later server is treated like a refusal: the next server is tried, because models may be stored at
+        some servers only. The default permits several delays of 5 s, which is what evpose-server proposes.
 
         Raises InvalidArgumentError for a parameter, CancelledError if close() ended the wait, and EvposeError."""
         if not max_wait_s >= 0.0:
@@ -230,27 +233,33 @@ def connect(addresses: str, *, tls: Optional[Tls] = None, token: Optional[Token]
     source = TokenSource(token)
     for address in addresses.split(","):
         parse_address(address)
-    servers = Servers([Endpoint.open(address, tls, source) for address in addresses.split(",")], outlive_sessions=False)
-    client = Client(servers, call_timeout_s)
+    endpoints: list[Endpoint] = []
+    servers = Servers(endpoints, outlive_sessions=False)
     try:
+        for address in addresses.split(","):
+            endpoints.append(Endpoint.open(address, tls, source))
         info = _wait_for_server(servers, call_timeout_s, addresses, tls, connect_timeout_s)
     except BaseException:
-        client.close()
+        for endpoint in endpoints:
+            endpoint.close()
         raise
     servers.outlive_sessions = info.store != "memory"
-    return client
+    return Client(servers, call_timeout_s, info.max_model_bytes)
 
 
 def _wait_for_server(servers: Servers, call_timeout_s: float, addresses: str, tls: Optional[Tls], timeout_s: float) -> ServerInfo:
     begin = time.monotonic()
     is_explained = False
     while True:
-        for servers.current in range(len(servers.endpoints)):
+        for index, endpoint in enumerate(servers.endpoints):
+            servers.current = index
+            # A server that accepts the call and does not respond leaves the others their share of the time.
+            left_s = (begin + timeout_s - time.monotonic()) / (len(servers.endpoints) - index)
             try:
-                return _server_info(servers.endpoints[servers.current], call_timeout_s)
+                return _server_info(endpoint, min(call_timeout_s, max(left_s, _CONNECT_SLICE_S)))
             except UnimplementedError:
-                raise UnimplementedError(f"the server at {servers.endpoints[servers.current].name} is not an evpose server") from None
-            except UnavailableError as error:
+                raise UnimplementedError(f"the server at {endpoint.name} is not an evpose server") from None
+            except (UnavailableError, DeadlineExceededError) as error:
                 cause = error
         waited_s = time.monotonic() - begin
         if not is_explained and waited_s >= min(_FIRST_WAIT_S, timeout_s):

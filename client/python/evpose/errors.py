@@ -50,7 +50,7 @@ class InvalidArgumentError(EvposeError, ValueError):
 
 
 class DeadlineExceededError(EvposeError):
-    """There was no answer in time."""
+    """No response arrived within the time limit."""
 
     code = "DEADLINE_EXCEEDED"
 
@@ -116,7 +116,7 @@ class DataLossError(EvposeError):
 
 
 class UnauthenticatedError(EvposeError):
-    """The token is missing, unknown or withdrawn, or the certificate is."""
+    """The token or the certificate is missing, unknown or withdrawn."""
 
     code = "UNAUTHENTICATED"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import enum
 import json
+import math
 import pathlib
 import reprlib
 from typing import Any, Optional, TypeVar, Union
@@ -21,6 +22,8 @@ _MAX_TEXT_BYTES = 100_000
 # Shortens values in error messages: by YAML aliases, a small file can describe a list that is too large to print.
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 2
+# The limit of google.protobuf.Duration.
+_MAX_DURATION_S = 315_576_000_000
 
 
 def read_file(path: PathLike, max_bytes: Optional[int] = None, what: str = "") -> bytes:
@@ -59,6 +62,15 @@ def to_number(value: Any, key: str) -> float:
         return float(value)  # YAML 1.1 reads 1e-5 as a text
     except (TypeError, ValueError, OverflowError):  # OverflowError: an integer of hundreds of digits
         raise InvalidArgumentError(f"{key}: {_REPR.repr(value)} is not a number") from None
+
+
+def to_duration_ns(value: Any, key: str, least_s: float) -> int:
+    """Returns a duration in seconds as nanoseconds. Raises InvalidArgumentError with the key."""
+    seconds = to_number(value, key)
+    if not least_s <= seconds <= _MAX_DURATION_S:
+        limit = "" if math.isnan(seconds) or seconds < least_s else f", and at most {_MAX_DURATION_S}"
+        raise InvalidArgumentError(f"{key} is {value!r}, but must be a finite number of at least {least_s:g} s{limit}")
+    return round(1e9 * seconds)
 
 
 def to_enum(value: Any, kind: type[_Enum], key: str) -> _Enum:

@@ -68,6 +68,19 @@ def _rows_of_any(q: Sequence[float]) -> list[list[float]]:
     return _rows_of_quaternion([value / norm for value in q])
 
 
+def _vector(values: npt.ArrayLike, count: int, name: str) -> Matrix:
+    """Returns an array of `count` finite numbers. Raises InvalidArgumentError with `name`."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):  # NumPy: not numbers, or lists of different lengths
+        raise InvalidArgumentError(f"{name}: is no array of numbers") from None
+    if array.shape != (count,):
+        raise InvalidArgumentError(f"{name}: has the shape {array.shape}, but must have {count} numbers, shape ({count},)")
+    if not np.isfinite(array).all():
+        raise InvalidArgumentError(f"{name}: every number must be finite")
+    return array
+
+
 @dataclasses.dataclass(frozen=True)
 class Transform:
     """A rotation followed by a translation.
@@ -84,12 +97,8 @@ class Transform:
         """Makes a transform of a translation and a quaternion x y z w of norm 1 to within 1e-3.
 
         Raises InvalidArgumentError."""
-        t = np.asarray(translation_m, dtype=np.float64)
-        q = np.asarray(quaternion_xyzw, dtype=np.float64)
-        if t.shape != (3,) or q.shape != (4,):
-            raise InvalidArgumentError(f"a transform has 3 numbers of translation and 4 of rotation, not {t.shape} and {q.shape}")
-        if not (np.isfinite(t).all() and np.isfinite(q).all()):
-            raise InvalidArgumentError("transform: every number must be finite")
+        t = _vector(translation_m, 3, "translation_m")
+        q = _vector(quaternion_xyzw, 4, "quaternion_xyzw")
         if not abs(_norm(q.tolist()) - 1.0) <= _NORM_TOLERANCE:
             raise InvalidArgumentError(
                 f"quaternion: its norm is {_norm(q.tolist()):.6g}, but must be 1 to within 1e-3; normalise it (order x y z w)")
@@ -98,7 +107,10 @@ class Transform:
     @staticmethod
     def from_matrix(matrix: npt.ArrayLike) -> Transform:
         """Makes a transform of a homogeneous 4x4 (or 3x4) matrix. Raises InvalidArgumentError."""
-        m = np.asarray(matrix, dtype=np.float64)
+        try:
+            m = np.asarray(matrix, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InvalidArgumentError("transform: is no array of numbers") from None
         if m.shape not in ((4, 4), (3, 4)):
             raise InvalidArgumentError(f"a transform is a 4x4 or 3x4 matrix, not one of shape {m.shape}")
         rotation = m[:3, :3]
@@ -122,14 +134,14 @@ class Transform:
         return m
 
     def to_proto(self) -> Any:
-        """Returns the transform as a message of the API."""
-        x, y, z = self.translation_m.tolist()
+        """Returns the transform as a message of the API. Raises InvalidArgumentError."""
+        x, y, z = _vector(self.translation_m, 3, "translation_m").tolist()
         return geometry_pb2.RigidTransform(translation_m={"x": x, "y": y, "z": z}, rotation=rotation_to_proto(self.quaternion_xyzw))
 
 
-def rotation_to_proto(quaternion_xyzw: npt.ArrayLike) -> Any:
-    """Returns a quaternion x y z w as a message of the API."""
-    x, y, z, w = np.asarray(quaternion_xyzw, dtype=np.float64).tolist()
+def rotation_to_proto(quaternion_xyzw: npt.ArrayLike, name: str = "quaternion_xyzw") -> Any:
+    """Returns a quaternion x y z w as a message of the API. Raises InvalidArgumentError with `name`."""
+    x, y, z, w = _vector(quaternion_xyzw, 4, name).tolist()
     return geometry_pb2.Quaternion(x=x, y=y, z=z, w=w)
 
 

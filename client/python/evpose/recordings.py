@@ -58,7 +58,7 @@ class _Statements:
             raise InvalidArgumentError(f"header line {line}: {what} is not supported: only EVT3, EVT2.1, EVT2, DAT and FLAT64 are")
         if self.encoding and self.encoding[0] != encoding:
             raise InvalidArgumentError(
-                f"header line {line}: says {encoding.name}, but line {self.encoding[1]} says {self.encoding[0].name}")
+                f"header line {line}: states {encoding.name}, but line {self.encoding[1]} states {self.encoding[0].name}")
         self.encoding = self.encoding or (encoding, line)
 
     def set(self, key: str, value: str, line: int) -> None:
@@ -67,7 +67,7 @@ class _Statements:
                 raise InvalidArgumentError(f"header line {line}: the {key} {value!r} is not a positive number of pixels")
             if key in self.values and int(self.values[key][0]) != int(value):
                 raise InvalidArgumentError(
-                    f"header line {line}: says {key} {value}, but line {self.values[key][1]} says {self.values[key][0]}")
+                    f"header line {line}: states {key} {value}, but line {self.values[key][1]} states {self.values[key][0]}")
         self.values.setdefault(key, (value, line))
 
     def read(self, text: str, line: int) -> None:

@@ -13,7 +13,7 @@ from typing import Any, Optional, Union
 from evpose.cameras import Camera
 from evpose.errors import InvalidArgumentError
 from evpose.events import Encoding
-from evpose.files import read_yaml, to_number
+from evpose.files import read_yaml, to_duration_ns, to_number
 from evpose.geometry import Matrix, Transform, rotation_to_proto
 from evpose.tracing import StreamTrace, trace_id
 from evpose.v1 import session_pb2
@@ -113,13 +113,13 @@ class TrackedObject:
     reference_quaternion_xyzw: Optional[Matrix] = None  # selects among the poses of a symmetric object; None: the identity
 
     def to_proto(self) -> Any:
-        """Returns a message of the API."""
+        """Returns a message of the API. Raises InvalidArgumentError."""
         message = session_pb2.TrackedObject(
             object_id=self.object_id, model=self.model.name if isinstance(self.model, Model) else self.model)
         if self.initial_camera_from_object is not None:
             message.initial_camera_from_object.CopyFrom(self.initial_camera_from_object.to_proto())
         if self.reference_quaternion_xyzw is not None:
-            message.reference_rotation.CopyFrom(rotation_to_proto(self.reference_quaternion_xyzw))
+            message.reference_rotation.CopyFrom(rotation_to_proto(self.reference_quaternion_xyzw, "reference_quaternion_xyzw"))
         return message
 
 
@@ -259,12 +259,12 @@ Notice = Union[EventsDropped, GoAway, DecodeFault, StateChange, TrackingRestarte
 
 @dataclasses.dataclass(frozen=True)
 class ConnectionChange:
-    """The stream has broken (is_away), or it is re-established."""
+    """The stream has broken (is_disconnected), or it is re-established."""
 
-    is_away: bool
+    is_disconnected: bool
     server: str  # the next one to be tried, or the one that accepted the stream
     cause: Optional[Exception]
-    away_for_s: float
+    outage_s: float  # since the end of the last stream that made progress
     next_try_in_s: float
     kept_bytes: int  # events that wait for the server, or that it may request again
     trace: StreamTrace = StreamTrace()  # of the stream that has broken, or of the new one
@@ -461,7 +461,7 @@ class SessionConfig:
     sensor: SensorProfile = SensorProfile()
 
     def to_proto(self) -> Any:
-        """Returns a message of the API."""
+        """Returns a message of the API. Raises InvalidArgumentError."""
         message: Any = session_pb2.SessionConfig()
         message.encoding = int(self.encoding)
         message.camera.CopyFrom(self.camera.to_proto())
@@ -470,5 +470,5 @@ class SessionConfig:
         message.tracker.estimator = int(self.estimator)
         message.tracker.sensor.CopyFrom(session_pb2.SensorProfile(**dataclasses.asdict(self.sensor)))
         if self.max_lag_s is not None:
-            message.max_lag.FromNanoseconds(round(1e9 * self.max_lag_s))
+            message.max_lag.FromNanoseconds(to_duration_ns(self.max_lag_s, "max_lag_s", 0.0))
         return message

@@ -14,7 +14,9 @@ import numpy as np
 from testing import ROOT, evpose, run_evpose
 
 from evpose.channel import parse_address
+from evpose.files import to_duration_ns
 from evpose.recordings import parse_header
+from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import FeedPoint, Outbox, RetainOptions, make_chunk
 from evpose.stream.retry import Advice, Backoff, advise_on
 from evpose.types import SessionConfig
@@ -189,10 +191,10 @@ class RecordingTest(InputTest):
         for text, words in (
                 (b"", "there is no header"), (b"\x00\x80", "there is no header"), (b"% date 2020\n", "names no format"),
                 (b"% date\n% evt 4.0\n", "header line 2: EVT 4.0"), (b"% format EVT4;width=3\n", "header line 1: the format 'EVT4'"),
-                (b"% evt 3.0\n% format EVT2\n", "header line 2: says EVT2, but line 1 says EVT3"),
+                (b"% evt 3.0\n% format EVT2\n", "header line 2: states EVT2, but line 1 states EVT3"),
                 (b"% evt 3.0\n% geometry 640x\n", "header line 2: the height"),
                 (b"% evt 3.0\n% width " + b"9" * 5000 + b"\n", "header line 2: the width '999"),
-                (b"% evt 3.0\n% geometry 640x480\n% width 641\n", "header line 3: says width 641, but line 2 says 640"),
+                (b"% evt 3.0\n% geometry 640x480\n% width 641\n", "header line 3: states width 641, but line 2 states 640"),
                 (b"% Data file containing events\n% Version 1\n\x00\x08", "header line 2: version 1"),
                 (b"% Data file containing events\n\x05\x08", "type 5"), (b"% Data file containing events\n", "ends before the two bytes"),
                 (b"% evt 2.1\n% endianness legacy\n", "'legacy'"), (b"% evt 3.0\n" + b"% pad\n" * 11000, "longer than 65536")):
@@ -328,10 +330,37 @@ class TransformTest(InputTest):
     def test_wrong_transforms(self):
         make = evpose.Transform.from_quaternion
         for t, q, words in (([0, 0], [0, 0, 0, 1], "3 numbers"), ([0, 0, 0], [0, 0, 0, 1.1], "its norm is 1.1"),
-                            ([0, 0, np.nan], [0, 0, 0, 1], "finite")):
+                            ([0, 0, np.nan], [0, 0, 0, 1], "finite"), ([0, 0, "a"], [0, 0, 0, 1], "translation_m: is no array of numbers"),
+                            ([0, 0, 0], [[0], [0, 1]], "quaternion_xyzw: is no array of numbers")):
             self.assertIn(words, self.refused(evpose.InvalidArgumentError, make, t, q))
-        for matrix, words in ((np.eye(3), "shape (3, 3)"), (2 * np.eye(4), "not a rotation"), (np.diag([1, 1, -1, 1]), "reflection")):
+        for matrix, words in ((np.eye(3), "shape (3, 3)"), (2 * np.eye(4), "not a rotation"), (np.diag([1, 1, -1, 1]), "reflection"),
+                              ([["a"]], "no array of numbers")):
             self.assertIn(words, self.refused(evpose.InvalidArgumentError, evpose.Transform.from_matrix, matrix))
+
+
+    def test_a_wrong_transform_is_not_sent(self):
+        for wrong, words in ((evpose.Transform(np.zeros(2), np.array([0, 0, 0, 1.0])), "translation_m: has the shape (2,)"),
+                             (evpose.Transform(np.zeros(3), np.full(4, np.inf)), "quaternion_xyzw: every number must be finite")):
+            tracked = evpose.TrackedObject("models/1", initial_camera_from_object=wrong)
+            self.assertIn(words, self.refused(evpose.InvalidArgumentError, tracked.to_proto))
+            feed = EventFeed([], evpose.Encoding.FLAT64, (640, 480), 1 << 20, False, FeedPoint())
+            self.assertIn(words, self.refused(evpose.InvalidArgumentError, feed.reset_pose, evpose.PoseReset(wrong)))
+        for reference, words in (([0, 0, 1], "shape (3,), but must have 4 numbers"), ([0, 0, 0, np.nan], "finite")):
+            tracked = evpose.TrackedObject("models/1", reference_quaternion_xyzw=reference)
+            self.assertIn("reference_quaternion_xyzw: ", self.refused(evpose.InvalidArgumentError, tracked.to_proto))
+            self.assertIn(words, self.refused(evpose.InvalidArgumentError, tracked.to_proto))
+
+
+class DurationTest(InputTest):
+    def test_durations_that_are_none(self):
+        self.assertEqual(to_duration_ns(0.25, "period_s", 0.01), 250_000_000)
+        for value, words in ((float("nan"), "period_s is nan, but must be a finite number of at least 0.01 s"), (0.0, "period_s is 0.0"),
+                             (float("inf"), "period_s is inf"), (1e300, "at most 315576000000"), ("x", "period_s: 'x' is not a number")):
+            self.assertIn(words, self.refused(evpose.InvalidArgumentError, to_duration_ns, value, "period_s", 0.01))
+        camera = evpose.Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
+        for value in (float("nan"), float("inf"), -1.0):
+            config = SessionConfig(evpose.Encoding.EVT3, camera, (), max_lag_s=value)
+            self.assertIn("max_lag_s is", self.refused(evpose.InvalidArgumentError, config.to_proto))
 
 
 class AddressTest(InputTest):
@@ -359,7 +388,7 @@ class RetryTest(InputTest):
                 (evpose.UnauthenticatedError("", reason="ACCESS_WITHDRAWN"), again),
                 (evpose.UnauthenticatedError("", reason="BAD_TOKEN"), Advice.TRY_OTHER_AUTH_TOKEN),
                 (evpose.PermissionDeniedError("", reason="WRONG_TOKEN"), Advice.TRY_OTHER_TOKEN),
-                (evpose.InvalidArgumentError("", field="attach.last_pose_seq"), Advice.TRY_WITHOUT_COUNT),
+                (evpose.InvalidArgumentError("", field="attach.last_pose_seq"), Advice.ATTACH_FROM_FIRST_POSE),
                 (evpose.InvalidArgumentError("", field="events.seq"), Advice.GIVE_UP),
                 (evpose.FailedPreconditionError("", reason="SEQ_GAP"), Advice.GIVE_UP)):
             self.assertIs(advise_on(error), advice, (error.code, error.reason))
@@ -381,6 +410,21 @@ class RetryTest(InputTest):
         position = evpose.TrackPosition("sessions/1", "new", "old", 7, 2, FeedPoint(3, 24, 5), 16)
         self.assertEqual(evpose.TrackPosition.from_json(position.to_json()), position)
         self.assertIn("not the position", self.refused(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, '{"session": 1}'))
+        good = json.loads(position.to_json())
+        for change in ({"session": 1}, {"resume_token": None}, {"last_pose_seq": "7"}, {"lost_poses": True}, {"max_piece_bytes": -1},
+                       {"durable": [3, float("inf"), 5]}, {"durable": [3, 24, "5"]}, {"durable": 3}, {"last_pose_seq": 1.5}, {"more": 1}):
+            text = json.dumps({**good, **change})
+            self.assertIn("give the text of TrackPosition.to_json()",
+                          self.refused(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, text), change)
+        for text in ("", "[]", "[" * 100_000, "{}"):
+            self.assertIn("not the position", self.refused(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, text))
+
+    def test_resets_that_wait_for_the_source_are_limited(self):
+        feed = EventFeed([], evpose.Encoding.FLAT64, (640, 480), 1 << 20, False, FeedPoint())  # is not read
+        reset = evpose.PoseReset(evpose.Transform.from_quaternion([0, 0, 1], [0, 0, 0, 1]))
+        for _ in range(1000):
+            feed.reset_pose(reset)
+        self.assertIn("call reset_pose() less often", self.refused(evpose.FailedPreconditionError, feed.reset_pose, reset))
 
     def test_an_outbox_keeps_chunks_until_they_are_durable(self):
         outbox = Outbox(1 << 20, FeedPoint(), RetainOptions(duration_s=0.0))

@@ -170,7 +170,7 @@ class ResumptionTest(StreamTest):
         scripted = self.serve(first, second)
         track = scripted.track([A, B, C], on_connection=changes.append)
         self.assertEqual([each.seq for each in track], [1, 2, 3])
-        self.assertEqual([(each.is_away, getattr(each.cause, "reason", "")) for each in changes], [(True, "DRAINING"), (False, "")])
+        self.assertEqual([(each.is_disconnected, getattr(each.cause, "reason", "")) for each in changes], [(True, "DRAINING"), (False, "")])
         self.assertEqual(changes[0].kept_bytes, 32)
         # The server and the callbacks have the same IDs.
         trace_id = hashlib.sha256(b"sessions/1").hexdigest()[:32]
@@ -193,6 +193,7 @@ class ResumptionTest(StreamTest):
 
         position = evpose.TrackPosition("sessions/1", "token1", "token0")
         self.assertEqual(list(self.serve(refuses, takes_the_previous).track([], position)), [])
+        self.assertEqual(position, evpose.TrackPosition("sessions/1", "token1", "token0"))  # the caller's stays as it was
 
     def test_a_server_that_restarted_before_its_poses_were_stored(self):
         def refuses(stream):
@@ -394,7 +395,9 @@ class ViolationTest(StreamTest):
                 ([attached(), pose(1, covariance={"upper_triangle": [1.0]})], "covariance does not have 21 numbers"),
                 ([attached(), pose(1, camera_from_object={"rotation": {"w": 2.0}})], "not a unit quaternion"),
                 ([attached(), pose(1, state=4)], "LOST has no pose"), ([attached(), summary(1)], "the summary counts 1 poses"),
-                ([attached(), summary(0), ack(1)], "a message follows the summary"), ([attached()], "without a summary")):
+                ([attached(), summary(0), ack(1)], "a message follows the summary"), ([attached()], "without a summary"),
+                ([attached(), ack(2)], "it acknowledges chunk 2, but the last one sent is"),
+                ([attached(next_seq=2), ack(1), ack(0, durable=1)], "it has stored chunk 1, but processed only those up to 0")):
             with self.subTest(words):
                 self.assertIn(words, self.responses(*responses))
 

@@ -23,10 +23,12 @@ from evpose.tracing import StreamTrace
 from evpose.types import GoAway, Notice, PosesLost, TrackingRestarted
 from evpose.v1 import track_pb2
 
-TRACK = "/evpose.v1.SessionService/Track"
+SERVICE = "/evpose.v1.SessionService/"
+TRACK = SERVICE + "Track"
 # Server's chunks must have room for a word of every encoding.
 _WORD_BYTES = 8
 _SHORTEST_KEEP_ALIVE_S = 0.005
+_FROM_TO_JSON = "give the text of TrackPosition.to_json()"
 
 
 @dataclasses.dataclass
@@ -57,10 +59,19 @@ class TrackPosition:
         """Returns the position that to_json() has written. Raises InvalidArgumentError."""
         try:
             data: dict[str, Any] = json.loads(text)
-            data["durable"] = FeedPoint(*map(int, data["durable"]))
-            return TrackPosition(**data)
-        except (ValueError, TypeError, KeyError) as error:
-            raise InvalidArgumentError(f"not the position of a session: {error!r}") from None
+            data["durable"] = FeedPoint(*data["durable"])
+            position = TrackPosition(**data)
+        except (ValueError, TypeError, LookupError, RecursionError) as error:
+            raise InvalidArgumentError(f"not the position of a session: {error!r}: {_FROM_TO_JSON}") from None
+        texts = {name: getattr(position, name) for name in ("session", "resume_token", "previous_token")}
+        counts = {name: getattr(position, name) for name in ("last_pose_seq", "lost_poses", "max_piece_bytes")}
+        for name, value in {**counts, **position.durable._asdict()}.items():
+            if type(value) is not int or not 0 <= value < 1 << 64:  # a bool is no count either
+                raise InvalidArgumentError(f"not the position of a session: {name} is not a count: {_FROM_TO_JSON}")
+        for name, value in texts.items():
+            if not isinstance(value, str):
+                raise InvalidArgumentError(f"not the position of a session: {name} is not a text: {_FROM_TO_JSON}")
+        return position
 
 
 @dataclasses.dataclass
@@ -115,6 +126,7 @@ class StreamAttempt:
         self._attached: Any = None
         self._send_limit_bytes = 0
         self._sent_bytes = 0
+        self._sent_seq = 0  # number of the last chunk or reset that the server has, or that was sent
         self._uplink_error: Optional[Exception] = None
         self._keep_alive_s = math.inf
         self._reading_since = math.inf  # not now
@@ -156,6 +168,8 @@ class StreamAttempt:
                 size = len(chunk.payload)
                 yield from self._wait(lambda size=size: self._sent_bytes + size <= self._send_limit_bytes,  # type: ignore[misc]
                                       self._options.credit_timeout_s)
+            with self._changed:
+                self._sent_seq = seq
             yield self._request_of(chunk)
             seq += 1
 
@@ -273,6 +287,7 @@ class StreamAttempt:
             # The time without a message is less than two periods.
             self._keep_alive_s = max(idle_s / 6.0, _SHORTEST_KEEP_ALIVE_S) if idle_s > 0.0 else math.inf
             self._send_limit_bytes = attached.send_limit_bytes
+            self._sent_seq = attached.next_seq - 1
             self._attached = attached
             self._changed.notify_all()
         return True
@@ -321,9 +336,14 @@ class StreamAttempt:
 
     def _handle_ack(self, ack: Any) -> bool:
         with self._changed:
+            sent_seq = self._sent_seq
             if ack.send_limit_bytes > self._send_limit_bytes:
                 self._send_limit_bytes = ack.send_limit_bytes
                 self._changed.notify_all()
+        if ack.processed_seq > sent_seq:
+            return self._malformed(f"it acknowledges chunk {ack.processed_seq}, but the last one sent is {sent_seq}")
+        if ack.durable_seq > ack.processed_seq:
+            return self._malformed(f"it has stored chunk {ack.durable_seq}, but processed only those up to {ack.processed_seq}")
         self._feed.outbox.release(ack.durable_seq)
         self.made_progress = self.made_progress or ack.processed_seq > self._first_processed_seq
         self._report_position(False)

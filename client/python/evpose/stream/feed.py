@@ -23,6 +23,12 @@ EventSource = Iterable[EventItem]
 # A multiple of the word sizes of all encodings.
 _WORD_BYTES = 8
 _READ_AHEAD_BYTES = 1 << 20
+# Resets of the caller that wait for the source to return.
+_MAX_PENDING_RESETS = 1000
+
+
+def _message_of(reset: PoseReset) -> Any:
+    return track_pb2.TrackRequest.ResetPose(object_id=reset.object_id, camera_from_object=reset.camera_from_object.to_proto())
 
 
 class EventFeed:
@@ -43,7 +49,7 @@ class EventFeed:
         self._point = FeedPoint()
         self._is_after_gap = False
         self._lock = threading.Lock()
-        self._pending_resets: list[PoseReset] = []
+        self._pending_resets: list[Any] = []  # messages
         self._has_ended = False
 
     def start(self, max_piece_bytes: int) -> None:
@@ -56,11 +62,15 @@ class EventFeed:
 
     def reset_pose(self, reset: PoseReset) -> None:
         """Inserts a reset after the chunks that were read so far, as soon as the source returns. Thread-safe. Raises
-        FailedPreconditionError if the events have ended."""
+        InvalidArgumentError for a pose that is none, and FailedPreconditionError if the events have ended, or too many resets wait."""
+        message = _message_of(reset)
         with self._lock:
             if self._has_ended:
                 raise FailedPreconditionError("the events of the session have ended")
-            self._pending_resets.append(reset)
+            if len(self._pending_resets) >= _MAX_PENDING_RESETS:
+                raise FailedPreconditionError(
+                    f"{_MAX_PENDING_RESETS} resets wait for the source of events: call reset_pose() less often")
+            self._pending_resets.append(message)
 
     def _run(self) -> None:
         failure: Optional[Exception] = None
@@ -95,11 +105,11 @@ class EventFeed:
         with self._lock:
             resets, self._pending_resets = self._pending_resets, []
             self._has_ended = is_end
-        return all(self._add_reset(reset) for reset in resets)
+        return all(self._add_reset(message) for message in resets)
 
     def _add(self, item: EventItem) -> bool:
         if isinstance(item, PoseReset):
-            return self._add_reset(item)
+            return self._add_reset(_message_of(item))
         if isinstance(item, Discontinuity) or item is Discontinuity:
             self._is_after_gap = True
             return True
@@ -125,9 +135,7 @@ class EventFeed:
                                        f"({self._encoding.word_bytes} bytes)")
         return payload
 
-    def _add_reset(self, reset: PoseReset) -> bool:
-        message = track_pb2.TrackRequest.ResetPose(
-            object_id=reset.object_id, camera_from_object=reset.camera_from_object.to_proto())
+    def _add_reset(self, message: Any) -> bool:
         return self._add_chunk(make_chunk(self._point, message.SerializeToString(), reset=message))
 
     def _add_chunk(self, chunk: Chunk) -> bool:

@@ -74,7 +74,7 @@ class Advice(enum.Enum):
     TRY_OTHER_SERVER = enum.auto()  # this server does not have the session; another one may
     TRY_OTHER_TOKEN = enum.auto()  # the server may know the previous token
     TRY_OTHER_AUTH_TOKEN = enum.auto()  # the authentication token may have been replaced
-    TRY_WITHOUT_COUNT = enum.auto()  # the server restarted from a checkpoint and has computed fewer poses than were received
+    ATTACH_FROM_FIRST_POSE = enum.auto()  # the server restarted from a checkpoint and has computed fewer poses than were received
     GIVE_UP = enum.auto()
 
 
@@ -101,5 +101,5 @@ def advise_on(error: EvposeError) -> Advice:
     if error.code == "PERMISSION_DENIED" and error.reason == "WRONG_TOKEN":
         return Advice.TRY_OTHER_TOKEN
     if error.code == "INVALID_ARGUMENT" and error.field == "attach.last_pose_seq":
-        return Advice.TRY_WITHOUT_COUNT
+        return Advice.ATTACH_FROM_FIRST_POSE
     return Advice.GIVE_UP

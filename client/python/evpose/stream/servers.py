@@ -29,6 +29,29 @@ _AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
 _FULL_REASONS = frozenset(("OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"))
 
 
+class WatchCall:
+    """The present call of a watcher. close() ends it, from any thread, and no other one begins."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._call: Any = None
+        self.closed = threading.Event()
+
+    def begin(self, call: Any) -> None:
+        """Takes a new call, which is cancelled at once after close()."""
+        with self._lock:
+            self._call = call
+            if self.closed.is_set():
+                call.cancel()
+
+    def close(self) -> None:
+        """Cancels the call."""
+        with self._lock:
+            self.closed.set()
+            if self._call is not None:
+                self._call.cancel()
+
+
 @dataclasses.dataclass
 class Servers:
     """The servers of a client. `current` is the index of the one to which calls go."""
@@ -87,12 +110,14 @@ class Servers:
 
         return self.at_any(make, timeout_s)
 
-    def watch(self, method: str, request: Any, response: Any) -> Generator[Any, None, None]:
+    def watch(self, method: str, request: Any, response: Any, watch_call: Optional[WatchCall] = None) -> Generator[Any, None, None]:
         """Yields the responses until the session has ended, also after it has moved to another server or its server is away: the present
-        `request` is sent again. Raises EvposeError."""
+        `request` is sent again. Raises EvposeError; CancelledError after `watch_call.close()`."""
         choice, backoff = ServerChoice(self), Backoff(RetryOptions())
+        watch_call = watch_call or WatchCall()
         while True:
             call = choice.endpoint.watch(method, request, response)
+            watch_call.begin(call)
             try:
                 for message in _responses(call):
                     choice.responded()
@@ -103,6 +128,8 @@ class Servers:
             error = from_call(call, choice.endpoint.name)
             if error is None:
                 return
+            if watch_call.closed.is_set():
+                raise CancelledError(f"{choice.endpoint.name}: the watcher was closed")
             if choice.next(error):
                 continue
             if error.reason != "FENCED" and (error.code, error.reason) != ("UNAVAILABLE", "ROLLED_BACK"):
@@ -157,15 +184,15 @@ class ServerChoice:
         self._backoff.reset()
 
     def next(self, error: EvposeError) -> bool:
-        """Chooses the next server if this one is away. Each server is tried once without delay, then again after growing delays. Returns
-        False if the call is not to be repeated, also when each server has been tried and one of them was full. After a full server, one
-        that does not know the model of the session (NOT_FOUND) is not the last one either."""
+        """Chooses the next server if `error` means that this server is unreachable. Each server is tried once without delay, then
+        again after growing delays. Returns False if the call is not to be repeated, also when each server has been tried and one of them
+        was full. If a full server has refused the session, NOT_FOUND for the model from a later server is treated like a refusal."""
         if self._is_refusal(error):
             return self._next_with_room(error)
         if not is_away(error):
             self.responded()
             return False
-        self.endpoint.lose()
+        self.endpoint.mark_unreachable()
         count = len(self._servers.endpoints)
         if count == 1:
             return False

@@ -69,7 +69,7 @@ class Track:
     def __init__(self, servers: Servers, object_ids: Sequence[str], position: TrackPosition, feed: EventFeed, options: TrackOptions,
                  clock: Optional[Clock] = None) -> None:
         self.summary: Optional[TrackSummary] = None  # after the last pose
-        self.position = position
+        self.position = dataclasses.replace(position)  # the caller keeps its own
         self._servers = servers
         self._index = servers.current  # the server of this stream; other calls change the current one, too
         self._object_ids = object_ids
@@ -84,14 +84,14 @@ class Track:
         self._attached_at = 0.0
         self._away_since: Optional[float] = None
         self._tries = 0  # in this outage
-        self._servers_without = 0  # consecutive servers without the session
+        self._num_servers_without_session = 0  # consecutive
         self._damaged_tries = 0  # consecutive
         self._auth_token = ""  # at the start of the last attempt
         # Earlier tokens, the latest first. A store that has lost the last attaches knows one of these.
         self._older_tokens: list[str] = []
         self._tokens: list[str] = []  # those of the present attempt: the current one, the previous one, and older ones
         self._token_age = 0  # index of the token of the next attempt
-        self._attaches_without_count = False
+        self._attaches_from_first_pose = False
         self._messages = self._run()
 
     def __iter__(self) -> Track:
@@ -154,8 +154,8 @@ class Track:
         if self._stop.is_set():
             raise self._with_progress(CancelledError("cancelled"))
         # The next attempt tells the server, and by it all readers, that the session has ended.
-        must_tell = error is not None and error.reason == "ROLLED_BACK" and not attempt.stated_first_seq
-        if attempt.is_final and must_tell:
+        must_report_loss = error is not None and error.reason == "ROLLED_BACK" and not attempt.stated_first_seq
+        if attempt.is_final and must_report_loss:
             return
         if attempt.is_final or not self._plan(attempt) or not self._wait_for_next_try(error):
             if self._stop.is_set() and not attempt.is_final:
@@ -180,7 +180,7 @@ class Track:
         self._trace = new_stream(position.session)
         options = AttemptOptions(
             resume_token=self._tokens[self._token_age],
-            attach_after_pose=0 if self._attaches_without_count else position.last_pose_seq,
+            attach_after_pose=0 if self._attaches_from_first_pose else position.last_pose_seq,
             leaves_on_go_away=retry.max_outage_s > 0.0 and (self._servers.outlive_sessions or len(self._servers.endpoints) > 1),
             # A server without credit is an outage. Without retries, nothing limits the duration of one.
             credit_timeout_s=retry.max_outage_s if retry.max_outage_s > 0.0 else math.inf,
@@ -199,13 +199,13 @@ class Track:
     def _observe(self, attempt: StreamAttempt) -> None:
         now = self._clock.now()
         if attempt.error is not None and is_away(attempt.error):
-            self._server.lose()
+            self._server.mark_unreachable()
         self._fed_bytes = max(self._fed_bytes, attempt.fed_bytes)
         if attempt.was_attached:
-            self._token_age, self._attaches_without_count = 0, False
+            self._token_age, self._attaches_from_first_pose = 0, False
             newest = (self.position.resume_token, self.position.previous_token)
             self._older_tokens = [token for token in self._tokens if token not in newest][:_MAX_OLDER_TOKENS]
-            self._servers_without = 0
+            self._num_servers_without_session = 0
         # The outage began at the end of the last stream that made progress.
         has_lasted = attempt.was_attached and now - self._attached_at >= self._options.retry.max_delay_s
         if attempt.made_progress or has_lasted:
@@ -223,21 +223,21 @@ class Track:
             return error is None
         advice = advise_on(error)
         if advice is Advice.TRY_AGAIN:
-            self._servers_without = 0
+            self._num_servers_without_session = 0
             if error.code == "DATA_LOSS":
                 self._damaged_tries += 1
                 return self._damaged_tries < _MAX_DAMAGED_TRIES
             return True
         if advice is Advice.TRY_OTHER_SERVER:
-            self._servers_without += 1
-            return self._servers_without < len(self._servers.endpoints)
+            self._num_servers_without_session += 1
+            return self._num_servers_without_session < len(self._servers.endpoints)
         if advice is Advice.TRY_OTHER_TOKEN:
             self._token_age += 1
             return self._token_age < len(self._tokens)
         if advice is Advice.TRY_OTHER_AUTH_TOKEN:
             return self._server.token.is_renewed and self._server.token.get() != self._auth_token
-        if advice is Advice.TRY_WITHOUT_COUNT and not self._attaches_without_count:
-            self._attaches_without_count = True
+        if advice is Advice.ATTACH_FROM_FIRST_POSE and not self._attaches_from_first_pose:
+            self._attaches_from_first_pose = True
             return True
         return False
 
@@ -245,7 +245,7 @@ class Track:
         """Returns False if the outage has lasted too long, or the stream was closed."""
         now = self._clock.now()
         away_since = now if self._away_since is None else self._away_since
-        is_same_server = self._token_age > 0 or self._attaches_without_count
+        is_same_server = self._token_age > 0 or self._attaches_from_first_pose
         # Each server is tried once without delay. A server that shuts down may be back soon.
         is_at_once = is_same_server or self._tries + 1 < len(self._servers.endpoints) or (cause is None and self._tries == 0)
         delay_s = 0.0 if is_at_once else max(self._backoff.next(), cause.retry_in_s if cause else 0.0)
