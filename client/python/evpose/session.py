@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any, Generator, Iterator, Optional
 
 from google.protobuf import empty_pb2
@@ -10,17 +11,16 @@ from google.protobuf import empty_pb2
 from evpose.convert import health_from_message, session_from_message
 from evpose.errors import EvposeError, FailedPreconditionError, InternalError, InvalidArgumentError
 from evpose.events import Encoding
+from evpose.files import to_duration_ns, to_number
 from evpose.poses import CONFIRMED, Pose, defect, pose_from_message
 from evpose.recordings import Recording
-from evpose.stream.attempt import TrackPosition
+from evpose.stream.attempt import SERVICE, TrackPosition
 from evpose.stream.feed import EventFeed, EventSource
-from evpose.stream.servers import Servers
+from evpose.stream.servers import Servers, WatchCall
 from evpose.stream.track import Track, TrackOptions
 from evpose.tracing import trace_id
 from evpose.types import Health, SessionInfo
 from evpose.v1 import session_pb2, session_service_pb2
-
-SERVICE = "/evpose.v1.SessionService/"
 
 
 class Session:
@@ -33,7 +33,8 @@ class Session:
         self._info = info
         self._resume_token = resume_token
         self._call_timeout_s = call_timeout_s
-        self._was_tracked = False
+        self._lock = threading.Lock()
+        self._was_tracked = False  # guarded by _lock
         self._is_kept = not resume_token  # the session of another client
 
     def __enter__(self) -> Session:
@@ -79,10 +80,12 @@ class Session:
         this object is not the session's writer or track() was called before (see Client.resume)."""
         if not self._resume_token:
             raise FailedPreconditionError(f"{self.name}: only the client that has created a session can feed it")
-        if self._was_tracked:
-            raise FailedPreconditionError(f"{self.name}: was fed already; Client.resume(track.position, events) continues a stream")
-        self._was_tracked = True
-        return self.continue_from(TrackPosition(self.name, self._resume_token), events, options)
+        with self._lock:
+            if self._was_tracked:
+                raise FailedPreconditionError(f"{self.name}: was fed already; Client.resume(track.position, events) continues a stream")
+            track = self.continue_from(TrackPosition(self.name, self._resume_token), events, options)
+            self._was_tracked = True
+            return track
 
     def continue_from(self, position: TrackPosition, events: EventSource, options: TrackOptions) -> Track:
         """Implements Client.resume()."""
@@ -107,8 +110,8 @@ class Session:
         size_px = (events.width_px, events.height_px)
         if None not in size_px and size_px != (self._info.width_px, self._info.height_px):
             raise InvalidArgumentError(
-                f"{events.path}: is of {size_px[0]}x{size_px[1]} pixels, but the camera of {self._info.width_px}x"
-                f"{self._info.height_px}: the camera file of that sensor is needed")
+                f"{events.path}: the recording has {size_px[0]}x{size_px[1]} pixels, but the session's camera has {self._info.width_px}x"
+                f"{self._info.height_px}: create the session with the camera file of this sensor")
 
     def info(self) -> SessionInfo:
         """Returns the present state. Raises EvposeError."""
@@ -122,18 +125,21 @@ class Session:
     def watch_poses(self, after_seq: int = 0, max_rate_hz: Optional[float] = None) -> PoseWatch:
         """Returns an iterator of the stored poses after `after_seq`, then live ones, until the session has ended. `max_rate_hz`
         limits the poses per second of sensor time and object. Follows the session to another server, and continues at another one
-        of the client when its server is away."""
+        of the client when its server is away. Use it in a `with` block, or close() it. Raises InvalidArgumentError and EvposeError."""
+        if not isinstance(after_seq, int) or not 0 <= after_seq < 1 << 64:
+            raise InvalidArgumentError(f"after_seq is {after_seq!r}, but must be the number of a pose, or 0")
         request = session_service_pb2.WatchPosesRequest(session=self.name, after_pose_seq=after_seq)
         if max_rate_hz is not None:
-            request.max_rate_hz = max_rate_hz
+            request.max_rate_hz = to_number(max_rate_hz, "max_rate_hz")
         return PoseWatch(self._servers, request)
 
     def watch_health(self, period_s: float = 1.0) -> Iterator[Health]:
-        """Yields the health at once, after each period (at least 0.01 s), and when the session has ended. Raises EvposeError."""
+        """Returns an iterator of the health: at once, after each period (at least 0.01 s), and when the session has ended. Raises
+        InvalidArgumentError and EvposeError."""
         request = session_service_pb2.WatchHealthRequest(session=self.name)
-        request.period.FromNanoseconds(round(1e9 * period_s))
-        for response in self._servers.watch(SERVICE + "WatchHealth", request, session_service_pb2.WatchHealthResponse):
-            yield health_from_message(response.health)
+        request.period.FromNanoseconds(to_duration_ns(period_s, "period_s", 0.01))
+        responses = self._servers.watch(SERVICE + "WatchHealth", request, session_service_pb2.WatchHealthResponse)
+        return (health_from_message(response.health) for response in responses)
 
     def delete(self) -> None:
         """Deletes the session; one that does not exist is no error. Raises EvposeError."""
@@ -150,7 +156,8 @@ class PoseWatch:
         # writes: the number of its last pose at that time. The session computes the same poses again; they are not returned again.
         self.continues_after_seq: Optional[int] = None
         self._request = request
-        self._responses = servers.watch(SERVICE + "WatchPoses", request, session_service_pb2.WatchPosesResponse)
+        self._call = WatchCall()
+        self._responses = servers.watch(SERVICE + "WatchPoses", request, session_service_pb2.WatchPosesResponse, self._call)
         self._poses = self._run()
 
     def _run(self) -> Generator[Pose, None, None]:
@@ -173,6 +180,16 @@ class PoseWatch:
         return next(self._poses)
 
     def close(self) -> None:
-        """Ends the call."""
-        self._poses.close()
-        self._responses.close()
+        """Ends the call. Thread-safe: another thread that reads the poses gets CancelledError."""
+        self._call.close()
+        try:
+            self._poses.close()
+            self._responses.close()
+        except ValueError:  # another thread reads; its call has been cancelled
+            pass
+
+    def __enter__(self) -> PoseWatch:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

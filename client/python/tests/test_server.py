@@ -159,7 +159,7 @@ class SurvivalTest(ServerTest):
                 running.wait()
                 running.start()
                 relay.target = running.address
-        self.assertTrue(any(change.is_away for change in changes) and not changes[-1].is_away)
+        self.assertTrue(any(change.is_disconnected for change in changes) and not changes[-1].is_disconnected)
         self.assertGreaterEqual(track.summary.health.reattaches, 1)
         self.assert_same_poses(delivered, self.replay())
 
@@ -424,7 +424,7 @@ class WrongInputTest(ServerTest):
         events = evpose.make_events([640], [0], [0], [0])
         for encoding, source, text in (
                 (evpose.Encoding.FLAT64, self.open(), "is EVT3, but the session was created for FLAT64"),
-                (evpose.Encoding.EVT3, self.open(other), "is of 1280x720 pixels, but the camera of 640x480"),
+                (evpose.Encoding.EVT3, self.open(other), "the recording has 1280x720 pixels, but the session's camera has 640x480"),
                 (evpose.Encoding.EVT3, b"bytes", "[events] has one chunk"), (evpose.Encoding.FLAT64, events, "[events] has one chunk"),
                 (evpose.Encoding.EVT3, [events], "arrays are sent as FLAT64, but the session was created for EVT3"),
                 (evpose.Encoding.FLAT64, [events], "x of event 0 is 640, but must lie in [0, 639]")):

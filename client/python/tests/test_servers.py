@@ -3,16 +3,20 @@
 """Tests a client with two servers. When one of them stops or refuses, calls and watchers continue at the other one, with the effect of one
 call."""
 
+import dataclasses
 import pathlib
+import subprocess
 import tempfile
+import threading
 import unittest
 from concurrent import futures
+from unittest import mock
 
 import grpc
 from scripted_server import Fail, FakeClock, pose
 from testing import evpose
 
-from evpose.channel import Endpoint, TokenSource
+from evpose.channel import Endpoint, TokenSource, explain_tls
 from evpose.client import Client
 from evpose.stream.servers import Servers
 from evpose.v1 import admin_service_pb2, model_service_pb2, session_pb2, session_service_pb2
@@ -33,6 +37,8 @@ class OneOfTwo(grpc.GenericRpcHandler):
         self.requests = []
         self.failure = None
         self.fails_after_pose = False
+        self.on_watched = lambda: None  # called after the first response to a watcher
+        self.max_model_bytes = 0
         self.on_call = lambda: None
         self._first_pose_seq = first_pose_seq
         self._server = grpc.server(futures.ThreadPoolExecutor(8))
@@ -52,7 +58,8 @@ class OneOfTwo(grpc.GenericRpcHandler):
         modules = (session_service_pb2, model_service_pb2, admin_service_pb2)
         (request,) = [getattr(module, name + "Request") for module in modules if hasattr(module, name + "Request")]
         response = {"GetSession": session_pb2.Session(), "CreateSession": session_service_pb2.CreateSessionResponse(session={"name": "sessions/1"}),
-                    "ListSessions": session_service_pb2.ListSessionsResponse(), "GetServerInfo": admin_service_pb2.ServerInfo()}.get(
+                    "ListSessions": session_service_pb2.ListSessionsResponse(),
+                    "GetServerInfo": admin_service_pb2.ServerInfo(max_model_bytes=self.max_model_bytes)}.get(
                         name, model_service_pb2.Model())
 
         def record(message, context):
@@ -72,6 +79,7 @@ class OneOfTwo(grpc.GenericRpcHandler):
                 yield session_service_pb2.WatchPosesResponse(poses=[pose(self._first_pose_seq).pose])
             else:
                 yield session_service_pb2.WatchHealthResponse()
+            self.on_watched()
             if self.fails_after_pose:
                 REFUSED.apply(context)
 
@@ -284,6 +292,94 @@ class ServersTest(unittest.TestCase):
         self.assertEqual(self.second.requests[0].after_pose_seq, 1)
         self.assertEqual(len(list(self.client().session("sessions/1").watch_health())), 2)
         self.assertEqual(self.second.take_calls(), ["WatchPoses", "WatchHealth"])
+
+    def test_close_of_a_watcher_that_another_thread_reads(self):
+        ends, is_watched = threading.Event(), threading.Event()
+        self.addCleanup(ends.set)
+        self.first.on_watched = lambda: (is_watched.set(), ends.wait())
+        with self.client().session("sessions/1").watch_poses() as watch:
+            self.assertEqual(next(watch).seq, 1)
+            errors, is_reading = [], threading.Event()
+
+            def read():
+                is_reading.set()
+                try:
+                    next(watch)
+                except evpose.EvposeError as error:
+                    errors.append(error)
+                except StopIteration:  # close() came before the read
+                    errors.append(evpose.CancelledError("closed"))
+
+            reader = threading.Thread(target=read)
+            reader.start()
+            is_reading.wait()
+            is_watched.wait()
+            watch.close()
+            reader.join()
+            self.assertEqual([type(error) for error in errors], [evpose.CancelledError])
+        self.assertEqual(self.second.take_calls(), [])
+        self.assertEqual(list(watch), [])
+
+    def test_parameters_of_watchers_are_checked_at_the_call(self):
+        session = self.client().session("sessions/1")
+        for watch in (lambda: session.watch_health(float("nan")), lambda: session.watch_health(0.001),
+                      lambda: session.watch_poses(-1), lambda: session.watch_poses(max_rate_hz="fast")):
+            with self.assertRaises(evpose.InvalidArgumentError):
+                watch()
+
+    def test_a_session_can_be_fed_after_a_recording_that_does_not_fit(self):
+        session = self.client().create_session("models/1", CAMERA)
+        session._resume_token = "token"
+        session._info = dataclasses.replace(session._info, encoding=evpose.Encoding.FLAT64)
+        with self.assertRaises(evpose.InvalidArgumentError):
+            session.track(b"bytes")
+        session.track([]).close()
+        with self.assertRaisesRegex(evpose.FailedPreconditionError, "was fed already"):
+            session.track([])
+
+    def test_connect_tries_the_next_server_if_one_does_not_respond(self):
+        timeouts = []
+
+        def server_info(endpoint, timeout_s):
+            timeouts.append(timeout_s)
+            if endpoint.name == self.first.address:
+                raise evpose.DeadlineExceededError("no response")
+            return evpose.client.server_from_message(admin_service_pb2.ServerInfo())
+
+        addresses = f"{self.first.address},{self.second.address}"
+        with mock.patch("evpose.client._server_info", server_info):
+            with evpose.connect(addresses, connect_timeout_s=8.0) as client:
+                self.assertEqual(client._servers.current, 1)
+        self.assertEqual(len(timeouts), 2)
+        self.assertLessEqual(timeouts[0], 4.0)
+
+    def test_connect_closes_the_channels_after_an_error(self):
+        with mock.patch.object(Endpoint, "close", autospec=True) as close:
+            with self.assertRaises(evpose.FailedPreconditionError):
+                evpose.connect(f"{self.first.address},192.0.2.1:1", token="secret")
+        self.assertEqual([call.args[0].name for call in close.call_args_list], [self.first.address])
+
+    def test_the_limit_of_models_is_that_of_the_server(self):
+        self.first.max_model_bytes = 4
+        with evpose.connect(self.first.address) as client:
+            with self.assertRaisesRegex(evpose.InvalidArgumentError, "larger than 4 bytes, the limit of the server for a model"):
+                client.upload_model(self.model)
+        self.first.max_model_bytes = 8
+        with evpose.connect(self.first.address) as client:
+            client.upload_model(self.model)
+
+    def test_tls_files_that_cannot_be_used(self):
+        directory = self.model.parent
+        certificate, key, locked = (str(directory / name) for name in ("c.pem", "k.pem", "locked.pem"))
+        subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj", "/CN=a",
+                        "-keyout", key, "-out", certificate], check=True, capture_output=True)
+        subprocess.run(["openssl", "ec", "-in", key, "-aes256", "-passout", "pass:secret", "-out", locked], check=True, capture_output=True)
+        defective = directory / "defective.pem"
+        defective.write_text("-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n")
+        for tls in (evpose.Tls(ca=str(defective)), evpose.Tls(certificate, str(defective), key), evpose.Tls(certificate, certificate, locked)):
+            self.assertIn("the TLS files of this client cannot be used", explain_tls(self.first.address, tls, 1.0))
+            with self.assertRaisesRegex(evpose.FailedPreconditionError, "check Tls.ca, Tls.certificate and Tls.key"):
+                evpose.connect(self.first.address, tls=tls, connect_timeout_s=0.1)
 
 
 if __name__ == "__main__":
