@@ -58,10 +58,11 @@ class ServerChoice {
   const Endpoint& endpoint() const { return endpoints_[index_]; }
   // Informs the object of a response of the server.
   void Responded();
-  // Chooses the next server if `status` says that this one is away. Each server is tried once without delay, then again
-  // after growing delays. Returns false if the call is not to be repeated: the server has responded, there is no other
-  // server, a stop was requested, or each has been tried kMaxRounds times, or, if one was full, once or twice. After a
-  // full server, one that does not know the model of the session (NOT_FOUND) is not the last one either.
+  // Chooses the next server if `status` means that this server is unreachable. Each server is tried once without delay,
+  // then again after growing delays. Returns false if the call is not to be repeated: the server has responded, there
+  // is no other server, a stop was requested, or each has been tried kMaxRounds times, or, if one was full, once or
+  // twice. If a full server has refused the session, NOT_FOUND for the model from a later server is treated like a
+  // refusal: the next server is tried, because models may be stored at some servers only.
   bool Next(const absl::Status& status);
   // Chooses the next server, because this one has refused and another one may accept. Waits a moment for its connection
   // if it was lost.

@@ -114,9 +114,10 @@ class Client {
   // A server without room refuses with RESOURCE_EXHAUSTED (OVERLOADED, TOO_MANY_SESSIONS, SESSION_MEMORY,
   // OUT_OF_MEMORY). The next servers are then tried at once. If all refuse, the call is made again after at least the
   // shortest delay of RetryInfo, as long as these delays end within `max_wait` from the start (zero: never); then it
-  // returns the last refusal. A refusal without RetryInfo by all servers, and TENANT_QUOTA, are returned at once. A
-  // server after a full one that does not know the model counts as one without room. The default permits several delays
-  // of 5 s, which is what evpose-server proposes.
+  // returns the last refusal. A refusal without RetryInfo by all servers, and TENANT_QUOTA, are returned at once. If
+  // a full server has refused the session, NOT_FOUND for the model from a later server is treated like a refusal: the
+  // next server is tried, because models may be stored at some servers only. The default permits several delays of 5 s,
+  // which is what evpose-server proposes.
   absl::StatusOr<Session> CreateSession(const SessionConfig& config, const std::string& request_id = "",
                                         absl::Duration max_wait = absl::Seconds(30), const std::stop_token& stop = {});
   absl::StatusOr<Session> GetSession(const std::string& name, const std::stop_token& stop = {});
