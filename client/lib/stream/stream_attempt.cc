@@ -169,6 +169,14 @@ std::string StreamAttempt::ProtocolViolation(const Pose& pose) {
 
 bool StreamAttempt::HandleAck(const v1::TrackResponse::Ack& ack) {
   uplink_.GrantCredit(ack.send_limit_bytes());
+  if (const uint64_t sent_seq = uplink_.sent_seq(); ack.processed_seq() > sent_seq) {
+    return Malformed(
+        absl::StrCat("it acknowledges chunk ", ack.processed_seq(), ", but the last one sent is ", sent_seq));
+  }
+  if (ack.durable_seq() > ack.processed_seq()) {
+    return Malformed(absl::StrCat("it has stored chunk ", ack.durable_seq(), ", but processed only those up to ",
+                                  ack.processed_seq()));
+  }
   feed_.outbox().Release(ack.durable_seq());
   outcome_.made_progress = outcome_.made_progress || ack.processed_seq() > first_processed_seq_;
   if (callbacks_.on_progress) {

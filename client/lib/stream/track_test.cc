@@ -320,6 +320,18 @@ v1::TrackResponse PoseAt(uint64_t seq, int64_t t_us) {
   return response;
 }
 
+v1::TrackResponse AttachedWithNext(uint64_t next_seq) {
+  v1::TrackResponse response = Attached(1000);
+  response.mutable_attached()->set_next_seq(next_seq);
+  return response;
+}
+
+v1::TrackResponse DurableAck(uint64_t processed_seq, uint64_t durable_seq) {
+  v1::TrackResponse response = Ack(processed_seq, 1000);
+  response.mutable_ack()->set_durable_seq(durable_seq);
+  return response;
+}
+
 INSTANTIATE_TEST_SUITE_P(
     All, MalformedServerTest,
     ::testing::Values(
@@ -350,6 +362,12 @@ INSTANTIATE_TEST_SUITE_P(
         Misbehaviour{"PoseAfterTheEvents", {Attached(1000), PoseAt(1, 2'000'000)}, "is not one of the events"},
         Misbehaviour{
             "PoseAfterAllTimes", {Attached(1000), PoseAt(1, std::numeric_limits<int64_t>::max())}, "is not one of the"},
+        Misbehaviour{"AckOfAChunkThatWasNotSent",
+                     {Attached(1000), Ack(2, 1000)},
+                     "it acknowledges chunk 2, but the last one sent is"},
+        Misbehaviour{"DurableBeforeProcessed",
+                     {AttachedWithNext(2), DurableAck(0, 1)},
+                     "it has stored chunk 1, but processed only those up to 0"},
         Misbehaviour{"NoSummary", {Attached(1000)}, "ended without a summary"},
         Misbehaviour{"SummaryOfOthers", {Attached(1000), SummaryMessage(5)}, "the summary counts 5 poses"},
         Misbehaviour{"AfterSummary", {Attached(1000), SummaryMessage(0), PoseMessage(1)}, "follows the summary"}),

@@ -28,6 +28,7 @@ Uplink::Uplink(Stream& stream, Outbox& outbox, bool has_checksum, absl::Duration
 Uplink::~Uplink() { Stop(); }
 
 void Uplink::Start(uint64_t next_seq, uint64_t send_limit_bytes, absl::Duration idle_timeout) {
+  sent_seq_ = next_seq - 1;
   GrantCredit(send_limit_bytes);
   thread_ = std::jthread([this, next_seq, idle_timeout] { Run(next_seq, idle_timeout); });
 }
@@ -98,6 +99,7 @@ bool Uplink::Send(const OutgoingChunk& chunk) {
       return false;
     }
     request.mutable_reset_pose()->set_seq(chunk.end.seq);
+    sent_seq_ = chunk.end.seq;
     return Write(request);
   }
   if (!WaitForCredit(chunk.payload.size())) return false;
@@ -106,6 +108,7 @@ bool Uplink::Send(const OutgoingChunk& chunk) {
   events.set_discontinuity(chunk.discontinuity);
   events.set_payload(chunk.payload);
   if (has_checksum_) events.set_crc32c(chunk.crc32c);
+  sent_seq_ = chunk.end.seq;          // before an ack for it can arrive
   if (!Write(request)) return false;  // the stream has ended; Finish() returns its status
   sent_bytes_ += chunk.payload.size();
   fed_bytes_ = chunk.end.bytes;

@@ -44,6 +44,8 @@ class Uplink {
   const absl::Status& status() const { return status_; }
   // Position in the feed after the last sent chunk.
   uint64_t fed_bytes() const { return fed_bytes_; }
+  // Number of the last chunk or reset that was sent on this stream, or before it. Valid after Start().
+  uint64_t sent_seq() const { return sent_seq_; }
 
  private:
   void Run(uint64_t next_seq, absl::Duration idle_timeout);
@@ -73,6 +75,7 @@ class Uplink {
 
   uint64_t sent_bytes_ = 0;  // on this stream
   std::atomic<uint64_t> fed_bytes_ = 0;
+  std::atomic<uint64_t> sent_seq_ = 0;
   absl::Status status_;
   std::jthread thread_;
 };
