@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -49,7 +50,19 @@ absl::Status ReadWholeNumber(const Json& json, const char* field, Number& value)
   return absl::OkStatus();
 }
 
-// The file's bytes are on the disk before it takes the name, and the name is when this returns.
+// File systems without this operation return EINVAL. A directory may be one that the user cannot read.
+absl::Status SyncDirectoryOf(const std::string& path) {
+  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
+  const int descriptor = open(parent.empty() ? "." : parent.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) return absl::OkStatus();
+  const bool has_failed = fsync(descriptor) != 0 && errno != EINVAL && errno != ENOTSUP;
+  const absl::Status status = has_failed ? Error(path, "writing failed") : absl::OkStatus();
+  close(descriptor);
+  return status;
+}
+
+// When this returns, the content and the name of the file are on the disk; a crash leaves either the old file or the
+// new one.
 absl::Status WriteDurably(const std::string& path, const std::string& text) {
   const std::string temporary = path + ".new";
   const int descriptor = open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
@@ -65,7 +78,8 @@ absl::Status WriteDurably(const std::string& path, const std::string& text) {
   absl::Status status = is_written ? absl::OkStatus() : Error(path, "writing failed");
   close(descriptor);
   if (status.ok() && rename(temporary.c_str(), path.c_str()) != 0) status = Error(path, "cannot be renamed");
-  if (!status.ok()) unlink(temporary.c_str());
+  if (status.ok()) return SyncDirectoryOf(path);
+  unlink(temporary.c_str());
   return status;
 }
 
@@ -80,6 +94,30 @@ absl::Status CheckIsOwn(const std::string& path) {
   if (absl::IsPermissionDenied(text.status())) return text.status();
   return absl::InvalidArgumentError(
       absl::StrCat(path, ": is not a file of --resume: give --resume the name of another file"));
+}
+
+// Whether `path` is still the name of the open file.
+bool IsNamed(int descriptor, const std::string& path) {
+  struct stat opened = {}, named = {};
+  return fstat(descriptor, &opened) == 0 && stat(path.c_str(), &named) == 0 && opened.st_dev == named.st_dev &&
+         opened.st_ino == named.st_ino;
+}
+
+// Returns a descriptor with the lock of the file `path`, until it is closed.
+absl::StatusOr<int> Lock(const std::string& path) {
+  const std::string lock_path = path + ".lock";
+  while (true) {
+    const int lock = open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    if (lock < 0) return Error(path, "cannot be written");
+    const bool is_locked = flock(lock, LOCK_EX | LOCK_NB) == 0;
+    // Between open() and flock(), another process may have removed the file at its end, and a third one may have
+    // created and locked a new one.
+    if (is_locked && IsNamed(lock, lock_path)) return lock;
+    close(lock);
+    if (is_locked) continue;
+    return absl::FailedPreconditionError(
+        absl::StrCat(path, ": another evpose is using it: wait for its end, or give another file to --resume"));
+  }
 }
 
 }  // namespace
@@ -142,14 +180,8 @@ absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
 
 absl::StatusOr<ResumeFile> ResumeFile::Open(const std::string& path) {
   EVPOSE_RETURN_IF_ERROR(CheckIsOwn(path));
-  const std::string lock_path = path + ".lock";
-  const int lock = open(lock_path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-  if (lock < 0) return Error(path, "cannot be written");
+  EVPOSE_ASSIGN_OR_RETURN(const int lock, Lock(path));
   ResumeFile file(path, lock);
-  if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
-    return absl::FailedPreconditionError(
-        absl::StrCat(path, ": another evpose is using it: wait for its end, or give another file to --resume"));
-  }
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return file;
   EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxBytes));

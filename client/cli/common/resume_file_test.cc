@@ -76,6 +76,15 @@ TEST_F(ResumeFileTest, OneProcessAtATime) {
   EXPECT_THAT(second.status().message(), HasSubstr(path_ + ": another evpose is using it: wait for its end"));
 }
 
+TEST_F(ResumeFileTest, TheEndOfASessionFreesTheNameForOneOther) {
+  auto first = ResumeFile::Open(path_);
+  ASSERT_TRUE(first.ok());
+  first->Remove();  // the first one still has the lock of a file without a name
+  const auto second = ResumeFile::Open(path_);
+  ASSERT_TRUE(second.ok()) << second.status();
+  EXPECT_EQ(ResumeFile::Open(path_).status().code(), absl::StatusCode::kFailedPrecondition);
+}
+
 TEST_F(ResumeFileTest, EveryChangedByteIsDetected) {
   const std::string text = record_.ToText();
   for (size_t i = 0; i + 1 < text.size(); ++i) {
