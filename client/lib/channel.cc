@@ -30,22 +30,24 @@ namespace {
 // machine may not use.
 class TokenInterceptor : public grpc::experimental::Interceptor {
  public:
-  explicit TokenInterceptor(const std::string& authorization) : authorization_(authorization) {}
+  // `token`: empty if there is none.
+  explicit TokenInterceptor(const std::string& token) : token_(token) {}
   void Intercept(grpc::experimental::InterceptorBatchMethods* methods) override {
-    if (methods->QueryInterceptionHookPoint(grpc::experimental::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA)) {
-      methods->GetSendInitialMetadata()->emplace("authorization", authorization_);
+    const auto begin = grpc::experimental::InterceptionHookPoints::PRE_SEND_INITIAL_METADATA;
+    if (!token_.empty() && methods->QueryInterceptionHookPoint(begin)) {
+      methods->GetSendInitialMetadata()->emplace("authorization", "Bearer " + token_);
     }
     methods->Proceed();
   }
 
  private:
-  const std::string authorization_;
+  const std::string token_;
 };
 class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFactoryInterface {
  public:
   explicit TokenInterceptorFactory(const ClientOptions& options) : renew_(options.renew_token), token_(options.token) {}
   grpc::experimental::Interceptor* CreateClientInterceptor(grpc::experimental::ClientRpcInfo*) override {
-    return new TokenInterceptor("Bearer " + TokenOfNow());
+    return new TokenInterceptor(TokenOfNow());
   }
 
  private:
@@ -113,7 +115,8 @@ absl::StatusOr<ServerAddress> ParseServerAddress(const std::string& text) {
 absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& address, const ClientOptions& options,
                                                            bool shares_connection) {
   EVPOSE_ASSIGN_OR_RETURN(const ServerAddress parsed, ParseServerAddress(address));
-  if (!options.token.empty() && !options.tls.is_on && !parsed.IsLoopback()) {
+  const bool has_token = !options.token.empty() || options.renew_token != nullptr;
+  if (has_token && !options.tls.is_on && !parsed.IsLoopback()) {
     return absl::FailedPreconditionError(absl::StrCat(
         address, ": the token would travel through the network in clear: connect with TLS (--tls or --tls-ca)"));
   }
@@ -128,7 +131,7 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> MakeChannel(const std::string& ad
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 10'000);
   if (!shares_connection) arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);
   std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterface>> interceptors;
-  if (!options.token.empty()) interceptors.push_back(std::make_unique<TokenInterceptorFactory>(options));
+  if (has_token) interceptors.push_back(std::make_unique<TokenInterceptorFactory>(options));
   return grpc::experimental::CreateCustomChannelWithInterceptors(address, credentials, arguments,
                                                                  std::move(interceptors));
 }

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <random>
+#include <system_error>
 #include <utility>
 
 #include "absl/strings/ascii.h"
@@ -29,7 +30,7 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kUploadPieceBytes = size_t{256} * 1024;  // as the chunks of a recording
-constexpr size_t kMaxModelBytes = size_t{64} << 20;       // the default limit of a server
+constexpr size_t kMaxModelBytes = size_t{64} << 20;       // the default limit of a server, for one that states none
 // Time for which each server is waited for in turn. If the first server of the list cannot be reached, a longer time
 // delays the use of the next one.
 constexpr absl::Duration kConnectSlice = absl::Milliseconds(100);
@@ -40,11 +41,11 @@ std::chrono::system_clock::time_point DeadlineIn(absl::Duration duration) {
   return absl::ToChronoTime(absl::Now() + duration);
 }
 
-std::string RandomRequestId() {
-  std::random_device random;
-  std::string id;
-  for (int i = 0; i < 4; ++i) absl::StrAppend(&id, absl::Hex(random(), absl::kZeroPad8));
-  return id;
+// Returns the options with a token if only `renew_token` has one.
+absl::StatusOr<ClientOptions> WithToken(ClientOptions options) {
+  if (!options.token.empty() || !options.renew_token) return options;
+  EVPOSE_ASSIGN_OR_RETURN(options.token, options.renew_token());
+  return options;
 }
 
 // Returns the refusal of a session after `num_waits` delays.
@@ -68,6 +69,13 @@ absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {
       absl::StrCat(path, ": unknown model format; the name must end in .obj, .ply or .stl"));
 }
 
+std::string RandomRequestId() {
+  std::random_device random;
+  std::string id;
+  for (int i = 0; i < 4; ++i) absl::StrAppend(&id, absl::Hex(random(), absl::kZeroPad8));
+  return id;
+}
+
 // The characters that gRPC accepts in metadata.
 bool IsToken(absl::string_view text) { return std::all_of(text.begin(), text.end(), absl::ascii_isgraph); }
 
@@ -86,7 +94,8 @@ absl::Status ClientOptions::Validate() const {
 Client::Client(const ClientOptions& options) : impl_(std::make_unique<Impl>()) { impl_->options = options; }
 Client::~Client() = default;
 
-absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addresses, const ClientOptions& options) {
+absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addresses, const ClientOptions& given) {
+  EVPOSE_ASSIGN_OR_RETURN(const ClientOptions options, WithToken(given));
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   std::unique_ptr<Client> client(new Client(options));
   for (const absl::string_view part : absl::StrSplit(addresses, ',')) {
@@ -109,6 +118,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
   }
   if (info.ok()) {
     client->impl_->sessions_outlive_server = FromProto(*info).store != kMemoryStore;
+    client->impl_->max_model_bytes = info->max_model_bytes();
     return client;
   }
   const std::string& name = client->impl_->endpoint().name;
@@ -237,7 +247,13 @@ absl::StatusOr<ModelInfo> Client::UploadModelFile(const std::string& path, doubl
   UploadOptions options;
   options.metres_per_unit = metres_per_unit;
   EVPOSE_ASSIGN_OR_RETURN(options.format, ModelFormatFromPath(path));
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, kMaxModelBytes));
+  const uint64_t max_bytes = impl_->max_model_bytes > 0 ? impl_->max_model_bytes : kMaxModelBytes;
+  std::error_code error;
+  if (const uint64_t size = std::filesystem::file_size(path, error); !error && size > max_bytes) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": has ", size, " bytes, but the server accepts models of at most ", max_bytes));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, max_bytes));
   return UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
 }
 

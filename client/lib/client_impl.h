@@ -39,6 +39,7 @@ struct Client::Impl {
   std::vector<Endpoint> endpoints;
   std::atomic<size_t> current = 0;  // the server that calls go to
   bool sessions_outlive_server = false;
+  uint64_t max_model_bytes = 0;  // limit of the server that Connect() found; 0: not known
   std::mutex feeds_mutex;
   std::map<std::string, EventFeed*> feeds ABSL_GUARDED_BY(feeds_mutex);  // of the running Track() calls, by session
   ClientOptions options;

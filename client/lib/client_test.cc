@@ -15,6 +15,8 @@
 #include "absl/strings/escaping.h"
 #include "client/lib/client_access.h"
 #include "client/lib/stalled_server_testing.h"
+#include "core/base/output_file.h"
+#include "core/base/temporary_directory_testing.h"
 #include "core/numerics/hash.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
@@ -226,8 +228,35 @@ class FakeAdmin : public v1::AdminService::Service {
     response->set_remaining_sessions(3);
     return grpc::Status::OK;
   }
+  grpc::Status GetServerInfo(grpc::ServerContext*, const v1::GetServerInfoRequest*, v1::ServerInfo* info) override {
+    info->set_max_model_bytes(max_model_bytes);
+    return grpc::Status::OK;
+  }
   v1::DrainRequest request;
+  uint64_t max_model_bytes = 0;
 };
+
+TEST(UploadModelFileTest, TheLimitIsThatOfTheServer) {
+  FakeAdmin admin;
+  FakeModels models;
+  int port = 0;
+  grpc::ServerBuilder builder;
+  builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port);
+  builder.RegisterService(&admin);
+  builder.RegisterService(&models);
+  const std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("model.obj");
+  ASSERT_TRUE(WriteFile(path, "v 0 0 0\n").ok());
+  for (const uint64_t limit : {0, 7, 8}) {
+    admin.max_model_bytes = limit;
+    const auto client = Client::Connect("127.0.0.1:" + std::to_string(port));
+    ASSERT_TRUE(client.ok()) << client.status();
+    const absl::Status status = (*client)->UploadModelFile(path).status();
+    EXPECT_EQ(status.message(),
+              limit == 7 ? path + ": has 8 bytes, but the server accepts models of at most 7" : std::string());
+  }
+}
 
 TEST(DrainTest, UsesTheGivenTimeOrTheServersDefault) {
   FakeAdmin admin;

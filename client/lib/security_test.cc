@@ -123,6 +123,23 @@ TEST_F(SecurityTest, ATokenIsRenewedBeforeEveryCall) {
   }
 }
 
+TEST_F(SecurityTest, ATokenMayBeKnownByRenewTokenAlone) {
+  Start(grpc::InsecureServerCredentials());
+  options_.tls = {};
+  absl::StatusOr<std::string> now = std::string("evpose_only");
+  options_.renew_token = [&now] { return now; };
+  EXPECT_EQ(Connect(), "OK");
+  EXPECT_EQ(admin_.authorization, "Bearer evpose_only");
+  EXPECT_THAT(Client::Connect("192.0.2.1:50051", options_).status().message(), HasSubstr("in clear"));
+  now = std::string("two words");
+  EXPECT_THAT(Connect(), HasSubstr("token: has spaces"));
+  now = absl::NotFoundError("token.txt: is gone");
+  EXPECT_EQ(Connect(), "token.txt: is gone");
+  now = std::string();
+  EXPECT_EQ(Connect(), "OK");
+  EXPECT_EQ(admin_.authorization, "");
+}
+
 TEST_F(SecurityTest, AStreamContinuesOnceWithATokenThatWasReplaced) {
   Start(grpc::InsecureServerCredentials());
   std::atomic<int> version = 1, num_streams = 0;

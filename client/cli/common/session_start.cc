@@ -3,11 +3,9 @@
 
 #include <algorithm>
 #include <optional>
-#include <random>
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_format.h"
 #include "client/lib/messages/status_details.h"
 #include "core/base/status_macros.h"
 
@@ -17,14 +15,8 @@ namespace {
 // Duration of one attempt to connect; interrupts are checked between attempts.
 constexpr absl::Duration kConnectSlice = absl::Seconds(3);
 
-std::string RandomId() {
-  std::random_device random;
-  std::string id;
-  for (int i = 0; i < 4; ++i) absl::StrAppendFormat(&id, "%08x", random());
-  return id;
-}
-
 absl::Status Interrupted(const RunArguments& arguments, const absl::Status& cause) {
+  if (absl::IsCancelled(cause) && !arguments.ends_at_interrupt) return cause;  // it describes the interrupt
   std::string text = absl::StrCat("interrupted before a server accepted the data: ", cause.message());
   if (arguments.recording == "-") {
     absl::StrAppend(&text, arguments.resume.empty() ? "; with --resume FILE, the data would have been kept"
@@ -61,7 +53,7 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
   Clock& clock = context.clock == nullptr ? SystemClock() : *context.clock;
   Backoff backoff(options.retry);
   // The same in every attempt, so that a session is not created twice when the response was lost.
-  const std::string request_id = RandomId();
+  const std::string request_id = RandomRequestId();
   bool was_connected = false;
   std::optional<absl::Time> away_since;
   const auto report = [&](ConnectionChange change) {

@@ -36,7 +36,8 @@ struct ClientOptions {
   // Authentication token; a secret. Empty: none. It is never sent unencrypted to another machine.
   std::string token;
   // Returns the current token, for streams that reconnect long after Connect(). Called before every call, from several
-  // threads. If it fails or returns an invalid token, the previous token is used. Empty: `token` is always used.
+  // threads. If it fails or returns an invalid token, the previous token is used. If `token` is empty, Connect() calls
+  // it for the first one and returns its error. Empty: `token` is always used.
   std::function<absl::StatusOr<std::string>()> renew_token;
   std::function<bool()> is_cancelled;  // polled while no server responds; true: Connect() ends with CANCELLED
 
@@ -46,6 +47,9 @@ struct ClientOptions {
 
 // Returns whether all characters are valid in a token; true for an empty text.
 bool IsToken(absl::string_view text);
+
+// Returns a random text for the `request_id` of Client::CreateSession(): 32 hexadecimal digits.
+std::string RandomRequestId();
 
 struct UploadOptions {
   ModelFormat format = ModelFormat::kObj;
@@ -97,7 +101,7 @@ class Client {
 
   absl::StatusOr<ModelInfo> UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options);
   // Uploads an OBJ, PLY or STL file. Additional errors name the path: those of reading it, and INVALID_ARGUMENT for
-  // another file name extension or for more than 64 MiB, the default limit of a server.
+  // another file name extension or for more bytes than the server accepts (ServerInfo::max_model_bytes).
   absl::StatusOr<ModelInfo> UploadModelFile(const std::string& path, double metres_per_unit = 1.0);
   absl::StatusOr<ModelInfo> GetModel(const std::string& name, const std::stop_token& stop = {});
   absl::StatusOr<std::vector<ModelInfo>> ListModels();
