@@ -34,8 +34,9 @@ struct ClientAccess {
   // has no such service.
   static absl::StatusOr<bool> IsServing(Client& client);
   // Uploads `num_bytes` bytes, which the server counts and discards, and returns the time until it has confirmed the
-  // number; a round trip is included. It takes a place among the uploads of the tenant for that time. Errors: those of
-  // Client::UploadModel(); DEADLINE_EXCEEDED after `timeout`.
+  // number; a round trip is included. `num_bytes` must be below the limit of the server for a model. It takes a place
+  // among the uploads of the tenant for that time. Errors: those of Client::UploadModel(); DEADLINE_EXCEEDED after
+  // `timeout`.
   static absl::StatusOr<absl::Duration> TimeUpload(Client& client, size_t num_bytes, absl::Duration timeout);
 };
 

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <string>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "client/lib/client_access.h"
 #include "client/lib/client_impl.h"
+#include "client/lib/messages/status_details.h"
 #include "core/numerics/random.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 
@@ -61,8 +61,7 @@ absl::StatusOr<absl::Duration> ClientAccess::TimeUpload(Client& client, size_t n
   if (is_open) writer->WritesDone();
   const absl::Status status = FromGrpc(writer->Finish(), impl.endpoint().name);
   const absl::Duration duration = absl::Now() - begin;
-  if (absl::StrContains(status.message(), absl::StrCat("but only ", num_bytes, " bytes were received")))
-    return duration;
+  if (absl::IsInvalidArgument(status) && GetDetails(status).field == "header.size_bytes") return duration;
   if (!status.ok()) return status;
   return absl::InternalError(absl::StrCat(impl.endpoint().name, ": accepts an incomplete file as a model"));
 }

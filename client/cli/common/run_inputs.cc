@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <functional>
+#include <optional>
+#include <stop_token>
 #include <utility>
 
 #include "absl/strings/match.h"
@@ -12,6 +14,7 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/recording_input.h"
+#include "client/cli/console/stop_on_interrupt.h"
 #include "client/cli/console/wait_message.h"
 #include "client/lib/messages/core_types.h"
 #include "client/lib/messages/status_details.h"
@@ -180,14 +183,16 @@ class StoppableReader final : public RecordingReader {
 
 // The error of a server for an initial pose, which names the field of the API, in terms of the options; empty for
 // other errors.
-std::string DescribeInitialPose(absl::string_view message, const RunInputs& inputs) {
-  constexpr absl::string_view kField = "initial_camera_from_object: ";
-  const size_t begin = message.find(kField);
-  if (begin == absl::string_view::npos) return "";
+std::string DescribeInitialPose(const absl::Status& status, const RunInputs& inputs) {
+  const std::string field = GetDetails(status).field;
   for (size_t i = 0; i < inputs.objects.size(); ++i) {
-    if (!absl::StrContains(message, absl::StrCat("config.objects[", i, "]"))) continue;
+    const std::string pose = absl::StrCat("config.objects[", i, "].initial_camera_from_object");
+    if (field != pose && !absl::StartsWith(field, pose + ".")) continue;
     const std::string of = inputs.objects.size() > 1 ? absl::StrCat(" of ", inputs.objects[i].id) : "";
-    return absl::StrCat("--init-pose", of, ": ", message.substr(begin + kField.size()));
+    const absl::string_view message = status.message();
+    const size_t begin = message.find(field + ": ");  // the description follows the name of the field
+    return absl::StrCat("--init-pose", of, ": ",
+                        begin == absl::string_view::npos ? message : message.substr(begin + field.size() + 2));
   }
   return "";
 }
@@ -295,9 +300,18 @@ absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client,
                                       const RunArguments& arguments, const RunInputs& inputs,
                                       const std::string& request_id) {
   const WaitMessage wait(context, "the server to create the session, for which it draws views of each model");
-  absl::StatusOr<Session> session = client.CreateSession(config, request_id, /*max_wait=*/absl::ZeroDuration());
+  // The session waits for its turn at a server that others use, too. With ends_at_interrupt, the data that was read
+  // until the interrupt is still tracked.
+  std::optional<StopOnInterrupt> interrupt;
+  if (!arguments.ends_at_interrupt && !arguments.server.address.empty()) interrupt.emplace(context);
+  absl::StatusOr<Session> session = client.CreateSession(config, request_id, /*max_wait=*/absl::ZeroDuration(),
+                                                         interrupt ? interrupt->stop().get_token() : std::stop_token());
   if (session.ok()) return session;
-  if (const std::string why = DescribeInitialPose(session.status().message(), inputs); !why.empty()) {
+  if (interrupt && interrupt->stop().stop_requested() && absl::IsCancelled(session.status())) {
+    return absl::CancelledError(
+        absl::StrCat(arguments.recording, ": interrupted before the server had created a session"));
+  }
+  if (const std::string why = DescribeInitialPose(session.status(), inputs); !why.empty()) {
     return WithMessage(session.status(), why);
   }
   const std::string models = absl::StrJoin(inputs.objects, ", ", [](std::string* text, const InputObject& object) {

@@ -112,7 +112,8 @@ ChunkerOptions MakeChunkerOptions(const RunArguments& arguments);
 absl::StatusOr<SessionConfig> UploadModels(const CliContext& context, Client& client, const RunArguments& arguments,
                                            const RunInputs& inputs, ReplayReport& report);
 
-// Errors name the input files of the session.
+// Errors name the input files of the session. With --server and without ends_at_interrupt, an interrupt ends the call:
+// CANCELLED.
 absl::StatusOr<Session> CreateSession(const CliContext& context, Client& client, const SessionConfig& config,
                                       const RunArguments& arguments, const RunInputs& inputs,
                                       const std::string& request_id);
