@@ -80,7 +80,6 @@ absl::Status CheckFileArguments(CLI::App& command) {
     const std::string name = option->get_positional() ? PositionalName(*option) : option->get_name();
     const bool is_output = IsOutputFile(*option);
     for (const std::string& value : option->results()) {
-      if (is_output && value == "-") continue;
       for (const std::string& path : FilesOf(*option, value, ids)) {
         (is_output ? outputs : inputs).push_back({name, path});
       }

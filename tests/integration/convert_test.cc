@@ -112,7 +112,7 @@ TEST_F(ConvertTest, WhatTheFormatCannotHoldIsAnErrorAndWritesNothing) {
   for (const char* name : {"back.csv", "outside.csv"}) {
     const CliResult result = Run({"convert", Path(name), Path("out.raw")});
     EXPECT_EQ(result.status, 1);
-    EXPECT_THAT(result.err, HasSubstr("RAW EVT3 cannot hold it, nothing was written"));
+    EXPECT_THAT(result.err, HasSubstr("RAW EVT3 cannot store these events: "));
     EXPECT_THAT(FilesBeginning("out."), IsEmpty());
   }
   const CliResult dropped = Run({"convert", Path("outside.csv"), Path("out.raw"), "--drop-outside"});

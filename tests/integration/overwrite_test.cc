@@ -54,6 +54,21 @@ class OverwriteTest : public CliTest {
   std::map<fs::path, std::string> before_;  // contents by path
 };
 
+TEST_F(OverwriteTest, NoOutputIsAFileNamedMinus) {
+  const std::string recording = Path("cube/recording.raw"), truth = Path("cube/truth.tum");
+  for (const std::vector<std::string>& arguments :
+       {WithModelAndCamera({"calibrate", recording, "--truth", truth}, {"-o", "-"}),
+        WithModelAndCamera({"replay", recording}, {"--clock-log", "-"}),
+        WithModelAndCamera({"replay", recording}, {"--out", "-"}),
+        {"target", "--out", "-"},
+        {"camera", Path("cube/camera.yaml"), "--picture", "-"}}) {
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 2) << arguments.front() << ": " << result.err;
+    EXPECT_THAT(result.err, HasSubstr("give the name of a file")) << arguments.front();
+    EXPECT_FALSE(fs::exists("-")) << arguments.front();
+  }
+}
+
 TEST_F(OverwriteTest, InputsAreNoOutputs) {
   const std::string recording = Path("cube/recording.raw"), truth = Path("cube/truth.tum");
   const std::string model = Path("cube/model.obj"), camera = Path("cube/camera.yaml");

@@ -146,9 +146,10 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
 }
 
 absl::Status CannotHold(const ConvertArguments& arguments, const EventFileFormat& format, const absl::Status& status) {
-  return absl::InvalidArgumentError(absl::StrCat(
-      arguments.recording, ": ", std::string(format.title), " cannot hold it, nothing was written: ", status.message(),
-      "; CSV holds any event; --drop-outside leaves out events outside the sensor"));
+  return absl::InvalidArgumentError(absl::StrCat(arguments.recording, ": ", std::string(format.title),
+                                                 " cannot store these events: ", status.message(),
+                                                 ". No file was written. Write CSV, which can store any event, or drop "
+                                                 "events outside the sensor with --drop-outside"));
 }
 
 // Reads the whole recording and checks that the format can hold it. A pipe, which cannot be read twice, is checked
@@ -206,8 +207,6 @@ void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converte
 
 absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) {
   const absl::StatusOr<EventFileFormat> format = ChooseEventFileFormat(arguments.to, arguments.out);
-  if (arguments.out == "-")
-    return UsageError("out: a recording is not written to standard output: give the name of a file");
   EVPOSE_RETURN_IF_ERROR(AsUsageError(format.status()));
   if (CanBeReadTwice(arguments.recording)) EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
@@ -246,11 +245,11 @@ CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
   for (const EventFileFormat& format : EventFileFormats()) names.emplace_back(format.name);
   app.add_option("--to", arguments->to, "Format of the file. Default: by its suffix")->check(CLI::IsMember(names));
   app.add_flag("--drop-outside", arguments->drops_outside,
-               "Leave out events outside the sensor, which RAW and DAT cannot hold");
+               "Leave out events outside the sensor, which RAW and DAT cannot store");
   AddJson(app, arguments->is_json);
   app.footer(
       "The events keep their times, order, addresses and polarities: evpose info prints the same SHA-256 for both "
-      "files. An event that the format cannot hold is an error, and nothing is written. DAT and CSV have no triggers, "
+      "files. An event that the format cannot store is an error, and nothing is written. DAT and CSV have no triggers, "
       "which are then left out and counted.\n\n"
       "In recordings with times since 1970, times become relative to the first event, and the header of the new file "
       "has the offset (time_offset_us).\n\n"

@@ -3,7 +3,6 @@
 
 #include <sys/stat.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -34,10 +33,10 @@ constexpr char kUsagePayload[] = "evpose/usage";
 constexpr char kTokenVariable[] = "EVPOSE_TOKEN";
 constexpr size_t kMaxTokenFileBytes = 4096;
 
-// Checks the characters of a token from a file or a variable of this name, as ClientOptions::Validate() does.
+// Checks the characters of a token from a file or a variable of this name.
 absl::StatusOr<std::string> CheckedToken(absl::string_view text, const std::string& source) {
   const std::string token(absl::StripAsciiWhitespace(text));
-  if (std::all_of(token.begin(), token.end(), absl::ascii_isgraph)) return token;
+  if (IsToken(token)) return token;
   return absl::InvalidArgumentError(
       absl::StrCat(source, ": is no token, which has no spaces and no line feeds inside; a server's list of tokens is ",
                    "none either: give the token that evpose-server --new-token printed"));
@@ -120,8 +119,11 @@ CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, 
 }
 
 CLI::Option* AddOutputFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
-  const auto accept = [](const std::string&) { return std::string(); };
-  return AddFile(app, name, path, description)->check(CLI::Validator(accept, "", kOutputMark));
+  const auto check = [](const std::string& text) -> std::string {
+    if (text != "-") return "";
+    return "the result is not written to standard output: give the name of a file (./- is a file with this name)";
+  };
+  return AddFile(app, name, path, description)->check(CLI::Validator(check, "", kOutputMark));
 }
 
 bool IsOutputFile(CLI::Option& option) {

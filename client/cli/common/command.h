@@ -59,7 +59,7 @@ CLI::Option* AddOption(CLI::App& app, const std::string& name, Value& value, con
 // Adds an option for the path of a file.
 CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
 // The same for a file that the command writes: before the command runs, RunCli() checks that it is none of the files
-// that other options name.
+// that other options name. "-" is wrong usage.
 CLI::Option* AddOutputFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description);
 bool IsOutputFile(CLI::Option& option);
 // A file with the name of the option that it was given with.
