@@ -204,8 +204,8 @@ absl::Status Spool::Append(const OutgoingChunk& chunk) {
   bytes += chunk.payload;
   if (!WriteAll(segment.descriptor, bytes, segment.size_bytes)) {
     const absl::Status status = Error(options_.directory, "the spool cannot be written");
-    // Best effort: the incomplete record has no valid checksum, and the next record overwrites it.
-    if (ftruncate(segment.descriptor, static_cast<off_t>(segment.size_bytes)) != 0) return status;
+    // If this fails, the incomplete record, which has no valid checksum, stays until Recover() removes it.
+    [[maybe_unused]] const int ignored = ftruncate(segment.descriptor, static_cast<off_t>(segment.size_bytes));
     return status;
   }
   segment.size_bytes += bytes.size();
