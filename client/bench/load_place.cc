@@ -156,7 +156,7 @@ void LoadPlace::Attach(Time now) {
   v1::TrackRequest::Attach& attach = *request_.mutable_attach();
   attach.set_session(session_.name);
   attach.set_resume_token(session_.tokens[session_.token]);
-  attach.set_last_pose_seq(session_.attaches_without_count ? 0 : session_.last_pose_seq);
+  attach.set_last_pose_seq(session_.attaches_from_first_pose ? 0 : session_.last_pose_seq);
   attach.set_first_seq(1);  // the recording has all of them
   act_at_ = now + kAttachTimeout;
   stream_->Begin(request_);
@@ -236,7 +236,7 @@ void LoadPlace::HandleAttached(const v1::TrackResponse::Attached& attached) {
   session_.was_attached = true;
   session_.away_since.reset();
   session_.servers_without = 0;
-  session_.attaches_without_count = false;
+  session_.attaches_from_first_pose = false;
   session_.token = 0;
   session_.tokens.insert(session_.tokens.begin(), attached.resume_token());
   if (session_.tokens.size() > kMaxTokens) session_.tokens.pop_back();
@@ -301,8 +301,8 @@ bool LoadPlace::PlanRetry(const absl::Status& status, Time now) {
       if (++session_.token >= session_.tokens.size()) return false;
       is_same_server = true;
       break;
-    case RetryAdvice::kTryWithoutCount:
-      if (std::exchange(session_.attaches_without_count, true)) return false;
+    case RetryAdvice::kAttachFromFirstPose:
+      if (std::exchange(session_.attaches_from_first_pose, true)) return false;
       is_same_server = true;
       break;
     case RetryAdvice::kTryOtherAuthToken:

@@ -83,7 +83,7 @@ class LoadPlace {
     uint64_t next_seq = 1;
     uint64_t most_seq = 0;  // the last chunk that was sent, on any stream
     uint64_t last_pose_seq = 0;
-    bool attaches_without_count = false;
+    bool attaches_from_first_pose = false;
     bool is_ending = false;  // no further events are sent
     bool has_summary = false;
     bool was_attached = false;

@@ -57,8 +57,8 @@ absl::StatusOr<TrackSummary> ReconnectingStream::Run() {
                           .trace = trace_};
     }
     // The next attempt tells the server, and by it all readers, that the session has ended.
-    const bool must_tell = ReasonOf(outcome.status) == v1::ROLLED_BACK && !outcome.stated_first_seq;
-    if (outcome.is_final && must_tell && !options_.stop.stop_requested()) continue;
+    const bool must_report_loss = ReasonOf(outcome.status) == v1::ROLLED_BACK && !outcome.stated_first_seq;
+    if (outcome.is_final && must_report_loss && !options_.stop.stop_requested()) continue;
     if (outcome.is_final) return WithProgress(outcome.status);
     if (options_.stop.stop_requested()) return WithProgress(absl::CancelledError("cancelled"));
     if (!Plan(outcome)) return WithProgress(outcome.status);
@@ -80,7 +80,7 @@ AttemptOutcome ReconnectingStream::RunOnce() {
   const std::vector<std::string> tokens = Tokens();
   trace_ = {TraceIdOf(position_.session), NewSpanId()};
   const AttemptOptions attempt_options = {.resume_token = tokens[token_age_],
-                                          .attach_after_pose = attaches_without_count_ ? 0 : position_.last_pose_seq,
+                                          .attach_after_pose = attaches_from_first_pose_ ? 0 : position_.last_pose_seq,
                                           .leaves_on_go_away = options_.retry.max_outage > absl::ZeroDuration() &&
                                                                (outlives_server_ || servers_.size() > 1),
                                           .trace = trace_};
@@ -96,7 +96,7 @@ AttemptOutcome ReconnectingStream::RunOnce() {
   fed_bytes_ = std::max(fed_bytes_, attempt.fed_bytes());
   if (outcome.was_attached) {
     token_age_ = 0;
-    attaches_without_count_ = false;
+    attaches_from_first_pose_ = false;
     older_tokens_.assign(tokens.begin(), tokens.end());
     std::erase_if(older_tokens_, [this](const std::string& token) {
       return token == position_.resume_token || token == position_.previous_token;
@@ -115,7 +115,7 @@ void ReconnectingStream::Observe(const AttemptOutcome& outcome) {
     damaged_tries_ = 0;
     away_since_.reset();
   }
-  if (outcome.was_attached) servers_without_ = 0;
+  if (outcome.was_attached) num_servers_without_session_ = 0;
   if (away_since_) return;
   away_since_ = now;
   tries_ = 0;
@@ -125,18 +125,18 @@ bool ReconnectingStream::Plan(const AttemptOutcome& outcome) {
   if (outcome.status.ok() || options_.retry.max_outage == absl::ZeroDuration()) return outcome.status.ok();
   switch (AdviseOn(outcome.status)) {
     case RetryAdvice::kTryAgain:
-      servers_without_ = 0;
+      num_servers_without_session_ = 0;
       if (outcome.status.code() == absl::StatusCode::kDataLoss) return ++damaged_tries_ < kMaxDamagedTries;
       return true;
     case RetryAdvice::kTryOtherServer:
-      return ++servers_without_ < servers_.size();
+      return ++num_servers_without_session_ < servers_.size();
     case RetryAdvice::kTryOtherToken:
       return ++token_age_ < Tokens().size();
     case RetryAdvice::kTryOtherAuthToken:
       return server().auth_token && server().auth_token() != auth_token_;
-    case RetryAdvice::kTryWithoutCount:
-      if (attaches_without_count_) return false;
-      return attaches_without_count_ = true;
+    case RetryAdvice::kAttachFromFirstPose:
+      if (attaches_from_first_pose_) return false;
+      return attaches_from_first_pose_ = true;
     case RetryAdvice::kGiveUp:
       return false;
   }
@@ -145,7 +145,7 @@ bool ReconnectingStream::Plan(const AttemptOutcome& outcome) {
 
 bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   const absl::Time now = clock().Now();
-  const bool is_same_server = token_age_ > 0 || attaches_without_count_;
+  const bool is_same_server = token_age_ > 0 || attaches_from_first_pose_;
   // Each server is tried once without delay. A server that shuts down may be back soon.
   const bool is_at_once = is_same_server || tries_ + 1 < servers_.size() || (cause.ok() && tries_ == 0);
   const absl::Duration delay =

@@ -69,14 +69,14 @@ class ReconnectingStream {
   uint64_t fed_bytes_ = 0;
   absl::Time attached_at_;
   std::optional<absl::Time> away_since_;
-  size_t tries_ = 0;            // in this outage
-  size_t servers_without_ = 0;  // consecutive servers without the session
-  size_t damaged_tries_ = 0;    // consecutive
-  std::string auth_token_;      // at the start of the last attempt
+  size_t tries_ = 0;                        // in this outage
+  size_t num_servers_without_session_ = 0;  // consecutive
+  size_t damaged_tries_ = 0;                // consecutive
+  std::string auth_token_;                  // at the start of the last attempt
   // Earlier tokens, the latest first. A store that has lost the last attaches knows one of these.
   std::deque<std::string> older_tokens_;
   size_t token_age_ = 0;  // token of the next attempt: 0 the current one, 1 the previous one, then older_tokens_
-  bool attaches_without_count_ = false;
+  bool attaches_from_first_pose_ = false;
 };
 
 }  // namespace evpose::client

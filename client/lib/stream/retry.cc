@@ -59,7 +59,7 @@ RetryAdvice AdviseOn(const absl::Status& status) {
     case absl::StatusCode::kPermissionDenied:
       return reason == v1::WRONG_TOKEN ? RetryAdvice::kTryOtherToken : RetryAdvice::kGiveUp;
     case absl::StatusCode::kInvalidArgument:
-      return details.field == "attach.last_pose_seq" ? RetryAdvice::kTryWithoutCount : RetryAdvice::kGiveUp;
+      return details.field == "attach.last_pose_seq" ? RetryAdvice::kAttachFromFirstPose : RetryAdvice::kGiveUp;
     default:
       return RetryAdvice::kGiveUp;
   }

@@ -24,10 +24,10 @@ class Backoff {
 
 enum class RetryAdvice {
   kTryAgain,
-  kTryOtherServer,     // this server does not have the session; another one may
-  kTryOtherToken,      // the server may know the previous token
-  kTryOtherAuthToken,  // the authentication token may have been replaced
-  kTryWithoutCount,    // the server restarted from a checkpoint and has computed fewer poses than were received
+  kTryOtherServer,       // this server does not have the session; another one may
+  kTryOtherToken,        // the server may know the previous token
+  kTryOtherAuthToken,    // the authentication token may have been replaced
+  kAttachFromFirstPose,  // the server restarted from a checkpoint and has computed fewer poses than were received
   kGiveUp,
 };
 // Classifies the status with which a Track stream ended, from the server or from the network.

@@ -86,7 +86,7 @@ TEST(AdviseOnTest, EveryStatusThatAStreamCanEndWith) {
            Case{Code::kNotFound, {"SESSION_DELETED"}, RetryAdvice::kGiveUp},
            Case{Code::kPermissionDenied, {"WRONG_TOKEN"}, RetryAdvice::kTryOtherToken},
            Case{Code::kPermissionDenied, {}, RetryAdvice::kGiveUp},
-           Case{Code::kInvalidArgument, {"", "attach.last_pose_seq"}, RetryAdvice::kTryWithoutCount},
+           Case{Code::kInvalidArgument, {"", "attach.last_pose_seq"}, RetryAdvice::kAttachFromFirstPose},
            Case{Code::kInvalidArgument, {"", "events.payload"}, RetryAdvice::kGiveUp},
            Case{Code::kFailedPrecondition, {"SEQ_GAP"}, RetryAdvice::kGiveUp},
            Case{Code::kUnauthenticated, {}, RetryAdvice::kTryOtherAuthToken},
