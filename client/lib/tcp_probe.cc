@@ -23,7 +23,7 @@ TcpFailure DescribeConnectError(int error, const ServerAddress& address, absl::D
     case EINPROGRESS:  // the timeout of the socket
     case EAGAIN:
     case ETIMEDOUT:
-      return {absl::StrCat(address.host, " does not answer on port ", address.port, " within ",
+      return {absl::StrCat(address.host, " does not respond on port ", address.port, " within ",
                            absl::FormatDuration(timeout)),
               "check the address, and whether a firewall drops the connection"};
     case ENETUNREACH:

@@ -76,7 +76,7 @@ finish_clients() {
 }
 outages() {
   local name
-  for name in "${clients[@]}"; do docker logs "$name" 2>&1 | grep -c ": back after" || true; done | paste -sd ' '
+  for name in "${clients[@]}"; do docker logs "$name" 2>&1 | grep -c ": connected again after" || true; done | paste -sd ' '
 }
 is_in_rotation() { [[ $(page 8404/metrics | grep "^haproxy_server_status{proxy=\"servers\",server=\"$1\",state=\"UP\"}" | cut -d ' ' -f 2) == 1 ]]; }
 await_rotation() { await "HAProxy to send streams to $1" is_in_rotation "$1"; }

@@ -21,7 +21,7 @@ finish_replay() {
   docker rm "$1" >/dev/null
 }
 has_said() { [[ $(docker logs "$1" 2>&1) == *"$2"* ]]; }
-was_away() { has_said "$1" "server away"; }
+was_away() { has_said "$1" "no connection for"; }
 received() { metric 9464 evpose_received_bytes_total; }
 
 check_images() {

@@ -330,7 +330,7 @@ TEST_F(CliTest, AnInterruptEndsAnOutage) {
     (*server)->Shutdown(absl::ZeroDuration());
     is_interrupted = true;
     EXPECT_EQ(status.get(), 1);
-    EXPECT_THAT(err.str(), HasSubstr("interrupted while the server was away: "));
+    EXPECT_THAT(err.str(), HasSubstr("interrupted while no server responded: "));
     EXPECT_THAT(err.str(), HasSubstr(resumes ? "; the same command continues from there\n"
                                              : "; with --resume FILE, the run could be continued\n"));
     EXPECT_EQ(FilesBeginning("poses.tum.partial").size(), resumes ? 1u : 0u) << "a resumed run needs the existing file";

@@ -84,7 +84,7 @@ TEST_F(RenderCommandTest, AmbiguousPosesAreReported) {
   EXPECT_FALSE(std::filesystem::exists(Path("a.png")));
   const CliResult film = Render("ambiguous.csv", "a.avi");
   EXPECT_EQ(film.status, 0);
-  EXPECT_THAT(film.err, AllOf(all, HasSubstr(": the events are drawn alone\n")));
+  EXPECT_THAT(film.err, AllOf(all, HasSubstr(": only the events are drawn\n")));
 }
 
 TEST_F(RenderCommandTest, ATimeBesideThePosesIsReportedWithItsKind) {
@@ -100,21 +100,21 @@ TEST_F(RenderCommandTest, ATimeBesideThePosesIsReportedWithItsKind) {
               HasSubstr("half.csv: its poses near 16.020000 s are AMBIGUOUS, and none is drawn: the events are drawn"));
   WriteText("late.tum", "16.15 0 0 1 0 0 0 1\n16.16 0 0 1 0 0 0 1\n");
   EXPECT_THAT(Render("late.tum", "a.png", {"--at", "16.05"}).err,
-              HasSubstr("late.tum: its first pose is at 16.150000 s: the events are drawn alone\n"));
+              HasSubstr("late.tum: its first pose is at 16.150000 s: only the events are drawn\n"));
   WriteText("early.tum", "16.05 0 0 1 0 0 0 1\n16.06 0 0 1 0 0 0 1\n");
   EXPECT_THAT(Render("early.tum", "a.png", {"--at", "16.15"}).err,
-              HasSubstr("early.tum: its last pose is at 16.060000 s: the events are drawn alone\n"));
+              HasSubstr("early.tum: its last pose is at 16.060000 s: only the events are drawn\n"));
 }
 
 TEST_F(RenderCommandTest, AFileWithoutPosesAndAGapAreReported) {
   WriteText("none.tum", "");
-  EXPECT_THAT(Render("none.tum", "a.avi").err, HasSubstr("none.tum has no pose: the events are drawn alone\n"));
+  EXPECT_THAT(Render("none.tum", "a.avi").err, HasSubstr("none.tum has no pose: only the events are drawn\n"));
   WriteText("gap.tum", "15 0 0 1 0 0 0 1\n17 0 0 1 0 0 0 1\n");
   const CliResult lost = Render("gap.tum", "a.png", {"--at", "16.04"});
   EXPECT_EQ(lost.status, 0) << lost.err;
   EXPECT_THAT(lost.err,
               HasSubstr("gap.tum: has no pose at 16.040000 s: the poses before and after it are more than 50 ms "
-                        "apart: the events are drawn alone\n"));
+                        "apart: only the events are drawn\n"));
   EXPECT_EQ(Render("cube/truth.tum", "a.png").err, "");
 }
 

@@ -173,7 +173,7 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
     EXPECT_LE(report["outages"], proxy_.num_cut() - before);
     EXPECT_GE(report["outages"], proxy_.num_cut() - before - 1);
     EXPECT_EQ(report["lost_poses"], 0);
-    EXPECT_THAT(result.err, AllOf(HasSubstr("server away for "), HasSubstr("back after")));
+    EXPECT_THAT(result.err, AllOf(HasSubstr("no connection for "), HasSubstr("connected again after")));
   }
 }
 
@@ -443,7 +443,7 @@ TEST_F(ResumeBadInputTest, ResumeFileOfAnotherRun) {
 TEST_F(ResumeBadInputTest, DeletedSession) {
   KillOne();
   StartServer();
-  EXPECT_THAT(Error(Arguments()), HasSubstr("the session is gone from the server: remove " + Path("state")));
+  EXPECT_THAT(Error(Arguments()), HasSubstr("the server no longer has the session: remove " + Path("state")));
 }
 
 TEST_F(ResumeBadInputTest, WrongUsage) {
@@ -480,7 +480,7 @@ TEST_F(ResumeBadInputTest, UnreachableServerBeforeTheSessionExists) {
   const CliResult result = Run(
       ReplayArguments("poses.csv", {"--server", proxy_.address(), "--max-outage", "0.3", "--connect-timeout", "0.2"}));
   EXPECT_EQ(result.status, 1);
-  EXPECT_THAT(result.err, AllOf(HasSubstr("server away for "), HasSubstr("no server at " + proxy_.address())));
+  EXPECT_THAT(result.err, AllOf(HasSubstr("no connection for "), HasSubstr("no server at " + proxy_.address())));
   EXPECT_THAT(FilesBeginning("poses"), IsEmpty());
 }
 

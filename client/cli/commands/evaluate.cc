@@ -282,7 +282,7 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       "Positions are compared in the frame of the camera, without alignment. --align rigid is for a truth in another "
       "frame, such as that of a motion capture system or of a robot, of the object or of the camera: it removes every "
       "constant error of the camera's pose and of the model's frame, and --time-offset auto every constant latency; "
-      "what varies remains. A wrong scale also remains.\n\n"
+      "errors that vary in time are not removed. A wrong scale also remains.\n\n"
       "With --symmetric, a model with an axis of symmetry has 5 degrees of freedom (median 4.4), a sphere 3 (2.4); "
       "their positions are those of the symmetry's centre, their rotation errors the angles between the axes.\n\n"
       "Exit status:\n"

@@ -136,9 +136,9 @@ void WarnWithoutPose(const RenderArguments& arguments, const RenderInputs& input
                      std::optional<int64_t> at_us) {
   std::string why = DescribeOtherTimes(arguments, inputs, events);
   if (inputs.poses.empty()) {
-    why = absl::StrCat(DescribeNoPose(arguments, inputs), ": the events are drawn alone");
+    why = absl::StrCat(DescribeNoPose(arguments, inputs), ": only the events are drawn");
   } else if (why.empty() && at_us && !PoseNear(inputs.poses, *at_us, kMaxPoseGapUs)) {
-    why = absl::StrCat(arguments.poses, ": ", DescribeNoPoseAt(inputs, *at_us), ": the events are drawn alone");
+    why = absl::StrCat(arguments.poses, ": ", DescribeNoPoseAt(inputs, *at_us), ": only the events are drawn");
   }
   if (!why.empty()) inputs.context->err << "evpose render: " << why << std::endl;
 }

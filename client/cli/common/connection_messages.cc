@@ -27,14 +27,15 @@ std::string ConnectionMessages::Describe(const ConnectionChange& change) {
   if (!change.is_away) {
     is_away_ = false;
     away_for_ += change.away_for;
-    return absl::StrCat(change.server, ": back after ", Seconds(change.away_for), "; ", kept, Names(change.trace));
+    return absl::StrCat(change.server, ": connected again after ", Seconds(change.away_for), "; ", kept,
+                        Names(change.trace));
   }
   const bool is_new = !is_away_;
   if (is_new) ++outages_;
   is_away_ = true;
   if (!is_new && change.away_for > kOftenAtFirst && change.away_for - described_at_ < kLaterEvery) return "";
   described_at_ = change.away_for;
-  std::string text = absl::StrCat("server away for ", Seconds(change.away_for));
+  std::string text = absl::StrCat("no connection for ", Seconds(change.away_for));
   if (!change.cause.ok()) absl::StrAppend(&text, " (", change.cause.message(), ")");
   absl::StrAppend(&text, "; ", kept);
   if (change.source_waits) absl::StrAppend(&text, ", no room for more: the source waits");

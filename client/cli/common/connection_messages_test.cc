@@ -23,15 +23,16 @@ ConnectionChange Away(double away_s) {
 TEST(ConnectionMessagesTest, ReportsDurationCauseAndKeptData) {
   ConnectionMessages lines;
   EXPECT_EQ(lines.Describe(Away(12)),
-            "server away for 12.0 s (connection refused); 3.1 MB kept; next try in 2.0 s at host:1");
+            "no connection for 12.0 s (connection refused); 3.1 MB kept; next try in 2.0 s at host:1");
   ConnectionChange full = Away(13);
   full.source_waits = true;
-  EXPECT_EQ(lines.Describe(full),
-            "server away for 13.0 s (connection refused); 3.1 MB kept, no room for more: the source waits; next try in "
-            "2.0 s at host:1");
+  EXPECT_EQ(
+      lines.Describe(full),
+      "no connection for 13.0 s (connection refused); 3.1 MB kept, no room for more: the source waits; next try in "
+      "2.0 s at host:1");
   ConnectionChange back = Away(14);
   back.is_away = false;
-  EXPECT_EQ(lines.Describe(back), "host:1: back after 14.0 s; 3.1 MB kept");
+  EXPECT_EQ(lines.Describe(back), "host:1: connected again after 14.0 s; 3.1 MB kept");
   lines.Describe(Away(1));
   lines.Describe(back);
   EXPECT_EQ(lines.outages(), 2);
@@ -46,7 +47,7 @@ TEST(ConnectionMessagesTest, NamesTheStreamThatBrokeAndTheNewOne) {
   EXPECT_THAT(lines.Describe(change), ::testing::EndsWith(" at host:1"));
   change.is_away = false;
   change.trace.span_id = "00f0";
-  EXPECT_EQ(lines.Describe(change), "host:1: back after 1.0 s; 3.1 MB kept; trace_id=0af7 span_id=00f0");
+  EXPECT_EQ(lines.Describe(change), "host:1: connected again after 1.0 s; 3.1 MB kept; trace_id=0af7 span_id=00f0");
 }
 
 TEST(ConnectionMessagesTest, RepeatsAtMostOnceAMinute) {

@@ -316,13 +316,13 @@ std::string SessionRun::KeepPoses() {
 absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
   // The interrupt has ended the run, not the server.
   const bool is_interrupted = is_away_ && context_.IsInterrupted() && absl::IsCancelled(status);
-  std::string text = absl::StrCat(is_interrupted ? "interrupted while the server was away: " : "", status.message());
+  std::string text = absl::StrCat(is_interrupted ? "interrupted while no server responded: " : "", status.message());
   const std::string& session = record_.position.session;
   if (resume_) {
     if (!absl::IsNotFound(status)) {
       return absl::Status(status.code(), absl::StrCat(text, "; the same command continues from there"));
     }
-    absl::StrAppend(&text, "; the session is gone from the server: remove ", resume_->path(), " to begin a new one");
+    absl::StrAppend(&text, "; the server no longer has the session: remove ", resume_->path(), " to begin a new one");
     for (const PoseFile& file : poses_ ? poses_->files() : std::vector<PoseFile>()) {
       absl::StrAppend(&text, "; ", file.path, ".partial has the poses so far, and a new run overwrites it");
     }
