@@ -67,6 +67,10 @@ class StalledServer final : private v1::AdminService::CallbackService,
                                        v1::Session*) override {
     return Stall("GetSession");
   }
+  grpc::ServerUnaryReactor* CreateSession(grpc::CallbackServerContext*, const v1::CreateSessionRequest*,
+                                          v1::CreateSessionResponse*) override {
+    return Stall("CreateSession");
+  }
   grpc::ServerUnaryReactor* ListSessions(grpc::CallbackServerContext*, const v1::ListSessionsRequest*,
                                          v1::ListSessionsResponse*) override {
     return Stall("ListSessions");

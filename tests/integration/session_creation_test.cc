@@ -27,7 +27,9 @@ class RefusingSessions final : public v1::SessionService::Service {
   grpc::Status CreateSession(grpc::ServerContext*, const v1::CreateSessionRequest*,
                              v1::CreateSessionResponse*) override {
     google::rpc::BadRequest request;
-    request.add_field_violations()->set_field(field);
+    google::rpc::BadRequest::FieldViolation& violation = *request.add_field_violations();
+    violation.set_field(field);
+    violation.set_description("is wrong");
     google::rpc::Status details;
     details.add_details()->PackFrom(request);
     return {grpc::StatusCode::INVALID_ARGUMENT, message, details.SerializeAsString()};
@@ -72,7 +74,8 @@ TEST_F(CreateSessionTest, TheFieldOfAnErrorSaysWhichOptionIsWrong) {
   sessions.message = sessions.field + ": is not a rotation";
   EXPECT_EQ(Create(*client).message(), "--init-pose of right: is not a rotation");
   sessions.message = "a text of a later server";
-  EXPECT_EQ(Create(*client).message(), "--init-pose of right: test server: a text of a later server");
+  EXPECT_EQ(Create(*client).message(),
+            "--init-pose of right: test server: a text of a later server (" + sessions.field + ": is wrong)");
   sessions.field = "config.camera";
   sessions.message = "config.objects[1].initial_camera_from_object: is the text of another error";
   EXPECT_THAT(std::string(Create(*client).message()),

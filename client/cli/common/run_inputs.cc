@@ -190,9 +190,10 @@ std::string DescribeInitialPose(const absl::Status& status, const RunInputs& inp
     if (field != pose && !absl::StartsWith(field, pose + ".")) continue;
     const std::string of = inputs.objects.size() > 1 ? absl::StrCat(" of ", inputs.objects[i].id) : "";
     const absl::string_view message = status.message();
-    const size_t begin = message.find(field + ": ");  // the description follows the name of the field
+    const std::string name = absl::StrCat(": ", field, ": ");  // between the address and the description
+    const size_t begin = message.find(name);
     return absl::StrCat("--init-pose", of, ": ",
-                        begin == absl::string_view::npos ? message : message.substr(begin + field.size() + 2));
+                        begin == absl::string_view::npos ? message : message.substr(begin + name.size()));
   }
   return "";
 }
