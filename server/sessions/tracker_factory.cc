@@ -40,7 +40,12 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config
     const ObjectConfig& object = config.objects[i];
     objects.push_back({models[i], object.initial_camera_from_object, object.reference_rotation});
     const absl::Status status = objects.back().Validate();
-    if (!status.ok()) return InvalidField(absl::StrCat("config.objects[", i, "]"), status.message());
+    if (!status.ok()) {
+      const std::string field = absl::StrCat("config.objects[", i, "]");
+      const absl::Status pose = objects.back().ValidateInitialPose();
+      if (!pose.ok()) return InvalidField(field + ".initial_camera_from_object", pose.message());
+      return InvalidField(field, status.message());
+    }
     // All sessions use the same options for edges.
     auto edges = shared.edges.Get(models[i].get(), [&]() -> absl::StatusOr<std::shared_ptr<const ModelEdges>> {
       return MakeModelEdges(models[i], options.visibility, options.elements);

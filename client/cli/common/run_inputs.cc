@@ -186,16 +186,11 @@ class StoppableReader final : public RecordingReader {
 std::string DescribeInitialPose(const absl::Status& status, const RunInputs& inputs) {
   const std::string field = GetDetails(status).field;
   for (size_t i = 0; i < inputs.objects.size(); ++i) {
-    const std::string object = absl::StrCat("config.objects[", i, "]");
-    const std::string pose = object + ".initial_camera_from_object";
-    const absl::string_view message = status.message();
-    // A pose that does not suit the model is an error of the object, whose description begins with the field.
-    const std::string of_object = absl::StrCat(": ", object, ": initial_camera_from_object: ");
-    const bool is_of_object = absl::StrContains(message, of_object);
-    if (field != pose && !absl::StartsWith(field, pose + ".") && !is_of_object) continue;
+    const std::string pose = absl::StrCat("config.objects[", i, "].initial_camera_from_object");
+    if (field != pose && !absl::StartsWith(field, pose + ".")) continue;
     const std::string of = inputs.objects.size() > 1 ? absl::StrCat(" of ", inputs.objects[i].id) : "";
-    // Between the address and the description.
-    const std::string name = is_of_object ? of_object : absl::StrCat(": ", field, ": ");
+    const absl::string_view message = status.message();
+    const std::string name = absl::StrCat(": ", field, ": ");  // between the address and the description
     const size_t begin = message.find(name);
     return absl::StrCat("--init-pose", of, ": ",
                         begin == absl::string_view::npos ? message : message.substr(begin + name.size()));

@@ -29,27 +29,29 @@ absl::Status ObjectToTrack::Validate() const {
   if (edges != nullptr && &edges->model() != model.get()) {
     return absl::InvalidArgumentError("edges are those of another model; make them from the same one");
   }
-  if (initial_camera_from_object &&
-      !(initial_camera_from_object->rotation.allFinite() && initial_camera_from_object->translation_m.allFinite() &&
-        initial_camera_from_object->translation_m.norm() > 1e-9)) {
-    return absl::InvalidArgumentError(
-        "initial_camera_from_object must be finite, and its translation must not be zero");
-  }
-  if (initial_camera_from_object) {
-    const BoundingSphere sphere = BoundingSphereOf(*model);
-    const double depth_m = (*initial_camera_from_object * sphere.centre).z();
-    if (!(depth_m + sphere.radius_m > 0.0)) {
-      return absl::InvalidArgumentError(absl::StrFormat(
-          "initial_camera_from_object: the object is behind the camera, its centre at z = %.4g m; the z "
-          "axis of the camera points away from it, to the object",
-          depth_m));
-    }
+  if (const absl::Status status = ValidateInitialPose(); !status.ok()) {
+    return absl::InvalidArgumentError(absl::StrCat("initial_camera_from_object: ", status.message()));
   }
   if (!reference_rotation.allFinite() || !reference_rotation.isUnitary(1e-3) ||
       reference_rotation.determinant() < 0.0) {
     return absl::InvalidArgumentError("reference_rotation must be a rotation matrix");
   }
   return absl::OkStatus();
+}
+
+absl::Status ObjectToTrack::ValidateInitialPose() const {
+  if (!initial_camera_from_object) return absl::OkStatus();
+  const RigidTransform& pose = *initial_camera_from_object;
+  if (!(pose.rotation.allFinite() && pose.translation_m.allFinite() && pose.translation_m.norm() > 1e-9)) {
+    return absl::InvalidArgumentError("it must be finite, and its translation must not be zero");
+  }
+  const BoundingSphere sphere = BoundingSphereOf(*model);
+  const double depth_m = (pose * sphere.centre).z();
+  if (depth_m + sphere.radius_m > 0.0) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("the object is behind the camera, its centre at z = %.4g m; the z axis of the camera points away "
+                      "from it, to the object",
+                      depth_m));
 }
 
 }  // namespace evpose

@@ -31,6 +31,8 @@ struct ObjectToTrack {
 
   // INVALID_ARGUMENT names the field or the defect of the model.
   absl::Status Validate() const;
+  // The part of Validate() for `initial_camera_from_object`, whose error does not name it. `model` must be valid.
+  absl::Status ValidateInitialPose() const;
 };
 
 }  // namespace evpose
