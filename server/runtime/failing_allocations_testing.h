@@ -15,4 +15,16 @@ struct FailingAllocation {
 };
 FailingAllocation& ThisThreadsFailingAllocation();
 
+// Calls `function()` while the allocation of this thread after `successes` further ones fails. Returns whether there
+// were so many that it failed.
+template <typename Function>
+bool FailsAllocation(int successes, const Function& function) {
+  FailingAllocation& failing = ThisThreadsFailingAllocation();
+  failing.successes_before = successes;
+  function();
+  const bool has_failed = failing.successes_before < 0;
+  failing.successes_before = -1;
+  return has_failed;
+}
+
 }  // namespace evpose::server

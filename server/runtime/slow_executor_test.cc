@@ -27,6 +27,15 @@ class SlowExecutorTest : public testing::Test {
     };
   }
   void Post(const std::string& tenant, const std::string& name) { slow_.Post(tenant, Note(name)); }
+  // Posts the item "second" behind what waits, runs all, and returns what ran.
+  std::vector<std::string> RunWithSecond() {
+    Post(kLongTenant, "second");
+    threads_.restart();
+    threads_.run();
+    return std::exchange(ran_, {});
+  }
+
+  static constexpr char kLongTenant[] = "a name that does not fit into the string itself";
 
   boost::asio::io_context threads_;
   SlowExecutor slow_{threads_.get_executor(), 2};
@@ -98,54 +107,43 @@ TEST_F(SlowExecutorTest, StopRejectsWorkThatAThreadHasNotBegun) {
 
 // Whichever allocation fails, an item is refused or run, and the one after it is run.
 TEST_F(SlowExecutorTest, WithoutMemoryAnItemIsRefusedOrRunAndTheNextOneIsRun) {
-  FailingAllocation& failing = ThisThreadsFailingAllocation();
-  const std::string tenant = "a name that does not fit into the string itself";
+  const std::string tenant = kLongTenant;
   int num_refused = 0;
   bool has_failed = true;
   for (int number = 0; has_failed; ++number) {
-    ran_.clear();
     const auto cancellation = std::make_shared<Cancellation>();
     SlowExecutor::Work work = Note("first");
     bool is_refused = false;
-    failing.successes_before = number;
-    try {
-      slow_.Post(tenant, std::move(work), cancellation);
-    } catch (const std::bad_alloc&) {
-      is_refused = true;
-    }
-    has_failed = failing.successes_before < 0;
-    failing.successes_before = -1;
+    has_failed = FailsAllocation(number, [&] {
+      try {
+        slow_.Post(tenant, std::move(work), cancellation);
+      } catch (const std::bad_alloc&) {
+        is_refused = true;
+      }
+    });
     num_refused += is_refused;
-    Post(tenant, "second");
-    threads_.restart();
-    threads_.run();
-    EXPECT_EQ(ran_, is_refused ? std::vector<std::string>({"second"}) : std::vector<std::string>({"first", "second"}))
+    EXPECT_EQ(RunWithSecond(),
+              is_refused ? std::vector<std::string>({"second"}) : std::vector<std::string>({"first", "second"}))
         << number;
   }
   EXPECT_GT(num_refused, 0);
 }
 
 TEST_F(SlowExecutorTest, WithoutMemoryTryPostReturnsAnError) {
-  FailingAllocation& failing = ThisThreadsFailingAllocation();
-  const std::string tenant = "a name that does not fit into the string itself";
+  const std::string tenant = kLongTenant;
   int num_refused = 0;
   bool has_failed = true;
   for (int number = 0; has_failed; ++number) {
-    ran_.clear();
     // Too large for the inside of Work, so that the conversion allocates, too.
     const auto work = [this, large = std::array<char, 256>()](const absl::Status& admitted) {
       ran_.push_back(absl::StatusCodeToString(admitted.code()) + large.data());
     };
-    failing.successes_before = number;
-    const absl::Status posted = slow_.TryPost(tenant, work);
-    has_failed = failing.successes_before < 0;
-    failing.successes_before = -1;
+    absl::Status posted;
+    has_failed = FailsAllocation(number, [&] { posted = slow_.TryPost(tenant, work); });
     num_refused += !posted.ok();
     EXPECT_EQ(GetErrorDetails(posted).reason, posted.ok() ? "" : "OUT_OF_MEMORY");
-    Post(tenant, "second");
-    threads_.restart();
-    threads_.run();
-    EXPECT_EQ(ran_, posted.ok() ? std::vector<std::string>({"OK", "second"}) : std::vector<std::string>({"second"}))
+    EXPECT_EQ(RunWithSecond(),
+              posted.ok() ? std::vector<std::string>({"OK", "second"}) : std::vector<std::string>({"second"}))
         << number;
   }
   EXPECT_GT(num_refused, 2);

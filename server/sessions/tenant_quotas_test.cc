@@ -55,19 +55,17 @@ TEST_F(TenantQuotasTest, StreamsOfEachTenant) {
 // Whichever allocation fails, the call ends, and nothing stays counted.
 TEST_F(TenantQuotasTest, WithoutMemoryNothingIsCounted) {
   TenantQuotas quotas(Options());
-  FailingAllocation& failing = ThisThreadsFailingAllocation();
   const std::string tenant = "a name that does not fit into the string itself";
   int num_failed = 0;
   bool has_failed = true;
   for (int number = 0; has_failed; ++number) {
-    failing.successes_before = number;
-    try {
-      quotas.AddStream(tenant).IgnoreError();
-    } catch (const std::bad_alloc&) {
-      ++num_failed;
-    }
-    has_failed = failing.successes_before < 0;
-    failing.successes_before = -1;
+    has_failed = FailsAllocation(number, [&] {
+      try {
+        quotas.AddStream(tenant).IgnoreError();
+      } catch (const std::bad_alloc&) {
+        ++num_failed;
+      }
+    });
     EXPECT_TRUE(quotas.AddStream(tenant).ok()) << number;
   }
   EXPECT_GT(num_failed, 1);

@@ -16,7 +16,7 @@ from evpose.poses import CONFIRMED, Pose, defect, pose_from_message
 from evpose.recordings import Recording
 from evpose.stream.attempt import SERVICE, TrackPosition
 from evpose.stream.feed import EventFeed, EventSource
-from evpose.stream.servers import Servers, WatchCall
+from evpose.stream.servers import Servers, WatchCall, close_generator
 from evpose.stream.track import Track, TrackOptions
 from evpose.tracing import trace_id
 from evpose.types import Health, SessionInfo
@@ -182,11 +182,8 @@ class PoseWatch:
     def close(self) -> None:
         """Ends the call. Thread-safe: another thread that reads the poses gets CancelledError."""
         self._call.close()
-        try:
-            self._poses.close()
-            self._responses.close()
-        except ValueError:  # another thread reads; its call has been cancelled
-            pass
+        close_generator(self._poses)
+        close_generator(self._responses)
 
     def __enter__(self) -> PoseWatch:
         return self

@@ -86,15 +86,11 @@ class SqliteStoreTest : public testing::Test {
 TEST_F(SqliteStoreTest, AFailedAllocationDoesNotLeaveTheReaderInATransaction) {
   Fill();
   const std::unique_ptr<Store> store = Open();
-  FailingAllocation& failing = ThisThreadsFailingAllocation();
   int num_failed = 0;
   bool has_failed = true;
   for (int number = 0; has_failed; ++number) {
-    failing.successes_before = number;
-    const auto read = OrOutOfMemory([&] { return store->ReadSession(Name(0), 0); });
-    has_failed = failing.successes_before < 0;
-    failing.successes_before = -1;
-    num_failed += !read.ok();
+    has_failed = FailsAllocation(
+        number, [&] { num_failed += !OrOutOfMemory([&] { return store->ReadSession(Name(0), 0); }).ok(); });
     const auto again = store->ReadSession(Name(0), 0);
     ASSERT_TRUE(again.ok()) << number << ": " << again.status();
   }

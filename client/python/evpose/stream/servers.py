@@ -29,6 +29,14 @@ _AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
 _FULL_REASONS = frozenset(("OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"))
 
 
+def close_generator(generator: Generator[Any, None, None]) -> None:
+    """Closes a generator whose call has been cancelled. If another thread runs it, the cancelled call ends it there."""
+    try:
+        generator.close()
+    except ValueError:  # Python: generator already executing
+        pass
+
+
 class WatchCall:
     """The present call of a watcher. close() ends it, from any thread, and no other one begins."""
 

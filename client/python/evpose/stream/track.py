@@ -18,7 +18,7 @@ from evpose.stream.attempt import AttemptOptions, Callbacks, StreamAttempt, Trac
 from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import Advice, Backoff, Clock, RetryOptions, advise_on
-from evpose.stream.servers import Servers, is_away
+from evpose.stream.servers import Servers, close_generator, is_away
 from evpose.tracing import StreamTrace, new_stream
 from evpose.types import ConnectionChange, Notice, PoseReset, TrackSummary
 
@@ -120,10 +120,7 @@ class Track:
         if attempt is not None:
             attempt.stop()
         self._feed.outbox.close()
-        try:
-            self._messages.close()
-        except ValueError:  # another thread reads; its call has been cancelled
-            pass
+        close_generator(self._messages)
 
     def __enter__(self) -> Track:
         return self
