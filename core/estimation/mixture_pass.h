@@ -21,7 +21,7 @@ struct MixtureLine {
   LineSums sums;
   // Weights of the observations on the first and the second half, by polarity.
   std::array<ByPolarity, 2> half_weight = {};
-  // The part of half_weight whose previous event had the other polarity (EdgeCounts::reversals).
+  // The same for those observations that follow an event of the other polarity at their pixel (EdgeCounts::reversals).
   std::array<ByPolarity, 2> half_reversals = {};
   std::array<ByPolarity, 2> beside = {};  // clutter by side and polarity (LineCounts::beside)
   double ambiguous_px2 = 0.0;             // sum of w (1 - w) d^2, for ObservedRatio()

@@ -63,9 +63,10 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 // Deterministic; not thread-safe.
 class PoseInitializer {
  public:
-  // Several initializers of one thread may share detectors, which keep no state between calls. The detectors, for lines
-  // of different lengths, are used in order until the lines of one give a pose. `search` is null for a model whose
-  // lines determine no pose, `templates` for one without curved edges. At least one must not be null.
+  // Several initializers of one thread may share detectors, which keep no state between calls. Find() uses
+  // the detectors, which detect lines of different lengths, in this order until the lines of one of them give a pose.
+  // `search` is null if the lines of the model determine no pose, and `templates` is null if the model has no curved
+  // edges. At least one of both must not be null.
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
                   std::vector<std::shared_ptr<LineDetector>> detectors, std::unique_ptr<PoseSearch> search,
                   std::unique_ptr<TemplateSearch> templates = nullptr);

@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <numeric>
 
+#include "core/mesh/shape_fit.h"
+
 namespace evpose {
 namespace {
 
@@ -48,12 +50,6 @@ double CornerAngle(const FacetGraph& graph, uint32_t corner) {
   return AngleBetween(points[corners[(corner + 1) % 3]] - here, points[corners[(corner + 2) % 3]] - here);
 }
 
-double TwiceArea(const FacetGraph& graph, uint32_t triangle) {
-  const auto& [i, j, k] = graph.mesh().triangles[triangle];
-  const auto& points = graph.mesh().points;
-  return (points[j] - points[i]).cross(points[k] - points[i]).norm();
-}
-
 }  // namespace
 
 std::vector<std::array<Eigen::Vector3f, 3>> CornerNormals(const FacetGraph& graph, const std::vector<bool>& is_smooth) {
@@ -61,11 +57,14 @@ std::vector<std::array<Eigen::Vector3f, 3>> CornerNormals(const FacetGraph& grap
   const auto num_corners = static_cast<uint32_t>(is_smooth.size());
   std::vector<Eigen::Vector3d> sums(num_corners, Eigen::Vector3d::Zero());
   std::vector<double> weights(num_corners);
-  for (uint32_t corner = 0; corner < num_corners; ++corner) {
-    const double weight = CornerAngle(graph, corner) * TwiceArea(graph, corner / 3);
-    const uint32_t root = fans.Root(corner);
-    sums[root] += weight * graph.normal(corner / 3);
-    weights[root] += weight;
+  for (uint32_t triangle = 0; triangle < num_corners / 3; ++triangle) {
+    const double area_m2 = FacetOf(graph.mesh(), triangle).area_m2;
+    for (uint32_t corner = 3 * triangle; corner < 3 * triangle + 3; ++corner) {
+      const double weight = CornerAngle(graph, corner) * area_m2;
+      const uint32_t root = fans.Root(corner);
+      sums[root] += weight * graph.normal(triangle);
+      weights[root] += weight;
+    }
   }
   std::vector<std::array<Eigen::Vector3f, 3>> normals(num_corners / 3);
   for (uint32_t corner = 0; corner < num_corners; ++corner) {

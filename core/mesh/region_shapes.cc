@@ -114,8 +114,8 @@ double PatchDistance(const std::array<Eigen::Vector3d, 3>& corners, const std::a
 
 // Gives triangles of free regions the normal of the facet if their patch would be too far from it.
 void FlattenFarPatches(const RawMesh& mesh, double diameter_m, SmoothSurface& surface) {
-  // Relative to the diameter. The coarsest tessellations of smooth shapes have 0.0135, and at the ends of a long
-  // chamfer whose corners are cut it was 0.07: the tessellation of a smooth surface would divide such a triangle.
+  // Largest distance relative to the diameter. The patches of the coarsest tessellations of smooth shapes are up to
+  // 0.0135 away. Those of long chamfers were 0.07 away, because the cut corners at their ends had tilted the normals.
   constexpr double kMaxDistance = 0.015;
   for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     if (surface.regions[surface.region_of[t]].shape != RegionShape::kFree) continue;

@@ -427,7 +427,8 @@ TEST(RegionShapesTest, SmoothPointIsOfFourthOrderOnASphere) {
   EXPECT_NEAR(SmoothPointError(0.2) / SmoothPointError(0.1), 16.0, 1.0);
 }
 
-// A cube of this size about the origin whose edges and corners are cut.
+// A cube with the side `size`, centred at the origin, with a chamfer at each edge and a triangle at each corner. `cut`
+// is the distance between a border of a chamfer and the edge that it replaces.
 RawMesh ChamferedCube(double size, double cut) {
   RawMesh mesh;
   const double half = 0.5 * size, inner = half - cut;

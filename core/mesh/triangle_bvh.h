@@ -80,7 +80,8 @@ class TriangleBvh {
   // Calls `visit` with each triangle within the radius and its squared distance, until it returns true.
   template <typename Visit>
   void VisitNear(const Eigen::Vector3d& point, double radius_m, const Visit& visit) const;
-  // Appends the tree, or the leaf, of at least one entry, whose order changes. Returns its box.
+  // Build() appends the nodes of the tree over `entries`, which it reorders, and AppendLeaf() appends one leaf. Both
+  // require at least one entry and return the bounding box of the triangles.
   Eigen::AlignedBox3d Build(const Mesh& mesh, absl::Span<Entry> entries);
   Eigen::AlignedBox3d AppendLeaf(const Mesh& mesh, absl::Span<const Entry> entries);
   Node MakeNode(const Eigen::AlignedBox3d& box) const;

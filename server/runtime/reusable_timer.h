@@ -27,7 +27,8 @@ class ReusableTimer {
     state_->work = std::move(work);
   }
 
-  // Runs the work once after `delay`. Replaces a wait that has not ended, whose work is then not run.
+  // Runs the work once after `delay`. If an earlier delay has not yet ended, it is cancelled, and the work does not run
+  // at its end.
   void Arm(absl::Duration delay) {
     timer_.expires_after(absl::ToChronoNanoseconds(delay));
     timer_.async_wait(Handler{state_});

@@ -82,8 +82,8 @@ class SlowExecutor {
   };
   using Queues = std::map<std::string, Queue>;
 
-  // Gives a thread to each queue whose turn it is. If the allocation of a thread fails, the next call of Dispatch()
-  // tries again.
+  // Posts Run() for the queues that FindNext() selects, until max_running_ items run or no queue has a waiting item. If
+  // posting fails for lack of memory, the next call of Dispatch() tries again.
   void Dispatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Queues::iterator FindNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The item that is about to run; without `work` if Stop() has rejected it.

@@ -244,7 +244,7 @@ TEST_F(SessionRestoreTest, ASessionThatIsBeingTakenHasItsSlot) {
   store.while_taking = [&] { EXPECT_EQ(ReasonOf(take("lab", second)), "TOO_MANY_SESSIONS"); };
   EXPECT_TRUE(take(kTenant, first).ok());
   EXPECT_EQ(two->num_sessions(), 1u);
-  // A slot whose session could not be taken is free again.
+  // If a session cannot be taken from the store, its slot becomes free.
   ASSERT_TRUE(two->Delete(kTenant, first->name()).ok());
   store.while_taking = [&] { EXPECT_TRUE(store_->DeleteSession(second->name()).ok()); };
   EXPECT_EQ(ReasonOf(take("lab", second)), "SESSION_NOT_FOUND");

@@ -17,8 +17,8 @@ struct FlashOptions {
   // Share of the rarer polarity, over memory_us, below which the brightness changes. In recordings of moving objects
   // and scenes, by sensors of 128 x 128 to 1280 x 720 pixels, it stays above 0.2 in 99.9 % of the intervals of 4 ms.
   double max_rarer_share = 0.12;
-  // Microseconds over which the polarities are counted: half a period of a lamp on 60 Hz mains, whose light
-  // varies at 120 Hz.
+  // Microseconds over which the polarities are counted. A lamp on 60 Hz mains varies at 120 Hz, and half of that period
+  // is 4 ms.
   int64_t memory_us = 4000;
   // Microseconds from the last detection of a change of brightness to its assumed end: one period of 50 Hz.
   // Between a rising and a falling flank there are events of both polarities that no motion causes.

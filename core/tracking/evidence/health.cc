@@ -284,7 +284,7 @@ void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLi
     if (!(least_px <= options_.gate_px)) continue;
     const Eigen::Vector2d& direction = lines[line_of_[nearest / kNumLanes]].direction;
     const double side = distance_at(nearest) < 0.0f ? -1.0 : 1.0;
-    double half_cell_px = options_.gate_px;  // half-width
+    double half_cell_px = options_.gate_px;
     for (const uint32_t place : event.Places()) {
       const float distance_px = distance_at(place);
       if (place == nearest || !(std::abs(distance_px) < kBeyond)) continue;

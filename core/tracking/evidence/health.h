@@ -235,7 +235,7 @@ class TrackHealth {
   std::vector<WindowLine> window_lines_;
   std::vector<Place> places_;         // place of each line of the window
   std::vector<Lanes> distance_px_;    // distances of events in several gates; infinite beyond the ends of the line
-  std::vector<Lanes> half_cell_px_;   // for the nearest line of an event: width of its cell on the side of the event
+  std::vector<Lanes> half_cell_px_;   // for the nearest line of an event: half-width of its cell
   std::vector<LaneMask> is_nearest_;  // the line is the nearest one of the event; indexed like distance_px_
   std::vector<uint16_t> line_of_;     // index of the line, by index of the EventLanes
   std::vector<CurveResult> curve_results_;

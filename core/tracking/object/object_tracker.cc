@@ -170,7 +170,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
       Enter(ObjectInput::kRivals);  // its rival takes its place
       StartRivalRounds(window.t_end_us, Hypotheses::RivalPrior::kEqual);
     } else {
-      // One of the other_objects that are left is reported when it is confirmed.
+      // The next hypothesis is published when it is confirmed.
       Reject(ObjectInput::kFirstRejected, hypotheses_.first_removed_because());
     }
   }
