@@ -3,8 +3,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/association/other_objects.h"
 #include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
+#include "core/initialization/pose_search.h"
 
 namespace evpose {
 namespace {
