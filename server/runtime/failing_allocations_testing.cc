@@ -14,7 +14,7 @@ FailingAllocation& ThisThreadsFailingAllocation() {
 
 }  // namespace evpose::server
 
-// All three, because sanitizers compare the functions that allocate and free.
+// All functions for single objects, because sanitizers compare the function that allocates with the one that frees.
 void* operator new(size_t size) {
   evpose::server::FailingAllocation& failing = evpose::server::ThisThreadsFailingAllocation();
   const bool counts = failing.successes_before >= 0 && size >= failing.min_bytes;
@@ -23,5 +23,13 @@ void* operator new(size_t size) {
   if (block == nullptr) throw std::bad_alloc();
   return block;
 }
+void* operator new(size_t size, const std::nothrow_t&) noexcept {
+  try {
+    return operator new(size);
+  } catch (const std::bad_alloc&) {
+    return nullptr;
+  }
+}
 void operator delete(void* block) noexcept { std::free(block); }
 void operator delete(void* block, size_t) noexcept { std::free(block); }
+void operator delete(void* block, const std::nothrow_t&) noexcept { std::free(block); }
