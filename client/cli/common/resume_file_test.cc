@@ -141,7 +141,7 @@ TEST_F(ResumeFileTest, FilesOfAnotherKindAreNamed) {
     const auto file = ResumeFile::Open(path_);
     EXPECT_EQ(file.status().code(), absl::StatusCode::kInvalidArgument) << text;
     // It may be any file of the user.
-    EXPECT_THAT(file.status().message(), path_ + ": is not a file of --resume: give --resume the name of another file");
+    EXPECT_EQ(file.status().message(), path_ + ": is not a file of --resume: give --resume the name of another file");
     EXPECT_FALSE(std::filesystem::exists(path_ + ".lock")) << text;
   }
   EXPECT_THAT(ResumeFile::Open(directory_.path()).status().message(), HasSubstr("is not a file of --resume"));
