@@ -23,7 +23,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr size_t kMaxNear = 16;  // those of a cube with a mark, without the inverse rotations
-// Rotations nearer to each other are the same, rad: the refinement ends within it.
+// Rotations nearer to each other are the same, rad: the refinement ends within it. So are rotations that move no part
+// by more than twice the tolerance against each other, as small ones about the axis of a long, thin object.
 constexpr double kSameRad = 0.05;
 // Angles that are no symmetry of common objects. Only the first, the golden section of a turn, is refined; on a gear
 // the refinement may move it to the nearest tooth.
@@ -201,8 +202,23 @@ class NearSymmetrySearch {
   }
 
   bool IsSymmetry(const Matrix3d& rotation) const {
-    return RotationAngle(NearestEquivalent(RigidTransform(), model_, {rotation, Vector3d::Zero()}).rotation,
-                         rotation) <= kSameRad;
+    return AreSame(NearestEquivalent(RigidTransform(), model_, {rotation, Vector3d::Zero()}).rotation, rotation);
+  }
+
+  bool AreSame(const Matrix3d& a, const Matrix3d& b) const {
+    return RotationAngle(a, b) <= kSameRad ||
+           LargestMovement(a - b) <= 2.0 * options_.tolerance_ratio * model_.diameter_m;
+  }
+
+  // The largest distance between the positions of a sample that two rotations about the centre give.
+  double LargestMovement(const Matrix3d& difference) const {
+    double largest_m = 0.0;
+    for (const SampledPart* part : {&edges_, &surface_}) {
+      for (const OrientedSample& sample : part->samples()) {
+        largest_m = std::max(largest_m, (difference * (sample.point - centre_)).norm());
+      }
+    }
+    return largest_m;
   }
 
   RigidTransform Improved(const RigidTransform& motion, double reach_m) const {
@@ -274,7 +290,7 @@ class NearSymmetrySearch {
   }
 
   bool IsSame(const RigidTransform& a, const RigidTransform& b) const {
-    return RotationAngle(NearestEquivalent(a, model_, b).rotation, b.rotation) <= kSameRad;
+    return AreSame(NearestEquivalent(a, model_, b).rotation, b.rotation);
   }
 
   const ObjectModel& model_;

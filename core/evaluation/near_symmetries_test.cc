@@ -100,6 +100,14 @@ TEST(NearSymmetries, AnLProfileHasNone) {
   EXPECT_TRUE(NearOf(model).empty());
 }
 
+// Turned by a few degrees about its long axis, no part of a bar moves by more than the tolerance.
+TEST(NearSymmetries, ASmallRotationOfAThinBarIsNone) {
+  for (const NearSymmetry& near :
+       NearOf(MustParse(MarkedCuboid({1, 0.05, 0.04}, {0.1, 0.01, 0.04}, {0.3, 0.02, 0.04})))) {
+    EXPECT_GT(near.angle_rad, 0.5);
+  }
+}
+
 // A cylinder with a line along its side, of height 1, beside rims of 4 pi.
 TEST(NearSymmetries, ACylinderWithAMarkIsNearlyAllRotationsAboutItsAxis) {
   constexpr int kSides = 72;

@@ -2,44 +2,33 @@
 #include "core/mesh/corner_normals.h"
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cstdint>
-#include <numeric>
 
 #include "core/mesh/shape_fit.h"
+#include "core/numerics/disjoint_sets.h"
 
 namespace evpose {
 namespace {
 
-// Corners that share a vertex and are connected across smooth sides: a disjoint-set forest. Corner c of triangle t has
+// Corners that share a vertex and are connected across smooth sides. Corner c of triangle t has
 // the number 3 t + c.
 class CornerFans {
  public:
-  CornerFans(const FacetGraph& graph, const std::vector<bool>& is_smooth) : parent_(is_smooth.size()) {
-    std::iota(parent_.begin(), parent_.end(), 0u);
-    for (uint32_t side = 0; side < parent_.size(); ++side) {
+  CornerFans(const FacetGraph& graph, const std::vector<bool>& is_smooth) : fans_(is_smooth.size()) {
+    for (uint32_t side = 0; side < is_smooth.size(); ++side) {
       if (!is_smooth[side]) continue;
       // The opposite side has the other direction: it begins where this one ends.
       const uint32_t opposite = graph.opposite(side);
-      Join(side, After(opposite));
+      fans_.Join(side, After(opposite));
     }
   }
 
-  uint32_t Root(uint32_t corner) {
-    while (parent_[corner] != corner) corner = parent_[corner] = parent_[parent_[corner]];
-    return corner;
-  }
+  uint32_t Root(uint32_t corner) { return fans_.Find(corner); }
 
  private:
   static uint32_t After(uint32_t corner) { return corner / 3 * 3 + (corner + 1) % 3; }
 
-  void Join(uint32_t a, uint32_t b) {
-    a = Root(a);
-    b = Root(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-
-  std::vector<uint32_t> parent_;
+  DisjointSets fans_;
 };
 
 double CornerAngle(const FacetGraph& graph, uint32_t corner) {

@@ -15,6 +15,7 @@
 #include "core/mesh/box_tree.h"
 #include "core/mesh/mesh_edges.h"
 #include "core/mesh/mesh_topology.h"
+#include "core/numerics/disjoint_sets.h"
 
 namespace evpose {
 namespace {
@@ -84,6 +85,13 @@ Polygon2d ClipByTriangle(Polygon2d polygon, const Triangle2d& triangle) {
   return polygon;
 }
 
+// Whether the budget suffices. If not, it is then 0.
+bool Spend(size_t cost, size_t& budget) {
+  const bool suffices = budget >= cost;
+  budget -= std::min(cost, budget);
+  return suffices;
+}
+
 // Whether counter-clockwise triangles cover a triangle up to a strip along its sides that is one tolerance wide. Each
 // piece of the triangle that is cut takes one from `budget`; false if it ends.
 bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triangle, double tolerance_m,
@@ -93,8 +101,7 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   std::vector<Polygon2d> pieces(1, Polygon2d(triangle.begin(), triangle.end())), rest;
   // The area of the strip, which of a narrow triangle would be all of it: at most a hundredth.
   const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
-  if (budget < covers.size()) return false;
-  budget -= covers.size();
+  if (!Spend(covers.size(), budget)) return false;
   // The covered area is at most the sum of the areas of the covers, and at most the sum of the areas that the triangle
   // has in common with each of them. These bounds reject most triangles that are partly covered. Cutting a triangle
   // into pieces takes longer, because each further cover increases the number of pieces. The factor of the first bound
@@ -106,8 +113,7 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   for (const Triangle2d& cover : covers) common += std::max(0.0, PolygonArea(ClipByTriangle(pieces[0], cover)));
   if (common < total - 2.0 * negligible) return false;
   for (const Triangle2d& cover : covers) {
-    if (budget < pieces.size()) return false;
-    budget -= pieces.size();
+    if (!Spend(pieces.size(), budget)) return false;
     rest.clear();
     for (Polygon2d& piece : pieces) {
       for (size_t i = 0; i < 3; ++i) {
@@ -123,22 +129,32 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   return remaining <= negligible;
 }
 
-// Sets of triangles, joined in pairs.
-class TriangleSets {
- public:
-  explicit TriangleSets(size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0u); }
-  uint32_t Find(uint32_t i) {
-    for (; parent_[i] != i; i = parent_[i]) parent_[i] = parent_[parent_[i]];
-    return i;
+// Adds the patches of marked triangles that leave an even number of faces at each of their edges. An odd number would
+// be the hole of a body whose side the patch was, the end of a sheet, or a wall within a body.
+void AddPatches(const std::vector<EdgeUse>& all_uses, const std::vector<bool>& marked, std::vector<bool>& remove) {
+  DisjointSets patches(marked.size());
+  std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them
+  ForEachEdge(all_uses, [&](absl::Span<const EdgeUse> uses) {
+    size_t rest = 0;
+    const EdgeUse* first = nullptr;
+    for (const EdgeUse& use : uses) {
+      if (remove[use.triangle]) continue;
+      if (!marked[use.triangle]) {
+        ++rest;
+      } else if (first == nullptr) {
+        first = &use;
+      } else {
+        patches.Join(first->triangle, use.triangle);
+      }
+    }
+    if (first != nullptr && rest % 2 != 0) beside.push_back(first->triangle);
+  });
+  std::vector<bool> must_stay(marked.size(), false);
+  for (const uint32_t t : beside) must_stay[patches.Find(t)] = true;
+  for (uint32_t t = 0; t < marked.size(); ++t) {
+    if (marked[t] && !must_stay[patches.Find(t)]) remove[t] = true;
   }
-  void Join(uint32_t i, uint32_t j) {
-    const auto [low, high] = std::minmax({Find(i), Find(j)});
-    parent_[high] = low;
-  }
-
- private:
-  std::vector<uint32_t> parent_;
-};
+}
 
 class OverlapRemover {
  public:
@@ -156,9 +172,9 @@ class OverlapRemover {
     MarkCovered();
     uses_ = SortedEdgeUses(mesh_.triangles);
     std::vector<bool> remove(mesh_.triangles.size(), false);
-    AddPatches(is_copy_, remove);
+    AddPatches(uses_, is_copy_, remove);
     AddRemovableWalls(remove);
-    AddPatches(is_second_, remove);  // copies with the other winding
+    AddPatches(uses_, is_second_, remove);  // copies with the other winding
     report_.removed_triangles = RemoveTriangles(remove, mesh_);
     if (report_.removed_triangles == 0) FindCoveredEdges();
     return report_;
@@ -294,37 +310,11 @@ class OverlapRemover {
     report_.is_complete &= budget > 0;
   }
 
-  // Adds the patches of marked triangles that leave an even number of faces at each of their edges. An odd number would
-  // be the hole of a body whose side the patch was, the end of a sheet, or a wall within a body.
-  void AddPatches(const std::vector<bool>& marked, std::vector<bool>& remove) const {
-    TriangleSets patches(marked.size());
-    std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them
-    ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
-      size_t rest = 0;
-      const EdgeUse* first = nullptr;
-      for (const EdgeUse& use : uses) {
-        if (remove[use.triangle]) continue;
-        if (!marked[use.triangle]) {
-          ++rest;
-        } else if (first == nullptr) {
-          first = &use;
-        } else {
-          patches.Join(first->triangle, use.triangle);
-        }
-      }
-      if (first != nullptr && rest % 2 != 0) beside.push_back(first->triangle);
-    });
-    std::vector<bool> must_stay(marked.size(), false);
-    for (const uint32_t t : beside) must_stay[patches.Find(t)] = true;
-    for (uint32_t t = 0; t < marked.size(); ++t) {
-      if (marked[t] && !must_stay[patches.Find(t)]) remove[t] = true;
-    }
-  }
-
   // Adds the walls of connected bodies that are closed without them. A sheet with two sides consists of such walls
-  // only, or ends in an edge that no other triangle has.
+  // nearly alone, or ends in an edge that no other triangle has. Nearly, because the walls of narrow triangles are not
+  // found.
   void AddRemovableWalls(std::vector<bool>& remove) const {
-    TriangleSets bodies(mesh_.triangles.size());
+    DisjointSets bodies(mesh_.triangles.size());
     std::vector<uint32_t> open;
     ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
       const EdgeUse* first = nullptr;
@@ -338,10 +328,13 @@ class OverlapRemover {
       if (first == nullptr) return;
       if (rest % 2 != 0 || (rest == 0 && AreOnOneSide(uses))) open.push_back(first->triangle);
     });
-    std::vector<bool> must_stay(mesh_.triangles.size(), true);  // true for a body without other faces than walls
+    // What remains encloses the walls: its area is at least that of one of the two sides of each.
+    std::vector<double> excess_m2(mesh_.triangles.size(), 0.0);
     for (uint32_t t = 0; t < remove.size(); ++t) {
-      if (!is_wall_[t] && !remove[t]) must_stay[bodies.Find(t)] = false;
+      if (!remove[t]) excess_m2[bodies.Find(t)] += (is_wall_[t] ? -0.5 : 1.0) * TriangleArea(mesh_, t);
     }
+    std::vector<bool> must_stay(mesh_.triangles.size());
+    for (uint32_t body = 0; body < must_stay.size(); ++body) must_stay[body] = !(excess_m2[body] > 0.0);
     for (const uint32_t t : open) must_stay[bodies.Find(t)] = true;
     for (uint32_t t = 0; t < remove.size(); ++t) {
       if (is_wall_[t] && !must_stay[bodies.Find(t)]) remove[t] = true;

@@ -5,8 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include "core/mesh/mesh_topology.h"
 #include "core/mesh/meshes_testing.h"
@@ -23,6 +25,56 @@ constexpr double kOverlapToleranceM = 1e-5;
 OverlapReport MergeAndRemoveOverlaps(RawMesh& mesh) {
   MergePoints(kOverlapToleranceM, mesh);
   return RemoveOverlaps(kOverlapToleranceM, OrientTriangles(mesh).shell_of, mesh);
+}
+
+// Appends the triangles of the mesh once more, with the other winding and points of their own.
+void AddSecondSides(RawMesh& mesh) {
+  const std::vector<std::array<uint32_t, 3>> first_sides = mesh.triangles;
+  for (const auto& [i, j, k] : first_sides) {
+    AddTriangle(Vector3d(mesh.points[i]), Vector3d(mesh.points[k]), Vector3d(mesh.points[j]), mesh);
+  }
+}
+
+size_t MergeAndRemoveSecondSides(RawMesh& mesh) {
+  MergePoints(kOverlapToleranceM, mesh);
+  return RemoveSecondSides(mesh);
+}
+
+TEST(RemoveSecondSidesTest, ABodyWithTwoSidesEverywhereKeepsOne) {
+  RawMesh mesh;
+  AddBox(Vector3d::Zero(), Vector3d::Ones(), mesh);
+  AddBox({2, 0, 0}, Vector3d::Ones(), mesh);
+  AddSecondSides(mesh);
+  EXPECT_EQ(MergeAndRemoveSecondSides(mesh), 24u);
+  EXPECT_EQ(IrregularEdges(mesh), 0u);
+  EXPECT_EQ(OrientTriangles(mesh).shells, 2u);
+  EXPECT_NEAR(EnclosedVolume(mesh), 2.0, 1e-12);
+}
+
+TEST(RemoveSecondSidesTest, ASmallOpeningDoesNotMakeABodyASheet) {
+  for (const int parts : {4, 1}) {
+    RawMesh mesh;
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vector3d u = Vector3d::Unit((axis + 1) % 3), v = Vector3d::Unit((axis + 2) % 3);
+      AddPlate(Vector3d::Zero(), v, u, mesh, parts, parts);
+      AddPlate(Vector3d::Unit(axis), u, v, mesh, parts, parts);
+    }
+    mesh.triangles.resize(mesh.triangles.size() - 2);  // an opening of 1 / 16 or all of a side
+    const size_t triangles = mesh.triangles.size();
+    AddSecondSides(mesh);
+    EXPECT_EQ(MergeAndRemoveSecondSides(mesh), parts == 4 ? triangles : 0u);
+  }
+}
+
+TEST(RemoveSecondSidesTest, SheetsAndWallsBetweenBodiesAreKept) {
+  RawMesh sheet;
+  AddPlate(Vector3d::Zero(), Vector3d::UnitX(), Vector3d::UnitY(), sheet, 3, 2);
+  AddSecondSides(sheet);
+  EXPECT_EQ(MergeAndRemoveSecondSides(sheet), 0u);
+  RawMesh boxes;
+  AddBox(Vector3d::Zero(), Vector3d::Ones(), boxes);
+  AddBox(Vector3d::UnitX(), Vector3d::Ones(), boxes);
+  EXPECT_EQ(MergeAndRemoveSecondSides(boxes), 0u);
 }
 
 TEST(RemoveOverlapsTest, CopyOfASideWithOtherTrianglesIsRemoved) {

@@ -77,6 +77,8 @@ RepairReport RepairMesh(RawMesh& mesh) {
   report.merged_points = MergePoints(tolerance_m, mesh);
   report.degenerate_triangles = RemoveCollapsedTriangles(mesh);
   report.duplicate_triangles = RemoveDuplicateTriangles(mesh);
+  // Before the two sides differ, because junctions are closed for each surface.
+  report.duplicate_triangles += RemoveSecondSides(mesh);
   report.empty_lines = RemoveEmptyLines(mesh);
   report.duplicate_lines = RemoveDuplicateLines(mesh);
   JunctionReport junctions = CloseJunctions(tolerance_m, mesh);

@@ -235,6 +235,22 @@ TEST(RepairMeshTest, CadFiles) {
   }
 }
 
+// The two sides differ after the repair of junctions: here, one of a narrow triangle without a counterpart is dropped.
+TEST(RepairMeshTest, ABodyWithTwoSidesEverywhereKeepsOneSide) {
+  RawMesh mesh = UnitBox();
+  const size_t triangles = mesh.triangles.size();
+  for (size_t t = 0; t < triangles; ++t) {
+    const auto [i, j, k] = mesh.triangles[t];
+    AddTriangle(Vector3d(mesh.points[i]), Vector3d(mesh.points[k]), Vector3d(mesh.points[j]), mesh);
+  }
+  AddTriangle({0.2, 0.0, 1.0}, {0.8, 0.0, 1.0}, {0.5, 2e-5, 1.0}, mesh);
+  const RepairReport report = RepairMesh(mesh);
+  EXPECT_EQ(report.duplicate_triangles, triangles);
+  EXPECT_NEAR(EnclosedVolume(mesh), 1.0, 1e-9);
+  EXPECT_NEAR(SurfaceArea(mesh), 6.0, 1e-3);
+  EXPECT_TRUE(report.is_oriented);
+}
+
 TEST(DescribeRepairTest, EachRepairIsReported) {
   RepairReport report;
   report.merged_points = 1;

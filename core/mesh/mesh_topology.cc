@@ -4,6 +4,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <numbers>
 #include <numeric>
 #include <optional>
 #include <tuple>
@@ -13,6 +15,7 @@
 #include "absl/container/flat_hash_set.h"
 #include "absl/types/span.h"
 #include "core/mesh/mesh_edges.h"
+#include "core/numerics/disjoint_sets.h"
 
 namespace evpose {
 namespace {
@@ -230,6 +233,86 @@ class Orienter {
   Orientation result_;
 };
 
+// Marks the triangles whose corners, in any order, are those of an earlier triangle.
+std::vector<bool> MarkSecondSides(const RawMesh& model) {
+  return MarkRepeated(model.triangles, [](std::array<uint32_t, 3> triangle) {
+    std::sort(triangle.begin(), triangle.end());
+    return triangle;
+  });
+}
+
+class SecondSideRemover {
+ public:
+  explicit SecondSideRemover(RawMesh& mesh)
+      : mesh_(mesh),
+        is_second_(MarkSecondSides(mesh)),
+        patches_(mesh.triangles.size()),
+        openings_(mesh.points.size()),
+        excess_m2_(mesh.triangles.size(), 0.0) {}
+
+  size_t Remove() {
+    FindPatches();
+    for (uint32_t t = 0; t < is_second_.size(); ++t) {
+      if (is_second_[t]) excess_m2_[patches_.Find(t)] += kMaxOpenShare * TriangleArea(mesh_, t);
+    }
+    SubtractOpenings();
+    for (const uint32_t t : must_stay_) excess_m2_[patches_.Find(t)] = -1.0;
+    std::vector<bool> remove(is_second_.size());
+    for (uint32_t t = 0; t < remove.size(); ++t) remove[t] = is_second_[t] && excess_m2_[patches_.Find(t)] > 0.0;
+    return RemoveTriangles(remove, mesh_);
+  }
+
+ private:
+  // Of a sheet, 1. Through openings of a smaller share little is seen of the inner side, which is then no surface.
+  static constexpr double kMaxOpenShare = 0.05;
+
+  struct OpenEdge {
+    uint32_t triangle, low, high;
+  };
+
+  // Joins second sides at their edges. An edge that only one other triangle has is open; an odd number of more is that
+  // of a wall, or of the foot of a sheet on a body.
+  void FindPatches() {
+    ForEachEdge(SortedEdgeUses(mesh_.triangles), [&](absl::Span<const EdgeUse> uses) {
+      const EdgeUse* first = nullptr;
+      size_t rest = 0;
+      for (const EdgeUse& use : uses) {
+        if (!is_second_[use.triangle]) {
+          ++rest;
+        } else if (first == nullptr) {
+          first = &use;
+        } else {
+          patches_.Join(first->triangle, use.triangle);
+        }
+      }
+      if (first == nullptr || rest % 2 == 0) return;
+      if (rest > 1) return must_stay_.push_back(first->triangle);
+      openings_.Join(first->low, first->high);
+      open_edges_.push_back({first->triangle, first->low, first->high});
+    });
+  }
+
+  // Of all closed curves of the same length, the circle has the largest area.
+  void SubtractOpenings() {
+    std::map<std::pair<uint32_t, uint32_t>, double> perimeters_m;  // of a patch and an opening
+    for (const OpenEdge& edge : open_edges_) {
+      perimeters_m[{patches_.Find(edge.triangle), openings_.Find(edge.low)}] +=
+          (mesh_.points[edge.high] - mesh_.points[edge.low]).norm();
+    }
+    for (const auto& [opening, perimeter_m] : perimeters_m) {
+      excess_m2_[opening.first] -= perimeter_m * perimeter_m / (4.0 * std::numbers::pi);
+    }
+  }
+
+  RawMesh& mesh_;
+  const std::vector<bool> is_second_;
+  DisjointSets patches_;
+  DisjointSets openings_;
+  std::vector<double> excess_m2_;  // for the first triangle of each patch: the admissible open area less the actual one
+  std::vector<OpenEdge> open_edges_;
+  std::vector<uint32_t> must_stay_;  // each with its patch
+};
+
 }  // namespace
 
 std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> triangles) {
@@ -332,6 +415,11 @@ size_t MergePoints(double tolerance_m, RawMesh& model) {
   return moved;
 }
 
+double TriangleArea(const RawMesh& model, uint32_t t) {
+  const auto& [i, j, k] = model.triangles[t];
+  return 0.5 * (model.points[j] - model.points[i]).cross(model.points[k] - model.points[i]).norm();
+}
+
 bool HasArea(const RawMesh& model, const std::array<uint32_t, 3>& triangle, double min_height_m) {
   const auto& [i, j, k] = triangle;
   if (i == j || j == k || k == i) return false;
@@ -366,6 +454,8 @@ size_t RemoveDuplicateTriangles(RawMesh& model) {
   };
   return RemoveTriangles(MarkRepeated(model.triangles, lowest_first), model);
 }
+
+size_t RemoveSecondSides(RawMesh& model) { return SecondSideRemover(model).Remove(); }
 
 size_t RemoveEmptyLines(RawMesh& model) {
   return std::erase_if(model.lines, [](const auto& line) { return line[0] == line[1]; });

@@ -21,6 +21,8 @@ double BoundingBoxDiagonal(const RawMesh& model);
 // ones.
 size_t MergePoints(double tolerance_m, RawMesh& model);
 
+double TriangleArea(const RawMesh& model, uint32_t triangle);  // m2
+
 // Whether the triangle has three corners and is higher than the limit over its longest side.
 bool HasArea(const RawMesh& model, const std::array<uint32_t, 3>& triangle, double min_height_m);
 
@@ -32,6 +34,11 @@ size_t RemoveFlatTriangles(double min_height_m, RawMesh& model);
 size_t RemoveDuplicateTriangles(RawMesh& model);
 size_t RemoveEmptyLines(RawMesh& model);
 size_t RemoveDuplicateLines(RawMesh& model);
+
+// Removes triangles whose corners, in the reverse order, are those of an earlier triangle, unless they are the other
+// side of a sheet or a wall between bodies: files of programs that draw each face from both sides have all faces twice
+// (README, section 6). Returns the number of removed triangles. There must be no duplicate triangles.
+size_t RemoveSecondSides(RawMesh& model);
 
 struct Orientation {
   size_t turned = 0;               // triangles whose winding was reversed

@@ -80,7 +80,7 @@ INSTANTIATE_TEST_SUITE_P(
         BadModel{ModelFormat::kObj, "v 0 0 0\nl 1 99999999999999999999\n", "line 2: '99999999999999999999' is not"},
         BadModel{ModelFormat::kObj, "v 0 0 0\nl 1 4294967297\n", "line 2: vertex index 4294967297"},
         BadModel{ModelFormat::kObj, "v 0 0 0\nl 1\n", "line 2: a line element (l) needs 2 points"},
-        BadModel{ModelFormat::kObj, "v 0 0 0\nv 1 0 0\nf 1 2\n", "line 3: a face has 2 corners"},
+        BadModel{ModelFormat::kObj, "v 0 0 0\nv 1 0 0\nf\n", "line 3: a face has no corners"},
         BadModel{ModelFormat::kObj, "v 0 0 0\nv 1 0 0\nf 1 2 /3\n", "line 3: '/3' is not a vertex index"}));
 
 INSTANTIATE_TEST_SUITE_P(
@@ -116,7 +116,7 @@ INSTANTIATE_TEST_SUITE_P(
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 1 3\n", "line 13: vertex index 3"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 1 -1\n", "line 13: vertex index -1"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n-3 0 1 2\n", "line 13: a list of negative length"},
-        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n0\n", "line 13: a face has 0 corners"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n0\n", "line 13: a face has no corners"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n+3 0 1 2\n",
                  "line 13: '+3' is not a whole number"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY "0 0 0\n1 0 0\n1 1 0\n3 0 +1 2\n",

@@ -95,6 +95,16 @@ TEST(PlyReaderTest, NormalsOfVerticesAreThoseOfTheirCorners) {
   EXPECT_THAT(MustRead(ReadPly, ply("red")).corner_normals, SizeIs(0));
 }
 
+TEST(ReadersTest, FacesOfOneOrTwoCornersHaveNoArea) {
+  const char* const ply =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+      "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
+      "0 0 0\n1 0 0\n0 1 0\n2 0 1\n3 0 1 2\n1 2\n";
+  const auto expected = ElementsAre(Triangle{0, 1, 1}, Triangle{0, 1, 2}, Triangle{2, 2, 2});
+  EXPECT_THAT(MustRead(ReadPly, ply).triangles, expected);
+  EXPECT_THAT(MustRead(ReadObj, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\nf 1 2 3\nf 3\n").triangles, expected);
+}
+
 RawMesh Polygon(const std::vector<Eigen::Vector2d>& outline) {
   RawMesh mesh;
   std::vector<uint32_t> corners;

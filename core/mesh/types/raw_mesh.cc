@@ -2,6 +2,7 @@
 #include "core/mesh/types/raw_mesh.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <utility>
@@ -66,12 +67,12 @@ bool IsEar(const std::vector<Eigen::Vector2d>& polygon, size_t i, size_t j, size
 }  // namespace
 
 absl::Status ElementCounter::AddFace(size_t corners) {
-  if (corners < 3) return absl::InvalidArgumentError(absl::StrCat("a face has ", corners, " corners, but needs 3"));
+  if (corners == 0) return absl::InvalidArgumentError("a face has no corners");
   if (corners > kMaxCorners) {
     return absl::InvalidArgumentError(
         absl::StrFormat("a face has %d corners, but at most %d are read; triangulate the model", corners, kMaxCorners));
   }
-  return Add(corners - 2);
+  return Add(std::max<size_t>(corners, 3) - 2);
 }
 
 absl::Status ElementCounter::AddLines(size_t count) { return Add(count); }
@@ -94,7 +95,7 @@ void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh, absl::Span
     mesh.triangles.push_back({corners[i], corners[j], corners[k]});
     if (!normals.empty()) mesh.corner_normals.push_back({normals[i], normals[j], normals[k]});
   };
-  if (corners.size() == 3) return append(0, 1, 2);
+  if (corners.size() <= 3) return append(0, corners.size() > 1 ? 1 : 0, corners.size() - 1);
   if (corners.size() == 4) {
     const size_t first = DiagonalCorner(corners, mesh.points);
     append(first, (first + 1) % 4, (first + 2) % 4);

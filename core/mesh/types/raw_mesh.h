@@ -64,7 +64,7 @@ class ElementCounter {
  public:
   explicit ElementCounter(const MeshLimits& limits) : limits_(limits) {}
 
-  // A face needs 3 to 512 corners.
+  // A face needs 1 to 512 corners.
   absl::Status AddFace(size_t corners);
   absl::Status AddLines(size_t count);
 
@@ -75,8 +75,9 @@ class ElementCounter {
   size_t elements_ = 0;
 };
 
-// Cuts a polygon of at least 3 corners, which are indices of `mesh.points`, into triangles with the winding of the
-// polygon and appends them (core/mesh/README.md, section 2). The polygon may be concave and should be nearly flat.
+// Cuts a polygon of at least one corner, which are indices of `mesh.points`, into triangles with the winding of the
+// polygon and appends them (core/mesh/README.md, section 2). One or two corners, which exporters write for points and
+// lines, become a triangle without area. The polygon may be concave and should be nearly flat.
 // Parts of a polygon that crosses itself may be omitted. `normals` has the unit normal of each corner and is appended
 // to `mesh.corner_normals`; it is empty for all polygons of a mesh or for none.
 void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh, absl::Span<const Eigen::Vector3f> normals = {});

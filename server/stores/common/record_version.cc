@@ -6,7 +6,7 @@
 namespace evpose::server {
 
 const uint32_t kTrackerStateVersion = 9;
-const uint32_t kPreparationVersion = 9;
+const uint32_t kPreparationVersion = 10;
 
 std::string SerializeRecord(const google::protobuf::Message& record) { return SerializeYielding(record); }
 
