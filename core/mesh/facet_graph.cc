@@ -62,24 +62,25 @@ FacetGraph::FacetGraph(const RawMesh& mesh)
     normals_.push_back((mesh.points[j] - mesh.points[i]).cross(mesh.points[k] - mesh.points[i]).normalized());
   }
   ForEachEdge(uses_, [this](absl::Span<const EdgeUse> uses) {
-    const auto pair = NeighboursAt(uses);
-    if (!pair.has_value()) return;
-    const uint32_t first = 3 * (*pair)[0].triangle + (*pair)[0].side;
-    const uint32_t second = 3 * (*pair)[1].triangle + (*pair)[1].side;
-    opposite_[first] = second;
-    opposite_[second] = first;
-    const Eigen::Vector3d &n1 = normals_[first / 3], &n2 = normals_[second / 3];
-    const double angle = AngleBetween(n1, n2);
-    const bool is_convex = n1.cross(n2).dot(end(first) - begin(first)) >= 0.0;
-    turn_rad_[first] = turn_rad_[second] = static_cast<float>(is_convex ? angle : -angle);
+    for (const std::array<EdgeUse, 2>& pair : NeighboursAt(uses)) SetNeighbours(pair);
   });
 }
 
-std::optional<std::array<EdgeUse, 2>> FacetGraph::NeighboursAt(absl::Span<const EdgeUse> uses) const {
-  if (uses.size() == 2 && uses[0].is_forward != uses[1].is_forward) return std::array{uses[0], uses[1]};
-  if (uses.size() <= 2 || uses.size() > kMaxUsesOfJoint) return std::nullopt;
+void FacetGraph::SetNeighbours(const std::array<EdgeUse, 2>& pair) {
+  const uint32_t first = 3 * pair[0].triangle + pair[0].side, second = 3 * pair[1].triangle + pair[1].side;
+  opposite_[first] = second;
+  opposite_[second] = first;
+  const Eigen::Vector3d &n1 = normals_[first / 3], &n2 = normals_[second / 3];
+  const double angle = AngleBetween(n1, n2);
+  const bool is_convex = n1.cross(n2).dot(end(first) - begin(first)) >= 0.0;
+  turn_rad_[first] = turn_rad_[second] = static_cast<float>(is_convex ? angle : -angle);
+}
+
+absl::InlinedVector<std::array<EdgeUse, 2>, 2> FacetGraph::NeighboursAt(absl::Span<const EdgeUse> uses) const {
+  if (uses.size() == 2 && uses[0].is_forward != uses[1].is_forward) return {{uses[0], uses[1]}};
+  if (uses.size() <= 2 || uses.size() > kMaxUsesOfJoint) return {};
   std::vector<EdgeUse> rest(uses.begin(), uses.end());
-  std::vector<Eigen::Vector3d> walls;
+  std::vector<std::array<EdgeUse, 2>> walls;  // with one wing
   for (size_t i = 0; rest.size() > 2 && i < rest.size();) {
     const Eigen::Vector3d wing = WingOf(mesh_, rest[i]);
     const auto other =
@@ -90,18 +91,24 @@ std::optional<std::array<EdgeUse, 2>> FacetGraph::NeighboursAt(absl::Span<const 
       ++i;
       continue;
     }
-    walls.push_back(wing);
+    walls.push_back({rest[i], *other});
     rest.erase(other);
     rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(i));
   }
-  if (rest.size() != 2 || rest[0].is_forward == rest[1].is_forward) return std::nullopt;
+  if (rest.size() != 2 || rest[0].is_forward == rest[1].is_forward) return {};
+  // Two walls are a sheet with two sides: each of its triangles has its neighbour in the other wall, on its own side.
+  if (walls.size() == 1 && WingOf(mesh_, rest[0]).dot(WingOf(mesh_, rest[1])) > kSameWingCosine) {
+    const bool is_first = rest[0].is_forward != walls[0][0].is_forward;
+    return {{walls[0][0], rest[is_first ? 0 : 1]}, {walls[0][1], rest[is_first ? 1 : 0]}};
+  }
   const Eigen::Vector3d &n1 = normals_[rest[0].triangle], &n2 = normals_[rest[1].triangle];
   const bool is_convex = n1.dot(WingOf(mesh_, rest[1])) <= 0.0;
-  for (const Eigen::Vector3d& wall : walls) {
+  for (const auto& [wall_use, other_use] : walls) {
+    const Eigen::Vector3d wall = WingOf(mesh_, wall_use);
     const bool is_behind1 = n1.dot(wall) < -kInsideSine, is_behind2 = n2.dot(wall) < -kInsideSine;
-    if (is_convex ? !is_behind1 || !is_behind2 : !is_behind1 && !is_behind2) return std::nullopt;
+    if (is_convex ? !is_behind1 || !is_behind2 : !is_behind1 && !is_behind2) return {};
   }
-  return std::array{rest[0], rest[1]};
+  return {{rest[0], rest[1]}};
 }
 
 void WalkAcross(const FacetGraph& graph, uint32_t side, double max_length_m, int64_t& work,

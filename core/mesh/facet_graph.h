@@ -7,9 +7,9 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
+#include "absl/container/inlined_vector.h"
 #include "absl/functional/function_ref.h"
 #include "absl/types/span.h"
 #include "core/mesh/mesh_edges.h"
@@ -36,7 +36,8 @@ class FacetGraph {
   // Unit; of the triangle's plane.
   const Eigen::Vector3d& normal(uint32_t triangle) const { return normals_[triangle]; }
   // The side of the neighbour at the same edge, if exactly two triangles meet there and have one winding, apart from
-  // those between bodies that touch there (core/mesh/README.md, section 6); else kNone.
+  // those between bodies that touch there (core/mesh/README.md, section 6), or if the edge is within a sheet with two
+  // sides; else kNone.
   uint32_t opposite(uint32_t side) const { return opposite_[side]; }
   // Angle, rad, by which the surface turns there, positive if it is convex; 0 without a neighbour.
   double turn_rad(uint32_t side) const { return turn_rad_[side]; }
@@ -49,8 +50,9 @@ class FacetGraph {
   Eigen::Vector3d Into(uint32_t side) const { return normals_[side / 3].cross(Along(side)); }
 
  private:
-  // Of the triangles at an edge, the two that are neighbours.
-  std::optional<std::array<EdgeUse, 2>> NeighboursAt(absl::Span<const EdgeUse> uses) const;
+  // Pairs of the triangles at an edge that are neighbours.
+  absl::InlinedVector<std::array<EdgeUse, 2>, 2> NeighboursAt(absl::Span<const EdgeUse> uses) const;
+  void SetNeighbours(const std::array<EdgeUse, 2>& pair);
 
   const RawMesh& mesh_;
   const std::vector<EdgeUse> uses_;

@@ -373,6 +373,26 @@ TEST(SurfaceRegionsTest, SurfacesThatMeetInOneEdge) {
             6);
 }
 
+// Half a tube of 24 sides with a floor, without thickness: each side has two regions.
+TEST(SurfaceRegionsTest, BothSidesOfASheetAreSmooth) {
+  RawMesh mesh;
+  for (int i = 0; i <= 24; ++i) {
+    for (const double y : {0.0, 1.0}) mesh.points.push_back({std::cos(kPi * i / 24), y, std::sin(kPi * i / 24)});
+  }
+  for (uint32_t i = 0; i <= 24; ++i) {
+    const uint32_t from = 2 * i, to = i < 24 ? from + 2 : 0;
+    mesh.triangles.push_back({from, from + 1, to});
+    mesh.triangles.push_back({to, from + 1, to + 1});
+  }
+  const std::vector<std::array<uint32_t, 3>> first_side = mesh.triangles;
+  for (const auto& [i, j, k] : first_side) mesh.triangles.push_back({i, k, j});
+  const SurfaceEdges found = Find(mesh);
+  EXPECT_THAT(found.surface.regions, SizeIs(4));
+  EXPECT_EQ(CountOf(found.surface, RegionShape::kPlane), 2u);
+  // The rims of 24 edges and the two sides of the floor, and its two joints with the tube.
+  EXPECT_THAT(found.edges, SizeIs(2 * 24 + 2 + 2));
+}
+
 TEST(SurfaceRegionsTest, WorkIsBoundedOnAMeshOfSharpFacets) {
   // A rough sheet: all its inner edges are candidates, and its paths cross many triangles.
   constexpr uint32_t kSquares = 150;
