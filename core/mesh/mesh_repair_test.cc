@@ -138,6 +138,24 @@ TEST(RepairMeshTest, EachClosedShellIsOutward) {
               ElementsAre("36 triangles turned: the winding differed from that of the neighbours or was inward"));
 }
 
+TEST(RepairMeshTest, TheMainOpenSurfaceIsTurnedOutward) {
+  RawMesh box = UnitBox();
+  box.triangles.resize(10);  // without the top
+  RawMesh reversed = box;
+  for (auto& triangle : reversed.triangles) std::swap(triangle[1], triangle[2]);
+  EXPECT_EQ(RepairMesh(reversed).turned_triangles, 10u);
+  EXPECT_EQ(RepairMesh(box).turned_triangles, 0u);
+  // The wall of a hole in a box, whose edges are not joined with it.
+  RawMesh with_hole = UnitBox();
+  const size_t triangles = with_hole.triangles.size();
+  AddBox({0.4, 0.4, 0.0}, {0.2, 0.2, 1.0}, with_hole);
+  with_hole.triangles.resize(triangles + 8);
+  for (size_t t = triangles; t < with_hole.triangles.size(); ++t) {
+    std::swap(with_hole.triangles[t][1], with_hole.triangles[t][2]);
+  }
+  EXPECT_EQ(RepairMesh(with_hole).turned_triangles, 0u);
+}
+
 TEST(RepairMeshTest, OpenAndOneSidedSurfacesAreReported) {
   RawMesh open = UnitBox();
   open.triangles.pop_back();

@@ -118,6 +118,7 @@ struct Neighbour {
 class Orienter {
  public:
   explicit Orienter(RawMesh& model) : model_(model), neighbours_(model.triangles.size()) {
+    for (uint32_t t = 0; t < model.triangles.size(); ++t) area_m2_ += TriangleArea(model, t);
     uint32_t edges = 0;
     ForEachEdge(SortedEdgeUses(model.triangles), [&](absl::Span<const EdgeUse> uses) {
       if (uses.size() == 2) {
@@ -193,7 +194,7 @@ class Orienter {
         std::count_if(surface_.begin(), surface_.end(), [this](uint32_t t) { return state_[t] == State::kTurn; });
     State to_turn = 2 * marked > surface_.size() ? State::kAsIs : State::kTurn;
     // Volume of the surface with the triangles marked kTurn reversed.
-    const double volume = is_closed ? Volume() : 0.0;
+    const double volume = is_closed ? VolumeOfClosed() : VolumeOfOpen();
     if (volume > 0.0) to_turn = State::kTurn;
     if (volume < 0.0) to_turn = State::kAsIs;
     for (const uint32_t t : surface_) {
@@ -211,8 +212,35 @@ class Orienter {
   }
 
   // Returns 0 if the volume is within rounding errors, as that of a sheet with two sides.
-  double Volume() const {
-    const Eigen::Vector3d origin = model_.points[model_.triangles[surface_[0]][0]];
+  double VolumeOfClosed() const {
+    constexpr double kRounding = 1e-9;  // rounding error of some million additions in double precision
+    const auto [volume, magnitude] = VolumeAbout(model_.points[model_.triangles[surface_[0]][0]]);
+    return std::abs(volume) > kRounding * magnitude ? volume : 0.0;
+  }
+
+  // The volume about the middle of the boundary. Returns 0 for a part of a mesh, such as the wall of a hole whose edges
+  // are not joined, and for a surface that is nearly flat: a dish whose depth is 7 % of its radius.
+  double VolumeOfOpen() const {
+    constexpr double kLeastShare = 0.5, kLeastBulge = 0.02;
+    double area = 0.0, length = 0.0;
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (const uint32_t t : surface_) {
+      area += TriangleArea(model_, t);
+      for (size_t side = 0; side < 3; ++side) {
+        if (neighbours_[t][side].link != Neighbour::Link::kEdge) continue;
+        const Eigen::Vector3d& a = model_.points[model_.triangles[t][side]];
+        const Eigen::Vector3d& b = model_.points[model_.triangles[t][(side + 1) % 3]];
+        middle += 0.5 * (b - a).norm() * (a + b);
+        length += (b - a).norm();
+      }
+    }
+    if (area < kLeastShare * area_m2_ || !(length > 0.0)) return 0.0;
+    const double volume = VolumeAbout(middle / length).first;
+    return std::abs(volume) > kLeastBulge * area * std::sqrt(area) ? volume : 0.0;
+  }
+
+  // The volume, and the sum of the absolute values of its terms.
+  std::pair<double, double> VolumeAbout(const Eigen::Vector3d& origin) const {
     double volume = 0.0, magnitude = 0.0;
     for (const uint32_t t : surface_) {
       const auto& [i, j, k] = model_.triangles[t];
@@ -221,11 +249,11 @@ class Orienter {
       volume += state_[t] == State::kTurn ? -part : part;
       magnitude += std::abs(part);
     }
-    constexpr double kRounding = 1e-9;  // rounding error of some million additions in double precision
-    return std::abs(volume) > kRounding * magnitude ? volume : 0.0;
+    return {volume, magnitude};
   }
 
   RawMesh& model_;
+  double area_m2_ = 0.0;
   std::vector<std::array<Neighbour, 3>> neighbours_;
   std::vector<State> state_;
   std::vector<uint32_t> surface_;                    // the triangles of the present surface
@@ -233,19 +261,16 @@ class Orienter {
   Orientation result_;
 };
 
-// Marks the triangles whose corners, in any order, are those of an earlier triangle.
-std::vector<bool> MarkSecondSides(const RawMesh& model) {
-  return MarkRepeated(model.triangles, [](std::array<uint32_t, 3> triangle) {
-    std::sort(triangle.begin(), triangle.end());
-    return triangle;
-  });
+std::array<uint32_t, 3> Sorted(std::array<uint32_t, 3> triangle) {
+  std::sort(triangle.begin(), triangle.end());
+  return triangle;
 }
 
 class SecondSideRemover {
  public:
   explicit SecondSideRemover(RawMesh& mesh)
       : mesh_(mesh),
-        is_second_(MarkSecondSides(mesh)),
+        is_second_(MarkRepeated(mesh.triangles, Sorted)),
         patches_(mesh.triangles.size()),
         openings_(mesh.points.size()),
         excess_m2_(mesh.triangles.size(), 0.0) {}
@@ -305,7 +330,7 @@ class SecondSideRemover {
   }
 
   RawMesh& mesh_;
-  const std::vector<bool> is_second_;
+  const std::vector<bool> is_second_;  // triangles with the corners of an earlier one
   DisjointSets patches_;
   DisjointSets openings_;
   std::vector<double> excess_m2_;  // for the first triangle of each patch: the admissible open area less the actual one

@@ -48,8 +48,9 @@ struct Orientation {
   bool is_oriented = true;  // every surface has two sides, unlike a Moebius strip
 };
 // Gives neighbouring triangles, which are those on both sides of an edge of exactly two triangles, the same winding.
-// Neighbours form a surface. The normals of closed surfaces point outward; an open surface gets the winding that most
-// of its triangles have. Surfaces that cannot be oriented stay as they are. Vertices must be shared.
+// Neighbours form a surface. The normals of closed surfaces, and of an open one with half of the area that is not
+// nearly flat, point outward; other open surfaces get the winding that most of their triangles have (README, section
+// 5). Surfaces that cannot be oriented stay as they are. Vertices must be shared.
 Orientation OrientTriangles(RawMesh& model);
 
 }  // namespace evpose
