@@ -115,14 +115,37 @@ class Page:
         chain.perform()
 
     def click(self, selector, share):
-        """Clicks at this share of the width of the first element that the selector finds, near its upper edge."""
+        """Clicks at point()."""
         from selenium.webdriver.common.action_chains import ActionChains
 
-        left, top, width = self.run("const box = document.querySelector(arguments[0]).getBoundingClientRect(); return [box.left, box.top, box.width]", selector)
         chain = ActionChains(self.driver)
-        chain.w3c_actions.pointer_action.move_to_location(int(left + share * width), int(top + 8))
+        chain.w3c_actions.pointer_action.move_to_location(*self.point(selector, share))
         chain.w3c_actions.pointer_action.click()
         chain.perform()
+
+    def double_click(self, selector, share):
+        from selenium.webdriver.common.action_chains import ActionChains
+
+        chain = ActionChains(self.driver)
+        chain.w3c_actions.pointer_action.move_to_location(*self.point(selector, share))
+        chain.w3c_actions.pointer_action.double_click()
+        chain.perform()
+
+    def drag(self, selector, from_share, to_share):
+        from selenium.webdriver.common.action_chains import ActionChains
+
+        chain = ActionChains(self.driver)
+        pointer = chain.w3c_actions.pointer_action
+        pointer.move_to_location(*self.point(selector, from_share))
+        pointer.pointer_down()
+        pointer.move_to_location(*self.point(selector, to_share))
+        pointer.pointer_up()
+        chain.perform()
+
+    def point(self, selector, share):
+        """The point at this share of the width of the first element that the selector finds, near its upper edge."""
+        left, top, width = self.run("const box = document.querySelector(arguments[0]).getBoundingClientRect(); return [box.left, box.top, box.width]", selector)
+        return int(left + share * width), int(top + 8)
 
     def console_errors(self):
         return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]

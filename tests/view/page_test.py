@@ -44,6 +44,10 @@ class PageTest(unittest.TestCase):
         self.assertEqual(self.page.foreign_requests(), [])
         self.assertEqual(self.page.data["errors"], "0")
 
+    def check_only_the_connection_broke(self):
+        # Chromium itself reports the broken WebSocket to the console.
+        self.assertEqual([message for message in self.page.console_errors() if "WebSocket" not in message], [])
+
     def images_drawn(self):
         return int(self.page.data["imagesDrawn"])
 
@@ -91,8 +95,7 @@ class LivePage(PageTest):
         self.page.wait_for_data(connection="connected")
         self.wait_for_images(3)
         self.assertEqual(self.page.data["session"], "sessions/bench-1")
-        # Chromium itself reports the broken WebSocket to the console.
-        self.assertTrue(all("WebSocket" in message for message in self.page.console_errors()))
+        self.check_only_the_connection_broke()
 
     def test_another_session_is_opened_again(self):
         self.page.press("l")
@@ -107,7 +110,7 @@ class LivePage(PageTest):
         # The gateway shows the session of its address first.
         self.page.wait(lambda: self.images_drawn() > images, "an image of the new connection")
         self.page.wait_for_data(session="sessions/<b>cell 7</b>")
-        self.page.console_errors()
+        self.check_only_the_connection_broke()
 
     def test_refused_key_is_explained(self):
         for url, connection, text in (
@@ -282,6 +285,58 @@ class RecordingPage(PageTest):
             return plot?.querySelector('.key').textContent ?? ''"""
         self.page.wait(lambda: self.page.run(rate) == "2.00", "2 Mev/s in the middle of the recording")
 
+    PLOTTED = "return [...document.querySelectorAll('.plot .key')].map((node) => node.textContent)"
+
+    def plotted(self):
+        """The values beside the titles of the plots."""
+        return self.page.run(self.PLOTTED)
+
+    def change_theme(self):
+        self.addCleanup(self.page.run, "localStorage.clear()")  # The next test begins in the dark theme.
+        other = "light" if self.page.data["theme"] == "dark" else "dark"
+        self.page.press("d")
+        self.page.wait_for_data(theme=other)
+
+    def has_all_values(self):
+        values = self.plotted()
+        return len(values) > 9 and not any("–" in value or value == "" for value in values)
+
+    def test_plots_remain_in_another_theme(self):
+        self.scrub(START_US + 1_000_000)
+        self.page.wait(self.has_all_values, "values in all plots")
+        before = self.plotted()
+        self.change_theme()
+        self.page.wait(lambda: self.plotted() == before, f"the values {before}")
+
+    def show_instant_of_plot(self, plot, share, seconds):
+        """Clicks into a plot and waits for the instant that this place then has, seconds after the beginning."""
+        self.page.click(f".plot:nth-of-type({plot}) .u-over", share)
+        low, high = START_US + (seconds - 0.15) * 1e6, START_US + (seconds + 0.15) * 1e6
+        self.page.wait(lambda: low < int(self.page.data["imageTUs"]) < high, f"the instant {seconds} s")
+
+    def test_plots_show_the_chosen_part_until_a_double_click(self):
+        self.scrub(START_US + 1_000_000)
+        self.page.wait(self.has_all_values, "values in all plots")
+        self.show_instant_of_plot(1, 0.7, 7)
+        self.page.drag(".plot .u-over", 0.2, 0.6)
+        for share, seconds in ((0.25, 3), (0.5, 4), (0.75, 5)):
+            for plot, step in ((1, 0), (3, 0.1)):
+                self.show_instant_of_plot(plot, share + step, seconds + 4 * step)
+            self.change_theme()
+        self.page.double_click(".plot .u-over", 0.5)
+        self.show_instant_of_plot(1, 0.25, 2.5)
+        self.change_theme()
+        for plot, share in ((1, 0.75), (3, 0.9)):
+            self.show_instant_of_plot(plot, share, 10 * share)
+
+    def test_a_selection_keeps_the_keys_that_it_uses(self):
+        is_kept = """const event = new KeyboardEvent('keydown', {key: arguments[0], bubbles: true, cancelable: true});
+            return document.getElementById('window-select').dispatchEvent(event)"""
+        for key in (" ", "Home", "ArrowLeft"):
+            self.assertTrue(self.page.run(is_kept, key), key)
+        self.assertFalse(self.page.run(is_kept, "]"))
+        self.assertEqual(self.page.data["playing"], "false")
+
     def test_plays_and_pauses(self):
         self.page.press("-", "-", "-", " ")
         self.page.wait_for_data(playing="true")
@@ -305,7 +360,7 @@ class RecordingPage(PageTest):
         # The gateway shows the beginning of the recording first.
         self.page.wait(lambda: self.images_drawn() > images, "an image of the new connection")
         self.wait_for_instant(START_US + 4_000_000)
-        self.page.console_errors()
+        self.check_only_the_connection_broke()
 
 
 class PageWithoutWebGl(PageTest):

@@ -47,10 +47,9 @@ export class Keys {
       return;
     }
     if (this.dialog.open) return;
-    // A control that has the focus keeps the keys that it uses itself.
+    // Selections and buttons that have the focus keep the space and the keys with names that they use; characters remain commands.
     const { target } = event;
-    const isSelect = target instanceof HTMLSelectElement;
-    if (isSelect && event.key.length > 1) return;
+    if (target instanceof HTMLSelectElement && (event.key === " " || event.key.length > 1)) return;
     if (target instanceof HTMLButtonElement && (event.key === " " || event.key === "Enter")) return;
     const isArrow = event.key.startsWith("Arrow");
     const key = isArrow && event.shiftKey ? `Shift+${event.key}` : event.key;

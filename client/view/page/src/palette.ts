@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Colours. Those of states and axes are Okabe and Ito's, which people with defective colour vision can tell apart; a state has
+// Colours. Those of states and axes are Okabe and Ito's, which people with a colour vision deficiency can tell apart; a state has
 // a line style and a symbol, and an object a number, as well.
 import type { CellColours } from "./cells";
 import type { ShownState } from "./store";

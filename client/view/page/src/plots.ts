@@ -48,8 +48,8 @@ export class Plots {
   private plots: Plot[] = [];
   private readonly root = byId("plots", HTMLElement);
   private isSettingScale = false;
-  /** True if the user has chosen a part of the recording. */
-  private isZoomed = false;
+  /** The part of the recording that the user has chosen, s. New plots show it, too. */
+  private zoomS: { min: number; max: number } | null = null;
   private shape = "";
   private dataKey = "";
   private cursorS: number | null = null;
@@ -71,7 +71,7 @@ export class Plots {
   }
 
   reset(): void {
-    this.isZoomed = false;
+    this.zoomS = null;
     this.shape = "";
   }
 
@@ -133,13 +133,12 @@ export class Plots {
     if (!isRecording) data.push(...this.healthData(fromUs));
     else if (this.plots.length > data.length) data.push(this.recordedRates());
     const range = isRecording ? this.store.recordedRange : { from_us: fromUs, to_us: toUs };
+    const shownS = this.zoomS ?? (range && { min: range.from_us / 1e6, max: range.to_us / 1e6 });
     this.isSettingScale = true;
     this.plots.forEach((plot, i) => {
-      const { min, max } = plot.uplot.scales["x"] ?? {};
       plot.uplot.batch(() => {
         plot.uplot.setData(data[i] as uPlot.AlignedData, false);
-        if (this.isZoomed) plot.uplot.setScale("x", { min: min!, max: max! });
-        else if (range) plot.uplot.setScale("x", { min: range.from_us / 1e6, max: range.to_us / 1e6 });
+        if (shownS) plot.uplot.setScale("x", shownS);
       });
     });
     this.isSettingScale = false;
@@ -163,6 +162,7 @@ export class Plots {
 
   private create(shape: string): void {
     this.shape = shape;
+    this.dataKey = "";  // The new plots are empty.
     for (const plot of this.plots) plot.uplot.destroy();
     const definitions = this.definitions();
     this.plots = [];
@@ -230,11 +230,21 @@ export class Plots {
   /** Gives the other plots the range that was chosen in one of them. */
   private shareScale(from: uPlot): void {
     if (this.isSettingScale) return;
-    this.isZoomed = true;
     const { min, max } = from.scales["x"] ?? {};
     if (min == null || max == null) return;
+    this.zoomS = { min, max };
+    this.setScale(this.zoomS, from);
+  }
+
+  /** Sets the range of the other plots. In a batch the hook of setScale runs at once, otherwise only after this function. */
+  private setScale(rangeS: { min: number; max: number }, except: uPlot | null): void {
     this.isSettingScale = true;
-    for (const { uplot } of this.plots) if (uplot !== from) uplot.setScale("x", { min, max });
+    for (const { uplot } of this.plots) {
+      if (uplot === except) continue;
+      uplot.batch(() => {
+        uplot.setScale("x", rangeS);
+      });
+    }
     this.isSettingScale = false;
   }
 
@@ -249,8 +259,8 @@ export class Plots {
     });
     uplot.over.addEventListener("dblclick", () => {
       const range = this.store.recordedRange;
-      if (range) uplot.setScale("x", { min: range.from_us / 1e6, max: range.to_us / 1e6 });
-      this.isZoomed = false;
+      if (range) this.setScale({ min: range.from_us / 1e6, max: range.to_us / 1e6 }, null);
+      this.zoomS = null;
     });
   }
 

@@ -92,7 +92,7 @@ test("the rates of a recording are those of its intervals, without a short last 
 });
 
 test("numbers are written with their units", () => {
-  assert.deepEqual([8.523e6, 12300, 7, 2.5e9, NaN].map(withPrefix), ["8.52 M", "12.3 k", "7 ", "2.50 G", "–"]);
-  assert.deepEqual([1500, 25000, 2.5e6, 190e6].map(duration), ["1.5 ms", "25 ms", "2.50 s", "3 min 10 s"]);
+  assert.deepEqual([8.523e6, 12300, 7, 2.5e9, 999999, 999.6, NaN].map(withPrefix), ["8.52 M", "12.3 k", "7 ", "2.50 G", "1.00 M", "1.00 k", "–"]);
+  assert.deepEqual([1500, 25000, 2.5e6, 190e6, 179.7e6].map(duration), ["1.5 ms", "25 ms", "2.50 s", "3 min 10 s", "3 min 0 s"]);
   assert.equal(seconds(16000018, 6), "16.000018");
 });
