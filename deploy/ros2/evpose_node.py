@@ -13,8 +13,9 @@ import evpose
 def connect(settings):
     """Connects by the parameters server, token_file, tls_ca, tls_certificate and tls_key. Raises evpose.EvposeError and OSError."""
     tls = None
-    if settings["tls_ca"] or settings["tls_certificate"]:
-        tls = evpose.Tls(*(settings[name] or None for name in ("tls_ca", "tls_certificate", "tls_key")))
+    names = ("tls_ca", "tls_certificate", "tls_key")
+    if any(settings[name] for name in names):
+        tls = evpose.Tls(*(settings[name] or None for name in names))
     path = settings["token_file"]
     token = (lambda: pathlib.Path(path).read_text().strip()) if path else None
     return evpose.connect(settings["server"], tls=tls, token=token)

@@ -6,6 +6,9 @@ import threading
 
 import evpose
 
+# A packet whose `seq` is behind the last one by less than this is repeated or overtaken. By more, the publisher has started again.
+_MAX_OVERTAKEN = 16
+
 
 class PacketReader:
     """Checks the packets of one camera, and marks what was lost between them."""
@@ -22,6 +25,14 @@ class PacketReader:
     def mark_lost(self):
         """The next packet follows a gap that its `seq` does not show."""
         self._is_after_gap = True
+
+    def note_seq(self, seq):
+        """Takes the number of a packet that is dropped instead of passed to chunks(), so that the next packet follows a gap. Returns
+        False if the packet is repeated or overtaken, which is no loss."""
+        is_new = self._is_new(seq)
+        if is_new:
+            self.mark_lost()
+        return is_new
 
     def chunks(self, packet):
         """Returns the chunks of a packet: its bytes, after evpose.Discontinuity where events were lost. Raises
@@ -59,7 +70,7 @@ class PacketReader:
             self.num_lost += seq - last - 1
             self.mark_lost()
             return True
-        if last - seq < 1000 and seq > 0:  # a packet of the same publisher
+        if last - seq < _MAX_OVERTAKEN and seq > 0:
             self._seq = last
             self.num_repeated += 1
             return False
@@ -86,9 +97,8 @@ class PacketQueue:
             if self._has_ended:
                 return
             if self._bytes + len(packet.events) > self._max_bytes:
-                self.num_dropped += 1
-                self.reader.chunks(packet)  # for its number
-                self.reader.mark_lost()
+                if self.reader.note_seq(packet.seq):
+                    self.num_dropped += 1
                 return
             for chunk in self.reader.chunks(packet):
                 self._chunks.append(chunk)

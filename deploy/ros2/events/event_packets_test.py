@@ -58,6 +58,16 @@ class PacketReaderTest(unittest.TestCase):
         self.assertEqual(self.chunks(Packet(5000, b"ab"), Packet(0, b"cd"), Packet(1, b"ef")), [b"ab", "gap", b"cd", b"ef"])
         self.assertEqual(self.reader.num_lost, 0)
 
+    def test_a_publisher_that_starts_again_at_a_number_above_0_is_a_discontinuity(self):
+        self.assertEqual(self.chunks(Packet(500, b"ab"), Packet(3, b"cd"), Packet(4, b"ef")), [b"ab", "gap", b"cd", b"ef"])
+        self.assertEqual(self.reader.num_repeated, 0)
+
+    def test_a_packet_that_is_only_counted_is_a_gap(self):
+        self.assertEqual(self.chunks(Packet(1, b"ab")), [b"ab"])
+        self.assertEqual([self.reader.note_seq(2), self.reader.note_seq(2)], [True, False])
+        self.assertEqual(self.chunks(Packet(3, b"cd")), ["gap", b"cd"])
+        self.assertEqual((self.reader.num_packets, self.reader.num_lost, self.reader.num_repeated), (2, 0, 1))
+
     def test_repeated_and_overtaken_packets_are_not_sent(self):
         self.assertEqual(self.chunks(Packet(5, b"ab"), Packet(6, b"cd"), Packet(6, b"cd"), Packet(5, b"ab"), Packet(7, b"ef")),
                          [b"ab", b"cd", b"ef"])
@@ -91,6 +101,7 @@ class PacketQueueTest(unittest.TestCase):
         chunks = iter(queue)
         self.assertEqual(kinds([next(chunks), next(chunks)]), [b"ab", b"cd"])
         queue.put(Packet(4, b"gh"))
+        self.assertEqual((queue.reader.num_packets, queue.reader.num_lost), (3, 0))
         queue.put(Packet(5, b"ij"))
         queue.end()
         self.assertEqual(kinds(chunks), ["gap", b"gh", b"ij"])

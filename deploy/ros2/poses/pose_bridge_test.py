@@ -233,6 +233,9 @@ class NodeTest(SceneTest):
             self.run_node({"server": running.address, "session": "sessions/none"}, lambda text: None)
         with self.assertRaisesRegex(SystemExit, "evpose_poses: .*no-such-file"):
             self.run_node({"server": running.address, "token_file": "/no-such-file"}, lambda text: None)
+        for name, reason in (("tls_ca", "no-such-file"), ("tls_certificate", "needs its key"), ("tls_key", "a key its certificate")):
+            with self.assertRaisesRegex(SystemExit, f"evpose_poses: .*{reason}"):
+                self.run_node({"server": running.address, "session": "sessions/none", name: "/no-such-file"}, lambda text: None)
 
     def test_an_error_of_any_kind_ends_the_node(self):
         running = server.Server("--log-level", "error", directory=self.directory)
@@ -242,6 +245,7 @@ class NodeTest(SceneTest):
         session, recording = self.create(client)
         ros = FakeRos({"server": running.address, "session": session.name}, lambda text: "after pose 0" in text and follows.set())
         follows = threading.Event()
+        self.addCleanup(follows.set)
 
         def publish(topic, message):
             if topic != "/diagnostics":
@@ -252,7 +256,7 @@ class NodeTest(SceneTest):
             session.track(recording).read_all()
 
         ros.publish = publish
-        thread = threading.Thread(target=feed)
+        thread = threading.Thread(target=feed, daemon=True)
         thread.start()
         with self.assertRaisesRegex(ZeroDivisionError, "of a publisher"):
             ros.run("pose_publisher")
