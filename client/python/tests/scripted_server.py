@@ -58,6 +58,14 @@ class Stream:
         assert found == kind, (found, kind)
         return getattr(request, found)
 
+    def wait_until_left(self):
+        """Returns when the client has left the stream. Any message before is a failure."""
+        try:
+            self.read("end")
+        except StopIteration:
+            return
+        raise AssertionError("the client ends the events instead of leaving")
+
 
 def attached(next_seq=1, limit=1 << 20, first_pose=1, token="", **more):
     return track_pb2.TrackResponse(attached={"next_seq": next_seq, "send_limit_bytes": limit, "first_pose_seq": first_pose,

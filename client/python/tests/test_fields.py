@@ -98,7 +98,8 @@ def with_parents(message, path):
 
 
 def lost_fields(message, read):
-    """Returns the paths of the fields of `message` that do not change the result of `read`. An error has read the field."""
+    """Returns the paths of the fields of `message` that do not change the result of `read`. A `read` that raises ValueError has read the
+    field."""
     lost = []
     for path in leaves(message.DESCRIPTOR):
         before, after = type(message)(), type(message)()

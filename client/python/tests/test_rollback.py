@@ -18,8 +18,8 @@ UNAVAILABLE = Fail(grpc.StatusCode.UNAVAILABLE, "DRAINING")
 class RollbackTest(unittest.TestCase):
     def serve(self, *scripts):
         scripted = ScriptedServer(*scripts)
-        self.addCleanup(scripted.stop)
         self.addCleanup(lambda: self.assertEqual(scripted.failures, []))
+        self.addCleanup(scripted.stop)
         return scripted
 
     def test_a_server_that_asks_for_a_durable_chunk_has_lost_it(self):
@@ -40,8 +40,7 @@ class RollbackTest(unittest.TestCase):
             raise Fail(grpc.StatusCode.DATA_LOSS, "ROLLED_BACK")
             yield
 
-        scripted = ScriptedServer(first, second, third)
-        self.addCleanup(scripted.stop)
+        scripted = self.serve(first, second, third)
         with self.assertRaises(evpose.DataLossError) as caught:
             scripted.track([A, B], retain=evpose.RetainOptions(duration_s=0.0)).read_all()
         self.assertEqual(caught.exception.reason, "ROLLED_BACK")
@@ -98,8 +97,7 @@ class RollbackTest(unittest.TestCase):
         retain = evpose.RetainOptions(max_bytes=16 + 512)
         self.assertEqual(list(self.serve(takes_the_second).track(source(), position, retain=retain)), [])
         is_attached.clear()
-        scripted = ScriptedServer(takes_the_first, is_told)
-        self.addCleanup(scripted.stop)
+        scripted = self.serve(takes_the_first, is_told)
         with self.assertRaises(evpose.DataLossError) as caught:
             scripted.track(source(), position, retain=retain).read_all()
         self.assertEqual(caught.exception.reason, "ROLLED_BACK")

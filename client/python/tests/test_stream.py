@@ -31,8 +31,8 @@ def whole(stream):
 class StreamTest(unittest.TestCase):
     def serve(self, *scripts):
         scripted = ScriptedServer(*scripts)
-        self.addCleanup(scripted.stop)
         self.addCleanup(lambda: self.assertEqual(scripted.failures, []))
+        self.addCleanup(scripted.stop)
         return scripted
 
     def fails(self, error, script, source=(A,), **options):
@@ -135,10 +135,9 @@ class OrderTest(StreamTest):
         def script(stream):
             stream.read("attach")
             yield attached(limit=0)
-            stream.read("end")  # never
+            stream.wait_until_left()
 
-        scripted = ScriptedServer(script)
-        self.addCleanup(scripted.stop)
+        scripted = self.serve(script)
         with self.assertRaises(evpose.DeadlineExceededError) as caught:
             scripted.track([A], retry=evpose.RetryOptions(max_outage_s=0.2)).read_all()
         self.assertIn("no credit for 0.2 s", str(caught.exception))
@@ -315,11 +314,10 @@ class ResumptionTest(StreamTest):
         def third(stream):
             stream.read("attach")
             yield attached(next_seq=3)
-            stream.read("end")  # never
+            stream.wait_until_left()
 
         for source, words in (([A, A, C], "first 32 bytes differ"), ([A], "the events end after 16 bytes")):
-            scripted = ScriptedServer(third)
-            self.addCleanup(scripted.stop)
+            scripted = self.serve(third)
             with self.assertRaises(evpose.FailedPreconditionError) as refused:
                 scripted.track(source, evpose.TrackPosition.from_json(positions[-1])).read_all()
             self.assertIn(words, str(refused.exception))
@@ -419,20 +417,17 @@ class ViolationTest(StreamTest):
             yield attached()
             stream.read("events")
             yield ack(1)
-            try:
-                stream.read("end")
-            except StopIteration:
-                return
+            stream.wait_until_left()
 
         def source():
             yield A
             raise ZeroDivisionError("of the source")
 
         with self.assertRaisesRegex(ZeroDivisionError, "of the source"):
-            ScriptedServer(script).track(source()).read_all()
+            self.serve(script).track(source()).read_all()
         for item, words in ((A[:7], "7 bytes are not whole words of FLAT64"), (3, "not int")):
             with self.assertRaises(evpose.InvalidArgumentError) as caught:
-                ScriptedServer(script).track([A, item]).read_all()
+                self.serve(script).track([A, item]).read_all()
             self.assertIn(words, str(caught.exception))
 
     def test_close_ends_a_stream_and_its_thread(self):
@@ -441,10 +436,7 @@ class ViolationTest(StreamTest):
             yield attached()
             yield pose(1)
             yield notice(lag_change={"falls_behind": True})
-            try:
-                stream.read("end")
-            except StopIteration:
-                return
+            stream.wait_until_left()
 
         waits, reads = threading.Event(), threading.Event()
         self.addCleanup(waits.set)
@@ -453,8 +445,7 @@ class ViolationTest(StreamTest):
             waits.wait()
             yield A
 
-        scripted = ScriptedServer(script)
-        self.addCleanup(scripted.stop)
+        scripted = self.serve(script)
         track = scripted.track(source(), on_notice=lambda _: reads.set())
         self.assertEqual(next(track).seq, 1)
         errors = []

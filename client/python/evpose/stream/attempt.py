@@ -129,7 +129,7 @@ class StreamAttempt:
         self._sent_seq = 0  # number of the last chunk or reset that the server has, or that was sent
         self._uplink_error: Optional[Exception] = None
         self._keep_alive_s = math.inf
-        self._reading_since = math.inf  # not now
+        self._reading_since = math.inf  # monotonic time since which _read() waits; inf while it does not wait
         # The downlink.
         self._call: Any = None
         self._timed_out = False
