@@ -15,13 +15,16 @@
 #include <metavision/hal/facilities/i_ll_biases.h>
 #include <metavision/hal/facilities/i_trigger_in.h>
 
+#include <charconv>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <map>
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 namespace {
 
@@ -54,22 +57,45 @@ std::unique_ptr<Metavision::Device> Open(std::map<std::string, std::string>& opt
   return device;
 }
 
+uint32_t Number(std::map<std::string, std::string>& options, const std::string& name) {
+  const std::string& text = options[name];
+  const char* const end = text.data() + text.size();
+  uint32_t number = 0;
+  const auto [rest, error] = std::from_chars(text.data(), end, number);
+  if (error != std::errc() || rest != end) {
+    throw std::runtime_error(name + " " + text + ": an integer between 0 and 4294967295 is needed");
+  }
+  return number;
+}
+
+// Whether an option that can only switch something on is given.
+bool IsOn(std::map<std::string, std::string>& options, const std::string& name) {
+  if (!options.contains(name)) return false;
+  if (options[name] != "1") {
+    throw std::runtime_error(name + " " + options[name] + ": only 1 is possible; omit the option to leave it off");
+  }
+  return true;
+}
+
 void Configure(Metavision::Device& device, std::map<std::string, std::string>& options) {
   using namespace Metavision;
   if (options.contains("--biases")) Get<I_LL_Biases>(device, "biases").load_from_file(options["--biases"]);
   if (options.contains("--erc")) {
     auto& erc = Get<I_ErcModule>(device, "event rate control");
-    if (!erc.set_cd_event_rate(std::stoul(options["--erc"])) || !erc.enable(true)) {
+    if (!erc.set_cd_event_rate(Number(options, "--erc")) || !erc.enable(true)) {
       throw std::runtime_error("--erc: the camera refuses this event rate");
     }
   }
-  if (options.contains("--antiflicker")) Get<I_AntiFlickerModule>(device, "anti-flicker filter").enable(true);
-  if (options.contains("--trigger")) Get<I_TriggerIn>(device, "trigger input").enable(I_TriggerIn::Channel::Main);
+  if (IsOn(options, "--antiflicker") && !Get<I_AntiFlickerModule>(device, "anti-flicker filter").enable(true)) {
+    throw std::runtime_error("--antiflicker: the camera refuses it");
+  }
+  if (IsOn(options, "--trigger") && !Get<I_TriggerIn>(device, "trigger input").enable(I_TriggerIn::Channel::Main)) {
+    throw std::runtime_error("--trigger: the camera refuses it");
+  }
   if (!options.contains("--period-us")) return;
   const std::string sensor = Get<I_HW_Identification>(device, "identification").get_sensor_info().name_;
   if (!kPeriodRegisters.contains(sensor)) throw std::runtime_error("--period-us: not for the sensor " + sensor);
-  Get<I_HW_Register>(device, "registers")
-      .write_register(kPeriodRegisters.at(sensor), std::stoul(options["--period-us"]));
+  Get<I_HW_Register>(device, "registers").write_register(kPeriodRegisters.at(sensor), Number(options, "--period-us"));
 }
 
 void Write(const void* data, size_t size) {
