@@ -50,9 +50,6 @@ case "${1:-}" in
   *) echo "usage: $0 [--step | --hdf5 | --package | --test | --arm64 | --list-libraries]" >&2; exit 2 ;;
 esac
 
-# Tests read .mcap files with packages of npm. Other vendors' packages of nodejs include npm and conflict with Debian's.
-! $is_for_tests || [[ -x $(command -v npm) ]] || wanted+=(nodejs npm)
-
 # libpcl-dev depends on VTK, Java and Qt, libflann-dev on MPI and HDF5: 3 GB for 12 MB of headers. Only the headers are
 # extracted from the two packages, to a directory that compilers and CMake search by default.
 header_packages=(libpcl-dev libflann-dev)

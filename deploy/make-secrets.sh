@@ -8,12 +8,12 @@ set -euo pipefail
 directory=${1:?usage: $0 DIRECTORY}
 mkdir -p "$directory"
 cd "$directory"
+# Access is limited by the mode of the directory. The files are readable by all, because containers run as other users.
+chmod 700 .
 if [[ -e redis.password && -e redis.acl && -e redis.crt && -e redis.key ]]; then
   echo "make-secrets: $directory has all files already"
   exit 0
 fi
-# Access is limited by the mode of the directory. The files are readable by all, because containers run as other users.
-chmod 700 .
 if [[ ! -e redis.password || ! -e redis.acl ]]; then
   rm -f redis.password redis.acl
   password=$(openssl rand -hex 32)

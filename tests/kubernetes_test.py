@@ -25,6 +25,8 @@ OVERLAYS = {"overlays/single": SECRETS[:1], "overlays/cluster": SECRETS, "overla
 # --max-transport-bytes, and the process itself.
 PREPARATION_BYTES = 2 << 30
 OTHER_BYTES = (1 << 30) + 200_000_000
+# Of Redis, for a session whose log of poses is full: deploy/sizing.md.
+SESSION_BYTES = 3.2e6
 
 
 def check(condition, *words):
@@ -213,13 +215,14 @@ def check_redis(objects, pod, most_sessions):
     container = check_service(objects, host, int(port))
     options = dict(zip(container["args"][::2], container["args"][1::2]))
     check(options["--port"] == "0" and options["--tls-port"] == port, "Redis accepts connections without TLS")
+    check(options.get("--save") == "", "Redis writes snapshots beside its file of writes")
     check_redis_memory(container, options["--maxmemory"], most_sessions, other_bytes=0)
 
 
 def check_redis_memory(container, maxmemory, most_sessions, other_bytes):
     gigabytes = int(maxmemory.removesuffix("gb"))
     check(int(container["resources"]["limits"]["memory"].removesuffix("Gi")) >= 2 * gigabytes, "no room for the rewrite of Redis' file")
-    check(most_sessions * 8.3e6 + other_bytes <= gigabytes * 2**30, most_sessions, "sessions have no room in Redis")
+    check(most_sessions * SESSION_BYTES + other_bytes <= gigabytes * 2**30, most_sessions, "sessions have no room in Redis")
 
 
 def check_group(objects, pod, most_sessions):

@@ -23,5 +23,8 @@ openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -su
   -keyout "$secrets/access/tls.key" -out "$secrets/access/tls.crt" 2>"$work/openssl" || { cat "$work/openssl" >&2; fail "openssl"; }
 (umask 077; "$server" --new-token lab --token-file "$secrets/access/tokens" >/dev/null 2>&1)
 deploy/make-secrets.sh "$secrets/redis" >/dev/null
+chmod 755 "$secrets/redis"
+deploy/make-secrets.sh "$secrets/redis" >/dev/null
+[[ $(stat -c %a "$secrets/redis") == 700 ]] || fail "make-secrets.sh leaves a directory open that has all files"
 
 exec python3 tests/kubernetes_test.py "$server" "$kubectl" "$work"
