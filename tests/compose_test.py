@@ -5,16 +5,12 @@ tests/sentinel_group_test.py runs the processes of compose.sentinel.yaml."""
 
 import pathlib
 import re
-import sys
 
 import yaml
 
+from checks import check
+
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-
-
-def check(condition, *words):
-    if not condition:
-        sys.exit("compose_test: " + " ".join(str(word) for word in words))
 
 
 def services(name):

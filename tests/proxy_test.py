@@ -23,16 +23,13 @@ import urllib.request
 
 import yaml
 
+from checks import check, poll
+
 SERVER, CLIENT = (os.path.realpath(path) for path in sys.argv[1:3])
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 HAPROXY = shutil.which("haproxy", path=os.environ["PATH"] + ":/usr/sbin")
 STREAMS = 100_000
 CONTINUATIONS = 10_000  # 160 MB
-
-
-def check(condition, *words):
-    if not condition:
-        sys.exit("proxy_test: " + " ".join(str(word) for word in words))
 
 
 def services(name):
@@ -184,10 +181,12 @@ def check_flood(fixture, front, counts, token):
             check(call.returncode == 0, "a call during the flood fails:", call.stderr)
             calls += 1
         first, second = process.stdout.read().split()
+        check(process.wait() == 0, "http2_flood.py ended with", process.returncode)
+        check(first == "all" or (first.isdigit() and int(first) > 0), "no stream of the flood was sent:", first)
         if apart:
             check(first != "all", "the flood is not cut")
-        check(second != "all" and int(second) < STREAMS / 2, "the next connection of the flood is accepted:", second)
-        with urllib.request.urlopen(f"http://127.0.0.1:{counts.getsockname()[1]}/metrics") as page:
+        check(second.isdigit() and int(second) < STREAMS / 2, "the next connection of the flood is accepted:", second)
+        with urllib.request.urlopen(f"http://127.0.0.1:{counts.getsockname()[1]}/metrics", timeout=30) as page:
             reached = re.search(r'^haproxy_server_sessions_total\{proxy="servers",server="server"\} (\d+)', page.read().decode(), re.M)
         check(int(reached[1]) < STREAMS / 5, reached[1], "calls of the flood have reached the server")
         print(f"flood from {source}: sent {first} and {second}, reached the server with all others: {reached[1]}; {calls} calls of another client")
@@ -198,6 +197,7 @@ def check_header(front):
              "127.0.0.4", "--header"]
     sent = subprocess.run(flood, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
     check(sent != "all", "a header without end is not cut")
+    check(sent.isdigit() and int(sent) > 0, "no header was sent:", sent)
     print(f"a header without end: cut after {sent} of {CONTINUATIONS} continuations of 16 kB")
 
 
@@ -217,7 +217,7 @@ def check_passthrough(fixture, certificate):
 
 def metric(port, name):
     """The value of a metric of HAProxy."""
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as page:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=30) as page:
         found = re.search(f"^{re.escape(name)} (\\S+)$", page.read().decode(), re.M)
     return float(found[1]) if found else None
 
@@ -241,8 +241,7 @@ def check_balance(fixture, store):
     load(fixture, servers[0][0], "--sessions", "18", "--minutes", "1000")
     weight = 'haproxy_server_weight{{proxy="servers",server="server-{}"}}'
     port = counts.getsockname()[1]
-    while metric(port, weight.format(1)) != 10.0 or metric(port, weight.format(2)) != 100.0:
-        pass  # the request takes a while
+    poll(lambda: [metric(port, weight.format(i)) for i in (1, 2)] == [10.0, 100.0], "weights 10 and 100 of the servers")
     before = pathlib.Path(logs[0].name).read_text().count("session_created ")
     check(before == 18, "the loaded server has", before, "sessions")
     run = load(fixture, f"127.0.0.1:{front.getsockname()[1]}", "--sessions", "40", "--minutes", "0.001")

@@ -20,22 +20,17 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 import urllib.request
 
 import yaml
 
 import manifests
+from checks import check, poll
 
 SERVER = os.path.realpath(sys.argv[1])
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 NAMES = ("redis-1", "redis-2", "redis-3")
 SENTINELS = ("sentinel-1", "sentinel-2", "sentinel-3")
-
-
-def check(condition, *words):
-    if not condition:
-        sys.exit("sentinel_group_test: " + " ".join(str(word) for word in words))
 
 
 def free_ports(count):
@@ -156,9 +151,13 @@ class Group:
         log = self.work / f"{name}.log"
         with open(log, "w", encoding="utf-8") as out:
             process = self.start(name, "nodes", ["bash", folder / "start.sh", *words], stdout=out, stderr=out)
-        while not re.search("eady to accept connections|[+]monitor master|Sentinel ID is", log.read_text()):
-            check(process.poll() is None, name, "does not start:", log.read_text())
-            time.sleep(0.05)
+
+        def listens():
+            text = log.read_text()
+            check(process.poll() is None, name, "does not start:", text)
+            return re.search("eady to accept connections|[+]monitor master|Sentinel ID is", text)
+
+        poll(listens, f"{name} listens")
 
     def kill(self, *names):
         for name in names:
@@ -214,9 +213,12 @@ class Group:
         environment = {**os.environ, **self.layout.tunnel_environment, "PATH": os.environ["PATH"] + ":/usr/sbin"}
         with open(self.work / "haproxy.log", "w", encoding="utf-8") as out:
             self.start("haproxy", "nodes", words, env=environment, stdout=out, stderr=out)
-        while not accepts("127.0.1.1", self.redis_port):
+
+        def listens():
             check(self.processes["haproxy"].poll() is None, "haproxy:", (self.work / "haproxy.log").read_text())
-            time.sleep(0.05)
+            return accepts("127.0.1.1", self.redis_port)
+
+        poll(listens, "HAProxy listens")
         command = [re.sub(r"^0\.0\.0\.0:\d+$", "127.0.0.1:0", self.changed(word, folder)) for word in self.layout.server]
         with open(self.work / "server.log", "w", encoding="utf-8") as out:
             process = self.start("server", "server", [SERVER, *command], stdout=subprocess.PIPE, stderr=out)
@@ -233,40 +235,33 @@ def is_ready(address):
         return False
 
 
-def await_that(condition):
-    """Returns the first value of condition() that is true. Without a limit of its own: CTest ends a test that hangs."""
-    while not (value := condition()):
-        time.sleep(0.05)  # leaves the processors to the processes that it waits for
-    return value
-
-
 def await_master(group, num_replicas):
     """Waits for a master with this number of replicas, and returns its name. On a busy machine it need not be the first one."""
     def find():
         master = group.agreed_master()
         return master if master and group.replicas(master) == num_replicas and group.know_all() else None
 
-    return await_that(find)
+    return poll(find, f"a master with {num_replicas} replicas")
 
 
 def check_failover(group, address):
-    await_that(lambda: is_ready(address))
+    poll(lambda: is_ready(address), "the server is ready")
     first = await_master(group, 2)
-    await_that(lambda: group.cli(first, "set", "evpose-test", "kept") == "OK")
-    await_that(lambda: group.cli(first, "wait", "2", "1000") == "2")
-    await_that(lambda: all(group.is_ready(name) for name in (*NAMES, *SENTINELS)))
+    poll(lambda: group.cli(first, "set", "evpose-test", "kept") == "OK", "the first master accepts a write")
+    poll(lambda: group.cli(first, "wait", "2", "1000") == "2", "both replicas have the write")
+    poll(lambda: all(group.is_ready(name) for name in (*NAMES, *SENTINELS)), "all nodes and Sentinels are healthy")
     other = next(name for name in NAMES if name != first)
     check("READONLY" in group.cli(other, "set", "evpose-test", "wrong"), "a replica accepts a write")
     group.kill(first)
     check(not group.is_ready(first), "a node that was killed is healthy")
     master = await_master(group, 1)
     check(group.cli(master, "get", "evpose-test") == "kept", "the new master lacks a write that both replicas had")
-    await_that(lambda: group.cli(master, "set", "evpose-test", "new") == "OK")
-    await_that(lambda: is_ready(address))
+    poll(lambda: group.cli(master, "set", "evpose-test", "new") == "OK", "the new master accepts a write")
+    poll(lambda: is_ready(address), "the server is ready again")
     check(group.processes["server"].poll() is None, "the server has ended")
     group.start_node(first)
-    await_that(lambda: group.replicas(master) == 2)
-    await_that(lambda: group.cli(first, "get", "evpose-test") == "new")
+    poll(lambda: group.replicas(master) == 2, "the node that was killed follows the new master")
+    poll(lambda: group.cli(first, "get", "evpose-test") == "new", "the node that was killed has the new value")
     roles = group.roles()
     check(sorted(roles.values()) == ["master", "slave", "slave"] and roles[master] == "master", "after the return the roles are", roles)
     return master
@@ -286,12 +281,12 @@ def check_loss_of_two(group, master):
     """A master without replicas rejects writes, and accepts them when one has returned."""
     others = [name for name in NAMES if name != master]
     group.kill(*others)
-    await_that(lambda: "NOREPLICAS" in group.cli(master, "set", "evpose-test", "lost"))
+    poll(lambda: "NOREPLICAS" in group.cli(master, "set", "evpose-test", "lost"), "a master without replicas rejects writes")
     # The health check of compose only tells whether a node responds.
     check(group.is_ready(master) == (sys.argv[2] == "compose"), "the health of a master without replicas is", group.is_ready(master))
     group.start_node(others[0])
-    await_that(lambda: group.cli(master, "set", "evpose-test", "back") == "OK")
-    await_that(lambda: group.cli(others[0], "get", "evpose-test") == "back")
+    poll(lambda: group.cli(master, "set", "evpose-test", "back") == "OK", "the master accepts writes again")
+    poll(lambda: group.cli(others[0], "get", "evpose-test") == "back", "the replica has the value")
 
 
 def main():

@@ -66,6 +66,12 @@ class Adversary(threading.Thread):
         self.unexpected = []
 
     def run(self):
+        try:
+            self._attack()
+        except Exception as error:  # an error of this script, of which the test would otherwise not know
+            self.unexpected.append(repr(error))
+
+    def _attack(self):
         with contextlib.suppress(OSError):  # this thread and those that it starts
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
         api = self._new_api()
@@ -154,7 +160,7 @@ class Adversary(threading.Thread):
             api("DeleteSession", name=session.name)
 
     def act_stall(self, api):
-        """A stream that attaches, or does not, and says nothing more."""
+        """A stream that attaches, or does not, and sends nothing more."""
         if self._random.random() < 0.3:
             stream = api.stream()
         else:
@@ -269,8 +275,8 @@ class Adversary(threading.Thread):
         for _ in range(self._random.randrange(1, 10)):
             connection = server.connect(address, "127.0.0.2")
             self._hold(connection.close)
-            connection.sendall(self._random.choice([b"", b"GET /", b"\x16\x03\x01", server.PREFACE[:10], server.PREFACE,
-                                                    server.PREFACE + server.SETTINGS, self._bytes(1000)]))
+            connection.sendall(self._random.choice([b"", b"GET /", b"\x16\x03\x01", http2.PREFACE[:10], http2.PREFACE,
+                                                    http2.PREFACE + http2.EMPTY_SETTINGS, self._bytes(1000)]))
 
     def act_reset_streams(self, _):
         with http2.open_connection(self._running) as connection:

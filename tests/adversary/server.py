@@ -18,11 +18,11 @@ import tempfile
 import time
 import unittest
 
+import http2
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 # A condition that has not become true after this time is a failure. No test depends on how much earlier it becomes true.
 PATIENCE_S = 120.0
-PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"  # of a client, RFC 9113, section 3.4
-SETTINGS = b"\x00\x00\x00\x04\x00\x00\x00\x00\x00"  # an empty frame
 
 
 def _build_directory():
@@ -116,11 +116,19 @@ class Server:
         self.address, self.metrics_address = (self._announced(words) for words in ("listening on ", "metrics on "))
 
     def _announced(self, words):
-        line = read_line(self.process.stdout)
-        if not line.startswith(words):
+        try:
+            line = read_line(self.process.stdout)
+            if not line.startswith(words):
+                raise AssertionError(f"evpose-server does not say '{words}' but '{line}': {self.log()[-2000:]}")
+            return line[len(words):].strip()
+        except BaseException:
             self.process.kill()
-            raise AssertionError(f"evpose-server does not say '{words}' but '{line}': {self.log()[-2000:]}")
-        return line[len(words):].strip()
+            self.process.wait()
+            raise
+
+    def connect(self):
+        """Returns a TCP connection to --listen."""
+        return connect(self.address)
 
     def log(self):
         return self.log_path.read_text(errors="replace")
@@ -172,9 +180,9 @@ class Server:
     def answers(self, timeout=PATIENCE_S):
         """Returns whether the server answers the preface of HTTP/2 on a new connection."""
         try:
-            with connect(self.address) as connection:
+            with self.connect() as connection:
                 connection.settimeout(timeout)
-                connection.sendall(PREFACE + SETTINGS)
+                connection.sendall(http2.PREFACE + http2.EMPTY_SETTINGS)
                 return len(connection.recv(9)) > 0
         except OSError:
             return False
@@ -226,11 +234,15 @@ class Redis:
     def reads(self):
         """Returns how often Redis has read from a client: the round trips of all clients so far."""
         with socket.socket(socket.AF_UNIX) as connection:
+            connection.settimeout(PATIENCE_S)
             connection.connect(str(self.socket_path))
             connection.sendall(b"INFO stats\r\n")
             text = b""
             while not (count := re.search(rb"total_reads_processed:(\d+)\r\n", text)):
-                text += connection.recv(65536)
+                data = connection.recv(65536)
+                if not data:
+                    raise AssertionError(f"redis-server closed the connection after {text!r}")
+                text += data
         return int(count[1])
 
     def stop(self):
