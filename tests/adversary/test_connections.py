@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Connections: many, idle, half open or malicious ones leave calls, probes and the other sessions alone."""
+"""Connections: many, idle, half open or malicious ones do not disturb calls, probes and other sessions."""
 
 import contextlib
 import ctypes
@@ -40,7 +40,7 @@ def slowest_s(call, count):
 
 
 def shut_listener(running):
-    """Ends the acceptance of connections by the server's socket behind its back. Returns false if this process may not do that."""
+    """Ends the acceptance of connections by the server's socket without the server's knowledge. Returns false if this process may not do that."""
     process = os.pidfd_open(running.process.pid)
     port = int(running.address.rsplit(":", 1)[1])
     is_shut = False
@@ -59,7 +59,7 @@ def shut_listener(running):
 
 class ConnectionTest(server.AdversaryTest):
     def test_a_server_that_no_longer_accepts_is_not_ready_and_ends(self):
-        """So that its supervisor starts it again."""
+        """The server ends, so that its supervisor starts it again."""
         running = self.serve("--listener-timeout", "2")
         if not shut_listener(running):
             self.skipTest("the descriptors of another process cannot be used here")
