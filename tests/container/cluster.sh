@@ -19,7 +19,6 @@ compose restart redis >/dev/null 2>&1
 finish_clients "kills and Redis restarted"
 
 say "a rolling restart, under six streams"
-longest_wait_ms=0
 start_clients
 for number in 1 2 3; do
   begin_fault "rolling restart"
@@ -29,8 +28,6 @@ for number in 1 2 3; do
   await_rotation "server-$number"
 done
 finish_clients "rolling restart"
-# The target is 2 s; a busy machine is allowed more.
-((longest_wait_ms < 10000)) || fail "no pose arrived for $longest_wait_ms ms"
 
 say "the cluster without its Redis reports it"
 one_line 1 redis --network "${project}_inside" "evpose-server:$version" --store redis://nowhere:6379

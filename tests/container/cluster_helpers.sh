@@ -4,7 +4,6 @@
 compose_file=deploy/compose.cluster.yaml
 project=evpose-cluster
 servers=(evpose-cluster-server-{1,2,3}-1)
-longest_wait_ms=0
 clients=(client-{1..6})
 reference=$work/long/reference.tum
 
@@ -71,7 +70,6 @@ finish_clients() {
   exec {meter_says}<&-
   background=()
   echo "$1: $verdict; times that clients were away: $(outages); longest wait for a pose: $worst_ms ms"
-  longest_wait_ms=$((longest_wait_ms > worst_ms ? longest_wait_ms : worst_ms))
   docker rm "${clients[@]}" >/dev/null
 }
 outages() {

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # A private Docker engine with Compose for the container tests. It needs neither systemd nor a registry, installs nothing, and has
-# all of its files below one directory. To be sourced with ENGINE_DIR set to a directory that does not exist; then
+# all of its files below one directory. To be sourced with ENGINE_DIR set to an empty directory; then
 #   engine_fetch               extracts the engine, Compose and their dependencies from Debian's packages
 #   engine_start [NAMESPACE]   with a network namespace, the engine has no access to other machines
 #   engine_base_image          debian:bookworm-slim, from this machine's Debian mirror
@@ -11,7 +11,7 @@ engine_root=$ENGINE_DIR/root
 export DOCKER_HOST=unix://$ENGINE_DIR/docker.sock DOCKER_CONFIG=$ENGINE_DIR/config DOCKER_BUILDKIT=1
 engine_pid=
 engine_namespace=
-engine_key=/etc/docker/key.json  # the only file outside ENGINE_DIR
+engine_key=/etc/docker/key.json  # the only file outside ENGINE_DIR besides /run/netns/NAMESPACE
 engine_made_key=
 engine_cgroup=$(basename "$ENGINE_DIR")
 
@@ -81,8 +81,12 @@ engine_start() {
     --pidfile "$ENGINE_DIR/docker.pid" --cgroup-parent "/$engine_cgroup" \
     "${network[@]}" >>"$ENGINE_DIR/dockerd.log" 2>&1 &
   engine_pid=$!
+  local deadline=$((SECONDS + 90))
   until docker version >/dev/null 2>&1; do
-    kill -0 "$engine_pid" 2>/dev/null || { tail -n 5 "$ENGINE_DIR/dockerd.log" >&2; return 1; }
+    if ((SECONDS >= deadline)) || ! kill -0 "$engine_pid" 2>/dev/null; then
+      tail -n 5 "$ENGINE_DIR/dockerd.log" >&2
+      return 1
+    fi
     sleep 0.1
   done
 }

@@ -151,7 +151,7 @@ check_files() {
   for file in compose.yaml compose.cluster.yaml compose.sentinel.yaml; do
     docker compose --file "deploy/$file" --profile '*' config --quiet || fail "deploy/$file is not valid"
   done
-  for file in compose compose.cluster; do
+  for file in compose compose.cluster compose.sentinel; do
     docker compose --file "deploy/$file.yaml" --file "deploy/$file.tls.yaml" config --quiet || fail "deploy/$file.tls.yaml is not valid on top of $file.yaml"
   done
   # A command in the upper file replaces that in the lower file completely.

@@ -6,7 +6,7 @@ page_watch.py ADDRESS REFERENCE.tum [--picture FILE]
 Writes a line for each step, and waits for a line on standard input before the next one:
   open     the page is connected to its gateway; then a session may be started
   shown    the page has drawn images and shows poses of the session; then its server may be stopped
-  again    the page has drawn images and shows poses that are later; then the session may end
+  again    the page has drawn images and shows later poses; then the session may end
   end      every pose that was shown is one of REFERENCE, and neither the page nor its console has reported an error
 """
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs every fuzz target, one after the other, under address and undefined sanitizers; stops at the first finding.
+# Runs every fuzz target, one after the other, under AddressSanitizer and UndefinedBehaviorSanitizer; stops at
+# the first finding.
 #   tests/fuzz/run.sh SECONDS [TARGET...]         each for this time
 #   tests/fuzz/run.sh --runs COUNT [TARGET...]    each for this number of inputs
 # The corpus stays in build/fuzz/corpus/TARGET, from which the next run continues. A finding is a file in

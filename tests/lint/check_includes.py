@@ -77,7 +77,8 @@ def cycles(graph):
 
 
 def main():
-    listed = subprocess.run(["git", "ls-files", "-z", "*.h", "*.cc"], check=True, capture_output=True, text=True).stdout
+    listed = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", "*.h", "*.cc"], check=True, capture_output=True,
+                            text=True).stdout
     files = [file for file in listed.split("\0") if file and os.path.exists(file)]
     findings = []
     graph = {}

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks the tree of tracked files: licence lines, sizes of folders, of files and of the README, columns of documents, the
-READMEs of the libraries, whether every document, section, heading, equation and path that is cited exists, and whether the numbers of
+"""Checks the files of the tree, also new ones that are not ignored: licence lines, sizes of folders, of files and of the README, columns
+of documents, the READMEs of the libraries, whether every document, section, heading, equation and path that is cited exists, and whether the numbers of
 equations are unique. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections

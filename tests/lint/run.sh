@@ -5,14 +5,20 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
-git ls-files -z '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
+# files PATTERN...: the tracked and the new files that exist, each followed by a null byte.
+files() {
+  git ls-files -z --cached --others --exclude-standard "$@" |
+    while IFS= read -rd '' file; do [[ ! -f $file ]] || printf '%s\0' "$file"; done
+}
+
+files '*.h' '*.cc' | xargs -0 clang-format --dry-run --Werror
 python3 tests/lint/check_tree.py
 python3 tests/lint/check_functions.py
 python3 tests/lint/check_includes.py
 python3 tests/lint/proto_lint.py
 # Words that codespell would change: "nees" is a statistic, "fro" and "passtime" are parts of names.
-git ls-files -z ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!tests/data/*/*' ':!*.png' ':!*package-lock.json' ':!LICENSE' |
+files ':!tests/fuzz/seeds' ':!tests/fuzz/findings' ':!tests/data/*/*' ':!*.png' ':!*package-lock.json' ':!LICENSE' |
   xargs -0 codespell --ignore-words-list nees,fro,trough,passtime
 # The scripts in tests/container are sourced by its run.sh and are checked together with it.
-git ls-files -z '*.sh' .ci/run ':!tests/container' | xargs -0 shellcheck --external-sources --severity warning
+files '*.sh' .ci/run ':!tests/container' | xargs -0 shellcheck --external-sources --severity warning
 (cd tests/container && shellcheck --check-sourced --external-sources --source-path SCRIPTDIR --severity warning run.sh)
