@@ -12,11 +12,11 @@ evpose=build/release/client/cli/evpose
 objects=cube seeds="1 2 3 4 5" speed=1 camera=evk4 estimators="mixture static-mm"
 while (($#)); do
   case "$1" in
-    --objects) objects=$2 ;;
-    --seeds) seeds=$2 ;;
-    --speed) speed=$2 ;;
-    --camera) camera=$2 ;;
-    --estimators) estimators=$2 ;;
+    --objects) objects=${2:?$1 needs a value} ;;
+    --seeds) seeds=${2:?$1 needs a value} ;;
+    --speed) speed=${2:?$1 needs a value} ;;
+    --camera) camera=${2:?$1 needs a value} ;;
+    --estimators) estimators=${2:?$1 needs a value} ;;
     *) sed -n '3,6s/^# //p' "$0" >&2; exit 2 ;;
   esac
   shift 2
@@ -34,7 +34,8 @@ for object in $objects; do
     estimates=()
     for estimator in $estimators; do
       "$evpose" replay "$scene/recording.raw" "${inputs[@]}" --init-pose "$first_pose" --estimator "$estimator" \
-        --out "$work/$estimator.tum" 2>/dev/null >"$work/$estimator.txt"
+        --out "$work/$estimator.tum" 2>"$work/errors" >"$work/$estimator.txt" ||
+        { echo "$object, seed $seed, $estimator: no poses: $(tail -n 1 "$work/errors")"; continue; }
       estimates+=(--estimate "$estimator=$work/$estimator.tum")
     done
     echo "== $object, $camera, speed x$speed, seed $seed: $(tail -n 1 "$work/${estimators%% *}.txt")"

@@ -43,12 +43,15 @@ def files(directory):
 
 
 def evaluate(evpose, directory, profile):
-    """The row of `evpose evaluate` for a replay without a first pose; None if no pose came out."""
+    """The row of `evpose evaluate` for a replay without a first pose; None if no pose was found."""
     poses = directory / "poses.csv"
     sensor = ["--sensor", profile] if profile else []
     command = [evpose, "replay", directory / "recording.raw", *files(directory), *sensor, "--out", poses]
-    if subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode != 0:
+    replay = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+    if replay.returncode == 1 and "no pose was found" in replay.stderr:
         return None
+    if replay.returncode != 0:
+        sys.exit(f"consistency.py: {replay.stderr}")
     command = [evpose, "evaluate", "--truth", directory / "truth.tum", "--estimate", poses, *files(directory), "--symmetric", "--json"]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)["estimates"][0]
 

@@ -57,8 +57,8 @@ def overflow(events):
     return events[:half] + [(x, y, p, t_us + 2**24) for x, y, p, t_us in events[half:]]
 
 
-def milliseconds(events):
-    """Times are rounded to 2 ms."""
+def coarse_times(events):
+    """Times are rounded down to multiples of 2 ms."""
     return [(x, y, p, t_us // 2000 * 2000) for x, y, p, t_us in events]
 
 
@@ -90,7 +90,7 @@ SCENES = [
     ("gap of 30 ms", "clock", (), gap),
     ("step back of 0.2 s", "clock", (), step_back),
     ("overflow of 24 bits", "clock", (), overflow),
-    ("times in steps of 2 ms", "time-step", (), milliseconds),
+    ("times in steps of 2 ms", "time-step", (), coarse_times),
 ]
 
 

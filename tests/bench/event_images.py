@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures the processor time of a server while images of the events of a session are watched (SessionService.WatchEvents).
 
-usage: event_images.py [--bin build/release] [--seconds 5] [--noise HERTZ] [--cell-px 2] [--rate HERTZ] [--watchers 0 1 2]
-
 A session tracks a cube that a simulated EVK4 sees, with noise in every pixel, in real time: about 10 Mev/s. For each number of watchers it
 prints the processor time of the server in seconds per second of the recording, the difference from the row before in percent of a core, and
 the images, their bytes and the skipped images of the first watcher. The watchers are processes of their own. Needs a release build.
@@ -12,6 +10,7 @@ import argparse
 import multiprocessing
 import os
 import pathlib
+import queue
 import re
 import subprocess
 import sys
@@ -72,6 +71,8 @@ def wait_for_session(address, replay):
 def measure(arguments, scene, num_watchers):
     server = subprocess.Popen([arguments.bin / "server/evpose-server", "--store", "memory", "--listen", "127.0.0.1:0", "--log-level", "off",
                                "--max-session-cpu", "0"], stdout=subprocess.PIPE, text=True)
+    processes = [server]
+    watchers = []
     try:
         address = re.search(r"\S+:\d+", server.stdout.readline()).group()
         pose = pathlib.Path(scene / "truth.tum").read_text(encoding="ascii").splitlines()
@@ -79,27 +80,32 @@ def measure(arguments, scene, num_watchers):
         replay = subprocess.Popen([arguments.replay, "replay", scene / "recording.raw", "--model", scene / "model.obj", "--camera",
                                    scene / "camera.yaml", "--init-pose", " ".join(first), "--server", address, "--rate", "1"],
                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        processes.append(replay)
         session = wait_for_session(address, replay)
         results = multiprocessing.Queue()
-        watchers = [multiprocessing.Process(target=watch, args=(address, session, arguments.cell_px, arguments.rate, results))
-                    for _ in range(num_watchers)]
-        for watcher in watchers:
+        for _ in range(num_watchers):
+            watcher = multiprocessing.Process(target=watch, args=(address, session, arguments.cell_px, arguments.rate, results))
             watcher.start()
+            watchers.append(watcher)
         begin, begin_cpu_s = time.monotonic(), cpu_s(server)
         if replay.wait() != 0:
             raise RuntimeError("evpose replay has failed")
         end, end_cpu_s = time.monotonic(), cpu_s(server)
-        seen = [results.get() for _ in watchers]
-        for watcher in watchers:
-            watcher.join()
+        seen = [results.get(timeout=60) for _ in watchers]
         return end_cpu_s - begin_cpu_s, end - begin, seen
+    except queue.Empty:
+        raise RuntimeError("a watcher has failed") from None
     finally:
-        server.kill()
-        server.wait()
+        for watcher in watchers:
+            watcher.kill()
+            watcher.join()
+        for process in processes:
+            process.kill()
+            process.wait()
 
 
 def main():
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release")
     parser.add_argument("--replay", type=pathlib.Path, help="the program evpose; default: that of --bin")
     parser.add_argument("--seconds", type=float, default=5.0)

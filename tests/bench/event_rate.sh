@@ -13,8 +13,8 @@ evpose=build/release/client/cli/evpose
 objects="cube cuboid book spacecraft" seeds="31 32 33" is_json=false
 while (($#)); do
   case "$1" in
-    --objects) objects=$2; shift ;;
-    --seeds) seeds=$2; shift ;;
+    --objects) objects=${2:?$1 needs a value}; shift ;;
+    --seeds) seeds=${2:?$1 needs a value}; shift ;;
     --json) is_json=true ;;
     *) sed -n '3,7s/^# //p' "$0" >&2; exit 2 ;;
   esac
@@ -45,8 +45,12 @@ for object in $objects; do
       # shellcheck disable=SC2086
       simulate "$scene" --object "$object" --seed "$seed" ${conditions[$condition]}
       inputs=(--model "$scene/model.obj" --camera "$scene/camera.yaml")
-      "$evpose" replay "$scene/recording.raw" "${inputs[@]}" --sensor "$work/sensor.yaml" --out "$work/poses.tum" \
-        --init-pose "$(head -n 1 "$scene/truth.tum" | cut -d ' ' -f 2-)" >/dev/null 2>&1
+      if ! "$evpose" replay "$scene/recording.raw" "${inputs[@]}" --sensor "$work/sensor.yaml" --out "$work/poses.tum" \
+        --init-pose "$(head -n 1 "$scene/truth.tum" | cut -d ' ' -f 2-)" >/dev/null 2>"$work/errors"; then
+        echo "$object, seed $seed, $condition: no poses: $(tail -n 1 "$work/errors")" >&2
+        rm -rf "$scene"
+        continue
+      fi
       rate=$("$evpose" info "$scene/recording.raw" | grep -oE '[0-9.]+ Mev/s')
       if $is_json; then
         "$evpose" evaluate --truth "$scene/truth.tum" "${inputs[@]}" --symmetric --estimate "$condition=$work/poses.tum" --json |

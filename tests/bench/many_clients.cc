@@ -98,16 +98,16 @@ class Bench {
     std::ifstream statm(absl::StrCat("/proc/", program_.pid(), "/statm"));
     double pages = 0.0, resident = 0.0;
     statm >> pages >> resident;
-    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
+    return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
   }
   // The maximum resident memory so far: a session that has ended has released its memory.
   double PeakMb() const {
     std::ifstream status(absl::StrCat("/proc/", program_.pid(), "/status"));
-    double kilobytes = 0.0;
+    double kibibytes = 0.0;
     for (std::string line; std::getline(status, line);) {
-      if (absl::StartsWith(line, "VmHWM:")) (void)std::sscanf(line.c_str(), "VmHWM: %lf kB", &kilobytes);
+      if (absl::StartsWith(line, "VmHWM:")) (void)std::sscanf(line.c_str(), "VmHWM: %lf kB", &kibibytes);
     }
-    return kilobytes / 1024.0;
+    return kibibytes * 1024.0 / 1e6;
   }
   long Descriptors() const {
     const std::filesystem::directory_iterator begin(absl::StrCat("/proc/", program_.pid(), "/fd"));

@@ -4,8 +4,8 @@
 
 Each case is prepared by evpose-prepare-model as a server does it, within the same budget, and prints the processor time, the peak of
 the resident memory, the triangles, lines and curves of the model, and the longest steps. A case that exceeds the budget has status
-"time" or "memory", one that is refused "refused". With --check, the status is 1 if a case exceeds the goal (1 s per 100,000 triangles
-and 0.6 s more for each further 100,000 on honest meshes) or the budget. Needs a release build and python3-numpy.
+"time" or "memory", one that is refused "refused". With --check, the status is 1 if a case exceeds the goal (on honest meshes:
+1 s for up to 100,000 triangles, 6 s for a million, linear in between) or the budget. Needs a release build and python3-numpy.
 
 Example: tests/bench/model_preparation.py --bin build/release --triangles 100000
 """
@@ -241,7 +241,7 @@ def prepare(program, path, budget):
         outcome = f"signal {-process.returncode}"
     elif not model:
         outcome = "refused" if any(step == "error" for _, step in steps) else f"status {process.returncode}"
-    return outcome, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, durations, model, views
+    return outcome, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e6, durations, model, views
 
 
 def goal_s(name, count):

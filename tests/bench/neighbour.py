@@ -78,9 +78,10 @@ class Neighbour:
     def __init__(self, command):
         self.command = command
         self.process = None
+        self.failure = None  # the reason for which it has ended by itself
         self.is_stopping = False
         self.lock = threading.Lock()
-        self.thread = threading.Thread(target=self.run)
+        self.thread = threading.Thread(target=self.run, daemon=True)
         self.thread.start()
 
     def run(self):
@@ -88,18 +89,27 @@ class Neighbour:
             with self.lock:
                 if self.is_stopping:
                     return
-                self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+                try:
+                    self.process = subprocess.Popen(self.command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+                except OSError as error:
+                    self.failure = str(error)
+                    return
             errors = self.process.communicate()[1]
             # The expensive model is not the object in the recording.
             if self.process.returncode != 0 and "no pose was found" not in errors and not self.is_stopping:
-                print(f"failed: {' '.join(self.command)}", file=sys.stderr)
+                self.failure = f"failed: {' '.join(self.command)}: {errors}"
                 return
 
     def stop(self):
         with self.lock:
             self.is_stopping = True
-            self.process.kill()
+            if self.process is not None:
+                self.process.kill()
         self.thread.join()
+
+    def check(self):
+        if self.failure is not None:
+            sys.exit(f"neighbour.py: {self.failure}")
 
 
 def first_pose(cube):
@@ -118,16 +128,21 @@ def measure(options, scratch, neighbours, is_on_disk, start):
         data_directory = cleanup.enter_context(tempfile.TemporaryDirectory(dir=scratch)) if is_on_disk else None
         server = Server(options.bin, [] if options.workers is None else ["--workers", str(options.workers)], data_directory)
         cleanup.callback(server.stop)
+        running = []
         for arguments in neighbours:
-            command = [evpose, "replay", *recording, "--server", server.address, "--rate", "max", *arguments]
-            cleanup.callback(Neighbour(command).stop)
+            running.append(Neighbour([evpose, "replay", *recording, "--server", server.address, "--rate", "max", *arguments]))
+            cleanup.callback(running[-1].stop)
         while server.attached() < len(neighbours):
+            for neighbour in running:
+                neighbour.check()
             time.sleep(0.1)
         time.sleep(2.0 if neighbours else 0.0)
         camera = subprocess.run([evpose, "replay", *recording, "--model", os.path.join(cube, "model.obj"), "--server", server.address,
                                  "--rate", "1", "--json", "--out", out, *start], check=True, stdout=subprocess.PIPE, text=True)
         report = json.loads(camera.stdout)
         report["longest_turn_ms"] = server.longest_turn_ms()
+        for neighbour in running:
+            neighbour.check()
     with open(out, "rb") as file:
         return report, file.read()
 

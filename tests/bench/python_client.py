@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures the processor time of the Python client, compared with that of the command evpose, for the same recording and server.
 
-usage: python_client.py [--bin build/release] [--seconds 1] [--noise HERTZ] [--repetitions 3]
-
 Prints the events per second of processor time of the Python client (a RAW file, and arrays of events), and the ratio of its processor time
 to that of `evpose replay --server`, both for the whole process and without the start of the interpreter. The recording is that of a
 simulated EVK4 with noise in every pixel. Of the repetitions, that with the least processor time counts. Needs a release build. The target is 10 Mev/s on one core.
@@ -82,7 +80,7 @@ def compare(arguments, address, scene):
 
 
 def main():
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release")
     parser.add_argument("--seconds", type=float, default=1.0)
     parser.add_argument("--noise", type=float, default=25.0, help="events per second of a dark pixel")

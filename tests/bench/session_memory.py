@@ -112,7 +112,7 @@ class Server:
         self.process.wait()
 
     def charged_mb(self):
-        with urllib.request.urlopen(f"http://{self.metrics}/metrics") as answer:
+        with urllib.request.urlopen(f"http://{self.metrics}/metrics", timeout=30) as answer:
             return float(re.search(r"^evpose_session_memory_bytes (\S+)", answer.read().decode(), re.M).group(1)) / 1e6
 
 

@@ -45,7 +45,8 @@ def load_api(folder):
 
 
 class Server:
-    """evpose-server as a process, with a call for each method that is needed."""
+    """evpose-server as a process, with a call for each method that is needed. A context manager, which kills the process if end() was
+    not called."""
 
     def __init__(self, program, arguments, token=None):
         self.log = tempfile.NamedTemporaryFile("a")
@@ -54,10 +55,20 @@ class Server:
                                         stdout=subprocess.PIPE, stderr=self.log, text=True)
         line = self.process.stdout.readline()
         if not line.startswith("listening on "):
+            self.process.kill()
+            self.process.wait()
             sys.exit("the server does not start: " + self.read_log())
         self.address = line.split()[2]
         self.channel = grpc.insecure_channel(self.address, options=[("grpc.use_local_subchannel_pool", 1)])
         self.metadata = self.metadata_of(token)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+        self.channel.close()
 
     @staticmethod
     def metadata_of(token):
@@ -142,19 +153,19 @@ def measure_start(program, api, arguments, folder):
     store = ["--store", "sqlite", "--data-dir", folder + "/data", "--max-sessions", str(arguments.sessions + 1),
              "--max-session-memory", str(10**12), "--session-expiry", "86400",
              "--max-model-store-bytes", str((2 * arguments.models_mb + 64) << 20)]  # what was derived from a model counts, too
-    server = Server(program, store)
-    cube = server.upload(models, CUBE, 1).name
-    for seed in range(arguments.models_mb // 8):
-        file = grid_stl(8, seed)
-        server.upload(models, file, 3)
-    for _ in range(arguments.sessions):
-        server.unary("SessionService/CreateSession", create_request(sessions, cube, 64), sessions.CreateSessionResponse)
-    server.end()
-    server = Server(program, store)
-    server.unary("ModelService/GetModel", models.GetModelRequest(name=cube), models.Model, timeout=LATEST_START_S)
-    start_s = time.monotonic() - server.started_s
-    print(f"start with {arguments.models_mb} MB of models and {arguments.sessions} sessions: first call answered after {start_s:.2f} s")
-    server.end()
+    with Server(program, store) as server:
+        cube = server.upload(models, CUBE, 1).name
+        for seed in range(arguments.models_mb // 8):
+            file = grid_stl(8, seed)
+            server.upload(models, file, 3)
+        for _ in range(arguments.sessions):
+            server.unary("SessionService/CreateSession", create_request(sessions, cube, 64), sessions.CreateSessionResponse)
+        server.end()
+    with Server(program, store) as server:
+        server.unary("ModelService/GetModel", models.GetModelRequest(name=cube), models.Model, timeout=LATEST_START_S)
+        start_s = time.monotonic() - server.started_s
+        print(f"start with {arguments.models_mb} MB of models and {arguments.sessions} sessions: first call answered after {start_s:.2f} s")
+        server.end()
 
 
 def measure_known_model(program, api, arguments, folder):
@@ -163,24 +174,24 @@ def measure_known_model(program, api, arguments, folder):
     file = pathlib.Path(folder, "known.stl")
     for name in ("blob", "mug"):
         model_preparation.HONEST[name](arguments.triangles, file)
-        server = Server(program, store)
-        model = server.upload(models, file.read_bytes(), 3).name
-        server.end()
-        server = Server(program, store)
-        for keeps_session in (False, True):  # without and with another session that uses the model
-            if keeps_session:
-                server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
-            times_ms, processor_ms = [], []
-            for _ in range(6):
-                begin_s, begin_processor_s = time.monotonic(), server.processor_s()
-                created = server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
-                times_ms.append(1000 * (time.monotonic() - begin_s))
-                processor_ms.append(1000 * (server.processor_s() - begin_processor_s))
-                server.unary("SessionService/DeleteSession", sessions.DeleteSessionRequest(name=created.session.name), empty_pb2.Empty)
-            print(f"CreateSession on the stored model of a {name} of {arguments.triangles} triangles, {'' if keeps_session else 'not '}used "
-                  f"by another session: first {times_ms[0]:.0f} ms, then {min(times_ms[1:]):.0f} to {max(times_ms[1:]):.0f} ms; processor "
-                  f"time first {processor_ms[0]:.0f} ms, then {min(processor_ms[1:]):.0f} to {max(processor_ms[1:]):.0f} ms")
-        server.end()
+        with Server(program, store) as server:
+            model = server.upload(models, file.read_bytes(), 3).name
+            server.end()
+        with Server(program, store) as server:
+            for keeps_session in (False, True):  # without and with another session that uses the model
+                if keeps_session:
+                    server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
+                times_ms, processor_ms = [], []
+                for _ in range(6):
+                    begin_s, begin_processor_s = time.monotonic(), server.processor_s()
+                    created = server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
+                    times_ms.append(1000 * (time.monotonic() - begin_s))
+                    processor_ms.append(1000 * (server.processor_s() - begin_processor_s))
+                    server.unary("SessionService/DeleteSession", sessions.DeleteSessionRequest(name=created.session.name), empty_pb2.Empty)
+                print(f"CreateSession on the stored model of a {name} of {arguments.triangles} triangles, {'' if keeps_session else 'not '}used "
+                      f"by another session: first {times_ms[0]:.0f} ms, then {min(times_ms[1:]):.0f} to {max(times_ms[1:]):.0f} ms; processor "
+                      f"time first {processor_ms[0]:.0f} ms, then {min(processor_ms[1:]):.0f} to {max(processor_ms[1:]):.0f} ms")
+            server.end()
 
 
 def new_token(program, tenant, path):
@@ -188,12 +199,9 @@ def new_token(program, tenant, path):
     return answer.stdout.strip()
 
 
-def measure_hostile_uploads(program, api, arguments, folder):
+def create_beside_attacks(server, api, model, count, mallory):
+    """Returns the latencies of CreateSession while uploads with the token `mallory` are under way."""
     _, sessions, models = api
-    tokens = folder + "/tokens"
-    alice, mallory = (new_token(program, tenant, tokens) for tenant in ("alice", "mallory"))
-    server = Server(program, ["--store", "memory", "--token-file", tokens, "--max-sessions", "64"], alice)
-    cube = server.upload(models, CUBE, 1).name
     has_ended = threading.Event()
 
     def attack(first_seed):
@@ -205,41 +213,53 @@ def measure_hostile_uploads(program, api, arguments, folder):
                 pass
             seed += 100
 
-    attackers = [threading.Thread(target=attack, args=(i,)) for i in range(6)]
+    attackers = [threading.Thread(target=attack, args=(i,), daemon=True) for i in range(6)]
     for attacker in attackers:
         attacker.start()
-    time.sleep(1)
     latencies_ms = []
-    for _ in range(arguments.creates):
-        begin_s = time.monotonic()
-        created = server.unary("SessionService/CreateSession", create_request(sessions, cube, 640), sessions.CreateSessionResponse)
-        latencies_ms.append(1000 * (time.monotonic() - begin_s))
-        server.unary("SessionService/DeleteSession", sessions.DeleteSessionRequest(name=created.session.name), empty_pb2.Empty)
-    has_ended.set()
-    for attacker in attackers:
-        attacker.join()
-    print(f"CreateSession of another tenant beside 6 hostile uploads: p50 {percentile(latencies_ms, 0.5):.1f} ms, "
-          f"p99 {percentile(latencies_ms, 0.99):.1f} ms, longest {max(latencies_ms):.1f} ms, of {len(latencies_ms)}")
-    server.end()
+    try:
+        time.sleep(1)
+        for _ in range(count):
+            begin_s = time.monotonic()
+            created = server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
+            latencies_ms.append(1000 * (time.monotonic() - begin_s))
+            server.unary("SessionService/DeleteSession", sessions.DeleteSessionRequest(name=created.session.name), empty_pb2.Empty)
+    finally:
+        has_ended.set()
+        for attacker in attackers:
+            attacker.join()
+    return latencies_ms
+
+
+def measure_hostile_uploads(program, api, arguments, folder):
+    models = api[2]
+    tokens = folder + "/tokens"
+    alice, mallory = (new_token(program, tenant, tokens) for tenant in ("alice", "mallory"))
+    options = ["--store", "memory", "--token-file", tokens, "--max-sessions", "64"]
+    with Server(program, options, alice) as server:
+        cube = server.upload(models, CUBE, 1).name
+        latencies_ms = create_beside_attacks(server, api, cube, arguments.creates, mallory)
+        print(f"CreateSession of another tenant beside 6 hostile uploads: p50 {percentile(latencies_ms, 0.5):.1f} ms, "
+              f"p99 {percentile(latencies_ms, 0.99):.1f} ms, longest {max(latencies_ms):.1f} ms, of {len(latencies_ms)}")
+        server.end()
 
 
 def measure_end(program, api):
     models = api[2]
-    server = Server(program, ["--store", "memory"])
+    with Server(program, ["--store", "memory"]) as server:
+        def upload(seed):
+            try:
+                server.upload(models, expensive_prism(seed), 1)
+            except grpc.RpcError:
+                pass
 
-    def upload(seed):
-        try:
-            server.upload(models, expensive_prism(seed), 1)
-        except grpc.RpcError:
-            pass
-
-    uploads = [threading.Thread(target=upload, args=(seed,)) for seed in range(40)]
-    for thread in uploads:
-        thread.start()
-    time.sleep(1)
-    end_s = server.end()
-    for thread in uploads:
-        thread.join()
+        uploads = [threading.Thread(target=upload, args=(seed,), daemon=True) for seed in range(40)]
+        for thread in uploads:
+            thread.start()
+        time.sleep(1)
+        end_s = server.end()
+        for thread in uploads:
+            thread.join()
     print(f"SIGTERM with 40 uploads under way and --shutdown-timeout {SHUTDOWN_TIMEOUT_S}: ended after {end_s:.2f} s")
 
 

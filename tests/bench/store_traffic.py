@@ -10,6 +10,7 @@ receives per second and per pose, commits per second, the share of a core that R
 3 GB has room for, at 70 % of its memory. Needs redis-server, python3-grpcio and python3-protobuf.
 """
 import argparse
+import contextlib
 import pathlib
 import re
 import subprocess
@@ -38,25 +39,28 @@ def metric(page, name):
 
 
 def measure(options):
-    with tempfile.TemporaryDirectory() as folder:
-        redis = Redis(folder)
-        server = Server(options.bin / "server/evpose-server", ["--store", f"redis://127.0.0.1:{redis.port}", "--log-level", "warning",
-                                                               "--metrics-listen", "127.0.0.1:0"])
+    with contextlib.ExitStack() as cleanup:
+        redis = Redis(cleanup.enter_context(tempfile.TemporaryDirectory()))
+        cleanup.callback(redis.close)
+        server = cleanup.enter_context(Server(options.bin / "server/evpose-server", [
+            "--store", f"redis://127.0.0.1:{redis.port}", "--log-level", "warning", "--metrics-listen", "127.0.0.1:0"]))
         page_address = server.process.stdout.readline().split()[2]
         before = redis_state(redis.port)
         load = subprocess.Popen([options.bin / "client/cli/evpose", "bench", "load", "--server", server.address, "--json",
                                  "--sessions", str(options.sessions), "--rate", str(options.rate), "--minutes", str(options.minutes)],
                                 stdout=subprocess.PIPE, text=True)
+        cleanup.callback(load.wait)
+        cleanup.callback(load.kill)
         memory = 0  # the largest one: the sessions are deleted at the end
         while load.poll() is None:
             memory = max(memory, redis_state(redis.port)["memory"])
             time.sleep(0.5)
         if load.returncode:
             sys.exit("evpose bench load has lost poses or sessions: " + load.stdout.read())
-        page = urllib.request.urlopen(f"http://{page_address}/metrics").read().decode()
+        with urllib.request.urlopen(f"http://{page_address}/metrics", timeout=30) as answer:
+            page = answer.read().decode()
         after = redis_state(redis.port)
         server.end()
-        redis.end()
     seconds = 60 * options.minutes * options.sessions
     used = {key: after[key] - before[key] for key in before}
     poses = metric(page, "evpose_poses_total")

@@ -11,6 +11,7 @@ a goal is missed: 1 s, 50 MB more than with an empty store, and 50 ms for 99 % o
 redis-server, postgresql-15, python3-grpcio and python3-protobuf.
 """
 import argparse
+import contextlib
 import os
 import pathlib
 import random
@@ -45,7 +46,7 @@ class Redis:
                 return
         sys.exit("redis-server does not start")
 
-    def end(self):
+    def close(self):
         self.process.kill()
         self.process.wait()
 
@@ -70,7 +71,7 @@ class Postgres:
             sys.exit("postgres does not start")
         self.address = f"postgresql://evpose@/postgres?host={self.folder.name}"
 
-    def end(self):
+    def close(self):
         self.process.send_signal(signal.SIGQUIT)
         self.process.wait()
         self.folder.cleanup()
@@ -78,12 +79,12 @@ class Postgres:
 
 def resident_mb(server):
     status = pathlib.Path(f"/proc/{server.process.pid}/status").read_text(encoding="ascii")
-    return int(status.partition("VmRSS:")[2].split()[0]) / 1000
+    return int(status.partition("VmRSS:")[2].split()[0]) * 1024 / 1e6
 
 
-def timed_start(program, store, api):
-    """Returns a server that has answered a call, the seconds until then, and its processor time."""
-    server = Server(program, store)
+def timed_start(cleanup, program, store, api):
+    """Returns a server that has answered a call, the seconds until then, and its processor time. `cleanup` ends it."""
+    server = cleanup.enter_context(Server(program, store))
     server.unary("SessionService/ListSessions", api.ListSessionsRequest(page_size=1), api.ListSessionsResponse)
     return server, time.monotonic() - server.started_s, server.processor_s()
 
@@ -118,20 +119,25 @@ def create_sessions(server, api, model, count):
 
 def measure(arguments, api, name, store, copy):
     """Prints the figures of one kind of store and returns whether they meet the goals."""
+    with contextlib.ExitStack() as cleanup:
+        return measure_with(cleanup, arguments, api, name, store, copy)
+
+
+def measure_with(cleanup, arguments, api, name, store, copy):
     program = os.path.join(arguments.bin, "server", "evpose-server")
     _, sessions, models = api
     options = ["--max-sessions", str(arguments.sessions + arguments.calls + 1), "--max-session-memory", str(10**12),
                "--session-expiry", "86400"]
-    server = Server(program, store + options)
+    server = cleanup.enter_context(Server(program, store + options))
     model = server.upload(models, CUBE, 1).name
     created = server.unary("SessionService/CreateSession", create_request(sessions, model, 64), sessions.CreateSessionResponse)
     server.end()
-    server, empty_s, empty_cpu_s = timed_start(program, store + options, sessions)
+    server, empty_s, empty_cpu_s = timed_start(cleanup, program, store + options, sessions)
     empty_mb = resident_mb(server)
     server.end()
     copy_sessions = os.path.join(arguments.bin, "tests", "bench", "copy_sessions")
     subprocess.run([copy_sessions, *copy, created.session.name, str(arguments.sessions - 1)], check=True)
-    server, start_s, start_cpu_s = timed_start(program, store + options, sessions)
+    server, start_s, start_cpu_s = timed_start(cleanup, program, store + options, sessions)
     start_mb = resident_mb(server)
     lists_ms = list_pages(server, sessions, arguments.calls)
     creates_ms = create_sessions(server, sessions, model, arguments.calls)
@@ -161,14 +167,12 @@ def main():
             data = folder + "/data"
             is_good &= measure(arguments, api, "SQLite", ["--store", "sqlite", "--data-dir", data], ["sqlite", data])
         if "redis" in arguments.stores:
-            redis = Redis(folder)
-            address = f"redis://127.0.0.1:{redis.port}"
-            is_good &= measure(arguments, api, "Redis", ["--store", address], [address, ""])
-            redis.end()
+            with contextlib.closing(Redis(folder)) as redis:
+                address = f"redis://127.0.0.1:{redis.port}"
+                is_good &= measure(arguments, api, "Redis", ["--store", address], [address, ""])
         if "postgresql" in arguments.stores:
-            postgres = Postgres()
-            is_good &= measure(arguments, api, "PostgreSQL", ["--store", postgres.address], [postgres.address, ""])
-            postgres.end()
+            with contextlib.closing(Postgres()) as postgres:
+                is_good &= measure(arguments, api, "PostgreSQL", ["--store", postgres.address], [postgres.address, ""])
     sys.exit(1 if arguments.check and not is_good else 0)
 
 

@@ -26,7 +26,7 @@ using Clock = std::chrono::steady_clock;
 // The poses that a stream received, and their latencies since the sending of the chunk with their time.
 struct PosesSeen {
   uint64_t poses = 0;
-  uint64_t lost = 0;  // missing numbers, and poses that the server reported as skipped
+  uint64_t lost = 0;  // poses whose numbers are missing, and those that the server reported as skipped
   std::vector<float> latencies_ms;
 };
 
@@ -55,10 +55,9 @@ class Streamer {
   std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  uint64_t send_limit_bytes_ = 0;  // guarded by mutex_
-  bool is_attached_ = false;       // guarded by mutex_
-  bool is_over_ = false;           // guarded by mutex_
-  std::atomic<int64_t> sent_ms_ = 0;
+  uint64_t send_limit_bytes_ = 0;                 // guarded by mutex_
+  bool is_attached_ = false;                      // guarded by mutex_
+  bool is_over_ = false;                          // guarded by mutex_
   std::vector<std::atomic<int64_t>> sent_at_us_;  // per chunk, after begin_
   PosesSeen seen_;
   v1::SessionHealth health_;

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures the page of `evpose view` in a headless Chromium: its start, its frame rate, and its delay behind the events.
 
-usage: view_page.py [--bin build/release] [--seconds 8] [--noise HERTZ] [--rate HERTZ] [--repetitions 5]
-
 A server tracks a cube that a simulated EVK4 sees, with noise in every pixel: about 10 Mev/s, which `evpose stream` receives through a pipe
 at the pace of the sensor. Server, client, gateway and browser share the machine. The figures are wall-clock times: run it on an idle
 machine with a release build, which includes the package for Python.
@@ -18,6 +16,7 @@ the page has drawn the image: the browser composes it for the screen up to one f
 4.096 ms, at whose end the pace is exact.
 """
 import argparse
+import contextlib
 import json
 import pathlib
 import statistics
@@ -97,13 +96,15 @@ class Sensor(threading.Thread):
             self.late_s = max(self.late_s, time.time() - due_s)
 
 
-def session_of(evpose, address):
-    """Waits for the one session of the server."""
-    while True:
+def session_of(evpose, address, stream):
+    """Waits for the one session of the server, which the process `stream` creates."""
+    while stream.poll() is None:
         output = subprocess.run([evpose, "sessions", "list", "--server", address], capture_output=True, text=True, check=True).stdout
         names = [word for word in output.split() if word.startswith("sessions/")]
         if names:
             return names[0]
+        time.sleep(0.05)
+    raise RuntimeError("evpose stream has failed")
 
 
 def queue_age_s(address, session):
@@ -122,22 +123,24 @@ def measure(evpose, scene, address, page):
     stream = subprocess.Popen([evpose, "stream", "-", "--model", scene / "model.obj", "--camera", scene / "camera.yaml", "--init-pose",
                                first_pose(scene), "--server", address, "--json"],
                               stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    sensor = Sensor(scene / "recording.raw", stream.stdin)
-    sensor.start()
-    session = session_of(evpose, address)
-    begin_s = time.time()
-    gateway = PageServer([evpose, "view", session, "--server", address])
-    try:
+    with contextlib.ExitStack() as cleanup:
+        cleanup.callback(stream.wait)
+        cleanup.callback(stream.kill)
+        sensor = Sensor(scene / "recording.raw", stream.stdin)
+        sensor.start()
+        session = session_of(evpose, address, stream)
+        begin_s = time.time()
+        gateway = PageServer([evpose, "view", session, "--server", address])
+        cleanup.callback(gateway.stop)
         page.driver.get(gateway.url)
         sensor.join()
         age_s = queue_age_s(address, session)
         drawn, health = page.run("return [window.drawn, window.health]")
         page.driver.get("about:blank")
-        report = json.loads(stream.communicate()[0])  # closes its input
-    finally:
-        gateway.stop()
-    if stream.wait() != 0:
+        output = stream.communicate()[0]  # closes its input
+    if stream.returncode != 0:
         raise RuntimeError("evpose stream has failed")
+    report = json.loads(output)
     if report["poses"] == 0 or report["losses"] > 0:
         raise RuntimeError(f"the cube was not tracked: {report['poses']} poses, {report['losses']} losses")
     frames_s = [wall_ms * 1e-3 for _, _, wall_ms in drawn]
@@ -155,7 +158,7 @@ def measure(evpose, scene, address, page):
 
 
 def main():
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release")
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--noise", type=float, default=11.5, help="events per second of a dark pixel")
@@ -167,6 +170,13 @@ def main():
     evpose = binaries / "client/cli/evpose"
     sys.path.insert(0, str(binaries / "client/python"))
     page = Page("about:blank")
+    try:
+        run(arguments, binaries, evpose, page)
+    finally:
+        page.driver.quit()
+
+
+def run(arguments, binaries, evpose, page):
     page.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": RECORD.replace("RATE_HZ", str(arguments.rate))})
     with tempfile.TemporaryDirectory() as folder:
         scene = pathlib.Path(folder)
@@ -185,7 +195,6 @@ def main():
                 server.wait()
             print(f"{figures['first_s']:14.2f}{figures['rate_hz']:10.1f}{figures['skipped']:9}{figures['delay_ms']:10.1f}"
                   f"{figures['delay_95_ms']:8.1f}{figures['poses']:8}{figures['late_ms']:16.1f}{figures['age_ms']:10.1f}", flush=True)
-    page.driver.quit()
 
 
 if __name__ == "__main__":

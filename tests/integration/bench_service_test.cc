@@ -27,7 +27,7 @@ using client::ServerProcess;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-// Returns a remaining child process of this process, if any.
+// Returns whether this process has a child process. Reaps one that has ended.
 bool HasChildren() { return waitpid(-1, nullptr, WNOHANG) >= 0 || errno != ECHILD; }
 
 class BenchServiceTest : public CliTest {
@@ -79,7 +79,7 @@ TEST_F(BenchServiceTest, TransportMovesTheBytesAndLatencyIsInOrder) {
     EXPECT_LE(latency[absl::StrCat(name, "_p50_ms")], latency[absl::StrCat(name, "_p99_ms")]) << latency;
     EXPECT_LE(latency[absl::StrCat(name, "_p99_ms")], latency[absl::StrCat(name, "_max_ms")]) << latency;
   }
-  // A window's last chunk ends after the window, and its receipt comes after its end.
+  // The last chunk of a window ends after the window, and its receipt arrives after the end of the chunk.
   EXPECT_GE(latency["window_p50_ms"], latency["chunk_p50_ms"]);
   EXPECT_GT(latency["chunk_p50_ms"], latency["server_p50_ms"]);
   EXPECT_GT(latency["server_p50_ms"], 0.0);
@@ -174,7 +174,7 @@ TEST(ServerProcessTest, EndsWithItsOwner) {
 }
 
 TEST(ServerProcessTest, EndsWhenItsOwnersProcessIsKilled) {
-  // The processes that have it open: the bench and its server.
+  // The bench and its server hold the writing end: read() returns 0 when both have ended.
   int alive[2];
   ASSERT_EQ(pipe(alive), 0);
   const pid_t owner = fork();

@@ -60,7 +60,8 @@ std::vector<std::string> CliTest::FilesBeginning(const std::string& prefix) cons
 
 namespace {
 
-// The lines by which a command says for what it waits. They depend on the speed of the machine.
+// Returns `err` without the lines in which a command states for what it waits, because they depend on the speed of
+// the machine.
 std::string WithoutWaits(const std::string& err) {
   std::string rest;
   std::istringstream lines(err);

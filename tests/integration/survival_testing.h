@@ -74,10 +74,10 @@ class RunningServer {
   std::unique_ptr<v1::ModelService::Stub> models_;
 };
 
-// The longest time between two events.
+// Measures the longest time between two calls of Note().
 class PauseTimer {
  public:
-  // The next event is the first one.
+  // The next call of Note() is the first one.
   void Reset() { last_.reset(); }
   void Note() {
     const auto now = std::chrono::steady_clock::now();
