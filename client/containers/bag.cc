@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/types/span.h"
 #include "client/containers/event_source.h"
 #include "client/containers/ros_messages.h"
 #include "core/base/status_macros.h"
@@ -73,13 +74,13 @@ class PacketReader final : public RecordingReader {
       const std::optional<EventPacket> packet = ParseEventPacket(message_);
       if (!packet) {
         ++num_damaged_;
-        packet_follows_loss_ = has_seq_;
+        packet_follows_loss_ = has_packet_;
         continue;
       }
       EVPOSE_ASSIGN_OR_RETURN(const bool fits, Check(*packet));
       if (!fits) {
         ++num_other_;
-        packet_follows_loss_ = has_seq_;
+        packet_follows_loss_ = has_packet_;
         continue;
       }
       CheckSequence(packet->seq);
@@ -92,7 +93,7 @@ class PacketReader final : public RecordingReader {
   // is not EVT3.
   absl::StatusOr<bool> Check(const EventPacket& packet) {
     const bool is_evt3 = packet.encoding == "evt3" && !packet.is_big_endian;
-    if (has_seq_) return is_evt3 && SizeOf(packet) == header_.geometry;
+    if (has_packet_) return is_evt3 && SizeOf(packet) == header_.geometry;
     if (!is_evt3) {
       return absl::UnimplementedError(absl::StrCat(
           name_, ": has packets in the encoding '", std::string(packet.encoding.substr(0, 32)), "'",
@@ -110,7 +111,7 @@ class PacketReader final : public RecordingReader {
 
   void CheckSequence(uint64_t seq) {
     const uint64_t before = std::exchange(seq_, seq);
-    if (!std::exchange(has_seq_, true)) return;
+    if (!std::exchange(has_packet_, true)) return;
     const bool is_unset = seq == 0 && before == 0;  // a publisher that does not count
     if (is_unset || seq == before + 1) return;
     ++num_gaps_;
@@ -124,7 +125,7 @@ class PacketReader final : public RecordingReader {
   std::string message_;
   std::string_view events_;  // of the current packet, what Read() has not returned
   uint64_t seq_ = 0;         // of the last packet
-  bool has_seq_ = false;
+  bool has_packet_ = false;
   bool packet_follows_loss_ = false;
   bool read_follows_loss_ = false;
   uint64_t num_damaged_ = 0;
@@ -182,9 +183,13 @@ class EventArraySource final : public EventSource {
   uint64_t num_missing_ = 0;
 };
 
-std::string NamesOf(const std::vector<BagTopic>& topics) {
-  return absl::StrJoin(topics, ", ",
-                       [](std::string* text, const BagTopic& topic) { absl::StrAppend(text, topic.name); });
+constexpr size_t kMaxListedTopics = 20;  // in an error, so that it stays readable
+
+std::string NamesOf(absl::Span<const BagTopic> topics) {
+  const auto append = [](std::string* text, const BagTopic& topic) { absl::StrAppend(text, topic.name); };
+  const std::string names = absl::StrJoin(topics.subspan(0, kMaxListedTopics), ", ", append);
+  if (topics.size() <= kMaxListedTopics) return names;
+  return absl::StrCat(names, " and ", topics.size() - kMaxListedTopics, " others");
 }
 
 absl::StatusOr<BagTopic> ChooseTopic(const ContainerFile& file, const Bag& bag) {

@@ -18,6 +18,10 @@ namespace evpose::client {
 // about 1 MB.
 inline constexpr uint64_t kMaxMessageBytes = uint64_t{64} << 20;
 
+// Bounds of the topics of a damaged file: further ones, and those with a longer text, are left out.
+inline constexpr size_t kMaxTopics = 1000;
+inline constexpr size_t kMaxNameBytes = 4096;  // length of the name of a topic, of its type and of its encoding
+
 struct BagTopic {
   std::string name;      // "/event_camera/events"
   std::string type;      // "event_camera_msgs/msg/EventPacket"

@@ -326,6 +326,31 @@ TEST(BagTest, OneOfSeveralTopicsIsChosen) {
                         "/chatter"));
 }
 
+TEST(BagTest, TheTopicsOfADamagedFileAreBounded) {
+  const TemporaryDirectory directory;
+  std::vector<TestTopic> topics = {{std::string(5000, 'x'), "std_msgs/msg/String", {"hello"}}};
+  for (int i = 0; i < 30; ++i) topics.push_back({absl::StrCat("/t", i), "std_msgs/msg/String", {"hello"}});
+  const std::string expected =
+      "its topics: /t0, /t1, /t2, /t3, /t4, /t5, /t6, /t7, /t8, /t9, /t10, /t11, /t12, /t13, "
+      "/t14, /t15, /t16, /t17, /t18, /t19 and ";
+  EXPECT_THAT(BagErrorOf(WriteBytes(directory.File("a.mcap"), MakeMcap(topics))), HasSubstr(expected + "10 others"));
+  const std::string path = WriteSqliteBag(directory.File("a.db3"), topics);
+  EXPECT_THAT(BagErrorOf(path), HasSubstr(expected + "10 others"));
+  const auto run = [&path](const char* sql) {
+    sqlite3* database = nullptr;
+    EXPECT_EQ(sqlite3_open(path.c_str(), &database), SQLITE_OK);
+    EXPECT_EQ(sqlite3_exec(database, sql, nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(database);
+    sqlite3_close(database);
+  };
+  run("WITH RECURSIVE n(i) AS (SELECT 100 UNION ALL SELECT i + 1 FROM n WHERE i < 5000) "
+      "INSERT INTO topics SELECT i, '/t' || i, 'a', 'cdr' FROM n");
+  EXPECT_THAT(BagErrorOf(path), HasSubstr(expected + "979 others")) << "1000 rows, one of them with a long name";
+  run("DROP TABLE topics; CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT AS "
+      "(hex(zeroblob(1000000))), "
+      "serialization_format TEXT); INSERT INTO topics VALUES(1, '/t', 'cdr')");
+  EXPECT_THAT(BagErrorOf(path), HasSubstr("cannot be read as a rosbag2 file: string or blob too big"));
+}
+
 TEST(BagTest, OtherEncodingsAreRefused) {
   const TemporaryDirectory directory;
   PacketFields fields = {1, "abc", "libcaer_cmp"};

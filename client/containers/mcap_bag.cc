@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // rosbag2 files of MCAP.
-#include <algorithm>
 #include <fstream>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "client/containers/bag.h"
@@ -16,8 +16,6 @@ namespace {
 
 // At the end of a complete file: the footer (op, length, three fields) and the magic.
 constexpr int64_t kFooterBytes = 1 + 8 + 20;
-
-constexpr size_t kMaxNameBytes = 4096;  // length of the name of a type or a topic; bounds the memory for damaged files
 
 // The schemas and channels of records.
 class ChannelTable {
@@ -37,14 +35,16 @@ class ChannelTable {
     }
   }
 
-  // The topics, each once, in the order of their channels.
+  // The topics, each once, in the order of their channels, at most kMaxTopics.
   std::vector<BagTopic> Topics() const {
     std::vector<BagTopic> topics;
+    std::set<std::string_view> names;
     for (const auto& [id, channel] : channels_) {
+      if (topics.size() == kMaxTopics) break;
+      if (!names.insert(channel.topic.name).second) continue;
       BagTopic topic = channel.topic;
       if (const auto schema = schemas_.find(channel.schema); schema != schemas_.end()) topic.type = schema->second;
-      const auto is_same = [&topic](const BagTopic& other) { return other.name == topic.name; };
-      if (std::none_of(topics.begin(), topics.end(), is_same)) topics.push_back(std::move(topic));
+      topics.push_back(std::move(topic));
     }
     return topics;
   }

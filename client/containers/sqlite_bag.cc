@@ -4,6 +4,7 @@
 // serialization_format) and messages (topic_id, timestamp, data).
 #include <sqlite3.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <optional>
 #include <utility>
@@ -18,6 +19,9 @@ namespace evpose::client {
 namespace {
 
 constexpr std::string_view kSqliteMagic("SQLite format 3\0", 16);
+
+// Limit of a row of the topics, which also has the settings of all publishers: some 500 bytes each.
+constexpr uint64_t kMaxTopicRowBytes = uint64_t{1} << 20;
 
 struct CloseDatabase {
   void operator()(sqlite3* database) const { sqlite3_close(database); }
@@ -39,7 +43,8 @@ bool HasLog(const std::string& path) {
   return std::filesystem::exists(path + "-wal", error);
 }
 
-absl::StatusOr<Database> OpenDatabase(const std::string& path) {
+// Values and rows above `max_bytes` are errors.
+absl::StatusOr<Database> OpenDatabase(const std::string& path, uint64_t max_bytes) {
   // With "immutable" SQLite creates no files beside the bag, so that a folder without write permission suffices. A bag
   // with a write-ahead log is not immutable, because its latest pages are in the log.
   std::error_code error;
@@ -51,8 +56,9 @@ absl::StatusOr<Database> OpenDatabase(const std::string& path) {
   const int result = sqlite3_open_v2(uri.c_str(), &opened, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI, nullptr);
   Database database(opened);
   if (result != SQLITE_OK) return DatabaseError(path, opened);
-  sqlite3_limit(opened, SQLITE_LIMIT_LENGTH, static_cast<int>(kMaxMessageBytes));
-  // No code of the file is run: neither its functions nor its views.
+  sqlite3_limit(opened, SQLITE_LIMIT_LENGTH, static_cast<int>(max_bytes));
+  // Of the expressions in the file only those of generated columns run, with SQLite's built-in functions that have no
+  // effect outside; neither other functions nor views do. The limit bounds the length of their values.
   sqlite3_db_config(opened, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
   sqlite3_db_config(opened, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
   return database;
@@ -72,12 +78,16 @@ std::string TextOf(sqlite3_stmt* statement, int column) {
 }
 
 absl::StatusOr<std::vector<BagTopic>> ReadTopics(const std::string& path, sqlite3* database) {
-  EVPOSE_ASSIGN_OR_RETURN(const Statement statement,
-                          Prepare(path, database, "SELECT name, type, serialization_format FROM topics ORDER BY id"));
+  EVPOSE_ASSIGN_OR_RETURN(
+      const Statement statement,
+      Prepare(path, database, "SELECT name, type, serialization_format FROM topics ORDER BY id LIMIT ?1"));
+  sqlite3_bind_int64(statement.get(), 1, kMaxTopics);
   std::vector<BagTopic> topics;
   int result = SQLITE_OK;
   while ((result = sqlite3_step(statement.get())) == SQLITE_ROW) {
-    topics.push_back({TextOf(statement.get(), 0), TextOf(statement.get(), 1), TextOf(statement.get(), 2)});
+    BagTopic topic = {TextOf(statement.get(), 0), TextOf(statement.get(), 1), TextOf(statement.get(), 2)};
+    const size_t longest = std::max({topic.name.size(), topic.type.size(), topic.encoding.size()});
+    if (longest <= kMaxNameBytes) topics.push_back(std::move(topic));
   }
   if (result != SQLITE_DONE) return DatabaseError(path, database);
   return topics;
@@ -131,7 +141,7 @@ absl::StatusOr<std::unique_ptr<MessageStream>> OpenSqliteStream(const std::strin
   if (!HasLog(path)) {
     EVPOSE_ASSIGN_OR_RETURN(opened, FileVersion::Of(path));
   }
-  EVPOSE_ASSIGN_OR_RETURN(Database database, OpenDatabase(path));
+  EVPOSE_ASSIGN_OR_RETURN(Database database, OpenDatabase(path, kMaxMessageBytes));
   // In the order of the rows, which is that of their arrival, so that no row has to be sorted.
   EVPOSE_ASSIGN_OR_RETURN(
       Statement statement,
@@ -148,7 +158,7 @@ absl::StatusOr<std::unique_ptr<MessageStream>> OpenSqliteStream(const std::strin
 bool MatchesSqlite(std::string_view prefix) { return prefix.starts_with(kSqliteMagic); }
 
 absl::StatusOr<std::unique_ptr<RecordingReader>> OpenSqlite(ContainerFile file) {
-  EVPOSE_ASSIGN_OR_RETURN(const Database database, OpenDatabase(file.path));
+  EVPOSE_ASSIGN_OR_RETURN(const Database database, OpenDatabase(file.path, kMaxTopicRowBytes));
   Bag bag = {.format = "rosbag2 SQLite"};
   EVPOSE_ASSIGN_OR_RETURN(bag.topics, ReadTopics(file.path, database.get()));
   bag.open = [path = file.path](const BagTopic& topic) { return OpenSqliteStream(path, topic); };
