@@ -6,6 +6,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 #include "client/containers/hdf5/ecf_codec.h"
 #include "client/containers/hdf5_source.h"
 #include "core/base/output_file.h"
@@ -62,17 +63,31 @@ class EncodingChecker final : public EventFileChecker {
     bytes_.clear();
     return InOrder(
         events, triggers, [this](absl::Span<const Event> part) { return CheckEvents(part); },
-        [this](const evpose::Trigger& trigger) { return encoder_->EncodeTrigger(trigger, bytes_); });
+        [this](const evpose::Trigger& trigger) { return CheckTrigger(trigger); });
   }
 
  private:
   absl::Status CheckEvents(absl::Span<const Event> events) {
-    const absl::Status status = encoder_->Encode(events, bytes_);
-    if (!status.ok()) {
-      return absl::InvalidArgumentError(absl::StrCat("behind the first ", num_checked_, " events, ", status.message()));
+    if (encoder_->Encode(events, bytes_).ok()) {
+      num_checked_ += events.size();
+      return absl::OkStatus();
     }
-    num_checked_ += events.size();
+    // One by one, because the encoder counts the events of a call.
+    for (const Event& event : events) {
+      const absl::Status status = encoder_->Encode({&event, 1}, bytes_);
+      if (!status.ok()) {
+        return absl::InvalidArgumentError(
+            absl::StrReplaceAll(status.message(), {{"event 0 ", absl::StrCat("event ", num_checked_, " ")}}));
+      }
+      ++num_checked_;
+    }
     return absl::OkStatus();
+  }
+
+  absl::Status CheckTrigger(const evpose::Trigger& trigger) {
+    const absl::Status status = encoder_->EncodeTrigger(trigger, bytes_);
+    if (status.ok()) return status;
+    return absl::InvalidArgumentError(absl::StrCat("before event ", num_checked_, ", ", status.message()));
   }
 
   const std::unique_ptr<EventEncoder> encoder_;

@@ -60,6 +60,23 @@ TEST(EventFileWriterTest, WhatAFormatCannotHoldIsFoundBefore) {
               HasSubstr("addresses 1x1"));
 }
 
+TEST(EventFileWriterTest, TheNumberOfAnEventIsThatInTheRecording) {
+  const EventFileHeader header = {{346, 260}, 0};
+  const std::vector<Event> first = {{5000, 1, 1, 1}, {5001, 1, 1, 1}};
+  for (const char* name : {"raw", "hdf5"}) {
+    const auto checker = ChooseEventFileFormat(name, "")->check(header).value();
+    ASSERT_TRUE(checker->Check(first, {}).ok());
+    const std::vector<Event> outside = {{5002, 1, 1, 1}, {5003, 2048, 1, 1}};
+    EXPECT_THAT(checker->Check(outside, {}).message(), HasSubstr("event 3 at x 2048, y 1 lies")) << name;
+  }
+  const auto checker = ChooseEventFileFormat("raw", "")->check(header).value();
+  ASSERT_TRUE(checker->Check(first, {}).ok());
+  const std::vector<Event> steps_back = {{5002, 1, 1, 1}, {4000, 1, 1, 1}};
+  EXPECT_THAT(checker->Check(steps_back, {}).message(), HasSubstr("event 3 is 4000 us after 5002 us"));
+  const std::vector<Trigger> wrong_input = {{6000, 16, 1}};
+  EXPECT_THAT(checker->Check({}, wrong_input).message(), HasSubstr("before event 3, a trigger of input 16"));
+}
+
 TEST(EventFileWriterTest, AnUnknownSuffixIsAnError) {
   EXPECT_THAT(ChooseEventFileFormat("", "a.png").status().message(),
               HasSubstr("a.png: its name ends with none of .raw"));
