@@ -13,31 +13,27 @@
 namespace evpose::client {
 namespace {
 
-// Read at a time: the cost of a call is then small against that of decoding, and the memory stays small.
-constexpr size_t kAedatReadBytes = size_t{256} * 1024;
-
 // Bytes of AEDAT 2.0 from which the sensor is guessed if the header does not name it.
 constexpr size_t kGuessedBytes = size_t{1} << 20;
 
 class AedatSource final : public EventSource {
  public:
   AedatSource(std::unique_ptr<ByteSource> bytes, std::unique_ptr<AedatDecoder> decoder, SourceFacts facts)
-      : bytes_(std::move(bytes)), decoder_(std::move(decoder)), facts_(std::move(facts)), buffer_(kAedatReadBytes) {}
+      : bytes_(std::move(bytes)), decoder_(std::move(decoder)), facts_(std::move(facts)), buffer_(kReadBytes) {}
 
   const SourceFacts& facts() const override { return facts_; }
 
   absl::StatusOr<bool> Next(std::vector<SourceEvent>& events) override {
     events.clear();
     if (at_end_) return false;
-    EVPOSE_ASSIGN_OR_RETURN(const size_t size, bytes_->Read(absl::MakeSpan(buffer_)));
-    at_end_ = size == 0;
+    if (rest_.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(const size_t size, bytes_->Read(absl::MakeSpan(buffer_)));
+      rest_ = absl::MakeConstSpan(buffer_).first(size);
+      at_end_ = size == 0;
+    }
     decoded_.events.clear();
     decoded_.triggers.clear();
-    if (at_end_) {
-      decoder_->Finish();
-    } else {
-      decoder_->Decode(absl::MakeConstSpan(buffer_).first(size), decoded_);
-    }
+    at_end_ ? decoder_->Finish() : decoder_->Decode(rest_, decoded_);
     AppendMerged(decoded_.events, decoded_.triggers, events);
     return true;
   }
@@ -65,6 +61,7 @@ class AedatSource final : public EventSource {
   const std::unique_ptr<AedatDecoder> decoder_;
   const SourceFacts facts_;
   std::vector<uint8_t> buffer_;
+  absl::Span<const uint8_t> rest_;  // of the buffer, what is not decoded
   DecodedEvents decoded_;
   bool at_end_ = false;
 };

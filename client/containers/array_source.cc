@@ -52,7 +52,11 @@ int64_t ScaledTime(const NpyNumber& number, int exponent) {
   double factor = 1.0;
   for (int i = 0; i < std::abs(exponent); ++i) factor *= 10.0;
   if (number.is_integer && exponent == 0) return number.integer;
-  if (number.is_integer && exponent < 0) return number.integer / static_cast<int64_t>(factor);
+  if (number.is_integer && exponent < 0) {
+    const auto divisor = static_cast<int64_t>(factor);
+    const int64_t rest = number.integer % divisor;
+    return number.integer / divisor + (2 * rest >= divisor ? 1 : 0) - (2 * rest <= -divisor ? 1 : 0);
+  }
   const double t_us = exponent < 0 ? number.floating / factor : number.floating * factor;
   // An impossible time is left out by the reader of the source.
   return std::abs(t_us) < kMaxTime_us ? std::llround(t_us) : std::numeric_limits<int64_t>::min();
@@ -86,7 +90,7 @@ class ArraySource final : public EventSource {
       layout = LayoutOfNames(NamesOf(columns_), {});
       std::vector<double> times;
       for (size_t i = 0; layout && i < num_events_; ++i) {
-        if (HasAddress(*layout, i)) times.push_back(Number(static_cast<size_t>(layout->t), i).floating);
+        if (CanBeEvent(*layout, i)) times.push_back(Number(static_cast<size_t>(layout->t), i).floating);
       }
       if (layout) layout = LayoutOfNames(NamesOf(columns_), times);
     }
@@ -94,7 +98,9 @@ class ArraySource final : public EventSource {
       return absl::InvalidArgumentError(absl::StrCat(name, ": its columns are not t, x, y and p of events"));
     }
     layout_ = *layout;
-    facts_.format = absl::StrCat("NumPy (", layout_.Describe(), layout_.time_exponent == 6 ? ", t in s)" : ")");
+    facts_.format = absl::StrCat("NumPy (", layout_.Describe());
+    if (layout_.time_exponent != 0) absl::StrAppend(&facts_.format, ", t in ", TimeUnit(layout_.time_exponent));
+    facts_.format += ')';
     is_piece_new_ = true;
     return absl::OkStatus();
   }
@@ -106,6 +112,10 @@ class ArraySource final : public EventSource {
     if (!std::exchange(is_piece_new_, false)) EVPOSE_RETURN_IF_ERROR(ReadPiece());
     for (size_t i = 0; i < num_events_; ++i) {
       const NpyNumber p = Number(static_cast<size_t>(layout_.p), i);
+      if (!IsPolarity(p.floating)) {
+        ++num_unreadable_;
+        continue;
+      }
       events.push_back({ScaledTime(Number(static_cast<size_t>(layout_.t), i), layout_.time_exponent),
                         Address(Number(static_cast<size_t>(layout_.x), i)),
                         Address(Number(static_cast<size_t>(layout_.y), i)), p.floating > 0.0});
@@ -114,14 +124,18 @@ class ArraySource final : public EventSource {
   }
 
   std::vector<SkippedParts> skipped() const override {
-    if (num_events_ > 0) return {};  // known at the end
+    std::vector<SkippedParts> parts;
+    if (num_unreadable_ > 0)
+      parts.push_back({"rows whose polarity is not -1, 0 or 1", num_unreadable_, SkippedParts::Loss::kEvents});
+    if (num_events_ > 0) return parts;  // the others are known at the end
     int64_t num_announced = 0;
     for (const NpyArray& array : arrays_) {
       num_announced = std::max(num_announced, array.header().num_items() / NumbersOfEvent(array.header()));
     }
-    if (num_announced <= num_read_) return {};
-    return {{"events missing at the end, or without t, x, y or p", static_cast<uint64_t>(num_announced - num_read_),
-             SkippedParts::Loss::kEvents}};
+    if (num_announced > num_read_)
+      parts.push_back({"events missing at the end, or without t, x, y or p",
+                       static_cast<uint64_t>(num_announced - num_read_), SkippedParts::Loss::kEvents});
+    return parts;
   }
 
  private:
@@ -136,10 +150,11 @@ class ArraySource final : public EventSource {
     return absl::OkStatus();
   }
 
-  // An event without a row and column of the sensor is left out.
-  bool HasAddress(const ColumnLayout& layout, size_t event) const {
+  // An event without a row and column of the sensor, or without a polarity, is left out.
+  bool CanBeEvent(const ColumnLayout& layout, size_t event) const {
     return Address(Number(static_cast<size_t>(layout.x), event)) >= 0 &&
-           Address(Number(static_cast<size_t>(layout.y), event)) >= 0;
+           Address(Number(static_cast<size_t>(layout.y), event)) >= 0 &&
+           IsPolarity(Number(static_cast<size_t>(layout.p), event).floating);
   }
 
   NpyNumber Number(size_t column, size_t event) const {
@@ -156,6 +171,7 @@ class ArraySource final : public EventSource {
   std::vector<std::vector<uint8_t>> pieces_;  // of each array
   size_t num_events_ = 0;                     // in the pieces
   int64_t num_read_ = 0;                      // events, up to the pieces
+  uint64_t num_unreadable_ = 0;
   bool is_piece_new_ = false;
 };
 

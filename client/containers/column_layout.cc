@@ -41,7 +41,6 @@ NamedColumn ReadName(std::string_view text) {
 }
 
 bool IsAddress(double value) { return value >= 0.0 && value < 65536.0 && value == std::floor(value); }
-bool IsPolarity(double value) { return value == 0.0 || value == 1.0 || value == -1.0; }
 
 struct LayoutFit {
   size_t num_fitting = 0;  // rows that can be events
@@ -117,6 +116,14 @@ std::optional<ColumnLayout> LayoutOfRows(absl::Span<const TableRow> rows) {
     best = layout;
   }
   return best;
+}
+
+bool IsPolarity(double value) { return value == 0.0 || value == 1.0 || value == -1.0; }
+
+const char* TimeUnit(int time_exponent) {
+  if (time_exponent == 6) return "s";
+  if (time_exponent == 3) return "ms";
+  return time_exponent == 0 ? "us" : "ns";
 }
 
 int UnitOfTimes(absl::Span<const double> times) {

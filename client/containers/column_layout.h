@@ -43,6 +43,12 @@ bool IsEventRow(const ColumnLayout& layout, const TableRow& row);
 // those the first. nullopt if there is none in more than half of the rows, as damaged rows may be among them.
 std::optional<ColumnLayout> LayoutOfRows(absl::Span<const TableRow> rows);
 
+// 0, 1 and -1 are polarities.
+bool IsPolarity(double value);
+
+// The name of the unit of a ColumnLayout::time_exponent: "s", "ms", "us" or "ns".
+const char* TimeUnit(int time_exponent);
+
 // Seconds (6) if a time has a fraction, else microseconds (0). A value that is no number, such as nan, is no time.
 int UnitOfTimes(absl::Span<const double> times);
 

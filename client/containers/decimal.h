@@ -11,7 +11,7 @@ namespace evpose::client {
 
 // The decimal number `text` ("51.980787001", "-3", "9.8e+01") times 10^`exponent`, rounded to the nearest integer, a
 // half away from zero. The decimal digits are rounded, not a binary fraction near them: seconds become the microseconds
-// that were written. nullopt for any other text, and for results of 18 digits or more.
+// that were written. nullopt for any other text, and for results of more than 18 digits.
 std::optional<int64_t> ScaledDecimal(std::string_view text, int exponent);
 
 }  // namespace evpose::client

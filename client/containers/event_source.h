@@ -3,6 +3,7 @@
 // The events of a file that stores each event by itself: text, arrays, messages with events.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -29,6 +30,10 @@ struct SourceEvent {
 // Appends events and triggers, each trigger before the first of the remaining events at its time or later.
 void AppendMerged(absl::Span<const Event> events, absl::Span<const Trigger> triggers, std::vector<SourceEvent>& out);
 
+// Bytes that a source reads at a time: the cost of a call is then small against that of decoding, and the memory stays
+// small.
+inline constexpr size_t kReadBytes = size_t{256} * 1024;
+
 struct SourceFacts {
   std::string format;                      // the name of the format: "CSV"
   std::optional<SensorGeometry> geometry;  // as the file states it
@@ -41,7 +46,8 @@ class EventSource {
 
   virtual const SourceFacts& facts() const = 0;
 
-  // Replaces `events` by the next ones in the order of the file, of which there may be none, at most some 100,000.
+  // Replaces `events` by the next ones in the order of the file, of which there may be none; usually at most some
+  // 100,000, but 5 million in a message or a packet of 64 MiB.
   // Returns false at the end. A damaged part is skipped and counted. Errors: those of RecordingReader::Read().
   virtual absl::StatusOr<bool> Next(std::vector<SourceEvent>& events) = 0;
 
@@ -58,12 +64,13 @@ using SourceOpener = std::function<absl::StatusOr<std::unique_ptr<EventSource>>(
 // Otherwise (times since 1970) they are relative to the first event, whose time is the header's time_offset_us.
 // Order: that of the file; steps back in time remain, because all consumers of events accept them. An event that
 // FLAT64 cannot hold is left out and counted: a time before 0 or 35 minutes (half the clock's range) away from that of
-// the event before it, a row or column above 16383 or below 0. Triggers are words of FLAT64; those before the first
-// event of a recording whose times are shifted are left out and counted, too.
+// the event before it, a row or column above 16383 or below 0; and one whose time, such as nan, is none. Triggers are
+// words of FLAT64; those before the first event of a recording whose times are shifted are left out and counted, too.
 // Sensor: the size that the file states; else `geometry`, that of the caller's camera; else, if `can_reopen`, that of
 // the smallest known sensor that contains all events, for which all events are read once; else 2048 x 2048. In the
 // latter two cases the header's geometry_is_stated and geometry_is_known are false.
-// Errors: those of `open` and of EventSource::Next(); INVALID_ARGUMENT with `name` if there is no event.
+// Errors: those of `open` and of EventSource::Next(); INVALID_ARGUMENT with `name` if there is no event, or none among
+// the first millions of triggers.
 absl::StatusOr<std::unique_ptr<RecordingReader>> MakeSourceReader(const std::string& name, const SourceOpener& open,
                                                                   std::optional<SensorGeometry> geometry,
                                                                   bool can_reopen);

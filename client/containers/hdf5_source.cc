@@ -13,8 +13,6 @@ namespace evpose::client {
 namespace {
 
 constexpr char kHdf5Program[] = "evpose-hdf5";
-// Read at a time: the cost of a call is then small against that of decoding, and the memory stays small.
-constexpr size_t kPipeReadBytes = size_t{256} * 1024;
 constexpr std::string_view kHdf5Signature("\x89HDF\r\n\x1a\n", 8);
 
 absl::StatusOr<std::unique_ptr<ChildProcess>> StartProgram(const char* command, const std::string& path) {
@@ -50,6 +48,10 @@ class Hdf5Source final : public EventSource {
     EVPOSE_RETURN_IF_ERROR(ReadRecord());
     if (record_.kind == PipeRecordKind::kTriggers) {
       triggers_.insert(triggers_.end(), record_.triggers.begin(), record_.triggers.end());
+      if (triggers_.size() > kMaxPipeElements) {  // without events for so long there is nothing to merge them with
+        AppendMerged({}, triggers_, events);
+        triggers_.clear();
+      }
     } else if (record_.kind == PipeRecordKind::kEvents) {
       AppendMerged(record_.events, triggers_, events);
       triggers_.clear();
@@ -73,7 +75,7 @@ class Hdf5Source final : public EventSource {
 
  private:
   Hdf5Source(std::string path, std::unique_ptr<ChildProcess> program)
-      : path_(std::move(path)), program_(std::move(program)), buffer_(kPipeReadBytes) {}
+      : path_(std::move(path)), program_(std::move(program)), buffer_(kReadBytes) {}
 
   // Replaces the record by the next one.
   absl::Status ReadRecord() {

@@ -28,6 +28,7 @@ absl::StatusOr<NpyArray> NpyArray::Open(const std::string& name, ReadBytes read)
 absl::StatusOr<size_t> NpyArray::Next(size_t max_items, std::vector<uint8_t>& items) {
   const auto wanted = static_cast<size_t>(std::min<int64_t>(static_cast<int64_t>(max_items), num_left_));
   items.resize(wanted * header_.item_bytes);
+  if (wanted == 0) EVPOSE_RETURN_IF_ERROR(ReadToEnd());
   size_t size = buffered_.copy(reinterpret_cast<char*>(items.data()), items.size());
   buffered_.erase(0, size);
   while (size < items.size()) {
@@ -38,6 +39,15 @@ absl::StatusOr<size_t> NpyArray::Next(size_t max_items, std::vector<uint8_t>& it
   const size_t count = size / header_.item_bytes;
   num_left_ -= static_cast<int64_t>(count);
   return count;
+}
+
+absl::Status NpyArray::ReadToEnd() {
+  uint8_t piece[1024];
+  size_t size = 1;
+  while (size > 0) {
+    EVPOSE_ASSIGN_OR_RETURN(size, read_(absl::MakeSpan(piece)));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace evpose::client

@@ -25,7 +25,7 @@ class NpyArray {
   const NpyHeader& header() const { return header_; }
 
   // Replaces `items` by the next ones, at most `max_items`, and returns their number; 0 at the end, also of a truncated
-  // array.
+  // array. Errors: those of ReadBytes, which at the end of the file may find that it is damaged.
   absl::StatusOr<size_t> Next(size_t max_items, std::vector<uint8_t>& items);
 
  private:
@@ -34,6 +34,9 @@ class NpyArray {
         buffered_(std::move(buffered)),
         read_(std::move(read)),
         num_left_(header_.num_items()) {}
+
+  // Reads what follows the array, because a file is checked at its end.
+  absl::Status ReadToEnd();
 
   NpyHeader header_;
   std::string buffered_;  // read together with the header

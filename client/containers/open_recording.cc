@@ -89,10 +89,13 @@ absl::StatusOr<std::string> FileOfFolder(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::is_directory(path, error)) return path;
   std::vector<std::string> files;
-  for (const auto& entry : std::filesystem::directory_iterator(path, error)) {
-    const std::string extension = entry.path().extension().string();
-    if (extension == ".db3" || extension == ".mcap") files.push_back(entry.path().string());
+  // Not a range-based loop, whose step throws.
+  const std::filesystem::directory_iterator end;
+  for (std::filesystem::directory_iterator entry(path, error); !error && entry != end; entry.increment(error)) {
+    const std::string extension = entry->path().extension().string();
+    if (extension == ".db3" || extension == ".mcap") files.push_back(entry->path().string());
   }
+  if (error) return absl::UnavailableError(absl::StrCat(path, ": cannot be listed: ", error.message()));
   if (files.size() == 1) return files.front();
   if (files.empty()) return path;  // the error for a directory
   std::sort(files.begin(), files.end());

@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <minizip/zip.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -95,17 +96,90 @@ TEST(OpenRecordingTest, RawAndDatAreReadByCore) {
   }
 }
 
-TEST(OpenRecordingTest, AnArraysEventWithoutAnAddressDoesNotChangeTheUnit) {
-  const std::string header =
-      "{'descr': [('t', '<f8'), ('x', '<f8'), ('y', '<f8'), ('p', '<f8')], 'fortran_order': False, 'shape': (3,)}\n";
-  std::string bytes = std::string("\x93NUMPY\x01\x00", 8) + static_cast<char>(header.size()) + '\0' + header;
-  for (const double number : {0.5, std::nan(""), 20.0, 1.0, 15e5, 10.0, 20.0, 1.0, 1500001.0, 11.0, 21.0, 0.0}) {
-    bytes.append(reinterpret_cast<const char*>(&number), sizeof(number));
+// A NumPy array of events with the fields `time`, x, y and p, in the order of these numbers.
+template <typename Number>
+std::string MakeNpy(const std::string& time, const char* type, const std::vector<Number>& numbers) {
+  std::string header = "{'descr': [";
+  for (const std::string& name : {time, std::string("x"), std::string("y"), std::string("p")}) {
+    header += "('" + name + "', '" + type + "'), ";
   }
+  header += "], 'fortran_order': False, 'shape': (" + std::to_string(numbers.size() / 4) + ",)}\n";
+  std::string bytes = std::string("\x93NUMPY\x01\x00", 8) + static_cast<char>(header.size()) + '\0' + header;
+  return bytes.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(Number));
+}
+
+TEST(OpenRecordingTest, AnArraysEventWithoutAnAddressOrPolarityDoesNotChangeTheUnit) {
   const TemporaryDirectory directory;
-  const auto recording = ReadAll(WriteBytes(directory.File("a.npy"), bytes));
+  for (const std::vector<double>& first :
+       {std::vector<double>{0.5, std::nan(""), 20.0, 1.0}, std::vector<double>{0.5, 10.0, 20.0, 7.0}}) {
+    std::vector<double> numbers = first;
+    for (const double number : {15e5, 10.0, 20.0, 1.0, 1500001.0, 11.0, 21.0, 0.0}) numbers.push_back(number);
+    const auto recording = ReadAll(WriteBytes(directory.File("a.npy"), MakeNpy("t", "<f8", numbers)));
+    ASSERT_TRUE(recording.ok()) << recording.status();
+    EXPECT_THAT(recording->events, testing::ElementsAre(Event{1500000, 10, 20, 1}, Event{1500001, 11, 21, 0}));
+  }
+}
+
+TEST(OpenRecordingTest, AnEventWithoutATimeIsNotTheZeroOfTheOthers) {
+  const TemporaryDirectory directory;
+  for (const double time : {std::nan(""), HUGE_VAL, -1e19, 2e18}) {
+    const std::vector<double> numbers = {time, 9, 9, 1, 15e5, 10, 20, 1, 1500001, 11, 21, -1, 1500002, 11, 21, 3};
+    const auto recording = ReadAll(WriteBytes(directory.File("a.npy"), MakeNpy("t", "<f8", numbers)));
+    ASSERT_TRUE(recording.ok()) << recording.status();
+    EXPECT_THAT(recording->events, testing::ElementsAre(Event{1500000, 10, 20, 1}, Event{1500001, 11, 21, 0})) << time;
+    EXPECT_EQ(recording->header.time_offset_us, 0);
+    EXPECT_EQ(recording->num_skipped("events without a valid time"), 1u);
+    EXPECT_EQ(recording->num_skipped("rows whose polarity is not -1, 0 or 1"), 1u);
+  }
+}
+
+TEST(OpenRecordingTest, AnArraysNanosecondsAreRounded) {
+  const TemporaryDirectory directory;
+  const std::vector<int64_t> numbers = {5499, 10, 20, 1, 5500, 11, 21, 0, 6499, 12, 22, 1};
+  const auto recording = ReadAll(WriteBytes(directory.File("a.npy"), MakeNpy("t_ns", "<i8", numbers)));
   ASSERT_TRUE(recording.ok()) << recording.status();
-  EXPECT_THAT(recording->events, testing::ElementsAre(Event{1500000, 10, 20, 1}, Event{1500001, 11, 21, 0}));
+  EXPECT_EQ(recording->header.container, "NumPy (t x y p, t in ns)");
+  EXPECT_THAT(recording->events, testing::ElementsAre(Event{5, 10, 20, 1}, Event{6, 11, 21, 0}, Event{6, 12, 22, 1}));
+  EXPECT_EQ(ReadAll(WriteBytes(directory.File("b"), MakeNpy("t_ms", "<i8", numbers)))->header.container,
+            "NumPy (t x y p, t in ms)");
+}
+
+TEST(OpenRecordingTest, ADamagedEntryOfAnArchiveIsAnError) {
+  const TemporaryDirectory directory;
+  const std::vector<int64_t> numbers = {1500000, 10, 20, 1, 1500001, 11, 21, 0};
+  const std::string array = MakeNpy("t", "<i8", numbers);
+  const std::string path = directory.File("a.npz");
+  for (const int level : {0, 9}) {
+    void* const archive = zipOpen(path.c_str(), APPEND_STATUS_CREATE);
+    zipOpenNewFileInZip(archive, "events.npy", nullptr, nullptr, 0, nullptr, 0, nullptr, level == 0 ? 0 : Z_DEFLATED,
+                        level);
+    zipWriteInFileInZip(archive, array.data(), static_cast<unsigned>(array.size()));
+    zipCloseFileInZip(archive);
+    ASSERT_EQ(zipClose(archive, nullptr), ZIP_OK);
+    EXPECT_EQ(ReadAll(path)->events.size(), 2u);
+    std::string bytes = ReadFile(path, SIZE_MAX).value();
+    // Without compression the row of the last event; else the end of the compressed data, before the directory.
+    bytes[bytes.find("PK\x01\x02") - (level == 0 ? 16 : 4)] ^= 1;
+    const auto damaged = ReadAll(WriteBytes(path, bytes));
+    EXPECT_EQ(damaged.status().code(), absl::StatusCode::kDataLoss) << damaged.status();
+    EXPECT_THAT(damaged.status().message(), HasSubstr("a.npz: events.npy is damaged: "));
+  }
+}
+
+TEST(OpenRecordingTest, ARecordingOfTriggersHasNoEvent) {
+  const TemporaryDirectory directory;
+  const std::string header = "#!AER-DAT2.0\r\n# AEChip: DAVIS240C\r\n";
+  const std::string trigger("\x00\x00\x04\x00\x00\x00\x10\x00", 8), event("\x00\x00\x00\x00\x00\x00\x20\x00", 8);
+  const auto none = ReadAll(WriteBytes(directory.File("a"), header + trigger));
+  EXPECT_EQ(none.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(none.status().message(), HasSubstr("has no event"));
+  // Triggers before the first event are kept, also those of an earlier read.
+  std::string triggers;
+  for (int i = 0; i < 40'000; ++i) triggers += trigger;
+  const auto recording = ReadAll(WriteBytes(directory.File("a"), header + triggers + event));
+  ASSERT_TRUE(recording.ok()) << recording.status();
+  EXPECT_EQ(recording->triggers.size(), 40'000u);
+  EXPECT_EQ(recording->events.size(), 1u);
 }
 
 TEST(OpenRecordingTest, AFileWithTheCharacterOfTopicsInItsNameIsFound) {

@@ -16,6 +16,8 @@ namespace {
 constexpr int kFlat64Addresses = 1 << 14;                // of rows and of columns
 constexpr int64_t kClockRange_us = int64_t{1} << 32;     // of FLAT64
 constexpr int64_t kMaxStep_us = (int64_t{1} << 31) - 1;  // largest step in time that a decoder does not take for a wrap
+// Bounds the memory for the triggers before the first event: 8 million.
+constexpr size_t kMaxBytesBeforeEvent = size_t{64} << 20;
 constexpr SensorGeometry kUnknownSensor = {2048, 2048};  // as for FLAT64 without a geometry
 
 // The sizes of the sensors of Prophesee, iniVation, Samsung and CelePixel, by their number of pixels.
@@ -42,9 +44,10 @@ class SourceReader final : public RecordingReader {
   SourceReader(std::unique_ptr<EventSource> source, RecordingHeader header, std::unique_ptr<EventEncoder> encoder)
       : source_(std::move(source)), header_(std::move(header)), encoder_(std::move(encoder)) {}
 
-  // Reads up to the first event, which sets the zero of the times. False if there is none.
+  // Reads up to the first event; the first event or trigger sets the zero of the times. False if there is no event.
   absl::StatusOr<bool> Start() {
-    while (bytes_.empty()) {
+    while (!has_event_) {
+      if (bytes_.size() > kMaxBytesBeforeEvent) return false;
       EVPOSE_ASSIGN_OR_RETURN(const bool has_more, Refill());
       if (!has_more) return false;
     }
@@ -57,6 +60,8 @@ class SourceReader final : public RecordingReader {
 
   absl::StatusOr<size_t> Read(absl::Span<uint8_t> buffer) override {
     while (begin_ == bytes_.size()) {
+      bytes_.clear();
+      begin_ = 0;
       EVPOSE_ASSIGN_OR_RETURN(const bool has_more, Refill());
       if (!has_more) return 0;
     }
@@ -71,6 +76,8 @@ class SourceReader final : public RecordingReader {
     if (num_outside_ > 0)
       parts.push_back(
           {"events with a row or column below 0 or above 16383", num_outside_, SkippedParts::Loss::kEvents});
+    if (num_without_time_ > 0)
+      parts.push_back({"events without a valid time", num_without_time_, SkippedParts::Loss::kEvents});
     if (num_early_ > 0) parts.push_back({"events before time 0", num_early_, SkippedParts::Loss::kEvents});
     if (num_early_triggers_ > 0)
       parts.push_back({"triggers before the first event", num_early_triggers_, SkippedParts::Loss::kNone});
@@ -80,13 +87,11 @@ class SourceReader final : public RecordingReader {
   }
 
  private:
-  // Replaces the bytes by those of the next events, of which there may be none; false at the end.
+  // Appends the bytes of the next events, of which there may be none; false at the end.
   absl::StatusOr<bool> Refill() {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_more, source_->Next(from_file_));
     if (!has_more) return false;
     events_.clear();
-    bytes_.clear();
-    begin_ = 0;
     for (const SourceEvent& event : from_file_) EVPOSE_RETURN_IF_ERROR(Take(event));
     EVPOSE_RETURN_IF_ERROR(Flush());
     return true;
@@ -104,6 +109,7 @@ class SourceReader final : public RecordingReader {
     int64_t t_us = 0;
     if (!TakeTime(event, is_trigger, t_us)) return absl::OkStatus();
     if (!is_trigger) {
+      has_event_ = true;
       events_.push_back({t_us, static_cast<uint16_t>(event.x), static_cast<uint16_t>(event.y),
                          static_cast<uint8_t>(event.is_on ? 1 : 0)});
       return absl::OkStatus();
@@ -119,18 +125,22 @@ class SourceReader final : public RecordingReader {
       ++num_outside_;
       return false;
     }
+    if (event.t_us < -kMaxStateTime_us || event.t_us > kMaxStateTime_us) {
+      ++num_without_time_;
+      return false;
+    }
     const bool fits_clock = event.t_us >= 0 && event.t_us < kClockRange_us;
     if (last_us_ < 0 && !fits_clock && is_trigger) {
       ++num_early_triggers_;
       return false;
     }
     if (last_us_ < 0 && !fits_clock) zero_us_ = event.t_us;
-    const bool overflows = __builtin_sub_overflow(event.t_us, zero_us_, &t_us);
-    if (!overflows && t_us < 0) {
+    t_us = event.t_us - zero_us_;
+    if (t_us < 0) {
       ++num_early_;
       return false;
     }
-    if (overflows || (last_us_ >= 0 && std::abs(t_us - last_us_) > kMaxStep_us)) {
+    if (last_us_ >= 0 && std::abs(t_us - last_us_) > kMaxStep_us) {
       ++num_jumps_;
       return false;
     }
@@ -146,8 +156,10 @@ class SourceReader final : public RecordingReader {
   std::vector<uint8_t> bytes_;  // of these events
   size_t begin_ = 0;            // of the bytes that Read() has not returned
   int64_t zero_us_ = 0;         // time of the file at time 0 of the events
-  int64_t last_us_ = -1;        // -1 before the first event
+  int64_t last_us_ = -1;        // -1 before the first event or trigger
+  bool has_event_ = false;
   uint64_t num_outside_ = 0;
+  uint64_t num_without_time_ = 0;
   uint64_t num_early_ = 0;
   uint64_t num_early_triggers_ = 0;
   uint64_t num_jumps_ = 0;
@@ -208,7 +220,13 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> MakeSourceReader(const std::str
                           MakeEventEncoder(Encoding::kFlat64, {kFlat64Addresses, kFlat64Addresses}));
   auto reader = std::make_unique<SourceReader>(std::move(source), std::move(header), std::move(encoder));
   EVPOSE_ASSIGN_OR_RETURN(const bool has_events, reader->Start());
-  if (has_events) return reader;
+  // The sum of the offset that the file states and the time of its first event, each within the range.
+  const int64_t offset_us = reader->header().time_offset_us;
+  if (has_events && std::abs(offset_us) <= kMaxStateTime_us) return reader;
+  if (has_events) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(name, ": its time offset of ", offset_us, " us is beyond the range of 36 thousand years"));
+  }
   std::string skipped;
   for (const SkippedParts& part : reader->skipped()) absl::StrAppend(&skipped, "; ", part.count, " ", part.what);
   return absl::InvalidArgumentError(absl::StrCat(name, ": has no event", skipped));

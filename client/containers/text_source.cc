@@ -17,10 +17,10 @@
 namespace evpose::client {
 namespace {
 
-constexpr size_t kMaxFields = 16;                      // of a line; further ones are not looked at
-constexpr size_t kMaxLineBytes = 1024;                 // a longer line is no event
-constexpr size_t kMaxSampledRows = 2000;               // from which the layout is found
-constexpr size_t kTextReadBytes = size_t{256} * 1024;  // at a time; far longer than a line
+constexpr size_t kMaxFields = 16;         // of a line; further ones are not looked at
+constexpr size_t kMaxLineBytes = 1024;    // a longer line is no event
+constexpr size_t kMaxSampledRows = 2000;  // from which the layout is found
+static_assert(kReadBytes > 4 * kMaxLineBytes);
 
 bool IsSeparator(char c) { return c == ' ' || c == '\t' || c == ',' || c == ';'; }
 bool IsComment(std::string_view line) { return line.empty() || line[0] == '%' || line[0] == '#'; }
@@ -154,9 +154,9 @@ std::optional<ColumnLayout> LayoutOfSample(const TextSample& sample) {
 class TextSource final : public EventSource {
  public:
   TextSource(std::unique_ptr<ByteSource> bytes, const TextLayout& layout)
-      : bytes_(std::move(bytes)), layout_(layout), heading_left_(layout.num_heading_lines), buffer_(kTextReadBytes) {
-    facts_ = {absl::StrCat(layout.has_commas ? "CSV" : "text", " (", layout.columns.Describe(),
-                           layout.columns.time_exponent == 6 ? ", t in s)" : ", t in us)"),
+      : bytes_(std::move(bytes)), layout_(layout), heading_left_(layout.num_heading_lines), buffer_(kReadBytes) {
+    facts_ = {absl::StrCat(layout.has_commas ? "CSV" : "text", " (", layout.columns.Describe(), ", t in ",
+                           TimeUnit(layout.columns.time_exponent), ")"),
               layout.geometry, layout.time_offset_us};
   }
 
@@ -170,13 +170,13 @@ class TextSource final : public EventSource {
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, bytes_->Read(absl::MakeSpan(buffer_).subspan(end_)));
     end_ += size;
     at_end_ = size == 0;
-    if (at_end_ && end_ > 0) buffer_[end_++] = '\n';  // the last line may have no end
+    if (at_end_ && (end_ > 0 || is_in_long_line_)) buffer_[end_++] = '\n';  // the last line may have no end
     std::string_view text(reinterpret_cast<const char*>(buffer_.data()), end_);
     while (const std::optional<std::string_view> line = TakeLine(text)) TakeEvent(*line, events);
     begin_ = end_ - text.size();
-    if (text.size() > kMaxLineBytes) {  // the rest of this line is skipped together with its beginning
+    if (text.size() > kMaxLineBytes + 1) {  // with '\r'; the rest of this line is skipped together with its beginning
       begin_ = end_;
-      is_in_long_line_ = true;
+      if (!std::exchange(is_in_long_line_, true)) is_long_comment_ = IsComment(text);
     }
     return true;
   }
@@ -188,11 +188,16 @@ class TextSource final : public EventSource {
 
  private:
   void TakeEvent(std::string_view line, std::vector<SourceEvent>& events) {
-    if (std::exchange(is_in_long_line_, false)) {
-      ++num_unreadable_;
+    const bool is_rest = std::exchange(is_in_long_line_, false);  // of a line whose beginning was skipped
+    if (is_rest ? is_long_comment_ : IsComment(line)) return;
+    if (is_rest || line.size() > kMaxLineBytes) {
+      if (heading_left_ > 0) {
+        --heading_left_;
+      } else {
+        ++num_unreadable_;
+      }
       return;
     }
-    if (IsComment(line)) return;
     std::string_view fields[kMaxFields];
     const size_t count = SplitFields(line, fields);
     if (count == 0) return;
@@ -225,6 +230,7 @@ class TextSource final : public EventSource {
   size_t end_ = 0;
   bool at_end_ = false;
   bool is_in_long_line_ = false;
+  bool is_long_comment_ = false;  // whether this line began as a comment
   uint64_t num_unreadable_ = 0;
 };
 

@@ -87,6 +87,31 @@ TEST(TextSourceTest, DamagedLinesAndImpossibleEventsAreCounted) {
   EXPECT_EQ(recording.counts.time_backsteps, 1);
 }
 
+TEST(TextSourceTest, LongLinesAreNoEventsWhereverAReadEnds) {
+  const std::string rows = "10,20,1,1500000\n11,21,0,1500001\n12,22,1,1500003\n";
+  const std::string long_event = "10,20,1,1500000," + std::string(2000, '1') + "\n";
+  const std::string very_long_event = "10,20,1,1500000," + std::string(300'000, '1') + "\n";
+  const std::string long_heading = "x,y,p,t" + std::string(2000, ' ') + "\n";
+  for (const std::string& text : {rows + long_event, rows + very_long_event, rows + very_long_event + "# end\n",
+                                  rows + very_long_event.substr(0, very_long_event.size() - 1)}) {
+    const ReadRecording recording = ReadText(text);
+    EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree));
+    EXPECT_EQ(recording.num_skipped("lines that are no event"), 1);
+  }
+  for (const std::string& text :
+       {rows + "# " + long_event, rows + "# " + very_long_event, "# " + long_event + rows, long_heading + rows}) {
+    const ReadRecording recording = ReadText(text);
+    EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree));
+    EXPECT_THAT(recording.skipped, IsEmpty());
+  }
+}
+
+TEST(TextSourceTest, TheUnitOfTheTimesIsStated) {
+  EXPECT_EQ(ReadText("x;y;polarity;t [ns]\n10;20;1;1500000000\n").header.container, "text (x y p t, t in ns)");
+  EXPECT_EQ(ReadText("x,y,p,t_ms\n10,20,1,1500\n").header.container, "CSV (x y p t, t in ms)");
+  EXPECT_EQ(ReadText("10,20,1,1500\n").header.container, "CSV (x y p t, t in us)");
+}
+
 TEST(TextSourceTest, LinesWithNanAreNoEventsAndDoNotChangeTheUnit) {
   const std::string rows = "10,20,1,1500000\n11,21,0,1500001\n12,22,1,1500003\n";
   for (const std::string& text : {"nan,20,1,1500000\n" + rows, "10,20,1,nan\n" + rows, rows + "10,20,1,inf\n",

@@ -51,10 +51,18 @@ absl::StatusOr<ReadBytes> OpenZipEntry(const std::string& path, const std::strin
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": ", name, " cannot be read: it is damaged, encrypted or neither stored nor deflated"));
   }
-  return ReadBytes([archive](absl::Span<uint8_t> buffer) -> absl::StatusOr<size_t> {
+  return ReadBytes([archive, path, name,
+                    is_at_end = std::make_shared<bool>(false)](absl::Span<uint8_t> buffer) -> absl::StatusOr<size_t> {
+    if (*is_at_end || buffer.empty()) return 0;
     const auto size = std::min<size_t>(buffer.size(), std::numeric_limits<int>::max());
     const int num_read = unzReadCurrentFile(archive.get(), buffer.data(), static_cast<unsigned>(size));
-    return static_cast<size_t>(std::max(num_read, 0));
+    if (num_read > 0) return static_cast<size_t>(num_read);
+    *is_at_end = true;
+    // Closing an entry at its end compares its checksum.
+    if (num_read == 0 && unzCloseCurrentFile(archive.get()) != UNZ_CRCERROR) return 0;
+    return absl::DataLossError(absl::StrCat(
+        path, ": ", name,
+        " is damaged: ", num_read < 0 ? "it cannot be decompressed" : "its data do not have their checksum"));
   });
 }
 

@@ -19,7 +19,8 @@ inline constexpr std::string_view kZipMagic("PK\x03\x04", 4);
 absl::StatusOr<std::vector<std::string>> ListZipEntries(const std::string& path, std::string_view suffix);
 
 // Reads a file from its beginning; each has its own position. INVALID_ARGUMENT with the path if it is missing,
-// encrypted or compressed in another way. Damaged data end the file.
+// encrypted or compressed in another way. The function returns DATA_LOSS with both names for damaged data: where they
+// cannot be decompressed, or at their end if they do not have their checksum.
 absl::StatusOr<ReadBytes> OpenZipEntry(const std::string& path, const std::string& name);
 
 }  // namespace evpose::client

@@ -28,7 +28,8 @@ Result DecodeInPiecesOf(const Maker& make, absl::Span<const uint8_t> bytes, size
   const std::unique_ptr<AedatDecoder> decoder = make();
   Result result;
   for (; !bytes.empty(); bytes.remove_prefix(std::min(piece_bytes, bytes.size()))) {
-    decoder->Decode(bytes.subspan(0, piece_bytes), result.out);
+    absl::Span<const uint8_t> piece = bytes.subspan(0, piece_bytes);
+    while (!piece.empty()) decoder->Decode(piece, result.out);
   }
   decoder->Finish();
   result.counts = decoder->counts();

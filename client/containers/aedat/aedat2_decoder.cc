@@ -20,7 +20,7 @@ class Aedat2Decoder final : public AedatDecoder {
  public:
   Aedat2Decoder(Aedat2Layout layout, SensorGeometry geometry) : layout_(layout), geometry_(geometry) {}
 
-  void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) override {
+  void Decode(absl::Span<const uint8_t>& bytes, DecodedEvents& out) override {
     while (const uint8_t* const record = buffer_.Take(bytes)) {
       const auto address = LoadBigEndian<uint32_t>(record);
       const int64_t t_us = Unwrap(LoadBigEndian<uint32_t>(record + 4));

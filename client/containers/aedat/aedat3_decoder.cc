@@ -49,13 +49,12 @@ class Aedat3Decoder final : public AedatDecoder {
  public:
   explicit Aedat3Decoder(SensorGeometry geometry) : geometry_(geometry) {}
 
-  void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) override {
+  void Decode(absl::Span<const uint8_t>& bytes, DecodedEvents& out) override {
     while (!bytes.empty()) {
       if (is_lost_) {
         counts_.lost_bytes += bytes.size();
-        return;
-      }
-      if (rest_bytes_ > 0) {
+        bytes = {};
+      } else if (rest_bytes_ > 0) {
         DecodePacket(bytes, out);
       } else if (const uint8_t* const header = header_buffer_.Take(bytes)) {
         BeginPacket(header);

@@ -20,6 +20,10 @@ constexpr size_t kTableElementBytes = 4;      // of a vector of tables: the offs
 // 4 million events. DV cuts packets after 10 ms.
 constexpr size_t kMaxPacketBytes = size_t{64} << 20;
 
+// Events of a call of Decode() after which it begins no further packet: a packet of zeros is compressed to a few KiB,
+// so that the packets of one read would fill the memory. Usual packets have fewer events by far.
+constexpr size_t kEnoughEvents = size_t{1} << 17;
+
 // Fields of tables.
 constexpr int kElementsField = 0;
 constexpr int kTriggerTimeField = 0;
@@ -35,22 +39,14 @@ class Aedat4Decoder final : public AedatDecoder {
  public:
   explicit Aedat4Decoder(const Aedat4Header& header) : header_(header), rest_of_data_(header.data_bytes) {}
 
-  void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) override {
-    if (rest_of_data_ >= 0) {
-      bytes = bytes.first(static_cast<size_t>(std::min<int64_t>(rest_of_data_, static_cast<int64_t>(bytes.size()))));
-      rest_of_data_ -= static_cast<int64_t>(bytes.size());
-    }
-    while (!bytes.empty()) {
-      if (is_lost_) {
-        counts_.lost_bytes += bytes.size();
-        return;
-      }
-      if (rest_of_packet_ > 0) {
-        TakePacket(bytes, out);
-      } else if (const uint8_t* const header = header_buffer_.Take(bytes)) {
-        BeginPacket(header);
-      }
-    }
+  void Decode(absl::Span<const uint8_t>& bytes, DecodedEvents& out) override {
+    if (rest_of_data_ < 0) return DecodeData(bytes, out);
+    const auto size = std::min<int64_t>(rest_of_data_, static_cast<int64_t>(bytes.size()));
+    absl::Span<const uint8_t> data = bytes.first(static_cast<size_t>(size));
+    DecodeData(data, out);
+    const int64_t taken = size - static_cast<int64_t>(data.size());
+    rest_of_data_ -= taken;
+    bytes.remove_prefix(rest_of_data_ == 0 ? bytes.size() : static_cast<size_t>(taken));
   }
 
   void Finish() override {
@@ -59,6 +55,20 @@ class Aedat4Decoder final : public AedatDecoder {
   }
 
  private:
+  void DecodeData(absl::Span<const uint8_t>& bytes, DecodedEvents& out) {
+    const size_t enough = out.events.size() + out.triggers.size() + kEnoughEvents;
+    while (!bytes.empty() && out.events.size() + out.triggers.size() < enough) {
+      if (is_lost_) {
+        counts_.lost_bytes += bytes.size();
+        bytes = {};
+      } else if (rest_of_packet_ > 0) {
+        TakePacket(bytes, out);
+      } else if (const uint8_t* const header = header_buffer_.Take(bytes)) {
+        BeginPacket(header);
+      }
+    }
+  }
+
   void BeginPacket(const uint8_t* header) {
     stream_ = LoadLittleEndian<int32_t>(header);
     const auto size = LoadLittleEndian<int32_t>(header + 4);

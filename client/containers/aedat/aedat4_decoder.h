@@ -20,11 +20,10 @@ struct Aedat4Header {
   std::optional<FrameFormat> compression;  // each packet is one frame of this format; nullopt: not compressed
   int event_stream = 0;                    // the first stream of events
   std::optional<int> trigger_stream;       // the first stream of triggers of the same camera
-  int num_event_streams = 1;
-  SensorGeometry geometry;  // size of the sensor of the stream of events; zero if not stated
-  std::string source;       // the name of the camera; empty if not stated
-  size_t size_bytes = 0;    // offset in the file of the first packet
-  int64_t data_bytes = -1;  // size of all packets; -1 until the end of the file
+  SensorGeometry geometry;                 // size of the sensor of the stream of events; zero if not stated
+  std::string source;                      // the name of the camera; empty if not stated
+  size_t size_bytes = 0;                   // offset in the file of the first packet
+  int64_t data_bytes = -1;                 // size of all packets; -1 until the end of the file
 };
 
 // Parses the header, which follows the first line of `prefix`. nullopt if it may continue beyond `prefix` and

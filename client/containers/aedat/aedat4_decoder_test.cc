@@ -44,7 +44,6 @@ TEST_P(Aedat4Test, DecodesTheFirstCamera) {
   EXPECT_EQ(header.geometry, (SensorGeometry{346, 260}));
   EXPECT_EQ(header.source, "A");
   EXPECT_EQ(header.trigger_stream, 2);
-  EXPECT_EQ(header.num_event_streams, 2);
   const DecodedAedat decoded = DecodeFile(file.bytes());
   ASSERT_THAT(decoded.events, SizeIs(events.size() + 1));
   EXPECT_THAT(absl::MakeConstSpan(decoded.events).first(events.size()), ElementsAreArray(events));
@@ -109,6 +108,22 @@ TEST(Aedat4DecoderTest, TheTableBehindThePacketsIsNoData) {
   exact.AddEvents(0, ManyEvents(3));
   exact.AddBytes({1, 2, 3, 4, 5});
   EXPECT_EQ(DecodeFile(exact.bytes()).counts, (AedatCounts{.cd_events = 3}));
+}
+
+TEST(Aedat4DecoderTest, ACallEndsAfterAPacketOfManyEvents) {
+  Aedat4File file(Aedat4File::Frames::kZstd);
+  const std::vector<Event> events(200'000, Event{kUnixTime_us, 1, 2, 1});
+  for (int i = 0; i < 3; ++i) file.AddEvents(0, events);
+  const Aedat4Header header = ParseAedat4Header(file.bytes(), true).value().value();
+  const std::unique_ptr<AedatDecoder> decoder = MakeAedat4Decoder(header);
+  absl::Span<const uint8_t> rest = absl::MakeConstSpan(file.bytes()).subspan(header.size_bytes);
+  for (size_t i = 1; i <= 3; ++i) {
+    EXPECT_FALSE(rest.empty());
+    DecodedEvents out;
+    decoder->Decode(rest, out);
+    EXPECT_THAT(out.events, SizeIs(events.size())) << i;
+  }
+  EXPECT_TRUE(rest.empty());
 }
 
 TEST(Aedat4DecoderTest, ANegativeSizeEndsTheReading) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <pugixml.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/numbers.h"
@@ -79,14 +80,14 @@ absl::StatusOr<std::optional<FrameFormat>> CompressionOf(int32_t number) {
 }
 
 absl::Status SelectStreams(const std::vector<Stream>& streams, Aedat4Header& header) {
-  header.num_event_streams = 0;
+  bool has_events = false;
   for (const Stream& stream : streams) {
-    if (stream.type != "EVTS" || header.num_event_streams++ > 0) continue;
+    if (stream.type != "EVTS" || std::exchange(has_events, true)) continue;
     header.event_stream = stream.id;
     header.geometry = stream.geometry;
     header.source = stream.source;
   }
-  if (header.num_event_streams == 0) return absl::InvalidArgumentError("the recording has no stream of events");
+  if (!has_events) return absl::InvalidArgumentError("the recording has no stream of events");
   for (const Stream& stream : streams) {
     if (stream.type != "TRIG" || stream.source != header.source || header.trigger_stream.has_value()) continue;
     header.trigger_stream = stream.id;

@@ -34,8 +34,10 @@ class AedatDecoder {
  public:
   virtual ~AedatDecoder() = default;
 
-  // Decodes the next bytes after the header and appends the result to `out`. The output does not depend on the cuts.
-  virtual void Decode(absl::Span<const uint8_t> bytes, DecodedEvents& out) = 0;
+  // Decodes the next bytes after the header, removes them from the front of `bytes` and appends the result to `out`.
+  // Takes at least one byte, and all of them unless it has appended some 100,000 events: a few bytes of a compressed
+  // packet may hold millions of events. The output does not depend on the cuts.
+  virtual void Decode(absl::Span<const uint8_t>& bytes, DecodedEvents& out) = 0;
 
   // Counts what is unfinished at the end of the recording.
   virtual void Finish() = 0;

@@ -28,9 +28,9 @@ inline DecodedAedat DecodeInPieces(const std::function<std::unique_ptr<AedatDeco
   const std::unique_ptr<AedatDecoder> decoder = make();
   DecodedEvents out;
   while (!bytes.empty()) {
-    const size_t size = std::min(piece_bytes, bytes.size());
-    decoder->Decode(bytes.first(size), out);
-    bytes.remove_prefix(size);
+    absl::Span<const uint8_t> piece = bytes.first(std::min(piece_bytes, bytes.size()));
+    bytes.remove_prefix(piece.size());
+    while (!piece.empty()) decoder->Decode(piece, out);
   }
   decoder->Finish();
   return {{out.events.begin(), out.events.end()}, out.triggers, decoder->counts()};
