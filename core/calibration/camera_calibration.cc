@@ -7,6 +7,7 @@
 #include <iterator>
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
@@ -366,10 +367,11 @@ void Calibrator::AddWarnings(CameraCalibration& result) const {
   result.warnings = warnings_;
   for (const CalibratedParameter& parameter : result.parameters) {
     if (parameter.is_fitted) continue;
-    result.warnings.push_back(absl::StrFormat(
-        "the recordings do not determine %s, which stays at %g: record the target in all parts of the image, tilted to "
-        "all sides",
-        parameter.name, parameter.value));
+    const bool is_of_edges = absl::StartsWith(parameter.name, "edge_");  // of the displacement of the events
+    result.warnings.push_back(
+        absl::StrFormat("the recordings do not determine %s, which stays at %g: %s", parameter.name, parameter.value,
+                        is_of_edges ? "move the target at different speeds"
+                                    : "record the target in all parts of the image, tilted to all sides"));
   }
   if (adjustment_.block_us < options_.adjustment.block_us) {
     result.warnings.push_back(absl::StrFormat(

@@ -166,6 +166,14 @@ TEST(HandEyeTest, TranslationsAloneGiveTheOffset) {
   EXPECT_NEAR(offsets[0].offset_s, 7.0, 0.01);
 }
 
+TEST(HandEyeTest, AStrayTimeHasBoundedSamples) {
+  const RobotCell cell{.offset_s = 3.0};
+  Trajectory robot = cell.Robot();
+  robot.insert(robot.begin(), {-(int64_t{1} << 60), cell.Tool(0.0)});
+  // With steps for the product of both lengths alone, the samples would need 50 GB.
+  EXPECT_THAT(FindTimeOffsets(cell.Poses(), robot, 3), IsEmpty());
+}
+
 TEST(HandEyeTest, GapsAreNotInterpolated) {
   const RobotCell cell{.offset_s = 3.0, .noise_m = 1e-4, .noise_rad = 3e-4};
   Trajectory robot = cell.Robot();

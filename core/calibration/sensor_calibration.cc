@@ -219,6 +219,42 @@ absl::Status CheckDetermined(const char* field, double value, double error, cons
                       field, value, error));
 }
 
+// Fits the constants, with their standard errors, to the profile of `result`.
+absl::Status FitConstants(const std::vector<WeightedPassage>& passages, const SensorCalibrationOptions& options,
+                          bool has_speeds, SensorCalibration& result) {
+  // With tracked poses, the fitted latency contains only the part of the common delay that the tracker's profile does
+  // not correct.
+  int num_free = !has_speeds ? kNumAtAnySpeed : result.are_times_fitted ? kNumConstants : kNumAtAnySpeed + 1;
+  EVPOSE_ASSIGN_OR_RETURN(Constants constants, Minimise(passages, options, num_free));
+  Covariance covariance = GroupedCovariance(passages, constants, options.robust_sigmas, num_free, result.num_groups);
+  result.is_refractory_fitted = result.are_times_fitted;
+  if (result.are_times_fitted) {
+    const double error_us = std::sqrt(covariance(3, 3)) * kTimeUnitUs;
+    // A time near zero is determined by an error that is small against the initial value.
+    const double value_us = std::max(constants[3] * kTimeUnitUs, options.initial.refractory_us);
+    if (!(error_us <= options.max_relative_error * value_us)) {  // also for NaN
+      result.warnings.push_back(
+          absl::StrFormat("refractory_us stays at %g: the recordings do not determine it, %.3g +- %.2g; record fast "
+                          "motion of strong edges",
+                          options.initial.refractory_us, constants[3] * kTimeUnitUs, error_us));
+      result.is_refractory_fitted = false;
+      num_free = kNumAtAnySpeed + 1;
+      EVPOSE_ASSIGN_OR_RETURN(constants, Minimise(passages, options, num_free));
+      covariance = GroupedCovariance(passages, constants, options.robust_sigmas, num_free, result.num_groups);
+    }
+  }
+  result.profile = WithConstants(options.initial, constants.data());
+  if (!result.are_times_fitted) result.profile.latency_us = options.initial.latency_us;
+  if (!result.is_refractory_fitted) result.profile.refractory_us = options.initial.refractory_us;
+  result.profile.uncertainty = kCalibratedUncertainty;
+  result.blur_error_px = std::sqrt(covariance(0, 0));
+  result.contrast_threshold_error = std::sqrt(covariance(1, 1));
+  if (result.are_times_fitted) result.latency_error_us = std::sqrt(covariance(2, 2)) * kTimeUnitUs;
+  if (result.is_refractory_fitted) result.refractory_error_us = std::sqrt(covariance(3, 3)) * kTimeUnitUs;
+  EVPOSE_RETURN_IF_ERROR(CheckDetermined("blur_px", constants[0], result.blur_error_px, options));
+  return CheckDetermined("contrast_threshold", constants[1], result.contrast_threshold_error, options);
+}
+
 }  // namespace
 
 absl::Status SensorCalibrationOptions::Validate() const {
@@ -275,27 +311,7 @@ absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRe
                         "cannot be distinguished from the lag; record slow and fast motion",
                         options.initial.latency_us, result.slowest_px_per_s, result.fastest_px_per_s));
   }
-  // With tracked poses, the fitted latency contains only the part of the common delay that the tracker's profile does
-  // not correct.
-  const int num_free = !has_speeds ? kNumAtAnySpeed : result.are_times_fitted ? kNumConstants : kNumAtAnySpeed + 1;
-  EVPOSE_ASSIGN_OR_RETURN(const Constants constants, Minimise(passages, options, num_free));
-  const Covariance covariance =
-      GroupedCovariance(passages, constants, options.robust_sigmas, num_free, result.num_groups);
-  result.profile = WithConstants(options.initial, constants.data());
-  if (!result.are_times_fitted) {
-    result.profile.latency_us = options.initial.latency_us;
-    result.profile.refractory_us = options.initial.refractory_us;
-  }
-  result.profile.uncertainty = kCalibratedUncertainty;
-  result.blur_error_px = std::sqrt(covariance(0, 0));
-  result.contrast_threshold_error = std::sqrt(covariance(1, 1));
-  if (result.are_times_fitted) {
-    result.latency_error_us = std::sqrt(covariance(2, 2)) * kTimeUnitUs;
-    result.refractory_error_us = std::sqrt(covariance(3, 3)) * kTimeUnitUs;
-  }
-  EVPOSE_RETURN_IF_ERROR(CheckDetermined("blur_px", constants[0], result.blur_error_px, options));
-  EVPOSE_RETURN_IF_ERROR(CheckDetermined("contrast_threshold", constants[1], result.contrast_threshold_error, options));
-
+  EVPOSE_RETURN_IF_ERROR(FitConstants(passages, options, has_speeds, result));
   FitPixelNoise(passages, result);
   result.uncorrected_rms_px = RmsPx(passages, nullptr);
   result.initial_rms_px = RmsPx(passages, &options.initial);

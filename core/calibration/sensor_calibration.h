@@ -25,7 +25,7 @@ struct SensorCalibrationOptions {
   bool has_independent_poses = true;
   // Smallest |kappa| of a passage of a single edge. The passage of a stripe carries no information about the constants.
   double min_kappa = 0.9;
-  // Smallest number of pairs of a line and a direction, and of their passages, for a fit of five constants; both
+  // Smallest number of pairs of a line and a direction, and of their passages, for a fit of four constants; both
   // include a margin.
   int min_groups = 8;
   int min_passages = 100;
@@ -61,8 +61,10 @@ struct SensorCalibration {
   double contrast_threshold_error = 0.0;
   double latency_error_us = 0.0;
   double refractory_error_us = 0.0;
-  // True if latency and refractory time were fitted; otherwise they have their initial values.
+  // True if latency and refractory time were fitted; otherwise they have their initial values. The refractory time has
+  // its initial value also where the recordings determine only the latency.
   bool are_times_fitted = true;
+  bool is_refractory_fitted = true;
   double pixel_noise_error_px = 0.0;
 
   int num_passages = 0;

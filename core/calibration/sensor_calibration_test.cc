@@ -102,6 +102,24 @@ TEST(SensorCalibration, KeepsTheLatencyAtOneSpeedWithAWarning) {
   EXPECT_NEAR(fit->profile.blur_px, 0.7, 0.1);
 }
 
+TEST(SensorCalibration, KeepsARefractoryTimeThatSlowMotionDoesNotDetermine) {
+  Passages wanted;
+  wanted.slowest_px_per_s = 5.0;
+  wanted.fastest_px_per_s = 40.0;
+  const CalibrationRecording recording = Make(wanted, 1);
+  SensorCalibrationOptions options;
+  options.initial.refractory_us = 77.0;
+  const auto fit = CalibrateSensor({&recording, 1}, options);
+  ASSERT_TRUE(fit.ok()) << fit.status();
+  EXPECT_TRUE(fit->are_times_fitted);
+  EXPECT_FALSE(fit->is_refractory_fitted);
+  EXPECT_EQ(fit->profile.refractory_us, 77.0);
+  EXPECT_EQ(fit->refractory_error_us, 0.0);
+  EXPECT_GT(fit->latency_error_us, 0.0);
+  ASSERT_EQ(fit->warnings.size(), 1u);
+  EXPECT_THAT(fit->warnings[0], HasSubstr("refractory_us stays at 77: the recordings do not determine it"));
+}
+
 TEST(SensorCalibration, RejectsDataThatDoNotDetermineTheConstants) {
   const auto message = [](const Passages& wanted) {
     const CalibrationRecording recording = Make(wanted, 1);

@@ -13,6 +13,9 @@ namespace {
 
 // Bounds the work of the correlation, the product of the numbers of samples: a second.
 constexpr double kMaxProducts = 2e8;
+// Number of samples of a trajectory; bounds the memory. One time that is far from all others, such as 0 before times
+// since 1970, would give a billion.
+constexpr double kMaxSamples = 1e6;
 constexpr double kMinStep_s = 0.005;
 // The time within which the motion is measured: long against the noise of single poses, short against the changes of a
 // robot's speed.
@@ -104,7 +107,9 @@ int64_t MedianIntervalUs(const Trajectory& trajectory) {
 
 std::vector<OffsetCandidate> FindTimeOffsets(const Trajectory& estimate, const Trajectory& reference, int max_count) {
   if (estimate.size() < 2 || reference.size() < 2) return {};
-  const double step_s = std::max(kMinStep_s, std::sqrt(Seconds(estimate) * Seconds(reference) / kMaxProducts));
+  const double longer_s = std::max(Seconds(estimate), Seconds(reference));
+  const double step_s =
+      std::max({kMinStep_s, std::sqrt(Seconds(estimate) * Seconds(reference) / kMaxProducts), longer_s / kMaxSamples});
   const double median_s = 1e-6 * static_cast<double>(std::max(MedianIntervalUs(estimate), MedianIntervalUs(reference)));
   const int64_t step_us = std::llround(step_s * 1e6);
   const int64_t span_us = std::llround(std::max({kMinSpan_s, 2.0 * step_s, 2.0 * median_s}) * 1e6);

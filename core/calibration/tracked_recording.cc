@@ -74,9 +74,8 @@ class IntervalCollector {
     constexpr int64_t kMemoryUs = 60'000;
     int64_t keep_us = now_us - kMemoryUs;
     if (!pending_.empty()) keep_us = std::min(keep_us, pending_.front().begin_us);
-    const auto first =
-        std::find_if(recent_.begin(), recent_.end(), [keep_us](const Event& event) { return event.t_us >= keep_us; });
-    recent_.erase(recent_.begin(), first);
+    // All old events, not only the first ones: an event with a time in the future may stay before them.
+    std::erase_if(recent_, [keep_us](const Event& event) { return event.t_us < keep_us; });
   }
   std::vector<CalibrationInterval> Finish() {
     const auto is_degraded = [](const CalibrationInterval& interval) { return interval.is_degraded; };

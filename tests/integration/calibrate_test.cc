@@ -150,6 +150,9 @@ TEST_F(CliTest, CalibrateReadsTheFormatsOfOtherPrograms) {
   const std::vector<std::string> profile = {"--camera", Path("cube/camera.yaml"), "-o", out};
   EXPECT_THAT(error(recording, {"--camera-out", out}, 1), HasSubstr("record longer"));
   EXPECT_THAT(error(recording, profile, 1), HasSubstr("too little data to fit a sensor profile"));
+  WriteText("unknown.csv", "1,2,0,5\n1,2,0,6\n");
+  EXPECT_THAT(error(Path("unknown.csv"), {"--camera-out", out}, 1),
+              HasSubstr("a calibration needs; convert it with `evpose convert --size WIDTHxHEIGHT`"));
   EXPECT_THAT(error("-", {"--camera-out", out}, 2), HasSubstr("instead of standard input"));
   EXPECT_THAT(error("-", profile, 2), HasSubstr("instead of standard input"));
 }

@@ -204,7 +204,7 @@ Json CalibrationJson(const SensorCalibration& fit) {
           {"pixel_noise_px", Constant(fit.profile.pixel_noise_px, fit.pixel_noise_error_px, true)},
           {"blur_px", Constant(fit.profile.blur_px, fit.blur_error_px, true)},
           {"contrast_threshold", Constant(fit.profile.contrast_threshold, fit.contrast_threshold_error, true)},
-          {"refractory_us", Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.are_times_fitted)},
+          {"refractory_us", Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.is_refractory_fitted)},
           {"latency_us", Constant(fit.profile.latency_us, fit.latency_error_us, fit.are_times_fitted)},
           {"typical_contrast", fit.typical_contrast},
           {"edge_shift_px", fit.edge_shift_px},
@@ -229,7 +229,7 @@ void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
   };
   line("blur_px", fit.profile.blur_px, fit.blur_error_px, 3, true);
   line("contrast_threshold", fit.profile.contrast_threshold, fit.contrast_threshold_error, 3, true);
-  line("refractory_us", fit.profile.refractory_us, fit.refractory_error_us, 0, fit.are_times_fitted);
+  line("refractory_us", fit.profile.refractory_us, fit.refractory_error_us, 0, fit.is_refractory_fitted);
   line("latency_us", fit.profile.latency_us, fit.latency_error_us, 0, fit.are_times_fitted);
   line("pixel_noise_px", fit.profile.pixel_noise_px, fit.pixel_noise_error_px, 3, true);
   out << absl::StrFormat("an edge of log contrast %.2f: shift to its darker side %.3f px, lag %.3f px\n",
@@ -270,7 +270,9 @@ absl::StatusOr<SensorGeometry> CommonGeometry(const std::vector<std::string>& re
     const SensorGeometry geometry = reader->header().geometry;
     if (!reader->header().geometry_is_known) {
       return absl::FailedPreconditionError(
-          absl::StrCat(recording, ": its header does not state the size of the sensor, which a calibration needs"));
+          absl::StrCat(recording,
+                       ": its header does not state the size of the sensor, which a calibration needs; "
+                       "convert it with `evpose convert --size WIDTHxHEIGHT`"));
     }
     if (common && geometry != *common) {
       return absl::InvalidArgumentError(absl::StrFormat(
