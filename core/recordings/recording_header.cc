@@ -139,7 +139,7 @@ class HeaderReader {
   }
 
   Encoding encoding() const { return encoding_->value; }
-  int64_t time_offset_us() const { return time_offset_us_; }
+  int64_t time_offset_us() const { return time_offset_us_.has_value() ? time_offset_us_->value : 0; }
   bool geometry_is_stated() const { return width_.has_value(); }
   bool geometry_is_known() const { return width_.has_value() || NamedSensor().has_value(); }
 
@@ -160,7 +160,7 @@ class HeaderReader {
 
   std::optional<SensorGeometry> NamedSensor() const {
     for (const auto& sensor : {plugin_, sensor_name_, generation_, system_id_}) {
-      if (sensor.has_value()) return sensor;
+      if (sensor.has_value()) return sensor->value;
     }
     return std::nullopt;
   }
@@ -175,16 +175,25 @@ class HeaderReader {
     if (key == "geometry") return ReadGeometry(value, line.number);
     if (key == "width") return SetSize("width", value, line.number, width_);
     if (key == "height") return SetSize("height", value, line.number, height_);
-    if (key == "time_offset_us" && !absl::SimpleAtoi(value, &time_offset_us_)) {
-      return LineError(line.number, absl::StrCat("the time offset '", value, "' is not a number of microseconds"));
+    if (key == "time_offset_us") return ReadTimeOffset(value, line.number);
+    if (key == "version") return SetOnce("version", std::string(value), line.number, version_);
+    if (key == "endianness") return SetOnce("the order of bytes", std::string(value), line.number, word_order_);
+    if (key == "plugin_name") return SetSensor(SensorOfName(value), line.number, plugin_);
+    if (key == "sensor_name") return SetSensor(SensorOfName(value), line.number, sensor_name_);
+    if (key == "sensor_generation" || key == "generation") {
+      return SetSensor(SensorOfName(absl::StrCat("gen", value)), line.number, generation_);
     }
-    if (key == "version") version_ = {std::string(value), line.number};
-    if (key == "endianness") word_order_ = {std::string(value), line.number};
-    if (key == "plugin_name") plugin_ = SensorOfName(value);
-    if (key == "sensor_name") sensor_name_ = SensorOfName(value);
-    if (key == "sensor_generation" || key == "generation") generation_ = SensorOfName(absl::StrCat("gen", value));
-    if (key == "system_id") system_id_ = SensorOfSystemId(value);
+    if (key == "system_id") return SetSensor(SensorOfSystemId(value), line.number, system_id_);
     return absl::OkStatus();
+  }
+
+  absl::Status ReadTimeOffset(absl::string_view value, int line) {
+    int64_t offset_us = 0;
+    if (!absl::SimpleAtoi(value, &offset_us) || offset_us < -kMaxStateTime_us || offset_us > kMaxStateTime_us) {
+      return LineError(line, absl::StrCat("the time offset '", value, "' is not a number of microseconds within ",
+                                          kMaxStateTime_us));
+    }
+    return SetOnce("the time offset", offset_us, line, time_offset_us_);
   }
 
   absl::Status ReadEvt(absl::string_view value, int line) {
@@ -206,7 +215,9 @@ class HeaderReader {
       const absl::string_view text = absl::StripAsciiWhitespace(option.second);
       if (key == "width") EVPOSE_RETURN_IF_ERROR(SetSize("width", text, line, width_));
       if (key == "height") EVPOSE_RETURN_IF_ERROR(SetSize("height", text, line, height_));
-      if (key == "endianness") word_order_ = {std::string(text), line};
+      if (key == "endianness") {
+        EVPOSE_RETURN_IF_ERROR(SetOnce("the order of bytes", std::string(text), line, word_order_));
+      }
     }
     return absl::OkStatus();
   }
@@ -230,6 +241,28 @@ class HeaderReader {
     return SetSize("height", parts[1], line, height_);
   }
 
+  static const std::string& TextOf(const std::string& text) { return text; }
+  static std::string TextOf(int64_t number) { return absl::StrCat(number); }
+  static std::string TextOf(SensorGeometry size) { return absl::StrCat(size.width_px, "x", size.height_px); }
+
+  // Keeps the first of several equal statements.
+  template <typename Value>
+  static absl::Status SetOnce(absl::string_view what, const Value& value, int line,
+                              std::optional<Stated<Value>>& stated) {
+    if (stated.has_value() && stated->value != value) {
+      return LineError(line, absl::StrCat("says ", what, " ", TextOf(value), ", but line ", stated->line, " says ",
+                                          TextOf(stated->value)));
+    }
+    if (!stated.has_value()) stated = {value, line};
+    return absl::OkStatus();
+  }
+
+  // A name that stands for no known sensor states nothing.
+  static absl::Status SetSensor(const std::optional<SensorGeometry>& sensor, int line,
+                                std::optional<Stated<SensorGeometry>>& stated) {
+    return sensor.has_value() ? SetOnce("a sensor of", *sensor, line, stated) : absl::OkStatus();
+  }
+
   absl::Status SetEncoding(Encoding encoding, int line) {
     if (encoding_.has_value() && encoding_->value != encoding) {
       return LineError(line, absl::StrCat("says ", std::string(EncodingName(encoding)), ", but line ", encoding_->line,
@@ -245,12 +278,7 @@ class HeaderReader {
     if (!absl::SimpleAtoi(text, &pixels) || pixels <= 0) {
       return LineError(line, absl::StrCat("the ", what, " '", text, "' is not a positive number of pixels"));
     }
-    if (size.has_value() && size->value != pixels) {
-      return LineError(line,
-                       absl::StrCat("says ", what, " ", pixels, ", but line ", size->line, " says ", size->value));
-    }
-    if (!size.has_value()) size = {pixels, line};
-    return absl::OkStatus();
+    return SetOnce(what, pixels, line, size);
   }
 
   absl::Status CheckVariant() const {
@@ -270,11 +298,11 @@ class HeaderReader {
   std::optional<Stated<int>> height_;
   std::optional<Stated<std::string>> version_;
   std::optional<Stated<std::string>> word_order_;
-  std::optional<SensorGeometry> plugin_;
-  std::optional<SensorGeometry> sensor_name_;
-  std::optional<SensorGeometry> generation_;
-  std::optional<SensorGeometry> system_id_;
-  int64_t time_offset_us_ = 0;
+  std::optional<Stated<SensorGeometry>> plugin_;
+  std::optional<Stated<SensorGeometry>> sensor_name_;
+  std::optional<Stated<SensorGeometry>> generation_;
+  std::optional<Stated<SensorGeometry>> system_id_;
+  std::optional<Stated<int64_t>> time_offset_us_;
 };
 
 // Checks the two bytes after the text of a DAT header: type and size of the events.

@@ -100,6 +100,15 @@ TEST(RecordingHeaderTest, StatedGeometryTakesPrecedenceOverTheSensor) {
             (SensorGeometry{640, 360}));
 }
 
+TEST(RecordingHeaderTest, EqualOrUnknownStatementsMayBeRepeated) {
+  const RecordingHeader header = Parse(
+      "% evt 2.1\n% endianness little\n% time_offset_us -7\n% time_offset_us -7\n% endianness little\n"
+      "% plugin_name hal_plugin_gen41_evk3\n% plugin_name of_somebody_else\n% plugin_name hal_plugin_imx636_evk4\n");
+  EXPECT_EQ(header.time_offset_us, -7);
+  EXPECT_EQ(header.geometry, kHd);
+  EXPECT_TRUE(header.geometry_is_known);
+}
+
 TEST(RecordingHeaderTest, DataThatBeginsLikeAHeaderLineIsData) {
   // An EVT2 word whose first byte is '%', without "% end" before it.
   const std::string text = "% evt 2.0\n% geometry 640x480\n";
@@ -168,6 +177,21 @@ TEST(RecordingHeaderTest, ErrorsNameTheLine) {
       {"% evt\n", "header line 1: EVT  is not supported"},
       {"% date x\n% format HISTO3D;height=320;width=320\n", "header line 2: the format 'HISTO3D' is not supported"},
       {"% evt 2.1\n% endianness legacy\n", "header line 2: EVT2.1 words in the order 'legacy' are not supported"},
+      {"% evt 2.1\n% endianness legacy\n% endianness little\n",
+       "header line 3: says the order of bytes little, but line 2 says legacy"},
+      {"% format EVT21;endianness=big\n% endianness little\n",
+       "header line 2: says the order of bytes little, but line 1 says big"},
+      {Dat("% Version 1\n% Version 2\n"), "header line 3: says version 2, but line 2 says 1"},
+      {"% evt 3.0\n% time_offset_us 5\n% time_offset_us 6\n",
+       "header line 3: says the time offset 6, but line 2 says 5"},
+      {"% evt 3.0\n% time_offset_us x\n", "header line 2: the time offset 'x' is not a number of microseconds"},
+      {"% evt 3.0\n% time_offset_us 9223372036854775807\n", "header line 2: the time offset '9223372036854775807'"},
+      {"% evt 3.0\n% time_offset_us -1152921504606846977\n",
+       "is not a number of microseconds within 1152921504606846976"},
+      {"% evt 3.0\n% plugin_name hal_plugin_gen31_fx3\n% plugin_name hal_plugin_gen41_evk3\n",
+       "header line 3: says a sensor of 1280x720, but line 2 says 640x480"},
+      {"% evt 3.0\n% sensor_name IMX647\n% sensor_name Gen3.1\n",
+       "header line 3: says a sensor of 640x480, but line 2 says 640x512"},
       {"% format\n", "header line 1: the format '' is not supported"},
       {"% format EVT21;endianness=legacy\n", "header line 1: EVT2.1 words in the order 'legacy'"},
       {"% date x\n% geometry 640x480\n", "the header names no format"},
