@@ -26,6 +26,14 @@ std::string NamesInRoot(const Hdf5Handle& file) {
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Hdf5Reader>> Hdf5Reader::Open(const std::string& path) {
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Hdf5Reader> reader, OpenShape(path));
+  const int64_t offset_us = reader->header().time_offset_us;
+  if (offset_us >= -kMaxStateTime_us && offset_us <= kMaxStateTime_us) return reader;
+  return absl::InvalidArgumentError(
+      absl::StrCat("states a time offset of ", offset_us, " us, which is beyond the range of 36 thousand years"));
+}
+
+absl::StatusOr<std::unique_ptr<Hdf5Reader>> Hdf5Reader::OpenShape(const std::string& path) {
   SetUpLibrary();
   EVPOSE_RETURN_IF_ERROR(CheckIsFile(path));
   Hdf5Handle file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);

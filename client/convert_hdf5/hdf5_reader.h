@@ -20,8 +20,8 @@ inline constexpr uint64_t kMaxRows = 16384;
 
 class Hdf5Reader {
  public:
-  // Errors: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a file that HDF5 cannot open or that holds no events in
-  // a shape that is known; those of Hdf5Column::Open().
+  // Errors: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a file that HDF5 cannot open, that holds no events in a
+  // shape that is known, or whose time offset is out of range; those of Hdf5Column::Open().
   static absl::StatusOr<std::unique_ptr<Hdf5Reader>> Open(const std::string& path);
   virtual ~Hdf5Reader() = default;
 
@@ -36,6 +36,10 @@ class Hdf5Reader {
  protected:
   PipeHeader header_;
   PipeLosses losses_;
+
+ private:
+  // Open() without the check of the time offset.
+  static absl::StatusOr<std::unique_ptr<Hdf5Reader>> OpenShape(const std::string& path);
 };
 
 // Metavision: /CD/events, and /EXT_TRIGGER/events if there.

@@ -9,6 +9,7 @@
 
 #include "client/containers/hdf5/ecf_codec.h"
 #include "client/convert_hdf5/hdf5_testing.h"
+#include "client/convert_hdf5/metavision_attributes.h"
 #include "core/base/temporary_directory_testing.h"
 
 namespace evpose::client {
@@ -51,6 +52,8 @@ class ForeignFile {
     H5Dwrite(dataset.id(), H5T_NATIVE_INT64, H5S_ALL, H5S_ALL, H5P_DEFAULT, &value);
   }
 
+  const Hdf5Handle& file() const { return file_; }
+
  private:
   Hdf5Handle file_;
 };
@@ -77,6 +80,37 @@ TEST_F(Hdf5ReaderTest, DsecColumnsOfAnyIntegersAndFilters) {
   EXPECT_EQ(read.header, (PipeHeader{"HDF5 (DSEC)", {}, 49'599'300'523}));
   EXPECT_THAT(read.events, ElementsAre(Event{3, 5, 1, 1}, Event{4, 639, 479, 0}, Event{4'000'000'000, 7, 2, 0}));
   EXPECT_EQ(read.losses, PipeLosses{});
+}
+
+TEST_F(Hdf5ReaderTest, ATimeOffsetBeyondTheRangeIsAnError) {
+  {
+    ForeignFile file(path());
+    file.Group("/events");
+    for (const char* column : {"/events/x", "/events/y", "/events/p", "/events/t"}) {
+      file.Write<uint16_t>(column, H5T_NATIVE_UINT16, {1});
+    }
+    file.WriteScalar("/t_offset", kMaxStateTime_us + 1);
+  }
+  EXPECT_THAT(ReadHdf5(path()).status().message(), HasSubstr("states a time offset of 1152921504606846977 us"));
+  {
+    ForeignFile file(path());
+    file.Group("/CD");
+    file.Write<CdRow>("/CD/events", CdRowType().id(), {{5, 6, 1, 10}});
+    WriteTextAttribute(file.file(), kTimeOffsetAttribute, "-9223372036854775808");
+  }
+  EXPECT_THAT(ReadHdf5(path()).status().message(), HasSubstr("states a time offset of -9223372036854775808 us"));
+}
+
+TEST_F(Hdf5ReaderTest, ALongAttributeIsIgnored) {
+  for (const size_t blanks : {0, 4000, 5000}) {
+    {
+      ForeignFile file(path());
+      file.Group("/CD");
+      file.Write<CdRow>("/CD/events", CdRowType().id(), {{5, 6, 1, 10}});
+      WriteTextAttribute(file.file(), kGeometryAttribute, std::string(blanks, ' ') + "640x480");
+    }
+    EXPECT_EQ(ReadHdf5(path())->header.geometry, blanks < 4096 ? (SensorGeometry{640, 480}) : SensorGeometry{});
+  }
 }
 
 TEST_F(Hdf5ReaderTest, ColumnsOfDifferentLengthsAndInvalidNumbersAreCounted) {

@@ -44,15 +44,17 @@ bool AppendRows(const Hdf5Handle& dataset, const Hdf5Handle& type, const void* r
 
 }  // namespace
 
-void PeriodIndex::Add(int64_t t_us, std::vector<IndexRow>& rows) {
+bool PeriodIndex::Add(int64_t t_us, size_t max_rows, std::vector<IndexRow>& rows) {
   if (num_events_ == 0) first_us_ = t_us;
   const int64_t since_first_us = t_us - first_us_;
   for (; since_first_us >= num_rows_ * kIndexPeriod_us; ++num_rows_) {
+    if (rows.size() >= max_rows) return false;
     if (num_events_ != current_.id) before_ = current_;
     rows.push_back(before_);
     current_ = {num_events_, since_first_us};
   }
   ++num_events_;
+  return true;
 }
 
 void PeriodIndex::Finish(std::vector<IndexRow>& rows) const {
@@ -128,8 +130,8 @@ absl::Status Hdf5Writer::AddIndex(int64_t t_us, Table& table) {
                                                    "before and after it with --start and --duration"));
   }
   table.last_us = t_us;
-  table.index.Add(t_us, table.pending_indexes);
-  return table.pending_indexes.size() >= kChunkRows ? FlushIndexes(table) : absl::OkStatus();
+  while (!table.index.Add(t_us, kChunkRows, table.pending_indexes)) EVPOSE_RETURN_IF_ERROR(FlushIndexes(table));
+  return absl::OkStatus();
 }
 
 absl::Status Hdf5Writer::FlushIndexes(Table& table) {

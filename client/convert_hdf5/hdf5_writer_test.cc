@@ -71,12 +71,32 @@ TEST(Hdf5WriterTest, WhatTheFormatCannotHoldIsAnError) {
 TEST(PeriodIndexTest, EachPeriodHasAnEventAtOrBeforeIt) {
   PeriodIndex index;
   std::vector<IndexRow> rows;
-  for (const int64_t t_us : {5'000, 5'100, 7'500, 7'400, 14'000, 14'001}) index.Add(t_us, rows);
+  for (const int64_t t_us : {5'000, 5'100, 7'500, 7'400, 14'000, 14'001}) {
+    EXPECT_TRUE(index.Add(t_us, 100, rows));
+  }
   index.Finish(rows);
   EXPECT_EQ(index.offset_us(), -5'000);
   EXPECT_THAT(rows,
               ElementsAre(FieldsAre(Eq(0u), Eq(-1)), FieldsAre(Eq(0u), Eq(0)), FieldsAre(Eq(2u), Eq(2'500)),
                           FieldsAre(Eq(2u), Eq(2'500)), FieldsAre(Eq(2u), Eq(2'500)), FieldsAre(Eq(4u), Eq(9'000))));
+}
+
+TEST(PeriodIndexTest, TheRowsOfAGapComeInPieces) {
+  PeriodIndex at_once, in_pieces;
+  std::vector<IndexRow> all, rows, piece;
+  for (const int64_t t_us : {5'000, 5'000'000, 5'000'001, 9'000'000}) {
+    EXPECT_TRUE(at_once.Add(t_us, SIZE_MAX, all));
+    while (!in_pieces.Add(t_us, 10, piece)) {
+      ASSERT_EQ(piece.size(), 10u);
+      rows.insert(rows.end(), piece.begin(), piece.end());
+      piece.clear();
+    }
+  }
+  rows.insert(rows.end(), piece.begin(), piece.end());
+  ASSERT_EQ(rows.size(), all.size());
+  for (size_t i = 0; i < rows.size(); ++i) {
+    EXPECT_TRUE(rows[i].id == all[i].id && rows[i].ts == all[i].ts) << i;
+  }
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include "client/convert_hdf5/metavision_attributes.h"
 
 #include <algorithm>
+#include <cstring>
 
 namespace evpose::client {
 namespace {
@@ -26,7 +27,8 @@ std::string ReadTextAttribute(const Hdf5Handle& object, const char* name) {
     char* value = nullptr;
     const Hdf5Handle memory_type(H5Tget_native_type(type.id(), H5T_DIR_ASCEND), H5Tclose);
     if (H5Aread(attribute.id(), memory_type.id(), &value) < 0 || value == nullptr) return "";
-    std::string text(value);
+    const size_t length = strnlen(value, kMaxTextBytes + 1);
+    std::string text(value, length <= kMaxTextBytes ? length : 0);
     H5free_memory(value);
     return text;
   }

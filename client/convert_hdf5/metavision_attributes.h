@@ -14,7 +14,7 @@ inline constexpr char kGeometryAttribute[] = "geometry";  // "1280x720"
 // Of evpose: RecordingHeader::time_offset_us.
 inline constexpr char kTimeOffsetAttribute[] = "evpose_time_offset_us";
 
-// The value; empty if there is none, or if it is no string.
+// The value; empty if there is none, or if it is no string or one of more than 4 KiB.
 std::string ReadTextAttribute(const Hdf5Handle& object, const char* name);
 bool WriteTextAttribute(const Hdf5Handle& object, const char* name, const std::string& value);
 

@@ -5,28 +5,20 @@
 #include <string>
 
 #include "absl/strings/numbers.h"
-#include "absl/strings/str_split.h"
 #include "client/convert_hdf5/hdf5_reader.h"
 #include "client/convert_hdf5/metavision_attributes.h"
 #include "core/base/status_macros.h"
+#include "core/events/image_size.h"
 
 namespace evpose::client {
 namespace {
-
-SensorGeometry ParseGeometry(const std::string& text) {
-  const std::vector<std::string> sides = absl::StrSplit(text, 'x');
-  SensorGeometry geometry;
-  const bool is_size = sides.size() == 2 && absl::SimpleAtoi(sides[0], &geometry.width_px) &&
-                       absl::SimpleAtoi(sides[1], &geometry.height_px);
-  return is_size && std::min(geometry.width_px, geometry.height_px) > 0 ? geometry : SensorGeometry{};
-}
 
 class MetavisionReader final : public Hdf5Reader {
  public:
   MetavisionReader(Hdf5Handle file, Hdf5Column events, std::optional<Hdf5Column> triggers)
       : file_(std::move(file)), events_(std::move(events)), triggers_(std::move(triggers)) {
     header_.format = events_.ecf_chunk_size() > 0 ? "Metavision HDF5 (ECF)" : "Metavision HDF5";
-    header_.geometry = ParseGeometry(ReadTextAttribute(file_, kGeometryAttribute));
+    header_.geometry = ParseImageSize(ReadTextAttribute(file_, kGeometryAttribute)).value_or(SensorGeometry{});
     if (!absl::SimpleAtoi(ReadTextAttribute(file_, kTimeOffsetAttribute), &header_.time_offset_us)) {
       header_.time_offset_us = 0;
     }

@@ -134,6 +134,9 @@ TEST_F(ConvertTest, WrongUseIsReported) {
   EXPECT_THAT(error({Path("a.png")}, 2), HasSubstr("its name ends with none of .raw, .dat, .csv"));
   EXPECT_THAT(error({"-", "--to", "csv"}, 2), HasSubstr("is not written to standard output"));
   EXPECT_THAT(error({Path("b.raw"), "--size", "640"}, 2), HasSubstr("is not WIDTHxHEIGHT"));
+  for (const char* option : {"--start", "--duration"}) {
+    EXPECT_THAT(error({Path("b.raw"), option, "1e300"}, 2), HasSubstr(option));
+  }
   EXPECT_THAT(error({Path("b.raw"), "--size", "320x240"}, 1), HasSubstr("is of 640x480 pixels, but --size is 320x240"));
   const CliResult pipe = RunShell("printf '1,1,0,5000000\\n1,1,0,5000001\\n' | evpose convert - b.raw");
   EXPECT_EQ(pipe.status, 1);

@@ -10,11 +10,9 @@
 #include <system_error>
 #include <vector>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/str_split.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/recording_input.h"
 #include "client/cli/console/wait_message.h"
@@ -22,6 +20,7 @@
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
+#include "core/events/image_size.h"
 #include "core/recordings/event_digest.h"
 #include "core/recordings/event_reader.h"
 
@@ -51,14 +50,12 @@ struct ConvertedEvents {
   std::string sha256;
 };
 
+constexpr double kMaxSeconds = 1e9;  // of --start and --duration, 31 years: their sum is a time in microseconds
+
 // "640x480"
 absl::StatusOr<std::optional<SensorGeometry>> ParseSize(const std::string& text) {
   if (text.empty()) return std::nullopt;
-  SensorGeometry size;
-  const std::vector<std::string> parts = absl::StrSplit(text, 'x');
-  const bool is_size =
-      parts.size() == 2 && absl::SimpleAtoi(parts[0], &size.width_px) && absl::SimpleAtoi(parts[1], &size.height_px);
-  if (is_size && size.width_px > 0 && size.height_px > 0) return size;
+  if (const std::optional<SensorGeometry> size = ParseImageSize(text)) return size;
   return UsageError(absl::StrCat("--size: \"", text, "\" is not WIDTHxHEIGHT in pixels, such as 640x480"));
 }
 
@@ -229,11 +226,12 @@ CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
   app.option_defaults()->group(kInputGroup);
   AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
   AddOption(app, "--start", arguments->start_s, "Time after the first event at which the file begins",
-            CLI::Range(0.0, 1e9))
+            CLI::Range(0.0, kMaxSeconds))
       ->type_name("SECONDS");
   app.add_option("--duration", arguments->duration_s, "Part of the recording from --start on. Default: all of it")
       ->type_name("SECONDS")
-      ->check(AboveZero());
+      ->check(AboveZero())
+      ->check(CLI::Range(0.0, kMaxSeconds));
   app.add_option("--size", arguments->size,
                  "Size of the sensor in pixels, for a recording that does not state it. Default: the smallest known "
                  "sensor that contains all events")

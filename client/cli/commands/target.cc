@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // evpose target: writes the printable target of a camera calibration, and its model.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
@@ -13,14 +14,13 @@
 #include <vector>
 
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/str_split.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/pictures/png.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/calibration/calibration_target.h"
+#include "core/events/image_size.h"
 
 namespace evpose::client {
 namespace {
@@ -36,12 +36,9 @@ struct TargetArguments {
 };
 
 absl::StatusOr<cv::Size> ParseScreen(const std::string& text) {
-  const std::vector<std::string> sides = absl::StrSplit(text, 'x');
-  int width = 0, height = 0;
-  if (sides.size() == 2 && absl::SimpleAtoi(sides[0], &width) && absl::SimpleAtoi(sides[1], &height) && width >= 64 &&
-      height >= 64 && width <= kMaxScreenPx && height <= kMaxScreenPx) {
-    return cv::Size(width, height);
-  }
+  const SensorGeometry size = ParseImageSize(text).value_or(SensorGeometry{});
+  const auto [shorter, longer] = std::minmax(size.width_px, size.height_px);
+  if (shorter >= 64 && longer <= kMaxScreenPx) return cv::Size(size.width_px, size.height_px);
   return UsageError(
       absl::StrCat("--screen ", text, ": WIDTHxHEIGHT in pixels, 64 to ", kMaxScreenPx, " each, such as 1920x1080"));
 }

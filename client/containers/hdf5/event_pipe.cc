@@ -26,6 +26,7 @@ bool ParseHeader(absl::Span<const uint8_t> content, PipeHeader& header) {
   if (width > kMaxSize_px || height > kMaxSize_px) return false;
   header.geometry = {static_cast<int>(width), static_cast<int>(height)};
   header.time_offset_us = LoadLittleEndian<int64_t>(content.data() + 8);
+  if (header.time_offset_us < -kMaxStateTime_us || header.time_offset_us > kMaxStateTime_us) return false;
   header.format.assign(content.begin() + kFixedHeaderBytes, content.end());
   return true;
 }

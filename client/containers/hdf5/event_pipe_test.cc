@@ -58,6 +58,11 @@ TEST(EventPipeTest, DamagedRecordsAreErrors) {
     absl::Span<const uint8_t> rest = bytes;
     return std::string(TakePipeRecord(rest, record).status().message());
   };
+  for (const int64_t offset_us : {kMaxStateTime_us + 1, -kMaxStateTime_us - 1}) {
+    std::vector<uint8_t> header;
+    AppendPipeHeader({"", {1280, 720}, offset_us}, header);
+    EXPECT_THAT(error(header), HasSubstr("is damaged"));
+  }
   EXPECT_THAT(error({9, 0, 0, 0, 0}), HasSubstr("is damaged"));
   EXPECT_THAT(error({2, 0xff, 0xff, 0xff, 0xff}), HasSubstr("is too long"));
   EXPECT_THAT(error({5, 1, 0, 0, 0, 0}), HasSubstr("is damaged"));
