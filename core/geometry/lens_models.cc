@@ -2,6 +2,7 @@
 #include "core/geometry/lens_models.h"
 
 #include <cmath>
+#include <limits>
 
 #include "core/numerics/math.h"
 
@@ -87,6 +88,22 @@ const char* LensModelName(LensModel model) {
 DistortedPoint DistortNormalised(LensModel model, const Distortion& distortion, const Eigen::Vector2d& point) {
   if (model == LensModel::kBrown) return DistortBrown(distortion, point);
   return model == LensModel::kRational ? DistortRational(distortion, point) : DistortFisheye(distortion, point);
+}
+
+double SecondBranchRadius(LensModel model, const Distortion& distortion) {
+  Distortion radial = distortion;
+  if (model != LensModel::kFisheye) radial[2] = radial[3] = 0.0;
+  // Steps of equal angle up to slightly less than 90 degrees.
+  constexpr int kSteps = 8192;
+  bool is_folded = false;
+  for (int i = 1; i < kSteps; ++i) {
+    const SinCos angle = DeterministicSinCos(M_PI / 2.0 * i / kSteps);
+    const double radius = angle.sin / angle.cos;
+    const bool is_regular = DistortNormalised(model, radial, {radius, 0.0}).is_regular;
+    if (is_folded && is_regular) return radius;
+    is_folded |= !is_regular;
+  }
+  return std::numeric_limits<double>::infinity();
 }
 
 std::optional<Eigen::Vector2d> UndistortNormalised(LensModel model, const Distortion& distortion,

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <opencv2/calib3d.hpp>
 #include <string>
 #include <vector>
@@ -117,6 +118,20 @@ TEST(LensModelsTest, BeyondAFoldThereIsNoDirection) {
   const Distortion pole = {0, 0, 0, 0, 0, -1.0};
   EXPECT_TRUE(DistortNormalised(LensModel::kRational, pole, {0.9, 0.0}).is_regular);
   EXPECT_FALSE(DistortNormalised(LensModel::kRational, pole, {1.1, 0.0}).is_regular);
+}
+
+TEST(LensModelsTest, SecondBranches) {
+  // The slope 1 - 1.5 r^2 + 0.5 r^4 is zero at r = 1 and sqrt(2).
+  EXPECT_NEAR(SecondBranchRadius(LensModel::kBrown, {-0.5, 0.1, 0.01, 0.01}), std::sqrt(2.0), 1e-3);
+  // Poles at r = 1 and sqrt(2); the image between them is mirrored, and beyond sqrt(2) the factor first decreases from
+  // infinity. The slope of r (1 + 0.1 r^6) / (1 - 1.5 r^2 + 0.5 r^4) is positive again far outside.
+  EXPECT_GT(SecondBranchRadius(LensModel::kRational, {0, 0, 0, 0, 0.1, -1.5, 0.5}), std::sqrt(2.0));
+  EXPECT_LT(SecondBranchRadius(LensModel::kRational, {0, 0, 0, 0, 0.1, -1.5, 0.5}), 5.0);
+  // With s = t^2, the slope 1 - 2.7 s + 1.5 s^2 is zero at s = 0.52 and 1.28.
+  EXPECT_NEAR(SecondBranchRadius(LensModel::kFisheye, {-0.9, 0.3}),
+              std::tan(std::sqrt(0.9 + std::sqrt(0.81 - 2.0 / 3.0))), 3e-3);
+  for (const Lens& lens : Lenses()) EXPECT_GT(SecondBranchRadius(lens.model, lens.distortion), lens.largest_tangent);
+  EXPECT_EQ(SecondBranchRadius(LensModel::kFisheye, {}), std::numeric_limits<double>::infinity());
 }
 
 TEST(LensModelsTest, AFisheyeLensEndsAt85Degrees) {

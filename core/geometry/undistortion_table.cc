@@ -2,14 +2,16 @@
 #include "core/geometry/undistortion_table.h"
 
 #include <Eigen/Geometry>
-#include <exception>
+#include <limits>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/core.hpp>
 #include <optional>
 
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/geometry/lens_models.h"
 
 namespace evpose {
@@ -33,27 +35,10 @@ absl::StatusOr<std::vector<cv::Point2d>> UndistortBrownRow(const CameraModel& ca
     // Far more iterations than a regular lens needs; IsInverse() checks the result.
     const cv::TermCriteria criteria(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 200, 1e-6);
     cv::undistortPoints(pixels, bearings, k, coefficients, cv::noArray(), cv::noArray(), criteria);
-  } catch (const std::exception& e) {
+  } catch (const cv::Exception& e) {
     return absl::InternalError(absl::StrCat("distortion_coefficients: OpenCV: ", e.what()));
   }
   return bearings;
-}
-
-// Whether `bearing` is the bearing of pixel (u, v): its distortion is that pixel, on the branch of the map around the
-// centre of the image (beyond a fold, two bearings have the same pixel).
-bool IsInverse(const CameraModel& camera, const Eigen::Vector2d& bearing, int u, int v) {
-  const DistortedPoint distorted = DistortNormalised(camera.lens_model, camera.distortion, bearing);
-  const double error_x = distorted.point.x() * camera.fx_px + camera.cx_px - u;
-  const double error_y = distorted.point.y() * camera.fy_px + camera.cy_px - v;
-  return error_x * error_x + error_y * error_y <= kMaxInversionErrorPx * kMaxInversionErrorPx && distorted.is_regular;
-}
-
-// Whether the direction of a distorted point of a fisheye lens is beyond the largest angle, and not beyond a fold: the
-// distorted radius grows up to that angle, and the point is outside.
-bool IsBeyondLargestAngle(const CameraModel& camera, const Eigen::Vector2d& distorted) {
-  const DistortedPoint edge =
-      DistortNormalised(camera.lens_model, camera.distortion, {kMaxFisheyeTangent * (1.0 - 1e-9), 0.0});
-  return camera.lens_model == LensModel::kFisheye && edge.is_regular && distorted.norm() >= edge.point.x();
 }
 
 absl::Status CannotInvert(int u, int v) {
@@ -65,18 +50,54 @@ absl::Status CannotInvert(int u, int v) {
 
 }  // namespace
 
-absl::Status UndistortionTable::AddDistortedRow(const CameraModel& camera, int v) {
+// What is the same for all pixels of a camera.
+struct UndistortionTable::LensLimits {
+  explicit LensLimits(const CameraModel& camera)
+      : second_branch(SecondBranchRadius(camera.lens_model, camera.distortion)) {
+    if (camera.lens_model != LensModel::kFisheye) return;
+    const DistortedPoint edge =
+        DistortNormalised(camera.lens_model, camera.distortion, {kMaxFisheyeTangent * (1.0 - 1e-9), 0.0});
+    if (edge.is_regular && second_branch > kMaxFisheyeTangent) edge_radius = edge.point.x();
+  }
+
+  // Whether `bearing` is the bearing of pixel (u, v): its distortion is that pixel, on the branch of the map around the
+  // centre of the image (beyond a fold, two bearings have the same pixel).
+  bool IsInverse(const CameraModel& camera, const Eigen::Vector2d& bearing, int u, int v) const {
+    const DistortedPoint distorted = DistortNormalised(camera.lens_model, camera.distortion, bearing);
+    const double error_x = distorted.point.x() * camera.fx_px + camera.cx_px - u;
+    const double error_y = distorted.point.y() * camera.fy_px + camera.cy_px - v;
+    return error_x * error_x + error_y * error_y <= kMaxInversionErrorPx * kMaxInversionErrorPx &&
+           distorted.is_regular && bearing.norm() < second_branch;
+  }
+  // Whether the direction of a distorted point of a fisheye lens is beyond the largest angle, and not beyond a fold:
+  // the distorted radius grows up to that angle, and the point is outside.
+  bool IsBeyondLargestAngle(const Eigen::Vector2d& distorted) const { return distorted.norm() >= edge_radius; }
+  // The same with a margin for points that UndistortNormalised() would invert within its tolerance. The search for the
+  // bearings of all others would fail, after hundreds of evaluations of the lens for each pixel.
+  bool IsFarBeyondLargestAngle(const Eigen::Vector2d& distorted) const {
+    constexpr double kMargin = 1e-6;
+    return distorted.norm() >= edge_radius + kMargin * (1.0 + distorted.norm());
+  }
+
+  double second_branch;
+  // The distorted radius of the largest angle; infinity for lenses that do not show that angle.
+  double edge_radius = std::numeric_limits<double>::infinity();
+};
+
+absl::Status UndistortionTable::AddDistortedRow(const CameraModel& camera, const LensLimits& limits, int v) {
   for (int u = 0; u < camera.width_px; ++u) {
-    const Eigen::Vector3d distorted = BearingOf(camera, Eigen::Vector2d(u, v));
-    const std::optional<Eigen::Vector2d> bearing =
-        UndistortNormalised(camera.lens_model, camera.distortion, distorted.head<2>());
-    if (bearing && IsInverse(camera, *bearing, u, v)) {
-      bearings_.push_back(bearing->cast<float>());
-    } else if (IsBeyondLargestAngle(camera, distorted.head<2>())) {
-      bearings_.push_back(kFarBeyond * distorted.head<2>().normalized().cast<float>());
-    } else {
-      return CannotInvert(u, v);
+    YieldPoint(static_cast<size_t>(u));
+    const Eigen::Vector2d distorted = BearingOf(camera, Eigen::Vector2d(u, v)).head<2>();
+    if (!limits.IsFarBeyondLargestAngle(distorted)) {
+      const std::optional<Eigen::Vector2d> bearing =
+          UndistortNormalised(camera.lens_model, camera.distortion, distorted);
+      if (bearing && limits.IsInverse(camera, *bearing, u, v)) {
+        bearings_.push_back(bearing->cast<float>());
+        continue;
+      }
+      if (!limits.IsBeyondLargestAngle(distorted)) return CannotInvert(u, v);
     }
+    bearings_.push_back(kFarBeyond * distorted.normalized().cast<float>());
   }
   return absl::OkStatus();
 }
@@ -109,15 +130,17 @@ absl::StatusOr<UndistortionTable> UndistortionTable::Create(const CameraModel& c
   }
   if (!camera.HasDistortion()) return table;
   table.bearings_.reserve(static_cast<size_t>(camera.width_px) * camera.height_px);
+  const LensLimits limits(camera);
   for (int v = 0; v < camera.height_px; ++v) {
     if (camera.lens_model != LensModel::kBrown) {
-      EVPOSE_RETURN_IF_ERROR(table.AddDistortedRow(camera, v));
+      EVPOSE_RETURN_IF_ERROR(table.AddDistortedRow(camera, limits, v));
       continue;
     }
+    YieldPoint();
     EVPOSE_ASSIGN_OR_RETURN(const std::vector<cv::Point2d> row, UndistortBrownRow(camera, v));
     for (int u = 0; u < camera.width_px; ++u) {
       const Eigen::Vector2d bearing(row[u].x, row[u].y);
-      if (!IsInverse(camera, bearing, u, v)) return CannotInvert(u, v);
+      if (!limits.IsInverse(camera, bearing, u, v)) return CannotInvert(u, v);
       table.bearings_.push_back(bearing.cast<float>());
     }
   }

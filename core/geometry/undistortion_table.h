@@ -17,7 +17,8 @@ namespace evpose {
 // row of a camera without distortion, 8 bytes for each pixel of a camera with distortion.
 class UndistortionTable {
  public:
-  // Errors: INVALID_ARGUMENT for an invalid camera, or if the distortion cannot be inverted at some pixel.
+  // Has yield points (core/base/yield_point.h). Errors: INVALID_ARGUMENT for an invalid camera, or if the distortion
+  // cannot be inverted at some pixel.
   static absl::StatusOr<UndistortionTable> Create(const CameraModel& camera);
   // The bearings of the same pixels in the frame of a turned view of the camera. A pixel whose direction is more than
   // 85 degrees from the axis of the view has a bearing far outside the image. Memory: 8 bytes for each pixel.
@@ -33,7 +34,9 @@ class UndistortionTable {
   void Prefetch(int x, int y) const { PrefetchEntry(bearings_, static_cast<size_t>(y) * columns_.size() + x); }
 
  private:
-  absl::Status AddDistortedRow(const CameraModel& camera, int v);
+  struct LensLimits;
+
+  absl::Status AddDistortedRow(const CameraModel& camera, const LensLimits& limits, int v);
 
   // The bearings without distortion: x by column, y by row.
   std::vector<float> columns_;

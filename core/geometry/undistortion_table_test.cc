@@ -8,6 +8,7 @@
 #include <cmath>
 #include <string>
 
+#include "core/base/yields_testing.h"
 #include "core/geometry/cameras_testing.h"
 #include "core/geometry/rigid_transform.h"
 
@@ -74,6 +75,15 @@ TEST(UndistortionTableTest, AFisheyeLensOfMoreThan170Degrees) {
   EXPECT_LT(beyond, 320 * 240 / 4);
 }
 
+TEST(UndistortionTableTest, CanBePaused) {
+  CameraModel camera = PlainCamera();
+  for (const LensModel model : {LensModel::kBrown, LensModel::kFisheye}) {
+    camera.lens_model = model;
+    camera.distortion = {0.01};
+    EXPECT_GE(CountYields([&] { ASSERT_TRUE(UndistortionTable::Create(camera).ok()); }), 240u);
+  }
+}
+
 TEST(UndistortionTableTest, ATurnedView) {
   for (const bool is_fisheye : {false, true}) {
     CameraModel camera = PlainCamera();
@@ -103,6 +113,22 @@ TEST(UndistortionTableTest, DistortionThatCannotBeInverted) {
     ASSERT_EQ(table.status().code(), absl::StatusCode::kInvalidArgument);
     EXPECT_THAT(std::string(table.status().message()), HasSubstr("cannot be inverted at pixel"));
   }
+}
+
+TEST(UndistortionTableTest, NoPixelIsOfASecondBranch) {
+  // The distorted radius grows up to 0.6, at r = 1, decreases up to r = sqrt(2) and grows again: a corner of the image
+  // at 0.7 is a point with r = 1.7 of the polynomial, but of no lens. At 0.59 it is one before the fold.
+  CameraModel camera = {281, 1, 200.0, 200.0, 140.0, 0.0, {-0.5, 0.1}};
+  const auto table = UndistortionTable::Create(camera);
+  ASSERT_EQ(table.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(table.status().message()), HasSubstr("cannot be inverted at pixel"));
+  camera.fx_px = camera.fy_px = 140.0 / 0.55;
+  EXPECT_TRUE(UndistortionTable::Create(camera).ok());
+  // The radius of this fisheye lens grows, decreases and grows again before 85 degrees.
+  camera.lens_model = LensModel::kFisheye;
+  camera.distortion = {-0.9, 0.3};
+  camera.fx_px = camera.fy_px = 140.0;
+  EXPECT_EQ(UndistortionTable::Create(camera).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST(UndistortionTableTest, UndistortionOfAnInvalidCamera) {
