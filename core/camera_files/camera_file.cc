@@ -4,12 +4,15 @@
 #include <algorithm>
 #include <cstddef>
 #include <exception>
+#include <new>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/types/span.h"
 #include "core/base/output_file.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_readers.h"
 #include "core/camera_files/camera_tree.h"
@@ -49,9 +52,15 @@ absl::StatusOr<std::string> SelectCamera(const std::vector<std::string>& names, 
                                          const std::string& selection) {
   if (selection.empty() && names.size() == 1) return names.front();
   if (std::find(names.begin(), names.end(), selection) != names.end()) return selection;
-  const std::string has = absl::StrCat("has the cameras ", absl::StrJoin(names, ", "));
+  // A hostile file may have thousands.
+  constexpr size_t kMaxListed = 20;
+  const auto listed = absl::MakeConstSpan(names).first(std::min(names.size(), kMaxListed));
+  const auto append = [](std::string* out, const std::string& name) { absl::StrAppend(out, Escaped(name)); };
+  const std::string has =
+      absl::StrCat("has the cameras ", absl::StrJoin(listed, ", ", append), names.size() > kMaxListed ? ", ..." : "");
   if (selection.empty()) {
-    return absl::InvalidArgumentError(absl::StrCat(file, ": ", has, "; select one, as ", file, "#", names.front()));
+    return absl::InvalidArgumentError(
+        absl::StrCat(file, ": ", has, "; select one, as ", file, "#", Escaped(names.front())));
   }
   return absl::InvalidArgumentError(absl::StrCat(file, "#", selection, ": the file ", has));
 }
@@ -65,8 +74,10 @@ absl::StatusOr<CameraFile> ParseCameraFile(const std::string& text, const std::s
   absl::StatusOr<CameraFile> result;
   try {
     result = Parse(text, file, selection);
+  } catch (const std::bad_alloc&) {
+    throw;                             // memory is exhausted: no fault of the file
   } catch (const std::exception& e) {  // exceptions of yaml-cpp, for a tree whose nodes are not what their keys promise
-    return absl::InvalidArgumentError(absl::StrCat(file, ": not a camera file: ", e.what()));
+    return absl::InvalidArgumentError(absl::StrCat(file, ": not a camera file: ", Escaped(e.what(), kMaxParserText)));
   }
   if (!result.ok()) return result;
   if (const absl::Status status = result->camera.Validate(); !status.ok()) {

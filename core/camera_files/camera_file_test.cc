@@ -105,7 +105,8 @@ TEST(CameraFileTest, NoDistortion) {
   for (const char* end :
        {"", "distortion_model: none\n", "distortion_model: \"\"\n", "distortion_model:\n",
         "distortion_model: none\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",
-        "distortion_coefficients: {rows: 0, cols: 0, data: []}\n"}) {
+        "distortion_coefficients: {rows: 0, cols: 0, data: []}\n",
+        "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 0, data: []}\n"}) {
     const auto camera = ParseCameraModel(absl::StrCat(start, end), "c");
     ASSERT_TRUE(camera.ok()) << end << camera.status();
     EXPECT_EQ(camera->distortion, (Distortion{})) << end;
@@ -187,6 +188,37 @@ INSTANTIATE_TEST_SUITE_P(
         BadFile{"0.08", ".nan", "distortion_coefficients: every number must be finite"},
         BadFile{"0.08", "x", "distortion_coefficients.data[1]: is not a number"},
         BadFile{"camera_name: evk4", "camera_name: [evk4", "line "}));
+
+// The time of a look-up grows with the number of keys.
+TEST(CameraFileTest, MapsOfManyKeysAreRefused) {
+  const auto map_of = [](int keys, const char* indent, const char* value) {
+    std::string text;
+    for (int i = 0; i < keys; ++i) absl::StrAppend(&text, indent, "k", i, ": ", value, "\n");
+    return text;
+  };
+  const auto error_of = [](const std::string& text) {
+    return std::string(ParseCameraModel(text, "my.yaml").status().message());
+  };
+  EXPECT_THAT(error_of(absl::StrCat(kYaml, map_of(1000, "", "0"))), HasSubstr("has more than 1000 keys"));
+  EXPECT_THAT(error_of(absl::StrCat(kYaml, "more:\n", map_of(1001, "  ", "0"))), HasSubstr("has more than 1000 keys"));
+  EXPECT_THAT(error_of(absl::StrCat("a: &a\n", map_of(900, "  ", "0"), map_of(20, "", "*a"))),
+              HasSubstr("has more than 10000 keys"));
+  EXPECT_TRUE(ParseCameraModel(absl::StrCat(kYaml, map_of(900, "", "0")), "my.yaml").ok());
+}
+
+TEST(CameraFileTest, WordsOfTheFileAreShortenedInErrors) {
+  const std::string word(10000, 'w');
+  for (const std::string& text :
+       {absl::StrCat("distortion_model: ", word, "\n", std::string(kYaml).substr(0, std::string(kYaml).find("disto"))),
+        absl::StrCat("1 ", std::string(10000, 'M'), " 64 48 10 11"), absl::StrCat("1 PINHOLE 64 48 10 11 32 ", word),
+        absl::StrCat(word, ": 1\n", word, ": 2\n"), absl::StrCat("1 PINHOLE 64 48 1 1 1 1\n", word, " 1 1 1 1 1")}) {
+    const absl::Status status = ParseCameraModel(text, "my.yaml").status();
+    ASSERT_FALSE(status.ok()) << text.substr(0, 50);
+    EXPECT_LT(status.message().size(), 500u) << status;
+  }
+  const absl::Status status = ParseCameraModel("1 PINHOLE 64 48 10 11 32 \x1b[31m", "my.yaml").status();
+  EXPECT_THAT(std::string(status.message()), HasSubstr("\\x1b[31m"));
+}
 
 TEST(CameraFileTest, FilesThatAreNotCameraFiles) {
   for (const std::string& text : {std::string(), std::string("just words"), std::string("- 1\n- 2\n"),

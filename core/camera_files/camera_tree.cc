@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <new>
 #include <pugixml.hpp>
 #include <set>
 
@@ -11,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -19,6 +21,9 @@ namespace {
 constexpr size_t kMaxNumbers = 32;  // a projection matrix has 12, the longest list of coefficients 14
 // Of the elements of an XML file. OpenCV writes 3 or 4.
 constexpr int kMaxDepth = 16;
+// Of the outermost map and of each map in it: a camera has some dozens.
+constexpr size_t kMaxKeys = 1000;
+constexpr size_t kMaxInnerKeys = 10'000;  // of all maps in the outermost one
 
 std::string LineOf(const std::string& text, std::ptrdiff_t offset) {
   const auto end = text.begin() + std::clamp<std::ptrdiff_t>(offset, 0, static_cast<std::ptrdiff_t>(text.size()));
@@ -62,7 +67,10 @@ absl::StatusOr<YAML::Node> ParseYaml(const std::string& text, const std::string&
   try {
     return YAML::Load(text);
   } catch (const YAML::Exception& e) {
-    return absl::InvalidArgumentError(absl::StrFormat("%s: line %d: not YAML: %s", file, e.mark.line + 1, e.msg));
+    return absl::InvalidArgumentError(
+        absl::StrFormat("%s: line %d: not YAML: %s", file, e.mark.line + 1, Escaped(e.msg, kMaxParserText)));
+  } catch (const std::bad_alloc&) {
+    throw;  // memory is exhausted: no fault of the file
   } catch (const std::exception& e) {
     return absl::InvalidArgumentError(absl::StrCat(file, ": not a camera file: ", e.what()));
   }
@@ -73,12 +81,31 @@ std::string WithoutOpenCvDirective(const std::string& text) {
   return absl::StartsWith(text, "%YAML:") ? absl::StrCat("#", text.substr(1)) : text;
 }
 
+// Each look-up of a key compares it with all keys of its map, and readers look for each key of the outermost map and
+// for several keys of the maps in it. An alias of YAML counts like the map that it names.
+absl::Status CheckNumberOfKeys(const YAML::Node& root, const std::string& file) {
+  const auto too_many = [&file](size_t limit) {
+    return absl::InvalidArgumentError(absl::StrFormat("%s: has more than %d keys; not a camera file", file, limit));
+  };
+  if (root.size() > kMaxKeys) return too_many(kMaxKeys);
+  size_t num_inner = 0;
+  for (const auto& entry : root) {
+    if (!entry.second.IsMap()) continue;
+    const size_t size = entry.second.size();
+    if (size > kMaxKeys) return too_many(kMaxKeys);
+    num_inner += size;
+    if (num_inner > kMaxInnerKeys) return too_many(kMaxInnerKeys);
+  }
+  return absl::OkStatus();
+}
+
 absl::Status CheckKeys(const YAML::Node& root, const std::string& file) {
+  EVPOSE_RETURN_IF_ERROR(CheckNumberOfKeys(root, file));
   std::set<std::string> keys;
   for (const auto& entry : root) {
     if (!entry.first.IsScalar()) continue;
     if (!keys.insert(entry.first.Scalar()).second) {
-      return CameraFieldError(file, entry.first.Scalar(), "is given twice; keep one");
+      return CameraFieldError(file, Escaped(entry.first.Scalar()), "is given twice; keep one");
     }
   }
   return absl::OkStatus();
@@ -238,7 +265,8 @@ absl::Status TakeDistortion(const CameraFields& fields, const std::string& key, 
     }
     coefficients.resize(std::min(coefficients.size(), wanted));
   }
-  const bool is_short_brown = camera.lens_model == LensModel::kBrown && coefficients.size() == 4;
+  const bool is_short_brown =
+      camera.lens_model == LensModel::kBrown && (coefficients.empty() || coefficients.size() == 4);
   if (coefficients.size() != wanted && !is_short_brown) {
     const char* const has = camera.lens_model == LensModel::kBrown ? "a Brown lens has 4 or 5 (k1, k2, p1, p2, k3)"
                             : camera.lens_model == LensModel::kRational

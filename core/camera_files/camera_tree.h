@@ -6,15 +6,20 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "core/base/quoted.h"
 #include "core/geometry/camera.h"
 
 namespace evpose {
+
+// Bytes of a message of the parser that an error repeats: it may contain words of the file.
+inline constexpr size_t kMaxParserText = 200;
 
 enum class CameraSyntax { kYaml, kJson, kXml };
 
@@ -27,7 +32,7 @@ absl::Status CameraFieldError(const std::string& file, const std::string& field,
 
 // Parses YAML (its first document), JSON or the XML of OpenCV's FileStorage, whose matrices become maps of rows, cols
 // and data. Errors: INVALID_ARGUMENT with the line, where known; also for a key of the outermost map that is given
-// twice.
+// twice, and for a map of more than 1000 keys, because the time of a look-up grows with their number.
 absl::StatusOr<CameraTree> ParseCameraTree(const std::string& text, const std::string& file);
 
 // A map of a file, with the path to it ("cam0.") in front of the names of its keys.
@@ -52,7 +57,7 @@ class CameraFields {
   absl::StatusOr<std::vector<double>> Numbers(const std::string& key) const;
   // A matrix as a map of rows, cols and data, row by row.
   absl::StatusOr<std::vector<double>> Matrix(const std::string& key) const;
-  CameraFields Child(const std::string& key) const { return {node_[key], file_, path_ + key + "."}; }
+  CameraFields Child(const std::string& key) const { return {node_[key], file_, path_ + Escaped(key) + "."}; }
   // The names of all keys, in the order of the file.
   std::vector<std::string> Keys() const;
 
@@ -74,8 +79,8 @@ absl::Status TakeCameraMatrix(const CameraFields& fields, const std::string& key
 // Takes [width, height].
 absl::Status TakeImageSize(const CameraFields& fields, const std::string& key, const std::vector<double>& size,
                            CameraModel& camera);
-// Takes the coefficients at `key` for camera.lens_model. Brown has 4 or 5 or none; rational 8, fisheye 4. More than 8
-// are those of OpenCV's thin prism and tilted models, and are accepted if the additional ones are 0.
+// Takes the coefficients at `key` for camera.lens_model. Brown has 4, 5 or none (no distortion); rational 8, fisheye 4.
+// More than 8 are those of OpenCV's thin prism and tilted models, and are accepted if the additional ones are 0.
 absl::Status TakeDistortion(const CameraFields& fields, const std::string& key, std::vector<double> coefficients,
                             CameraModel& camera);
 

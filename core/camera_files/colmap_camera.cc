@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_readers.h"
 
@@ -59,14 +60,15 @@ void TakeParameter(char place, double value, CameraModel& camera) {
 }
 
 absl::StatusOr<CameraModel> ReadLine(const Words& words, const std::string& file) {
-  const std::string field = absl::StrCat("camera ", words[0]);
+  const std::string field = absl::StrCat("camera ", Escaped(words[0]));
   if (!IsCameraLine(words)) return CameraFieldError(file, field, "is not ID MODEL WIDTH HEIGHT PARAMETERS");
   const auto* const model = std::find_if(std::begin(kColmapModels), std::end(kColmapModels),
                                          [&words](const ColmapModel& each) { return words[1] == each.name; });
   if (model == std::end(kColmapModels)) {
     const std::string known = absl::StrJoin(
         kColmapModels, ", ", [](std::string* out, const ColmapModel& each) { absl::StrAppend(out, each.name); });
-    return CameraFieldError(file, field, absl::StrCat("the model ", words[1], " is not supported; known are ", known));
+    return CameraFieldError(file, field,
+                            absl::StrCat("the model ", Escaped(words[1]), " is not supported; known are ", known));
   }
   const absl::string_view places = model->parameters;
   if (words.size() != 4 + places.size()) {
@@ -82,7 +84,8 @@ absl::StatusOr<CameraModel> ReadLine(const Words& words, const std::string& file
   for (size_t i = 0; i < places.size(); ++i) {
     double value = 0.0;
     if (!absl::SimpleAtod(words[4 + i], &value)) {
-      return CameraFieldError(file, field, absl::StrCat("parameter ", i + 1, ", ", words[4 + i], ", is not a number"));
+      return CameraFieldError(file, field,
+                              absl::StrCat("parameter ", i + 1, ", ", Escaped(words[4 + i]), ", is not a number"));
     }
     TakeParameter(places[i], value, camera);
   }
@@ -101,7 +104,8 @@ absl::StatusOr<CameraFile> ReadColmap(const std::string& text, const std::string
   std::vector<std::string> names;
   for (const Words& words : lines) names.push_back(words.front());
   EVPOSE_ASSIGN_OR_RETURN(const std::string name, SelectCamera(names, file, selection));
-  CameraFile result = {.format = "colmap", .description = absl::StrCat("camera ", name, " of COLMAP's cameras.txt")};
+  CameraFile result = {.format = "colmap",
+                       .description = absl::StrCat("camera ", Escaped(name), " of COLMAP's cameras.txt")};
   const size_t index = std::find(names.begin(), names.end(), name) - names.begin();
   EVPOSE_ASSIGN_OR_RETURN(result.camera, ReadLine(lines[index], file));
   return result;

@@ -4,6 +4,7 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_readers.h"
 
@@ -25,8 +26,9 @@ absl::Status TakeIntrinsics(const CameraFields& fields, CameraModel& camera) {
   EVPOSE_ASSIGN_OR_RETURN(const std::string model, fields.Word("camera_model"));
   if (model.empty()) return fields.Error("camera_model", "is missing; pinhole is read");
   if (model != "pinhole") {
-    return fields.Error("camera_model",
-                        absl::StrCat("'", model, "' is not supported; calibrate with pinhole-radtan or pinhole-equi"));
+    return fields.Error(
+        "camera_model",
+        absl::StrCat(Quoted(model), " is not supported; calibrate with pinhole-radtan or pinhole-equi"));
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> intrinsics, fields.Numbers("intrinsics"));
   if (intrinsics.size() != 4) {
@@ -55,7 +57,7 @@ absl::Status TakeKalibrDistortion(const CameraFields& fields, CameraModel& camer
     return fields.Error("distortion_model",
                         model.empty()
                             ? std::string("is missing; give radtan, equidistant or none")
-                            : absl::StrCat("'", model, "' is not supported; use radtan, equidistant or none"));
+                            : absl::StrCat(Quoted(model), " is not supported; use radtan, equidistant or none"));
   }
   if (coefficients.size() != 4) {
     return fields.Error("distortion_coeffs",
@@ -71,7 +73,7 @@ bool IsKalibr(const CameraFields& root) { return !CameraNames(root).empty(); }
 
 absl::StatusOr<CameraFile> ReadKalibr(const CameraFields& root, const std::string& file, const std::string& selection) {
   EVPOSE_ASSIGN_OR_RETURN(const std::string name, SelectCamera(CameraNames(root), file, selection));
-  CameraFile result = {.format = "kalibr", .description = absl::StrCat(name, " of Kalibr's camchain")};
+  CameraFile result = {.format = "kalibr", .description = absl::StrCat(Escaped(name), " of Kalibr's camchain")};
   const CameraFields fields = root.Child(name);
   EVPOSE_RETURN_IF_ERROR(TakeIntrinsics(fields, result.camera));
   EVPOSE_RETURN_IF_ERROR(TakeKalibrDistortion(fields, result.camera));

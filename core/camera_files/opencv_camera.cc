@@ -5,6 +5,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_readers.h"
 
@@ -59,10 +60,10 @@ absl::StatusOr<bool> IsFisheye(const CameraFields& fields) {
   const bool is_named_brown = absl::StrContains(model, "rad") || absl::StrContains(model, "plumb") || model == "none";
   if (!is_named_fisheye && !is_named_brown) {
     return fields.Error("distortion_model",
-                        absl::StrCat("'", model, "' is not supported; radial-tangential and ", "equidistant are read"));
+                        absl::StrCat(Quoted(model), " is not supported; radial-tangential and equidistant are read"));
   }
   if (fields.Has(flag) && is_fisheye != is_named_fisheye) {
-    return fields.Error("distortion_model", absl::StrCat("'", model, "' contradicts ", flag));
+    return fields.Error("distortion_model", absl::StrCat(Quoted(model), " contradicts ", flag));
   }
   return is_named_fisheye;
 }
@@ -118,7 +119,7 @@ absl::StatusOr<CameraFile> ReadSettings(const CameraFields& root) {
   EVPOSE_ASSIGN_OR_RETURN(camera.cy_px, root.Number("Camera.cy"));
   EVPOSE_ASSIGN_OR_RETURN(const std::string type, root.Word("Camera.type"));
   if (!type.empty() && type != "PinHole" && type != "KannalaBrandt8") {
-    return root.Error("Camera.type", absl::StrCat("'", type, "' is not supported; use PinHole or KannalaBrandt8"));
+    return root.Error("Camera.type", absl::StrCat(Quoted(type), " is not supported; use PinHole or KannalaBrandt8"));
   }
   const bool is_fisheye = type == "KannalaBrandt8";
   if (is_fisheye) camera.lens_model = LensModel::kFisheye;
@@ -158,7 +159,7 @@ absl::StatusOr<CameraFile> ReadOpenCv(const CameraTree& tree, const CameraFields
   if (!cameras.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(name, SelectCamera(cameras, file, selection));
     result.format = "dv";
-    result.description = absl::StrCat("camera ", name, " of a DV calibration");
+    result.description = absl::StrCat("camera ", Escaped(name), " of a DV calibration");
   }
   const CameraFields fields = name.empty() ? root : root.Child(name);
   EVPOSE_RETURN_IF_ERROR(TakeSize(fields, result.camera));

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_readers.h"
 
@@ -35,9 +36,10 @@ absl::Status TakeRosDistortion(const CameraFields& root, const std::string& key,
   const auto* const found = std::find_if(std::begin(kRosModels), std::end(kRosModels),
                                          [&name](const auto& each) { return name == each.first; });
   if (found == std::end(kRosModels)) {
-    return root.Error("distortion_model",
-                      absl::StrCat("'", name, "' is not supported; use plumb_bob, rational_polynomial, equidistant or ",
-                                   "none: calibrate anew with that model, or undistort the recording"));
+    return root.Error(
+        "distortion_model",
+        absl::StrCat(Quoted(name), " is not supported; use plumb_bob, rational_polynomial, equidistant or ",
+                     "none: calibrate anew with that model, or undistort the recording"));
   }
   camera.lens_model = found->second;
   return TakeDistortion(root, key, coefficients, camera);

@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "core/base/output_file.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -25,7 +26,7 @@ constexpr std::array<absl::string_view, 7> kPoseFields = {"tx", "ty", "tz", "qx"
 absl::StatusOr<double> ParseNumber(absl::string_view field, absl::string_view text) {
   double value = 0.0;
   if (!absl::SimpleAtod(text, &value) || !std::isfinite(value)) {
-    return absl::InvalidArgumentError(absl::StrCat(field, " is not a finite number: \"", text, "\""));
+    return absl::InvalidArgumentError(absl::StrCat(field, " is not a finite number: ", Quoted(text)));
   }
   return value;
 }

@@ -56,6 +56,7 @@ TEST(TumTrajectory, ErrorsNameFileLineAndCause) {
   EXPECT_THAT(ErrorOf("#\n1 0 0 1 0 0 0\n"), StartsWith("poses.tum:2: 7 numbers instead of the 8"));
   EXPECT_THAT(ErrorOf("1 0 0 1 0 0 0 1\n2 0 zero 1 0 0 0 1\n"), StartsWith("poses.tum:2: ty is not a finite number"));
   EXPECT_THAT(ErrorOf("1 0 0 nan 0 0 0 1\n"), StartsWith("poses.tum:1: tz is not a finite number"));
+  EXPECT_LT(ErrorOf("1 0 0 " + std::string(10000, 'x') + " 0 0 0 1\n").size(), 200u);
   EXPECT_THAT(ErrorOf("1 0 0 1 0 0 0 0.99\n"), StartsWith("poses.tum:1: "));
   EXPECT_THAT(ErrorOf("1 0 0 1 0 0 0 1\n1 0 0 1 0 0 0 1\n"), StartsWith("poses.tum:2: time does not increase"));
   EXPECT_THAT(ErrorOf("1e15 0 0 1 0 0 0 1\n"), HasSubstr("give seconds"));

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <exception>
+#include <new>
 #include <vector>
 
 #include "absl/strings/ascii.h"
@@ -159,6 +160,8 @@ absl::StatusOr<NamedTransform> FromYaml(const std::string& text) {
     return FromMap(root);
   } catch (const YAML::Exception& e) {
     return absl::InvalidArgumentError(absl::StrFormat("line %d: not YAML: %s", e.mark.line + 1, e.msg));
+  } catch (const std::bad_alloc&) {
+    throw;  // memory is exhausted: no fault of the file
   } catch (const std::exception& e) {
     return absl::InvalidArgumentError(absl::StrCat("not a transform: ", e.what()));
   }

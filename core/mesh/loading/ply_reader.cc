@@ -12,6 +12,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/model_readers.h"
 #include "core/mesh/loading/text_lines.h"

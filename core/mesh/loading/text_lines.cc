@@ -3,18 +3,12 @@
 
 #include <cmath>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "core/base/quoted.h"
 
 namespace evpose {
-namespace {
-
-// Characters of a word that an error repeats: a hostile file may have a word of megabytes.
-constexpr size_t kMaxQuoted = 40;
-
-}  // namespace
 
 std::optional<absl::string_view> LineReader::Next() {
   if (offset_ >= text_.size()) return std::nullopt;
@@ -36,10 +30,6 @@ void SplitWords(absl::string_view line, std::vector<absl::string_view>& words) {
   for (const absl::string_view word : absl::StrSplit(line, absl::ByAnyChar(" \t"), absl::SkipEmpty())) {
     words.push_back(word);
   }
-}
-
-std::string Quoted(absl::string_view word) {
-  return absl::StrCat("'", absl::CHexEscape(word.substr(0, kMaxQuoted)), "'");
 }
 
 absl::Status LineError(int64_t line_number, absl::string_view what) {

@@ -39,9 +39,6 @@ class LineReader {
 // Replaces `words` by the words of a line, which spaces and tabs separate.
 void SplitWords(absl::string_view line, std::vector<absl::string_view>& words);
 
-// The word in single quotes, shortened for an error text.
-std::string Quoted(absl::string_view word);
-
 // INVALID_ARGUMENT: "line 12: <what>".
 absl::Status LineError(int64_t line_number, absl::string_view what);
 // Adds the line to an error; OK stays OK.
