@@ -3,7 +3,11 @@
 // A decoder that loads a saved state continues with the same output.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
+#include "core/base/state_io.h"
 #include "core/events/events_testing.h"
+#include "core/events/sensor_clock.h"
 
 namespace evpose {
 namespace {
@@ -96,6 +100,53 @@ TEST(DecoderStateTest, ALoadedDecoderContinuesWithTheSameEvents) {
     EXPECT_GT(events.events.size(), 300u) << EncodingName(encoding);
     EXPECT_GT(moved->counts().dropped_events(), 0u) << EncodingName(encoding);
   }
+}
+
+template <typename Clock>
+absl::Status SaveAndLoad(const Clock& clock) {
+  StateWriter writer;
+  writer(clock);
+  const std::string state = writer.Take();
+  StateReader reader(state);
+  Clock loaded;
+  reader(loaded);
+  return reader.Finish();
+}
+
+template <typename Clock>
+Clock ClockAt(auto... fields) {
+  StateWriter writer;
+  writer(fields...);
+  const std::string state = writer.Take();
+  StateReader reader(state);
+  Clock clock;
+  reader(clock);
+  EXPECT_TRUE(reader.Finish().ok()) << reader.status();
+  return clock;
+}
+
+TEST(DecoderStateTest, ClocksDoNotWrapBeyondTheLargestTimeOfAState) {
+  const uint64_t none = 0;
+  const int64_t zero = 0;
+  int64_t near_us = kMaxStateTime_us - 4 * Evt3Clock::kRange_us;
+  auto evt3 = ClockAt<Evt3Clock>(near_us, zero, none, none, true);
+  near_us = kMaxStateTime_us - 4 * Evt2Clock::kRange_us;
+  auto evt2 = ClockAt<Evt2Clock>(near_us, near_us, near_us, none, none, true);
+  near_us = kMaxStateTime_us - 4 * Clock32::kRange_us;
+  auto clock32 = ClockAt<Clock32>(near_us, none, none, true);
+  for (int i = 0; i < 20; ++i) {
+    for (const bool is_high : {true, false}) {
+      evt3.SetHigh(is_high ? 0xfff : 0);
+      evt3.SetLow(0xfff);
+      evt2.SetHigh(is_high ? 0xfffffff : 0);
+      evt2.SetLow(63);
+      for (uint32_t quarter = 0; quarter < 4; ++quarter) clock32.Set(quarter << 30);
+      EXPECT_TRUE(SaveAndLoad(evt3).ok() && SaveAndLoad(evt2).ok() && SaveAndLoad(clock32).ok()) << i;
+      EXPECT_LT(std::max({evt3.now_us(), evt2.now_us(), clock32.now_us()}), kMaxStateTime_us - (1 << 23));
+    }
+  }
+  EXPECT_EQ(evt3.wraps(), 2u);
+  EXPECT_EQ(evt2.wraps(), 2u);
 }
 
 TEST(DecoderStateTest, TruncatedStatesAreRefused) {

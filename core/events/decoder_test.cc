@@ -6,8 +6,10 @@
 
 #include <algorithm>
 #include <numeric>
+#include <utility>
 
 #include "core/events/events_testing.h"
+#include "core/events/time_scanner.h"
 
 namespace evpose {
 namespace {
@@ -274,6 +276,44 @@ TEST(DatDecoderTest, EventsAndEdges) {
   EXPECT_THAT(decoded.out.events,
               ElementsAre(Event{3, 639, 479, 1}, Event{0xffffffff, 1, 2, 0}, Event{(int64_t{1} << 32) + 2, 3, 4, 0}));
   EXPECT_EQ(decoded.counts, (DecodeCounts{.cd_events = 3, .dropped_outside_sensor = 1, .clock_wraps = 1}));
+}
+
+// The time after these words, and after further ones that follow a loss.
+template <typename Word>
+std::vector<int64_t> ScannedTimes(Encoding encoding, const std::vector<Word>& before, const std::vector<Word>& after) {
+  constexpr int64_t kUnlimited_us = int64_t{1} << 50;
+  TimeScanner scanner(encoding);
+  std::vector<int64_t> times;
+  for (const std::vector<Word>& words : {before, after}) {
+    if (&words != &before) scanner.ResetAfterLoss();
+    const std::vector<uint8_t> bytes = BytesOf(words);
+    for (size_t i = 0; i < words.size(); ++i) scanner.Scan(bytes.data() + i * sizeof(Word), 1, kUnlimited_us);
+    times.push_back(scanner.now_us());
+  }
+  return times;
+}
+
+TEST(TimeScannerTest, WaitsAfterALossLikeTheDecoders) {
+  const std::vector<uint16_t> start = {Evt3(8, 1), Evt3(6, 5)};
+  const std::vector<std::pair<std::vector<uint16_t>, int64_t>> continuations = {
+      {{Evt3(6, 0x900)}, 4101},                                              // TIME_LOW without TIME_HIGH
+      {{Evt3(4, 1), Evt3(8, 2), Evt3(6, 7)}, 8199},                          // VECT_12 hides no time
+      {{Evt3(8, 2), Evt3(4, 1), Evt3(6, 7)}, 8199},                          // nor before TIME_LOW
+      {{Evt3(8, 2), Evt3(6, 7), Evt3(4, 1), Evt3(6, 8), Evt3(6, 9)}, 8199},  // then it does
+  };
+  for (const auto& [after, expected_us] : continuations) {
+    EXPECT_EQ(ScannedTimes<uint16_t>(Encoding::kEvt3, start, after).at(1), expected_us);
+  }
+  EXPECT_EQ(ScannedTimes<uint32_t>(Encoding::kEvt2, {Evt2(8, 2), Evt2Cd(1, 3, 0, 0)}, {Evt2Cd(1, 60, 0, 0)}),
+            (std::vector<int64_t>{131, 131}));
+  EXPECT_EQ(ScannedTimes<uint32_t>(Encoding::kEvt2, {Evt2(8, 2)}, {Evt2(8, 3), Evt2Cd(1, 60, 0, 0)}),
+            (std::vector<int64_t>{128, 252}));
+}
+
+TEST(TimeScannerTest, UnknownWordsOfFlat64HaveNoTime) {
+  const uint64_t event = uint64_t{1000} << 32, unknown = uint64_t{5'000'000} << 32 | 4;
+  EXPECT_EQ(DecodeAll(Encoding::kFlat64, kVga, BytesOf<uint64_t>({unknown})).counts.unknown_words, 1u);
+  EXPECT_EQ(ScannedTimes<uint64_t>(Encoding::kFlat64, {event, unknown}, {}).at(1), 1000);
 }
 
 TEST(TimeMarksTest, Evt3MarksAPassedMillisecond) {

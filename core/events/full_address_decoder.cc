@@ -5,11 +5,10 @@
 
 #include "core/events/sensor_clock.h"
 #include "core/events/word_decoder.h"
+#include "core/events/word_types.h"
 
 namespace evpose {
 namespace {
-
-enum class WordKind : uint8_t { kEvent, kTrigger, kUnknown };
 
 // The fields of a word. The column of a trigger is the number of its input.
 struct FullAddress {
@@ -29,16 +28,10 @@ struct DatLayout {
   }
 };
 
-// FLAT64: from the highest bit t_us:32, x:14, y:14, 0:2, trigger:1, p:1.
 struct Flat64Layout {
-  // A trigger has a row of 0 and a number of 8 bits in the column.
-  static WordKind Kind(uint64_t word) {
-    if ((word & 0xe) == 0) return WordKind::kEvent;
-    return (word & 0xfc03fffc) == 0 ? WordKind::kTrigger : WordKind::kUnknown;
-  }
   static FullAddress Parse(uint64_t word) {
     return {static_cast<uint32_t>(word >> 32), static_cast<uint32_t>(word >> 18) & 0x3fff,
-            static_cast<uint32_t>(word >> 4) & 0x3fff, static_cast<uint8_t>(word & 1), Kind(word)};
+            static_cast<uint32_t>(word >> 4) & 0x3fff, static_cast<uint8_t>(word & 1), Flat64Kind(word)};
   }
 };
 

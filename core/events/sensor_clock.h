@@ -12,9 +12,15 @@
 
 namespace evpose {
 
+// No time of a clock is larger, whatever the words: a state that is saved can be loaded, and no sum overflows. A range
+// of wraps below kMaxStateTime_us, so that times that are derived from it stay below that limit, too.
+constexpr int64_t MaxClockTime_us(int64_t range_us) { return kMaxStateTime_us - range_us; }
+
 // EVT3: 12 bits of TIME_HIGH and 12 of TIME_LOW; wraps every 16.8 s.
 class Evt3Clock {
  public:
+  static constexpr int64_t kRange_us = int64_t{1} << 24;
+
   bool started() const { return started_; }
   int64_t now_us() const { return base_us_ + low_us_; }
   // The time of TIME_HIGH alone.
@@ -22,13 +28,13 @@ class Evt3Clock {
   uint64_t wraps() const { return wraps_; }
   uint64_t backsteps() const { return backsteps_; }
 
-  // Returns false if the time stepped back. A step back by half the counter's range or more is a wrap. A new TIME_HIGH
-  // sets TIME_LOW to 0; the same one again changes nothing.
+  // Returns false if the time stepped back. A step back by half the counter's range or more is a wrap, except beyond
+  // the largest time. A new TIME_HIGH sets TIME_LOW to 0; the same one again changes nothing.
   bool SetHigh(int64_t high) {
     const int64_t previous_high = (base_us_ >> 12) & 0xfff;
     if (started_ && high == previous_high) return true;
     const int64_t before_us = started_ ? now_us() : 0;
-    const bool wraps = started_ && previous_high >= 2048 + high;
+    const bool wraps = started_ && previous_high >= 2048 + high && base_us_ < MaxClockTime_us(2 * kRange_us);
     wraps_ += wraps;
     base_us_ = (((base_us_ >> 24) + wraps) << 24) | (high << 12);
     low_us_ = 0;
@@ -76,7 +82,8 @@ class Evt2Clock {
   bool SetHigh(int64_t high) {
     int64_t base_us = epoch_us_ + (high << 6);
     if (started_ && base_us == base_us_) return true;
-    if (started_ && base_us_ - base_us >= kRange_us - 64 - kWrapTolerance_us) {
+    if (started_ && base_us_ - base_us >= kRange_us - 64 - kWrapTolerance_us &&
+        base_us_ < MaxClockTime_us(2 * kRange_us)) {
       epoch_us_ += kRange_us;
       base_us += kRange_us;
       ++wraps_;
@@ -132,6 +139,7 @@ class Clock32 {
     const auto step_us = static_cast<int32_t>(t_us - static_cast<uint32_t>(now_us_));
     int64_t next_us = now_us_ + step_us;
     if (next_us < 0) next_us += kRange_us;  // no time is negative: a large step forward instead
+    if (next_us > MaxClockTime_us(kRange_us)) next_us -= kRange_us;  // or beyond the largest time: a step back instead
     const bool forward = next_us >= now_us_;
     backsteps_ += !forward;
     wraps_ = std::max(wraps_, static_cast<uint64_t>(next_us >> 32));

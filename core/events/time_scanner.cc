@@ -5,6 +5,13 @@
 #include "core/events/word_types.h"
 
 namespace evpose {
+
+void TimeScanner::ResetAfterLoss() {
+  vector_words_to_skip_ = 0;
+  wait_ = Wait::kTimeHigh;
+  needs_time_low_ = encoding_ == Encoding::kEvt3;
+}
+
 bool TimeScanner::AdvanceTo(int64_t now_us, int64_t max_duration_us) {
   now_us_ = now_us;
   // After a step back the duration starts again.
@@ -21,9 +28,9 @@ TimeScanner::Result TimeScanner::Scan(const uint8_t* words, size_t num_words, in
     case Encoding::kEvt2:
       return ScanEvt2<uint32_t>(words, num_words, max_duration_us);
     case Encoding::kDat:
-      return ScanFullTime(words, num_words, max_duration_us, 0);
+      return ScanDat(words, num_words, max_duration_us);
     case Encoding::kFlat64:
-      return ScanFullTime(words, num_words, max_duration_us, 32);
+      return ScanFlat64(words, num_words, max_duration_us);
   }
   return {};
 }
@@ -35,8 +42,10 @@ TimeScanner::Result TimeScanner::ScanEvt3(const uint8_t* words, size_t num_words
     if (vector_words_to_skip_ > 0) {
       --vector_words_to_skip_;
     } else if (type == evt3::kVect12) {
-      vector_words_to_skip_ = evt3_clock_.started() ? 2 : 0;
-    } else if (type == evt3::kTimeHigh || (type == evt3::kTimeLow && evt3_clock_.started())) {
+      vector_words_to_skip_ = wait_ == Wait::kNothing ? 2 : 0;
+    } else if (type == evt3::kTimeHigh || (type == evt3::kTimeLow && wait_ != Wait::kTimeHigh)) {
+      const bool needs_low = type == evt3::kTimeHigh && wait_ != Wait::kNothing && needs_time_low_;
+      wait_ = needs_low ? Wait::kTimeLow : Wait::kNothing;
       const uint32_t content = word & 0xfff;
       type == evt3::kTimeHigh ? evt3_clock_.SetHigh(content) : evt3_clock_.SetLow(content);
       if (AdvanceTo(evt3_clock_.now_us(), max_duration_us)) return {i + 1, true};
@@ -50,7 +59,7 @@ TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words
   // The low time bits of the last event. The clock needs them only before the next TIME_HIGH and at the end.
   int64_t low_us = -1;
   const auto apply_low = [&] {
-    if (low_us >= 0 && evt2_clock_.started()) {
+    if (low_us >= 0 && wait_ == Wait::kNothing) {
       evt2_clock_.SetLow(low_us);
       now_us_ = evt2_clock_.now_us();
     }
@@ -64,6 +73,7 @@ TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words
     } else if (type == evt2::kTimeHigh) {
       apply_low();
       evt2_clock_.SetHigh(word & 0xfffffff);
+      wait_ = Wait::kNothing;
       if (AdvanceTo(evt2_clock_.now_us(), max_duration_us)) return {i + 1, true};
     }
   }
@@ -71,10 +81,19 @@ TimeScanner::Result TimeScanner::ScanEvt2(const uint8_t* words, size_t num_words
   return {num_words, false};
 }
 
-TimeScanner::Result TimeScanner::ScanFullTime(const uint8_t* words, size_t num_words, int64_t max_duration_us,
-                                              int time_shift) {
+TimeScanner::Result TimeScanner::ScanDat(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
   for (size_t i = 0; i < num_words; ++i) {
-    clock32_.Set(static_cast<uint32_t>(LoadWord<uint64_t>(words + 8 * i) >> time_shift));
+    clock32_.Set(static_cast<uint32_t>(LoadWord<uint64_t>(words + 8 * i)));
+    if (AdvanceTo(clock32_.now_us(), max_duration_us)) return {i + 1, true};
+  }
+  return {num_words, false};
+}
+
+TimeScanner::Result TimeScanner::ScanFlat64(const uint8_t* words, size_t num_words, int64_t max_duration_us) {
+  for (size_t i = 0; i < num_words; ++i) {
+    const auto word = LoadWord<uint64_t>(words + 8 * i);
+    if (Flat64Kind(word) == WordKind::kUnknown) continue;
+    clock32_.Set(static_cast<uint32_t>(word >> 32));
     if (AdvanceTo(clock32_.now_us(), max_duration_us)) return {i + 1, true};
   }
   return {num_words, false};

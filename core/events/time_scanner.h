@@ -28,7 +28,7 @@ class TimeScanner {
   void BeginChunk() { chunk_start_us_ = now_us_; }
 
   // Bytes were lost before the next word.
-  void ResetAfterLoss() { vector_words_to_skip_ = 0; }
+  void ResetAfterLoss();
 
   // The current time, equal to that of a decoder of the same words; -1 before the first time word.
   int64_t now_us() const { return now_us_; }
@@ -37,7 +37,8 @@ class TimeScanner {
   Result ScanEvt3(const uint8_t* words, size_t num_words, int64_t max_duration_us);
   template <typename Word>
   Result ScanEvt2(const uint8_t* words, size_t num_words, int64_t max_duration_us);
-  Result ScanFullTime(const uint8_t* words, size_t num_words, int64_t max_duration_us, int time_shift);
+  Result ScanDat(const uint8_t* words, size_t num_words, int64_t max_duration_us);
+  Result ScanFlat64(const uint8_t* words, size_t num_words, int64_t max_duration_us);
 
   // Sets the current time; true if the chunk has reached its duration.
   bool AdvanceTo(int64_t now_us, int64_t max_duration_us);
@@ -46,6 +47,11 @@ class TimeScanner {
   Evt3Clock evt3_clock_;
   Evt2Clock evt2_clock_;
   Clock32 clock32_;
+  // As in the decoders: without a TIME_HIGH since the start or a loss, other words have no known time. After a loss,
+  // EVT3 also needs a TIME_LOW.
+  enum class Wait { kTimeHigh, kTimeLow, kNothing };
+  Wait wait_ = Wait::kTimeHigh;
+  bool needs_time_low_ = false;
   int vector_words_to_skip_ = 0;
   int64_t now_us_ = -1;
   int64_t chunk_start_us_ = -1;

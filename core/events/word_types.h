@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The word types of Prophesee's raw formats, the top four bits of each word (core/events/README.md, section 1).
+// The types of the words of the formats (core/events/README.md, section 1). Those of Prophesee's raw formats are the
+// top four bits of each word.
 #pragma once
 
 #include <cstdint>
@@ -38,5 +39,15 @@ enum WordType : uint32_t {
 };
 inline constexpr uint32_t kPaddingContent = 0x999;
 }  // namespace evt3
+
+// A kind of word of the formats in which each word is a complete event: DAT and FLAT64.
+enum class WordKind : uint8_t { kEvent, kTrigger, kUnknown };
+
+// FLAT64: from the highest bit t_us:32, x:14, y:14, 0:2, trigger:1, p:1. A trigger has a row of 0 and a number of 8
+// bits in the column.
+inline WordKind Flat64Kind(uint64_t word) {
+  if ((word & 0xe) == 0) return WordKind::kEvent;
+  return (word & 0xfc03fffc) == 0 ? WordKind::kTrigger : WordKind::kUnknown;
+}
 
 }  // namespace evpose
