@@ -70,6 +70,28 @@ void AddNoticeOf(size_t count, absl::string_view thing, absl::string_view what, 
 
 }  // namespace
 
+size_t DropUnusedPoints(RawMesh& mesh) {
+  constexpr uint32_t kUnused = ~0u;
+  std::vector<uint32_t> index(mesh.points.size(), kUnused);
+  const auto for_each_index = [&mesh](const auto& visit) {
+    for (auto& triangle : mesh.triangles) std::for_each(triangle.begin(), triangle.end(), visit);
+    for (auto& line : mesh.lines) std::for_each(line.begin(), line.end(), visit);
+    for (ExactEdge& edge : mesh.exact_edges) std::for_each(edge.points.begin(), edge.points.end(), visit);
+  };
+  for_each_index([&index](uint32_t point) { index[point] = 0; });
+  uint32_t num_used = 0;
+  for (size_t i = 0; i < mesh.points.size(); ++i) {
+    if (index[i] == kUnused) continue;
+    index[i] = num_used;
+    mesh.points[num_used++] = mesh.points[i];
+  }
+  const size_t num_unused = mesh.points.size() - num_used;
+  if (num_unused == 0) return 0;
+  mesh.points.resize(num_used);
+  for_each_index([&index](uint32_t& point) { point = index[point]; });
+  return num_unused;
+}
+
 RepairReport RepairMesh(RawMesh& mesh) {
   RepairReport report;
   const double tolerance_m = RepairTolerance(mesh);
@@ -105,7 +127,7 @@ RepairReport RepairMesh(RawMesh& mesh) {
 }
 
 void DescribeRepair(const RepairReport& report, std::vector<std::string>& notices) {
-  AddNoticeOf(report.merged_points, "point", "merged with others within the tolerance of welding", notices);
+  AddNoticeOf(report.merged_points, "point", "merged with others within the tolerance", notices);
   AddNoticeOf(report.degenerate_triangles, "triangle", "without area dropped", notices);
   AddNoticeOf(report.duplicate_triangles, "duplicate triangle", "dropped", notices);
   AddNoticeOf(report.empty_lines, "line", "of length zero dropped", notices);

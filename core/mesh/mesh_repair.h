@@ -12,6 +12,10 @@
 
 namespace evpose {
 
+// Removes the points that no triangle, line or exact edge uses, such as loose vertices of a PLY file, which would
+// enlarge the object. The others keep their order. Returns the number of removed points.
+size_t DropUnusedPoints(RawMesh& mesh);
+
 struct RepairReport {
   size_t merged_points = 0;          // moved to another point; equal points do not count
   size_t split_edges = 0;            // sides of triangles that were split at a vertex of another triangle

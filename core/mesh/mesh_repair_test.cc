@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <iterator>
@@ -269,6 +270,22 @@ TEST(RepairMeshTest, ABodyWithTwoSidesEverywhereKeepsOneSide) {
   EXPECT_TRUE(report.is_oriented);
 }
 
+TEST(DropUnusedPointsTest, PointsOfTrianglesLinesAndExactEdgesStay) {
+  RawMesh mesh;
+  for (int i = 0; i < 9; ++i) mesh.points.emplace_back(i, 0.0, 0.0);
+  mesh.triangles = {{1, 2, 4}};
+  mesh.lines = {{4, 6}};
+  mesh.exact_edges.resize(1);
+  mesh.exact_edges[0].points = {7, 1};
+  EXPECT_EQ(DropUnusedPoints(mesh), 4u);
+  ASSERT_EQ(mesh.points.size(), 5u);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(mesh.points[i].x(), (std::array{1, 2, 4, 6, 7})[i]);
+  EXPECT_EQ(mesh.triangles[0], (std::array<uint32_t, 3>{0, 1, 2}));
+  EXPECT_EQ(mesh.lines[0], (std::array<uint32_t, 2>{2, 3}));
+  EXPECT_EQ(mesh.exact_edges[0].points, (std::vector<uint32_t>{4, 0}));
+  EXPECT_EQ(DropUnusedPoints(mesh), 0u);
+}
+
 TEST(DescribeRepairTest, EachRepairIsReported) {
   RepairReport report;
   report.merged_points = 1;
@@ -277,11 +294,10 @@ TEST(DescribeRepairTest, EachRepairIsReported) {
   report.duplicate_triangles = 4;
   report.overlapping_triangles = 5;
   report.is_complete = false;
-  EXPECT_THAT(
-      NoticesOf(report),
-      ElementsAre("1 point merged with others within the tolerance of welding", "3 triangles without area dropped",
-                  "4 duplicate triangles dropped", "2 edges split at vertices of other triangles",
-                  HasSubstr("5 overlapping triangles dropped"), HasSubstr("more faults than are repaired")));
+  EXPECT_THAT(NoticesOf(report),
+              ElementsAre("1 point merged with others within the tolerance", "3 triangles without area dropped",
+                          "4 duplicate triangles dropped", "2 edges split at vertices of other triangles",
+                          HasSubstr("5 overlapping triangles dropped"), HasSubstr("more faults than are repaired")));
 }
 
 TEST(NoteImplausibleSizeTest, NamesTheSizeAndTheProbableScale) {

@@ -190,7 +190,7 @@ TEST(BadModelTest, SizesThatOnlyAWrongUnitExplains) {
   for (const double metres_per_unit : {1e-150, 1e-7, 1e4, 1e150}) {
     options.metres_per_unit = metres_per_unit;
     EXPECT_THAT(ErrorOf(Cube(), ModelFormat::kObj, options),
-                HasSubstr("models of 0.001 mm to 10 km are accepted: check its unit"));
+                HasSubstr("models of 1 micrometres to 10 km are accepted: check its unit"));
   }
   for (const double metres_per_unit : {1e-5, 1e3}) {
     options.metres_per_unit = metres_per_unit;
@@ -260,6 +260,27 @@ TEST(BadModelTest, DamagedFilesDoNotCrash) {
   }
   EXPECT_GT(accepted, 100);
   EXPECT_GT(refused, 100);
+}
+
+TEST(BadModelTest, AFormatOfTheApiIsNotParsed) {
+  EXPECT_EQ(Parse(EVPOSE_STL "endsolid a\n", ModelFormat::kMesh).status().code(), absl::StatusCode::kInvalidArgument);
+}
+
+TEST(BadModelTest, PointsWithoutAFaceAreNoPartOfTheObject) {
+  const std::string faces = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n";
+  const auto ply = [](int vertices, const std::string& body) {
+    return absl::StrCat("ply\nformat ascii 1.0\nelement vertex ", vertices, "\n" EVPOSE_PLY_XYZ,
+                        "element face 4\nproperty list uchar int vertex_indices\nend_header\n", body);
+  };
+  const auto expected = Parse(ply(4, faces), ModelFormat::kPly);
+  const std::string shifted = "100 0 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 1 3 2\n3 1 2 4\n3 2 3 4\n3 3 1 4\n";
+  const auto model = Parse(ply(5, shifted), ModelFormat::kPly);
+  ASSERT_TRUE(expected.ok() && model.ok()) << model.status();
+  EXPECT_EQ(model->diameter_m, expected->diameter_m);
+  EXPECT_EQ(model->vertices, expected->vertices);
+  EXPECT_EQ(model->triangles, expected->triangles);
+  EXPECT_THAT(model->notices, ::testing::Contains("1 point that no face or line uses dropped"));
+  EXPECT_THAT(model->notices, ::testing::Not(::testing::Contains(HasSubstr("largest side"))));
 }
 
 TEST(BadModelTest, GarbageDoesNotCrash) {

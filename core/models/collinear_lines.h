@@ -13,8 +13,8 @@
 
 namespace evpose {
 
-// Maximum distance of a line from the straight line that it is part of, relative to the model's size: ten times the
-// tolerance of welding. Edges of a mesh are joined with the same tolerance.
+// Maximum distance of a line from the straight line that it is part of, relative to the model's size: that within
+// which RepairMesh() merges points. Edges of a mesh are joined with the same tolerance.
 inline constexpr double kCollinearTolerance = 1e-5;
 // Normals with at least this cosine are one in the list of a line: 0.1 degree, above the rounding errors of small
 // faces.

@@ -14,7 +14,7 @@
 namespace evpose {
 
 // Edges of the surface as lines, with the normals of all their faces. Collinear edges that continue each other are
-// joined. `mesh` must be welded.
+// joined. The points of `mesh` must be merged (MergePoints()).
 std::vector<ModelLine> StraightLines(const RawMesh& mesh, absl::Span<const MeshEdge> edges);
 
 // The line elements with the normals of the faces on which they lie: the normals of both faces along an edge (one if

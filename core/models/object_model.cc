@@ -12,6 +12,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/counted.h"
+#include "core/base/length_text.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/spiral_direction.h"
@@ -48,22 +49,17 @@ constexpr size_t kMaxExactDiameterPoints = 2048;
 
 // The elements of the file in its order.
 absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options) {
-  const auto read = format == ModelFormat::kObj ? ReadObj : format == ModelFormat::kPly ? ReadPly : ReadStl;
-  EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, read(bytes, {options.max_triangles}));
-  return mesh;
-}
-
-// A length in a unit in which it has few digits.
-std::string LengthText(double length_m) {
-  struct Unit {
-    double metres;
-    const char* name;
-  };
-  constexpr Unit kUnits[] = {{1e3, "km"}, {1.0, "m"}};
-  for (const Unit& unit : kUnits) {
-    if (length_m >= unit.metres) return absl::StrFormat("%.4g %s", length_m / unit.metres, unit.name);
+  switch (format) {
+    case ModelFormat::kObj:
+      return ReadObj(bytes, {options.max_triangles});
+    case ModelFormat::kPly:
+      return ReadPly(bytes, {options.max_triangles});
+    case ModelFormat::kStl:
+      return ReadStl(bytes, {options.max_triangles});
+    case ModelFormat::kMesh:
+      break;
   }
-  return absl::StrFormat("%.4g mm", length_m * 1e3);
+  return absl::InvalidArgumentError("the format is none of OBJ, PLY and STL");
 }
 
 absl::Status CheckExtent(const RawMesh& raw) {
@@ -76,7 +72,7 @@ absl::Status CheckExtent(const RawMesh& raw) {
   if (!(diagonal_m >= kMinSizeM && diagonal_m <= kMaxSizeM)) {
     return absl::InvalidArgumentError(
         absl::StrFormat("the model's size is %s; models of %s to %s are accepted: check its unit (--scale)",
-                        LengthText(diagonal_m), LengthText(kMinSizeM), LengthText(kMaxSizeM)));
+                        FormatLength(diagonal_m), FormatLength(kMinSizeM), FormatLength(kMaxSizeM)));
   }
   if (offset_m > kMaxRelativeOffset * diagonal_m) {
     return absl::InvalidArgumentError(absl::StrFormat(
@@ -159,7 +155,7 @@ void NoteJoints(const SurfaceEdges& surface, ObjectModel& model) {
   if (num_edges == 0) return;
   model.notices.push_back(absl::StrFormat(
       "%s at gaps of less than %s between flush parts left out: such lines are too narrow to be seen",
-      Counted(num_edges, "edge of the mesh", "edges of the mesh"), LengthText(kJointGap * model.diameter_m)));
+      Counted(num_edges, "edge of the mesh", "edges of the mesh"), FormatLength(kJointGap * model.diameter_m)));
 }
 
 // The edges of the model: the line elements, and those of the surface unless the line elements are all.
@@ -199,17 +195,20 @@ absl::Status CheckIsSurface(const RepairReport& repair, size_t num_triangles) {
       num_triangles, repair.shells));
 }
 
-// For a mesh in metres.
+// For a mesh in metres. `unit_is_stated`: the unit is known, whatever the size.
 absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step,
-                                            std::vector<std::string> notices) {
+                                            bool unit_is_stated) {
   if (mesh.triangles.empty() && mesh.lines.empty()) {
     return absl::InvalidArgumentError(
         "the model file has no line and no face: export the faces of the object, or check that the file is complete");
   }
+  ObjectModel model;
+  if (const size_t unused = DropUnusedPoints(mesh); unused > 0) {
+    model.notices.push_back(absl::StrCat(Counted(unused, "point"), " that no face or line uses dropped"));
+  }
+  if (!unit_is_stated) NoteImplausibleSize(mesh, options.metres_per_unit, model.notices);
   EVPOSE_RETURN_IF_ERROR(CheckExtent(mesh));
   const bool has_line_elements = !mesh.lines.empty();
-  ObjectModel model;
-  model.notices = std::move(notices);
   on_step("repairing the mesh");
   const RepairReport repair = RepairMesh(mesh);
   EVPOSE_RETURN_IF_ERROR(CheckIsSurface(repair, mesh.triangles.size()));
@@ -253,7 +252,7 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
 absl::StatusOr<ObjectModel> BuildObjectModel(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   ScaleMesh(options.metres_per_unit, mesh);
-  return BuildFromMetres(std::move(mesh), options, on_step, {});
+  return BuildFromMetres(std::move(mesh), options, on_step, true);
 }
 
 absl::Status ModelOptions::Validate() const {
@@ -278,9 +277,7 @@ absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, Mo
   on_step("reading the file");
   EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, ReadMesh(bytes, format, options));
   ScaleMesh(options.metres_per_unit, mesh);
-  std::vector<std::string> notices;
-  NoteImplausibleSize(mesh, options.metres_per_unit, notices);
-  return BuildFromMetres(std::move(mesh), options, on_step, std::move(notices));
+  return BuildFromMetres(std::move(mesh), options, on_step, false);
 }
 
 absl::StatusOr<ModelFormat> ModelFormatFromPath(const std::string& path) {

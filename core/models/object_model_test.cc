@@ -91,7 +91,7 @@ TEST(ObjectModelTest, CubeFromStl) {
   ExpectIsUnitCube(MustParse(BinaryStl(cube), ModelFormat::kStl));
 }
 
-TEST(ObjectModelTest, StlCornersThatDifferByARoundingAreWelded) {
+TEST(ObjectModelTest, StlCornersThatDifferByARoundingAreMerged) {
   const std::string stl = AsciiStl(MustParse(Cube()));
   std::string shaken;
   int count = 0;

@@ -41,6 +41,15 @@ TEST(ObjReaderTest, VerticesAreThoseInUseInTheOrderOfFirstUse) {
   EXPECT_THAT(mesh.triangles, ElementsAre(Triangle{2, 1, 0}, Triangle{3, 0, 2}));
 }
 
+TEST(StlReaderTest, BlankLinesAndUpperCase) {
+  const std::string stl =
+      "\n  \r\n SOLID a\nFACET NORMAL 0 0 1\nOuter Loop\nVERTEX 1 2 3\nvertex 0 0 0\nvertex 1 0 0\nENDLOOP\n"
+      "EndFacet\nENDSOLID a\n";
+  const RawMesh mesh = MustRead(ReadStl, stl);
+  EXPECT_THAT(mesh.triangles, SizeIs(1));
+  EXPECT_THAT(mesh.points, SizeIs(3));
+}
+
 TEST(ReadersTest, CoordinatesAreCorrectlyRounded) {
   // The third has the 17 digits of a double that is halfway between two floats: the even one is nearest.
   const std::string point = "0.440789347 1.23456789e+01 -1.0000000596046448";

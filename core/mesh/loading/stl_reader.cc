@@ -4,6 +4,7 @@
 #include <optional>
 #include <vector>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -47,7 +48,7 @@ absl::StatusOr<RawMesh> ReadBinaryStl(absl::Span<const uint8_t> bytes, ElementCo
   return mesh;
 }
 
-// A line of an ASCII facet: its words, and how many numbers follow them.
+// A line of an ASCII facet: its words, in upper or lower case, and how many numbers follow them.
 struct StlStatement {
   absl::string_view words;
   size_t numbers;
@@ -58,8 +59,9 @@ constexpr StlStatement kStlFacet[] = {{"facet normal", 3}, {"outer loop", 0}, {k
 
 absl::Status ReadStlStatement(const StlStatement& expected, const std::vector<absl::string_view>& words,
                               int64_t line_number, RawMesh& mesh) {
-  const bool matches = words.size() > expected.numbers &&
-                       absl::StrJoin(words.begin(), words.end() - expected.numbers, " ") == expected.words;
+  const bool matches =
+      words.size() > expected.numbers &&
+      absl::EqualsIgnoreCase(absl::StrJoin(words.begin(), words.end() - expected.numbers, " "), expected.words);
   if (!matches) {
     return LineError(line_number, absl::StrCat("STL: expected '", expected.words, "'",
                                                expected.numbers > 0 ? " and 3 numbers" : ""));
@@ -82,7 +84,7 @@ absl::StatusOr<RawMesh> ReadAsciiStl(absl::string_view text, ElementCounter coun
   while (const std::optional<absl::string_view> line = lines.Next()) {
     SplitWords(*line, words);
     if (words.empty()) continue;
-    if (step == 0 && words[0] == (in_solid ? "endsolid" : "solid")) {
+    if (step == 0 && absl::EqualsIgnoreCase(words[0], in_solid ? "endsolid" : "solid")) {
       in_solid = !in_solid;
       continue;
     }
@@ -112,7 +114,8 @@ absl::StatusOr<RawMesh> ReadStl(absl::Span<const uint8_t> bytes, const MeshLimit
         "binary STL: the header states %s, which take %d bytes, but the file has %d: it is incomplete or no STL file",
         Counted(facets, "facet"), kStlHeaderBytes + kStlFacetBytes * facets, bytes.size()));
   }
-  if (absl::StartsWith(AsText(bytes), "solid")) return ReadAsciiStl(AsText(bytes), ElementCounter(limits));
+  if (absl::StartsWithIgnoreCase(absl::StripLeadingAsciiWhitespace(AsText(bytes)), "solid"))
+    return ReadAsciiStl(AsText(bytes), ElementCounter(limits));
   return absl::InvalidArgumentError(
       "not an STL file: it neither begins with 'solid' nor has the size that its binary header gives");
 }
