@@ -15,6 +15,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/strings/string_view.h"
 #include "absl/strings/strip.h"
+#include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 
 namespace evpose {
@@ -200,7 +201,7 @@ class HeaderReader {
     if (value == "3.0" || value == "3") return SetEncoding(Encoding::kEvt3, line);
     if (value == "2.1") return SetEncoding(Encoding::kEvt21, line);
     if (value == "2.0" || value == "2") return SetEncoding(Encoding::kEvt2, line);
-    return LineError(line, absl::StrCat("EVT ", value, " is not supported: only 3.0, 2.1 and 2.0 are"));
+    return LineError(line, absl::StrCat("EVT ", Escaped(value), " is not supported: only 3.0, 2.1 and 2.0 are"));
   }
 
   // A value such as "EVT3;height=720;width=1280".
@@ -228,14 +229,15 @@ class HeaderReader {
       if (absl::EqualsIgnoreCase(name, std::string(EncodingName(encoding)))) return SetEncoding(encoding, line);
     }
     if (absl::EqualsIgnoreCase(name, "EVT21")) return SetEncoding(Encoding::kEvt21, line);
-    return LineError(
-        line, absl::StrCat("the format '", name, "' is not supported: only EVT3, EVT21, EVT2, DAT and FLAT64 are"));
+    return LineError(line, absl::StrCat("the format ", Quoted(name),
+                                        " is not supported: only EVT3, EVT21, EVT2, DAT and FLAT64 are"));
   }
 
   absl::Status ReadGeometry(absl::string_view value, int line) {
     const std::vector<absl::string_view> parts = absl::StrSplit(value, 'x');
     if (parts.size() != 2) {
-      return LineError(line, absl::StrCat("the geometry '", value, "' cannot be read: it should be like 1280x720"));
+      return LineError(line,
+                       absl::StrCat("the geometry ", Quoted(value), " cannot be read: it should be like 1280x720"));
     }
     EVPOSE_RETURN_IF_ERROR(SetSize("width", parts[0], line, width_));
     return SetSize("height", parts[1], line, height_);
@@ -276,7 +278,7 @@ class HeaderReader {
                               std::optional<Stated<int>>& size) {
     int pixels = 0;
     if (!absl::SimpleAtoi(text, &pixels) || pixels <= 0) {
-      return LineError(line, absl::StrCat("the ", what, " '", text, "' is not a positive number of pixels"));
+      return LineError(line, absl::StrCat("the ", what, " ", Quoted(text), " is not a positive number of pixels"));
     }
     return SetOnce(what, pixels, line, size);
   }

@@ -199,6 +199,9 @@ TEST(RecordingHeaderTest, ErrorsNameTheLine) {
       {"no header\n", "there is no header"},
   };
   for (const Case& wrong : cases) EXPECT_THAT(ErrorOf(wrong.text), HasSubstr(wrong.message)) << wrong.text;
+  for (const char* key : {"evt", "format", "geometry", "format EVT3;height=1;width="}) {
+    EXPECT_LT(ErrorOf("% " + std::string(key) + " " + std::string(5000, 'x') + "\n").size(), 300u) << key;
+  }
 }
 
 TEST(RecordingHeaderTest, WaitsForMoreOfAPrefix) {
