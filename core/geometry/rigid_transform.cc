@@ -16,9 +16,9 @@ constexpr double kSeriesAngle2 = 0.0625;
 
 // Coefficients of Hat(r) and Hat(r)^2 in the exponential and in its left Jacobian.
 struct RodriguesCoefficients {
-  double sin_over_angle;         // sin(theta) / theta
-  double one_minus_cos_over_2;   // (1 - cos(theta)) / theta^2
-  double angle_minus_sin_over3;  // (theta - sin(theta)) / theta^3
+  double sin_over_angle;               // sin(theta) / theta
+  double one_minus_cos_over_angle2;    // (1 - cos(theta)) / theta^2
+  double angle_minus_sin_over_angle3;  // (theta - sin(theta)) / theta^3
 };
 
 RodriguesCoefficients ComputeRodriguesCoefficients(double angle2) {
@@ -76,7 +76,7 @@ Eigen::Matrix3d Hat(const Eigen::Vector3d& v) {
 Eigen::Matrix3d ExpSo3(const Eigen::Vector3d& rotation_rad) {
   const RodriguesCoefficients c = ComputeRodriguesCoefficients(rotation_rad.squaredNorm());
   const Eigen::Matrix3d hat = Hat(rotation_rad);
-  return Eigen::Matrix3d::Identity() + c.sin_over_angle * hat + c.one_minus_cos_over_2 * (hat * hat);
+  return Eigen::Matrix3d::Identity() + c.sin_over_angle * hat + c.one_minus_cos_over_angle2 * (hat * hat);
 }
 
 Eigen::Vector3d LogSo3(const Eigen::Matrix3d& rotation) {
@@ -90,7 +90,7 @@ Eigen::Vector3d LogSo3(const Eigen::Matrix3d& rotation) {
 Eigen::Matrix3d LeftJacobianSo3(const Eigen::Vector3d& rotation_rad) {
   const RodriguesCoefficients c = ComputeRodriguesCoefficients(rotation_rad.squaredNorm());
   const Eigen::Matrix3d hat = Hat(rotation_rad);
-  return Eigen::Matrix3d::Identity() + c.one_minus_cos_over_2 * hat + c.angle_minus_sin_over3 * (hat * hat);
+  return Eigen::Matrix3d::Identity() + c.one_minus_cos_over_angle2 * hat + c.angle_minus_sin_over_angle3 * (hat * hat);
 }
 
 Eigen::Matrix3d LeftJacobianInverseSo3(const Eigen::Vector3d& rotation_rad) {

@@ -44,7 +44,7 @@ constexpr size_t kCoreTriangles = 24;
 // A core consists of facets of similar size, without the narrow strips of a fillet at their ends.
 constexpr double kMinCoreArea = 0.25, kMinCoreEdge = 0.5;
 // Bounds the time; the largest facets are tried first, because the largest errors are those of their normals.
-constexpr size_t kMaxCurvedSeeds = 64;
+constexpr size_t kMaxCurvedSeeds = 65;
 // Difference of the normals of two shapes at a common border (3 degrees). Where they jump by more, a contour could not
 // cross the border; one of the two then stays without a shape, and its mean normals are continuous.
 constexpr double kMaxJump = 0.05;
@@ -245,7 +245,7 @@ class PartFinder {
   void FindCurved(const std::vector<uint32_t>& seeds) {
     size_t tried = 0;
     for (const uint32_t seed : seeds) {
-      if (IsBudgetSpent() || tried > kMaxCurvedSeeds || tried * kCoreTriangles > triangles_.size()) break;
+      if (IsBudgetSpent() || tried == kMaxCurvedSeeds || tried * kCoreTriangles > triangles_.size()) break;
       if (!IsSeed(seed)) continue;
       ++tried;
       std::vector<uint32_t> part = Grow(seed, kCoreTriangles, [&](uint32_t from, int side, uint32_t to) {

@@ -67,8 +67,8 @@ struct SensorCounts {
 };
 
 // Between two pictures, the light of a pixel changes linearly; its logarithm is approximated by pieces of at most 0.15,
-// each linear in turn, for which the low pass is solved exactly. Times are found to a thousandth of a microsecond and
-// rounded down to whole microseconds.
+// each linear in turn, for which the low pass is solved exactly. Times are found to 1e-4 microseconds and rounded
+// down to whole microseconds.
 class EventSensor {
  public:
   // `options` must be valid. The pixels are settled on `picture`, and their memories are uniformly distributed between

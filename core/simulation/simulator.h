@@ -86,9 +86,11 @@ inline constexpr std::array<const char*, 5> kSimulationFiles = {kSimulationNote,
                                                                 "model.obj", "camera.yaml"};
 
 // Writes kSimulationFiles, the recording in EVT3 as an EVK4 writes it, into `directory`, which is created if it does
-// not exist. Of SceneOptions::model, model.obj has the mesh in metres and the painted lines. On an error, no file of
-// that name is new or changed. Errors name the path that cannot be written; CANCELLED if `is_cancelled`, which is
-// called from time to time, returns true.
+// not exist. Of SceneOptions::model, model.obj has the mesh in metres and the painted lines. On an error of
+// the simulation, no file of that name is new or changed; the finished files replace earlier ones one after another,
+// and an error at that may leave files of two simulations. Two simulations at a time must not have the same directory,
+// in which both write `.simulation-in-progress`. Errors name the path that cannot be written; CANCELLED if
+// `is_cancelled`, which is called from time to time, returns true.
 absl::StatusOr<SimulationReport> SimulateToDirectory(
     const SimulationOptions& options, const std::string& directory,
     const std::function<void(double progress_ratio)>& on_progress = nullptr,

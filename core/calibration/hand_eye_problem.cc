@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/calibration/hand_eye_problem.h"
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
-#include "core/calibration/hand_eye_problem.h"
 #include "core/calibration/time_offset.h"
 #include "core/numerics/statistics.h"
 
