@@ -172,6 +172,7 @@ TEST_F(KnownFileTest, ACancelledCallEndsWhileTheStoreDoesNotRespond) {
   }
   EXPECT_EQ(begun, "INVALID_ARGUMENT header.size_bytes");
   may_end.set_value();
+  server_.reset();  // waits for the thread that uses both promises
 }
 
 }  // namespace
