@@ -4,11 +4,13 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "absl/types/span.h"
 #include "core/mesh/types/raw_mesh.h"
+#include "core/numerics/disjoint_sets.h"
 
 namespace evpose {
 
@@ -49,6 +51,27 @@ void ForEachEdge(const std::vector<Use>& uses, const Function& function) {
     function(absl::MakeConstSpan(uses).subspan(begin, end - begin));
     begin = end;
   }
+}
+
+struct MarkedAtEdge {
+  const EdgeUse* first = nullptr;  // the first marked triangle; nullptr if none is marked
+  size_t rest = 0;                 // number of triangles that are not marked
+};
+// Joins the marked triangles at an edge in `patches`. Ignores those that are removed.
+inline MarkedAtEdge JoinMarked(absl::Span<const EdgeUse> uses, const std::vector<bool>& marked,
+                               const std::vector<bool>& removed, DisjointSets& patches) {
+  MarkedAtEdge at_edge;
+  for (const EdgeUse& use : uses) {
+    if (removed[use.triangle]) continue;
+    if (!marked[use.triangle]) {
+      ++at_edge.rest;
+    } else if (at_edge.first == nullptr) {
+      at_edge.first = &use;
+    } else {
+      patches.Join(at_edge.first->triangle, use.triangle);
+    }
+  }
+  return at_edge;
 }
 
 }  // namespace evpose

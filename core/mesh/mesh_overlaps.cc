@@ -129,33 +129,6 @@ bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triang
   return remaining <= negligible;
 }
 
-// Adds the patches of marked triangles that leave an even number of faces at each of their edges. An odd number would
-// be the hole of a body whose side the patch was, the end of a sheet, or a wall within a body.
-void AddPatches(const std::vector<EdgeUse>& all_uses, const std::vector<bool>& marked, std::vector<bool>& remove) {
-  DisjointSets patches(marked.size());
-  std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them
-  ForEachEdge(all_uses, [&](absl::Span<const EdgeUse> uses) {
-    size_t rest = 0;
-    const EdgeUse* first = nullptr;
-    for (const EdgeUse& use : uses) {
-      if (remove[use.triangle]) continue;
-      if (!marked[use.triangle]) {
-        ++rest;
-      } else if (first == nullptr) {
-        first = &use;
-      } else {
-        patches.Join(first->triangle, use.triangle);
-      }
-    }
-    if (first != nullptr && rest % 2 != 0) beside.push_back(first->triangle);
-  });
-  std::vector<bool> must_stay(marked.size(), false);
-  for (const uint32_t t : beside) must_stay[patches.Find(t)] = true;
-  for (uint32_t t = 0; t < marked.size(); ++t) {
-    if (marked[t] && !must_stay[patches.Find(t)]) remove[t] = true;
-  }
-}
-
 class OverlapRemover {
  public:
   OverlapRemover(double tolerance_m, absl::Span<const uint32_t> shell_of, RawMesh& mesh)
@@ -172,9 +145,9 @@ class OverlapRemover {
     MarkCovered();
     uses_ = SortedEdgeUses(mesh_.triangles);
     std::vector<bool> remove(mesh_.triangles.size(), false);
-    AddPatches(uses_, is_copy_, remove);
+    AddPatches(is_copy_, remove);
     AddRemovableWalls(remove);
-    AddPatches(uses_, is_second_, remove);  // copies with the other winding
+    AddPatches(is_second_, remove);  // copies with the other winding
     report_.removed_triangles = RemoveTriangles(remove, mesh_);
     if (report_.removed_triangles == 0) FindCoveredEdges();
     return report_;
@@ -308,6 +281,22 @@ class OverlapRemover {
                                       AreCovering(first_opposite, triangle, tolerance_m_, budget));
     }
     report_.is_complete &= budget > 0;
+  }
+
+  // Adds the patches of marked triangles whose removal leaves an even number of faces at each of their edges. After the
+  // removal of another patch, a body would have a hole, a sheet would have one side, or a wall would end within a body.
+  void AddPatches(const std::vector<bool>& marked, std::vector<bool>& remove) const {
+    DisjointSets patches(marked.size());
+    std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them
+    ForEachEdge(uses_, [&](absl::Span<const EdgeUse> uses) {
+      const MarkedAtEdge at_edge = JoinMarked(uses, marked, remove, patches);
+      if (at_edge.first != nullptr && at_edge.rest % 2 != 0) beside.push_back(at_edge.first->triangle);
+    });
+    std::vector<bool> must_stay(marked.size(), false);
+    for (const uint32_t t : beside) must_stay[patches.Find(t)] = true;
+    for (uint32_t t = 0; t < marked.size(); ++t) {
+      if (marked[t] && !must_stay[patches.Find(t)]) remove[t] = true;
+    }
   }
 
   // Adds the walls of connected bodies that are closed without them. A sheet with two sides consists of such walls

@@ -146,7 +146,7 @@ TEST(RepairMeshTest, TheMainOpenSurfaceIsTurnedOutward) {
   for (auto& triangle : reversed.triangles) std::swap(triangle[1], triangle[2]);
   EXPECT_EQ(RepairMesh(reversed).turned_triangles, 10u);
   EXPECT_EQ(RepairMesh(box).turned_triangles, 0u);
-  // The wall of a hole in a box, whose edges are not joined with it.
+  // A box with a hole; the edges of the wall of the hole are not joined with those of the box.
   RawMesh with_hole = UnitBox();
   const size_t triangles = with_hole.triangles.size();
   AddBox({0.4, 0.4, 0.0}, {0.2, 0.2, 1.0}, with_hole);

@@ -218,8 +218,9 @@ class Orienter {
     return std::abs(volume) > kRounding * magnitude ? volume : 0.0;
   }
 
-  // The volume about the middle of the boundary. Returns 0 for a part of a mesh, such as the wall of a hole whose edges
-  // are not joined, and for a surface that is nearly flat: a dish whose depth is 7 % of its radius.
+  // Returns the volume about the middle of the boundary. Returns 0 if the surface has less than half of the area of the
+  // mesh, as the wall of a hole that is not joined with the rest, or if it is nearly flat, as a dish with a depth below
+  // 7 % of its radius.
   double VolumeOfOpen() const {
     constexpr double kLeastShare = 0.5, kLeastBulge = 0.02;
     double area = 0.0, length = 0.0;
@@ -298,18 +299,9 @@ class SecondSideRemover {
   // Joins second sides at their edges. An edge that only one other triangle has is open; an odd number of more is that
   // of a wall, or of the foot of a sheet on a body.
   void FindPatches() {
+    const std::vector<bool> none_removed(is_second_.size());
     ForEachEdge(SortedEdgeUses(mesh_.triangles), [&](absl::Span<const EdgeUse> uses) {
-      const EdgeUse* first = nullptr;
-      size_t rest = 0;
-      for (const EdgeUse& use : uses) {
-        if (!is_second_[use.triangle]) {
-          ++rest;
-        } else if (first == nullptr) {
-          first = &use;
-        } else {
-          patches_.Join(first->triangle, use.triangle);
-        }
-      }
+      const auto [first, rest] = JoinMarked(uses, is_second_, none_removed, patches_);
       if (first == nullptr || rest % 2 == 0) return;
       if (rest > 1) return must_stay_.push_back(first->triangle);
       openings_.Join(first->low, first->high);

@@ -35,9 +35,9 @@ size_t RemoveDuplicateTriangles(RawMesh& model);
 size_t RemoveEmptyLines(RawMesh& model);
 size_t RemoveDuplicateLines(RawMesh& model);
 
-// Removes triangles whose corners, in the reverse order, are those of an earlier triangle, unless they are the other
-// side of a sheet or a wall between bodies: files of programs that draw each face from both sides have all faces twice
-// (README, section 6). Returns the number of removed triangles. There must be no duplicate triangles.
+// Programs that draw each face from both sides write each triangle twice, the second time with the reverse order of the
+// corners. Removes these second triangles, except those of a sheet and those of a wall between two bodies (README,
+// section 6). Returns the number of removed triangles. There must be no duplicate triangles.
 size_t RemoveSecondSides(RawMesh& model);
 
 struct Orientation {
