@@ -191,7 +191,7 @@ class HeaderReader {
   absl::Status ReadTimeOffset(absl::string_view value, int line) {
     int64_t offset_us = 0;
     if (!absl::SimpleAtoi(value, &offset_us) || offset_us < -kMaxStateTime_us || offset_us > kMaxStateTime_us) {
-      return LineError(line, absl::StrCat("the time offset '", value, "' is not a number of microseconds within ",
+      return LineError(line, absl::StrCat("the time offset ", Quoted(value), " is not a number of microseconds within ",
                                           kMaxStateTime_us));
     }
     return SetOnce("the time offset", offset_us, line, time_offset_us_);
@@ -243,7 +243,7 @@ class HeaderReader {
     return SetSize("height", parts[1], line, height_);
   }
 
-  static const std::string& TextOf(const std::string& text) { return text; }
+  static std::string TextOf(const std::string& text) { return Escaped(text); }
   static std::string TextOf(int64_t number) { return absl::StrCat(number); }
   static std::string TextOf(SensorGeometry size) { return absl::StrCat(size.width_px, "x", size.height_px); }
 
