@@ -46,9 +46,9 @@ class EventSource {
 
   virtual const SourceFacts& facts() const = 0;
 
-  // Replaces `events` by the next ones in the order of the file, of which there may be none; usually at most some
-  // 100,000, but 5 million in a message or a packet of 64 MiB.
-  // Returns false at the end. A damaged part is skipped and counted. Errors: those of RecordingReader::Read().
+  // Replaces the contents of `events` with the next events, in the order of the file. A call may yield no event;
+  // usually it yields at most some 100,000 events, and up to 5 million from a message or a packet of 64 MiB. Returns
+  // false at the end. A damaged part is skipped and counted. Errors: those of RecordingReader::Read().
   virtual absl::StatusOr<bool> Next(std::vector<SourceEvent>& events) = 0;
 
   // The parts that Next() has left out so far.
@@ -64,13 +64,13 @@ using SourceOpener = std::function<absl::StatusOr<std::unique_ptr<EventSource>>(
 // Otherwise (times since 1970) they are relative to the first event, whose time is the header's time_offset_us.
 // Order: that of the file; steps back in time remain, because all consumers of events accept them. An event that
 // FLAT64 cannot hold is left out and counted: a time before 0 or 35 minutes (half the clock's range) away from that of
-// the event before it, a row or column above 16383 or below 0; and one whose time, such as nan, is none. Triggers are
-// words of FLAT64; those before the first event of a recording whose times are shifted are left out and counted, too.
-// Sensor: the size that the file states; else `geometry`, that of the caller's camera; else, if `can_reopen`, that of
-// the smallest known sensor that contains all events, for which all events are read once; else 2048 x 2048. In the
-// latter two cases the header's geometry_is_stated and geometry_is_known are false.
-// Errors: those of `open` and of EventSource::Next(); INVALID_ARGUMENT with `name` if there is no event, or none among
-// the first millions of triggers.
+// the event before it, or a row or column above 16383 or below 0. An event whose time is not a valid number, such as
+// nan, is left out and counted, too. Triggers are words of FLAT64. If the times of a recording are shifted, the
+// triggers before the first event are left out and counted. Sensor: the size that the file states; else `geometry`,
+// that of the caller's camera; else, if `can_reopen`, that of the smallest known sensor that contains all events, for
+// which all events are read once; else 2048 x 2048. In the latter two cases the header's geometry_is_stated and
+// geometry_is_known are false. Errors: those of `open` and of EventSource::Next(); INVALID_ARGUMENT with `name` if
+// there is no event, or none among the first millions of triggers.
 absl::StatusOr<std::unique_ptr<RecordingReader>> MakeSourceReader(const std::string& name, const SourceOpener& open,
                                                                   std::optional<SensorGeometry> geometry,
                                                                   bool can_reopen);

@@ -89,7 +89,7 @@ absl::StatusOr<std::string> FileOfFolder(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::is_directory(path, error)) return path;
   std::vector<std::string> files;
-  // Not a range-based loop, whose step throws.
+  // A range-based loop would throw an exception if the directory cannot be read further.
   const std::filesystem::directory_iterator end;
   for (std::filesystem::directory_iterator entry(path, error); !error && entry != end; entry.increment(error)) {
     const std::string extension = entry->path().extension().string();

@@ -87,7 +87,7 @@ class SourceReader final : public RecordingReader {
   }
 
  private:
-  // Appends the bytes of the next events, of which there may be none; false at the end.
+  // Appends the bytes of the next events, which may be none. Returns false at the end of the recording.
   absl::StatusOr<bool> Refill() {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_more, source_->Next(from_file_));
     if (!has_more) return false;

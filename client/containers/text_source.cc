@@ -188,7 +188,8 @@ class TextSource final : public EventSource {
 
  private:
   void TakeEvent(std::string_view line, std::vector<SourceEvent>& events) {
-    const bool is_rest = std::exchange(is_in_long_line_, false);  // of a line whose beginning was skipped
+    // Whether `line` is the end of a line that was too long and whose beginning was skipped.
+    const bool is_rest = std::exchange(is_in_long_line_, false);
     if (is_rest ? is_long_comment_ : IsComment(line)) return;
     if (is_rest || line.size() > kMaxLineBytes) {
       if (heading_left_ > 0) {

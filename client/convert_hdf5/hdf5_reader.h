@@ -20,8 +20,8 @@ inline constexpr uint64_t kMaxRows = 16384;
 
 class Hdf5Reader {
  public:
-  // Errors: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a file that HDF5 cannot open, that holds no events in a
-  // shape that is known, or whose time offset is out of range; those of Hdf5Column::Open().
+  // Errors: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a file that HDF5 cannot open, that has no events in a
+  // known layout, or that has a time offset out of range; and the errors of Hdf5Column::Open().
   static absl::StatusOr<std::unique_ptr<Hdf5Reader>> Open(const std::string& path);
   virtual ~Hdf5Reader() = default;
 
