@@ -5,7 +5,6 @@
 #include <cmath>
 #include <optional>
 #include <string>
-#include <type_traits>
 #include <utility>
 
 #include "core/base/yield_point.h"
@@ -63,7 +62,12 @@ const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind, 
     entry.track->set_motion(state);
     entry.are_rivals_generated = are_rivals_generated();
   }
-  entry.origin = prior == RivalPrior::kUnlikely ? Origin::kUnlikelyRival : Origin::kRival;
+  if (kind == RivalKind::kTilted) {
+    entry.origin = Origin::kTiltedRival;
+    entry.are_rivals_generated = true;
+  } else {
+    entry.origin = prior == RivalPrior::kUnlikely ? Origin::kUnlikelyRival : Origin::kRival;
+  }
   entry.pending = kSettlingWindows + kComparedWindows;
   Append(std::move(entry));
   return entries_.back().track.get();
@@ -89,7 +93,8 @@ bool Hypotheses::IsUndecided() const {
   const double least_sigma = 0.5 * context_.options.initialization.decision_sigma;
   for (size_t i = 1; i < entries_.size(); ++i) {
     const Entry& entry = entries_[i];
-    if (entry.pending == 0 && (entry.origin != Origin::kUnlikelyRival || Preference(i, 0) >= least_sigma)) return true;
+    const bool is_unlikely = entry.origin == Origin::kUnlikelyRival || entry.origin == Origin::kTiltedRival;
+    if (entry.pending == 0 && (!is_unlikely || Preference(i, 0) >= least_sigma)) return true;
   }
   return false;
 }
@@ -263,20 +268,20 @@ void Hypotheses::DropRejected() {
   DropIf([times](const PoseTrack& track) { return track.is_rejected(times); }, LossCause::kContradicted);
 }
 
-void Hypotheses::DropEqual() {
+bool Hypotheses::AreMerged(const Entry& a, const Entry& b) const {
   const InitializationOptions& options = context_.options.initialization;
+  const RigidTransform& kept = a.track->motion().camera_from_object;
+  const RigidTransform other = NearestEquivalent(b.track->motion().camera_from_object, *context_.model, kept);
+  return RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&
+         (kept.translation_m - other.translation_m).norm() < options.merge_depth_ratio * kept.translation_m.norm();
+}
+
+void Hypotheses::DropEqual() {
   for (size_t i = 0; i < entries_.size(); ++i) {
     if (!entries_[i].is_settled()) continue;
-    const RigidTransform& kept = entries_[i].track->motion().camera_from_object;
     for (size_t j = entries_.size(); --j > i;) {
       YieldPoint();
-      if (!entries_[j].is_settled()) continue;
-      const RigidTransform other =
-          NearestEquivalent(entries_[j].track->motion().camera_from_object, *context_.model, kept);
-      if (RotationAngle(kept.rotation, other.rotation) < options.merge_rad &&
-          (kept.translation_m - other.translation_m).norm() < options.merge_depth_ratio * kept.translation_m.norm()) {
-        Remove(j, LossCause::kBetterPose);
-      }
+      if (entries_[j].is_settled() && AreMerged(entries_[i], entries_[j])) Remove(j, LossCause::kBetterPose);
     }
   }
 }
@@ -314,9 +319,9 @@ void Hypotheses::DropUnsupportedRivals() {
     const Entry& entry = entries_[i];
     const bool is_early = entry.pending > kSettlingWindows + kComparedWindows - kFirstWindows;
     const bool is_refined_rival = entry.origin != Origin::kSearch && !entry.is_settled();
-    if (is_refined_rival && !is_early && entry.Explained() < kLeastShare * first) {
-      Remove(i, LossCause::kBetterPose);
-    }
+    if (!is_refined_rival || is_early) continue;
+    const bool has_converged = entry.origin == Origin::kTiltedRival && AreMerged(entries_.front(), entry);
+    if (has_converged || entry.Explained() < kLeastShare * first) Remove(i, LossCause::kBetterPose);
   }
 }
 
@@ -332,24 +337,10 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
   auto& [track, estimate, events, comparisons, origin, are_rivals_generated, pending, rejected] = self;
-  archive(*track, estimate);
-  VisitOrigin(archive, origin);
-  archive(are_rivals_generated, AtMost(pending, kSettlingWindows + kComparedWindows));
-  archive(rejected);
+  archive(*track, estimate, AtMost(origin, Origin::kTiltedRival), are_rivals_generated,
+          AtMost(pending, kSettlingWindows + kComparedWindows), rejected);
   archive.Check(rejected.size() <= kMaxRejected, "more rejected poses than are kept");
   for (auto& comparison : comparisons) archive(comparison);  // one for each entry
-}
-
-// Stored as two bools.
-void Hypotheses::Entry::VisitOrigin(auto& archive, auto& origin) {
-  bool is_rival = origin != Origin::kSearch;
-  bool is_unlikely = origin == Origin::kUnlikelyRival;
-  archive(is_rival, is_unlikely);
-  archive.Check(is_rival || !is_unlikely, "a found pose with the prior of a rival");
-  if constexpr (std::remove_reference_t<decltype(archive)>::kReading) {
-    const Origin rival = is_unlikely ? Origin::kUnlikelyRival : Origin::kRival;
-    origin = is_rival ? rival : Origin::kSearch;
-  }
 }
 
 void Hypotheses::SaveState(StateWriter& writer) const {

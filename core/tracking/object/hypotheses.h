@@ -26,11 +26,13 @@ class Hypotheses {
   // Adds a hypothesis that starts at `start`. Among equally supported hypotheses the earlier one takes precedence.
   void Add(const MotionState& start);
   // Adds a rival of the first hypothesis (rivals.h), unless as many hypotheses are followed as Join() keeps. In its
-  // first windows its pose is refined: it is neither compared with the others nor merged with them. kSameEdges: both
-  // see the same edges, and the rival starts with all that the first hypothesis has learned about them. A rival that
+  // first windows its pose is refined: it is neither compared with the others nor merged with them. A rival that
   // explains less than half of what the first hypothesis explains after three windows is removed. Returns the rival, or
   // null if there is no room. Requires !empty().
-  enum class RivalKind { kSameEdges, kOtherEdges };
+  // kSameEdges: both see the same edges, and the rival starts with all that the first hypothesis has learned about
+  // them. kTilted: the rival is near the first hypothesis and has the same generated rivals; it is unlikely, and
+  // removed once it has converged to the first hypothesis.
+  enum class RivalKind { kSameEdges, kOtherEdges, kTilted };
   // kUnlikely: an earlier test excluded the rival, or the first pose was given. The comparison with it counts as
   // undecided only if the events prefer the rival by half of InitializationOptions::decision_sigma.
   enum class RivalPrior { kEqual, kUnlikely };
@@ -64,6 +66,8 @@ class Hypotheses {
   bool are_rivals_generated() const { return entries_.front().are_rivals_generated; }
   // Whether the first hypothesis has rivals that AddRival() has added.
   bool HasRival() const;
+  // Whether the first hypothesis was added as a tilted rival. Requires !empty().
+  bool is_first_tilted() const { return entries_.front().origin == Origin::kTiltedRival; }
   // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
   // RivalPrior::kUnlikely is taken into account.
   bool IsUndecided() const;
@@ -102,8 +106,8 @@ class Hypotheses {
   static constexpr int kComparedWindows = 8;
   static constexpr size_t kMaxRejected = 16;  // bounds the memory; the oldest is removed first
 
-  // Where a hypothesis comes from: a search or a given pose, or AddRival() with its prior. It does not change.
-  enum class Origin { kSearch, kRival, kUnlikelyRival };
+  // Where a hypothesis comes from: a search or a given pose, or AddRival() with its kind or prior. It does not change.
+  enum class Origin { kSearch, kRival, kUnlikelyRival, kTiltedRival };
 
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }
   struct Entry {
@@ -119,7 +123,6 @@ class Hypotheses {
     bool is_settled() const { return pending <= kComparedWindows; }
     double Explained() const;  // sum of the scores
     static void VisitState(auto& archive, auto& self);
-    static void VisitOrigin(auto& archive, auto& origin);
   };
 
   void Compare(const EventWindow& window, const OtherObjects* others);
@@ -133,6 +136,8 @@ class Hypotheses {
   double LogLikelihoodRatio(size_t i, size_t j) const;
   // Whether both poses, which differ by no symmetry, have the same image up to the width of a line's events.
   bool LooksLike(const RigidTransform& a, const RigidTransform& b) const;
+  // Whether the poses, the nearer one of those that are equal by symmetry, are so near that one of them is removed.
+  bool AreMerged(const Entry& a, const Entry& b) const;
   void DropLost();
   void DropRejected();
   void DropEqual();

@@ -195,6 +195,40 @@ TEST(Hypotheses, ARivalIsRefinedBeforeItIsMerged) {
   }
 }
 
+TEST(Hypotheses, ATiltedRivalIsRemovedOnceItHasConverged) {
+  const TrackContext context = MakeContext();
+  Hypotheses alone(context), hypotheses(context);
+  for (Hypotheses* each : {&alone, &hypotheses}) each->Add(Start(context, kStart));
+  hypotheses.AddRival(Start(context, kStart), Hypotheses::RivalKind::kTilted);
+  // Any other rival is followed for 10 ms.
+  FollowCube(context, alone, 6'000);
+  FollowCube(context, hypotheses, 6'000);
+  ASSERT_EQ(hypotheses.size(), 1u);
+  EXPECT_FALSE(hypotheses.is_first_tilted());
+  EXPECT_EQ(hypotheses.first().motion().camera_from_object, alone.first().motion().camera_from_object);
+}
+
+TEST(Hypotheses, ATiltedRivalThatTakesThePlaceOfAWrongPoseHasTheSameGeneratedRivals) {
+  const TrackContext context = MakeContext();
+  Hypotheses hypotheses(context);
+  hypotheses.Add(Start(context, MakePose({0.02, -0.01, 0.6}, {0.2, 0.1, 0.2})));
+  hypotheses.AddRival(Start(context, kStart), Hypotheses::RivalKind::kTilted);
+  ASSERT_FALSE(hypotheses.is_first_tilted());
+  FollowCube(context, hypotheses, 40'000);
+  ASSERT_EQ(hypotheses.size(), 1u);
+  ASSERT_TRUE(hypotheses.is_first_tilted());
+  EXPECT_TRUE(hypotheses.are_rivals_generated());
+  EXPECT_LT(Angle(hypotheses.first(), 40'000), 0.01);
+  StateWriter writer;
+  hypotheses.SaveState(writer);
+  const std::string state = writer.Take();
+  Hypotheses loaded(context);
+  StateReader reader(state);
+  loaded.LoadState(reader);
+  ASSERT_TRUE(reader.Finish().ok());
+  EXPECT_TRUE(loaded.is_first_tilted());
+}
+
 TEST(Hypotheses, RivalsAreSavedWithTheirCounts) {
   const TrackContext context = MakeContext();
   Hypotheses hypotheses(context), loaded(context);

@@ -29,9 +29,20 @@ void ObjectTracker::AddRivals(const EventWindow& window) {
     const ModelEdges::FacePlane& face = context_.edges->face_planes()[*due];
     hypotheses_.AddRival(MirroredState(motion, face.point, face.normal, focal_px, context_.options.initial),
                          Hypotheses::RivalKind::kSameEdges);
+  } else if (tilt_test_.Update(motion.camera_from_object, rival_generator_.centroid(),
+                               hypotheses_.first().spread_px())) {
+    AddTiltedRivals();
   } else if (rival_rounds_left_ > 0 && window.t_end_us >= next_rivals_us_) {
     AddGeneratedRivals(window.t_end_us);
   }
+}
+
+void ObjectTracker::AddTiltedRivals() {
+  const InitializationOptions& options = context_.options.initialization;
+  const std::vector<MotionState> rivals =
+      rival_generator_.TiltedRivalsOf(hypotheses_.first().motion(), options.tilt_rad, context_.camera.MaxFocalPx(),
+                                      context_.options.initial, options.merge_rad);
+  for (const MotionState& rival : rivals) hypotheses_.AddRival(rival, Hypotheses::RivalKind::kTilted);
 }
 
 void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
@@ -53,10 +64,20 @@ void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
 }
 
 void ObjectTracker::StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior) {
+  tilt_test_.Reset();
   next_rivals_us_ = t_us;
   rival_rounds_left_ = context_.options.initialization.num_rival_rounds;
   next_rival_ = 0;
   rival_prior_ = prior;
+}
+
+void ObjectTracker::ContinueWithRival(int64_t t_us) {
+  // The rounds go on with a tilted rival: the generated rivals of both poses are nearly the same.
+  if (hypotheses_.is_first_tilted()) {
+    tilt_test_.Reset();
+  } else {
+    StartRivalRounds(t_us, Hypotheses::RivalPrior::kEqual);
+  }
 }
 
 void ObjectTracker::AddRivalsOfLastHypothesis() {

@@ -32,7 +32,8 @@ ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializ
       retry_us_(context_.options.initialization.retry_us),
       hypotheses_(context_),
       rival_generator_(*context_.model),
-      turned_faces_(*context_.edges, kInclinedOfMerge * context_.options.initialization.merge_rad) {
+      turned_faces_(*context_.edges, kInclinedOfMerge * context_.options.initialization.merge_rad),
+      tilt_test_(context_.options.initialization.tilt_view_rad, context_.options.initialization.tilt_residual_growth) {
   if (object.initial_camera_from_object) given_ = {*object.initial_camera_from_object, std::nullopt};
 }
 
@@ -168,7 +169,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
   if (first != &hypotheses_.first()) {
     if (has_rival) {
       Enter(ObjectInput::kRivals);  // its rival takes its place
-      StartRivalRounds(window.t_end_us, Hypotheses::RivalPrior::kEqual);
+      ContinueWithRival(window.t_end_us);
     } else {
       // The next hypothesis is published when it is confirmed.
       Reject(ObjectInput::kFirstRejected, hypotheses_.first_removed_because());

@@ -101,11 +101,15 @@ class ObjectTracker {
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // Adds rivals of the published pose: the mirrored one when a face of the object has passed the position in which it
-  // is seen edge-on, and the generated ones at intervals.
+  // is seen edge-on, the tilted ones when the view has turned or the residual has grown, and the generated ones at
+  // intervals.
   void AddRivals(const EventWindow& window);
+  void AddTiltedRivals();
   void AddGeneratedRivals(int64_t t_us);
   // Starts the tests of the generated rivals of a pose that is published from now on.
   void StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior);
+  // Starts the tests of the rivals of a rival that is published from now on.
+  void ContinueWithRival(int64_t t_us);
   // Adds the generated rivals of the last remaining hypothesis, unless they have been tested: a pose that was preferred
   // to others may still have rivals.
   void AddRivalsOfLastHypothesis();
@@ -165,6 +169,7 @@ class ObjectTracker {
   std::deque<PastState> past_states_;
   const RivalGenerator rival_generator_;
   TurnedFaceDetector turned_faces_;
+  TiltTestTrigger tilt_test_;
   int64_t next_rivals_us_ = 0;
   int rival_rounds_left_ = 0;
   int next_rival_ = 0;  // number of the next rival of the present round

@@ -155,6 +155,22 @@ std::optional<size_t> TurnedFaceDetector::Update(const RigidTransform& camera_fr
   return due;
 }
 
+bool TiltTestTrigger::Update(const RigidTransform& camera_from_object, const Vector3d& point, double residual_px) {
+  constexpr double kNewest = 0.125;  // weight of the latest residual: the mean follows within about 10 windows
+  const Vector3d ray = camera_from_object.rotation.transpose() * (camera_from_object * point).normalized();
+  if (test_) {
+    SinceTest& test = *test_;
+    test.mean_residual_px += kNewest * (residual_px - test.mean_residual_px);
+    test.least_residual_px = std::min(test.least_residual_px, test.mean_residual_px);
+    const bool has_turned = test.ray.dot(ray) < turned_cosine_;
+    const bool has_grown = test.mean_residual_px > growth_ * test.least_residual_px;
+    if (!has_turned && !has_grown) return false;
+  }
+  const double mean_px = test_ ? test_->mean_residual_px : residual_px;
+  test_ = SinceTest{ray, mean_px, mean_px};
+  return true;
+}
+
 RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
   // Eigenvalues of the second moments that differ by less, relative to the largest, do not determine their axes: the
   // object is nearly a cube, or turns into itself.
@@ -191,15 +207,10 @@ RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
 std::vector<MotionState> RivalGenerator::RivalsOf(const MotionState& state, double focal_px,
                                                   const InitialPoseOptions& options, double merge_rad) const {
   std::vector<MotionState> rivals;
-  const auto is_same = [&](const MotionState& a, const MotionState& b) {
-    const RigidTransform nearest = NearestEquivalent(a.camera_from_object, model_, b.camera_from_object);
-    return RotationAngle(nearest.rotation, b.camera_from_object.rotation) < merge_rad;
-  };
   const auto add = [&](const MotionState& rival) {
     YieldPoint();
-    const bool is_known = is_same(rival, state) || std::any_of(rivals.begin(), rivals.end(),
-                                                               [&](const MotionState& r) { return is_same(rival, r); });
-    if (!is_known) rivals.push_back(rival);
+    const auto is_same = [&](const MotionState& other) { return IsSame(rival, other, merge_rad); };
+    if (!is_same(state) && std::none_of(rivals.begin(), rivals.end(), is_same)) rivals.push_back(rival);
   };
   for (const RigidTransform& turn : half_turns_) add(MovedState(state, turn, focal_px, options));
   for (const RigidTransform& turn : quarter_turns_) add(MovedState(state, turn, focal_px, options));
@@ -209,6 +220,25 @@ std::vector<MotionState> RivalGenerator::RivalsOf(const MotionState& state, doub
     for (const RigidTransform& turn : half_turns_) add(MovedState(mirrored, turn, focal_px, options));
   }
   return rivals;
+}
+
+std::vector<MotionState> RivalGenerator::TiltedRivalsOf(const MotionState& state, double tilt_rad, double focal_px,
+                                                        const InitialPoseOptions& options, double merge_rad) const {
+  const RigidTransform& pose = state.camera_from_object;
+  const Vector3d ray = pose.rotation.transpose() * (pose * centroid_).normalized();
+  const Vector3d across = ray.unitOrthogonal();
+  const Vector3d other = ray.cross(across);
+  std::vector<MotionState> rivals;
+  for (const Vector3d& axis : {across, other, Vector3d(-across), Vector3d(-other)}) {
+    const MotionState rival = MovedState(state, AboutCentroid(ExpSo3(tilt_rad * axis)), focal_px, options);
+    if (!IsSame(rival, state, merge_rad)) rivals.push_back(rival);
+  }
+  return rivals;
+}
+
+bool RivalGenerator::IsSame(const MotionState& a, const MotionState& b, double merge_rad) const {
+  const RigidTransform nearest = NearestEquivalent(a.camera_from_object, model_, b.camera_from_object);
+  return RotationAngle(nearest.rotation, b.camera_from_object.rotation) < merge_rad;
 }
 
 }  // namespace evpose

@@ -11,6 +11,7 @@
 #include "core/association/visible_edges.h"
 #include "core/geometry/motion_prior.h"
 #include "core/models/object_model.h"
+#include "core/numerics/math.h"
 
 namespace evpose {
 
@@ -54,6 +55,41 @@ class TurnedFaceDetector {
   std::vector<Side> sides_;  // sides of the planes
 };
 
+// Decides when the tilted rivals of a published pose must be tested (core/tracking/README.md, section 6).
+class TiltTestTrigger {
+ public:
+  // `turned_rad`: the angle by which the view turns between two tests. `growth`: the ratio by which the residual grows.
+  TiltTestTrigger(double turned_rad, double growth)
+      : turned_cosine_(DeterministicSinCos(turned_rad).cos), growth_(growth) {}
+
+  // To be called with each tracked pose. `point` is that of the object (object frame) to which the rays are drawn,
+  // `residual_px` the root mean square of the residuals. True for the first pose, whenever the ray has turned by the
+  // angle since the last pose for which the result was true, and whenever the mean residual of the latest poses has
+  // grown by the ratio since then.
+  bool Update(const RigidTransform& camera_from_object, const Eigen::Vector3d& point, double residual_px);
+  // The next pose is a new one.
+  void Reset() { test_.reset(); }
+
+  void SaveState(StateWriter& writer) const { VisitState(writer, *this); }
+  void LoadState(StateReader& reader) { VisitState(reader, *this); }
+
+ private:
+  // What has been measured since a test.
+  struct SinceTest {
+    Eigen::Vector3d ray = Eigen::Vector3d::Zero();  // unit vector in the object frame at the test
+    double mean_residual_px = 0.0;                  // running mean
+    double least_residual_px = 0.0;                 // its least value
+    static void VisitState(auto& archive, auto& self) {
+      archive(self.ray, self.mean_residual_px, self.least_residual_px);
+    }
+  };
+  static void VisitState(auto& archive, auto& self) { archive(self.test_); }
+
+  const double turned_cosine_;
+  const double growth_;
+  std::optional<SinceTest> test_;
+};
+
 // The rigid motions and directions of a model from which rivals of any pose follow.
 class RivalGenerator {
  public:
@@ -68,8 +104,17 @@ class RivalGenerator {
   // Three half turns, two quarter turns about each axis, three reflections, and each reflection after each half turn.
   static constexpr int kMaxRivals = 21;
 
+  // Returns the state turned by `tilt_rad` about four axes through the centroid that are perpendicular to its ray, 90
+  // degrees apart. Those that equal the state by the symmetry of the model, or nearly (`merge_rad`), are left out.
+  std::vector<MotionState> TiltedRivalsOf(const MotionState& state, double tilt_rad, double focal_px,
+                                          const InitialPoseOptions& options, double merge_rad) const;
+  // Centroid of the edges, or of the surface if the model has contours, in the object frame.
+  const Eigen::Vector3d& centroid() const { return centroid_; }
+
  private:
   RigidTransform AboutCentroid(const Eigen::Matrix3d& turn) const { return {turn, centroid_ - turn * centroid_}; }
+  // Whether both poses, of which one may be replaced by one that is equal by symmetry, have nearly the same rotation.
+  bool IsSame(const MotionState& a, const MotionState& b, double merge_rad) const;
 
   const ObjectModel& model_;
   Eigen::Vector3d centroid_ = Eigen::Vector3d::Zero();

@@ -212,5 +212,87 @@ TEST(RivalGeneratorTest, TheHalfTurnOfPaintedLinesIsAboutTheirCentre) {
   EXPECT_EQ(std::count_if(rivals.begin(), rivals.end(), turns), 1);
 }
 
+TEST(RivalGeneratorTest, ATiltedRivalIsTurnedAboutAnAxisAcrossTheRay) {
+  constexpr double kTilt_rad = 0.17;
+  ObjectModel plate = PlateWithHoles(0.04, 0.02, 0.005, 64, {-0.09, 0.0, 0.09});
+  const RivalGenerator generator(plate);
+  const MotionState state = InclinedFace(0.5, 1.0);
+  const std::vector<MotionState> rivals =
+      generator.TiltedRivalsOf(state, kTilt_rad, kCamera.fx_px, InitialPoseOptions(), 0.02);
+  ASSERT_EQ(rivals.size(), 4u);
+  const Vector3d centre = state.camera_from_object * generator.centroid();
+  Vector3d sum = Vector3d::Zero();
+  for (const MotionState& rival : rivals) {
+    const Vector3d turn = LogSo3(rival.camera_from_object.rotation * state.camera_from_object.rotation.transpose());
+    EXPECT_NEAR(turn.norm(), kTilt_rad, 1e-12);
+    EXPECT_NEAR(turn.dot(centre.normalized()), 0.0, 1e-12);
+    EXPECT_LT((rival.camera_from_object * generator.centroid() - centre).norm(), 1e-12);
+    sum += turn;
+  }
+  EXPECT_LT(sum.norm(), 1e-12);
+}
+
+TEST(RivalGeneratorTest, TiltsThatASymmetryUndoesAreLeftOut) {
+  ObjectModel ball = SphereModel(0.05, 12, true);
+  ball.continuous_symmetry = ContinuousSymmetry{ContinuousSymmetry::Kind::kSphere};
+  const MotionState state = InclinedFace(0.5, 1.0);
+  EXPECT_TRUE(RivalGenerator(ball).TiltedRivalsOf(state, 0.17, kCamera.fx_px, InitialPoseOptions(), 0.02).empty());
+}
+
+class TiltTestTriggerTest : public ::testing::Test {
+ protected:
+  // Whether tilted rivals are due when the object is turned by this angle about the vertical axis of the image.
+  bool UpdateTurned(double turn_rad, double roll_rad = 0.0, double distance_m = 0.6) {
+    const Vector3d ray = Vector3d(0.1, 0.0, 1.0).normalized();
+    RigidTransform pose;
+    pose.rotation = ExpSo3(roll_rad * ray) * ExpSo3({0.0, turn_rad, 0.0});
+    pose.translation_m = distance_m * ray - pose.rotation * kFacePoint;
+    return trigger_.Update(pose, kFacePoint, 0.5);
+  }
+  // The number of windows with this residual until tilted rivals are due; at most 100.
+  int WindowsUntilDue(double residual_px) {
+    for (int i = 1; i <= 100; ++i) {
+      if (trigger_.Update(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), kFacePoint, residual_px)) return i;
+    }
+    return 100;
+  }
+  TiltTestTrigger trigger_{0.1, 1.3};
+};
+
+TEST_F(TiltTestTriggerTest, TiltedRivalsAreDueWhenTheViewHasTurned) {
+  EXPECT_TRUE(UpdateTurned(0.0)) << "a new pose";
+  EXPECT_FALSE(UpdateTurned(0.09));
+  EXPECT_TRUE(UpdateTurned(0.11));
+  EXPECT_FALSE(UpdateTurned(0.02)) << "0.09 from the latest test";
+  EXPECT_TRUE(UpdateTurned(0.0));
+  EXPECT_FALSE(UpdateTurned(0.0, 1.0)) << "the object is turned in the image only";
+  EXPECT_FALSE(UpdateTurned(0.0, 0.0, 0.9)) << "the same ray";
+  trigger_.Reset();
+  EXPECT_TRUE(UpdateTurned(0.0)) << "another pose";
+}
+
+TEST_F(TiltTestTriggerTest, TiltedRivalsAreDueWhenTheResidualHasGrown) {
+  ASSERT_EQ(WindowsUntilDue(0.5), 1) << "a new pose";
+  EXPECT_EQ(WindowsUntilDue(0.6), 100);
+  EXPECT_EQ(WindowsUntilDue(0.5), 100);
+  const int windows = WindowsUntilDue(0.8);
+  EXPECT_GT(windows, 2) << "single windows do not count";
+  EXPECT_LT(windows, 20);
+  EXPECT_EQ(WindowsUntilDue(0.7), 100) << "it is compared with that of the latest test";
+}
+
+TEST_F(TiltTestTriggerTest, TheStateCanBeSaved) {
+  ASSERT_TRUE(UpdateTurned(0.3));
+  StateWriter writer;
+  trigger_.SaveState(writer);
+  const std::string state = writer.Take();
+  trigger_.Reset();
+  StateReader reader(state);
+  trigger_.LoadState(reader);
+  ASSERT_TRUE(reader.Finish().ok());
+  EXPECT_FALSE(UpdateTurned(0.35));
+  EXPECT_TRUE(UpdateTurned(0.41));
+}
+
 }  // namespace
 }  // namespace evpose

@@ -32,6 +32,9 @@ absl::Status InitializationOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("merge_rad", merge_rad, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("rival_interval_us", rival_interval_us, 1, 60'000'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("num_rival_rounds", num_rival_rounds, 0, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("tilt_rad", tilt_rad, merge_rad, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("tilt_view_rad", tilt_view_rad, 0.001, 3.2));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("tilt_residual_growth", tilt_residual_growth, 1.0, 1e6));
   EVPOSE_RETURN_IF_ERROR(CheckRange("merge_depth_ratio", merge_depth_ratio, 0.0, 1.0));
   return CheckRange("undecided_us", undecided_us, 0, 60'000'000);
 }

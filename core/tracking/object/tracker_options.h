@@ -63,6 +63,14 @@ struct InitializationOptions {
   // the number of tests. After ten of them it has been seen from several views or moves so little that nothing is new.
   int64_t rival_interval_us = 1'000'000;
   int num_rival_rounds = 10;
+  // Radians: the angle by which tilted rivals are turned. Poses that are off by 8 to 15 degrees converge to the right
+  // one from one of the four.
+  double tilt_rad = 0.17;
+  // Tilted rivals are tested when the view has turned by tilt_view_rad (radians), and when the mean residual is
+  // tilt_residual_growth times its least value since the latest test. The README, section 6, has the model with which
+  // both were validated.
+  double tilt_view_rad = 0.15;
+  double tilt_residual_growth = 1.3;
   // Microseconds after which the best of several competing hypotheses is published, as AMBIGUOUS and with the others as
   // alternatives. By then the comparison of most distinguishable poses has been decided.
   int64_t undecided_us = 200'000;

@@ -5,7 +5,7 @@
 
 namespace evpose::server {
 
-const uint32_t kTrackerStateVersion = 9;
+const uint32_t kTrackerStateVersion = 10;
 const uint32_t kPreparationVersion = 10;
 
 std::string SerializeRecord(const google::protobuf::Message& record) { return SerializeYielding(record); }
