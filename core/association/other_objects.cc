@@ -206,9 +206,10 @@ bool OtherObjects::AppendVisibleParts(const RigidTransform& camera_from_object, 
     return seen;
   };
   const auto append = [&](const Eigen::Vector3d& p1, const Eigen::Vector3d& p2) {
-    TrackedLine part{line.curve, p1, p2};
-    part.is_element = line.is_element;
-    visible.push_back(part);
+    TrackedLine& part = visible.emplace_back(line);
+    part.p1 = p1;
+    part.p2 = p2;
+    part.previous = part.next = -1;
   };
   double begin = 0.0;
   bool was_hidden = true;

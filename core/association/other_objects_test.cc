@@ -110,7 +110,11 @@ TEST_F(OtherObjectsTest, CutsALineWhereItIsHidden) {
   AddCube(front_);
   // A horizontal line behind the cube, from 100 to 540 px: it is visible on both sides of the silhouette.
   const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
-  std::vector<TrackedLine> element = {{7, {-0.44, 0.0, 0.0}, {0.44, 0.0, 0.0}}}, lines = element;
+  std::vector<TrackedLine> lines = {{7, {-0.44, 0.0, 0.0}, {0.44, 0.0, 0.0}}};
+  lines[0].narrowest_face_px = 3.0;
+  lines[0].kind = EdgeKind::kPainted;
+  lines[0].prior_contrast = 0.4f;
+  std::vector<TrackedLine> element = lines;
   element[0].is_element = true;
   other_objects_.RemoveHidden(pose, lines);
   ASSERT_EQ(lines.size(), 2u);
@@ -124,8 +128,14 @@ TEST_F(OtherObjectsTest, CutsALineWhereItIsHidden) {
   EXPECT_NEAR(kCamera.Project(pose * lines[1].p1).x(), kCamera.cx_px + edge_px, 1.0);
   EXPECT_EQ(lines[0].p1.x(), -0.44);
   EXPECT_EQ(lines[1].p2.x(), 0.44);
-  EXPECT_EQ(lines[0].curve, 7);
-  EXPECT_EQ(lines[1].curve, 7);
+  for (const TrackedLine& part : lines) {
+    EXPECT_EQ(part.curve, 7);
+    EXPECT_EQ(part.narrowest_face_px, 3.0);
+    EXPECT_EQ(part.kind, EdgeKind::kPainted);
+    EXPECT_EQ(part.prior_contrast, 0.4f);
+    EXPECT_EQ(part.previous, -1);
+    EXPECT_EQ(part.next, -1);
+  }
 }
 
 TEST_F(OtherObjectsTest, ElementsStayJoinedWhereSomeAreHidden) {
