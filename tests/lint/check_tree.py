@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Checks the files of the tree, also new ones that are not ignored: licence lines, sizes of folders, of files and of the README, columns
-of documents, the READMEs of the libraries, whether every document, section, heading, equation and path that is cited exists, and whether the numbers of
-equations are unique. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
+of documents, the READMEs of the libraries, whether every document, section, heading, equation and path that is cited exists, whether the numbers of
+equations are unique, and whether each event of the server's log is described. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections
 import os
@@ -30,6 +30,9 @@ DETERMINISTIC = re.compile(r"core/(association|contours|detection|estimation|geo
 PLATFORM_FUNCTION = re.compile(r"std::(hypot|exp2?|expm1|log(2|10|1p)?|pow|cbrt|a?(sin|cos|tan)h?|atan2|erfc?|[lt]gamma)\(")
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 HEADING = re.compile(r"^#{1,6} +(.*?) *#*$", re.M)
+# An event of the log: the name in a call, or a constant for it.
+LOG_EVENT = re.compile(r"\b(?:Log|Write|WriteEnd)\(LogLevel::k\w+,\s*\"(\w+)\"|\bkEvent\[\] = \"(\w+)\"")
+LOG_EVENTS = "deploy/README.md"
 CODE_BLOCK = re.compile(r"^```.*?^```", re.M | re.S)
 
 
@@ -175,6 +178,22 @@ def check_library_readmes(files, findings):
                 findings.append(f"{top}/README.md:1: {folder}/README.md is not listed")
 
 
+def check_log_events(files, findings):
+    """Each event of the server's log is described for operators."""
+    with open(LOG_EVENTS, encoding="utf-8") as f:
+        described = set(re.findall(r"`([a-z_]+)`", f.read()))
+    for file in files:
+        if not re.match(r"server/.*\.cc$", file) or "_test" in file or not os.path.isfile(file):
+            continue
+        with open(file, encoding="utf-8") as f:
+            text = f.read()
+        for match in LOG_EVENT.finditer(text):
+            event = match.group(1) or match.group(2)
+            if event not in described:
+                line = text.count("\n", 0, match.start()) + 1
+                findings.append(f"{file}:{line}: {LOG_EVENTS} does not describe the event {event} of the log")
+
+
 def main():
     files = tracked_files()
     findings = []
@@ -183,6 +202,7 @@ def main():
         if count > MAX_FOLDER_FILES:
             findings.append(f"{folder}: {count} files; at most {MAX_FOLDER_FILES} are allowed: split the folder")
     check_library_readmes(files, findings)
+    check_log_events(files, findings)
     for file in files:
         if not os.path.isfile(file):
             continue
