@@ -38,8 +38,8 @@ WITHOUT_TYPE = {
 }
 # Calls that the package does not make, with the reason.
 WITHOUT_CALL = {
-    "Drain": "for operators: evpose drain",
-    "SetLogLevel": "for operators: evpose server",
+    "Drain": "for operators: evpose sessions drain",
+    "SetLogLevel": "for operators: evpose server log-level",
     "GetModelGeometry": "for views: evpose view and evpose watch --out poses.mcap",
     "WatchEvents": "for views: evpose view and evpose watch --out poses.mcap",
 }
