@@ -1,8 +1,13 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the latency of a live camera beside other sessions of the same server: alone, beside replays as fast as the server takes them,
-beside two sessions with 16 objects of a model with 4096 lines and as many triangles, up to 100 000, as the server admits, without and with a
-store on the disk, to which sessions write their state in their turns, and beside two with 16 objects of a curved body of 100 000 triangles.
+"""Measures the latency of a live camera beside other sessions of the same server:
+
+- alone;
+- beside replays, as fast as the server takes them;
+- beside two sessions with 16 objects of a model with 4096 lines and as many triangles, up to 100 000, as the server admits;
+- the same with a store on the disk, to which sessions write their state in their turns;
+- beside two sessions with 16 objects of a curved body of 100 000 triangles.
+
 The number of triangles that a server admits depends on the machine: give --triangles to compare machines.
 
 Each case is measured with the search for the first pose, which delays the poses of the first 0.1 s, one percent of the recording, and with
