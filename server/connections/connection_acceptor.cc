@@ -11,8 +11,10 @@
 #include <cerrno>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/runtime/out_of_memory.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
@@ -81,7 +83,7 @@ void ConnectionAcceptor::Start(std::function<void(int)> hand_over) {
   hand_over_ = std::move(hand_over);
   for (tcp::acceptor& acceptor : acceptors_) Await(acceptor);
   RepeatMaintenance();
-  accepting_ = std::thread([this] { context_.run(); });
+  accepting_ = std::thread([this] { Run(); });
   checking_ = std::thread([this] { CheckListener(); });
 }
 
@@ -105,9 +107,27 @@ absl::Status ConnectionAcceptor::status() const {
   return absl::UnavailableError("the server does not accept its own connections");
 }
 
+void ConnectionAcceptor::Run() {
+  for (bool has_ended = false; !has_ended;) {
+    RunUnlessOutOfMemory([this, &has_ended] {
+      context_.run();
+      has_ended = true;
+    });
+  }
+}
+
 void ConnectionAcceptor::Await(tcp::acceptor& acceptor) {
   acceptor.async_wait(tcp::acceptor::wait_read, [this, &acceptor](const boost::system::error_code& error) {
-    if (!error) AcceptWaiting(acceptor);
+    if (error) return;
+    bool is_paused = true;
+    RunUnlessOutOfMemory([&] { is_paused = !AcceptWaiting(acceptor); });
+    if (!is_paused) return Await(acceptor);
+    // Without memory for the pause, the wait follows at once; Asio reuses the memory of this handler for it.
+    RunUnlessOutOfMemory([&] {
+      AwaitAfterPause(acceptor);
+      is_paused = false;
+    });
+    if (is_paused) Await(acceptor);
   });
 }
 
@@ -116,7 +136,7 @@ void ConnectionAcceptor::AwaitAfterPause(tcp::acceptor& acceptor) {
   pause->async_wait([this, &acceptor, pause](const boost::system::error_code&) { Await(acceptor); });
 }
 
-void ConnectionAcceptor::AcceptWaiting(tcp::acceptor& acceptor) {
+bool ConnectionAcceptor::AcceptWaiting(tcp::acceptor& acceptor) {
   for (int i = 0; i < kConnectionsPerTurn; ++i) {
     tcp::endpoint peer;
     auto length = static_cast<socklen_t>(peer.capacity());
@@ -129,17 +149,15 @@ void ConnectionAcceptor::AcceptWaiting(tcp::acceptor& acceptor) {
     if (errno == EAGAIN) break;
     if (errno == EINTR || errno == ECONNABORTED) continue;
     if (errno == EMFILE || errno == ENFILE) SetShortOfDescriptors(true);
-    return AwaitAfterPause(acceptor);
+    return false;
   }
-  Await(acceptor);
+  return true;
 }
 
 void ConnectionAcceptor::Take(int descriptor, const tcp::endpoint& peer) {
   ++num_accepted_;
-  if (check_->IsMine(peer)) {
-    close(descriptor);
-    return;
-  }
+  absl::Cleanup closing = [descriptor] { close(descriptor); };  // also when an allocation fails
+  if (check_->IsMine(peer)) return;
   std::optional<ConnectionRefusal> refusal = ConnectionRefusal::kDescriptors;
   if (IsReserved(descriptor)) {
     SetShortOfDescriptors(true);
@@ -147,10 +165,12 @@ void ConnectionAcceptor::Take(int descriptor, const tcp::endpoint& peer) {
     refusal = ledger_.Add(descriptor, peer.address());
   }
   num_connections_ = ledger_.size();
-  if (!refusal.has_value()) return hand_over_(descriptor);
+  if (!refusal.has_value()) {
+    std::move(closing).Cancel();
+    return hand_over_(descriptor);
+  }
   options_.metrics->connection_refusals[*refusal].Add();
   ++num_refused_;
-  close(descriptor);
 }
 
 void ConnectionAcceptor::SetShortOfDescriptors(bool is_short) {
@@ -168,7 +188,7 @@ void ConnectionAcceptor::SetShortOfDescriptors(bool is_short) {
 void ConnectionAcceptor::RepeatMaintenance() {
   maintenance_.expires_after(kMaintenancePeriod);
   maintenance_.async_wait([this](const boost::system::error_code&) {
-    Maintain();
+    RunUnlessOutOfMemory([this] { Maintain(); });
     RepeatMaintenance();
   });
 }

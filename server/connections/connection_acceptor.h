@@ -63,8 +63,11 @@ class ConnectionAcceptor {
 
  private:
   explicit ConnectionAcceptor(Options options);
+  // A failed allocation ends its connection only.
+  void Run();
   void Await(boost::asio::ip::tcp::acceptor& acceptor);
-  void AcceptWaiting(boost::asio::ip::tcp::acceptor& acceptor);
+  // Returns false after an error, after which accept() is tried again later.
+  bool AcceptWaiting(boost::asio::ip::tcp::acceptor& acceptor);
   void AwaitAfterPause(boost::asio::ip::tcp::acceptor& acceptor);
   void Take(int descriptor, const boost::asio::ip::tcp::endpoint& peer);
   void SetShortOfDescriptors(bool is_short);

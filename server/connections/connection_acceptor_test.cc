@@ -6,6 +6,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <boost/asio/read.hpp>
 #include <deque>
 #include <future>
@@ -13,6 +14,8 @@
 #include <string>
 #include <thread>
 #include <vector>
+
+#include "server/runtime/failing_allocations_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -98,6 +101,27 @@ TEST_F(ConnectionAcceptorTest, WithoutDescriptorsItIsNotReadyAndThenGoesOn) {
   while (!acceptor_->status().ok()) std::this_thread::yield();
   EXPECT_TRUE(Connect());
   setrlimit(RLIMIT_NOFILE, &before);
+}
+
+TEST_F(ConnectionAcceptorTest, AFailedAllocationEndsItsConnectionOnly) {
+  // Number of allocations of the accepting thread that succeed after the next connection; negative: all.
+  std::atomic<int> successes = -1;
+  handed_.reserve(100);
+  acceptor_ = ConnectionAcceptor::Listen({.host = "127.0.0.1", .port = 0}, {.metrics = metrics_}).value();
+  acceptor_->Start([this, &successes](int descriptor) {
+    ThisThreadsFailingAllocation().successes_before = successes.exchange(-1);
+    EXPECT_EQ(write(descriptor, "!", 1), 1);
+    const std::lock_guard lock(mutex_);
+    handed_.push_back(descriptor);
+  });
+  int num_ended = 0;
+  for (int i = 0; i < 4; ++i) {
+    successes = i;
+    EXPECT_TRUE(Connect());
+    if (!Connect()) ++num_ended;
+    EXPECT_TRUE(Connect());
+  }
+  EXPECT_GE(num_ended, 1);
 }
 
 TEST_F(ConnectionAcceptorTest, ReportsThatItHasStalled) {

@@ -43,8 +43,9 @@ std::optional<ConnectionRefusal> ConnectionLedger::Add(int descriptor, const ip:
     refusal = Limit(peer);
   }
   if (refusal.has_value()) return refusal;
+  uint32_t& num_of_peer = num_by_peer_[peer];
   connections_[descriptor] = {SocketOf(descriptor), peer};
-  ++num_by_peer_[peer];
+  ++num_of_peer;
   return std::nullopt;
 }
 

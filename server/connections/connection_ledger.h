@@ -27,7 +27,7 @@ class ConnectionLedger {
   ConnectionLedger(uint32_t max_connections, uint32_t max_per_peer)
       : max_connections_(max_connections), max_per_peer_(max_per_peer) {}
 
-  // Adds a connection, or returns the limit that forbids it.
+  // Adds a connection, or returns the limit that forbids it. After a failed allocation the connection is not counted.
   std::optional<ConnectionRefusal> Add(int descriptor, const boost::asio::ip::address& peer);
   // Removes the connections that have been closed. Returns their number.
   size_t RemoveClosed();
@@ -45,7 +45,7 @@ class ConnectionLedger {
   const uint32_t max_connections_;
   const uint32_t max_per_peer_;
   Connections connections_;                                   // by descriptor
-  std::map<boost::asio::ip::address, uint32_t> num_by_peer_;  // no zeros
+  std::map<boost::asio::ip::address, uint32_t> num_by_peer_;  // zeros only after failed allocations
   std::chrono::steady_clock::time_point removed_at_;
 };
 
