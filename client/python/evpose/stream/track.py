@@ -189,7 +189,9 @@ class Track:
             self._servers.current = self._index
             self._attached_at = self._clock.now()
             if self._away_since is not None:
-                self._report(ConnectionChange(False, self._server.name, None, self._clock.now() - self._away_since, 0.0, 0))
+                self._report(ConnectionChange(
+                    is_disconnected=False, server=self._server.name, cause=None, outage_s=self._clock.now() - self._away_since,
+                    next_try_in_s=0.0, kept_bytes=0))
         if self._options.on_position is not None:
             self._options.on_position(dataclasses.replace(position), has_new_token)
 
@@ -251,7 +253,8 @@ class Track:
         self._tries += 1
         if not is_same_server:
             self._index = (self._index + 1) % len(self._servers.endpoints)
-        self._report(ConnectionChange(True, self._server.name, cause, now - away_since, delay_s, 0))
+        self._report(ConnectionChange(is_disconnected=True, server=self._server.name, cause=cause, outage_s=now - away_since,
+                                      next_try_in_s=delay_s, kept_bytes=0))
         return self._clock.wait(delay_s, self._stop)
 
     def _report(self, change: ConnectionChange) -> None:
