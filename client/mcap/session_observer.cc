@@ -7,18 +7,13 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/time.h"
-#include "client/lib/messages/status_details.h"
 #include "client/lib/stream/retry.h"
 #include "client/mcap/event_png.h"
-#include "evpose/clock.h"
-#include "evpose/v1/error_reason.pb.h"
 
 namespace evpose::client {
 namespace {
 
-// A recording needs no finer health, and a server that has restarted is reached again within the second.
-constexpr absl::Duration kHealthPeriod = absl::Seconds(1);
-constexpr absl::Duration kRetryPeriod = absl::Seconds(1);
+constexpr absl::Duration kHealthPeriod = absl::Seconds(1);  // a recording needs no finer health
 
 }  // namespace
 
@@ -57,15 +52,8 @@ SessionObserver::SessionObserver(Client& client, const std::string& session, std
 
 void SessionObserver::Repeat(const std::string& what, const std::stop_token& stop,
                              const std::function<absl::Status()>& watch) {
-  while (true) {
-    const absl::Status status = watch();
-    if (status.ok() || stop.stop_requested()) return;
-    // Also while no server tracks the events, as after the restart of one until the stream is attached again.
-    const bool may_pass = AdviseOn(status) == RetryAdvice::kTryAgain ||
-                          GetDetails(status).reason == v1::ErrorReason_Name(v1::SESSION_NOT_TRACKED_HERE);
-    if (!may_pass) return Report(what, status);
-    if (!SystemClock().SleepUntil(SystemClock().Now() + kRetryPeriod, stop)) return;
-  }
+  const absl::Status status = RepeatCall(stop, watch, [](const absl::Status&) {});
+  if (!status.ok() && !stop.stop_requested()) Report(what, status);
 }
 
 void SessionObserver::Report(const std::string& what, const absl::Status& status) {

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/view/repeated_call.h"
+#include "client/lib/stream/retry.h"
 
 namespace evpose::client {
 
@@ -124,7 +124,8 @@ void LiveView::NoteError(absl::string_view text) {
 }
 
 std::unique_ptr<PageView> LiveSource::Open(std::shared_ptr<PageOutbox> outbox) {
-  return std::make_unique<LiveView>(client_, HelloMessage{false, server_, session_}, std::move(outbox));
+  return std::make_unique<LiveView>(
+      client_, HelloMessage{.is_recording = false, .source = server_, .session = session_}, std::move(outbox));
 }
 
 }  // namespace evpose::client

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "client/view/repeated_call.h"
+#include "client/lib/stream/retry.h"
 
 namespace evpose::client {
 namespace {

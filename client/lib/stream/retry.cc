@@ -10,9 +10,26 @@
 namespace evpose::client {
 namespace {
 
+// Delays between the attempts of RepeatCall(): a short interruption is hardly seen, and a server that is away for long
+// is not called often.
+constexpr absl::Duration kFirstCallDelay = absl::Milliseconds(100);
+constexpr absl::Duration kMaxCallDelay = absl::Seconds(2);
+
 double MachineRandom() {
   thread_local std::minstd_rand generator(std::random_device{}());
   return std::uniform_real_distribution<double>(0.0, 1.0)(generator);
+}
+
+// Whether another attempt to read a session may succeed.
+bool MayPass(const absl::Status& status) {
+  switch (AdviseOn(status)) {
+    case RetryAdvice::kTryAgain:
+    case RetryAdvice::kTryOtherAuthToken:
+      return true;
+    default:
+      // No server tracks the events, as after the restart of one until the stream is attached again.
+      return ReasonOf(status) == v1::SESSION_NOT_TRACKED_HERE;
+  }
 }
 
 }  // namespace
@@ -62,6 +79,24 @@ RetryAdvice AdviseOn(const absl::Status& status) {
       return details.field == "attach.last_pose_seq" ? RetryAdvice::kAttachFromFirstPose : RetryAdvice::kGiveUp;
     default:
       return RetryAdvice::kGiveUp;
+  }
+}
+
+absl::Status RepeatCall(const std::stop_token& stop, const std::function<absl::Status()>& call,
+                        const std::function<void(const absl::Status&)>& on_error, Clock& clock) {
+  RetryOptions delays;
+  delays.first_delay = kFirstCallDelay;
+  delays.max_delay = kMaxCallDelay;
+  Backoff backoff(delays);
+  while (true) {
+    const absl::Time started = clock.Now();
+    absl::Status status = call();
+    if (status.ok() || stop.stop_requested() || !MayPass(status)) return status;
+    on_error(status);
+    const absl::Time now = clock.Now();
+    if (now - started > kMaxCallDelay) backoff.Reset();  // the call had succeeded for a while
+    const absl::Duration delay = std::max(backoff.Next(), GetDetails(status).retry_in);
+    if (!clock.SleepUntil(now + delay, stop)) return status;
   }
 }
 

@@ -4,9 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <stop_token>
 #include <string>
 #include <utility>
 
+#include "client/lib/fake_clock_testing.h"
 #include "client/lib/messages/status_details.h"
 
 namespace evpose::client {
@@ -98,6 +100,63 @@ TEST(AdviseOnTest, EveryStatusThatAStreamCanEndWith) {
     SetDetails(status, each.details);
     EXPECT_EQ(AdviseOn(status), each.advice) << status << " " << each.details.reason;
   }
+}
+
+// Calls that fail four times with the same error.
+class RepeatCallTest : public ::testing::Test {
+ protected:
+  absl::Status Repeat(absl::StatusCode code, const StatusDetails& details) {
+    return RepeatCall(
+        stop_.get_token(),
+        [&] {
+          absl::Status status(code, "what happened");
+          SetDetails(status, details);
+          return ++num_calls_ < 5 ? status : absl::OkStatus();
+        },
+        [&](const absl::Status&) { ++num_errors_; }, clock_);
+  }
+
+  std::stop_source stop_;
+  FakeClock clock_;
+  int num_calls_ = 0;
+  int num_errors_ = 0;
+};
+
+TEST_F(RepeatCallTest, ErrorsThatMayPassAreRepeated) {
+  using Code = absl::StatusCode;
+  for (const auto& [code, reason] : {std::pair(Code::kUnavailable, ""), std::pair(Code::kUnavailable, "ROLLED_BACK"),
+                                     std::pair(Code::kAborted, "POSES_EXPIRED"), std::pair(Code::kUnauthenticated, ""),
+                                     std::pair(Code::kFailedPrecondition, "SESSION_NOT_TRACKED_HERE")}) {
+    num_calls_ = num_errors_ = 0;
+    EXPECT_TRUE(Repeat(code, {reason}).ok()) << reason;
+    EXPECT_EQ(num_calls_, 5) << reason;
+    EXPECT_EQ(num_errors_, 4) << reason;
+  }
+}
+
+TEST_F(RepeatCallTest, ErrorsThatAreFinalAreReturned) {
+  using Code = absl::StatusCode;
+  for (const auto& [code, reason] :
+       {std::pair(Code::kDataLoss, "ROLLED_BACK"), std::pair(Code::kFailedPrecondition, "EVENT_IMAGES_OFF"),
+        std::pair(Code::kNotFound, "SESSION_NOT_FOUND"), std::pair(Code::kPermissionDenied, ""),
+        std::pair(Code::kUnimplemented, ""), std::pair(Code::kInvalidArgument, "")}) {
+    num_calls_ = num_errors_ = 0;
+    EXPECT_EQ(Repeat(code, {reason}).code(), code) << reason;
+    EXPECT_EQ(num_calls_, 1) << reason;
+    EXPECT_EQ(num_errors_, 0) << reason;
+  }
+}
+
+TEST_F(RepeatCallTest, WaitsForAsLongAsTheServerAsks) {
+  const absl::Time begin = clock_.Now();
+  EXPECT_TRUE(Repeat(absl::StatusCode::kResourceExhausted, {"TOO_MANY_STREAMS", "", absl::Seconds(5)}).ok());
+  EXPECT_EQ(clock_.Now() - begin, absl::Seconds(4 * 5));
+}
+
+TEST_F(RepeatCallTest, ARequestToStopEndsIt) {
+  stop_.request_stop();
+  EXPECT_TRUE(absl::IsUnavailable(Repeat(absl::StatusCode::kUnavailable, {})));
+  EXPECT_EQ(num_calls_, 1);
 }
 
 }  // namespace
