@@ -245,7 +245,7 @@ std::string SessionsText(const std::vector<Session>& sessions) {
     list.push_back({{"name", session.name},
                     {"state", LowerCase(SessionStateName(session.state))},
                     {"objects", std::move(objects)},
-                    {"recv", absl::FormatTime(absl::RFC3339_sec, session.create_time, absl::UTCTimeZone())}});
+                    {"create_time", absl::FormatTime(absl::RFC3339_sec, session.create_time, absl::UTCTimeZone())}});
   }
   return Dump({{"type", "sessions"}, {"sessions", std::move(list)}});
 }

@@ -39,7 +39,8 @@ RecordingView::RecordingView(const RecordingSource& source, std::shared_ptr<Page
     : source_(source), outbox_(std::move(outbox)) {
   AddTracks();
   if (!source.pose_times_us().empty()) t_us_ = source.pose_times_us().front();
-  outbox_->Set(PageOutbox::Latest::kHello, ToText(HelloMessage{true, source.inputs().path, ""}));
+  outbox_->Set(PageOutbox::Latest::kHello,
+               ToText(HelloMessage{.is_recording = true, .source = source.inputs().path, .session = ""}));
   outbox_->StartScene(source.scene());
   source.SendFrames(outbox_);
   subscription_ = source.events().Subscribe([this] { OnProgress(); });
@@ -112,39 +113,48 @@ int64_t RecordingView::PlayedUs() const {
   return t_us_ + std::llround(speed_ * elapsed.count());
 }
 
-bool RecordingView::IsDue() const {
-  if (is_to_show_) return source_.events().HasUntil(WindowAt(t_us_, settings_.window_ms).to_us);
-  return is_playing_ && Clock::now() >= next_tick_;
+std::optional<RecordingView::Clock::time_point> RecordingView::NextDue() const {
+  if (is_to_show_) {
+    const bool is_read = source_.events().HasUntil(WindowAt(t_us_, settings_.window_ms).to_us);
+    return is_read ? std::optional(Clock::time_point::min()) : std::nullopt;
+  }
+  return is_playing_ ? std::optional(next_tick_) : std::nullopt;
 }
 
 RecordingView::Work RecordingView::NextWork(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
-  while (!stop.stop_requested() && !IsDue()) {
-    const auto is_due = [this] { return IsDue(); };
-    if (is_playing_ && !is_to_show_) {
-      changed_.wait_until(lock, stop, next_tick_, is_due);
+  while (!stop.stop_requested()) {
+    const std::optional<Clock::time_point> due = NextDue();
+    if (due && *due <= Clock::now()) break;
+    const auto has_changed = [&] { return NextDue() != due; };
+    if (due) {
+      changed_.wait_until(lock, stop, *due, has_changed);
     } else {
-      changed_.wait(lock, stop, [&] { return is_due() || (is_playing_ && !is_to_show_); });
+      changed_.wait(lock, stop, has_changed);
     }
   }
   if (stop.stop_requested()) return {};
-  Work work{t_us_, settings_, is_playing_, speed_, !is_to_show_};
-  if (work.is_tick) {
-    work.t_us = PlayedUs();
-    // Ticks follow each other by the period, however late each of them is noticed. After a long image the next one is
-    // not due at once, so that the rate stays bounded.
-    const std::chrono::microseconds period(std::llround(1e6 / settings_.rate_hz));
-    next_tick_ = std::max(next_tick_ + period, Clock::now() + period / 2);
-    // A play waits at the end of what has been read, and stops at the end of the recording.
-    const RecordedEvents::Progress progress = source_.events().progress();
-    if (*work.t_us >= progress.range.to_us) {
-      work.t_us = t_us_ = std::max(t_us_, progress.range.to_us);
-      played_since_ = Clock::now();
-      if (progress.is_complete) is_playing_ = work.is_playing = work.is_tick = false;
-    }
-  }
-  is_to_show_ = false;
+  Work work{.t_us = t_us_,
+            .settings = settings_,
+            .is_playing = is_playing_,
+            .speed = speed_,
+            .is_tick = !std::exchange(is_to_show_, false)};
+  if (work.is_tick) AdvancePlay(work);
   return work;
+}
+
+void RecordingView::AdvancePlay(Work& work) {
+  work.t_us = PlayedUs();
+  // Ticks follow each other by the period, however late each of them is noticed. After a long image the next one is
+  // not due at once, so that the rate stays bounded.
+  const std::chrono::microseconds period(std::llround(1e6 / settings_.rate_hz));
+  next_tick_ = std::max(next_tick_ + period, Clock::now() + period / 2);
+  // A play waits at the end of what has been read, and stops at the end of the recording.
+  const RecordedEvents::Progress progress = source_.events().progress();
+  if (*work.t_us < progress.range.to_us) return;
+  work.t_us = t_us_ = std::max(t_us_, progress.range.to_us);
+  played_since_ = Clock::now();
+  if (progress.is_complete) is_playing_ = work.is_playing = work.is_tick = false;
 }
 
 void RecordingView::Run(const std::stop_token& stop) {

@@ -49,7 +49,11 @@ class RecordingView : public PageView {
   void AddTracks();
   void Run(const std::stop_token& stop);
   Work NextWork(const std::stop_token& stop);
-  bool IsDue() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // When the next image is due: now or earlier for one that was requested, later for a tick; nullopt: not before a
+  // change.
+  std::optional<Clock::time_point> NextDue() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Sets the instant of a tick, and when the next one is due.
+  void AdvancePlay(Work& work) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   int64_t PlayedUs() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Changes the present instant. A play continues from there.
   void GoTo(int64_t t_us) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

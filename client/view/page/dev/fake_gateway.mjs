@@ -114,7 +114,7 @@ class Viewer {
     const names = ["bench-1", "a session with a long name that does not fit in its column at all", "<b>cell 7</b>"];
     this.peer.sendText({
       type: "sessions",
-      sessions: names.map((name, i) => ({ name: `sessions/${name}`, state: ["receiving", "waiting", "ended"][i], objects: OBJECTS.map(({ id }) => id), recv: `2026-11-26 10:0${i}:17` })),
+      sessions: names.map((name, i) => ({ name: `sessions/${name}`, state: ["receiving", "waiting", "ended"][i], objects: OBJECTS.map(({ id }) => id), create_time: `2026-11-26 10:0${i}:17` })),
     });
   }
 

@@ -58,7 +58,7 @@ export interface SessionRow {
   name: string;
   state: string;
   objects: string[];
-  recv: string;
+  create_time: string;
 }
 
 export interface Sessions {

@@ -25,14 +25,14 @@ export class SessionList {
     this.root.replaceChildren(head, ...rows);
   }
 
-  private row({ name, state, objects, recv }: SessionRow): HTMLElement {
+  private row({ name, state, objects, create_time }: SessionRow): HTMLElement {
     const row = element(
       "button",
       "session",
       element("span", "name", name),
       element("span", "", state),
       element("span", "minor", objects.join(", ")),
-      element("span", "minor", recv),
+      element("span", "minor", create_time),
     );
     row.title = name;
     row.addEventListener("click", () => {
