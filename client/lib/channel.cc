@@ -65,20 +65,10 @@ class TokenInterceptorFactory : public grpc::experimental::ClientInterceptorFact
 
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const TlsOptions& tls) {
   if (!tls.is_on) return grpc::InsecureChannelCredentials();
-  grpc::SslCredentialsOptions options;
-  if (!tls.ca_file.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(const PemFile authorities, ReadPem(tls.ca_file));
-    EVPOSE_RETURN_IF_ERROR(CheckAuthorities(authorities));
-    options.pem_root_certs = authorities.contents;
-  }
-  if (!tls.certificate_file.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(const PemFile certificate, ReadPem(tls.certificate_file));
-    EVPOSE_ASSIGN_OR_RETURN(const PemFile key, ReadPem(tls.key_file));
-    EVPOSE_RETURN_IF_ERROR(CheckKeyPair(certificate, key, absl::Now()));
-    options.pem_cert_chain = certificate.contents;
-    options.pem_private_key = key.contents;
-  }
-  return grpc::SslCredentials(options);
+  EVPOSE_ASSIGN_OR_RETURN(ClientPem pem, ReadClientPem(tls.ca_file, tls.certificate_file, tls.key_file, absl::Now()));
+  return grpc::SslCredentials({.pem_root_certs = std::move(pem.authorities),
+                               .pem_private_key = std::move(pem.key),
+                               .pem_cert_chain = std::move(pem.certificate)});
 }
 
 }  // namespace

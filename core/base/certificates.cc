@@ -113,6 +113,23 @@ absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::
   return CheckValidity(certificate, x509.get(), now);
 }
 
+absl::StatusOr<ClientPem> ReadClientPem(const std::string& ca_file, const std::string& certificate_file,
+                                        const std::string& key_file, absl::Time now) {
+  ClientPem pem;
+  if (!ca_file.empty()) {
+    EVPOSE_ASSIGN_OR_RETURN(PemFile authorities, ReadPem(ca_file));
+    EVPOSE_RETURN_IF_ERROR(CheckAuthorities(authorities));
+    pem.authorities = std::move(authorities.contents);
+  }
+  if (certificate_file.empty()) return pem;
+  EVPOSE_ASSIGN_OR_RETURN(PemFile certificate, ReadPem(certificate_file));
+  EVPOSE_ASSIGN_OR_RETURN(PemFile key, ReadPem(key_file));
+  EVPOSE_RETURN_IF_ERROR(CheckKeyPair(certificate, key, now));
+  pem.certificate = std::move(certificate.contents);
+  pem.key = std::move(key.contents);
+  return pem;
+}
+
 absl::StatusOr<ClientCertificate> ReadClientCertificate(const PemFile& certificate) {
   const Owned<BIO> bio = Open(certificate);
   const Owned<X509> x509 = ReadCertificate(bio.get());

@@ -33,6 +33,17 @@ absl::Status CheckAuthorities(const PemFile& authorities);
 // for a certificate that is not valid at `now`.
 absl::Status CheckKeyPair(const PemFile& certificate, const PemFile& key, absl::Time now);
 
+// What a client presents and trusts in TLS: the contents of PEM files. Empty if no file is given.
+struct ClientPem {
+  std::string authorities;
+  std::string certificate;
+  std::string key;
+};
+// Reads and checks the files of a client; an empty path stands for none. Without `certificate_file`, `key_file` is not
+// read. Errors: those of ReadPem(), CheckAuthorities() and CheckKeyPair().
+absl::StatusOr<ClientPem> ReadClientPem(const std::string& ca_file, const std::string& certificate_file,
+                                        const std::string& key_file, absl::Time now);
+
 // The fields of a client's certificate that a server checks after TLS has verified the signatures.
 struct ClientCertificate {
   std::vector<std::string> common_names;  // all CNs of the subject, UTF-8

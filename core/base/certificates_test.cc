@@ -4,7 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fstream>
+#include <string>
+
 #include "core/base/certificates_testing.h"
+#include "core/base/temporary_directory_testing.h"
 
 namespace evpose {
 namespace {
@@ -36,6 +40,31 @@ TEST(CertificatesTest, FilesThatAreNotPem) {
               HasSubstr("server.key has no private key in it"));
   EXPECT_THAT(Message(CheckKeyPair(certificate, {"server.key", TestAuthority::Encrypted(issued)}, absl::Now())),
               HasSubstr("server.key is encrypted"));
+}
+
+TEST(CertificatesTest, TheFilesOfAClient) {
+  const TemporaryDirectory directory;
+  const TestAuthority authority;
+  const TestCertificate issued = authority.Issue();
+  const auto write = [&directory](const std::string& name, const std::string& contents) {
+    const std::string path = directory.path() + "/" + name;
+    std::ofstream(path) << contents;
+    return path;
+  };
+  const std::string ca = write("ca.crt", authority.pem());
+  const std::string certificate = write("client.crt", issued.certificate_pem);
+  const std::string key = write("client.key", issued.key_pem);
+  const auto all = ReadClientPem(ca, certificate, key, absl::Now());
+  ASSERT_TRUE(all.ok()) << all.status();
+  EXPECT_EQ(all->authorities, authority.pem());
+  EXPECT_EQ(all->certificate, issued.certificate_pem);
+  EXPECT_EQ(all->key, issued.key_pem);
+  const auto none = ReadClientPem("", "", "", absl::Now());
+  ASSERT_TRUE(none.ok()) << none.status();
+  EXPECT_EQ(none->authorities + none->certificate + none->key, "");
+  EXPECT_THAT(Message(ReadClientPem(key, "", "", absl::Now()).status()), HasSubstr("client.key has no certificate"));
+  EXPECT_THAT(Message(ReadClientPem(ca, certificate, ca, absl::Now()).status()),
+              HasSubstr("ca.crt has no private key"));
 }
 
 TEST(CertificatesTest, KeyOfAnotherCertificate) {

@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -48,20 +49,11 @@ std::string WrongUsage(const HealthCheckArguments& arguments) {
 
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> MakeCredentials(const HealthCheckArguments& arguments) {
   if (!arguments.has_tls()) return grpc::InsecureChannelCredentials();
-  grpc::SslCredentialsOptions options;
-  if (!arguments.ca_file.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile authorities, evpose::ReadPem(arguments.ca_file));
-    EVPOSE_RETURN_IF_ERROR(evpose::CheckAuthorities(authorities));
-    options.pem_root_certs = authorities.contents;
-  }
-  if (!arguments.certificate_file.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile certificate, evpose::ReadPem(arguments.certificate_file));
-    EVPOSE_ASSIGN_OR_RETURN(const evpose::PemFile key, evpose::ReadPem(arguments.key_file));
-    EVPOSE_RETURN_IF_ERROR(evpose::CheckKeyPair(certificate, key, absl::Now()));
-    options.pem_cert_chain = certificate.contents;
-    options.pem_private_key = key.contents;
-  }
-  return grpc::SslCredentials(options);
+  EVPOSE_ASSIGN_OR_RETURN(evpose::ClientPem pem, evpose::ReadClientPem(arguments.ca_file, arguments.certificate_file,
+                                                                       arguments.key_file, absl::Now()));
+  return grpc::SslCredentials({.pem_root_certs = std::move(pem.authorities),
+                               .pem_private_key = std::move(pem.key),
+                               .pem_cert_chain = std::move(pem.certificate)});
 }
 
 std::string WhyNoAnswer(const HealthCheckArguments& arguments, const grpc::Status& status) {
