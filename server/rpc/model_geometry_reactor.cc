@@ -60,8 +60,16 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
     std::shared_ptr<const ObjectModel> model;
     {
       // The model may be deleted while it is simplified.
-      EVPOSE_ASSIGN_OR_RETURN(const ModelUse use, models_.UseStored(tenant, request_.name()));
-      model = use.model;
+      const absl::StatusOr<ModelUse> use = models_.UseStored(tenant, request_.name());
+      if (absl::IsDataLoss(use.status())) {
+        return WithReason(absl::DataLossError(absl::StrCat(request_.name(),
+                                                           " cannot be read; delete it and upload it "
+                                                           "again: ",
+                                                           use.status().message())),
+                          v1::MODEL_DAMAGED);
+      }
+      EVPOSE_RETURN_IF_ERROR(use.status());
+      model = use->model;
     }
     if (cancellation_->is_cancelled()) return absl::CancelledError("the client cancelled");
     DisplayLimits limits;

@@ -72,21 +72,23 @@ TEST_F(ModelGeometryTest, AModelCanBeDeletedAfterwards) {
   EXPECT_EQ(Describe(Geometry(cube, 0, &geometry)), "NOT_FOUND MODEL_NOT_FOUND");
 }
 
-// Models whose reading a test can see.
+// Models whose reading a test can see, and can let fail.
 class WatchedStore : public TroubledStore {
  public:
-  explicit WatchedStore(std::shared_ptr<Store> store) : TroubledStore(std::move(store), std::make_shared<Trouble>()) {}
+  explicit WatchedStore(std::shared_ptr<Store> store, std::shared_ptr<Trouble> of_store = std::make_shared<Trouble>())
+      : TroubledStore(std::move(store), of_store), trouble(std::move(of_store)) {}
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     on_read();
     return TroubledStore::ReadModel(tenant, name);
   }
   std::function<void()> on_read = [] {};
+  const std::shared_ptr<Trouble> trouble;
 };
 
 // The method, with the threads of the test.
-class CancelledGeometryTest : public ::testing::Test, public v1::ModelService::CallbackService {
+class GeometryReactorTest : public ::testing::Test, public v1::ModelService::CallbackService {
  protected:
-  CancelledGeometryTest() {
+  GeometryReactorTest() {
     // The models of a server that has not loaded any.
     const std::string obj = kCubeObj;
     name_ = ModelRegistry::Create({}, store_)
@@ -127,22 +129,46 @@ class CancelledGeometryTest : public ::testing::Test, public v1::ModelService::C
   grpc::ServerUnaryReactor* reactor_ = nullptr;
 };
 
-TEST_F(CancelledGeometryTest, WithoutACancellationItIsAnswered) {
+TEST_F(GeometryReactorTest, WithoutACancellationItIsAnswered) {
   threads_.run();
   EXPECT_EQ(call_.get(), "OK");
 }
 
-TEST_F(CancelledGeometryTest, ACallThatWaitsIsNotBegun) {
+TEST_F(GeometryReactorTest, ACallThatWaitsIsNotBegun) {
   store_.on_read = [] { ADD_FAILURE() << "the model is read"; };
   reactor_->OnCancel();
   threads_.run();
   EXPECT_EQ(call_.get(), "CANCELLED");
 }
 
-TEST_F(CancelledGeometryTest, ACallThatReadsTheModelEndsBehindIt) {
+TEST_F(GeometryReactorTest, ACallThatReadsTheModelEndsBehindIt) {
   store_.on_read = [this] { reactor_->OnCancel(); };
   threads_.run();
   EXPECT_EQ(call_.get(), "CANCELLED");
+}
+
+TEST_F(GeometryReactorTest, AStoreThatDoesNotRespondIsUnavailable) {
+  store_.trouble->Set(absl::UnavailableError("gone"));
+  threads_.run();
+  EXPECT_EQ(call_.get(), "UNAVAILABLE STORE_UNAVAILABLE");
+}
+
+TEST_F(GeometryReactorTest, AStoreThatFailsIsAnInternalError) {
+  store_.trouble->Set(absl::InternalError("bad page"));
+  threads_.run();
+  EXPECT_EQ(call_.get(), "INTERNAL STORE_FAILED");
+}
+
+TEST_F(GeometryReactorTest, ADamagedModelHasAReason) {
+  store_.trouble->Set(absl::DataLossError("the model is damaged"));
+  threads_.run();
+  EXPECT_EQ(call_.get(), "DATA_LOSS MODEL_DAMAGED");
+}
+
+TEST_F(GeometryReactorTest, AServerThatShutsDownStartsNoCall) {
+  preparations_.Stop();
+  threads_.run();
+  EXPECT_EQ(call_.get(), "UNAVAILABLE DRAINING");
 }
 
 }  // namespace
