@@ -17,9 +17,10 @@ absl::StatusOr<std::unique_ptr<ModelLimits::Upload>> ModelLimits::BeginUpload(co
   const std::lock_guard lock(mutex_);
   if (all_.uploads >= options_.max_uploads) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxUploads].Add();
-    return LimitReached(v1::TOO_MANY_UPLOADS, "max_uploads",
-                        absl::StrCat("all ", options_.max_uploads, " places for uploads are taken: try again later"),
-                        kRetryDelay);
+    return LimitReached(
+        v1::TOO_MANY_UPLOADS, "max_uploads",
+        absl::StrCat("the server has its maximum of ", options_.max_uploads, " uploads under way: try again later"),
+        kRetryDelay);
   }
   const auto found = by_tenant_.find(tenant);
   if (found != by_tenant_.end() && found->second.uploads >= options_.max_tenant_uploads) {

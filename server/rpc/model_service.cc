@@ -47,9 +47,9 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     self_ = shared_from_this();
     const std::lock_guard lock(mutex_);
     if (!caller_.ok()) return End(caller_.status());
-    auto place = services_.models.limits().BeginUpload(caller_->tenant);
-    if (!place.ok()) return End(place.status());
-    place_ = *std::move(place);
+    auto reservation = services_.models.limits().BeginUpload(caller_->tenant);
+    if (!reservation.ok()) return End(reservation.status());
+    reservation_ = *std::move(reservation);
     deadline_ = absl::Now() + services_.upload_timeout;
     Read();
   }
@@ -109,7 +109,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
     alarm_.reset();
-    place_.reset();
+    reservation_.reset();
     bytes_ = std::vector<uint8_t>();
     known_.reset();
     Finish(ToGrpcStatus(status));
@@ -150,7 +150,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       known_ = std::make_unique<KnownFile>();
       known_->model = *std::move(known);
     } else {
-      EVPOSE_RETURN_IF_ERROR(place_->Declare(size_bytes_));
+      EVPOSE_RETURN_IF_ERROR(reservation_->Declare(size_bytes_));
     }
     has_header_ = true;
     return absl::OkStatus();
@@ -166,7 +166,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       // The server has the file already; only the digest of the received bytes is needed.
       known_->digest.Update({reinterpret_cast<const uint8_t*>(chunk.data()), chunk.size()});
     } else {
-      EVPOSE_RETURN_IF_ERROR(place_->Add(chunk.size()));
+      EVPOSE_RETURN_IF_ERROR(reservation_->Add(chunk.size()));
       bytes_.insert(bytes_.end(), chunk.begin(), chunk.end());
     }
     return absl::OkStatus();
@@ -247,8 +247,8 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   uint64_t size_bytes_ = 0;
   uint64_t received_bytes_ = 0;
   const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
-  absl::Time deadline_;                         // time by which the last byte of the file must arrive
-  std::unique_ptr<ModelLimits::Upload> place_;  // counts bytes_
+  absl::Time deadline_;                               // time by which the last byte of the file must arrive
+  std::unique_ptr<ModelLimits::Upload> reservation_;  // counts bytes_
   std::vector<uint8_t> bytes_;
   std::unique_ptr<KnownFile> known_;  // not null: the file is known, and bytes_ stays empty
 };

@@ -54,9 +54,9 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     Fail(caller_.status());
     Fail(services_.sessions.CheckNotDraining());
     if (caller_.ok()) {
-      auto place = services_.quotas.AddStream(caller_->tenant);
-      Fail(place.status());
-      if (place.ok()) place_ = *std::move(place);
+      auto reservation = services_.quotas.AddStream(caller_->tenant);
+      Fail(reservation.status());
+      if (reservation.ok()) reservation_ = *std::move(reservation);
       SetAlarm(alarm_, services_.attach_timeout, &TrackReactor::OnAlarm);
     }
     Pump();
@@ -457,8 +457,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   grpc::CallbackServerContext* const context_;
   uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
-  std::shared_ptr<TrackReactor> self_;  // until OnDone
-  std::shared_ptr<const void> place_;   // in the quota of streams
+  std::shared_ptr<TrackReactor> self_;       // until OnDone
+  std::shared_ptr<const void> reservation_;  // in the quota of streams
   // Used by the reading side without the lock. The session and the stream change only while nothing is read.
   v1::TrackRequest request_;
   std::shared_ptr<Session> session_;

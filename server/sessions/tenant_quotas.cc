@@ -9,13 +9,13 @@
 
 namespace evpose::server {
 
-class TenantQuotas::Place {
+class TenantQuotas::Reservation {
  public:
-  Place(TenantQuotas& quotas, Counts& counts, const std::string& tenant)
+  Reservation(TenantQuotas& quotas, Counts& counts, const std::string& tenant)
       : quotas_(quotas), counts_(counts), tenant_(tenant) {}
-  Place(const Place&) = delete;
-  Place& operator=(const Place&) = delete;
-  ~Place() {
+  Reservation(const Reservation&) = delete;
+  Reservation& operator=(const Reservation&) = delete;
+  ~Reservation() {
     if (is_counted_) quotas_.Remove(counts_, tenant_);
   }
   // With the lock of the quotas.
@@ -41,12 +41,12 @@ absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddWatcher(const std::
 
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::Add(Counts& counts, const std::string& tenant,
                                                               const CountLimit& limit) {
-  const auto place = std::make_shared<Place>(*this, counts, tenant);
+  const auto reservation = std::make_shared<Reservation>(*this, counts, tenant);
   const std::lock_guard lock(mutex_);
   uint32_t& count = counts[tenant];
   if (count < limit.max) {
-    place->Count(count);
-    return place;
+    reservation->Count(count);
+    return reservation;
   }
   if (count == 0) counts.erase(tenant);
   options_.metrics->quota_refusals[limit.metric].Add();
@@ -63,10 +63,10 @@ void TenantQuotas::Remove(Counts& counts, const std::string& tenant) {
 }
 
 std::shared_ptr<const void> TenantQuotas::AddHealthWatcher(const std::string& tenant) {
-  const auto place = std::make_shared<Place>(*this, health_watchers_, tenant);
+  const auto reservation = std::make_shared<Reservation>(*this, health_watchers_, tenant);
   const std::lock_guard lock(mutex_);
-  place->Count(health_watchers_[tenant]);
-  return place;
+  reservation->Count(health_watchers_[tenant]);
+  return reservation;
 }
 
 absl::Duration TenantQuotas::HealthPeriod(const std::string& tenant, absl::Duration period) const {

@@ -61,9 +61,9 @@ class TenantQuotas {
     const char* subject;
     const char* name;
   };
-  // Counts one for the tenant, if it is told so, until it is destroyed. It is made before the count, because an
+  // Holds one unit of a quota of the tenant from Count() until it is destroyed. It is made before the count, because an
   // allocation that fails after it would leave the count too high.
-  class Place;
+  class Reservation;
   absl::StatusOr<std::shared_ptr<const void>> Add(Counts& counts, const std::string& tenant, const CountLimit& limit);
   void Remove(Counts& counts, const std::string& tenant);
   double BytesAt(const Bucket& bucket, absl::Time now) const;

@@ -98,8 +98,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
  protected:
   absl::Status FindSession(const Caller& caller, const std::string& name) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    EVPOSE_ASSIGN_OR_RETURN(stream_place_, services_.quotas.AddStream(caller.tenant));
-    EVPOSE_ASSIGN_OR_RETURN(place_, services_.quotas.AddWatcher(caller.tenant));
+    EVPOSE_ASSIGN_OR_RETURN(stream_reservation_, services_.quotas.AddStream(caller.tenant));
+    EVPOSE_ASSIGN_OR_RETURN(watcher_reservation_, services_.quotas.AddWatcher(caller.tenant));
     auto session = services_.sessions.Get(caller.tenant, name);
     if (!session.ok()) {
       missing_ = {caller.tenant, name};
@@ -188,11 +188,11 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   grpc::CallbackServerContext* const context_;
   uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
-  std::shared_ptr<WatchReactor> self_;        // until OnDone
-  std::shared_ptr<WatchedSession> session_;   // null until it is found
-  std::optional<Missing> missing_;            // the requested session, if it is not loaded at this server
-  std::shared_ptr<const void> stream_place_;  // in the quota of streams
-  std::shared_ptr<const void> place_;         // in the quota of watchers
+  std::shared_ptr<WatchReactor> self_;               // until OnDone
+  std::shared_ptr<WatchedSession> session_;          // null until it is found
+  std::optional<Missing> missing_;                   // the requested session, if it is not loaded at this server
+  std::shared_ptr<const void> stream_reservation_;   // in the quota of streams
+  std::shared_ptr<const void> watcher_reservation_;  // in the quota of watchers
   Response response_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;

@@ -109,7 +109,7 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
       }
     }
     tenant_ = caller.tenant;
-    health_place_ = quotas().AddHealthWatcher(tenant_);
+    health_reservation_ = quotas().AddHealthWatcher(tenant_);
     return FindSession(caller, request.session());
   }
 
@@ -145,7 +145,7 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
 
   absl::Duration period_ = kDefaultPeriod;
   std::string tenant_;
-  std::shared_ptr<const void> health_place_;  // among the watchers of health
+  std::shared_ptr<const void> health_reservation_;  // among the watchers of health
   bool is_due_ ABSL_GUARDED_BY(mutex_) = true;
   bool final_was_sent_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
