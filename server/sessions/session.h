@@ -112,7 +112,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   // Reports that the stream has sent the poses up to this one. A session that waits for its reader then continues.
   void ReportSent(uint64_t stream, uint64_t pose_seq);
 
-  // Records in the store that a server has the session, while a stream is attached (OrphanCollector).
+  // Renews the lifecycle record, by which other servers see that a server holds the session, while a stream is attached
+  // (OrphanCollector).
   void RenewOwnership();
   // Replaces the resume token. Calls `done` when the new token has been persisted. The previous one stays valid until a
   // stream with the new one sends an item. Errors: the status with which the session has closed.

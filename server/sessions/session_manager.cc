@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <condition_variable>
 #include <mutex>
 #include <set>
 #include <utility>
@@ -15,6 +14,7 @@
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/sessions/durability/session_codec.h"
+#include "server/sessions/watching/waiting_listener.h"
 #include "server/telemetry/log.h"
 
 namespace evpose::server {
@@ -35,24 +35,6 @@ absl::Status DamagedRequest(absl::string_view request_id, const absl::Status& st
                                                      "): delete it, or choose another request_id")),
                     v1::SESSION_DAMAGED);
 }
-
-// Waits for a condition that changes of sessions may fulfil.
-class FlushListener : public SessionListener {
- public:
-  void OnSessionChanged() override {
-    const std::lock_guard lock(mutex_);
-    changed_.notify_all();
-  }
-  template <typename Predicate>
-  bool WaitUntil(absl::Time deadline, Predicate is_true) {
-    std::unique_lock lock(mutex_);
-    return changed_.wait_until(lock, absl::ToChronoTime(deadline), is_true);
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable changed_;
-};
 
 }  // namespace
 
@@ -436,7 +418,7 @@ std::vector<std::shared_ptr<Session>> SessionManager::Sessions() const {
 }
 
 bool SessionManager::FlushAll(absl::Time deadline) {
-  const auto listener = std::make_shared<FlushListener>();
+  const auto listener = std::make_shared<WaitingListener>();
   const std::vector<std::shared_ptr<Session>> sessions = Sessions();
   for (const auto& session : sessions) {
     session->AddWatcher(listener);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Shared helpers for tests of sessions and services: a tracker with poses that are a simple function of its events,
-// events as FLAT64 bytes, a model, a waiting listener.
+// events as FLAT64 bytes, a model, waiting for a session.
 #pragma once
 
 #include <condition_variable>
@@ -18,6 +18,7 @@
 #include "server/sessions/session.h"
 #include "server/sessions/session_manager.h"
 #include "server/sessions/types/session_config.h"
+#include "server/sessions/watching/waiting_listener.h"
 
 namespace evpose::server {
 
@@ -216,24 +217,6 @@ inline SessionConfig SomeConfig(const std::vector<std::string>& object_ids = {"c
   for (const std::string& id : object_ids) config.objects.push_back({id, model, RigidTransform()});
   return config;
 }
-
-// Waits until a condition on the session is fulfilled.
-class WaitingListener : public SessionListener {
- public:
-  void OnSessionChanged() override {
-    const std::lock_guard lock(mutex_);
-    changed_.notify_all();
-  }
-  template <typename Predicate>
-  void WaitUntil(Predicate is_true) {
-    std::unique_lock lock(mutex_);
-    changed_.wait(lock, is_true);
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable changed_;
-};
 
 // Waits until `is_true`, which is called after each change of the session.
 inline void Until(const std::shared_ptr<Session>& session, const std::function<bool()>& is_true) {
