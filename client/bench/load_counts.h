@@ -15,7 +15,7 @@ namespace evpose::client {
 // belong to the middles of adjacent windows: the window ends half-way to the next pose.
 int64_t WindowDue_us(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
 
-// Counts of one place of a load test (load_place.h), or of all.
+// Counts of one virtual user of a load test (virtual_user.h), or of all.
 struct LoadCounts {
   uint64_t created = 0;
   uint64_t completed = 0;                    // sessions with a received summary
@@ -34,7 +34,7 @@ struct LoadCounts {
   int64_t longest_pause_us = 0;  // between two poses of a session
 
   void AddLatency(int64_t latency_us);
-  // Adds another place's counts.
+  // Adds another user's counts.
   void Add(const LoadCounts& other);
   // Replaces the numbers of events and poses by those between two moments, for rates.
   void LimitTo(const LoadCounts& begin, const LoadCounts& end);

@@ -13,7 +13,7 @@ TEST(LoadCountsTest, AWindowIsDueWithTheChunkAfterItsEnd) {
   EXPECT_EQ(WindowDue_us(5'000, 15'000, 20'000), 20'000);
 }
 
-TEST(LoadCountsTest, PercentilesAreThoseOfAllPlaces) {
+TEST(LoadCountsTest, PercentilesAreThoseOfAllUsers) {
   LoadCounts fast, slow, sum;
   for (int i = 0; i < 180; ++i) fast.AddLatency(1'000);
   for (int i = 0; i < 15; ++i) slow.AddLatency(20'000);

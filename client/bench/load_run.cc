@@ -12,7 +12,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "client/bench/load_place.h"
+#include "client/bench/virtual_user.h"
 #include "client/lib/channel.h"
 #include "client/lib/messages/conversion.h"
 #include "core/base/status_macros.h"
@@ -21,11 +21,11 @@
 namespace evpose::client {
 namespace {
 
-using Time = LoadPlace::Time;
+using Time = VirtualUser::Time;
 
 // Connections to a server: the proxy of deploy/haproxy accepts 128 at a time from one address.
 constexpr size_t kMaxConnections = 64;
-// The thread wakes at most this often, for a group of places.
+// The thread wakes at most this often, for a group of users.
 constexpr std::chrono::microseconds kLeastStep{500};
 // Time for the work that on_begin and on_end start.
 constexpr std::chrono::seconds kReadTimeout{30};
@@ -48,18 +48,18 @@ class LoadRun {
     for (size_t i = 0; i < num; ++i) {
       const size_t watchers =
           static_cast<size_t>(options_.watchers) / num + (i < static_cast<size_t>(options_.watchers) % num ? 1 : 0);
-      places_.push_back(std::make_unique<LoadPlace>(target_, i, watchers));
+      users_.push_back(std::make_unique<VirtualUser>(target_, i, watchers));
     }
     step_ = std::max<std::chrono::microseconds>(kLeastStep, chunk_ / static_cast<int64_t>(num));
     begin_ = progress_at_ = std::chrono::steady_clock::now();
     const absl::Status started = Start();
     if (started.ok()) Measure();
-    for (const auto& place : places_) place->Finish();
+    for (const auto& user : users_) user->Finish();
     const Time finish_by = std::chrono::steady_clock::now() + kFinishTimeout;
     is_interruptible_ = false;
     // Without a test there are no summaries to wait for.
     if (started.ok()) Until([&](Time now) { return IsIdle() || now >= finish_by; }, 1.0);
-    for (const auto& place : places_) place->Cancel();
+    for (const auto& user : users_) user->Cancel();
     Until([&](Time) { return IsIdle(); }, 1.0);
     EVPOSE_RETURN_IF_ERROR(started);
     result_.counts = Counts();
@@ -91,12 +91,12 @@ class LoadRun {
         responded_at = now;
       }
       is_away = now - responded_at >= absl::ToChronoMicroseconds(options_.max_outage);
-      return is_away || num_responses == std::ssize(places_);
+      return is_away || num_responses == std::ssize(users_);
     };
     if (!Until(is_over, 0.0)) return absl::CancelledError("interrupted");
-    if (num_responses == std::ssize(places_)) return absl::OkStatus();
-    return absl::UnavailableError(absl::StrCat(options_.addresses, ": ", places_.size() - num_responses, " of ",
-                                               places_.size(), " sessions were neither created nor refused within ",
+    if (num_responses == std::ssize(users_)) return absl::OkStatus();
+    return absl::UnavailableError(absl::StrCat(options_.addresses, ": ", users_.size() - num_responses, " of ",
+                                               users_.size(), " sessions were neither created nor refused within ",
                                                absl::FormatDuration(options_.max_outage),
                                                "; check that the servers run and can be reached"));
   }
@@ -108,7 +108,7 @@ class LoadRun {
     const Time begin = std::chrono::steady_clock::now();
     const auto length =
         std::chrono::duration_cast<Time::duration>(std::chrono::duration<double, std::ratio<60>>(options_.minutes));
-    for (const auto& place : places_) place->BeginMeasuring();
+    for (const auto& user : users_) user->BeginMeasuring();
     counts_at_begin_ = Counts();
     lateness_ = server::LatencyHistogram();
     result_.late_max_us = 0;
@@ -118,7 +118,7 @@ class LoadRun {
           const std::chrono::duration<double, std::ratio<60>> minutes = now - begin;
           const auto replaced = static_cast<uint64_t>(minutes.count() * options_.churn_per_minute);
           for (; num_replaced < replaced && now < begin + length; ++num_replaced) {
-            places_[num_replaced % places_.size()]->Replace();
+            users_[num_replaced % users_.size()]->Replace();
           }
           ratio_ = std::min(1.0, minutes.count() / options_.minutes);
           return now >= begin + length;
@@ -140,7 +140,7 @@ class LoadRun {
     if (options_.is_read) Until([&](Time now) { return options_.is_read() || now >= read_by; }, ratio);
   }
 
-  // Acts for all places, each once per chunk, until `is_over(now)`. Returns false after an interrupt.
+  // Acts for all users, each once per chunk, until `is_over(now)`. Returns false after an interrupt.
   bool Until(const std::function<bool(Time)>& is_over, double ratio) {
     ratio_ = ratio;
     const size_t num_groups = std::max<size_t>(1, static_cast<size_t>(chunk_ / step_));
@@ -152,7 +152,7 @@ class LoadRun {
         const int64_t late_us = std::chrono::duration_cast<std::chrono::microseconds>(now - due).count();
         lateness_.Add(late_us);
         result_.late_max_us = std::max(result_.late_max_us, late_us);
-        for (size_t i = group; i < places_.size(); i += num_groups) places_[i]->Act(due);
+        for (size_t i = group; i < users_.size(); i += num_groups) users_[i]->Act(due);
       }
       ++num_rounds_;
       const Time now = std::chrono::steady_clock::now();
@@ -167,14 +167,14 @@ class LoadRun {
     return on_progress_(ratio_, Counts());
   }
   ptrdiff_t NumResponses() const {
-    return std::count_if(places_.begin(), places_.end(), [](const auto& place) { return place->HasResponse(); });
+    return std::count_if(users_.begin(), users_.end(), [](const auto& user) { return user->HasResponse(); });
   }
   bool IsIdle() const {
-    return std::all_of(places_.begin(), places_.end(), [](const auto& place) { return place->IsIdle(); });
+    return std::all_of(users_.begin(), users_.end(), [](const auto& user) { return user->IsIdle(); });
   }
   LoadCounts Counts() const {
     LoadCounts sum;
-    for (const auto& place : places_) sum.Add(place->counts());
+    for (const auto& user : users_) sum.Add(user->counts());
     return sum;
   }
 
@@ -183,7 +183,7 @@ class LoadRun {
   const std::chrono::microseconds chunk_;
   std::chrono::microseconds step_{};
   LoadTarget target_;
-  std::vector<std::unique_ptr<LoadPlace>> places_;  // are destroyed before the target
+  std::vector<std::unique_ptr<VirtualUser>> users_;  // are destroyed before the target
   Time begin_, progress_at_;
   int64_t num_rounds_ = 0;
   bool is_interruptible_ = true;

@@ -16,8 +16,7 @@ namespace {
 // Attempts after which a damaged chunk is regarded as damaged at its source, not by the link, which hardly damages the
 // same chunk each time.
 constexpr size_t kMaxDamagedTries = 5;
-// More attaches than a store with a stale replica loses.
-constexpr size_t kMaxOlderTokens = 8;
+constexpr size_t kMaxOlderTokens = kMaxTriedTokens - 2;  // beside the current one and the previous one
 
 }  // namespace
 
@@ -153,14 +152,25 @@ bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   if (now + delay - *away_since_ > options_.retry.max_outage) return false;
   ++tries_;
   if (!is_same_server) index_ = (index_ + 1) % servers_.size();
-  Report({true, server().name, cause, now - *away_since_, delay});
+  Report({.is_away = true,
+          .server = server().name,
+          .cause = cause,
+          .away_for = now - *away_since_,
+          .next_try_in = delay,
+          .trace = {}});
   return clock().SleepUntil(now + delay, options_.stop.get_token());
 }
 
 void ReconnectingStream::ReportAttached() {
   current_ = index_;
   attached_at_ = clock().Now();
-  if (away_since_) Report({false, server().name, absl::OkStatus(), clock().Now() - *away_since_});
+  if (away_since_)
+    Report({.is_away = false,
+            .server = server().name,
+            .cause = absl::OkStatus(),
+            .away_for = clock().Now() - *away_since_,
+            .next_try_in = absl::ZeroDuration(),
+            .trace = {}});
 }
 
 void ReconnectingStream::Report(ConnectionChange change) const {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "client/bench/load_place.h"
+#include "client/bench/virtual_user.h"
 
 #include <algorithm>
 #include <random>
@@ -14,7 +14,6 @@ namespace {
 
 constexpr std::chrono::seconds kCallTimeout{60};
 constexpr std::chrono::seconds kAttachTimeout{10};
-constexpr size_t kMaxTokens = 10;  // as ReconnectingStream: more attaches than a store with a stale replica loses
 // Poses farther apart do not belong to adjacent windows, which last for 20 ms at most.
 constexpr int64_t kMaxWindow_us = 40'000;
 
@@ -23,7 +22,7 @@ std::string ReasonName(const absl::Status& status) {
   return reason.empty() ? absl::StatusCodeToString(status.code()) : reason;
 }
 
-int64_t MicrosecondsOf(LoadPlace::Time::duration duration) {
+int64_t MicrosecondsOf(VirtualUser::Time::duration duration) {
   return std::chrono::duration_cast<std::chrono::microseconds>(duration).count();
 }
 
@@ -39,7 +38,7 @@ const std::string& RunName() {
 }  // namespace
 
 // A unary call on a session.
-struct LoadPlace::Call {
+struct VirtualUser::Call {
   grpc::ClientContext context;
   v1::CreateSessionRequest create;
   v1::CreateSessionResponse created;
@@ -47,9 +46,9 @@ struct LoadPlace::Call {
   google::protobuf::Empty removed;
 };
 
-class LoadPlace::Stream : public grpc::ClientBidiReactor<v1::TrackRequest, v1::TrackResponse> {
+class VirtualUser::Stream : public grpc::ClientBidiReactor<v1::TrackRequest, v1::TrackResponse> {
  public:
-  Stream(LoadPlace& place, v1::SessionService::Stub& stub) : place_(place) { stub.async()->Track(&context_, this); }
+  Stream(VirtualUser& user, v1::SessionService::Stub& stub) : user_(user) { stub.async()->Track(&context_, this); }
   // Sends the first message. Called once.
   void Begin(const v1::TrackRequest& attach) {
     StartRead(&response_);
@@ -60,48 +59,48 @@ class LoadPlace::Stream : public grpc::ClientBidiReactor<v1::TrackRequest, v1::T
 
   void OnReadDone(bool ok) override {
     if (!ok) return;
-    place_.OnResponse(response_);
+    user_.OnResponse(response_);
     StartRead(&response_);
   }
-  void OnWriteDone(bool ok) override { place_.OnWritten(ok); }
-  void OnDone(const grpc::Status& status) override { place_.OnStreamEnd(status); }
+  void OnWriteDone(bool ok) override { user_.OnWritten(ok); }
+  void OnDone(const grpc::Status& status) override { user_.OnStreamEnd(status); }
 
  private:
-  LoadPlace& place_;
+  VirtualUser& user_;
   grpc::ClientContext context_;
   v1::TrackResponse response_;
 };
 
-LoadPlace::LoadPlace(LoadTarget& target, size_t index, size_t num_watchers)
+VirtualUser::VirtualUser(LoadTarget& target, size_t index, size_t num_watchers)
     : target_(target), index_(index), server_(index % target.stubs.size()), backoff_(RetryOptions()) {
   for (size_t i = 0; i < num_watchers; ++i) watchers_.push_back(std::make_unique<LoadWatcher>(target.watch_hz));
 }
 
-LoadPlace::~LoadPlace() = default;
+VirtualUser::~VirtualUser() = default;
 
-v1::SessionService::Stub& LoadPlace::stub() const {
+v1::SessionService::Stub& VirtualUser::stub() const {
   const auto& connections = target_.stubs[server_];
   return *connections[index_ % connections.size()];
 }
 
-void LoadPlace::Act(Time now) {
+void VirtualUser::Act(Time now) {
   const std::lock_guard lock(mutex_);
   now_ = now;
-  if (state_ == State::kWaiting && is_finishing_) state_ = State::kOver;
-  if (state_ == State::kWaiting && now >= act_at_ && target_.free_creations > 0) Create(now);
-  if (state_ == State::kBroken && now >= act_at_) Attach(now);
-  if (state_ == State::kAttaching && now >= act_at_) stream_->Cancel();
-  if (state_ == State::kStreaming) {
+  if (state_ == UserState::kWaiting && MustEnd()) ChangeState(UserInput::kStop);
+  if (state_ == UserState::kWaiting && now >= act_at_ && target_.free_creations > 0) Create(now);
+  if (state_ == UserState::kBroken && now >= act_at_) Attach(now);
+  if (state_ == UserState::kAttaching && now >= act_at_) stream_->Cancel();
+  if (state_ == UserState::kStreaming) {
     if (!session_.began_at) session_.began_at = now;
     Send();
   }
-  if (!session_.was_attached || state_ == State::kOver || is_cancelled_) return;
+  if (!session_.was_attached || state_ == UserState::kOver || goal_ == Goal::kCancel) return;
   for (const auto& watcher : watchers_) watcher->Watch(stub(), session_.name, now);
 }
 
-void LoadPlace::Create(Time now) {
+void VirtualUser::Create(Time now) {
   --target_.free_creations;
-  state_ = State::kCreating;
+  ChangeState(UserInput::kCreate);
   if (request_id_.empty()) request_id_ = absl::StrCat(RunName(), "-", index_, "-", num_requests_++);
   call_ = std::make_unique<Call>();
   call_->context.set_deadline(std::chrono::system_clock::now() + kCallTimeout);
@@ -112,7 +111,7 @@ void LoadPlace::Create(Time now) {
                                 [this](const grpc::Status& status) { OnCreated(status); });
 }
 
-void LoadPlace::OnCreated(const grpc::Status& grpc_status) {
+void VirtualUser::OnCreated(const grpc::Status& grpc_status) {
   const std::lock_guard lock(mutex_);
   ++target_.free_creations;
   const absl::Status status = FromGrpc(grpc_status, "CreateSession");
@@ -124,32 +123,26 @@ void LoadPlace::OnCreated(const grpc::Status& grpc_status) {
     session_ = Position();
     session_.name = call_->created.session().name();
     session_.tokens = {call_->created.resume_token()};
-    session_.is_ending = is_finishing_;
-    if (is_cancelled_) {
-      ++counts_.unfinished;
-      return Delete();
-    }
-    state_ = State::kBroken;
-    return;
+    ChangeState(UserInput::kCreated);
+    if (goal_ != Goal::kCancel) return;
+    ++counts_.unfinished;
+    return Delete();
   }
   ++counts_.refusals[ReasonName(status)];
   const absl::Duration retry_in = GetDetails(status).retry_in;
   const bool is_away = absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status);
   has_response_ |= !is_away;
-  if ((retry_in == absl::ZeroDuration() && !is_away) || is_cancelled_) {
-    state_ = State::kOver;
-    return;
-  }
+  if ((retry_in == absl::ZeroDuration() && !is_away) || goal_ == Goal::kCancel) return ChangeState(UserInput::kStop);
   if (!is_away) request_id_.clear();
   // A server that is full may not be the only one.
   server_ = (server_ + 1) % target_.stubs.size();
   act_at_ = now_ + absl::ToChronoMicroseconds(std::max(retry_in, backoff_.Next()));
-  state_ = State::kWaiting;
+  ChangeState(UserInput::kRefused);
 }
 
-void LoadPlace::Attach(Time now) {
+void VirtualUser::Attach(Time now) {
   stream_ = std::make_unique<Stream>(*this, stub());
-  state_ = State::kAttaching;
+  ChangeState(UserInput::kAttach);
   is_writing_ = true;
   is_shutting_down_ = is_complete_ = false;
   request_.Clear();
@@ -162,31 +155,28 @@ void LoadPlace::Attach(Time now) {
   stream_->Begin(request_);
 }
 
-void LoadPlace::Send() {
-  if (is_writing_ || is_complete_ || state_ != State::kStreaming) return;
+void VirtualUser::Send() {
+  if (is_writing_ || is_complete_ || state_ != UserState::kStreaming) return;
   if (is_shutting_down_ && !session_.has_summary) {
     is_complete_ = true;
     stream_->StartWritesDone();
     return;
   }
-  if (!session_.is_ending) {
-    SendChunk();
-    return;
-  }
+  if (goal_ == Goal::kGoOn) return SendChunk();
   request_.mutable_end();
   is_writing_ = is_complete_ = true;
   stream_->StartWrite(&request_);
 }
 
-bool LoadPlace::SendChunk() {
+void VirtualUser::SendChunk() {
   const LoadRecording& recording = target_.recording;
-  if (!session_.began_at) return false;
+  if (!session_.began_at) return;
   const uint64_t seq = session_.next_seq;
   if (now_ < *session_.began_at + std::chrono::microseconds(static_cast<int64_t>(seq) * recording.chunk_us())) {
-    return false;
+    return;
   }
   std::string payload = recording.Payload(seq - 1);
-  if (sent_bytes_ + payload.size() > limit_bytes_) return false;
+  if (sent_bytes_ + payload.size() > limit_bytes_) return;
   if (seq > session_.most_seq) {
     session_.most_seq = seq;
     counts_.events += recording.NumEvents(seq - 1);
@@ -197,16 +187,15 @@ bool LoadPlace::SendChunk() {
   request_.mutable_events()->set_payload(std::move(payload));
   is_writing_ = true;
   stream_->StartWrite(&request_);
-  return true;
 }
 
-void LoadPlace::OnWritten(bool ok) {
+void VirtualUser::OnWritten(bool ok) {
   const std::lock_guard lock(mutex_);
   is_writing_ = false;
   if (ok) Send();
 }
 
-void LoadPlace::OnResponse(const v1::TrackResponse& response) {
+void VirtualUser::OnResponse(const v1::TrackResponse& response) {
   const std::lock_guard lock(mutex_);
   switch (response.message_case()) {
     case v1::TrackResponse::kAttached:
@@ -230,8 +219,8 @@ void LoadPlace::OnResponse(const v1::TrackResponse& response) {
   }
 }
 
-void LoadPlace::HandleAttached(const v1::TrackResponse::Attached& attached) {
-  state_ = State::kStreaming;
+void VirtualUser::HandleAttached(const v1::TrackResponse::Attached& attached) {
+  ChangeState(UserInput::kAttached);
   if (session_.was_attached) ++counts_.reconnections;
   session_.was_attached = true;
   session_.away_since.reset();
@@ -239,7 +228,7 @@ void LoadPlace::HandleAttached(const v1::TrackResponse::Attached& attached) {
   session_.attaches_from_first_pose = false;
   session_.token = 0;
   session_.tokens.insert(session_.tokens.begin(), attached.resume_token());
-  if (session_.tokens.size() > kMaxTokens) session_.tokens.pop_back();
+  if (session_.tokens.size() > kMaxTriedTokens) session_.tokens.pop_back();
   session_.next_seq = attached.next_seq();
   sent_bytes_ = 0;
   limit_bytes_ = attached.send_limit_bytes();
@@ -250,7 +239,7 @@ void LoadPlace::HandleAttached(const v1::TrackResponse::Attached& attached) {
   backoff_.Reset();
 }
 
-void LoadPlace::HandlePose(const v1::Pose& pose) {
+void VirtualUser::HandlePose(const v1::Pose& pose) {
   if (pose.pose_seq() <= session_.last_pose_seq) return;  // delivered on an earlier stream
   counts_.lost_poses += pose.pose_seq() - session_.last_pose_seq - 1;
   session_.last_pose_seq = pose.pose_seq();
@@ -266,7 +255,7 @@ void LoadPlace::HandlePose(const v1::Pose& pose) {
   counts_.AddLatency(std::max<int64_t>(latency_us, 0));
 }
 
-void LoadPlace::OnStreamEnd(const grpc::Status& grpc_status) {
+void VirtualUser::OnStreamEnd(const grpc::Status& grpc_status) {
   const std::lock_guard lock(mutex_);
   const Time now = std::chrono::steady_clock::now();
   is_writing_ = false;
@@ -274,21 +263,18 @@ void LoadPlace::OnStreamEnd(const grpc::Status& grpc_status) {
     ++counts_.completed;
     return Delete();
   }
-  if (is_cancelled_) {
+  if (goal_ == Goal::kCancel) {
     ++counts_.unfinished;
     return Delete();
   }
   const absl::Status status =
       grpc_status.ok() ? absl::UnavailableError("the stream ended without a summary") : FromGrpc(grpc_status, "Track");
-  if (PlanRetry(status, now)) {
-    state_ = State::kBroken;
-    return;
-  }
+  if (PlanRetry(status, now)) return ChangeState(UserInput::kLost);
   ++counts_.failures[ReasonName(status)];
   Delete();
 }
 
-bool LoadPlace::PlanRetry(const absl::Status& status, Time now) {
+bool VirtualUser::PlanRetry(const absl::Status& status, Time now) {
   bool is_same_server = false;
   switch (AdviseOn(status)) {
     case RetryAdvice::kTryAgain:
@@ -318,8 +304,8 @@ bool LoadPlace::PlanRetry(const absl::Status& status, Time now) {
   return true;
 }
 
-void LoadPlace::Delete() {
-  state_ = State::kDeleting;
+void VirtualUser::Delete() {
+  ChangeState(UserInput::kDelete);
   call_ = std::make_unique<Call>();
   call_->context.set_deadline(std::chrono::system_clock::now() + kCallTimeout);
   call_->remove.set_name(session_.name);
@@ -328,69 +314,72 @@ void LoadPlace::Delete() {
                                 [this](const grpc::Status&) { OnDeleted(); });
 }
 
-void LoadPlace::OnDeleted() {
+void VirtualUser::OnDeleted() {
   const std::lock_guard lock(mutex_);
-  state_ = is_finishing_ ? State::kOver : State::kWaiting;
+  ChangeState(UserInput::kDeleted);
+  if (MustEnd()) ChangeState(UserInput::kStop);
+  if (goal_ == Goal::kReplace) goal_ = Goal::kGoOn;
   act_at_ = now_;
   session_.was_attached = false;
 }
 
-void LoadPlace::BeginMeasuring() {
+void VirtualUser::BeginMeasuring() {
   const std::lock_guard lock(mutex_);
   counts_.latency = server::LatencyHistogram();
   counts_.max_latency_us = counts_.longest_pause_us = 0;
 }
 
-void LoadPlace::Replace() {
+void VirtualUser::Replace() {
   const std::lock_guard lock(mutex_);
-  session_.is_ending = true;
+  const bool has_session =
+      state_ == UserState::kBroken || state_ == UserState::kAttaching || state_ == UserState::kStreaming;
+  if (has_session && goal_ == Goal::kGoOn) goal_ = Goal::kReplace;
 }
 
-void LoadPlace::Finish() {
+void VirtualUser::Finish() {
   const std::lock_guard lock(mutex_);
-  is_finishing_ = true;
-  session_.is_ending = true;
+  if (!MustEnd()) goal_ = Goal::kFinish;
 }
 
-void LoadPlace::Cancel() {
+void VirtualUser::Cancel() {
   for (const auto& watcher : watchers_) watcher->Cancel();
   const std::lock_guard lock(mutex_);
-  is_cancelled_ = is_finishing_ = true;
+  goal_ = Goal::kCancel;
   switch (state_) {
-    case State::kWaiting:
-      state_ = State::kOver;
+    case UserState::kWaiting:
+      ChangeState(UserInput::kStop);
       break;
-    case State::kBroken:
+    case UserState::kBroken:
       ++counts_.unfinished;
       Delete();
       break;
-    case State::kAttaching:
-    case State::kStreaming:
+    case UserState::kAttaching:
+    case UserState::kStreaming:
       stream_->Cancel();
       break;
-    case State::kCreating:
-    case State::kDeleting:
+    case UserState::kCreating:
+    case UserState::kDeleting:
       call_->context.TryCancel();
       break;
-    case State::kOver:
+    case UserState::kOver:
       break;
   }
 }
 
-bool LoadPlace::IsIdle() const {
+bool VirtualUser::IsIdle() const {
   for (const auto& watcher : watchers_) {
     if (!watcher->IsIdle()) return false;
   }
   const std::lock_guard lock(mutex_);
-  return state_ == State::kOver;
+  return state_ == UserState::kOver;
 }
 
-bool LoadPlace::HasResponse() const {
+bool VirtualUser::HasResponse() const {
   const std::lock_guard lock(mutex_);
   return has_response_;
 }
 
-LoadCounts LoadPlace::counts() const {
+LoadCounts VirtualUser::counts() const {
   const std::lock_guard lock(mutex_);
   LoadCounts counts = counts_;
   for (const auto& watcher : watchers_) {

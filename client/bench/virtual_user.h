@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One of the sessions that a load test keeps at a time. Internal: it includes generated headers.
+// A virtual user of a load test: one session at a time. Internal: it includes generated headers.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -19,12 +19,13 @@
 #include "client/bench/load_counts.h"
 #include "client/bench/load_recording.h"
 #include "client/bench/load_watcher.h"
+#include "client/bench/user_state.h"
 #include "client/lib/stream/retry.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 
-// What all places share. The references must outlive the places.
+// What all virtual users share. The references must outlive the users.
 struct LoadTarget {
   const LoadRecording& recording;
   v1::SessionConfig config;
@@ -37,15 +38,15 @@ struct LoadTarget {
 
 // Creates a session, sends it the recording at the pace of the sensor, and receives its poses. After an error of the
 // network or of a server it attaches again, at the next server. The payloads are those of the shared recording, so that
-// a place keeps no events. It has no thread: its owner calls Act() once per chunk, and gRPC calls the rest.
+// a user keeps no events. It has no thread: its owner calls Act() once per chunk, and gRPC calls the rest.
 // Thread-safe.
-class LoadPlace {
+class VirtualUser {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
-  LoadPlace(LoadTarget& target, size_t index, size_t num_watchers);
+  VirtualUser(LoadTarget& target, size_t index, size_t num_watchers);
   // No call may be under way: IsIdle().
-  ~LoadPlace();
+  ~VirtualUser();
 
   // Does what is due at `now`, the nominal time of this call: multiples of the chunk's duration apart.
   void Act(Time now);
@@ -66,14 +67,12 @@ class LoadPlace {
  private:
   class Stream;
   struct Call;
-  enum class State {
-    kWaiting,    // for the creation of a session
-    kCreating,   // CreateSession is under way
-    kBroken,     // the session has no stream
-    kAttaching,  // a stream was opened
-    kStreaming,
-    kDeleting,  // DeleteSession is under way
-    kOver,      // no further session
+  // What follows. All but the first end the session: no further events are sent.
+  enum class Goal {
+    kGoOn,
+    kReplace,  // the next session
+    kFinish,   // nothing, after the summary of the session
+    kCancel,   // nothing; no call is waited for
   };
   // A session with its position. The numbers of chunks and poses begin with 1.
   struct Position {
@@ -84,7 +83,6 @@ class LoadPlace {
     uint64_t most_seq = 0;  // the last chunk that was sent, on any stream
     uint64_t last_pose_seq = 0;
     bool attaches_from_first_pose = false;
-    bool is_ending = false;  // no further events are sent
     bool has_summary = false;
     bool was_attached = false;
     std::optional<Time> began_at;  // the sensor's time zero
@@ -95,12 +93,17 @@ class LoadPlace {
     Time last_arrival{};
   };
 
+  void ChangeState(UserInput input) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { state_ = NextState(state_, input); }
+  // No session follows.
+  bool MustEnd() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return goal_ == Goal::kFinish || goal_ == Goal::kCancel;
+  }
   v1::SessionService::Stub& stub() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Create(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void OnCreated(const grpc::Status& grpc_status);
   void Attach(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Send() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  bool SendChunk() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void SendChunk() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void OnWritten(bool ok);
   void OnResponse(const v1::TrackResponse& response);
   void HandleAttached(const v1::TrackResponse::Attached& attached) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -115,9 +118,8 @@ class LoadPlace {
   const size_t index_;
   std::vector<std::unique_ptr<LoadWatcher>> watchers_;
   mutable std::mutex mutex_;
-  State state_ ABSL_GUARDED_BY(mutex_) = State::kWaiting;
-  bool is_finishing_ ABSL_GUARDED_BY(mutex_) = false;
-  bool is_cancelled_ ABSL_GUARDED_BY(mutex_) = false;
+  UserState state_ ABSL_GUARDED_BY(mutex_) = UserState::kWaiting;  // changed by ChangeState() only
+  Goal goal_ ABSL_GUARDED_BY(mutex_) = Goal::kGoOn;
   bool has_response_ ABSL_GUARDED_BY(mutex_) = false;
   Time now_ ABSL_GUARDED_BY(mutex_){};     // of the last Act()
   Time act_at_ ABSL_GUARDED_BY(mutex_){};  // the next creation or attach; kAttaching: the end of the wait
