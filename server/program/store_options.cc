@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
@@ -47,8 +46,6 @@ absl::Status ChooseDataDirectory(StoreOptions& options) {
                                                   error.message(), "; give --data-dir, or --store memory"));
 }
 
-bool HasRedisGroups(const std::string& store) { return absl::StartsWith(store, kRedisGroupsPrefix); }
-
 absl::StatusOr<std::string> ReadStorePassword(const std::string& file) {
   constexpr size_t kMaxPasswordBytes = 4096;  // a longer file is not that of a password
   EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(file, kMaxPasswordBytes));
@@ -72,29 +69,44 @@ std::string AddStorePassword(const std::string& store, const std::string& passwo
 }  // namespace
 
 absl::Status CheckStore(const std::string& store) {
-  if (store == "sqlite" || store == "memory") return absl::OkStatus();
-  if (store == kRedisGroupsPrefix) return absl::InvalidArgumentError("redis-groups: has no FILE");
-  if (HasRedisGroups(store)) return absl::OkStatus();
-  if (IsPostgresUrl(store)) return ParsePostgresAddress(store).status();
-  if (absl::StrContains(store, "://")) return ParseRedisAddress(store).status();
-  return absl::InvalidArgumentError(
-      absl::StrCat("there is no store ", absl::StrContains(store, '@') ? "of this name" : store,
-                   ": give memory, sqlite, redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME, "
-                   "redis-groups:FILE or postgresql://HOST:PORT/DATABASE"));
+  EVPOSE_ASSIGN_OR_RETURN(const StoreKind kind, KindOfStore(store));
+  switch (kind) {
+    case StoreKind::kMemory:
+    case StoreKind::kSqlite:
+      break;
+    case StoreKind::kRedis:
+      if (store == kRedisGroupsPrefix) return absl::InvalidArgumentError("redis-groups: has no FILE");
+      return HasRedisGroups(store) ? absl::OkStatus() : ParseRedisAddress(store).status();
+    case StoreKind::kPostgresql:
+      return ParsePostgresAddress(store).status();
+  }
+  return absl::OkStatus();
 }
 
 absl::Status CheckStorePassword(const ProgramOptions& options) {
   if (options.store_password_file.empty()) return absl::OkStatus();
   const std::string& store = options.server.store.store;
-  if (HasRedisGroups(store)) return absl::OkStatus();
-  const auto redis = ParseRedisAddress(store);
-  const auto postgres = ParsePostgresAddress(store);
-  if (!redis.ok() && !postgres.ok()) {
-    return absl::InvalidArgumentError(
-        "is for --store redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME, redis-groups:FILE and "
-        "postgresql://HOST:PORT/DATABASE");
+  EVPOSE_ASSIGN_OR_RETURN(const StoreKind kind, KindOfStore(store));
+  std::string password;
+  switch (kind) {
+    case StoreKind::kMemory:
+    case StoreKind::kSqlite:
+      return absl::InvalidArgumentError(
+          "is for --store redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME, redis-groups:FILE and "
+          "postgresql://HOST:PORT/DATABASE");
+    case StoreKind::kRedis: {
+      if (HasRedisGroups(store)) return absl::OkStatus();
+      EVPOSE_ASSIGN_OR_RETURN(const RedisAddress address, ParseRedisAddress(store));
+      password = address.password;
+      break;
+    }
+    case StoreKind::kPostgresql: {
+      EVPOSE_ASSIGN_OR_RETURN(const PostgresAddress address, ParsePostgresAddress(store));
+      password = address.Get("password");
+      break;
+    }
   }
-  if (redis.ok() ? redis->password.empty() : postgres->Get("password").empty()) return absl::OkStatus();
+  if (password.empty()) return absl::OkStatus();
   return absl::InvalidArgumentError("the address of --store has a password already: give one of them");
 }
 
@@ -103,9 +115,8 @@ absl::Status CheckStoreLimit(const StoreOptions& store) {
   if (store.max_bytes < kMinBytes) {
     return absl::InvalidArgumentError(absl::StrCat("is ", store.max_bytes, "; give at least ", kMinBytes));
   }
-  const bool is_redis =
-      HasRedisGroups(store.store) || (absl::StrContains(store.store, "://") && !IsPostgresUrl(store.store));
-  if (store.max_bytes == StoreOptions().max_bytes || !is_redis) return absl::OkStatus();
+  EVPOSE_ASSIGN_OR_RETURN(const StoreKind kind, KindOfStore(store.store));
+  if (store.max_bytes == StoreOptions().max_bytes || kind != StoreKind::kRedis) return absl::OkStatus();
   return absl::InvalidArgumentError("is for --store sqlite, memory and postgresql://; set maxmemory in Redis instead");
 }
 
@@ -128,10 +139,23 @@ absl::Status CompleteStore(ProgramOptions& options) {
 }
 
 std::string StoreForLog(const StoreOptions& options) {
-  if (options.store == "sqlite") return absl::StrCat("sqlite in ", options.data_dir);
-  if (const auto address = ParsePostgresAddress(options.store); address.ok()) return address->Printable();
-  const auto address = ParseRedisAddress(options.store);
-  return address.ok() ? address->Printable() : options.store;
+  const absl::StatusOr<StoreKind> kind = KindOfStore(options.store);
+  if (!kind.ok()) return options.store;
+  switch (*kind) {
+    case StoreKind::kMemory:
+      break;
+    case StoreKind::kSqlite:
+      return absl::StrCat("sqlite in ", options.data_dir);
+    case StoreKind::kRedis: {
+      const auto address = ParseRedisAddress(options.store);
+      return address.ok() ? address->Printable() : options.store;
+    }
+    case StoreKind::kPostgresql: {
+      const auto address = ParsePostgresAddress(options.store);
+      return address.ok() ? address->Printable() : options.store;
+    }
+  }
+  return options.store;
 }
 
 }  // namespace evpose::server

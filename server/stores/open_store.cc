@@ -29,31 +29,42 @@ absl::StatusOr<std::vector<RedisGroupOptions>> GroupsOf(const StoreOptions& opti
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options) {
-  if (options.store == "memory") return MakeMemoryStore(options.max_bytes);
-  if (options.store == "sqlite") {
-    return OpenSqliteStore({.data_dir = options.data_dir, .max_bytes = options.max_bytes});
-  }
-  if (IsPostgresUrl(options.store)) {
-    PostgresStoreOptions postgres;
-    EVPOSE_ASSIGN_OR_RETURN(postgres.client.address, ParsePostgresAddress(options.store));
-    postgres.client.max_bytes = options.max_bytes;
-    return OpenPostgresStore(postgres);
-  }
-  if (absl::StartsWith(options.store, kRedisGroupsPrefix)) {
-    RedisStoreOptions redis;
-    EVPOSE_ASSIGN_OR_RETURN(redis.groups, GroupsOf(options));
-    return OpenRedisStore(redis);
-  }
-  if (absl::StrContains(options.store, "://")) {
-    RedisStoreOptions redis;
-    EVPOSE_ASSIGN_OR_RETURN(redis.client.address, ParseRedisAddress(options.store));
-    return OpenRedisStore(redis);
-  }
+absl::StatusOr<StoreKind> KindOfStore(absl::string_view store) {
+  if (store == "memory") return StoreKind::kMemory;
+  if (store == "sqlite") return StoreKind::kSqlite;
+  if (IsPostgresUrl(store)) return StoreKind::kPostgresql;
+  if (HasRedisGroups(store) || absl::StrContains(store, "://")) return StoreKind::kRedis;
   return absl::InvalidArgumentError(
-      absl::StrCat("there is no store \"", options.store,
-                   "\": give memory, sqlite, redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME, "
+      absl::StrCat("there is no store ", absl::StrContains(store, '@') ? "of this name" : store,
+                   ": give memory, sqlite, redis://HOST:PORT, redis+sentinel://HOST:PORT,.../NAME, "
                    "redis-groups:FILE or postgresql://HOST:PORT/DATABASE"));
+}
+
+bool HasRedisGroups(absl::string_view store) { return absl::StartsWith(store, kRedisGroupsPrefix); }
+
+absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options) {
+  EVPOSE_ASSIGN_OR_RETURN(const StoreKind kind, KindOfStore(options.store));
+  switch (kind) {
+    case StoreKind::kMemory:
+      return MakeMemoryStore(options.max_bytes);
+    case StoreKind::kSqlite:
+      return OpenSqliteStore({.data_dir = options.data_dir, .max_bytes = options.max_bytes});
+    case StoreKind::kPostgresql: {
+      PostgresStoreOptions postgres;
+      EVPOSE_ASSIGN_OR_RETURN(postgres.client.address, ParsePostgresAddress(options.store));
+      postgres.client.max_bytes = options.max_bytes;
+      return OpenPostgresStore(postgres);
+    }
+    case StoreKind::kRedis:
+      break;
+  }
+  RedisStoreOptions redis;
+  if (HasRedisGroups(options.store)) {
+    EVPOSE_ASSIGN_OR_RETURN(redis.groups, GroupsOf(options));
+  } else {
+    EVPOSE_ASSIGN_OR_RETURN(redis.client.address, ParseRedisAddress(options.store));
+  }
+  return OpenRedisStore(redis);
 }
 
 absl::Status DivideStore(const StoreOptions& options, const std::function<void(const std::string&)>& print) {

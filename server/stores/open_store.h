@@ -9,6 +9,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "absl/strings/string_view.h"
 #include "server/stores/common/store.h"
 
 namespace evpose::server {
@@ -24,7 +25,13 @@ struct StoreOptions {
       64ull << 30;  // size of sessions in memory or PostgreSQL, or of the SQLite file; Redis has its own
 };
 
-// Errors: INVALID_ARGUMENT for an unknown kind of store; those of OpenSqliteStore(), ParseRedisAddress(),
+// The kind of a store, from StoreOptions::store. The address is not parsed. Error: INVALID_ARGUMENT, which never
+// contains a possible password.
+absl::StatusOr<StoreKind> KindOfStore(absl::string_view store);
+// Whether a store in Redis is "redis-groups:FILE".
+bool HasRedisGroups(absl::string_view store);
+
+// Errors: those of KindOfStore(), OpenSqliteStore(), ParseRedisAddress(),
 // ReadRedisGroups(), OpenRedisStore(), ParsePostgresAddress() and OpenPostgresStore(). No error contains a password.
 absl::StatusOr<std::unique_ptr<Store>> OpenStore(const StoreOptions& options);
 
