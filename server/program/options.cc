@@ -129,9 +129,10 @@ void DefineStorage(CLI::App& app, Arguments& arguments) {
                  "none, and of "
                  "the addresses of redis-groups:FILE that have none")
       ->type_name("FILE");
-  app.add_flag("--divide-store", arguments.program.divides_store,
-               "Move sessions until all Redis groups of --store redis-groups:FILE have equal parts of the store, and "
-               "exit; for a new group, which the files of all servers must name before. Servers may run meanwhile");
+  app.add_flag(
+      "--divide-store", arguments.program.divides_store,
+      "Move sessions until all Redis groups of --store redis-groups:FILE have equal parts of the store, and "
+      "exit. Before it, add the new group to the files of all servers and restart them. Servers may run meanwhile");
   app.add_option(
          "--data-dir", options.store.data_dir,
          "Directory of --store sqlite, used by one server only; by default $STATE_DIRECTORY, which systemd sets, "
