@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <new>
 #include <numbers>
 #include <pcl/features/impl/feature.hpp>
 #include <pcl/features/impl/normal_3d.hpp>
@@ -196,6 +197,8 @@ std::vector<MovingLine> SegmentPlanes(const EventStretch& stretch, const PlaneSe
   std::vector<MovingLine> lines;
   try {
     for (const uint8_t polarity : {0, 1}) SegmentPolarity(stretch, polarity, options, lines);
+  } catch (const std::bad_alloc&) {
+    throw;  // memory is exhausted: no fault of the events
   } catch (const std::exception&) {
     lines.clear();
   }

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <exception>
+#include <new>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -119,6 +120,8 @@ absl::StatusOr<SensorProfile> ParseSensorProfile(const std::string& yaml, const 
   } catch (const YAML::Exception& e) {
     return absl::InvalidArgumentError(
         absl::StrFormat("%s: line %d: not YAML: %s", name_for_errors, e.mark.line + 1, e.msg));
+  } catch (const std::bad_alloc&) {
+    throw;  // memory is exhausted: no fault of the file
   } catch (const std::exception& e) {
     return absl::InvalidArgumentError(absl::StrCat(name_for_errors, ": not a sensor profile: ", e.what()));
   }
