@@ -10,6 +10,7 @@
 
 #include "absl/types/span.h"
 #include "core/association/visible_edges.h"
+#include "core/events/correlated_events.h"
 #include "core/events/event.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
@@ -66,7 +67,7 @@ struct LineSampleOptions {
   // Smallest normal speed, px/s: a slower line has too few events to be distinguished from noise.
   double min_speed_px_per_s = 20.0;
   // Correlated events that count as one, and error of the model of an edge, pixels, as in sensor_calibration.h.
-  double events_per_information = 20.0;
+  double events_per_information = kCorrelatedEvents;
   double model_error_px = 0.05;
   // Smallest share by which one polarity predominates for the darker side to be known.
   double min_kappa = 0.5;

@@ -10,6 +10,7 @@
 #include "absl/types/span.h"
 #include "core/calibration/edge_passages.h"
 #include "core/estimation/sensor_profile.h"
+#include "core/events/correlated_events.h"
 
 namespace evpose {
 
@@ -37,8 +38,8 @@ struct SensorCalibrationOptions {
   // Residual error of the model with the best constants, pixels. It limits the weight of a passage: additional events
   // do not reduce it.
   double model_error_px = 0.05;
-  // Number of correlated events of an edge that count as one (core/estimation/README.md, section 7).
-  double events_per_information = 20.0;
+  // Number of correlated events of an edge that count as one.
+  double events_per_information = kCorrelatedEvents;
   // Number of standard deviations above which the weight of a residual is reduced (Huber), because another object may
   // have moved there.
   double robust_sigmas = 2.0;

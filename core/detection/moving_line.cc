@@ -8,14 +8,13 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
+#include "core/events/correlated_events.h"
 #include "core/numerics/robust.h"
 #include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
 
-// Number of correlated events that count as one independent measurement (core/estimation/README.md, section 7).
-constexpr double kCorrelatedEvents = 20.0;
 // Passes of reweighted least squares, while the extent grows and in the final fit. The start is within a pixel.
 constexpr int kGrowthPasses = 3;
 constexpr int kFinalPasses = 4;

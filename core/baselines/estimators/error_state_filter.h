@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "core/estimation/estimator.h"
+#include "core/events/correlated_events.h"
 #include "core/geometry/motion_prior.h"
 
 namespace evpose {
@@ -22,9 +23,9 @@ struct ErrorStateFilterOptions {
   double gate_chi2 = 6.63;    // largest squared innovation over its variance: 99 %, one degree of freedom
   // Seconds between two projections of the lines and injections of the error; the published filter works at 10 kHz.
   double injection_s = 100e-6;
-  // Number of events that carry the information of one independent event (core/estimation/README.md, section 7). The
-  // published filter treats all events as independent; its covariance then shrinks until the gate contains only noise.
-  double events_per_information = 20.0;
+  // Number of events that carry the information of one independent event. The published filter treats all events as
+  // independent; its covariance then shrinks until the gate contains only noise.
+  double events_per_information = kCorrelatedEvents;
   int max_events = 16'384;  // events per window; more are downsampled uniformly
 };
 
