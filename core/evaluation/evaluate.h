@@ -78,7 +78,8 @@ struct Evaluation {
   double rotation_p95_rad = kUndefinedError;
   double rotation_max_rad = kUndefinedError;
   // With a model and a camera: mean distance, in undistorted pixels, between the estimated and the true projections of
-  // the end points of all lines, hidden lines included. A distance counts as at most the image's diagonal, which also
+  // the end points of all lines and points of all curves, or of the vertices of a model without edges, hidden ones
+  // included. A distance counts as at most the image's diagonal, which also
   // replaces the distance of a point that only the estimate places behind the camera; points that are truly behind it
   // are ignored.
   std::optional<double> reprojection_mean_px;

@@ -38,8 +38,9 @@ struct EventEdges {
 // in noise and at hot pixels.
 struct EventEdgeOptions {
   // The latest events over this motion of the edges, pixels: enough for a plane in space and time, and less than the
-  // distance of neighbouring edges. A slow object takes up to `stretch.max_duration_us`.
-  StretchOptions stretch = {.motion_px = 3.0, .max_duration_us = 200'000, .max_events = 20'000};
+  // distance of neighbouring edges. If an object moves by less in the latest 0.2 s, those of up to a second.
+  StretchOptions stretch = {
+      .motion_px = 3.0, .max_duration_us = 200'000, .max_slow_duration_us = 1'000'000, .max_events = 20'000};
   // Standard deviation of events about the plane of an edge above which a place is texture or noise, pixels. Rounding
   // to pixels and the response time of the sensor give 0.3 to 0.6 px.
   double max_scatter_px = 0.8;

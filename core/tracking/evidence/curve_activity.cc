@@ -9,8 +9,9 @@
 namespace evpose {
 namespace {
 
-// Other straight lines are known to have events.
-bool HasContrastOfItsOwn(const TrackedLine& line) { return line.is_element || line.prior_contrast < 1.0f; }
+// Whether the events of the line decide if it is expected to have any. Straight lines with the prior contrast 1 always
+// are.
+bool IsActivityLearned(const TrackedLine& line) { return line.is_element || line.prior_contrast < 1.0f; }
 
 }  // namespace
 
@@ -25,7 +26,7 @@ Expectation CurveActivity::Of(const TrackedLine& line) const {
   // Prior contrast of creases, boundaries and painted lines from which on they count as straight lines do: between that
   // of a crease of 40 degrees, which most light shows, and that of a lesser one (core/contours/README.md, section 4).
   constexpr float kHighContrast = 0.7f;
-  if (!HasContrastOfItsOwn(line)) return Expectation::kEvents;
+  if (!IsActivityLearned(line)) return Expectation::kEvents;
   const Counts& counts = counts_[static_cast<size_t>(line.curve)];
   const double least = min_events_per_px2_ * counts.swept_px2;
   if (counts.events >= std::max(kMinEvents, kConfirmFactor * least)) return Expectation::kEvents;
@@ -42,7 +43,7 @@ void CurveActivity::Add(const CameraModel& camera, const WindowInput& input, abs
   constexpr double kMemoryPx2 = 1000.0;
   constexpr double kOwnWidthPx = 2.0;  // events of the background within it are attributed to a line
   ForEachCurve(input.lines, [&](size_t first, size_t end) {
-    if (!HasContrastOfItsOwn(input.lines[first])) return;
+    if (!IsActivityLearned(input.lines[first])) return;
     Counts& counts = counts_[static_cast<size_t>(input.lines[first].curve)];
     for (size_t k = first; k < end; ++k) {
       if (!lines[k].in_view()) continue;
