@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Checks the files of the tree, also new ones that are not ignored: licence lines, sizes of folders, of files and of the README, columns
-of documents, the READMEs of the libraries, whether every document, section, heading, equation and path that is cited exists, whether the numbers of
-equations are unique, and whether each event of the server's log is described. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
+of documents, the READMEs of the libraries and the headers that those of core/ mention, whether every document, section, heading, equation
+and path that is cited exists, whether the numbers of equations are unique, and whether each event of the server's log is described. Prints
+each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections
 import os
@@ -194,6 +195,18 @@ def check_log_events(files, findings):
                 findings.append(f"{file}:{line}: {LOG_EVENTS} does not describe the event {event} of the log")
 
 
+def check_headers_listed(files, findings):
+    """The README of a folder of core/, or of the nearest folder above that has one, mentions each header of the folder."""
+    for file in files:
+        stem, extension = os.path.splitext(os.path.basename(file))
+        if not file.startswith("core/") or extension != ".h" or stem.endswith("_testing"):
+            continue
+        readme = nearest_readme(file)
+        with open(readme, encoding="utf-8") as f:
+            if not re.search(rf"\b{re.escape(stem)}\b", f.read()):
+                findings.append(f"{file}: {readme} does not mention `{stem}`")
+
+
 def main():
     files = tracked_files()
     findings = []
@@ -203,6 +216,7 @@ def main():
             findings.append(f"{folder}: {count} files; at most {MAX_FOLDER_FILES} are allowed: split the folder")
     check_library_readmes(files, findings)
     check_log_events(files, findings)
+    check_headers_listed([f for f in files if os.path.isfile(f)], findings)
     for file in files:
         if not os.path.isfile(file):
             continue
