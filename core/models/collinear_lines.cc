@@ -6,12 +6,12 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <numeric>
 #include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/counted.h"
+#include "core/numerics/disjoint_sets.h"
 
 namespace evpose {
 namespace {
@@ -135,20 +135,14 @@ std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> li
                                                   double min_overlap_m, bool same_faces) {
   std::vector<StraightLine> straight;
   for (const ModelLine& line : lines) straight.push_back(StraightLineOf(line));
-  std::vector<uint32_t> first(lines.size());  // an earlier line of the group, or itself: a disjoint-set forest
-  std::iota(first.begin(), first.end(), 0u);
-  const auto root = [&first](uint32_t i) {
-    while (first[i] != i) i = first[i] = first[first[i]];
-    return i;
-  };
+  DisjointSets groups(lines.size());
   const auto compare = [&](uint32_t i, uint32_t j) {
     if (std::abs(straight[i].direction.dot(straight[j].direction)) < kNearlyParallelCosine) return;
     const bool i_is_longer = straight[i].length_m >= straight[j].length_m;
     const uint32_t longer = i_is_longer ? i : j, shorter = i_is_longer ? j : i;
     if (!IsPartOf(lines[shorter], straight[longer], tolerance_m, min_overlap_m)) return;
     if (same_faces && !HaveMatchingNormals(lines[i].face_normals, lines[j].face_normals)) return;
-    const uint32_t a = root(i), b = root(j);
-    first[std::max(a, b)] = std::min(a, b);
+    groups.Join(i, j);
   };
   // Of two lines that are parts of one, an end of one is this near to the other: the perpendicular distance is at most
   // the tolerance, and so is a gap.
@@ -162,7 +156,7 @@ std::vector<std::vector<uint32_t>> GroupCollinear(absl::Span<const ModelLine> li
     }
   }
   std::vector<std::vector<uint32_t>> members(lines.size());
-  for (uint32_t i = 0; i < lines.size(); ++i) members[root(i)].push_back(i);
+  for (uint32_t i = 0; i < lines.size(); ++i) members[groups.Find(i)].push_back(i);
   std::erase_if(members, [](const std::vector<uint32_t>& group) { return group.empty(); });
   return members;
 }

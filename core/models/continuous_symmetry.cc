@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_format.h"
 #include "absl/types/span.h"
+#include "core/geometry/half_turn.h"
 #include "core/models/slippage.h"
 #include "core/models/symmetry.h"
 #include "core/models/symmetry_rings.h"
@@ -80,7 +81,7 @@ class Confirmation {
     }
     ContinuousSymmetry symmetry = {ContinuousSymmetry::Kind::kAxis, centre, direction, false};
     const Vector3d across = direction.unitOrthogonal();
-    const Matrix3d half_turn = 2.0 * across * across.transpose() - Matrix3d::Identity();
+    const Matrix3d half_turn = HalfTurn(across);
     samples = 0;
     symmetry.is_flippable =
         rings.AreFlippable() && surface.IsMappedOntoItself(absl::MakeConstSpan(&half_turn, 1), kMaxSamples, samples);
@@ -201,7 +202,7 @@ RigidTransform NearestEquivalent(const RigidTransform& camera_from_object, const
   const RigidTransform upright = NearestWithoutFlip(camera_from_object, symmetry, reference);
   if (!symmetry.is_flippable) return upright;
   const Vector3d across = symmetry.axis.unitOrthogonal();
-  const Matrix3d half_turn = 2.0 * across * across.transpose() - Matrix3d::Identity();
+  const Matrix3d half_turn = HalfTurn(across);
   const RigidTransform turned =
       NearestWithoutFlip(camera_from_object * AboutCentre(symmetry, half_turn), symmetry, reference);
   return Nearness(turned, reference) > Nearness(upright, reference) + kRounding ? turned : upright;

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "absl/strings/str_format.h"
+#include "core/geometry/half_turn.h"
 #include "core/models/symmetry_lines.h"
 #include "core/models/symmetry_surface.h"
 #include "core/numerics/math.h"
@@ -247,7 +248,7 @@ class GroupSearch {
         if (was_cut_short_) return;
         const auto [sin, cos] = DeterministicSinCos(0.5 * (lobe_rad + other_rad));
         const Vector3d across = cos * first + sin * second;
-        const Matrix3d half_turn = 2.0 * across * across.transpose() - Matrix3d::Identity();
+        const Matrix3d half_turn = HalfTurn(across);
         if (!Maps(half_turn)) continue;
         const std::vector<Matrix3d> upright = group_.rotations();
         for (const Matrix3d& rotation : upright) group_.Add(half_turn * rotation);

@@ -170,8 +170,8 @@ std::optional<CentredSegments::Match> CentredSegments::Find(const Eigen::Matrix3
                                                             double tolerance_m) const {
   const ModelLine& from = segments_[segment];
   const Eigen::Vector3d p1 = rotation * from.p1, p2 = rotation * from.p2, middle = 0.5 * (p1 + p2);
-  std::vector<Eigen::Vector3d>
-      normals;  // normals of `from`, rotated; computed for the first segment that is near enough
+  // Normals of `from`, rotated; computed for the first segment that is near enough.
+  std::vector<Eigen::Vector3d> normals;
   const auto normals_match = [&](const ModelLine& to) {
     if (normals.empty()) {
       for (const Eigen::Vector3d& normal : from.face_normals) normals.push_back(rotation * normal);

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "absl/types/span.h"
+#include "core/geometry/half_turn.h"
 #include "core/models/slippage.h"
 #include "core/numerics/math.h"
 
@@ -62,10 +63,6 @@ std::vector<size_t> SpreadOrder(size_t size) {
   std::vector<size_t> order(size);
   for (size_t i = 1; i < size; ++i) order[i] = (order[i - 1] + step) % size;
   return order;
-}
-
-Eigen::Matrix3d HalfTurn(const Eigen::Vector3d& axis) {
-  return 2.0 * axis * axis.transpose() - Eigen::Matrix3d::Identity();
 }
 
 // Every symmetry maps the axes of the moments of the surface onto each other.
