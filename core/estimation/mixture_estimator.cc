@@ -11,6 +11,7 @@
 #include "core/estimation/event_deficit.h"
 #include "core/estimation/event_dispersion.h"
 #include "core/estimation/flicker_bias.h"
+#include "core/geometry/lines_of_a_pose.h"
 #include "core/numerics/math.h"
 #include "core/numerics/reusable_vector.h"
 
@@ -155,6 +156,23 @@ class MixtureEstimator : public WindowEstimator {
       }
     });
   }
+  // Sums over the lines [first, end) that are in view.
+  struct ResidualSums {
+    double weighted_px = 0.0;  // sum of the residuals times their weights
+    double weight = 0.0;
+    double ambiguous_px2 = 0.0;
+  };
+  ResidualSums SumResiduals(size_t first, size_t end) const {
+    ResidualSums sum;
+    for (size_t k = first; k < end; ++k) {
+      if (!lines_[k].in_view()) continue;
+      const LineSums& sums = sums_[k].sums;
+      sum.weighted_px += sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
+      sum.weight += sums.weight();
+      sum.ambiguous_px2 += sums_[k].ambiguous_px2;
+    }
+    return sum;
+  }
   // Updates the scale of the common displacement of the events of a line from the mean residuals of the lines
   // (core/estimation/README.md, section 7).
   void LearnDisplacement(absl::Span<const TrackedLine> tracked) {
@@ -162,26 +180,16 @@ class MixtureEstimator : public WindowEstimator {
     constexpr double kMinWeight = 20.0;
     // Share of a new window in the running mean, which therefore covers about 100 windows.
     constexpr double kForget = 0.01;
-    // Lines that the fit of a pose uses up: a line gives two equations, and the pose has six unknowns.
-    constexpr double kLinesOfAPose = 3.0;
     // Bound of the growth: a displacement of 0.27 px. A larger one is a wrong pose and not the bias of an edge.
     constexpr double kMaxFactor = 30.0;
     double count = 0.0;
     double squares_px2 = 0.0;
     double observed_squares = 0.0;
     ForEachArc(tracked, lines_, [&](size_t first, size_t end) {
-      double mean_px = 0.0, w = 0.0, ambiguous_px2 = 0.0;
-      for (size_t k = first; k < end; ++k) {
-        if (!lines_[k].in_view()) continue;
-        const LineSums& sums = sums_[k].sums;
-        mean_px += sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
-        w += sums.weight();
-        ambiguous_px2 += sums_[k].ambiguous_px2;
-      }
+      const auto [sum_px, w, ambiguous_px2] = SumResiduals(first, end);
       if (w < kMinWeight) return;
       const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, sigma_px_);
-      squares_px2 +=
-          mean_px * mean_px / (w * w) - observed * sigma_px_ * sigma_px_ * options_.events_per_information / w;
+      squares_px2 += sum_px * sum_px / (w * w) - observed * sigma_px_ * sigma_px_ * options_.events_per_information / w;
       observed_squares += observed * observed;
       count += 1.0;
     });
@@ -195,14 +203,7 @@ class MixtureEstimator : public WindowEstimator {
   void LearnDispersion(const WindowInput& input) {
     const double displacement_px = DisplacementPx(input.duration_s);
     ForEachCurve(input.lines, [&](size_t first, size_t end) {
-      double sum_px = 0.0, w = 0.0, ambiguous_px2 = 0.0;
-      for (size_t k = first; k < end; ++k) {
-        if (!lines_[k].in_view()) continue;
-        const LineSums& sums = sums_[k].sums;
-        sum_px += sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
-        w += sums.weight();
-        ambiguous_px2 += sums_[k].ambiguous_px2;
-      }
+      const auto [sum_px, w, ambiguous_px2] = SumResiduals(first, end);
       if (!(w > 0.0)) return;
       const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, sigma_px_);
       const double displaced_px = w * observed * displacement_px;

@@ -10,14 +10,16 @@
 
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/pose_search.h"
+#include "core/geometry/half_turn.h"
+#include "core/geometry/lines_of_a_pose.h"
+#include "core/initialization/check_lines.h"
 #include "core/models/continuous_symmetry.h"
+#include "core/models/object_model.h"
 
 namespace evpose {
 namespace {
 
-constexpr double kSamplePx = 4.0;           // along edges, for the comparison of two images
-constexpr std::ptrdiff_t kLinesOfPose = 3;  // their six equations determine a pose
+constexpr double kSamplePx = 4.0;  // along edges, for the comparison of two images
 
 struct SampledEdge {
   Eigen::Vector2d position_px;
@@ -156,7 +158,7 @@ std::vector<std::pair<Eigen::Vector3d, RigidTransform>> HalfTurns(const ObjectMo
   std::vector<std::pair<Eigen::Vector3d, RigidTransform>> turns;
   for (int i = 0; i < 3; ++i) {
     const Eigen::Vector3d axis = principal.axes.col(i);
-    const Eigen::Matrix3d rotation = 2.0 * axis * axis.transpose() - Eigen::Matrix3d::Identity();
+    const Eigen::Matrix3d rotation = HalfTurn(axis);
     const RigidTransform turn = RotationAbout(principal.centre, rotation);
     const RigidTransform nearest = NearestEquivalent(RigidTransform(), model, turn);
     if (RotationAngle(nearest.rotation, rotation) > kSameRad) turns.emplace_back(axis, turn);
@@ -206,7 +208,7 @@ class FindabilityPredictor {
   bool IsFindable(const Eigen::Vector3d& direction, double object_px) {
     const ModelView view = viewer_.From(direction, object_px);
     if (view.length_px < options_.min_edge_px) return false;
-    if (!has_curves_ && NumLongLines() < kLinesOfPose) return false;
+    if (!has_curves_ && NumLongLines() < kLinesOfAPose) return false;
     // `weakest_px` is that of ModelViewOptions::events events.
     const double events = options_.motion_px * view.length_px;
     const double deviation_px = view.weakest_px * std::sqrt(options_.views.events / events);

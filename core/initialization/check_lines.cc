@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/initialization/check_lines.h"
+
+#include "core/geometry/lines_of_a_pose.h"
 
 // Checks whether the lines of a model determine a pose at all.
 #include <Eigen/Cholesky>
@@ -6,7 +9,6 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "core/initialization/pose_search.h"
 
 namespace evpose {
 namespace {
@@ -73,7 +75,7 @@ Vector3d NearestPoint(const std::vector<InfiniteLine>& lines) {
 
 absl::Status CheckLinesDeterminePose(const ObjectModel& model) {
   const std::vector<InfiniteLine> lines = DistinctLines(model);
-  if (lines.size() < 3) {
+  if (lines.size() < kLinesOfAPose) {
     return absl::InvalidArgumentError(absl::StrCat(
         "the model has ", lines.size(), " distinct lines (of ", model.lines.size(),
         "; collinear lines count as one), and a pose needs at least 3, because each gives two equations for its six "

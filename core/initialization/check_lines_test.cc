@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/initialization/check_lines.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
-#include "core/initialization/pose_search.h"
 
 namespace evpose {
 namespace {

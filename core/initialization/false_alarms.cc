@@ -6,10 +6,11 @@
 #include <limits>
 #include <numbers>
 
+#include "core/geometry/lines_of_a_pose.h"
+
 namespace evpose {
 namespace {
 
-constexpr int kDeterminingLines = 3;  // their six equations determine a pose
 // Upper bound of the number of poses with three given matches (Dhome et al., "Determination of the attitude of 3D
 // objects from a single perspective view", PAMI 1989).
 constexpr double kMaxPosesOfThree = 8.0;
@@ -39,7 +40,7 @@ Region RegionOf(absl::Span<const SearchSegment> segments, double margin_px) {
 double ExpectedFalseAlarms(const ExplainedSegments& explained, absl::Span<const SearchSegment> segments,
                            absl::Span<const double> part_lengths_px, double lines_per_part, double num_symmetries,
                            const PoseSearchOptions& options) {
-  const int surplus = explained.num_lines - kDeterminingLines;
+  const int surplus = explained.num_lines - kLinesOfAPose;
   const auto count = static_cast<double>(segments.size());
   if (surplus < 1 || part_lengths_px.empty()) return std::numeric_limits<double>::infinity();
   const double sigma_px = options.end_point_sigma_px;
@@ -67,7 +68,7 @@ double ExpectedFalseAlarms(const ExplainedSegments& explained, absl::Span<const 
   double as_close = 1.0;
   const double relative_cost = explained.across_cost / options.max_across_cost();
   for (int i = 1; i <= surplus; ++i) {
-    expected *= chance * (count - kDeterminingLines - surplus + i) / i;
+    expected *= chance * (count - kLinesOfAPose - surplus + i) / i;
     as_close *= relative_cost / i;
   }
   return expected * std::min(1.0, as_close);

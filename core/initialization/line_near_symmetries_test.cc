@@ -5,7 +5,7 @@
 
 #include <numbers>
 
-#include "core/initialization/rotation_count.h"
+#include "core/initialization/direction_symmetries.h"
 
 namespace evpose {
 namespace {

@@ -8,6 +8,8 @@
 #include <array>
 
 #include "core/base/yield_point.h"
+#include "core/geometry/half_turn.h"
+#include "core/geometry/lines_of_a_pose.h"
 #include "core/geometry/projected_line.h"
 #include "core/initialization/false_alarms.h"
 #include "core/initialization/segment_fit.h"
@@ -15,7 +17,6 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMinMatches = 3;  // the six unknowns of a pose take two equations from each match
 // Factors of the gates of the successive matchings in MatchAndRefine(). The first one admits the error of a pose from
 // one segment.
 constexpr std::array<double, 3> kWidenings = {4.0, 2.0, 1.0};
@@ -69,17 +70,17 @@ std::vector<SegmentMatch> PoseFitter::Match(absl::Span<const ImagePart> parts, d
   const FitWeights weights = FitWeights::Make(options_, widening);
   std::vector<SegmentMatch> matches;
   YieldPoint();
-  for (size_t j = 0; j < lines_.size(); ++j) {
+  for (size_t j = 0; j < segments_.size(); ++j) {
     double least = options_.unexplained_cost;
     const ImagePart* best = nullptr;
     SegmentFit fit;
     for (const ImagePart& part : parts) {
-      if (!FitSegment(lines_[j], part.a_px, part.b_px, weights, least, fit)) continue;
+      if (!FitSegment(segments_[j], part.a_px, part.b_px, weights, least, fit)) continue;
       least = fit.cost;
       best = &part;
     }
     if (best == nullptr) continue;
-    const bool is_turned = lines_[j].along.dot(best->b_px - best->a_px) < 0.0;
+    const bool is_turned = segments_[j].along.dot(best->b_px - best->a_px) < 0.0;
     matches.push_back({static_cast<int>(j), best->line, is_turned ? best->b : best->a, is_turned ? best->a : best->b});
   }
   return matches;
@@ -89,7 +90,7 @@ bool PoseFitter::Accumulate(absl::Span<const SegmentMatch> matches, const FitWei
                             const RigidTransform& pose, Normal& normal) const {
   normal = {};
   for (const SegmentMatch& match : matches) {
-    const SearchSegment& seen = lines_[match.segment];
+    const SearchSegment& seen = segments_[match.segment];
     const auto projected = ProjectLine(camera_, pose, match.p1, match.p2);
     if (!projected || !((pose * match.p1).z() > 0.0 && (pose * match.p2).z() > 0.0)) return false;
     for (const Eigen::Vector3d* q : {&seen.q1, &seen.q2}) {
@@ -148,7 +149,7 @@ bool PoseFitter::IsBeforeCamera(const RigidTransform& pose) const {
 bool PoseFitter::MatchAndRefine(RigidTransform& pose) const {
   for (const double widening : kWidenings) {
     const std::vector<SegmentMatch> matches = Match(LikelyParts(pose), widening);
-    if (matches.size() < kMinMatches || !Refine(matches, widening, kStepsPerMatching, pose)) return false;
+    if (matches.size() < kLinesOfAPose || !Refine(matches, widening, kStepsPerMatching, pose)) return false;
   }
   return true;
 }
@@ -174,7 +175,7 @@ PoseHypothesis PoseFitter::ScoreMinimum(RigidTransform pose, size_t num_segments
   std::vector<ImagePart> parts = VisibleParts(pose);
   const std::vector<SegmentMatch> matches = Match(parts, 1.0);
   RigidTransform refined = pose;
-  if (matches.size() >= kMinMatches && Refine(matches, 1.0, kMaxStepsToMinimum, refined)) {
+  if (matches.size() >= kLinesOfAPose && Refine(matches, 1.0, kMaxStepsToMinimum, refined)) {
     pose = refined;
     Project(pose, parts);
   }
@@ -183,7 +184,7 @@ PoseHypothesis PoseFitter::ScoreMinimum(RigidTransform pose, size_t num_segments
 
 bool PoseFitter::ReflectDepths(RigidTransform& pose) const {
   const std::vector<SegmentMatch> matches = Match(LikelyParts(pose), 1.0);
-  if (matches.size() < kMinMatches) return false;
+  if (matches.size() < kLinesOfAPose) return false;
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (const SegmentMatch& match : matches) middle += 0.5 / static_cast<double>(matches.size()) * (match.p1 + match.p2);
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
@@ -195,9 +196,7 @@ bool PoseFitter::ReflectDepths(RigidTransform& pose) const {
   const Eigen::Vector3d plane_normal = solver.eigenvectors().col(0);
   const Eigen::Vector3d middle_camera = pose * middle;
   const Eigen::Vector3d sight = middle_camera.normalized();
-  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
-  pose.rotation = (identity - 2.0 * sight * sight.transpose()) * pose.rotation *
-                  (identity - 2.0 * plane_normal * plane_normal.transpose());
+  pose.rotation = Reflection(sight) * pose.rotation * Reflection(plane_normal);
   pose.translation_m = middle_camera - pose.rotation * middle;
   return Refine(matches, kWidenings.front(), kReflectionSteps, pose);
 }
@@ -211,7 +210,7 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
   std::vector<double> covered_px(parts.size(), 0.0), lengths_px;
   std::vector<double> across_cost(model_.lines().size(), kUnmatched);  // by line: the least of its segments
   YieldPoint();
-  for (const SearchSegment& line : lines_) {
+  for (const SearchSegment& line : segments_) {
     double least = options_.unexplained_cost, across = 0.0;
     int matched = -1;
     for (size_t i = 0; i < parts.size(); ++i) {
@@ -240,8 +239,9 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
     explained.across_cost += cost;
   }
   const double lines_per_part = static_cast<double>(model_.lines().size()) / static_cast<double>(parts.size());
-  hypothesis.expected_false_alarms = ExpectedFalseAlarms(explained, lines_, lengths_px, std::max(1.0, lines_per_part),
-                                                         static_cast<double>(model_.num_symmetries()), options_);
+  hypothesis.expected_false_alarms =
+      ExpectedFalseAlarms(explained, segments_, lengths_px, std::max(1.0, lines_per_part),
+                          static_cast<double>(model_.num_symmetries()), options_);
   return hypothesis;
 }
 

@@ -26,9 +26,9 @@ struct ImagePart {
 class PoseFitter {
  public:
   // All arguments must outlive the object.
-  PoseFitter(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> lines,
+  PoseFitter(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> segments,
              const PoseSearchOptions& options)
-      : model_(model), camera_(camera), lines_(lines), options_(options) {}
+      : model_(model), camera_(camera), segments_(segments), options_(options) {}
 
   // Returns a superset of the visible parts at the pose, from the table of views. Fast.
   std::vector<ImagePart> LikelyParts(const RigidTransform& pose) const;
@@ -69,8 +69,8 @@ class PoseFitter {
   // Stage 7: does the same to the minimum of the cost, for the few poses that a search returns.
   PoseHypothesis ScoreMinimum(RigidTransform pose, size_t num_segments) const;
   // Stage 6: computes the second pose of a flat object by reflecting the depths of the matched lines about their mean
-  // (README, equation (8)), and refines it.
-  // Under weak perspective both poses have the same image. Returns false if the lines do not permit it.
+  // (README, equation (8)), and refines it. Under weak perspective both poses have the same image. Returns false if the
+  // lines do not permit it.
   bool ReflectDepths(RigidTransform& pose) const;
 
  private:
@@ -81,7 +81,7 @@ class PoseFitter {
 
   const SearchModel& model_;
   const CameraModel& camera_;
-  const absl::Span<const SearchSegment> lines_;
+  const absl::Span<const SearchSegment> segments_;
   const PoseSearchOptions& options_;
 };
 

@@ -6,6 +6,7 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
+#include "core/geometry/lines_of_a_pose.h"
 #include "core/initialization/pose_fitter.h"
 #include "core/initialization/position_search.h"
 #include "core/initialization/rotation_search.h"
@@ -16,7 +17,6 @@
 namespace evpose {
 namespace {
 
-constexpr size_t kMinSegments = 3;  // the six unknowns of a pose take two equations from each segment
 // A candidate that leaves two more segments unexplained than the best one is discarded.
 constexpr double kMarginOfUnexplained = 2.0;
 // Bounds of the number of rotations for which positions are searched. Within them the number follows from max_votes: an
@@ -30,7 +30,6 @@ constexpr int kScoredAtOnce = 200;
 // Number of hypotheses refined to the minimum: the best pose and the next one, often its near-symmetry. Each takes a
 // few tenths of a millisecond.
 constexpr size_t kMaxMinimised = 2;
-constexpr int kMinMatched = 3;  // matched segments of a hypothesis, as for kMinSegments
 // Poses closer than this are duplicates: rotation in radians, distance as a share of the distance from the camera.
 // Poses that refinement leaves farther apart than this have different minima.
 constexpr double kSamePoseRad = 0.02;
@@ -48,20 +47,20 @@ class LinePoseSearch : public PoseSearch {
   // The numbers are those of the stages in pose_search.h.
   std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const override {
     // 1.
-    const std::vector<SearchSegment> lines =
+    const std::vector<SearchSegment> longest =
         MakeSearchSegments(camera_, segments, options_.end_point_sigma_px, options_.max_segments);
-    if (lines.size() < kMinSegments) return {};
-    const PoseFitter fitter(*search_model_, camera_, lines, options_);
-    const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(lines.size());
+    if (longest.size() < kLinesOfAPose) return {};
+    const PoseFitter fitter(*search_model_, camera_, longest, options_);
+    const double cost_of_nothing = options_.unexplained_cost * static_cast<double>(longest.size());
     std::vector<PoseHypothesis> hypotheses;
     const auto add_scored = [&](const RigidTransform& pose, bool is_near_symmetric) {
       PoseHypothesis hypothesis = fitter.ScoreVisible(pose, segments.size());
       hypothesis.is_near_symmetric = is_near_symmetric;
-      if (hypothesis.num_matched < kMinMatched || !(is_near_symmetric || hypothesis.cost < cost_of_nothing)) return;
+      if (hypothesis.num_matched < kLinesOfAPose || !(is_near_symmetric || hypothesis.cost < cost_of_nothing)) return;
       AddDistinct(std::move(hypothesis), hypotheses);
     };
     // 2 to 5.
-    for (const PoseHypothesis& refined : RefineCandidates(fitter, FindCandidates(lines), segments.size())) {
+    for (const PoseHypothesis& refined : RefineCandidates(fitter, FindCandidates(longest), segments.size())) {
       add_scored(refined.camera_from_object, false);
     }
     if (hypotheses.empty()) return hypotheses;
@@ -91,16 +90,16 @@ class LinePoseSearch : public PoseSearch {
   }
 
   // Stages 2 and 3. Returns the poses with the lowest approximate cost.
-  std::vector<PoseCandidate> FindCandidates(const std::vector<SearchSegment>& lines) const {
+  std::vector<PoseCandidate> FindCandidates(const std::vector<SearchSegment>& longest) const {
     const std::vector<Eigen::Matrix3d>& labellings = search_model_->labellings();
-    PositionSearch positions(*search_model_, camera_, lines, options_);
+    PositionSearch positions(*search_model_, camera_, longest, options_);
     const double votes_per_candidate = positions.ExpectedVotes() * static_cast<double>(labellings.size());
     const double max_candidates = std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations);
     const RotationSearchOptions rotation_options = {.max_line_cost = options_.max_across_cost(),
                                                     .unexplained_cost = options_.unexplained_cost,
                                                     .max_rotations = options_.max_rotations,
                                                     .max_candidates = static_cast<int>(max_candidates)};
-    const std::vector<RotationCandidate> rotations = FindRotations(*search_model_, lines, rotation_options);
+    const std::vector<RotationCandidate> rotations = FindRotations(*search_model_, longest, rotation_options);
     BestCandidates best(static_cast<size_t>(options_.max_candidates), kMarginOfUnexplained * options_.unexplained_cost);
     for (size_t i = 0; i < rotations.size() && positions.num_votes() < options_.max_votes;) {
       for (const size_t end = i + kRotationsAtOnce; i < std::min(end, rotations.size()); ++i) {

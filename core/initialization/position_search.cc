@@ -62,13 +62,13 @@ void BestCandidates::Add(const PoseCandidate& candidate) {
 }
 
 PositionSearch::PositionSearch(const SearchModel& model, const CameraModel& camera,
-                               absl::Span<const SearchSegment> lines, const PoseSearchOptions& options)
-    : model_(model), camera_(camera), lines_(lines), options_(options), fitting_(lines.size()) {
-  Vector2d low = lines[0].middle_px, high = low;
-  for (const SearchSegment& line : lines) {
-    const Vector2d half = (line.half_px * line.along).cwiseAbs();
-    low = low.cwiseMin(line.middle_px - half);
-    high = high.cwiseMax(line.middle_px + half);
+                               absl::Span<const SearchSegment> segments, const PoseSearchOptions& options)
+    : model_(model), camera_(camera), segments_(segments), options_(options), fitting_(segments.size()) {
+  Vector2d low = segments[0].middle_px, high = low;
+  for (const SearchSegment& segment : segments) {
+    const Vector2d half = (segment.half_px * segment.along).cwiseAbs();
+    low = low.cwiseMin(segment.middle_px - half);
+    high = high.cwiseMax(segment.middle_px + half);
   }
   bearing_ = BearingOf(camera, 0.5 * (low + high));
 }
@@ -94,12 +94,12 @@ void PositionSearch::Prepare(const Matrix3d& rotation) {
   turned_.resize(num_directions);
   for (size_t d = 0; d < num_directions; ++d) turned_[d] = rotation * model_.directions()[d];
   const double variance = options_.rotation_sigma_rad * options_.rotation_sigma_rad;
-  for (size_t j = 0; j < lines_.size(); ++j) {
+  for (size_t j = 0; j < segments_.size(); ++j) {
     fitting_[j].clear();
     for (size_t d = 0; d < num_directions; ++d) {
       if (first_part_[d] == first_part_[d + 1]) continue;
-      const double sine = lines_[j].normal.dot(turned_[d]);
-      if (sine * sine < options_.max_across_cost() * (lines_[j].Variance(turned_[d]) + variance)) {
+      const double sine = segments_[j].normal.dot(turned_[d]);
+      if (sine * sine < options_.max_across_cost() * (segments_[j].Variance(turned_[d]) + variance)) {
         fitting_[j].push_back(static_cast<int>(d));
       }
     }
@@ -111,8 +111,8 @@ void PositionSearch::Prepare(const Matrix3d& rotation) {
 void PositionSearch::CastVotes() {
   votes_.clear();
   const double least_depth_m = model_.radius_m();  // the whole object must lie in front of the camera
-  for (size_t j = 0; j < std::min(lines_.size(), static_cast<size_t>(options_.max_voters)); ++j) {
-    const SearchSegment& line = lines_[j];
+  for (size_t j = 0; j < std::min(segments_.size(), static_cast<size_t>(options_.max_voters)); ++j) {
+    const SearchSegment& line = segments_[j];
     const double scale = -1.0 / line.normal.dot(line.q1.cross(line.q2));
     const Vector3d by_l1 = scale * line.q2.cross(line.normal), by_l2 = scale * line.q1.cross(line.normal);
     for (const int direction : fitting_[j]) {
@@ -181,7 +181,7 @@ void PositionSearch::KeepBest(int rotation) {
 }
 
 double PositionSearch::ExpectedVotes() const {
-  const double voters = static_cast<double>(std::min(lines_.size(), static_cast<size_t>(options_.max_voters)));
+  const double voters = static_cast<double>(std::min(segments_.size(), static_cast<size_t>(options_.max_voters)));
   return 1.0 + kFittingDirections * voters * model_.mean_view_size() / static_cast<double>(model_.directions().size());
 }
 
@@ -218,13 +218,13 @@ double PositionSearch::Cost(const Vector3d& position, double cap) {
                               options_.max_across_cost(), options_.short_cost};
   std::fill(covered_px_.begin(), covered_px_.end(), 0.0);
   double cost = 0.0;
-  for (size_t j = 0; j < lines_.size(); ++j) {
+  for (size_t j = 0; j < segments_.size(); ++j) {
     double least = options_.unexplained_cost, overlap_px = 0.0;
     int matched = -1;
     for (const int direction : fitting_[j]) {
       for (int i = first_part_[direction]; i < first_part_[direction + 1]; ++i) {
         SegmentFit fit;
-        if (!FitSegment(lines_[j], a_px_[i], b_px_[i], weights, least, fit)) continue;
+        if (!FitSegment(segments_[j], a_px_[i], b_px_[i], weights, least, fit)) continue;
         least = fit.cost;
         overlap_px = fit.overlap_px;
         matched = i;

@@ -45,7 +45,7 @@ class BestCandidates {
 class PositionSearch {
  public:
   // All arguments must outlive the object.
-  PositionSearch(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> lines,
+  PositionSearch(const SearchModel& model, const CameraModel& camera, absl::Span<const SearchSegment> segments,
                  const PoseSearchOptions& options);
 
   // Matches each of the longest segments with each line that may be visible and has a fitting direction. A segment that
@@ -90,7 +90,7 @@ class PositionSearch {
 
   const SearchModel& model_;
   const CameraModel& camera_;
-  const absl::Span<const SearchSegment> lines_;
+  const absl::Span<const SearchSegment> segments_;
   const PoseSearchOptions& options_;
   Eigen::Vector3d bearing_ = Eigen::Vector3d::UnitZ();  // to the centre of the segments
   int num_votes_ = 0;

@@ -36,13 +36,13 @@ constexpr size_t kRefinedPerCandidate = 3;
 constexpr double kMinSine2 = 1e-6;
 constexpr float kNoCost = 1e9f;  // above any cost of up to 64 segments
 
-// The normals of the lines as a structure of arrays, to score many rotations.
+// The normals of the segments as a structure of arrays, to score many rotations.
 class Scorer {
  public:
   static constexpr int kMaxLines = 64;  // the largest PoseSearchOptions::max_segments
 
-  Scorer(absl::Span<const SearchSegment> lines, const RotationSearchOptions& options)
-      : count_(static_cast<int>((std::min<size_t>(lines.size(), kMaxLines) + 3) / 4 * 4)),
+  Scorer(absl::Span<const SearchSegment> segments, const RotationSearchOptions& options)
+      : count_(static_cast<int>((std::min<size_t>(segments.size(), kMaxLines) + 3) / 4 * 4)),
         cap_(static_cast<float>(options.max_line_cost)),
         sweep_variance_(static_cast<float>(options.sweep_sigma_rad * options.sweep_sigma_rad)) {
     turn_variance_.setConstant(1.0f);
@@ -50,12 +50,12 @@ class Scorer {
     x_.setZero();
     y_.setZero();
     z_.setZero();
-    for (int j = 0; j < std::min<int>(lines.size(), kMaxLines); ++j) {
-      x_[j] = static_cast<float>(lines[j].normal.x());
-      y_[j] = static_cast<float>(lines[j].normal.y());
-      z_[j] = static_cast<float>(lines[j].normal.z());
-      turn_variance_[j] = static_cast<float>(lines[j].turn_variance);
-      sight += lines[j].sight;
+    for (int j = 0; j < std::min<int>(segments.size(), kMaxLines); ++j) {
+      x_[j] = static_cast<float>(segments[j].normal.x());
+      y_[j] = static_cast<float>(segments[j].normal.y());
+      z_[j] = static_cast<float>(segments[j].normal.z());
+      turn_variance_[j] = static_cast<float>(segments[j].turn_variance);
+      sight += segments[j].sight;
     }
     sight_ = sight.normalized().cast<float>();
   }
@@ -80,7 +80,7 @@ class Scorer {
   const int count_;
   const float cap_;
   const float sweep_variance_;
-  Eigen::Vector3f sight_;  // to the centre of the lines
+  Eigen::Vector3f sight_;  // to the centre of the segments
   Row x_, y_, z_, turn_variance_, best_;
 };
 
@@ -98,8 +98,9 @@ const SweepAngles& Sweep() {
 
 class RotationSearch {
  public:
-  RotationSearch(const SearchModel& model, absl::Span<const SearchSegment> lines, const RotationSearchOptions& options)
-      : model_(model), lines_(lines), options_(options), scorer_(lines, options) {
+  RotationSearch(const SearchModel& model, absl::Span<const SearchSegment> segments,
+                 const RotationSearchOptions& options)
+      : model_(model), segments_(segments), options_(options), scorer_(segments, options) {
     for (const Vector3d& v : model.directions()) directions_.push_back(v.cast<float>());
     turned_.resize(directions_.size());
     for (const Matrix3d& q : model.direction_symmetries()) symmetries_.emplace_back(q);
@@ -108,7 +109,7 @@ class RotationSearch {
   std::vector<RotationCandidate> Run() {
     for (const auto& [i, j, pair] : SweepOrder()) {
       if (budget_ <= 0) break;
-      SweepPair(lines_[i].normal, lines_[j].normal, model_.pairs()[pair]);
+      SweepPair(segments_[i].normal, segments_[j].normal, model_.pairs()[pair]);
     }
     return RefineBest();
   }
@@ -122,7 +123,7 @@ class RotationSearch {
   // first. A pair of directions is tried on each pair of segments in both orders, unless a symmetry makes the orders
   // equal (the pair is then listed once).
   std::vector<Work> SweepOrder() const {
-    const int count = static_cast<int>(lines_.size());
+    const int count = static_cast<int>(segments_.size());
     const int num_pairs = static_cast<int>(model_.pairs().size());
     std::vector<Work> order;
     const int max_work = options_.max_rotations / kHalfCircleSteps + 1;
@@ -203,15 +204,15 @@ class RotationSearch {
       Vector3d g = Vector3d::Zero();
       candidate.cost = 0.0;
       const double sigma_rad = iteration == 0 ? options_.sweep_sigma_rad : options_.refined_sigma_rad;
-      const double sweep_variance = sigma_rad * sigma_rad;
-      for (const SearchSegment& line : lines_) {
+      const double rotation_variance = sigma_rad * sigma_rad;
+      for (const SearchSegment& line : segments_) {
         double least = options_.max_line_cost;
         Vector3d row = Vector3d::Zero();
         double residual = 0.0;
         for (const Vector3d& v : model_.directions()) {
           const Vector3d d = candidate.rotation * v;
           const double sine = line.normal.dot(d);
-          const double variance = line.Variance(d) + sweep_variance;
+          const double variance = line.Variance(d) + rotation_variance;
           if (sine * sine >= least * variance) continue;
           least = sine * sine / variance;
           const double scale = 1.0 / std::sqrt(variance);
@@ -279,7 +280,7 @@ class RotationSearch {
   }
 
   const SearchModel& model_;
-  const absl::Span<const SearchSegment> lines_;
+  const absl::Span<const SearchSegment> segments_;
   const RotationSearchOptions& options_;
   Scorer scorer_;
   int budget_ = options_.max_rotations;
@@ -294,10 +295,10 @@ class RotationSearch {
 
 }  // namespace
 
-std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const SearchSegment> lines,
+std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const SearchSegment> segments,
                                              const RotationSearchOptions& options) {
-  if (lines.size() < 2 || model.pairs().empty()) return {};
-  return RotationSearch(model, lines, options).Run();
+  if (segments.size() < 2 || model.pairs().empty()) return {};
+  return RotationSearch(model, segments, options).Run();
 }
 
 }  // namespace evpose

@@ -53,7 +53,7 @@ struct RotationSearchOptions {
 // swept, each rotation is scored by all segments, and the best ones are refined. Returns the candidate with the lowest
 // cost first, distinct modulo the symmetries of the directions; empty with fewer than two segments or directions.
 // Deterministic.
-std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const SearchSegment> lines,
+std::vector<RotationCandidate> FindRotations(const SearchModel& model, absl::Span<const SearchSegment> segments,
                                              const RotationSearchOptions& options);
 
 }  // namespace evpose

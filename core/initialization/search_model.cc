@@ -9,9 +9,10 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
+#include "core/initialization/check_lines.h"
+#include "core/initialization/direction_symmetries.h"
 #include "core/initialization/line_near_symmetries.h"
 #include "core/initialization/pose_search.h"
-#include "core/initialization/rotation_count.h"
 
 namespace evpose {
 namespace {

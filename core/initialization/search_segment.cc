@@ -33,7 +33,7 @@ SearchSegment MakeSearchSegment(const CameraModel& camera, const ImageSegment& s
 }  // namespace
 
 std::vector<SearchSegment> MakeSearchSegments(const CameraModel& camera, absl::Span<const ImageSegment> segments,
-                                              double sigma_px, int max_lines) {
+                                              double sigma_px, int max_segments) {
   std::vector<int> order;
   for (size_t i = 0; i < segments.size(); ++i) {
     const ImageSegment& segment = segments[i];
@@ -42,11 +42,11 @@ std::vector<SearchSegment> MakeSearchSegments(const CameraModel& camera, absl::S
   }
   std::stable_sort(order.begin(), order.end(),
                    [&](int i, int j) { return segments[i].length_px() > segments[j].length_px(); });
-  if (order.size() > static_cast<size_t>(max_lines)) order.resize(max_lines);
-  std::vector<SearchSegment> lines;
-  lines.reserve(order.size());
-  for (const int i : order) lines.push_back(MakeSearchSegment(camera, segments[i], i, sigma_px));
-  return lines;
+  if (order.size() > static_cast<size_t>(max_segments)) order.resize(max_segments);
+  std::vector<SearchSegment> longest;
+  longest.reserve(order.size());
+  for (const int i : order) longest.push_back(MakeSearchSegment(camera, segments[i], i, sigma_px));
+  return longest;
 }
 
 }  // namespace evpose

@@ -33,10 +33,10 @@ struct SearchSegment {
   }
 };
 
-// Returns the `max_lines` longest segments, the longest first; ties keep their order. Segments shorter than 4
+// Returns the `max_segments` longest segments, the longest first; ties keep their order. Segments shorter than 4
 // `sigma_px` or with a number that is not finite are skipped. `sigma_px` is the standard deviation of each end point
 // across the segment.
 std::vector<SearchSegment> MakeSearchSegments(const CameraModel& camera, absl::Span<const ImageSegment> segments,
-                                              double sigma_px, int max_lines);
+                                              double sigma_px, int max_segments);
 
 }  // namespace evpose

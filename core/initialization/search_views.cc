@@ -2,7 +2,7 @@
 #include "core/initialization/search_views.h"
 
 #include "core/contours/surface_tables.h"
-#include "core/initialization/pose_search.h"
+#include "core/initialization/check_lines.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_model.h"
 

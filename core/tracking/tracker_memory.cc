@@ -7,6 +7,7 @@
 #include "core/association/visible_edges.h"
 #include "core/detection/line_detector.h"
 #include "core/detection/plane_detector.h"
+#include "core/initialization/check_lines.h"
 #include "core/initialization/pose_search.h"
 #include "core/tracking/lens_views.h"
 #include "core/tracking/object/object_tracker.h"

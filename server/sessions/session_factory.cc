@@ -9,7 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/pose_search.h"
+#include "core/initialization/check_lines.h"
 #include "server/runtime/client_text.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/random_name.h"

@@ -10,7 +10,7 @@
 #include "core/association/visible_edges.h"
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/contours/surface_tables.h"
-#include "core/initialization/pose_search.h"
+#include "core/initialization/check_lines.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_model.h"
 #include "core/tracking/object/tracker_options.h"

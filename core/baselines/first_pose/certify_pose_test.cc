@@ -6,7 +6,6 @@
 
 #include "core/baselines/first_pose/published_bnb.h"
 #include "core/initialization/pose_search.h"
-#include "core/initialization/rotation_count.h"
 
 namespace evpose {
 namespace {

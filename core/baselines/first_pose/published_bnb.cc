@@ -12,7 +12,7 @@
 #include "core/base/status_macros.h"
 #include "core/baselines/first_pose/line_match.h"
 #include "core/baselines/first_pose/pose_score.h"
-#include "core/initialization/rotation_count.h"
+#include "core/initialization/direction_symmetries.h"
 
 namespace evpose {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/rotation_count.h"
+#include "core/initialization/direction_symmetries.h"
 
 namespace evpose {
 namespace {

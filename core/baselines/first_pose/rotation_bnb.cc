@@ -29,8 +29,9 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/baselines/first_pose/rotation_count.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/initialization/rotation_count.h"
+#include "core/initialization/direction_symmetries.h"
 #include "core/numerics/math.h"
 
 namespace evpose {

@@ -8,8 +8,9 @@
 #include <vector>
 
 #include "core/baselines/first_pose/directions_testing.h"
+#include "core/baselines/first_pose/rotation_count.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/initialization/rotation_count.h"
+#include "core/initialization/direction_symmetries.h"
 #include "core/numerics/random.h"
 
 namespace evpose {

@@ -11,6 +11,7 @@
 
 #include "core/baselines/first_pose/line_match.h"
 #include "core/experiments/first_pose/pose_comparison.h"
+#include "core/geometry/half_turn.h"
 
 namespace evpose {
 namespace {
@@ -95,9 +96,7 @@ RigidTransform MirrorPose(const RigidTransform& pose, const std::vector<EndPoint
   const Vector3d plane_normal = svd.matrixU().col(2);
   const Vector3d middle_camera = pose * middle;
   const Vector3d sight = middle_camera.normalized();
-  const Eigen::Matrix3d identity = Eigen::Matrix3d::Identity();
-  const Eigen::Matrix3d rotation = (identity - 2.0 * sight * sight.transpose()) * pose.rotation *
-                                   (identity - 2.0 * plane_normal * plane_normal.transpose());
+  const Eigen::Matrix3d rotation = Reflection(sight) * pose.rotation * Reflection(plane_normal);
   return {rotation, middle_camera - rotation * middle};
 }
 

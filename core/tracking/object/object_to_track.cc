@@ -6,7 +6,7 @@
 #include "core/association/other_objects.h"
 #include "core/association/visible_edges.h"
 #include "core/base/status_macros.h"
-#include "core/initialization/pose_search.h"
+#include "core/initialization/check_lines.h"
 
 namespace evpose {
 namespace {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The number of image lines that a rotation explains (the objective of the published initialisation), and the
-// symmetries under which it is invariant.
+// The directions of the lines of a model, and the rotations that map them onto each other.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,10 +27,5 @@ std::vector<Eigen::Matrix3d> SignSymmetries(absl::Span<const Eigen::Vector3d> di
 
 // The largest error of the group's elements, in radians, in mapping the set onto itself.
 double SymmetryDeviation(absl::Span<const Eigen::Vector3d> directions, absl::Span<const Eigen::Matrix3d> symmetries);
-
-// E(R) = sum_j max_k [ |angle(n_j, R v_k) - pi/2| <= inlier_rad ] (LOPET, eq. (eq1-2)): the number of normals that are
-// perpendicular to a rotated direction. All vectors have unit length.
-int CountPerpendicular(absl::Span<const Eigen::Vector3d> normals, absl::Span<const Eigen::Vector3d> directions,
-                       const Eigen::Matrix3d& rotation, double inlier_rad);
 
 }  // namespace evpose
