@@ -11,7 +11,9 @@
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
 #include "core/baselines/first_pose/lsd_detector.h"
+#include "core/events/events_between.h"
 #include "core/experiments/first_pose/pose_comparison.h"
+#include "core/experiments/first_pose/wrong_interval.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/visibility.h"
 #include "core/numerics/random.h"
@@ -82,10 +84,7 @@ class Recording {
   const std::shared_ptr<const ObjectModel>& model() const { return model_; }
 
   absl::Span<const Event> Between(int64_t begin_us, int64_t end_us) const {
-    const auto earlier = [](const Event& event, int64_t t_us) { return event.t_us < t_us; };
-    const auto begin = std::lower_bound(events_.begin(), events_.end(), begin_us, earlier);
-    const auto end = std::lower_bound(begin, events_.end(), end_us, earlier);
-    return absl::MakeConstSpan(events_).subspan(begin - events_.begin(), end - begin);
+    return EventsBetween(events_, begin_us, end_us);
   }
 
   // Returns whether the estimate is right; false for times outside the recording.
@@ -113,8 +112,7 @@ class Recording {
 // poses were reported without a break.
 int64_t Follow(const Recording& recording, int64_t begin_us, int64_t end_us, int64_t delay_us, Tracker& tracker,
                const std::function<void(int64_t, const PoseEstimate&, bool)>& on_pose) {
-  int64_t wrong_since_us = -1;
-  int64_t longest_us = 0;
+  WrongInterval wrong;
   for (int64_t t_us = begin_us; t_us < end_us; t_us += kStepUs) {
     const absl::Span<const Event> step = recording.Between(t_us, t_us + kStepUs);
     std::vector<Event> events(step.begin(), step.end());
@@ -124,16 +122,11 @@ int64_t Follow(const Recording& recording, int64_t begin_us, int64_t end_us, int
     for (const PoseEstimate& estimate : estimates) {
       if (estimate.state != TrackState::kTracking || estimate.t_us < delay_us) continue;
       const bool is_right = recording.IsRight(estimate.t_us - delay_us, estimate.camera_from_object);
-      if (is_right) {
-        wrong_since_us = -1;
-      } else {
-        if (wrong_since_us < 0) wrong_since_us = estimate.t_us;
-        longest_us = std::max(longest_us, estimate.t_us - wrong_since_us);
-      }
+      wrong.Add(estimate.t_us, !is_right);
       on_pose(t_us + kStepUs, estimate, is_right);
     }
   }
-  return longest_us;
+  return wrong.longest_us();
 }
 
 absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const EventTrialOptions& options, const Recording& recording) {

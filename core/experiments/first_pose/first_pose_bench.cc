@@ -11,9 +11,10 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
+#include "core/experiments/first_pose/wrong_interval.h"
 #include "core/experiments/speed/measured_time.h"
 #include "core/experiments/tracking/model_run.h"
-#include "core/initialization/pose_search.h"
+#include "core/initialization/check_lines.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_search.h"
 #include "core/tracking/tracker.h"
@@ -95,7 +96,7 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
   FirstPoseStart start;
   start.t_start_us = start_us;
   start.moved_us = MovedAfter(run, start_us);
-  int64_t wrong_since_us = -1;
+  WrongInterval wrong;
   ReportedStates states;
   for (int64_t t_us = start_us; t_us < start_us + options.watch_us; t_us += kStartStepUs) {
     std::vector<PoseEstimate> estimates;
@@ -107,19 +108,18 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
       if (!error) continue;
       CountState(run, estimate, error->is_right(), states);
       const bool is_wrong = estimate.state == TrackState::kTracking && !error->is_right();
-      if (!is_wrong) wrong_since_us = -1;
+      wrong.Add(estimate.t_us, is_wrong);
       if (is_wrong) {
         if (start.wrong_at_us < 0) start.wrong_at_us = estimate.t_us;
         start.wrong.rotation_rad = std::max(start.wrong.rotation_rad, error->rotation_rad);
         start.wrong.translation_ratio = std::max(start.wrong.translation_ratio, error->translation_ratio);
       }
-      if (is_wrong && wrong_since_us < 0) wrong_since_us = estimate.t_us;
-      if (is_wrong) start.longest_wrong_us = std::max(start.longest_wrong_us, estimate.t_us - wrong_since_us);
       if (estimate.state == TrackState::kTracking && error->is_right() && start.right_us < 0) {
         start.right_us = t_us + kStartStepUs - start_us;
       }
     }
   }
+  start.longest_wrong_us = wrong.longest_us();
   start.searches = tracker->initialization().attempts;
   if (!options.explains) return start;
   start.explanation.states = states;

@@ -6,16 +6,14 @@
 
 #include "core/association/association.h"
 #include "core/base/status_macros.h"
+#include "core/events/events_between.h"
 #include "core/experiments/tracking/tracking_recordings.h"
 #include "core/windows/window_memory.h"
 
 namespace evpose {
 
 absl::Span<const Event> FirstPoseRun::Between(int64_t begin_us, int64_t end_us) const {
-  const auto earlier = [](const Event& event, int64_t t_us) { return event.t_us < t_us; };
-  const auto begin = std::lower_bound(events.begin(), events.end(), begin_us, earlier);
-  const auto end = std::lower_bound(begin, events.end(), end_us, earlier);
-  return absl::MakeConstSpan(events).subspan(begin - events.begin(), end - begin);
+  return EventsBetween(events, begin_us, end_us);
 }
 
 std::optional<PoseError> FirstPoseRun::ErrorAt(int64_t t_us, const RigidTransform& estimate) const {

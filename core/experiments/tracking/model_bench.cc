@@ -25,7 +25,7 @@ namespace {
 
 constexpr double kNoValue = std::numeric_limits<double>::quiet_NaN();
 // HealthOptions::max_uncertainty_px by default: wider than the gate of the association.
-constexpr double kWeakPx = 12.0;
+constexpr double kWeakPx = HealthOptions().max_uncertainty_px;
 // Time before a loss in which a weak pose explains it: some windows, and the time in which the tracker reports a loss.
 constexpr int64_t kBeforeLossUs = 50'000;
 // Share of the time with a good pose, at the least, of a model that is kept: the first windows give no pose.

@@ -12,6 +12,7 @@
 #include "core/base/check_range.h"
 #include "core/base/find_named.h"
 #include "core/base/status_macros.h"
+#include "core/events/events_between.h"
 #include "core/experiments/speed/measured_time.h"
 #include "core/numerics/statistics.h"
 #include "core/tracking/tracker.h"
@@ -25,13 +26,6 @@ constexpr double kStartsShare = 0.75;
 constexpr int64_t kStepUs = 1000;
 
 using Events = absl::Span<const Event>;
-
-Events Between(Events events, int64_t begin_us, int64_t end_us) {
-  const auto before = [](const Event& event, int64_t t_us) { return event.t_us < t_us; };
-  const auto begin = std::lower_bound(events.begin(), events.end(), begin_us, before);
-  const auto end = std::lower_bound(begin, events.end(), end_us, before);
-  return events.subspan(begin - events.begin(), end - begin);
-}
 
 // Tracks an object in `events`, and sets the times and the losses of `run`. Returns the poses; nullopt if `goes_on`,
 // which is called with the finished share, returns false.
@@ -50,7 +44,8 @@ absl::StatusOr<std::optional<std::vector<PoseEstimate>>> Track(const RealObject&
     run.compute_to_tracking_s = run.compute_s;
   };
   for (size_t i = 0; i < events.size();) {
-    const size_t count = std::max<size_t>(1, Between(events.subspan(i), run.start_us, events[i].t_us + kStepUs).size());
+    const size_t count =
+        std::max<size_t>(1, EventsBetween(events.subspan(i), run.start_us, events[i].t_us + kStepUs).size());
     const size_t num_poses = poses.size();
     run.compute_s += ProcessorSecondsOf([&] { tracker->AddEvents(events.subspan(i, count), poses); });
     i += count;
@@ -126,7 +121,7 @@ class RealBench {
                                 is_given ? ", from the reference pose" : "");
         const double done = (i + 0.5 * (is_given ? 1 : 0)) / options_.num_starts;
         EVPOSE_ASSIGN_OR_RETURN(
-            RealRun run, RunOnce(recording, Between(events, start_us, stop_us), start_us, stop_us, is_given,
+            RealRun run, RunOnce(recording, EventsBetween(events, start_us, stop_us), start_us, stop_us, is_given,
                                  [&](double ratio) { return Report(done + 0.5 * ratio / options_.num_starts); }));
         (is_given ? row.given : row.searched).push_back(run);
       }
