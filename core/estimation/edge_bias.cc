@@ -41,9 +41,9 @@ EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& ra
   // A stripe has two edges, and each produces half of the events.
   const double edge_share = 0.5 * (1.0 + std::abs(kappa));
   const double thresholds = edge_share * (rates.events_per_px2 + rates.reversals_per_px2);
-  const double turn_ratio = std::min(1.0, edge_share * rates.recent_reversals_per_px2);
+  const double reversal_ratio = std::min(1.0, edge_share * rates.recent_reversals_per_px2);
   const double contrast = thresholds * sensor.contrast_threshold;
-  const double hysteresis = turn_ratio / std::max(thresholds, turn_ratio);
+  const double hysteresis = reversal_ratio / std::max(thresholds, reversal_ratio);
   const EdgeResponse& response = EdgeResponse::Get();
   const double on_px = sensor.blur_px * response.MeanOfOnEvents(contrast, hysteresis);
   const double off_px = sensor.blur_px * response.MeanOfOffEvents(contrast, hysteresis);

@@ -43,9 +43,10 @@ std::string TimeSpan(const Trajectory& trajectory) {
   return absl::StrFormat("%.6f to %.6f s", trajectory.front().t_us * 1e-6, trajectory.back().t_us * 1e-6);
 }
 
-// Returns the pose of truth * symmetry that is nearest to the estimate.
-RigidTransform NearestEquivalent(const RigidTransform& truth, const RigidTransform& estimate,
-                                 const std::vector<RigidTransform>& symmetries) {
+// Returns the truth or the pose of truth * symmetry that is nearest to the estimate by rotation and then, of equal
+// rotations, by distance: README, equation (1). NearestEquivalent() of core/models compares rotations alone.
+RigidTransform NearestByRotationThenDistance(const RigidTransform& truth, const std::vector<RigidTransform>& symmetries,
+                                             const RigidTransform& estimate) {
   const auto errors_of = [&estimate](const RigidTransform& pose) {  // compared in this order
     return std::pair(RotationAngle(pose.rotation, estimate.rotation),
                      (pose.translation_m - estimate.translation_m).norm());
@@ -206,8 +207,9 @@ absl::StatusOr<std::vector<TrajectoryError>> TrajectoryErrors(const Trajectory& 
     error.t_us = pose.t_us;
     error.estimated_pose = pose.camera_from_object;
     const std::optional<ContinuousSymmetry>& continuous = options.continuous_symmetry;
-    error.true_pose = continuous ? NearestEquivalent(true_pose, *continuous, pose.camera_from_object)
-                                 : NearestEquivalent(true_pose, pose.camera_from_object, options.symmetries);
+    error.true_pose = continuous
+                          ? NearestEquivalent(true_pose, *continuous, pose.camera_from_object)
+                          : NearestByRotationThenDistance(true_pose, options.symmetries, pose.camera_from_object);
     const Eigen::Vector3d centre = continuous ? continuous->centre : Eigen::Vector3d(Eigen::Vector3d::Zero());
     error.position_m = (pose.camera_from_object * centre - error.true_pose * centre).norm();
     error.position_of_depth = error.position_m / true_pose.translation_m.z();

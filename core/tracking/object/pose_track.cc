@@ -70,7 +70,8 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
 std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const OtherObjects* others) {
   if (others != nullptr && others->empty()) others = nullptr;
   WindowInput input;
-  const WindowFit& fit = FitWindow(window, others, input);
+  FitWindow(window, others, input);
+  const WindowFit& fit = fit_;
   lines_ = input.lines;
   if (occlusion_ == Occlusion::kAll) return PredictOccluded(window);
   const RigidTransform& pose = fit.state.camera_from_object;
@@ -80,7 +81,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
-  RemoveFreeMotion(context_.model->continuous_symmetry, motion_, fit_.state);  // `fit` refers to fit_
+  RemoveFreeMotion(context_.model->continuous_symmetry, motion_, fit_.state);
   motion_ = fit.state;
 
   const CameraModel& camera = context_.camera;
@@ -94,7 +95,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   if (is_flash_) {
     // Events of the change of brightness are no evidence for or against the pose.
     Enter(TrackInput::kFewEvents, window.t_end_us);
-    if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
+    if (!HasEstimate(phase_)) return std::nullopt;
     return MakeEstimate(fit, input);
   }
   // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
@@ -113,7 +114,7 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     const bool is_determined = result.kind != HealthResult::Kind::kSupported || IsDetermined(input.lines, support);
     UpdatePhase(result, is_determined, window.t_end_us);
   }
-  if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
+  if (!HasEstimate(phase_)) return std::nullopt;
   return MakeEstimate(fit, input);
 }
 
@@ -174,7 +175,7 @@ std::optional<PoseEstimate> PoseTrack::PredictOccluded(const EventWindow& window
   associator_.ClearLines();
   const bool is_uncertain = spread_px > context_.options.health.max_uncertainty_px;
   Enter(is_uncertain ? TrackInput::kFailure : TrackInput::kOcclusion, window.t_end_us);
-  if (phase_ == TrackPhase::kTentative || phase_ == TrackPhase::kLost) return std::nullopt;
+  if (!HasEstimate(phase_)) return std::nullopt;
   WindowFit fit;
   fit.state = motion_;
   return MakeEstimate(fit, WindowInput());
@@ -193,14 +194,14 @@ PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const OtherO
   return nearness;
 }
 
-const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input) {
+void PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input) {
   constexpr double kForget = 0.05;  // the running mean covers about 20 windows, 20 to 100 ms
   adaptation_.Limit(1.0);
   MotionState predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   input = Gather(window, others, predicted, 1.0);
   fit_.Clear();
   is_flash_ = false;
-  if (input.lines.empty()) return fit_;
+  if (input.lines.empty()) return;
   // A window longer than one interval has few events (WindowOptions::min_events), so that its estimate depends on the
   // prior.
   const bool is_sparse = window.t_end_us - window.t_begin_us > context_.options.windows.interval_us;
@@ -212,17 +213,17 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const OtherObje
   is_flash_ = IsFlash(window, input);
   if (is_quiet || is_flash_) {
     FitNoEvents(input, predicted);
-    return fit_;
+    return;
   }
   // Background events carry no information about the pose, neither for the estimator nor for a second fit.
-  if (!HasSignal(fit_)) return fit_;
+  if (!HasSignal(fit_)) return;
   if (fit_.explained_signal_ratio() < context_.options.mixture.retry_explained_ratio * usual_explained_ratio_) {
     const MotionPriorOptions& motion = context_.options.motion;
     const MotionState agile = Predicted(window.t_mid_us(), motion, motion.retry_noise_factor);
     const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
     estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor, second_fit_);
     input = wide_input;
-    if (!IsBetter(second_fit_, fit_, input.lines, image_lines_)) return fit_;
+    if (!IsBetter(second_fit_, fit_, input.lines, image_lines_)) return;
     std::swap(fit_, second_fit_);
     adaptation_.Reset();
   } else if (phase_ != TrackPhase::kTentative && estimator_->UpdatesCovariance()) {
@@ -233,7 +234,6 @@ const WindowFit& PoseTrack::FitWindow(const EventWindow& window, const OtherObje
     usual_explained_ratio_ +=
         (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit_.explained_signal_ratio() - usual_explained_ratio_);
   }
-  return fit_;
 }
 
 bool PoseTrack::LimitMotion(const WindowInput& input) {
@@ -338,7 +338,7 @@ double PoseTrack::OthersDensityPerPx(const Observation& event, const OtherObject
                                      absl::Span<const double> rates) const {
   const double density = others.DensityAt(event);
   if (density <= 0.0) return 0.0;
-  constexpr double kReachPx = 16.0;  // the widest gate of the first pass, MixtureOptions::max_gate_px
+  static const double kReachPx = MixtureOptions().max_gate_px;  // the widest gate of the first pass
   const NearLines near = FindNearLines(event, image_lines_.data(), kReachPx, 0.0);
   // Away from all own lines the event can only belong to the other objects, whatever their rate.
   return near.count == 0 ? density : density / rates[near.line[0]];

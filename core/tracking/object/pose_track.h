@@ -113,8 +113,8 @@ class PoseTrack {
   bool IsFlash(const EventWindow& window, const WindowInput& input);
   // Replaces fit_ by the one to no events.
   void FitNoEvents(const WindowInput& input, const MotionState& predicted);
-  // Valid until the next window.
-  const WindowFit& FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input);
+  // Sets fit_ and the input of the fit.
+  void FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input);
   // Whether the predicted motion is so slow that an event deficit is not significant.
   bool IsSlow(const WindowInput& input) const;
   // Whether there are significantly more events near the lines than the background rate explains.

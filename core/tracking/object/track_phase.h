@@ -42,6 +42,9 @@ inline constexpr int kNumTrackInputs = 8;
 // Returns the phase after `input`, by the table of the README; `phase` itself if nothing changes.
 TrackPhase NextPhase(TrackPhase phase, TrackInput input);
 
+// Whether a hypothesis has a pose that may be reported: it has been confirmed, and has not been rejected.
+inline bool HasEstimate(TrackPhase phase) { return phase != TrackPhase::kTentative && phase != TrackPhase::kLost; }
+
 // The state that is reported while this hypothesis is published.
 TrackState ReportedState(TrackPhase phase);
 
