@@ -23,7 +23,7 @@ struct EdgePassage {
   int model_line = 0;
   double direction = 1.0;       // sign of its normal velocity: 1 or -1
   double speed_px_per_s = 0.0;  // magnitude of the normal velocity; mean over the swept area
-  EdgeRates rates;              // over the swept area; turns are those of the passage
+  EdgeRates rates;              // over the swept area; reversals are those of the passage
   double residual_px = 0.0;     // robust mean of the events' distances along the motion: positive ahead of the line
   double spread_px = 0.0;       // standard deviation of the distances about that mean
   double num_events = 0.0;      // number of events of the mean, without clutter

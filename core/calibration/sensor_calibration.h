@@ -78,7 +78,7 @@ struct SensorCalibration {
   double uncorrected_rms_px = 0.0;
   double initial_rms_px = 0.0;
   double fitted_rms_px = 0.0;
-  // Displacement of an edge with the median contrast and turns of the passages: to its darker side, and behind the
+  // Displacement of an edge with the median contrast and reversals of the passages: to its darker side, and behind the
   // motion.
   double typical_contrast = 0.0;
   double edge_shift_px = 0.0;

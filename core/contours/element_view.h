@@ -33,8 +33,7 @@ struct Candidate {
   Eigen::Vector2d p2_px;
   // Elements with the same number that follow each other are connected.
   uint32_t chain = 0;
-  // The elements that are chosen first: occluding edges in front of the background, and
-  // boundaries.
+  // The elements that are chosen first: occluding edges in front of the background, and boundaries.
   bool is_outline = false;
 
   double length_px() const { return (p2_px - p1_px).norm(); }

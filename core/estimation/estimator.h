@@ -52,11 +52,10 @@ struct DeficitCounts {
 enum class Expectation : uint8_t {
   // A straight line, or a curve that has shown events or has a high contrast: missing events contradict the estimate.
   kEvents,
-  // A contour against a background that may be as bright as the object: missing events are no
-  // evidence about the motion yet.
+  // A contour against a background that may be as bright as the object: missing events are no evidence about the motion
+  // yet.
   kPerhaps,
-  // A curve that has moved without events while the pose was confirmed: missing events are no
-  // evidence.
+  // A curve that has moved without events while the pose was confirmed: missing events are no evidence.
   kNothing,
 };
 
@@ -89,8 +88,8 @@ struct WindowFit {
   Matrix6d systematic_covariance = Matrix6d::Zero();
   // Expected number of observations that each line of the input produced; empty if the estimator does not compute it.
   std::vector<double> line_events;
-  std::vector<DeficitCounts>
-      deficit_counts;  // of the input's lines in this window, for the estimated twist; empty likewise
+  // Of the input's lines in this window, for the estimated twist; empty likewise.
+  std::vector<DeficitCounts> deficit_counts;
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }
   // Gated observations beyond those of the background, and the explained share of these.

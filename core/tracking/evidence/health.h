@@ -79,15 +79,13 @@ class TrackHealth {
   // Tests the counts since the last result.
   //
   //   kSupported     supported length / testable length >= confirm_support_ratio, with min_lines supported ones; at
-  //   most
-  //                  max_missing_sectors sectors of the outline lack their events, and displaced length / testable
+  //                  most max_missing_sectors sectors of the outline lack their events, and displaced length / testable
   //                  length <= max_displaced_ratio
   //   kDoubtful      the same with more such sectors or more displaced length; or supported length / testable length
   //                  >= keep_support_ratio with as many lines, and supported length / decided length <
   //                  confirm_support_ratio
   //   kUnsupported   supported length / decided length < keep_support_ratio, or fewer than min_lines supported lines,
-  //   of
-  //                  at least as many decided ones; or all lines together have power and no support
+  //                  of at least as many decided ones; or all lines together have power and no support
   //   kFewEvents     no more events than the background explains, as for an object at rest, or no other result in 1 s
   //   kOpen          too few events so far; counting continues
   //

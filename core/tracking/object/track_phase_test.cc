@@ -57,8 +57,7 @@ using O = ObjectPhase;
 // The table of core/tracking/README.md, by phase; columns in the order of ObjectInput.
 constexpr std::array<std::array<O, kNumObjectInputs>, kNumObjectPhases> kObjectTable = {{
     // given pose, poses found, challengers, rivals, single left, publication, first rejected, all rejected,
-    // unconfirmed,
-    // reset
+    // unconfirmed, reset
     {O::kVerifyingGiven, O::kVerifyingCompeting, O::kSearching, O::kSearching, O::kSearching, O::kSearching,
      O::kSearching, O::kSearching, O::kSearching, O::kSearching},
     {O::kVerifyingGiven, O::kVerifyingGiven, O::kVerifyingGivenCompeting, O::kVerifyingGiven, O::kVerifyingGiven,
