@@ -19,11 +19,11 @@ import socket
 import subprocess
 import sys
 import tempfile
-import urllib.request
 
 import yaml
 
 from checks import check, poll
+from processes import free_ports, get_page, metric_sums
 
 SERVER, CLIENT = (os.path.realpath(path) for path in sys.argv[1:3])
 ROOT = pathlib.Path(__file__).resolve().parent.parent
@@ -136,9 +136,7 @@ def start_redis(fixture):
     data = fixture.work / "redis"
     data.mkdir()
     for _ in range(5):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        port = free_ports(1)[0]
         changes = {"/data": str(data), "6379": str(port)}
         words = [changes.get(word, word).replace("/run/secrets", str(fixture.secrets))
                  for word in services("compose.cluster.yaml")["redis"]["command"]]
@@ -186,10 +184,9 @@ def check_flood(fixture, front, counts, token):
         if apart:
             check(first != "all", "the flood is not cut")
         check(second.isdigit() and int(second) < STREAMS / 2, "the next connection of the flood is accepted:", second)
-        with urllib.request.urlopen(f"http://127.0.0.1:{counts.getsockname()[1]}/metrics", timeout=30) as page:
-            reached = re.search(r'^haproxy_server_sessions_total\{proxy="servers",server="server"\} (\d+)', page.read().decode(), re.M)
-        check(int(reached[1]) < STREAMS / 5, reached[1], "calls of the flood have reached the server")
-        print(f"flood from {source}: sent {first} and {second}, reached the server with all others: {reached[1]}; {calls} calls of another client")
+        reached = int(metric(counts.getsockname()[1], "haproxy_server_sessions_total", 'proxy="servers"', 'server="server"'))
+        check(0 < reached < STREAMS / 5, reached, "calls of the flood have reached the server")
+        print(f"flood from {source}: sent {first} and {second}, reached the server with all others: {reached}; {calls} calls of another client")
 
 
 def check_header(front):
@@ -215,11 +212,9 @@ def check_passthrough(fixture, certificate):
     check(fixture.call(front).returncode != 0, "the server accepts a client without a certificate")
 
 
-def metric(port, name):
-    """The value of a metric of HAProxy."""
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=30) as page:
-        found = re.search(f"^{re.escape(name)} (\\S+)$", page.read().decode(), re.M)
-    return float(found[1]) if found else None
+def metric(port, name, *labels):
+    """The value of a metric of HAProxy; 0 while there is none."""
+    return metric_sums(get_page(f"127.0.0.1:{port}", "/metrics")[1], (name, *labels))[0]
 
 
 def load(fixture, address, *options):
@@ -239,9 +234,9 @@ def check_balance(fixture, store):
                         f"server server-{i} {address} port {metrics.rpartition(':')[2]} agent-port {agent.rpartition(':')[2]}"))
     fixture.haproxy(["common.cfg", "cluster.cfg"], changes, [front, counts])
     load(fixture, servers[0][0], "--sessions", "18", "--minutes", "1000")
-    weight = 'haproxy_server_weight{{proxy="servers",server="server-{}"}}'
     port = counts.getsockname()[1]
-    poll(lambda: [metric(port, weight.format(i)) for i in (1, 2)] == [10.0, 100.0], "weights 10 and 100 of the servers")
+    poll(lambda: [metric(port, "haproxy_server_weight", 'proxy="servers"', f'server="server-{i}"') for i in (1, 2)] == [10.0, 100.0],
+         "weights 10 and 100 of the servers")
     before = pathlib.Path(logs[0].name).read_text().count("session_created ")
     check(before == 18, "the loaded server has", before, "sessions")
     run = load(fixture, f"127.0.0.1:{front.getsockname()[1]}", "--sessions", "40", "--minutes", "0.001")

@@ -26,20 +26,12 @@ import yaml
 
 import manifests
 from checks import check, poll
+from processes import free_ports
 
 SERVER = os.path.realpath(sys.argv[1])
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 NAMES = ("redis-1", "redis-2", "redis-3")
 SENTINELS = ("sentinel-1", "sentinel-2", "sentinel-3")
-
-
-def free_ports(count):
-    """Ports that are free at all addresses at this moment."""
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for each in sockets:
-            each.bind(("", 0))
-        return [each.getsockname()[1] for each in sockets]
 
 
 def accepts(address, port):

@@ -1,28 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The processes that the tests attack: evpose-server and redis-server, their start, observation and end."""
+"""The server that the tests attack, and their base class."""
 
 import argparse
-import contextlib
 import hashlib
-import http.client
-import os
 import pathlib
-import re
-import select
 import shutil
-import signal
-import socket
 import subprocess
 import sys
 import tempfile
-import time
 import unittest
 
 import http2
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-# A condition that has not become true after this time is a failure. No test depends on how much earlier it becomes true.
-PATIENCE_S = 120.0
+sys.path.append(str(ROOT / "tests"))
+import processes  # noqa: E402
+from checks import PATIENCE_S, poll  # noqa: E402
+from processes import Redis, connect, read_line  # noqa: E402, F401
 
 
 def _build_directory():
@@ -36,32 +30,6 @@ def _build_directory():
 BIN = _build_directory()
 SERVER = BIN / "server/evpose-server"
 EVPOSE = BIN / "client/cli/evpose"
-
-
-def poll(condition, what):
-    """Returns the first value of condition() that is true."""
-    end = time.monotonic() + PATIENCE_S
-    while not (value := condition()):
-        if time.monotonic() > end:
-            raise AssertionError(f"not reached in {PATIENCE_S:.0f} s: {what}")
-        time.sleep(0.01)
-    return value
-
-
-def read_line(stream):
-    """Returns the next line of a pipe, or an empty string at its end."""
-    if not select.select([stream], [], [], PATIENCE_S)[0]:
-        raise AssertionError(f"no line in {PATIENCE_S:.0f} s")
-    line = b""
-    while not line.endswith(b"\n") and (byte := os.read(stream.fileno(), 1)):
-        line += byte
-    return line.decode()
-
-
-def connect(address, source=None):
-    """Returns a TCP connection to HOST:PORT, from this address of the machine if one is given."""
-    host, port = address.rsplit(":", 1)
-    return socket.create_connection((host, int(port)), timeout=PATIENCE_S, source_address=source and (source, 0))
 
 
 def write_tokens(path, tenants, operator=None):
@@ -91,91 +59,19 @@ def mounted(path, size_bytes):
 CAN_MOUNT = subprocess.run([*mounted("/mnt", 1 << 20), "true"], capture_output=True, check=False).returncode == 0
 
 
-class Server:
-    """A running evpose-server. `prlimit` has options of prlimit(1), such as --as=BYTES. With `disk_bytes`, its data are on a file
-    system of this size (CAN_MOUNT)."""
+class Server(processes.Server):
+    """A running evpose-server, which is attacked. `prlimit` has options of prlimit(1), such as --as=BYTES. With `disk_bytes`, its data are
+    on a file system of this size (CAN_MOUNT)."""
 
     # One line for each server of this process that ended, or stopped accepting connections, because of a client's input.
     defeats = []
 
     def __init__(self, *options, directory, prlimit=(), store="memory", disk_bytes=None):
-        self.command = [*(["prlimit", *prlimit, "--"] if prlimit else []), str(SERVER)]
+        prefix = ["prlimit", *prlimit, "--"] if prlimit else []
         if disk_bytes is not None:
             (directory / "data").mkdir()
-            self.command = [*mounted(directory / "data", disk_bytes), *self.command]
-        self.command += ["--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0", "--store", store, *options]
-        if store == "sqlite":
-            self.command += ["--data-dir", str(directory / "data")]
-        self.log_path = directory / "log"
-        self.start()
-
-    def start(self):
-        with open(self.log_path, "ab") as log:
-            self.process = subprocess.Popen(self.command, stdout=subprocess.PIPE, stderr=log)
-        self.is_ended = False
-        self.address, self.metrics_address = (self._announced(words) for words in ("listening on ", "metrics on "))
-
-    def _announced(self, words):
-        try:
-            line = read_line(self.process.stdout)
-            if not line.startswith(words):
-                raise AssertionError(f"evpose-server does not say '{words}' but '{line}': {self.log()[-2000:]}")
-            return line[len(words):].strip()
-        except BaseException:
-            self.process.kill()
-            self.process.wait()
-            raise
-
-    def connect(self):
-        """Returns a TCP connection to --listen."""
-        return connect(self.address)
-
-    def log(self):
-        return self.log_path.read_text(errors="replace")
-
-    def page(self, path, timeout=PATIENCE_S, accept="*/*"):
-        """Returns the status and the text of a page of --metrics-listen."""
-        connection = http.client.HTTPConnection(self.metrics_address, timeout=timeout)
-        try:
-            connection.request("GET", path, headers={"Accept": accept})
-            response = connection.getresponse()
-            return response.status, response.read().decode()
-        finally:
-            connection.close()
-
-    def metric(self, name, *labels):
-        """Returns the sum of the series of a metric that have all of these labels, written as in the text format."""
-        return self.metrics((name, *labels))[0]
-
-    def metrics(self, *selections):
-        """Returns one sum for each selection (name, *labels) as metric() does, all of one point in time."""
-        series = [line.rsplit(" ", 1) for line in self.page("/metrics")[1].splitlines() if not line.startswith("#")]
-        return [
-            sum(float(value) for key, value in series if key.split("{")[0] == name and all(label in key for label in labels))
-            for name, *labels in selections
-        ]
-
-    def _status(self, field):
-        text = pathlib.Path(f"/proc/{self.process.pid}/status").read_text()
-        return next(int(line.split()[1]) for line in text.splitlines() if line.startswith(field + ":"))
-
-    def resident_bytes(self):
-        return self._status("VmRSS") * 1024
-
-    def peak_bytes(self):
-        return self._status("VmHWM") * 1024
-
-    def cpu_s(self):
-        """Returns the processor time of the server and of the processes that it has started, so far."""
-        ticks = 0
-        for path in pathlib.Path("/proc").glob("[0-9]*/stat"):
-            with contextlib.suppress(OSError):  # a process that has ended
-                fields = path.read_text().rsplit(")", 1)[1].split()
-                if path.parent.name == str(self.process.pid):
-                    ticks += sum(map(int, fields[11:15]))  # with those of children that have ended
-                elif fields[1] == str(self.process.pid):
-                    ticks += sum(map(int, fields[11:13]))
-        return ticks / os.sysconf("SC_CLK_TCK")
+            prefix = [*mounted(directory / "data", disk_bytes), *prefix]
+        super().__init__(SERVER, *options, directory=directory, store=store, prefix=prefix)
 
     def answers(self, timeout=PATIENCE_S):
         """Returns whether the server answers the preface of HTTP/2 on a new connection."""
@@ -186,27 +82,6 @@ class Server:
                 return len(connection.recv(9)) > 0
         except OSError:
             return False
-
-    def wait(self):
-        """Waits for the end. Returns the exit status, or minus the number of the signal that ended the process."""
-        try:
-            return self.process.wait(timeout=PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-            raise AssertionError("the server did not end") from None
-        finally:
-            self.is_ended = True
-            self.process.stdout.close()
-
-    def terminate(self):
-        """Sends SIGTERM. Returns the exit status."""
-        self.process.send_signal(signal.SIGTERM)
-        return self.wait()
-
-    def kill(self):
-        self.process.kill()
-        self.wait()
 
     def defeat(self):
         """Returns how a client has ended the server or stopped it from accepting connections; empty if it works."""
@@ -219,35 +94,6 @@ class Server:
             return ""
         except (AssertionError, OSError):
             return "is not ready"
-
-
-class Redis:
-    """A running redis-server in `directory`."""
-
-    def __init__(self, directory):
-        self.socket_path = directory / "redis.socket"
-        command = ["redis-server", "--port", "0", "--unixsocket", str(self.socket_path), "--dir", str(directory)]
-        self.process = subprocess.Popen([*command, "--save", ""], stdout=subprocess.DEVNULL)
-        self.url = f"redis+unix://{self.socket_path}"
-        poll(self.socket_path.exists, "the socket of redis-server")
-
-    def reads(self):
-        """Returns how often Redis has read from a client: the round trips of all clients so far."""
-        with socket.socket(socket.AF_UNIX) as connection:
-            connection.settimeout(PATIENCE_S)
-            connection.connect(str(self.socket_path))
-            connection.sendall(b"INFO stats\r\n")
-            text = b""
-            while not (count := re.search(rb"total_reads_processed:(\d+)\r\n", text)):
-                data = connection.recv(65536)
-                if not data:
-                    raise AssertionError(f"redis-server closed the connection after {text!r}")
-                text += data
-        return int(count[1])
-
-    def stop(self):
-        self.process.kill()
-        self.process.wait()
 
 
 class AdversaryTest(unittest.TestCase):

@@ -7,8 +7,8 @@ prints the processor time of the server in seconds per second of the recording, 
 the images, their bytes and the skipped images of the first watcher. The watchers are processes of their own. Needs a release build.
 """
 import argparse
+import contextlib
 import multiprocessing
-import os
 import pathlib
 import queue
 import re
@@ -19,14 +19,11 @@ import time
 
 import grpc
 
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from processes import Server, first_pose, load_api, simulate  # noqa: E402
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SERVICE = "/evpose.v1.SessionService/"
-
-
-def generate(folder):
-    """The Python code of the API's messages."""
-    protos = [str(path.relative_to(ROOT / "proto")) for path in (ROOT / "proto/evpose/v1").glob("*.proto")]
-    subprocess.run(["protoc", f"-I{ROOT / 'proto'}", f"--python_out={folder}", *protos], check=True)
 
 
 def messages():
@@ -51,11 +48,6 @@ def watch(address, session, cell_px, rate_hz, results):
     results.put({"images": images, "bytes": num_bytes, "skipped": skipped})
 
 
-def cpu_s(process):
-    fields = pathlib.Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def wait_for_session(address, replay):
     api = messages()
     with grpc.insecure_channel(address) as channel:
@@ -69,39 +61,29 @@ def wait_for_session(address, replay):
 
 
 def measure(arguments, scene, num_watchers):
-    server = subprocess.Popen([arguments.bin / "server/evpose-server", "--store", "memory", "--listen", "127.0.0.1:0", "--log-level", "off",
-                               "--max-session-cpu", "0"], stdout=subprocess.PIPE, text=True)
-    processes = [server]
-    watchers = []
-    try:
-        address = re.search(r"\S+:\d+", server.stdout.readline()).group()
-        pose = pathlib.Path(scene / "truth.tum").read_text(encoding="ascii").splitlines()
-        first = next(line.split()[1:] for line in pose if not line.startswith("#"))
+    with contextlib.ExitStack() as cleanup:
+        server = cleanup.enter_context(Server(arguments.bin / "server/evpose-server", "--log-level", "off", "--max-session-cpu", "0"))
         replay = subprocess.Popen([arguments.replay, "replay", scene / "recording.raw", "--model", scene / "model.obj", "--camera",
-                                   scene / "camera.yaml", "--init-pose", " ".join(first), "--server", address, "--rate", "1"],
+                                   scene / "camera.yaml", "--init-pose", first_pose(scene), "--server", server.address, "--rate", "1"],
                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        processes.append(replay)
-        session = wait_for_session(address, replay)
+        cleanup.callback(replay.wait)
+        cleanup.callback(replay.kill)
+        session = wait_for_session(server.address, replay)
         results = multiprocessing.Queue()
         for _ in range(num_watchers):
-            watcher = multiprocessing.Process(target=watch, args=(address, session, arguments.cell_px, arguments.rate, results))
+            watcher = multiprocessing.Process(target=watch, args=(server.address, session, arguments.cell_px, arguments.rate, results))
             watcher.start()
-            watchers.append(watcher)
-        begin, begin_cpu_s = time.monotonic(), cpu_s(server)
+            cleanup.callback(watcher.join)
+            cleanup.callback(watcher.kill)
+        begin, begin_cpu_s = time.monotonic(), server.cpu_s()
         if replay.wait() != 0:
             raise RuntimeError("evpose replay has failed")
-        end, end_cpu_s = time.monotonic(), cpu_s(server)
-        seen = [results.get(timeout=60) for _ in watchers]
+        end, end_cpu_s = time.monotonic(), server.cpu_s()
+        try:
+            seen = [results.get(timeout=60) for _ in range(num_watchers)]
+        except queue.Empty:
+            raise RuntimeError("a watcher has failed") from None
         return end_cpu_s - begin_cpu_s, end - begin, seen
-    except queue.Empty:
-        raise RuntimeError("a watcher has failed") from None
-    finally:
-        for watcher in watchers:
-            watcher.kill()
-            watcher.join()
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 def main():
@@ -119,11 +101,10 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         scene, code = pathlib.Path(folder) / "scene", pathlib.Path(folder) / "code"
         code.mkdir()
-        generate(code)
-        sys.path.insert(0, str(code))
-        made = subprocess.run([arguments.replay, "simulate", "--object", "cube", "--camera", "evk4", "--duration", str(arguments.seconds),
-                               "--background-activity", str(arguments.noise), "--out", scene], check=True, capture_output=True, text=True)
-        print(re.search(r"\(.*Mev/s\)", made.stdout).group())
+        load_api(code)
+        made = simulate(arguments.replay, scene, "--object", "cube", "--camera", "evk4", "--duration", arguments.seconds,
+                        "--background-activity", arguments.noise)
+        print(re.search(r"\(.*Mev/s\)", made).group())
         print(f"{'watchers':>8}{'server s/s':>12}{'% more':>8}{'took s':>8}{'images':>8}{'kB each':>9}{'skipped':>9}")
         before = None
         for num_watchers in arguments.watchers:

@@ -20,6 +20,7 @@ import contextlib
 import json
 import math
 import os
+import pathlib
 import random
 import re
 import subprocess
@@ -27,9 +28,11 @@ import sys
 import tempfile
 import threading
 import time
-import urllib.request
 
 import model_preparation
+
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from processes import Server, first_pose, simulate  # noqa: E402
 
 SENSOR_SECONDS = 10
 CURVED_TRIANGLES = 100_000
@@ -49,32 +52,18 @@ def write_expensive_model(path, triangles, lines=4096):
             file.write(f"l {i + 1} {i + 2}\n")
 
 
-class Server:
-    """`data_directory`: of a store on the disk; None: the store is in memory."""
+def serve(folder, *arguments, store="memory"):
+    return Server(os.path.join(folder, "server/evpose-server"), "--log-level", "error", *arguments, store=store)
 
-    def __init__(self, folder, arguments, data_directory=None):
-        command = [os.path.join(folder, "server/evpose-server"), "--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0",
-                   "--log-level", "error", *arguments]
-        command += ["--store", "memory"] if data_directory is None else ["--store", "sqlite", "--data-dir", data_directory]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self.address = self.process.stdout.readline().split()[-1]
-        self.metrics_address = self.process.stdout.readline().split()[-1]
 
-    def metrics(self):
-        with urllib.request.urlopen(f"http://{self.metrics_address}/metrics", timeout=60) as page:
-            return page.read().decode()
+def num_attached(server):
+    return int(server.metric("evpose_sessions", 'state="attached"'))
 
-    def attached(self):
-        return int(float(re.search(r'^evpose_sessions\{state="attached"\} (\S+)', self.metrics(), re.M).group(1)))
 
-    def longest_turn_ms(self):
-        rows = re.findall(r'^evpose_turn_seconds_bucket\{le="([^"]+)"\} (\S+)', self.metrics(), re.M)
-        total = float(rows[-1][1])
-        return next(1e3 * float(bound.replace("+Inf", "inf")) for bound, count in rows if float(count) == total)
-
-    def stop(self):
-        self.process.kill()
-        self.process.wait()
+def longest_turn_ms(server):
+    rows = re.findall(r'^evpose_turn_seconds_bucket\{le="([^"]+)"\} (\S+)', server.page("/metrics")[1], re.M)
+    total = float(rows[-1][1])
+    return next(1e3 * float(bound.replace("+Inf", "inf")) for bound, count in rows if float(count) == total)
 
 
 class Neighbour:
@@ -117,11 +106,6 @@ class Neighbour:
             sys.exit(f"neighbour.py: {self.failure}")
 
 
-def first_pose(cube):
-    with open(os.path.join(cube, "truth.tum"), encoding="ascii") as file:
-        return " ".join(next(line for line in file if not line.startswith("#")).split()[1:])
-
-
 def measure(options, scratch, neighbours, is_on_disk, start):
     """One run of the camera; `neighbours` are lists of arguments of evpose replay, `start` further arguments of the camera. Returns its
     report and its poses."""
@@ -130,14 +114,13 @@ def measure(options, scratch, neighbours, is_on_disk, start):
     recording = [os.path.join(cube, "recording.raw"), "--camera", os.path.join(cube, "camera.yaml")]
     out = os.path.join(scratch, "poses.tum")
     with contextlib.ExitStack() as cleanup:
-        data_directory = cleanup.enter_context(tempfile.TemporaryDirectory(dir=scratch)) if is_on_disk else None
-        server = Server(options.bin, [] if options.workers is None else ["--workers", str(options.workers)], data_directory)
-        cleanup.callback(server.stop)
+        workers = [] if options.workers is None else ["--workers", options.workers]
+        server = cleanup.enter_context(serve(options.bin, *workers, store="sqlite" if is_on_disk else "memory"))
         running = []
         for arguments in neighbours:
             running.append(Neighbour([evpose, "replay", *recording, "--server", server.address, "--rate", "max", *arguments]))
             cleanup.callback(running[-1].stop)
-        while server.attached() < len(neighbours):
+        while num_attached(server) < len(neighbours):
             for neighbour in running:
                 neighbour.check()
             time.sleep(0.1)
@@ -145,7 +128,7 @@ def measure(options, scratch, neighbours, is_on_disk, start):
         camera = subprocess.run([evpose, "replay", *recording, "--model", os.path.join(cube, "model.obj"), "--server", server.address,
                                  "--rate", "1", "--json", "--out", out, *start], check=True, stdout=subprocess.PIPE, text=True)
         report = json.loads(camera.stdout)
-        report["longest_turn_ms"] = server.longest_turn_ms()
+        report["longest_turn_ms"] = longest_turn_ms(server)
         for neighbour in running:
             neighbour.check()
     with open(out, "rb") as file:
@@ -159,9 +142,7 @@ def write_admitted_model(options, scratch, path):
     short = os.path.join(scratch, "short.raw")
     with open(os.path.join(cube, "recording.raw"), "rb") as file, open(short, "wb") as out:
         out.write(file.read(20_000))
-    with contextlib.ExitStack() as cleanup:
-        server = Server(options.bin, [])
-        cleanup.callback(server.stop)
+    with serve(options.bin) as server:
         for triangles in [options.triangles] if options.triangles else (100_000, 50_000, 20_000, 10_000, 5000, 2000):
             write_expensive_model(path, triangles)
             done = subprocess.run([os.path.join(options.bin, "client/cli/evpose"), "replay", short, "--camera",
@@ -182,8 +163,8 @@ def main():
     parser.add_argument("--triangles", type=int, help="triangles of the expensive model; default: as many as the server admits")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        subprocess.run([os.path.join(options.bin, "client/cli/evpose"), "simulate", "--object", "cube", "--duration", str(SENSOR_SECONDS),
-                        "--noise", "0.1", "--seed", "1", "--out", os.path.join(scratch, "cube")], check=True, stdout=subprocess.DEVNULL)
+        simulate(os.path.join(options.bin, "client/cli/evpose"), os.path.join(scratch, "cube"), "--object", "cube", "--duration",
+                 SENSOR_SECONDS, "--noise", "0.1", "--seed", "1")
         cube = os.path.join(scratch, "cube/model.obj")
         expensive = os.path.join(scratch, "expensive.obj")
         triangles = write_admitted_model(options, scratch, expensive)

@@ -10,11 +10,14 @@ import argparse
 import json
 import os
 import pathlib
-import re
 import resource
 import subprocess
+import sys
 import tempfile
 import time
+
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from processes import Server, simulate  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PYTHON = "/usr/bin/python3"  # Debian's, which has the packages
@@ -93,15 +96,10 @@ def main():
         return
     arguments.bin = arguments.bin.resolve()
     with tempfile.TemporaryDirectory() as scene:
-        subprocess.run([arguments.bin / "client/cli/evpose", "simulate", "--object", "cube", "--camera", "evk4", "--duration",
-                        str(arguments.seconds), "--background-activity", str(arguments.noise), "--out", scene], check=True, capture_output=True)
-        server = subprocess.Popen([arguments.bin / "server/evpose-server", "--store", "memory", "--listen", "127.0.0.1:0",
-                                   "--log-level", "off", "--max-session-cpu", "0"], stdout=subprocess.PIPE, text=True)
-        try:
-            compare(arguments, re.search(r"\S+:\d+", server.stdout.readline()).group(), scene)
-        finally:
-            server.kill()
-            server.wait()
+        simulate(arguments.bin / "client/cli/evpose", scene, "--object", "cube", "--camera", "evk4", "--duration", arguments.seconds,
+                 "--background-activity", arguments.noise)
+        with Server(arguments.bin / "server/evpose-server", "--log-level", "off", "--max-session-cpu", "0") as server:
+            compare(arguments, server.address, scene)
 
 
 if __name__ == "__main__":

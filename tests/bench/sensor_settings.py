@@ -20,6 +20,9 @@ import time
 
 import numpy as np
 
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from processes import Server, first_pose, run_evpose, simulate  # noqa: E402
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 OBJECTS = ("cube", "book")
 SPEED = ("--speed", "2")
@@ -92,15 +95,8 @@ def times_us(kind, content):
     return high * 4096 + np.where(low >= change, value(low), 0)
 
 
-def run(evpose, *arguments):
-    done = subprocess.run([evpose, *map(str, arguments)], check=False, capture_output=True, text=True)
-    if done.returncode != 0:
-        raise RuntimeError(f"evpose {arguments[0]}: {done.stderr.strip()}")
-    return done.stdout
-
-
 def scene_of(evpose, directory, name, options):
-    run(evpose, "simulate", "--object", name, "--camera", "vga", "--duration", "0.3", "--seed", "3", *SPEED, *options, "--out", directory)
+    simulate(evpose, directory, "--object", name, "--camera", "vga", "--duration", "0.3", "--seed", "3", *SPEED, *options)
     return directory
 
 
@@ -110,12 +106,11 @@ def measure(evpose, name, options, limit):
         recording = scene / "recording.raw"
         if limit is not None:
             recording.write_bytes(limit_rate(recording.read_bytes(), limit, seed=1))
-        info = json.loads(run(evpose, "info", recording, "--json"))
-        first = (scene / "truth.tum").read_text().split("\n", 1)[0].split(" ", 1)[1]
+        info = json.loads(run_evpose(evpose, "info", recording, "--json"))
         inputs = ("--model", scene / "model.obj", "--camera", scene / "camera.yaml")
         poses = scene / "poses.tum"
-        subprocess.run([evpose, "replay", recording, *inputs, "--out", poses, "--init-pose", first], check=False, capture_output=True)
-        table = json.loads(run(evpose, "evaluate", "--truth", scene / "truth.tum", *inputs, "--symmetric", "--estimate", poses, "--json"))
+        subprocess.run([evpose, "replay", recording, *inputs, "--out", poses, "--init-pose", first_pose(scene)], check=False, capture_output=True)
+        table = json.loads(run_evpose(evpose, "evaluate", "--truth", scene / "truth.tum", *inputs, "--symmetric", "--estimate", poses, "--json"))
         row = table["estimates"][0]
         return (info["cd_events"] / 0.3e6, 100 * row["position_rmse_of_depth"], row["rotation_mean_deg"], 100 * row["coverage_ratio"])
 
@@ -143,9 +138,8 @@ def pose_delays_ms(evpose, server, scene, period_us, folder):
     """The delays of poses behind their sensor times, while the camera sends a packet each period."""
     header, first_us, packets = packets_of((scene / "recording.raw").read_bytes(), period_us)
     log = pathlib.Path(folder, f"clock{period_us}.csv")
-    first = (scene / "truth.tum").read_text().split("\n", 1)[0].split(" ", 1)[1]
     stream = subprocess.Popen([evpose, "stream", "-", "--model", scene / "model.obj", "--camera", scene / "camera.yaml", "--server", server,
-                               "--init-pose", first, "--clock-log", log], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+                               "--init-pose", first_pose(scene), "--clock-log", log], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     stream.stdin.write(header)
     stream.stdin.flush()
     time.sleep(1.0)  # the session is created meanwhile
@@ -166,16 +160,11 @@ def pose_delays_ms(evpose, server, scene, period_us, folder):
 def print_delays(evpose, server_program):
     with tempfile.TemporaryDirectory() as folder:
         scene = scene_of(evpose, pathlib.Path(folder, "scene"), "cube", ())
-        with subprocess.Popen([server_program, "--listen", "127.0.0.1:0", "--store", "memory", "--log-level", "off"],
-                              stdout=subprocess.PIPE, text=True) as server:
-            try:
-                address = server.stdout.readline().split()[-1]
-                print("| packet period, ms | delay of a pose, median, ms | 99 % |\n| --- | --- | --- |")
-                for period_us in (1000, 4000, 10_000, 33_000):
-                    delays = sorted(pose_delays_ms(evpose, address, scene, period_us, folder))
-                    print(f"| {period_us // 1000} | {statistics.median(delays):.1f} | {delays[int(0.99 * len(delays))]:.1f} |", flush=True)
-            finally:
-                server.terminate()
+        with Server(server_program, "--log-level", "off") as server:
+            print("| packet period, ms | delay of a pose, median, ms | 99 % |\n| --- | --- | --- |")
+            for period_us in (1000, 4000, 10_000, 33_000):
+                delays = sorted(pose_delays_ms(evpose, server.address, scene, period_us, folder))
+                print(f"| {period_us // 1000} | {statistics.median(delays):.1f} | {delays[int(0.99 * len(delays))]:.1f} |", flush=True)
 
 
 def main():

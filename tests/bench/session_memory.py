@@ -10,31 +10,19 @@ Example: tests/bench/session_memory.py --bin build/release --check
 """
 import argparse
 import os
+import pathlib
 import re
 import subprocess
 import sys
 import tempfile
 import time
 import typing
-import urllib.request
 
 import numpy
 
-CUBE = """v -0.1 -0.1 -0.1
-v 0.1 -0.1 -0.1
-v 0.1 0.1 -0.1
-v -0.1 0.1 -0.1
-v -0.1 -0.1 0.1
-v 0.1 -0.1 0.1
-v 0.1 0.1 0.1
-v -0.1 0.1 0.1
-f 1 4 3 2
-f 5 6 7 8
-f 1 2 6 5
-f 2 3 7 6
-f 3 4 8 7
-f 4 1 5 8
-"""
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from processes import Server, cube_obj  # noqa: E402
+
 CAMERA = """image_width: {width}
 image_height: {height}
 camera_matrix: {{rows: 3, cols: 3, data: [{focal}, 0, {cx}, 0, {focal}, {cy}, 0, 0, 1]}}
@@ -89,33 +77,6 @@ def write_noise(path, width, height):
         words.astype("<u8").tofile(file)
 
 
-def memory_mb(pid, name):
-    with open(f"/proc/{pid}/status", encoding="ascii") as status:
-        return int(re.search(rf"{name}:\s+(\d+) kB", status.read()).group(1)) * 1024 / 1e6
-
-
-class Server:
-    def __init__(self, binaries, store, directory):
-        command = [os.path.join(binaries, "server/evpose-server"), "--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"]
-        command += ["--workers", "1", "--store", store, "--max-session-memory", "1000000000000", "--log-level", "error"]
-        if store == "sqlite":
-            command += ["--data-dir", directory]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        self.address = self.process.stdout.readline().split()[-1]
-        self.metrics = self.process.stdout.readline().split()[-1]
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.process.terminate()
-        self.process.wait()
-
-    def charged_mb(self):
-        with urllib.request.urlopen(f"http://{self.metrics}/metrics", timeout=30) as answer:
-            return float(re.search(r"^evpose_session_memory_bytes (\S+)", answer.read().decode(), re.M).group(1)) / 1e6
-
-
 def replay(evpose, server, recording, folder, case, model):
     lens = case.lens
     camera = os.path.join(folder, "camera.yaml")
@@ -132,24 +93,24 @@ def replay(evpose, server, recording, folder, case, model):
 def measure(binaries, store, case, model):
     """Charged, resident after the creation, and peak, in MB."""
     evpose = os.path.join(binaries, "client/cli/evpose")
-    with tempfile.TemporaryDirectory() as folder, Server(binaries, store, os.path.join(folder, "store")) as server:
-        pid = server.process.pid
+    program = os.path.join(binaries, "server/evpose-server")
+    options = ["--workers", "1", "--max-session-memory", "1000000000000", "--log-level", "error"]
+    with tempfile.TemporaryDirectory() as folder, Server(program, *options, store=store) as server:
         recording = os.path.join(folder, "noise.dat")
         write_noise(recording, 64, 64)
         cube = os.path.join(folder, "cube.obj")
-        with open(cube, "w", encoding="ascii") as file:
-            file.write(CUBE)
+        pathlib.Path(cube).write_bytes(cube_obj(-0.1, 0.1))
         warm_up = replay(evpose, server, recording, folder, Case("", 64, 64), cube)
         warm_up.communicate()
         write_noise(recording, case.width, case.height)
-        before_mb = memory_mb(pid, "VmRSS")
-        with open(f"/proc/{pid}/clear_refs", "w", encoding="ascii") as file:
+        before_mb = server.resident_bytes() / 1e6
+        with open(f"/proc/{server.process.pid}/clear_refs", "w", encoding="ascii") as file:
             file.write("5")  # the peak begins anew
         charged_mb = created_mb = 0.0
         client = replay(evpose, server, recording, folder, case, model or cube)
         while client.poll() is None:
-            charged_mb = max(charged_mb, server.charged_mb())
-            now_mb = memory_mb(pid, "VmRSS")
+            charged_mb = max(charged_mb, server.metric("evpose_session_memory_bytes") / 1e6)
+            now_mb = server.resident_bytes() / 1e6
             before_mb = min(before_mb, now_mb)  # the server gives back memory of the first session some time after its end
             if charged_mb > 0 and created_mb == 0:
                 created_mb = now_mb - before_mb
@@ -157,7 +118,7 @@ def measure(binaries, store, case, model):
         errors = client.stderr.read()
         if client.returncode != 0 and "no pose was found" not in errors:  # which is expected in noise
             sys.exit(f"{case.name}: {errors.strip()}")
-        return charged_mb, created_mb, memory_mb(pid, "VmHWM") - before_mb
+        return charged_mb, created_mb, server.peak_bytes() / 1e6 - before_mb
 
 
 def main():

@@ -11,12 +11,10 @@ SIGTERM to the end of the process with a queue of such uploads and --shutdown-ti
 python3-numpy. With --known-model-only, only the second is measured.
 """
 import argparse
-import importlib
 import math
 import os
 import pathlib
 import random
-import signal
 import struct
 import subprocess
 import sys
@@ -27,60 +25,30 @@ import time
 import grpc
 from google.protobuf import empty_pb2
 
-import model_preparation
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+import processes  # noqa: E402
+from processes import cube_obj, load_api  # noqa: E402
 
-PROTO = pathlib.Path(__file__).resolve().parents[2] / "proto"
 SHUTDOWN_TIMEOUT_S = 3
 LATEST_START_S = 600
-CUBE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n" \
-       b"f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"
+CUBE = cube_obj()
 
 
-def load_api(folder):
-    """Generates the messages of the API in a folder and returns the modules of models and sessions."""
-    protos = [str(path.relative_to(PROTO)) for path in PROTO.rglob("*.proto") if "storage" not in path.parts]
-    subprocess.run(["protoc", "-I", str(PROTO), f"--python_out={folder}", *(p for p in protos if p.startswith("evpose/"))], check=True)
-    sys.path.insert(0, folder)
-    return tuple(importlib.import_module(f"evpose.v1.{name}_pb2") for name in ("session", "session_service", "model_service"))
-
-
-class Server:
-    """evpose-server as a process, with a call for each method that is needed. A context manager, which kills the process if end() was
-    not called."""
+class Server(processes.Server):
+    """evpose-server with a call for each method that is needed."""
 
     def __init__(self, program, arguments, token=None):
-        self.log = tempfile.NamedTemporaryFile("a")
-        self.started_s = time.monotonic()
-        self.process = subprocess.Popen([program, "--listen", "127.0.0.1:0", "--shutdown-timeout", str(SHUTDOWN_TIMEOUT_S), *arguments],
-                                        stdout=subprocess.PIPE, stderr=self.log, text=True)
-        line = self.process.stdout.readline()
-        if not line.startswith("listening on "):
-            self.process.kill()
-            self.process.wait()
-            sys.exit("the server does not start: " + self.read_log())
-        self.address = line.split()[2]
+        super().__init__(program, "--shutdown-timeout", SHUTDOWN_TIMEOUT_S, *arguments, store=None)
         self.channel = grpc.insecure_channel(self.address, options=[("grpc.use_local_subchannel_pool", 1)])
         self.metadata = self.metadata_of(token)
 
-    def __enter__(self):
-        return self
-
     def __exit__(self, *_):
-        self.process.kill()
-        self.process.wait()
+        super().__exit__()
         self.channel.close()
 
     @staticmethod
     def metadata_of(token):
         return [("authorization", f"Bearer {token}")] if token else []
-
-    def processor_s(self):
-        """Processor time of the process so far, in steps of 10 ms."""
-        fields = pathlib.Path(f"/proc/{self.process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-    def read_log(self):
-        return pathlib.Path(self.log.name).read_text()
 
     def unary(self, method, request, response, **options):
         call = self.channel.unary_unary(f"/evpose.v1.{method}", type(request).SerializeToString, response.FromString)
@@ -98,8 +66,7 @@ class Server:
     def end(self):
         """Sends SIGTERM and returns the seconds until the process has ended."""
         begin_s = time.monotonic()
-        self.process.send_signal(signal.SIGTERM)
-        self.process.wait()
+        self.terminate()
         return time.monotonic() - begin_s
 
 
@@ -169,6 +136,8 @@ def measure_start(program, api, arguments, folder):
 
 
 def measure_known_model(program, api, arguments, folder):
+    import model_preparation  # needs numpy, which other scripts that import this one do not
+
     _, sessions, models = api
     store = ["--store", "sqlite", "--data-dir", folder + "/known"]
     file = pathlib.Path(folder, "known.stl")
@@ -183,10 +152,10 @@ def measure_known_model(program, api, arguments, folder):
                     server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
                 times_ms, processor_ms = [], []
                 for _ in range(6):
-                    begin_s, begin_processor_s = time.monotonic(), server.processor_s()
+                    begin_s, begin_processor_s = time.monotonic(), server.cpu_s()
                     created = server.unary("SessionService/CreateSession", create_request(sessions, model, 640), sessions.CreateSessionResponse)
                     times_ms.append(1000 * (time.monotonic() - begin_s))
-                    processor_ms.append(1000 * (server.processor_s() - begin_processor_s))
+                    processor_ms.append(1000 * (server.cpu_s() - begin_processor_s))
                     server.unary("SessionService/DeleteSession", sessions.DeleteSessionRequest(name=created.session.name), empty_pb2.Empty)
                 print(f"CreateSession on the stored model of a {name} of {arguments.triangles} triangles, {'' if keeps_session else 'not '}used "
                       f"by another session: first {times_ms[0]:.0f} ms, then {min(times_ms[1:]):.0f} to {max(times_ms[1:]):.0f} ms; processor "

@@ -7,45 +7,35 @@
 Starts redis-server, an evpose-server on it and `evpose bench load`, and prints, for each session: poses per second, bytes that Redis
 receives per second and per pose, commits per second, the share of a core that Redis uses, and the largest memory of Redis. After
 16,384 poses the log of a session is full and its memory no longer grows. From that it calculates how many such sessions a Redis of
-3 GB has room for, at 70 % of its memory. Needs redis-server, python3-grpcio and python3-protobuf.
+3 GB has room for, at 70 % of its memory. Needs redis-server.
 """
 import argparse
 import contextlib
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
 import time
-import urllib.request
 
-from start_stop import Server
-from stored_sessions import Redis
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from processes import Redis, Server  # noqa: E402
 
 REDIS_BYTES = 3e9
 USABLE = 0.7
 LOG_CAPACITY = 16384
 
 
-def redis_state(port):
-    text = subprocess.run(["redis-cli", "-p", str(port), "INFO"], capture_output=True, text=True, check=True).stdout
-    fields = dict(re.findall(r"^(\w+):([\d.]+)\r?$", text, re.M))
+def redis_state(redis):
+    fields = redis.info()
     return {"received": float(fields["total_net_input_bytes"]), "memory": float(fields["used_memory_dataset"]),
             "cpu_s": float(fields["used_cpu_user"]) + float(fields["used_cpu_sys"])}
 
 
-def metric(page, name):
-    return sum(float(line.split()[-1]) for line in page.splitlines() if re.match(rf"{name}(\{{|\s)", line))
-
-
 def measure(options):
     with contextlib.ExitStack() as cleanup:
-        redis = Redis(cleanup.enter_context(tempfile.TemporaryDirectory()))
-        cleanup.callback(redis.close)
-        server = cleanup.enter_context(Server(options.bin / "server/evpose-server", [
-            "--store", f"redis://127.0.0.1:{redis.port}", "--log-level", "warning", "--metrics-listen", "127.0.0.1:0"]))
-        page_address = server.process.stdout.readline().split()[2]
-        before = redis_state(redis.port)
+        redis = cleanup.enter_context(Redis(cleanup.enter_context(tempfile.TemporaryDirectory())))
+        server = cleanup.enter_context(Server(options.bin / "server/evpose-server", "--log-level", "warning", store=redis.url))
+        before = redis_state(redis)
         load = subprocess.Popen([options.bin / "client/cli/evpose", "bench", "load", "--server", server.address, "--json",
                                  "--sessions", str(options.sessions), "--rate", str(options.rate), "--minutes", str(options.minutes)],
                                 stdout=subprocess.PIPE, text=True)
@@ -53,18 +43,15 @@ def measure(options):
         cleanup.callback(load.kill)
         memory = 0  # the largest one: the sessions are deleted at the end
         while load.poll() is None:
-            memory = max(memory, redis_state(redis.port)["memory"])
+            memory = max(memory, redis_state(redis)["memory"])
             time.sleep(0.5)
         if load.returncode:
             sys.exit("evpose bench load has lost poses or sessions: " + load.stdout.read())
-        with urllib.request.urlopen(f"http://{page_address}/metrics", timeout=30) as answer:
-            page = answer.read().decode()
-        after = redis_state(redis.port)
-        server.end()
+        poses, commits = server.metrics(("evpose_poses_total",), ("evpose_checkpoint_duration_seconds_count",))
+        after = redis_state(redis)
+        server.terminate()
     seconds = 60 * options.minutes * options.sessions
     used = {key: after[key] - before[key] for key in before}
-    poses = metric(page, "evpose_poses_total")
-    commits = metric(page, "evpose_checkpoint_duration_seconds_count")
     return {"poses_per_s": poses / seconds, "bytes_per_s": used["received"] / seconds, "bytes_per_pose": used["received"] / poses,
             "commits_per_s": commits / seconds, "redis_core": used["cpu_s"] / seconds, "memory_bytes": (memory - before["memory"]) / options.sessions,
             "poses_in_log": min(LOG_CAPACITY, poses / options.sessions)}

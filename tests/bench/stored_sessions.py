@@ -17,38 +17,20 @@ import pathlib
 import random
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 
-
 from start_stop import CUBE, Server, create_request, load_api, percentile
+
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from processes import Redis  # noqa: E402
 
 GOAL_START_S = 1
 GOAL_MEMORY_MB = 50
 GOAL_CALL_MS = 50
 PAGE_SIZE = 50
-
-
-class Redis:
-    """redis-server on a free port of its own."""
-
-    def __init__(self, folder):
-        for _ in range(20):
-            with socket.socket() as found:
-                found.bind(("127.0.0.1", 0))
-                self.port = found.getsockname()[1]
-            self.process = subprocess.Popen(["redis-server", "--port", str(self.port), "--dir", folder, "--save", ""],
-                                            stdout=subprocess.PIPE, text=True)
-            if any("Ready to accept connections" in line for line in self.process.stdout):
-                return
-        sys.exit("redis-server does not start")
-
-    def close(self):
-        self.process.kill()
-        self.process.wait()
 
 
 class Postgres:
@@ -77,16 +59,11 @@ class Postgres:
         self.folder.cleanup()
 
 
-def resident_mb(server):
-    status = pathlib.Path(f"/proc/{server.process.pid}/status").read_text(encoding="ascii")
-    return int(status.partition("VmRSS:")[2].split()[0]) * 1024 / 1e6
-
-
 def timed_start(cleanup, program, store, api):
     """Returns a server that has answered a call, the seconds until then, and its processor time. `cleanup` ends it."""
     server = cleanup.enter_context(Server(program, store))
     server.unary("SessionService/ListSessions", api.ListSessionsRequest(page_size=1), api.ListSessionsResponse)
-    return server, time.monotonic() - server.started_s, server.processor_s()
+    return server, time.monotonic() - server.started_s, server.cpu_s()
 
 
 def call_times_ms(count, call):
@@ -133,12 +110,12 @@ def measure_with(cleanup, arguments, api, name, store, copy):
     created = server.unary("SessionService/CreateSession", create_request(sessions, model, 64), sessions.CreateSessionResponse)
     server.end()
     server, empty_s, empty_cpu_s = timed_start(cleanup, program, store + options, sessions)
-    empty_mb = resident_mb(server)
+    empty_mb = server.resident_bytes() / 1e6
     server.end()
     copy_sessions = os.path.join(arguments.bin, "tests", "bench", "copy_sessions")
     subprocess.run([copy_sessions, *copy, created.session.name, str(arguments.sessions - 1)], check=True)
     server, start_s, start_cpu_s = timed_start(cleanup, program, store + options, sessions)
-    start_mb = resident_mb(server)
+    start_mb = server.resident_bytes() / 1e6
     lists_ms = list_pages(server, sessions, arguments.calls)
     creates_ms = create_sessions(server, sessions, model, arguments.calls)
     print(f"{name}, {arguments.sessions} sessions: start {start_s:.2f} s, {start_cpu_s:.2f} s of processor time, "
@@ -167,9 +144,8 @@ def main():
             data = folder + "/data"
             is_good &= measure(arguments, api, "SQLite", ["--store", "sqlite", "--data-dir", data], ["sqlite", data])
         if "redis" in arguments.stores:
-            with contextlib.closing(Redis(folder)) as redis:
-                address = f"redis://127.0.0.1:{redis.port}"
-                is_good &= measure(arguments, api, "Redis", ["--store", address], [address, ""])
+            with Redis(folder) as redis:
+                is_good &= measure(arguments, api, "Redis", ["--store", redis.url], [redis.url, ""])
         if "postgresql" in arguments.stores:
             with contextlib.closing(Postgres()) as postgres:
                 is_good &= measure(arguments, api, "PostgreSQL", ["--store", postgres.address], [postgres.address, ""])

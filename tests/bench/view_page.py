@@ -29,8 +29,9 @@ import time
 import numpy
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests/view")]
+sys.path[:0] = [str(ROOT / "tests/view"), str(ROOT / "tests")]
 from browser import Page, PageServer, require_browser  # noqa: E402
+from processes import Server, first_pose, simulate  # noqa: E402
 
 TIME_HIGH = 0x8  # type of the EVT3 word with bits 12 to 23 of the time
 BLOCK_US = 4096
@@ -114,11 +115,6 @@ def queue_age_s(address, session):
         return client.session(session).health().queue_age_s
 
 
-def first_pose(scene):
-    with open(scene / "truth.tum", encoding="ascii") as file:
-        return next(line.partition(" ")[2].strip() for line in file if not line.startswith("#"))
-
-
 def measure(evpose, scene, address, page):
     stream = subprocess.Popen([evpose, "stream", "-", "--model", scene / "model.obj", "--camera", scene / "camera.yaml", "--init-pose",
                                first_pose(scene), "--server", address, "--json"],
@@ -180,19 +176,14 @@ def run(arguments, binaries, evpose, page):
     page.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": RECORD.replace("RATE_HZ", str(arguments.rate))})
     with tempfile.TemporaryDirectory() as folder:
         scene = pathlib.Path(folder)
-        made = subprocess.run([evpose, "simulate", "--object", "cube", "--camera", "evk4", "--duration", str(arguments.seconds),
-                               "--background-activity", str(arguments.noise), "--out", scene], check=True, capture_output=True, text=True)
-        print(made.stdout[made.stdout.index("("):made.stdout.index("Mev/s")] + "Mev/s)")
+        made = simulate(evpose, scene, "--object", "cube", "--camera", "evk4", "--duration", arguments.seconds, "--background-activity",
+                        arguments.noise)
+        print(made[made.index("("):made.index("Mev/s")] + "Mev/s)")
         print(f"{'first image s':>14}{'images/s':>10}{'skipped':>9}{'delay ms':>10}{'95 %':>8}{'poses':>8}{'sensor late ms':>16}"
               f"{'queue ms':>10}")
         for _ in range(arguments.repetitions):
-            server = subprocess.Popen([binaries / "server/evpose-server", "--store", "memory", "--listen", "127.0.0.1:0", "--log-level",
-                                       "off", "--max-session-cpu", "0"], stdout=subprocess.PIPE, text=True)
-            try:
-                figures = measure(evpose, scene, server.stdout.readline().split()[-1], page)
-            finally:
-                server.kill()
-                server.wait()
+            with Server(binaries / "server/evpose-server", "--log-level", "off", "--max-session-cpu", "0") as server:
+                figures = measure(evpose, scene, server.address, page)
             print(f"{figures['first_s']:14.2f}{figures['rate_hz']:10.1f}{figures['skipped']:9}{figures['delay_ms']:10.1f}"
                   f"{figures['delay_95_ms']:8.1f}{figures['poses']:8}{figures['late_ms']:16.1f}{figures['age_ms']:10.1f}", flush=True)
 

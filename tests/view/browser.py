@@ -3,17 +3,19 @@
 
 import json
 import os
+import pathlib
 import shutil
 import signal
 import subprocess
 import sys
 import urllib.request
 
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from checks import PATIENCE_S  # noqa: E402
+
 CHROMIUM = shutil.which("chromium")
 CHROMEDRIVER = shutil.which("chromedriver")
 SKIPPED = 77  # SKIP_RETURN_CODE of these tests in CTest
-# For conditions that must come true; a test that fails for another reason does not wait for it.
-DEADLINE_S = 120
 
 
 def require(condition, what):
@@ -99,7 +101,7 @@ class Page:
         from selenium.webdriver.support.ui import WebDriverWait
 
         try:
-            return WebDriverWait(self.driver, DEADLINE_S, poll_frequency=0.05).until(lambda _: condition())
+            return WebDriverWait(self.driver, PATIENCE_S, poll_frequency=0.05).until(lambda _: condition())
         except TimeoutException:
             raise AssertionError(f"in vain waited for: {what}; the page has {self.data}") from None
 

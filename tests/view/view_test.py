@@ -14,6 +14,7 @@ import http.client
 import json
 import os
 import pathlib
+import socket
 import subprocess
 import sys
 import tempfile
@@ -389,6 +390,9 @@ if __name__ == "__main__":
     options, rest = parser.parse_known_args()
     PICTURE = options.picture
     require_browser()
-    answer = subprocess.run([server.EVPOSE, "view", "--server", "127.0.0.1:1", "--connect-timeout", "0.001"], capture_output=True, text=True, check=False)
+    with socket.socket() as closed:  # without listen() it refuses connections
+        closed.bind(("127.0.0.1", 0))
+        address = "127.0.0.1:%d" % closed.getsockname()[1]
+        answer = subprocess.run([server.EVPOSE, "view", "--server", address, "--connect-timeout", "0.001"], capture_output=True, text=True, check=False)
     require("without its page" not in answer.stderr, "evpose was built without its page, because node or npm was missing")
     unittest.main(argv=[sys.argv[0], *rest], verbosity=2)
