@@ -12,9 +12,9 @@
 #include <future>
 #include <mutex>
 #include <string>
-#include <thread>
 #include <vector>
 
+#include "core/base/poll_testing.h"
 #include "server/runtime/failing_allocations_testing.h"
 
 namespace evpose::server {
@@ -78,7 +78,7 @@ TEST_F(ConnectionAcceptorTest, AcceptsUpToItsLimitsAndAgainAfterwards) {
   EXPECT_EQ(acceptor_->num_connections(), 3u);
   EXPECT_TRUE(acceptor_->status().ok()) << "a full server is ready";
   CloseAll();
-  while (acceptor_->num_connections() > 0) std::this_thread::yield();
+  ASSERT_TRUE(Poll([this] { return acceptor_->num_connections() == 0; }));
   EXPECT_TRUE(Connect());
 }
 
@@ -98,7 +98,7 @@ TEST_F(ConnectionAcceptorTest, WithoutDescriptorsItIsNotReadyAndThenGoesOn) {
   EXPECT_GE(reserved, 0) << "the rest of the process has descriptors left";
   close(reserved);
   CloseAll();
-  while (!acceptor_->status().ok()) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return acceptor_->status().ok(); }));
   EXPECT_TRUE(Connect());
   setrlimit(RLIMIT_NOFILE, &before);
 }
@@ -138,9 +138,9 @@ TEST_F(ConnectionAcceptorTest, ReportsThatItHasStalled) {
   });
   EXPECT_FALSE(Connect());
   stalled.get_future().wait();
-  while (acceptor_->status().ok()) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return !acceptor_->status().ok(); }));
   released.set_value();
-  while (!acceptor_->status().ok()) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return acceptor_->status().ok(); }));
   acceptor_->Stop();
 }
 

@@ -14,6 +14,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/poll_testing.h"
 
 namespace evpose::server {
 
@@ -61,6 +62,17 @@ inline HttpAnswer Ask(int port, const std::string& path, const std::string& meth
   }
   answer.head = bytes.substr(0, end + 2);
   answer.body = bytes.substr(end + 4);
+  return answer;
+}
+
+// Waits until /readyz has this status, and returns that response.
+inline HttpAnswer WaitUntilReadyIs(int port, int status) {
+  HttpAnswer answer;
+  EXPECT_TRUE(Poll([&] {
+    answer = Ask(port, "/readyz");
+    return answer.status == status;
+  })) << "status "
+      << answer.status << ": " << answer.body;
   return answer;
 }
 

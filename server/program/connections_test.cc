@@ -14,8 +14,6 @@
 #include <string>
 #include <vector>
 
-#include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "server/http/http_client_testing.h"
 #include "server/program/program_testing.h"
@@ -30,15 +28,8 @@ class ConnectionsTest : public testing::Test {
     std::vector<std::string> options = {"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"};
     options.insert(options.end(), more_options.begin(), more_options.end());
     program_ = std::make_unique<Program>(options);
-    const auto read_port = [this](const char* prefix) {
-      const std::string line = program_->ReadLine();
-      int port = 0;
-      EXPECT_TRUE(absl::StartsWith(line, prefix)) << line << program_->Stderr();
-      EXPECT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port)) << line;
-      return port;
-    };
-    port_ = read_port("listening on ");
-    metrics_port_ = read_port("metrics on ");
+    port_ = PortOf(program_->Announced("listening on "));
+    metrics_port_ = PortOf(program_->Announced("metrics on "));
   }
 
   // Connects to the gRPC port. Returns true if the server has accepted the connection and begun with HTTP/2, false if
@@ -88,7 +79,7 @@ TEST_F(ConnectionsTest, ServesAgainAfterItsDescriptorsWereUsedUp) {
   EXPECT_THAT(program_->Stderr(), testing::HasSubstr(" descriptors_exhausted "));
 
   connections_.clear();
-  while (Ask(metrics_port_, "/readyz").status != 200) continue;
+  WaitUntilReadyIs(metrics_port_, 200);
   EXPECT_TRUE(GetServerInfo().ok());
   EXPECT_THAT(program_->Stderr(), testing::HasSubstr(" descriptors_free "));
   program_->Signal(SIGTERM);

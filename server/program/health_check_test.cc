@@ -13,7 +13,6 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "core/base/certificates_testing.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/auth/files_testing.h"
@@ -54,8 +53,6 @@ void ExpectOneLine(const Answer& answer, int status, const std::string& expected
   EXPECT_EQ(std::count(answer.text.begin(), answer.text.end(), '\n'), 1) << answer.text;
 }
 
-std::string AddressOf(Program& program) { return std::string(absl::StripPrefix(program.ReadLine(), "listening on ")); }
-
 // A server whose health service is `service`.
 class ScriptedHealth final : public grpc::health::v1::Health::Service {
  public:
@@ -83,7 +80,7 @@ struct ScriptedServer {
 
 TEST(HealthCheckTest, AServerThatAcceptsSessionsIsHealthy) {
   Program program({"--listen", "127.0.0.1:0"});
-  ExpectHealthy(Check(AddressOf(program)));
+  ExpectHealthy(Check(program.Announced("listening on ")));
 }
 
 TEST(HealthCheckTest, ReportsTheReasonForNotServing) {
@@ -124,7 +121,7 @@ TEST(HealthCheckTest, OfAServerWithTls) {
   const std::string certificate = files.Write("own", own.certificate_pem), key = files.Write("key", own.key_pem);
   Program program({"--listen", "127.0.0.1:0", "--tls-cert", files.Write("crt", elsewhere.certificate_pem), "--tls-key",
                    files.Write("server.key", elsewhere.key_pem), "--tls-client-ca", ca});
-  const std::string address = AddressOf(program);
+  const std::string address = program.Announced("listening on ");
   const std::string shown = absl::StrCat("--tls-cert ", certificate, " --tls-key ", key, " ");
 
   ExpectHealthy(Check(absl::StrCat(shown, "--tls-ca ", ca, " --tls-name tracker.test ", address)));

@@ -14,7 +14,6 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/string_view.h"
-#include "absl/strings/strip.h"
 #include "core/base/sanitized.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
@@ -72,9 +71,9 @@ class IdleConnectionsTest : public testing::Test {
                                                                   "2000", "--max-connections-per-peer", "2000"});
     limit.rlim_cur = limit.rlim_max;
     ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &limit), 0);
-    const std::string line = program_->ReadLine();
-    address_ = std::string(absl::StripPrefix(line, "listening on "));
-    ASSERT_TRUE(absl::SimpleAtoi(address_.substr(address_.rfind(':') + 1), &port_)) << line;
+    address_ = program_->Announced("listening on ");
+    port_ = PortOf(address_);
+    ASSERT_GT(port_, 0);
   }
 
   int64_t ResidentBytes() const {
@@ -96,20 +95,13 @@ class IdleConnectionsTest : public testing::Test {
     CreatedSession session;
     grpc::ClientContext create;
     EXPECT_TRUE(sessions->CreateSession(&create, CubeSessionRequest(model.name()), session.response()).ok());
-    grpc::ClientContext context;
-    const auto stream = sessions->Track(&context);
-    v1::TrackRequest request;
-    request.mutable_attach()->set_session(session.name());
-    request.mutable_attach()->set_resume_token(session.resume_token());
-    stream->Write(request);
-    request.mutable_events()->set_seq(1);
-    request.mutable_events()->set_payload(Flat64(SomeEvents(1, 301, 20)));
-    stream->Write(request);
-    request.mutable_end();
-    stream->Write(request);
+    RawTrack track(*sessions);
+    track.Attach(session);
+    track.Events(1, Flat64(SomeEvents(1, 301, 20)));
+    track.End();
     v1::TrackResponse response;
-    while (stream->Read(&response)) continue;
-    EXPECT_TRUE(stream->Finish().ok());
+    EXPECT_TRUE(track.ReadUntil(v1::TrackResponse::kSummary, response));
+    EXPECT_TRUE(track.Finish().ok());
     return response.summary().health();
   }
 

@@ -8,7 +8,6 @@
 #include <memory>
 #include <string>
 
-#include "absl/strings/strip.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
@@ -20,21 +19,12 @@
 namespace evpose::server {
 namespace {
 
-using TrackStream = grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>;
-
-struct StalledTrack {
-  grpc::ClientContext context;
-  std::unique_ptr<TrackStream> stream;
-};
-
 class LeavingTest : public testing::Test {
  protected:
   void Start(const std::string& shutdown_timeout_s, const std::string& shutdown_notice_s = "0") {
-    program_.reset();  // both programs write their log to the same file
     program_ = std::make_unique<Program>(std::vector<std::string>{
         "--listen", "127.0.0.1:0", "--shutdown-timeout", shutdown_timeout_s, "--shutdown-notice", shutdown_notice_s});
-    const std::string line = program_->ReadLine();
-    const std::string address(absl::StripPrefix(line, "listening on "));
+    const std::string address = program_->Announced("listening on ");
     // Keeps the flow-control windows small: gRPC would let them grow to many MB, even when the client does not read.
     grpc::ChannelArguments arguments;
     arguments.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
@@ -67,31 +57,18 @@ class LeavingTest : public testing::Test {
     return session;
   }
 
-  std::unique_ptr<StalledTrack> Open() {
-    auto track = std::make_unique<StalledTrack>();
-    track->stream = sessions_->Track(&track->context);
-    return track;
-  }
-  std::unique_ptr<StalledTrack> Attach(const CreatedSession& session) {
-    auto track = Open();
-    v1::TrackRequest request;
-    request.mutable_attach()->set_session(session.name());
-    request.mutable_attach()->set_resume_token(session.resume_token());
-    EXPECT_TRUE(track->stream->Write(request));
+  std::unique_ptr<RawTrack> Attach(const CreatedSession& session) {
+    auto track = std::make_unique<RawTrack>(*sessions_);
+    EXPECT_TRUE(track->Attach(session));
     v1::TrackResponse response;
-    EXPECT_TRUE(track->stream->Read(&response));
+    EXPECT_TRUE(track->Read(response));
     return track;
   }
   // Makes the server send one notice for each chunk, more than windows and queues hold.
-  void FillTheWindow(const CreatedSession& session, TrackStream& stream) {
+  void FillTheWindow(const CreatedSession& session, RawTrack& track) {
     constexpr uint64_t kChunks = 6000;
     const std::string outside = Flat64({{1000, 5000, 5000, 1}});
-    for (uint64_t seq = 1; seq <= kChunks; ++seq) {
-      v1::TrackRequest request;
-      request.mutable_events()->set_seq(seq);
-      request.mutable_events()->set_payload(outside);
-      ASSERT_TRUE(stream.Write(request));
-    }
+    for (uint64_t seq = 1; seq <= kChunks; ++seq) ASSERT_TRUE(track.Events(seq, outside));
     // The session stops processing before the last chunk.
     CreatedSession state;
     uint64_t processed = 0, same = 0;
@@ -106,21 +83,19 @@ class LeavingTest : public testing::Test {
     }
   }
 
-  void AwaitGoAway(StalledTrack& track) {
+  static void AwaitGoAway(RawTrack& track) {
     v1::TrackResponse response;
     do {
-      ASSERT_TRUE(track.stream->Read(&response));
+      ASSERT_TRUE(track.Read(response));
     } while (!response.notice().has_go_away());
   }
   // Ends the session; its summary is the last message.
-  void End(StalledTrack& track) {
-    v1::TrackRequest end;
-    end.mutable_end();
-    ASSERT_TRUE(track.stream->Write(end));
+  static void End(RawTrack& track) {
+    ASSERT_TRUE(track.End());
     v1::TrackResponse response;
-    while (track.stream->Read(&response)) continue;
+    while (track.Read(response)) continue;
     EXPECT_TRUE(response.has_summary());
-    EXPECT_TRUE(track.stream->Finish().ok());
+    EXPECT_TRUE(track.Finish().ok());
   }
 
   std::unique_ptr<Program> program_;
@@ -130,19 +105,19 @@ class LeavingTest : public testing::Test {
   std::unique_ptr<grpc::health::v1::Health::Stub> health_;
 };
 
-void Cancel(StalledTrack& track) {
-  track.context.TryCancel();
-  track.stream->Finish();
+void Cancel(RawTrack& track) {
+  track.Cancel();
+  track.Finish();
 }
 
 TEST_F(LeavingTest, ExitsWithStalledClientsAttached) {
   for (const bool by_signal : {true, false}) {
     Start("3");
-    const auto unattached = Open();
+    RawTrack unattached(*sessions_);
     const auto silent = Attach(CreateSession());
     const CreatedSession session = CreateSession();
     const auto full = Attach(session);
-    FillTheWindow(session, *full->stream);
+    FillTheWindow(session, *full);
     grpc::ClientContext watch_context;
     v1::WatchHealthRequest watch;
     watch.set_session(session.name());
@@ -159,7 +134,7 @@ TEST_F(LeavingTest, ExitsWithStalledClientsAttached) {
       ASSERT_TRUE(admin_->Drain(&context, request, &response).ok());
       EXPECT_EQ(response.remaining_sessions(), 2u);
     }
-    EXPECT_EQ(unattached->stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE)
+    EXPECT_EQ(unattached.Finish().error_code(), grpc::StatusCode::UNAVAILABLE)
         << "a stream that has not attached has nothing to finish";
     EXPECT_EQ(program_->Wait(), 0);
     EXPECT_THAT(program_->Stderr(), testing::HasSubstr("all streams are finished"));

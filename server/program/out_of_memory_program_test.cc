@@ -12,7 +12,6 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "core/base/sanitized.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
@@ -36,9 +35,7 @@ uint64_t AddressSpace(pid_t pid) {
 class OutOfMemoryProgramTest : public testing::Test {
  protected:
   OutOfMemoryProgramTest() {
-    const std::string line = program_.ReadLine();
-    const auto channel =
-        grpc::CreateChannel(std::string(absl::StripPrefix(line, "listening on ")), grpc::InsecureChannelCredentials());
+    const auto channel = grpc::CreateChannel(program_.Announced("listening on "), grpc::InsecureChannelCredentials());
     sessions_ = v1::SessionService::NewStub(channel);
     models_ = v1::ModelService::NewStub(channel);
     v1::Model model;

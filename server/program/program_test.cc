@@ -14,9 +14,8 @@
 #include <vector>
 
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
-#include "absl/strings/strip.h"
+#include "core/base/closed_port_testing.h"
 #include "core/base/environment_testing.h"
 #include "evpose/v1/session_service.grpc.pb.h"
 #include "server/http/http_client_testing.h"
@@ -32,11 +31,8 @@ TEST(ProgramTest, PrintsItsAddressAndEndsAtASignal) {
   for (const int number : {SIGTERM, SIGINT}) {
     const std::string port_file = TemporaryPath("port");
     Program program({"--listen", "127.0.0.1:0", "--port-file", port_file});
-    const std::string line = program.ReadLine();
-    ASSERT_TRUE(absl::StartsWith(line, "listening on 127.0.0.1:")) << line;
-    int port = 0;
-    ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port));
-    EXPECT_GT(port, 0);
+    const int port = PortOf(program.Announced("listening on 127.0.0.1:"));
+    ASSERT_GT(port, 0);
     EXPECT_EQ(Contents(port_file), std::to_string(port) + "\n");
     unlink(port_file.c_str());
 
@@ -132,6 +128,7 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
   std::ofstream(prose) << "neither key nor certificate, nor token\n";
   const std::string empty = TemporaryPath("empty");
   std::ofstream(empty) << "";
+  const ClosedPort closed;
   const std::vector<std::pair<std::vector<std::string>, std::string>> cases = {
       {{"--tls-cert", "/no/such.crt", "--tls-key", "/no/such.key"}, "/no/such.crt[^\n]*"},
       {{"--tls-cert", prose, "--tls-key", prose}, prose + "[^\n]*certificate[^\n]*"},
@@ -140,7 +137,8 @@ TEST(ProgramTest, ABadStartIsOneLineWithCauseAndRemedy) {
       {{"--store", "redis://localhost", "--store-password-file", "/no/such/password"}, "/no/such/password[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", "/dev/null"}, "/dev/null[^\n]*not a file[^\n]*"},
       {{"--store", "redis://localhost", "--store-password-file", empty}, empty + "[^\n]*there is no password in it"},
-      {{"--store", "redis://127.0.0.1:1"}, "[^\n]*127.0.0.1:1/0 does not respond: [^\n]*start Redis there[^\n]*"},
+      {{"--store", "redis://" + closed.address()},
+       "[^\n]*" + closed.address() + "/0 does not respond: [^\n]*start Redis there[^\n]*"},
       {{"--store", "redis-groups:/no/such/groups"}, "/no/such/groups[^\n]*"},
       {{"--store", "redis-groups:/no/such/groups", "--divide-store"}, "--divide-store: /no/such/groups[^\n]*"},
       {{"--store", "redis-groups:" + empty}, empty + ": there is no group: give each a line NAME ADDRESS"},
@@ -182,7 +180,7 @@ TEST(ProgramTest, ImagesOfEventsCanBeSwitchedOff) {
   const auto watch_unknown = [](std::vector<std::string> arguments) {
     arguments.insert(arguments.end(), {"--listen", "127.0.0.1:0", "--store", "memory"});
     Program program(arguments);
-    const std::string address(absl::StripPrefix(program.ReadLine(), "listening on "));
+    const std::string address = program.Announced("listening on ");
     const auto sessions = v1::SessionService::NewStub(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()));
     grpc::ClientContext context;
     v1::WatchEventsRequest request;
@@ -205,7 +203,7 @@ TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
   std::ofstream(path) << message.substr(message.find("lab "));
   Program program({"--listen", "127.0.0.1:0", "--token-file", path, "--max-sessions", "12", "--tenant-max-watchers",
                    "3", "--tenant-max-streams", "0", "--max-session-memory", "1000000000", "--tenant-max-cpu", "1.5"});
-  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  program.Announced("listening on 127.0.0.1:");
   EXPECT_THAT(
       program.Stderr(),
       testing::HasSubstr(" tenant_limits max_sessions=6 max_session_memory=500000000 "
@@ -216,6 +214,7 @@ TEST(ProgramTest, TenantsHaveHalfOfTheServerByDefault) {
 
 TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
   const RedisServer redis({"--requirepass", "right-secret"});
+  const ClosedPort closed;
   // Malformed addresses, and servers that do not respond or reject the password.
   const std::vector<std::pair<std::string, std::string>> malformed = {
       {"redis://:wrong-secret@127.0.0.1:none", "port[^\n]*give redis://"},
@@ -228,8 +227,8 @@ TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
   const std::vector<std::pair<std::string, std::string>> cases = {
       {"redis+unix:///no/such/socket", "/no/such/socket does not respond: No such file[^\n]*start Redis there"},
       {"redis+unix://user:wrong-secret@/no/such/socket", "/no/such/socket does not respond: [^\n]*start Redis there"},
-      {"redis+sentinel://user:wrong-secret@127.0.0.1:1/cameras",
-       "no Sentinel names the master cameras: 127.0.0.1:1 does not respond: [^\n]*start the Sentinels"},
+      {"redis+sentinel://user:wrong-secret@" + closed.address() + "/cameras",
+       "no Sentinel names the master cameras: " + closed.address() + " does not respond: [^\n]*start the Sentinels"},
       {redis.url(), "NOAUTH[^\n]*check the user and password of --store"},
       {redis.url(":wrong-secret@"), "WRONGPASS[^\n]*check the user and password of --store"},
   };
@@ -243,7 +242,7 @@ TEST(ProgramTest, ARedisThatCannotBeUsedIsOneLineWithoutItsPassword) {
   for (const auto& [store, expected] : malformed) expect(store, 2, expected);
   for (const auto& [store, expected] : cases) expect(store, 1, expected);
   Program program({"--listen", "127.0.0.1:0", "--store", redis.url(":right-secret@")});
-  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+  program.Announced("listening on 127.0.0.1:");
   EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr("secret")));
 }
 
@@ -269,7 +268,7 @@ TEST(ProgramTest, APostgresqlThatCannotBeUsedIsOneLineWithoutItsPassword) {
   const std::string path = TemporaryPath("password");
   std::ofstream(path) << password << "\n";
   Program program({"--listen", "127.0.0.1:0", "--store", postgres.url("keyed"), "--store-password-file", path});
-  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+  program.Announced("listening on 127.0.0.1:");
   EXPECT_THAT(program.Stderr(), testing::HasSubstr(" store=postgresql:///"));
   EXPECT_THAT(program.Stderr(), testing::Not(testing::HasSubstr("secret")));
   unlink(path.c_str());
@@ -281,7 +280,7 @@ TEST(ProgramTest, APasswordNeedNotBeInTheArguments) {
   const std::string path = TemporaryPath("password");
   std::ofstream(path) << password << "\n";
   const auto expect_ready = [](Program& program) {
-    EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+    program.Announced("listening on 127.0.0.1:");
     const std::string message = program.Stderr();
     EXPECT_THAT(message, testing::HasSubstr(" store=redis+unix:///"));
     EXPECT_THAT(message, testing::Not(testing::HasSubstr("secret")));
@@ -306,7 +305,7 @@ TEST(ProgramTest, TheCommandLineHasPrecedenceOverTheEnvironment) {
     EXPECT_THAT(program.Stderr(), testing::HasSubstr("there is no store foo"));
   }
   Program program({"--listen", "127.0.0.1:0", "--store", "memory"});
-  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:")) << program.Stderr();
+  program.Announced("listening on 127.0.0.1:");
 }
 
 TEST(ProgramTest, AGeneratedTokenIsAccepted) {
@@ -320,7 +319,7 @@ TEST(ProgramTest, AGeneratedTokenIsAccepted) {
   const std::string path = TemporaryPath("tokens");
   std::ofstream(path) << message.substr(line);
   Program program({"--listen", "127.0.0.1:0", "--token-file", path});
-  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
+  program.Announced("listening on 127.0.0.1:");
   program.Signal(SIGTERM);
   EXPECT_EQ(program.Wait(), 0);
   EXPECT_THAT(program.Stderr(), testing::HasSubstr(" tokens=1\n"));
@@ -330,11 +329,9 @@ TEST(ProgramTest, AGeneratedTokenIsAccepted) {
 
 TEST(ProgramTest, ServesThePagesForOperators) {
   Program program({"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"});
-  ASSERT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
-  const std::string line = program.ReadLine();
-  ASSERT_TRUE(absl::StartsWith(line, "metrics on 127.0.0.1:")) << line;
-  int port = 0;
-  ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port));
+  program.Announced("listening on 127.0.0.1:");
+  const int port = PortOf(program.Announced("metrics on 127.0.0.1:"));
+  ASSERT_GT(port, 0);
   EXPECT_THAT(program.Stderr(), testing::HasSubstr("http://127.0.0.1:" + std::to_string(port) + "/metrics"));
   EXPECT_EQ(Ask(port, "/healthz").status, 200);
   EXPECT_EQ(Ask(port, "/readyz").status, 200);
@@ -380,13 +377,12 @@ TEST(ProgramTest, ReportsWrongUsageOfTheLoad) {
 
 TEST(ProgramTest, TellsItsLoad) {
   Program program({"--listen", "127.0.0.1:0", "--load-listen", "127.0.0.1:0"});
-  ASSERT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 127.0.0.1:"));
-  const std::string line = program.ReadLine();
-  ASSERT_TRUE(absl::StartsWith(line, "load on 127.0.0.1:")) << line;
-  const std::string port = line.substr(line.rfind(':') + 1);
-  EXPECT_EQ(HttpConnection(std::stoi(port)).ReadAll(), "100%\n") << "without a session";
+  program.Announced("listening on 127.0.0.1:");
+  const int port = PortOf(program.Announced("load on 127.0.0.1:"));
+  ASSERT_GT(port, 0);
+  EXPECT_EQ(HttpConnection(port).ReadAll(), "100%\n") << "without a session";
 
-  Program second({"--listen", "127.0.0.1:0", "--load-listen", "127.0.0.1:" + port});
+  Program second({"--listen", "127.0.0.1:0", "--load-listen", "127.0.0.1:" + std::to_string(port)});
   EXPECT_EQ(second.Wait(), 1);
   EXPECT_THAT(second.Stderr(), testing::ContainsRegex("evpose-server: --load-listen: cannot listen on [^\n]*\n$"));
   program.Signal(SIGTERM);
@@ -426,7 +422,7 @@ std::vector<std::string> EventsOf(const std::string& log) {
 
 TEST(ProgramTest, TheLogMayBeJson) {
   Program program({"--listen", "127.0.0.1:0", "--log-format", "json"});
-  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on "));
+  program.Announced("listening on ");
   program.Signal(SIGTERM);
   EXPECT_EQ(program.Wait(), 0);
   EXPECT_THAT(EventsOf(program.Stderr()), testing::ElementsAre("server_ready", "server_draining", "server_stopped"));
@@ -435,7 +431,7 @@ TEST(ProgramTest, TheLogMayBeJson) {
   const ScopedEnvironmentVariable level("EVPOSE_LOG_LEVEL", "off");
   {
     Program quiet({"--listen", "127.0.0.1:0"});
-    EXPECT_TRUE(absl::StartsWith(quiet.ReadLine(), "listening on "));
+    quiet.Announced("listening on ");
     quiet.Signal(SIGTERM);
     EXPECT_EQ(quiet.Wait(), 0);
     EXPECT_EQ(quiet.Stderr(), "");
@@ -468,7 +464,7 @@ TEST(ProgramTest, HelpShowsAnExample) {
 
 TEST(ProgramTest, ListensForOtherMachinesWithInsecure) {
   Program program({"--listen", "0.0.0.0:0", "--insecure"});
-  EXPECT_TRUE(absl::StartsWith(program.ReadLine(), "listening on 0.0.0.0:"));
+  program.Announced("listening on 0.0.0.0:");
   program.Signal(SIGTERM);
   EXPECT_EQ(program.Wait(), 0);
 }

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The requests that create a session with raw stubs, for tests, benchmarks and fuzz targets.
+// The requests that create a session with raw stubs, and Track calls, for tests, benchmarks and fuzz targets.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "evpose/v1/model_service.grpc.pb.h"
-#include "evpose/v1/session_service.pb.h"
+#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::server {
 
@@ -85,5 +86,69 @@ inline v1::CreateSessionRequest CubeSessionRequest(const std::string& model) {
   object.mutable_initial_camera_from_object()->mutable_rotation()->set_w(1.0);
   return request;
 }
+
+// A Track call through the raw stub.
+class RawTrack {
+ public:
+  // `traceparents`: values of the header of that name.
+  explicit RawTrack(v1::SessionService::Stub& stub, const std::vector<std::string>& traceparents = {}) {
+    for (const std::string& value : traceparents) context_.AddMetadata("traceparent", value);
+    stream_ = stub.Track(&context_);
+  }
+  // Cancels and finishes the call, because gRPC requires every call to be finished.
+  ~RawTrack() {
+    context_.TryCancel();
+    if (!is_finished_) Finish();
+  }
+
+  bool Write(const v1::TrackRequest& request) { return stream_->Write(request); }
+  void WritesDone() { stream_->WritesDone(); }
+  void Cancel() { context_.TryCancel(); }
+
+  bool Attach(const CreatedSession& session, uint64_t last_pose_seq = 0) {
+    return Attach(session.name(), session.resume_token(), last_pose_seq);
+  }
+  bool Attach(const std::string& session, const std::string& token, uint64_t last_pose_seq = 0) {
+    v1::TrackRequest request;
+    request.mutable_attach()->set_session(session);
+    request.mutable_attach()->set_resume_token(token);
+    request.mutable_attach()->set_last_pose_seq(last_pose_seq);
+    return Write(request);
+  }
+  bool Events(uint64_t seq, const std::string& payload) {
+    v1::TrackRequest request;
+    request.mutable_events()->set_seq(seq);
+    request.mutable_events()->set_payload(payload);
+    return Write(request);
+  }
+  bool End() {
+    v1::TrackRequest request;
+    request.mutable_end();
+    return Write(request);
+  }
+
+  bool Read(v1::TrackResponse& response) { return stream_->Read(&response); }
+  // Reads up to the first response of this kind; the earlier ones are appended to `before`.
+  bool ReadUntil(v1::TrackResponse::MessageCase kind, v1::TrackResponse& response,
+                 std::vector<v1::TrackResponse>* before = nullptr) {
+    while (Read(response)) {
+      if (response.message_case() == kind) return true;
+      if (before != nullptr) before->push_back(response);
+    }
+    return false;
+  }
+  // Reads the remaining responses and returns the final status.
+  grpc::Status Finish() {
+    v1::TrackResponse response;
+    while (Read(response)) continue;
+    is_finished_ = true;
+    return stream_->Finish();
+  }
+
+ private:
+  grpc::ClientContext context_;
+  std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream_;
+  bool is_finished_ = false;
+};
 
 }  // namespace evpose::server

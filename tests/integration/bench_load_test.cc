@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -17,10 +16,11 @@
 #include "client/bench/load_recording.h"
 #include "client/bench/load_run.h"
 #include "client/bench/metrics_page.h"
+#include "core/base/closed_port_testing.h"
 #include "core/events/decoder.h"
 #include "evpose/client.h"
-#include "server/program/program_testing.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/running_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -30,29 +30,6 @@ using client::LoadCounts;
 using client::LoadOptions;
 using client::LoadResult;
 using ::testing::HasSubstr;
-
-// The address in a line such as "listening on 127.0.0.1:50051".
-std::string AddressIn(const std::string& line) { return line.substr(line.rfind(' ') + 1); }
-
-// A server that stores in memory, with its pages.
-class LoadedServer {
- public:
-  explicit LoadedServer(std::vector<std::string> more) : program_(Arguments(std::move(more))) {
-    address_ = AddressIn(program_.ReadLine());
-    metrics_ = AddressIn(program_.ReadLine());
-  }
-  const std::string& address() const { return address_; }
-  const std::string& metrics() const { return metrics_; }
-
- private:
-  static std::vector<std::string> Arguments(std::vector<std::string> more) {
-    more.insert(more.end(), {"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0"});
-    return more;
-  }
-
-  server::Program program_;
-  std::string address_, metrics_;
-};
 
 // A rate that every machine reaches.
 constexpr double kRateHz = 5000.0;
@@ -92,9 +69,9 @@ class BenchLoadTest : public CliTest {
 };
 
 TEST_F(BenchLoadTest, CountsSessionsAndRefusals) {
-  const LoadedServer server({"--max-sessions", "2"});
-  const CliResult result =
-      RunCommand(server.address(), {"--sessions", "3", "--minutes", "0.02", "--metrics", server.metrics(), "--json"});
+  const RunningServer server(WithMetrics({"--max-sessions", "2"}));
+  const CliResult result = RunCommand(
+      server.address(), {"--sessions", "3", "--minutes", "0.02", "--metrics", server.metrics_address(), "--json"});
   ASSERT_EQ(result.status, 0) << result.err;
   const nlohmann::json json = result.Json();
   EXPECT_GE(json["created"], 2);
@@ -106,7 +83,7 @@ TEST_F(BenchLoadTest, CountsSessionsAndRefusals) {
   EXPECT_EQ(json["reconnections"], 0);
   EXPECT_GT(json["cpu_s"], 0.0);
   ASSERT_EQ(json["servers"].size(), 1u);
-  EXPECT_EQ(json["servers"][0]["metrics"], server.metrics());
+  EXPECT_EQ(json["servers"][0]["metrics"], server.metrics_address());
   EXPECT_GT(json["servers"][0]["cpu_s"], 0.0) << "at least that of the page before";
   EXPECT_GT(json["servers"][0]["resident_mb_before"], 1.0);
   EXPECT_GE(json["servers"][0]["load_ratio_before"], 1.0) << "two of two sessions";
@@ -117,7 +94,7 @@ TEST_F(BenchLoadTest, CountsSessionsAndRefusals) {
 }
 
 TEST_F(BenchLoadTest, CountsEventsAndPosesOfTheTest) {
-  const LoadedServer server({});
+  const RunningServer server({});
   LoadOptions options;
   options.sessions = 2;
   options.watchers = 2;
@@ -140,7 +117,7 @@ TEST_F(BenchLoadTest, CountsEventsAndPosesOfTheTest) {
 }
 
 TEST_F(BenchLoadTest, WaitsForTheWorkOfItsCallers) {
-  const LoadedServer server({});
+  const RunningServer server({});
   LoadOptions options;
   int num_calls = 0, num_questions = 0;
   options.on_begin = options.on_end = [&] { num_questions = 10 * ++num_calls; };
@@ -156,7 +133,7 @@ TEST_F(BenchLoadTest, WaitsForTheWorkOfItsCallers) {
 }
 
 TEST_F(BenchLoadTest, SessionsAreReplaced) {
-  const LoadedServer server({});
+  const RunningServer server({});
   LoadOptions options;
   options.sessions = 2;
   options.churn_per_minute = 200.0;
@@ -172,17 +149,19 @@ TEST_F(BenchLoadTest, SessionsAreReplaced) {
 TEST_F(BenchLoadTest, GivesUpWhenTheServersAreAway) {
   const auto recording = client::LoadRecording::Make(kRateHz, kChunk_us);
   ASSERT_TRUE(recording.ok()) << recording.status();
+  const ClosedPort closed;
   LoadOptions options;
-  options.addresses = "127.0.0.1:9";
+  options.addresses = closed.address();
   options.sessions = 2;
   options.max_outage = absl::Milliseconds(1);
   const auto result = client::RunLoad(options, *recording, [](double, const LoadCounts&) { return true; });
   EXPECT_EQ(result.status().code(), absl::StatusCode::kUnavailable);
-  EXPECT_THAT(result.status().message(), HasSubstr("127.0.0.1:9: 2 of 2 sessions were neither created nor refused"));
+  EXPECT_THAT(result.status().message(),
+              HasSubstr(closed.address() + ": 2 of 2 sessions were neither created nor refused"));
 }
 
 TEST_F(BenchLoadTest, PrintsATable) {
-  const LoadedServer server({});
+  const RunningServer server({});
   const CliResult result = RunCommand(server.address(), {"--sessions", "1", "--minutes", "0.01"});
   ASSERT_EQ(result.status, 0) << result.err;
   for (const char* const row : {"sessions created       1 (1 completed)\n", "\nposes lost             0\n",
@@ -193,13 +172,14 @@ TEST_F(BenchLoadTest, PrintsATable) {
 
 TEST_F(BenchLoadTest, ReportsServersThatTakeNoSession) {
   // Less than any session needs, so that waiting does not help.
-  const LoadedServer server({"--max-session-memory", "1000000"});
+  const RunningServer server({"--max-session-memory", "1000000"});
   const CliResult full = RunCommand(server.address(), {"--sessions", "1", "--minutes", "0.01"});
   EXPECT_EQ(full.status, 1);
   EXPECT_THAT(full.err, HasSubstr("no session was created (SESSION_MEMORY 1)"));
-  const CliResult away = RunCommand("127.0.0.1:9", {"--connect-timeout", "0.1"});
+  const ClosedPort closed;
+  const CliResult away = RunCommand(closed.address(), {"--connect-timeout", "0.1"});
   EXPECT_EQ(away.status, 1);
-  EXPECT_THAT(away.err, HasSubstr("127.0.0.1:9"));
+  EXPECT_THAT(away.err, HasSubstr(closed.address()));
   const CliResult blind = RunCommand(server.address(), {"--metrics", server.address()});
   EXPECT_EQ(blind.status, 1);
   EXPECT_THAT(blind.err, HasSubstr("--metrics-listen"));

@@ -85,7 +85,17 @@ CliResult CliTest::Run(const std::vector<std::string>& arguments, client::Clock*
 }
 
 CliResult CliTest::RunShell(const std::string& script) const {
-  WriteText("script.sh", script);
+  // A process that has ended has no executable, even before `wait`.
+  static constexpr char kAwait[] =
+      "await() {\n"
+      "  attempts=0\n"
+      "  until eval \"$1\"; do\n"
+      "    test -e /proc/$pid/exe || { echo \"process $pid has ended before: $1\" >&2; exit 1; }\n"
+      "    test $((attempts += 1)) -lt 20000 || { echo \"waited too long for: $1\" >&2; exit 1; }\n"
+      "    sleep 0.01\n"
+      "  done\n"
+      "}\n";
+  WriteText("script.sh", kAwait + script);
   const std::string command = "cd '" + directory_.string() +
                               "' && HELP='" EVPOSE_HELP_DIRECTORY
                               "' XDG_STATE_HOME=\"$PWD/state\" PATH='" EVPOSE_BINARY_DIRECTORIES

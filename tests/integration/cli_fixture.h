@@ -38,7 +38,8 @@ class CliTest : public ::testing::Test {
   // Calls RunCli() in this process; `clock` sets the pace of a replay.
   CliResult Run(const std::vector<std::string>& arguments, client::Clock* clock = nullptr) const;
   // Runs a shell in the test's directory, with `evpose` and `evpose-server` in its PATH. $HELP is the directory of the
-  // manual pages and completions.
+  // manual pages and completions. `await CONDITION` in the script waits, with pauses and a bound, until this shell code
+  // succeeds; it fails at once if process $pid has ended.
   CliResult RunShell(const std::string& script) const;
 
   // Writes cube/recording.raw, truth.tum, model.obj and camera.yaml: a cube in front of a VGA camera for `duration_s`.

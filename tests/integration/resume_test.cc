@@ -4,23 +4,23 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <spawn.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <csignal>
 #include <filesystem>
-#include <memory>
+#include <functional>
 #include <random>
 #include <string>
 #include <thread>
 #include <vector>
 
-#include "server/rpc/server.h"
+#include "core/base/poll_testing.h"
+#include "core/base/process_testing.h"
 #include "tests/integration/cli_fixture.h"
 #include "tests/integration/cutting_proxy.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -29,47 +29,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-// A running evpose; its standard input is `in`, its outputs are files.
-class Program {
- public:
-  Program(std::vector<std::string> arguments, int in, const std::string& out_path, const std::string& err_path) {
-    arguments.insert(arguments.begin(), EVPOSE_PROGRAM);
-    std::vector<char*> argv;
-    for (std::string& argument : arguments) argv.push_back(argument.data());
-    argv.push_back(nullptr);
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_adddup2(&actions, in, STDIN_FILENO);
-    posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, out_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, err_path.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    EXPECT_EQ(posix_spawn(&pid_, EVPOSE_PROGRAM, &actions, nullptr, argv.data(), environ), 0);
-    posix_spawn_file_actions_destroy(&actions);
-  }
-  ~Program() {
-    if (pid_ == 0) return;
-    Signal(SIGKILL);
-    Wait();
-  }
-
-  void Signal(int number) const {
-    if (pid_ > 0) kill(pid_, number);  // pid 0 would signal this process and its group
-  }
-  bool IsRunning() {
-    if (pid_ != 0 && waitpid(pid_, &status_, WNOHANG) == pid_) pid_ = 0;
-    return pid_ != 0;
-  }
-  // Waits for the end. Returns the exit status, or minus the number of the signal that ended the process.
-  int Wait() {
-    if (pid_ != 0) waitpid(pid_, &status_, 0);
-    pid_ = 0;
-    return WIFEXITED(status_) ? WEXITSTATUS(status_) : -WTERMSIG(status_);
-  }
-
- private:
-  pid_t pid_ = 0;
-  int status_ = 0;
-};
-
 class ResumeTest : public CliTest {
  protected:
   void SetUp() override {
@@ -77,12 +36,9 @@ class ResumeTest : public CliTest {
     StartServer();
   }
   void StartServer() {
-    server_.reset();
-    auto server = server::Server::Start({});
-    ASSERT_TRUE(server.ok()) << server.status();
-    server_ = *std::move(server);
-    address_ = "127.0.0.1:" + std::to_string(server_->port());
-    proxy_.SetTarget(server_->port());
+    server_ = {};
+    server_ = StartLocalServer();
+    proxy_.SetTarget(server_.server->port());
   }
 
   // The poses of an undisturbed replay.
@@ -100,8 +56,17 @@ class ResumeTest : public CliTest {
     return arguments;
   }
 
-  Program Start(const std::vector<std::string>& arguments, int in) const {
-    return Program(arguments, in, Path("program.out"), Path("program.err"));
+  // Starts evpose, with /dev/null or a pipe as its standard input.
+  TestProcess Start(std::vector<std::string> arguments, int in = -1) const {
+    arguments.insert(arguments.begin(), EVPOSE_PROGRAM);
+    return TestProcess(std::move(arguments), {.in = in, .out = Path("program.out")});
+  }
+  // Waits until `condition` holds or the program has ended.
+  static void Await(TestProcess& program, const std::function<bool()>& condition) {
+    EXPECT_TRUE(Poll([&] { return !program.IsRunning() || condition(); }));
+  }
+  void AwaitSize(TestProcess& program, const std::string& file, uint64_t size) const {
+    Await(program, [&] { return SizeOf(file) >= size; });
   }
 
   uint64_t SizeOf(const std::string& name) const {
@@ -145,8 +110,7 @@ class ResumeTest : public CliTest {
     int ends[2] = {-1, -1};
   };
 
-  std::unique_ptr<server::Server> server_;
-  std::string address_;
+  LocalServer server_;
   CuttingProxy proxy_;
   std::mt19937 random_{42};
 };
@@ -188,7 +152,7 @@ TEST_F(ResumeTest, AReplayRestartsWhenTheConnectionBreaksBeforeItsSessionExists)
     ASSERT_EQ(result.status, 0) << limit << ": " << result.err;
     EXPECT_TRUE(ReadText("cut.csv") == expected) << limit;
     EXPECT_EQ(proxy_.num_cut() - before, 3) << limit;
-    const CliResult sessions = Run({"sessions", "list", "--server", address_, "--json"});
+    const CliResult sessions = Run({"sessions", "list", "--server", server_.address, "--json"});
     EXPECT_TRUE(sessions.Json().empty()) << limit << ": " << sessions.out;
   }
 }
@@ -199,7 +163,7 @@ TEST_F(ResumeTest, AServerThatIsReplacedBeforeTheSessionExistsGetsTheModelAgain)
   proxy_.CutAfter({3'000});
   CliResult result;
   std::thread replay([&] { result = Run(ReplayArguments("poses.csv", {"--server", proxy_.address()})); });
-  while (proxy_.num_cut() == 0) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return proxy_.num_cut() > 0; }));
   StartServer();
   replay.join();
   EXPECT_EQ(result.status, 0) << result.err;
@@ -210,18 +174,17 @@ TEST_F(ResumeTest, ClientKilledAtRandomMoments) {
   SimulateCube(0.3);
   const std::string expected = Undisturbed();
   const std::vector<std::string> arguments =
-      ReplayArguments("poses.csv", {"--server", address_, "--resume", Path("state"), "--rate", "1"});
-  const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
+      ReplayArguments("poses.csv", {"--server", server_.address, "--resume", Path("state"), "--rate", "1"});
   constexpr int kKills = 20;
   int num_killed = 0;
   for (int round = 0; round < 3 * kKills && num_killed < kKills; ++round) {
     for (int life = 0; life < 3 && num_killed < kKills; ++life) {
       const uint64_t wanted = SizeOf("poses.csv.partial") + random_() % (expected.size() / 2);
-      Program program = Start(arguments, null);
-      while (program.IsRunning() && SizeOf("poses.csv.partial") < wanted) std::this_thread::yield();
+      TestProcess program = Start(arguments);
+      AwaitSize(program, "poses.csv.partial", wanted);
       program.Signal(SIGKILL);
       const int status = program.Wait();
-      ASSERT_TRUE(status == -SIGKILL || status == 0) << ReadText("program.err");
+      ASSERT_TRUE(status == -SIGKILL || status == 0) << program.Stderr();
       num_killed += status == -SIGKILL;
       if (status == 0) break;
     }
@@ -235,7 +198,6 @@ TEST_F(ResumeTest, ClientKilledAtRandomMoments) {
     EXPECT_THAT(FilesBeginning("state"), IsEmpty());
     std::filesystem::remove(Path("poses.csv"));
   }
-  close(null);
   EXPECT_EQ(num_killed, kKills);
 }
 
@@ -243,17 +205,15 @@ TEST_F(ResumeTest, AnInterruptedReplayIsContinuedByTheSameCommand) {
   SimulateCube(0.3);
   const std::string expected = Undisturbed();
   const std::vector<std::string> arguments =
-      ReplayArguments("poses.csv", {"--server", address_, "--resume", Path("state"), "--rate", "0.1"});
-  const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
-  Program program = Start(arguments, null);
-  while (program.IsRunning() && SizeOf("poses.csv.partial") < 10'000) std::this_thread::yield();
+      ReplayArguments("poses.csv", {"--server", server_.address, "--resume", Path("state"), "--rate", "0.1"});
+  TestProcess program = Start(arguments);
+  AwaitSize(program, "poses.csv.partial", 10'000);
   program.Signal(SIGINT);
   EXPECT_EQ(program.Wait(), 1);
-  close(null);
-  EXPECT_THAT(ReadText("program.err"), HasSubstr("recording.raw: interrupted before its end (after "));
-  EXPECT_THAT(ReadText("program.err"), HasSubstr("; the same command continues from there\n"));
+  EXPECT_THAT(program.Stderr(), HasSubstr("recording.raw: interrupted before its end (after "));
+  EXPECT_THAT(program.Stderr(), HasSubstr("; the same command continues from there\n"));
   EXPECT_FALSE(std::filesystem::exists(Path("poses.csv")));
-  EXPECT_EQ(Run({"sessions", "list", "--server", address_, "--json"}).Json().size(), 1u);
+  EXPECT_EQ(Run({"sessions", "list", "--server", server_.address, "--json"}).Json().size(), 1u);
   const CliResult result = Run(arguments);
   ASSERT_EQ(result.status, 0) << result.err;
   EXPECT_TRUE(ReadText("poses.csv") == expected);
@@ -266,14 +226,14 @@ TEST_F(ResumeTest, StreamFromAPipeBeforeTheServerStarts) {
   const std::string expected = Undisturbed();
   proxy_.SetTarget(0);
   Pipe pipe;
-  Program program =
+  TestProcess program =
       Start(StreamArguments("poses.csv", {"--server", proxy_.address(), "--connect-timeout", "600"}), pipe.ends[0]);
   // The client accepts the data although there is no server; it is more than a pipe holds.
   ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
   pipe.CloseWriter();
-  while (program.IsRunning() && proxy_.num_refused() < 2) std::this_thread::yield();
-  proxy_.SetTarget(server_->port());
-  ASSERT_EQ(program.Wait(), 0) << ReadText("program.err");
+  Await(program, [this] { return proxy_.num_refused() >= 2; });
+  proxy_.SetTarget(server_.server->port());
+  ASSERT_EQ(program.Wait(), 0) << program.Stderr();
   EXPECT_TRUE(ReadText("poses.csv") == expected);
 }
 
@@ -284,14 +244,14 @@ TEST_F(ResumeTest, StreamSpoolsEventsBeyondTheMemory) {
   ASSERT_GT(std::filesystem::file_size(Path("cube/recording.raw")), uint64_t{1} << 20);
   std::filesystem::create_directory(Path("spool"));
   Pipe pipe;
-  Program program = Start(StreamArguments("poses.csv", {"--server", proxy_.address(), "--memory-bytes", "1048576",
-                                                        "--spool", Path("spool"), "--connect-timeout", "600"}),
-                          pipe.ends[0]);
+  TestProcess program = Start(StreamArguments("poses.csv", {"--server", proxy_.address(), "--memory-bytes", "1048576",
+                                                            "--spool", Path("spool"), "--connect-timeout", "600"}),
+                              pipe.ends[0]);
   ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
   pipe.CloseWriter();
-  while (program.IsRunning() && proxy_.num_refused() < 2) std::this_thread::yield();
-  proxy_.SetTarget(server_->port());
-  ASSERT_EQ(program.Wait(), 0) << ReadText("program.err");
+  Await(program, [this] { return proxy_.num_refused() >= 2; });
+  proxy_.SetTarget(server_.server->port());
+  ASSERT_EQ(program.Wait(), 0) << program.Stderr();
   EXPECT_TRUE(ReadText("poses.csv") == expected);
   EXPECT_TRUE(std::filesystem::is_empty(Path("spool")));
 }
@@ -300,22 +260,22 @@ TEST_F(ResumeTest, StreamEndsCleanlyOnASignal) {
   SimulateCube(0.2);
   for (const int number : {SIGINT, SIGTERM, SIGHUP}) {
     Pipe pipe;
-    Program program = Start(StreamArguments("poses.csv", {"--server", address_}), pipe.ends[0]);
+    TestProcess program = Start(StreamArguments("poses.csv", {"--server", server_.address}), pipe.ends[0]);
     ASSERT_TRUE(pipe.Write(ReadText("cube/recording.raw")));
-    while (program.IsRunning() && SizeOf("program.out") == 0 && SizeOf("poses.csv") == 0) {
-      // The stream has delivered some poses. The pipe stays open, as that of a camera.
-      const CliResult list = Run({"sessions", "list", "--server", address_, "--json"});
-      if (!list.Json().empty() && list.Json()[0]["poses"] > 10) break;
-    }
+    // The stream has delivered some poses. The pipe stays open, as that of a camera.
+    Await(program, [this] {
+      const nlohmann::json list = Run({"sessions", "list", "--server", server_.address, "--json"}).Json();
+      return SizeOf("program.out") > 0 || SizeOf("poses.csv") > 0 || (!list.empty() && list[0]["poses"] > 10);
+    });
     program.Signal(number);
     if (number == SIGHUP) program.Signal(number);  // as from a terminal that is closed
-    ASSERT_EQ(program.Wait(), 0) << ReadText("program.err");
+    ASSERT_EQ(program.Wait(), 0) << program.Stderr();
     const nlohmann::json report = nlohmann::json::parse(ReadText("program.out"));
     EXPECT_EQ(report["interrupted"], true);
     EXPECT_GT(report["poses"], 10);
     const std::string poses = ReadText("poses.csv");
     EXPECT_EQ(std::count(poses.begin(), poses.end(), '\n'), report["poses"].get<int>() + 1);
-    EXPECT_EQ(Run({"sessions", "list", "--server", address_}).out, "");
+    EXPECT_EQ(Run({"sessions", "list", "--server", server_.address}).out, "");
     std::filesystem::remove(Path("poses.csv"));
     std::filesystem::remove(Path("program.out"));
   }
@@ -333,23 +293,23 @@ TEST_F(ResumeTest, AKilledStreamSendsTheEventsThatItHadRead) {
   const std::vector<std::string> arguments =
       StreamArguments("poses.csv", {"--server", proxy_.address(), "--resume", Path("state")});
   for (const bool server_is_there : {false, true}) {
-    proxy_.SetTarget(server_is_there ? server_->port() : 0);
+    proxy_.SetTarget(server_is_there ? server_.server->port() : 0);
     {
       Pipe pipe;
-      Program program = Start(arguments, pipe.ends[0]);
+      TestProcess program = Start(arguments, pipe.ends[0]);
       ASSERT_TRUE(pipe.Write(recording.substr(0, half)));
       // The last chunk is still incomplete.
-      while (program.IsRunning() && SizeOfSpool() + kLastChunk < half) std::this_thread::yield();
-      while (program.IsRunning() && server_is_there && SizeOf("poses.csv.partial") < 10'000) std::this_thread::yield();
+      Await(program, [&] { return SizeOfSpool() + kLastChunk >= half; });
+      if (server_is_there) AwaitSize(program, "poses.csv.partial", 10'000);
       program.Signal(SIGKILL);
-      ASSERT_EQ(program.Wait(), -SIGKILL) << ReadText("program.err");
+      ASSERT_EQ(program.Wait(), -SIGKILL) << program.Stderr();
     }
-    proxy_.SetTarget(server_->port());
+    proxy_.SetTarget(server_.server->port());
     Pipe pipe;
-    Program program = Start(arguments, pipe.ends[0]);
+    TestProcess program = Start(arguments, pipe.ends[0]);
     ASSERT_TRUE(pipe.Write(header + recording.substr(half)));
     pipe.CloseWriter();
-    ASSERT_EQ(program.Wait(), 0) << ReadText("program.err");
+    ASSERT_EQ(program.Wait(), 0) << program.Stderr();
     const nlohmann::json report = nlohmann::json::parse(ReadText("program.out"));
     // The spool's size counts the headers of its records, so that a little more than the last chunk may have been
     // outside it.
@@ -366,21 +326,18 @@ TEST_F(ResumeTest, AKilledStreamSendsTheEventsThatItHadRead) {
 TEST_F(ResumeTest, StreamOfAFileIsThatOfAReplay) {
   SimulateCube(0.1);
   const std::string expected = Undisturbed();
-  std::vector<std::string> arguments = ReplayArguments("poses.csv", {"--server", address_});
+  std::vector<std::string> arguments = ReplayArguments("poses.csv", {"--server", server_.address});
   arguments[0] = std::string("stream");
-  const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
-  Program program = Start(arguments, null);
+  TestProcess program = Start(arguments);
   const uint64_t num_events = Run({"info", Path("cube/recording.raw"), "--json"}).Json()["cd_events"];
-  uint64_t processed = 0;
-  while (program.IsRunning() && processed < num_events / 10 * 9) {
-    const nlohmann::json list = Run({"sessions", "list", "--server", address_, "--json"}).Json();
-    if (!list.empty()) processed = list[0]["events"];
-  }
+  Await(program, [&] {
+    const nlohmann::json list = Run({"sessions", "list", "--server", server_.address, "--json"}).Json();
+    return !list.empty() && list[0]["events"] >= num_events / 10 * 9;
+  });
   program.Signal(SIGTERM);  // the program waits for the file to grow
-  ASSERT_EQ(program.Wait(), 0) << ReadText("program.err");
+  ASSERT_EQ(program.Wait(), 0) << program.Stderr();
   const size_t begin = expected.size() / 5 * 4;
   EXPECT_EQ(ReadText("poses.csv").substr(0, begin), expected.substr(0, begin));
-  close(null);
 }
 
 class ResumeBadInputTest : public ResumeTest {
@@ -388,15 +345,13 @@ class ResumeBadInputTest : public ResumeTest {
   // A killed replay leaves a resume file.
   void KillOne() {
     SimulateCube(0.3);
-    const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
-    Program program = Start(Arguments(), null);
-    while (program.IsRunning() && SizeOf("poses.csv.partial") < 10'000) std::this_thread::yield();
+    TestProcess program = Start(Arguments());
+    AwaitSize(program, "poses.csv.partial", 10'000);
     program.Signal(SIGKILL);
-    ASSERT_EQ(program.Wait(), -SIGKILL) << ReadText("program.err");
-    close(null);
+    ASSERT_EQ(program.Wait(), -SIGKILL) << program.Stderr();
   }
   std::vector<std::string> Arguments() const {
-    return ReplayArguments("poses.csv", {"--server", address_, "--resume", Path("state"), "--rate", "0.2"});
+    return ReplayArguments("poses.csv", {"--server", server_.address, "--resume", Path("state"), "--rate", "0.2"});
   }
   std::string Error(const std::vector<std::string>& arguments) const {
     const CliResult result = Run(arguments);
@@ -449,12 +404,13 @@ TEST_F(ResumeBadInputTest, DeletedSession) {
 TEST_F(ResumeBadInputTest, WrongUsage) {
   SimulateCube(0.01);
   EXPECT_EQ(Run(ReplayArguments("a.csv", {"--resume", Path("state")})).status, 2);
-  std::vector<std::string> arguments = ReplayArguments("a.csv", {"--server", address_, "--resume", Path("state")});
+  std::vector<std::string> arguments =
+      ReplayArguments("a.csv", {"--server", server_.address, "--resume", Path("state")});
   arguments[1] = std::string("-");
   EXPECT_EQ(Run(arguments).status, 2);
   EXPECT_EQ(Run(StreamArguments("a.csv", {})).status, 2);
-  EXPECT_EQ(Run(StreamArguments("a.csv", {"--server", address_, "--max-lag", "1"})).status, 2);
-  EXPECT_EQ(Run(StreamArguments("a.csv", {"--server", address_, "--overload", "never"})).status, 2);
+  EXPECT_EQ(Run(StreamArguments("a.csv", {"--server", server_.address, "--max-lag", "1"})).status, 2);
+  EXPECT_EQ(Run(StreamArguments("a.csv", {"--server", server_.address, "--overload", "never"})).status, 2);
 }
 
 TEST_F(ResumeBadInputTest, SpoolThatCannotBeWritten) {
@@ -463,9 +419,10 @@ TEST_F(ResumeBadInputTest, SpoolThatCannotBeWritten) {
     Pipe pipe;
     EXPECT_TRUE(pipe.Write(ReadText("cube/recording.raw").substr(0, 4'000)));
     pipe.CloseWriter();
-    Program program = Start(StreamArguments("poses.csv", {"--server", address_, "--spool", spool}), pipe.ends[0]);
+    TestProcess program =
+        Start(StreamArguments("poses.csv", {"--server", server_.address, "--spool", spool}), pipe.ends[0]);
     EXPECT_EQ(program.Wait(), 1);
-    return ReadText("program.err");
+    return program.Stderr();
   };
   EXPECT_THAT(stream(Path("no/such")), HasSubstr(Path("no/such") + ": the spool's directory cannot be made"));
   WriteText("file", "");

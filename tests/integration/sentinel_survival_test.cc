@@ -83,15 +83,6 @@ class MasterKiller {
 
 class SentinelSurvivalTest : public SurvivalFixture {
  protected:
-  void SetUp() override {
-    SurvivalFixture::SetUp();
-    auto reader = RecordingReader::Open(Path("cube/recording.raw")).value();
-    Chunker chunker(*reader, {});
-    for (EventChunkBytes chunk = chunker.Next().value(); !chunk.bytes.empty(); chunk = chunker.Next().value()) {
-      chunks_.emplace_back(chunk.bytes.begin(), chunk.bytes.end());
-    }
-  }
-
   // As MakeClient(), but repeats the calls while they end with UNAVAILABLE: on a busy machine a replica may not
   // acknowledge a write within the time that the server waits.
   RawClient MakePatientClient(RunningServer& server, const server::RedisGroup& group, const std::string& request_id) {
@@ -121,8 +112,6 @@ class SentinelSurvivalTest : public SurvivalFixture {
     }
     EXPECT_TRUE(status.ok()) << status.error_message();
   }
-
-  std::vector<std::string> chunks_;
 };
 
 TEST_F(SentinelSurvivalTest, KilledMastersLoseNothing) {

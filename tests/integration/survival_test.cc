@@ -11,11 +11,9 @@
 #include <memory>
 #include <random>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "server/http/http_client_testing.h"
 #include "server/stores/postgres/postgres_testing.h"
@@ -183,21 +181,14 @@ TEST_F(SurvivalTest, AGroupOfRedisIsAddedAndAnotherLost) {
 TEST_F(SurvivalTest, WhileRedisIsUnreachableTheServerIsNotReadyAndNothingIsLost) {
   const std::vector<std::string> expected = Undisturbed();
   server::RedisServer redis;
-  std::vector<std::string> arguments = OnRedis(redis);
-  arguments.insert(arguments.end(), {"--metrics-listen", "127.0.0.1:0"});
-  RunningServer server(arguments);
-  const std::string line = server.program().ReadLine();
-  int port = 0;
-  ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port)) << line;
-  const auto wait_until_ready_is = [port](int status) {
-    while (server::Ask(port, "/readyz").status != status) continue;
-  };
+  RunningServer server(WithMetrics(OnRedis(redis)));
+  const int port = server::PortOf(server.metrics_address());
   RawClient client = MakeClient(server);
   bool was_away_at_the_end = false;
   client.OnPose([&](size_t poses) {
     if (poses == expected.size() / 3) {
       redis.Kill();
-      wait_until_ready_is(503);
+      server::WaitUntilReadyIs(port, 503);
     }
     if (poses == expected.size()) {  // the summary is sent after the store has responded
       was_away_at_the_end = server::Ask(port, "/readyz").status == 503 && server::Ask(port, "/healthz").status == 200;
@@ -207,7 +198,7 @@ TEST_F(SurvivalTest, WhileRedisIsUnreachableTheServerIsNotReadyAndNothingIsLost)
   EXPECT_TRUE(client.Stream(server, SIZE_MAX));
   EXPECT_TRUE(was_away_at_the_end);
   EXPECT_TRUE(client.poses() == expected);
-  wait_until_ready_is(200);
+  server::WaitUntilReadyIs(port, 200);
 }
 
 TEST_F(SurvivalTest, AServerThatShutsDownKeepsProcessedData) {
@@ -293,13 +284,11 @@ TEST_F(SurvivalTest, ATamperedStoreIsNamedAtStart) {
   file[place + 20] = static_cast<char>(file[place + 20] ^ 0x55);
   WriteText("data/evpose.db", file);
   Program again({"--store", "sqlite", "--data-dir", Path("data"), "--listen", "127.0.0.1:0"});
-  const std::string listening = again.ReadLine();
-  ASSERT_THAT(listening, testing::StartsWith("listening on ")) << again.Stderr();
+  const std::string address = again.Announced("listening on ");
   EXPECT_THAT(again.Stderr(), testing::ContainsRegex("error store_damage [^\n]*" + session));
   const std::string intact = session == client.session() ? other.session() : client.session();
   EXPECT_THAT(again.Stderr(), testing::HasSubstr("sessions_found sessions=1"));
-  const auto sessions = v1::SessionService::NewStub(
-      grpc::CreateChannel(listening.substr(std::string("listening on ").size()), grpc::InsecureChannelCredentials()));
+  const auto sessions = v1::SessionService::NewStub(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()));
   grpc::ClientContext context;
   v1::GetSessionRequest request;
   request.set_name(intact);

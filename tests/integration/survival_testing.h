@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What the tests of survival share: servers as processes, a client that continues a session, and a short recording.
+// What the tests of survival share: a client that continues a session, and a short recording.
 #pragma once
 
 #include <grpcpp/grpcpp.h>
@@ -8,7 +8,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <csignal>
 #include <cstdlib>
 #include <functional>
 #include <memory>
@@ -17,16 +16,15 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "client/lib/messages/conversion.h"
 #include "core/geometry/camera.h"
 #include "core/recordings/recording_reader.h"
 #include "evpose/recording.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
-#include "server/program/program_testing.h"
 #include "server/rpc/raw_requests_testing.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/running_server_testing.h"
 
 namespace evpose {
 
@@ -38,41 +36,6 @@ inline int NumberFrom(const char* variable, int by_default) {
   const char* number = std::getenv(variable);
   return number == nullptr ? by_default : std::atoi(number);
 }
-
-// A server process and stubs connected to it.
-class RunningServer {
- public:
-  explicit RunningServer(std::vector<std::string> arguments, const char* program = EVPOSE_SERVER)
-      : program_(WithAddress(std::move(arguments)), program) {
-    const std::string line = program_.ReadLine();
-    EXPECT_TRUE(absl::StartsWith(line, "listening on ")) << line << program_.Stderr();
-    address_ = line.substr(line.rfind(' ') + 1);
-    channel_ = grpc::CreateChannel(address_, grpc::InsecureChannelCredentials());
-    sessions_ = v1::SessionService::NewStub(channel_);
-    models_ = v1::ModelService::NewStub(channel_);
-  }
-
-  void Kill() {
-    program_.Signal(SIGKILL);
-    program_.Wait();
-  }
-  server::Program& program() { return program_; }
-  const std::string& address() const { return address_; }
-  v1::SessionService::Stub& sessions() { return *sessions_; }
-  v1::ModelService::Stub& models() { return *models_; }
-
- private:
-  static std::vector<std::string> WithAddress(std::vector<std::string> arguments) {
-    arguments.insert(arguments.end(), {"--listen", "127.0.0.1:0"});
-    return arguments;
-  }
-
-  server::Program program_;
-  std::string address_;
-  std::shared_ptr<grpc::Channel> channel_;
-  std::unique_ptr<v1::SessionService::Stub> sessions_;
-  std::unique_ptr<v1::ModelService::Stub> models_;
-};
 
 // Measures the longest time between two calls of Note().
 class PauseTimer {
@@ -100,64 +63,20 @@ class RawClient {
   // Streams until the client has this number of poses, or until the stream breaks (if allowed), or to the end; returns
   // true if the summary was received.
   bool Stream(RunningServer& server, size_t stop_at_poses) {
-    grpc::ClientContext context;
-    const auto stream = server.sessions().Track(&context);
-    v1::TrackRequest request;
-    request.mutable_attach()->set_session(session_.name());
-    request.mutable_attach()->set_resume_token(session_.resume_token());
-    request.mutable_attach()->set_last_pose_seq(poses_.size());
-    stream->Write(request);
-    v1::TrackResponse response;
-    bool summary = false;
-    uint64_t next_seq = 0;
-    uint64_t processed_seq = 0;
-    bool end_was_sent = false;
-    while (!summary && (next_seq == 0 || poses_.size() < stop_at_poses)) {
-      if (!stream->Read(&response)) {
-        const grpc::Status status = stream->Finish();
+    server::RawTrack track(server.sessions());
+    track.Attach(session_, poses_.size());
+    Position position;
+    while (!position.has_summary && (position.next_seq == 0 || poses_.size() < stop_at_poses)) {
+      v1::TrackResponse response;
+      if (!track.Read(response)) {
+        const grpc::Status status = track.Finish();
         EXPECT_TRUE(may_break_) << status.error_code() << " " << status.error_message();
         return false;
       }
-      if (response.has_attached()) {
-        next_seq = response.attached().next_seq();
-        processed_seq = next_seq - 1;
-        session_.set_resume_token(response.attached().resume_token());
-        pose_pause_.Reset();
-        durable_pause_.Reset();
-        durable_pause_.Note();
-        // Chunks that are not durable are kept; durable ones are never sent again.
-        EXPECT_GE(next_seq, durable_seq_ + 1);
-        EXPECT_EQ(response.attached().first_pose_seq(), poses_.size() + 1);
-      }
-      if (response.has_pose()) AddPose(*response.mutable_pose());
-      if (response.has_ack()) {
-        processed_seq = std::max(processed_seq, response.ack().processed_seq());
-        RaiseDurable(response.ack().durable_seq());
-      }
-      if (response.notice().has_go_away() && on_go_away_ != nullptr) on_go_away_();
-      summary = response.has_summary();
-      if (summary) {
-        pose_pause_.Note();
-        durable_pause_.Note();
-        EXPECT_EQ(response.summary().health().poses(), poses_.size());
-      }
-      for (; next_seq > 0 && next_seq <= chunks_.size() && next_seq <= processed_seq + kChunksAhead; ++next_seq) {
-        v1::TrackRequest chunk;
-        chunk.mutable_events()->set_seq(next_seq);
-        chunk.mutable_events()->set_payload(chunks_[next_seq - 1]);
-        stream->Write(chunk);
-      }
-      if (next_seq == chunks_.size() + 1 && !end_was_sent) {
-        end_was_sent = true;
-        v1::TrackRequest end;
-        end.mutable_end();
-        stream->Write(end);
-      }
+      HandleResponse(response, position);
+      SendAhead(track, position);
     }
-    context.TryCancel();
-    while (stream->Read(&response)) continue;
-    (void)stream->Finish();
-    return summary;
+    return position.has_summary;
   }
 
   // Sets a callback that is called after each pose, with the number of poses so far.
@@ -176,6 +95,53 @@ class RawClient {
   const PauseTimer& durable_pause() const { return durable_pause_; }
 
  private:
+  // The state of one stream.
+  struct Position {
+    uint64_t next_seq = 0;  // of the next chunk to send; 0 until the stream is attached
+    uint64_t processed_seq = 0;
+    bool end_was_sent = false;
+    bool has_summary = false;
+  };
+
+  void HandleResponse(v1::TrackResponse& response, Position& position) {
+    if (response.has_attached()) {
+      position.next_seq = response.attached().next_seq();
+      position.processed_seq = position.next_seq - 1;
+      session_.set_resume_token(response.attached().resume_token());
+      pose_pause_.Reset();
+      durable_pause_.Reset();
+      durable_pause_.Note();
+      // Chunks that are not durable are kept; durable ones are never sent again.
+      EXPECT_GE(position.next_seq, durable_seq_ + 1);
+      EXPECT_EQ(response.attached().first_pose_seq(), poses_.size() + 1);
+    }
+    if (response.has_pose()) AddPose(*response.mutable_pose());
+    if (response.has_ack()) {
+      position.processed_seq = std::max(position.processed_seq, response.ack().processed_seq());
+      RaiseDurable(response.ack().durable_seq());
+    }
+    if (response.notice().has_go_away() && on_go_away_ != nullptr) on_go_away_();
+    position.has_summary = response.has_summary();
+    if (position.has_summary) {
+      pose_pause_.Note();
+      durable_pause_.Note();
+      EXPECT_EQ(response.summary().health().poses(), poses_.size());
+    }
+  }
+
+  // Sends the chunks that are not processed yet, up to kChunksAhead, and after the last one the end.
+  void SendAhead(server::RawTrack& track, Position& position) const {
+    uint64_t& next_seq = position.next_seq;
+    for (; next_seq > 0 && next_seq <= chunks_.size() && next_seq <= position.processed_seq + kChunksAhead;
+         ++next_seq) {
+      track.Events(next_seq, chunks_[next_seq - 1]);
+    }
+    if (next_seq == chunks_.size() + 1 && !position.end_was_sent) {
+      position.end_was_sent = true;
+      track.End();
+    }
+  }
+
   void RaiseDurable(uint64_t durable_seq) {
     if (durable_seq <= durable_seq_) return;
     durable_pause_.Note();
@@ -246,8 +212,7 @@ class SurvivalFixture : public CliTest {
     return client.poses();
   }
 
- private:
-  std::vector<std::string> chunks_;
+  std::vector<std::string> chunks_;  // of the recording
 };
 
 }  // namespace evpose

@@ -12,7 +12,6 @@
 #include <string>
 #include <vector>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "evpose/client.h"
@@ -29,25 +28,20 @@ using ::testing::HasSubstr;
 using ::testing::IsSupersetOf;
 using Line = nlohmann::json;
 
-int PortOf(const std::string& address) {
-  int port = 0;
-  EXPECT_TRUE(absl::SimpleAtoi(address.substr(address.rfind(':') + 1), &port)) << address;
-  return port;
-}
-
 // A server with its log as JSON and its metrics.
 class TracedServer {
  public:
   explicit TracedServer(const std::string& data_dir)
-      : server_({"--store", "sqlite", "--data-dir", data_dir, "--log-format", "json", "--log-level", "debug",
-                 "--metrics-listen", "127.0.0.1:0"}),
-        metrics_port_(PortOf(server_.program().ReadLine())) {}
+      : server_(WithMetrics(
+            {"--store", "sqlite", "--data-dir", data_dir, "--log-format", "json", "--log-level", "debug"})) {}
 
-  int port() const { return PortOf(server_.address()); }
+  int port() const { return server::PortOf(server_.address()); }
   void Kill() { server_.Kill(); }
   // The metrics in the format that has exemplars.
   std::string Metrics() const {
-    return server::Ask(metrics_port_, "/metrics", "GET", "", "Accept: application/openmetrics-text\r\n").body;
+    return server::Ask(server::PortOf(server_.metrics_address()), "/metrics", "GET", "",
+                       "Accept: application/openmetrics-text\r\n")
+        .body;
   }
   // The lines of the log about a session.
   std::vector<Line> LinesOf(const std::string& session) {
@@ -66,7 +60,6 @@ class TracedServer {
 
  private:
   RunningServer server_;
-  const int metrics_port_;
 };
 
 std::vector<std::string> EventsOf(const std::vector<Line>& lines) {

@@ -9,11 +9,11 @@
 #include <filesystem>
 #include <future>
 #include <string>
-#include <thread>
 
 #include "client/lib/fake_clock_testing.h"
 #include "client/lib/messages/status_details.h"
 #include "client/lib/stream/event_feed.h"
+#include "core/base/poll_testing.h"
 #include "core/base/status_macros.h"
 #include "core/base/temporary_directory_testing.h"
 
@@ -126,14 +126,14 @@ TEST_F(OutboxTest, FullMemoryMakesTheSourceWait) {
   Open(options);
   ASSERT_TRUE(Append(800).ok());
   auto second = std::async(std::launch::async, [this] { return Append(800); });
-  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return outbox_->state().is_waiting; }));
   EXPECT_EQ(outbox_->state().last.seq, 1u);
   outbox_->Release(1);
   EXPECT_TRUE(second.get().ok());
   EXPECT_EQ(outbox_->state().last.seq, 2u);
   EXPECT_FALSE(outbox_->state().is_waiting);
   auto third = std::async(std::launch::async, [this] { return Append(800); });
-  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return outbox_->state().is_waiting; }));
   stop_.request_stop();
   EXPECT_EQ(third.get().code(), absl::StatusCode::kCancelled);
 }
@@ -173,7 +173,7 @@ TEST_F(OutboxTest, FullSpoolMakesTheSourceWait) {
   Open(options);
   for (int i = 0; i < 15; ++i) ASSERT_TRUE(Append(1 << 20).ok());
   auto next = std::async(std::launch::async, [this] { return Append(1 << 20); });
-  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return outbox_->state().is_waiting; }));
   outbox_->Release(2);
   EXPECT_TRUE(next.get().ok());
 }
@@ -302,7 +302,7 @@ TEST_F(OutboxTest, RetainedChunksGiveWayInAFullSpool) {
   outbox_->Release(1);
   EXPECT_EQ(outbox_->FirstSeq(), 1u);
   auto next = std::async(std::launch::async, [this] { return Append(3 << 20); });
-  while (!outbox_->state().is_waiting) std::this_thread::yield();
+  EXPECT_TRUE(Poll([this] { return outbox_->state().is_waiting; }));
   EXPECT_EQ(outbox_->FirstSeq(), 2u);
   EXPECT_EQ(outbox_->Get(1, stop_.get_token()).status().code(), absl::StatusCode::kDataLoss);
   outbox_->Release(3);
@@ -468,7 +468,7 @@ TEST(EventFeedTest, ReadsAheadUpToTheLimit) {
   ASSERT_TRUE(feed.ok());
   (*feed)->Start(1000);
   for (uint64_t seq = 1; seq <= 10; ++seq) ASSERT_TRUE((*feed)->outbox().Get(seq, {}).ok());
-  while ((*feed)->outbox().state().last.bytes < size_t{14} * 16) std::this_thread::yield();
+  EXPECT_TRUE(Poll([&] { return (*feed)->outbox().state().last.bytes >= size_t{14} * 16; }));
   (*feed)->Stop();
   EXPECT_EQ(num_read, 14);
 }

@@ -16,11 +16,12 @@
 #include "core/base/certificates_testing.h"
 #include "core/base/environment_testing.h"
 #include "core/base/output_file.h"
+#include "core/base/poll_testing.h"
 #include "core/base/version.h"
 #include "server/auth/token_file.h"
-#include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
 #include "tests/integration/cutting_proxy.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -30,7 +31,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
 
-class TrustTest : public CliTest {
+class AuthenticationCliTest : public CliTest {
  protected:
   void SetUp() override {
     CliTest::SetUp();
@@ -49,9 +50,7 @@ class TrustTest : public CliTest {
   }
 
   static std::unique_ptr<server::Server> Start(const server::ServerOptions& options) {
-    auto server = server::Server::Start(options);
-    EXPECT_TRUE(server.ok()) << server.status();
-    return *std::move(server);
+    return StartLocalServer(options).server;
   }
   CliResult List(const server::Server& server, std::vector<std::string> more) const {
     more.insert(more.begin(), {"sessions", "list", "--server", "localhost:" + std::to_string(server.port())});
@@ -64,7 +63,7 @@ class TrustTest : public CliTest {
   std::unique_ptr<server::Server> tls_;
 };
 
-TEST_F(TrustTest, DoctorSaysWhyAServerRefuses) {
+TEST_F(AuthenticationCliTest, DoctorSaysWhyAServerRefuses) {
   const auto doctor = [this](const server::Server& server, std::vector<std::string> more) {
     more.insert(more.begin(),
                 {"doctor", "--server", "localhost:" + std::to_string(server.port()), "--connect-timeout", "3"});
@@ -81,7 +80,7 @@ TEST_F(TrustTest, DoctorSaysWhyAServerRefuses) {
               HasSubstr("ok           connection"));
 }
 
-TEST_F(TrustTest, WhereATokenComesFrom) {
+TEST_F(AuthenticationCliTest, WhereATokenComesFrom) {
   EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0);
   const CliResult none = List(*plain_, {});
   EXPECT_EQ(none.status, 1);
@@ -97,7 +96,7 @@ TEST_F(TrustTest, WhereATokenComesFrom) {
   EXPECT_EQ(List(*plain_, {"--token-file", Path("lab.token")}).status, 0) << "the file takes precedence";
 }
 
-TEST_F(TrustTest, TokenFilesThatCannotBeUsed) {
+TEST_F(AuthenticationCliTest, TokenFilesThatCannotBeUsed) {
   EXPECT_THAT(List(*plain_, {"--token-file", Path("none")}).err, HasSubstr(Path("none")));
   WriteText("open.token", lab_.token);
   std::filesystem::permissions(Path("open.token"), static_cast<std::filesystem::perms>(0640));
@@ -113,7 +112,7 @@ TEST_F(TrustTest, TokenFilesThatCannotBeUsed) {
       AllOf(HasSubstr(Path("tokens") + ": is no token"), HasSubstr("a server's list of tokens is none either")));
 }
 
-TEST_F(TrustTest, OptionsOfTls) {
+TEST_F(AuthenticationCliTest, OptionsOfTls) {
   const std::vector<std::string> token = {"--token-file", Path("lab.token")};
   const auto with = [&token](std::vector<std::string> more) {
     more.insert(more.end(), token.begin(), token.end());
@@ -128,7 +127,7 @@ TEST_F(TrustTest, OptionsOfTls) {
   EXPECT_THAT(half.err, HasSubstr("--tls-cert and --tls-key belong together"));
 }
 
-TEST_F(TrustTest, OptionsForAServerNeedAServer) {
+TEST_F(AuthenticationCliTest, OptionsForAServerNeedAServer) {
   const std::vector<std::vector<std::string>> ways = {
       {"--tls-ca", "file"},       {"--tls-cert", "file"}, {"--tls-key", "file"}, {"--token-file", "file"},
       {"--connect-timeout", "5"}, {"--max-outage", "5"},  {"--keep-session"},    {"--tls"}};
@@ -141,7 +140,7 @@ TEST_F(TrustTest, OptionsForAServerNeedAServer) {
   }
 }
 
-TEST_F(TrustTest, ATokenThatCannotBePrintedIsAnError) {
+TEST_F(AuthenticationCliTest, ATokenThatCannotBePrintedIsAnError) {
   const CliResult result = RunShell("evpose-server --new-token lab --token-file made > /dev/full");
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, HasSubstr("the token could not be written"));
@@ -151,7 +150,7 @@ TEST_F(TrustTest, ATokenThatCannotBePrintedIsAnError) {
   EXPECT_THAT(help.err, HasSubstr("the disk is full"));
 }
 
-TEST_F(TrustTest, AnErrorOfTlsIsOneLine) {
+TEST_F(AuthenticationCliTest, AnErrorOfTlsIsOneLine) {
   const std::string to = "evpose sessions list --token-file lab.token --connect-timeout 5 --server localhost:";
   for (const std::string& command : {absl::StrCat(to, tls_->port(), " --tls"), absl::StrCat(to, tls_->port()),
                                      absl::StrCat(to, plain_->port(), " --tls-ca ca.crt")}) {
@@ -162,7 +161,7 @@ TEST_F(TrustTest, AnErrorOfTlsIsOneLine) {
   }
 }
 
-TEST_F(TrustTest, DrainAndLogLevelNeedAnOperator) {
+TEST_F(AuthenticationCliTest, DrainAndLogLevelNeedAnOperator) {
   const std::string address = "localhost:" + std::to_string(plain_->port());
   const auto run = [&](std::vector<std::string> command) {
     command.insert(command.end(), {"--server", address, "--token-file", Path("lab.token")});
@@ -180,7 +179,7 @@ TEST_F(TrustTest, DrainAndLogLevelNeedAnOperator) {
   EXPECT_EQ(info.Json()["commit"], ThisBuild().commit);
 }
 
-TEST_F(TrustTest, AReplayThroughTlsGivesTheSamePoses) {
+TEST_F(AuthenticationCliTest, AReplayThroughTlsGivesTheSamePoses) {
   SimulateCube(0.1);
   ASSERT_EQ(Run(ReplayArguments("inside.tum")).status, 0);
   const CliResult result =
@@ -191,16 +190,16 @@ TEST_F(TrustTest, AReplayThroughTlsGivesTheSamePoses) {
   EXPECT_EQ(ReadText("tls.tum"), ReadText("inside.tum"));
 }
 
-TEST_F(TrustTest, ABrokenStreamResumesWithTheCurrentToken) {
+TEST_F(AuthenticationCliTest, ABrokenStreamResumesWithTheCurrentToken) {
   SimulateCube(0.3);
   ASSERT_EQ(Run(ReplayArguments("inside.tum")).status, 0);
   CuttingProxy proxy;
   proxy.SetTarget(plain_->port());
   proxy.CutAfter(std::vector<uint64_t>(10, 50'000));
   const std::jthread renewal([&] {
-    while (proxy.num_cut() == 0) std::this_thread::yield();
+    EXPECT_TRUE(Poll([&] { return proxy.num_cut() > 0; }));
     proxy.SetTarget(0);
-    while (proxy.num_refused() == 0) std::this_thread::yield();
+    EXPECT_TRUE(Poll([&] { return proxy.num_refused() > 0; }));
     // No client is connected: from now on every call with the first token fails.
     const server::NewToken renewed = server::MakeToken("lab", false).value();
     WriteText("tokens", renewed.line + "\n");
@@ -216,7 +215,7 @@ TEST_F(TrustTest, ABrokenStreamResumesWithTheCurrentToken) {
   EXPECT_EQ(ReadText("renewed.tum"), ReadText("inside.tum"));
 }
 
-TEST_F(TrustTest, TheNameInACertificateIsTheTenant) {
+TEST_F(AuthenticationCliTest, TheNameInACertificateIsTheTenant) {
   for (const std::string tenant : {"lab", "field"}) {
     const TestCertificate certificate = authority_.Issue({.common_name = tenant});
     WriteText(tenant + ".crt", certificate.certificate_pem);
@@ -250,8 +249,8 @@ TEST_F(TrustTest, TheNameInACertificateIsTheTenant) {
   EXPECT_THAT(Run(drain).err, HasSubstr("the caller is no operator"));
 }
 
-TEST_F(TrustTest, TheCommandsOfTheReadmeWorkAsPrinted) {
-  const std::string readme = ReadFile(EVPOSE_README, 1u << 20).value();
+TEST_F(AuthenticationCliTest, TheCommandsOfTheReadmeWorkAsPrinted) {
+  const std::string readme = ReadFile(EVPOSE_AUTH_README, 1u << 20).value();
   const std::string marker = "<!-- who may use a server -->\n```\n";
   const size_t begin = readme.find(marker);
   ASSERT_NE(begin, std::string::npos);
@@ -263,8 +262,8 @@ TEST_F(TrustTest, TheCommandsOfTheReadmeWorkAsPrinted) {
                                         {"localhost:50051", "localhost:$(cat port)"},
                                         {"--token-file tokens &\n",
                                          "--token-file tokens &\nserver=$!\ntrap 'kill $server; wait $server' EXIT\n"
-                                         "while ! test -s port; do kill -0 $server; done\n"}});
-  ASSERT_NE(script.find("kill -0"), std::string::npos) << original;
+                                         "pid=$server\nawait 'test -s port'\n"}});
+  ASSERT_NE(script.find("await "), std::string::npos) << original;
   std::filesystem::create_directories(Path("readme"));
   const CliResult result = RunShell("cd readme\n" + script);
   EXPECT_EQ(result.status, 0) << script << result.err;
