@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/poll_testing.h"
 #include "server/stores/postgres/postgres_store.h"
 #include "server/stores/postgres/postgres_testing.h"
 #include "server/stores/store_suite_testing.h"
@@ -33,7 +34,8 @@ std::unique_ptr<Store> OpenAt(const std::string& url, absl::Duration timeout) {
 }
 
 void AwaitWaitingCommits(const PostgresServer& primary, const std::string& number) {
-  while (primary.Run("SELECT count(*) FROM pg_stat_activity WHERE wait_event = 'SyncRep'") != number) continue;
+  EXPECT_TRUE(Poll(
+      [&] { return primary.Run("SELECT count(*) FROM pg_stat_activity WHERE wait_event = 'SyncRep'") == number; }));
 }
 
 class PostgresStandbyTest : public testing::Test {
@@ -67,7 +69,8 @@ TEST_F(PostgresStandbyTest, WithoutItsStandbyNothingIsAcknowledged) {
   EXPECT_THAT(std::string(warned.message()), HasSubstr("synchronous replication"));
 
   primary_.SetSynchronous("");
-  while (!CommitNow(*lease, {.checkpoint = "2", .poses = {Segment("a", 1, 3), Segment("a", 4, 4)}}).ok()) continue;
+  const SessionCommit next = {.checkpoint = "2", .poses = {Segment("a", 1, 3), Segment("a", 4, 4)}};
+  ASSERT_TRUE(Poll([&] { return CommitNow(*lease, next).ok(); }));
   EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3 4-4");
   EXPECT_EQ(CommitNow(*other, {.checkpoint = "2"}), absl::OkStatus());
 }

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/poll_testing.h"
 #include "server/stores/open_store.h"
 #include "server/stores/postgres/postgres_records.h"
 #include "server/stores/postgres/postgres_schema.h"
@@ -179,14 +180,17 @@ TEST_F(PostgresStoreFixture, AServerThatBecomesReadOnlyIsLeft) {
   postgres_.Run("ALTER SYSTEM SET default_transaction_read_only = on");
   postgres_.Run("SELECT pg_reload_conf()");
   absl::Status status;
-  while (status.ok()) status = CommitNow(*lease, {.checkpoint = "1"});
+  ASSERT_TRUE(Poll([&] {
+    status = CommitNow(*lease, {.checkpoint = "1"});
+    return !status.ok();
+  }));
   EXPECT_EQ(status.code(), StatusCode::kUnavailable) << status;
   status = CommitNow(*lease, {.checkpoint = "1"});
   EXPECT_EQ(status.code(), StatusCode::kUnavailable) << status;
   EXPECT_THAT(std::string(status.message()), HasSubstr("session is read-only")) << "it looks for another server";
   postgres_.Run("ALTER SYSTEM RESET default_transaction_read_only");
   postgres_.Run("SELECT pg_reload_conf()");
-  while (!CommitNow(*lease, {.checkpoint = "2"}).ok()) continue;
+  ASSERT_TRUE(Poll([&] { return CommitNow(*lease, {.checkpoint = "2"}).ok(); }));
   EXPECT_EQ(store->ReadSession("sessions/a")->checkpoint, "2");
 }
 

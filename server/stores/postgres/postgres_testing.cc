@@ -19,6 +19,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/poll_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -167,12 +168,13 @@ void PostgresServer::Stop() { Signal(SIGINT); }
 void PostgresServer::SetSynchronous(const std::string& standby) const {
   Run("ALTER SYSTEM SET synchronous_standby_names = '" + standby + "'");
   Run("SELECT pg_reload_conf()");
-  while (Run("SHOW synchronous_standby_names") != standby) continue;
+  ASSERT_TRUE(Poll([&] { return Run("SHOW synchronous_standby_names") == standby; }));
 }
 
 void PostgresServer::AwaitSynchronous(const std::string& standby) const {
   SetSynchronous(standby);
-  while (Run("SELECT count(*) FROM pg_stat_replication WHERE sync_state = 'sync'") != "1") continue;
+  ASSERT_TRUE(
+      Poll([this] { return Run("SELECT count(*) FROM pg_stat_replication WHERE sync_state = 'sync'") == "1"; }));
 }
 
 std::string PostgresServer::Run(const std::string& sql) const {

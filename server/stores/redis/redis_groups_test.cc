@@ -14,6 +14,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "core/base/poll_testing.h"
 #include "server/stores/open_store.h"
 #include "server/stores/redis/redis_groups_file.h"
 #include "server/stores/redis/redis_store.h"
@@ -352,8 +353,11 @@ TEST_F(RedisGroupsTest, AMoveThatWasInterruptedIsCompleted) {
   ASSERT_EQ(groups.Divide([](const RedisGroups::Move&) {}), absl::OkStatus());
   groups.Close();
   for (size_t i = 0; i < names.size(); ++i) {
-    absl::Status status = absl::UnavailableError("");
-    while (absl::IsUnavailable(status)) status = CommitNow(*leases[i], {.checkpoint = "3"});
+    absl::Status status;
+    EXPECT_TRUE(Poll([&] {
+      status = CommitNow(*leases[i], {.checkpoint = "3"});
+      return !absl::IsUnavailable(status);
+    }));
     EXPECT_EQ(status, absl::OkStatus()) << names[i];
     EXPECT_EQ(store->ReadSession(names[i])->checkpoint, "3");
   }
@@ -374,7 +378,7 @@ std::vector<std::string> WordsOf(const std::string& line) {
 TEST(RedisClusterTest, ScriptsUseOnlyTheKeysThatTheyDeclare) {
   const RedisServer redis({"--cluster-enabled", "yes"}, "", RedisServer::Listens::kOnPortToo);
   EXPECT_EQ(redis.Text({"CLUSTER", "ADDSLOTSRANGE", "0", "16383"}), "OK");
-  while (!absl::StrContains(redis.Text({"CLUSTER", "INFO"}), "cluster_state:ok")) continue;
+  ASSERT_TRUE(Poll([&] { return absl::StrContains(redis.Text({"CLUSTER", "INFO"}), "cluster_state:ok"); }));
   const std::unique_ptr<Store> store = OpenStore({.store = redis.url()}).value();
   RedisFeed commands(ParseRedisAddress(redis.url()).value(), {"MONITOR"});
   SessionRecord record = {.name = store->NewSessionName("lab", "1").value(), .tenant = "lab", .request_id = "1"};

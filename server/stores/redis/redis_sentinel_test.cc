@@ -19,6 +19,8 @@
 
 #include "absl/strings/match.h"
 #include "absl/time/time.h"
+#include "core/base/closed_port_testing.h"
+#include "core/base/poll_testing.h"
 #include "server/stores/open_store.h"
 #include "server/stores/redis/redis_store.h"
 #include "server/stores/redis/redis_testing.h"
@@ -65,12 +67,14 @@ TEST(RedisSentinelAddressTest, ErrorsDoNotContainThePassword) {
 }
 
 TEST(RedisSentinelTest, WithoutASentinelEachIsNamedWithTheReason) {
+  const ClosedPort one, two;
   const absl::Status status =
-      OpenStore({.store = "redis+sentinel://me:secret@127.0.0.1:1,127.0.0.1:2/cameras"}).status();
+      OpenStore({.store = "redis+sentinel://me:secret@" + one.address() + "," + two.address() + "/cameras"}).status();
   EXPECT_EQ(status.code(), StatusCode::kUnavailable);
   EXPECT_EQ(status.message(),
-            "no Sentinel names the master cameras: 127.0.0.1:1 does not respond: Connection refused; 127.0.0.1:2 does "
-            "not respond: Connection refused: start the Sentinels, or correct their addresses in --store");
+            "no Sentinel names the master cameras: " + one.address() + " does not respond: Connection refused; " +
+                two.address() +
+                " does not respond: Connection refused: start the Sentinels, or correct their addresses in --store");
 }
 
 // A busy machine must not be taken for a lost master or replica. A call does not wait for a failover, so that a test
@@ -114,15 +118,21 @@ class RedisSentinelFixture : public testing::Test {
   std::unique_ptr<Store> OpenImpatient() const {
     RedisStoreOptions options = Options();
     options.client.replica_timeout = absl::Seconds(1);
-    absl::StatusOr<std::unique_ptr<Store>> store = absl::UnavailableError("");
-    while (absl::IsUnavailable(store.status())) store = OpenRedisStore(options);
+    absl::StatusOr<std::unique_ptr<Store>> store;
+    EXPECT_TRUE(Poll([&] {
+      store = OpenRedisStore(options);
+      return !absl::IsUnavailable(store.status());
+    }));
     return std::move(store).value();
   }
   // Creates a session with a patient store and takes it with `store`.
   std::unique_ptr<SessionLease> Create(Store& store, const std::string& name) const {
     EXPECT_EQ(Open()->CreateSession(Record(name), "life").status(), absl::OkStatus());
-    absl::StatusOr<Store::Taken> taken = absl::UnavailableError("");
-    while (absl::IsUnavailable(taken.status())) taken = store.TakeSession(name);
+    absl::StatusOr<Store::Taken> taken;
+    EXPECT_TRUE(Poll([&] {
+      taken = store.TakeSession(name);
+      return !absl::IsUnavailable(taken.status());
+    }));
     return std::move(taken.value().lease);
   }
   // The Sentinels replace the master after this time where a test expects it, and only there.
@@ -135,8 +145,11 @@ class RedisSentinelFixture : public testing::Test {
 
   // Repeats a commit that ends with UNAVAILABLE, as a session does. Each has waited for a replica before.
   static absl::Status CommitUntilAcknowledged(SessionLease& lease, const SessionCommit& commit) {
-    absl::Status status = absl::UnavailableError("");
-    while (absl::IsUnavailable(status)) status = CommitNow(lease, commit);
+    absl::Status status;
+    EXPECT_TRUE(Poll([&] {
+      status = CommitNow(lease, commit);
+      return !absl::IsUnavailable(status);
+    }));
     return status;
   }
 
@@ -196,8 +209,11 @@ TEST_F(RedisSentinelFixture, WritesAreNotAcknowledgedBeforeAReplicaHasThem) {
   EXPECT_TRUE(
       CommitUntilAcknowledged(*lease, {.checkpoint = "3", .poses = {Segment("a", 4, 5), Segment("a", 6, 6)}}).ok());
   EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3 4-5 6-6");
-  absl::Status health = absl::UnavailableError("");
-  while (absl::IsUnavailable(health)) health = store->CheckHealth();
+  absl::Status health;
+  EXPECT_TRUE(Poll([&] {
+    health = store->CheckHealth();
+    return !absl::IsUnavailable(health);
+  }));
   EXPECT_EQ(health, absl::OkStatus());
 }
 
