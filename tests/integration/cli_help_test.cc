@@ -19,8 +19,8 @@
 #include "client/convert_hdf5/hdf5_arguments.h"
 #include "client/convert_step/step_arguments.h"
 #include "core/command_line/help.h"
-#include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -58,9 +58,7 @@ std::vector<std::string> Examples(const std::string& help) {
 }
 
 TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
-  auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  const LocalServer server = StartLocalServer();
   std::set<std::string> done;  // most begin with the same simulation
   // Commands that delete run after those that need the data, and the one that drains the server runs last.
   for (const char* command : {"",
@@ -106,7 +104,7 @@ TEST_F(CliTest, ExamplesOfEveryHelpWorkAsPrinted) {
       const bool sets_variable = example.find("=$(") != std::string::npos;
       if (!done.insert(example).second && !sets_variable) continue;
       // The server of this test listens on a port of its own.
-      absl::StrAppend(&script, EndingCommand(absl::StrReplaceAll(example, {{kDefaultAddress, address}})), "\n");
+      absl::StrAppend(&script, EndingCommand(absl::StrReplaceAll(example, {{kDefaultAddress, server.address}})), "\n");
     }
     const CliResult result = RunShell(script);
     if (result.err.find(kWithoutPage) != std::string::npos) continue;

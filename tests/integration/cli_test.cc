@@ -20,8 +20,10 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "server/rpc/server.h"
+#include "core/base/closed_port_testing.h"
+#include "core/base/poll_testing.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -56,7 +58,7 @@ TEST_F(CliTest, InterruptEndsAFollowedRecordingCleanly) {
       "--json --init-pose '" +
       FirstPose() +
       "' & pid=$!\n"
-      "while [ -z \"$(ls | grep poses.tum.partial)\" ]; do :; done\n"
+      "await 'ls | grep -q poses.tum.partial'\n"
       "kill -TERM $pid\n"
       "wait $pid");
   const nlohmann::json report = result.Json();
@@ -83,8 +85,11 @@ TEST_F(CliTest, AWaitForAServerIsStated) {
   std::ostringstream out;
   client::CliContext context{out, err};
   context.is_interrupted = [&] { return buffer.is_interrupted.load(); };
-  EXPECT_EQ(client::RunCli({"sessions", "list", "--server", "127.0.0.1:1", "--connect-timeout", "86400"}, context), 1);
-  EXPECT_THAT(buffer.str(), ::testing::StartsWith("waiting for a server at 127.0.0.1:1 ...\nevpose sessions list: "));
+  const ClosedPort closed;
+  EXPECT_EQ(client::RunCli({"sessions", "list", "--server", closed.address(), "--connect-timeout", "86400"}, context),
+            1);
+  EXPECT_THAT(buffer.str(),
+              ::testing::StartsWith("waiting for a server at " + closed.address() + " ...\nevpose sessions list: "));
 }
 
 TEST_F(CliTest, AWaitForARecordingIsStated) {
@@ -151,9 +156,8 @@ TEST_F(CliTest, ErrorsOfAModelNameItsFile) {
 
 TEST_F(CliTest, AResultThatCannotBeWrittenIsAnError) {
   SimulateCube(0.02);
-  auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = " --server 127.0.0.1:" + std::to_string((*server)->port());
+  const LocalServer server = StartLocalServer();
+  const std::string address = " --server 127.0.0.1:" + std::to_string(server.server->port());
   const std::string replay =
       "evpose replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml --json --init-pose '" +
       FirstPose() + "'";
@@ -173,15 +177,14 @@ TEST_F(CliTest, AResultThatCannotBeWrittenIsAnError) {
 
 TEST_F(CliTest, WatchSaysThatItWaitsForPosesOfAStalledSession) {
   SimulateCube(0.02);
-  auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
+  const LocalServer server = StartLocalServer();
   WriteText("pose", FirstPose());
   const CliResult result = RunShell(absl::StrCat(
-      "server='--server 127.0.0.1:", (*server)->port(),
+      "server='--server 127.0.0.1:", server.server->port(),
       "'\nmkfifo events messages\nexec 3<>events\n"
       "evpose stream - --model cube/model.obj --camera cube/camera.yaml --init-pose \"$(cat pose)\" $server <&3 "
-      ">/dev/null 2>&1 &\nstream=$!\ncat cube/recording.raw >&3\n"
-      "while session=$(evpose sessions list $server | head -n 1 | cut -d ' ' -f 1); [ -z \"$session\" ]; do :; done\n"
+      ">/dev/null 2>&1 &\nstream=$!\npid=$stream\ncat cube/recording.raw >&3\n"
+      "await 'session=$(evpose sessions list $server | head -n 1 | cut -d \" \" -f 1); test \"$session\"'\n"
       "evpose watch $session $server >poses.tum 2>messages &\nwatch=$!\n"
       "grep -m 1 waiting <messages | sed s,$session,SESSION,\n"
       "kill -TERM $watch $stream\nwait $watch && wait $stream\n"));
@@ -208,21 +211,21 @@ TEST_F(CliTest, TheReportNamesTheFilesOfPoses) {
 }
 
 // Shell code that waits until process $pid is evpose and handles SIGINT. Before, the process is a shell, which also
-// catches SIGINT; a process that has ended has no executable.
+// catches SIGINT.
 constexpr char kUntilItCatchesInterrupts[] =
-    "until grep -qx evpose /proc/$pid/comm && grep -q '^SigCgt:.*[2367abef]$' /proc/$pid/status; do\n"
-    "  test -e /proc/$pid/exe\n"
-    "done\n";
+    "await 'grep -qx evpose /proc/$pid/comm && grep -q \"^SigCgt:.*[2367abef]\\$\" /proc/$pid/status'\n";
 
 TEST_F(CliTest, AnInterruptEndsTheWaitForAServer) {
   SimulateCube(0.02);
+  const ClosedPort closed;
   for (const std::string& command :
        {std::string("replay cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("stream cube/recording.raw --model cube/model.obj --camera cube/camera.yaml"),
         std::string("watch sessions/a")}) {
     // The timeout is longer than the test, so that only the interrupt can end the wait.
-    const CliResult result = RunShell("evpose " + command + " --server 127.0.0.1:1 --connect-timeout 86400 & pid=$!\n" +
-                                      kUntilItCatchesInterrupts + "kill -INT $pid\nwait $pid");
+    const CliResult result =
+        RunShell("evpose " + command + " --server " + closed.address() + " --connect-timeout 86400 & pid=$!\n" +
+                 kUntilItCatchesInterrupts + "kill -INT $pid\nwait $pid");
     EXPECT_EQ(result.status, 1) << command;
     EXPECT_THAT(result.err, HasSubstr("interrupted before a server")) << command;
   }
@@ -234,7 +237,7 @@ TEST_F(CliTest, AnInterruptEndsTheWaitForTheFirstByte) {
     const CliResult result =
         RunShell("mkfifo pipe; exec 3<>pipe; rm pipe\nevpose " + command +
                  " - --model cube/model.obj --camera cube/camera.yaml <&3 & pid=$!\n" + kUntilItCatchesInterrupts +
-                 "until grep -q 'State:.S' /proc/$pid/status; do test -e /proc/$pid/exe; done\n"
+                 "await 'grep -q State:.S /proc/$pid/status'\n"
                  "kill -INT $pid\nwait $pid");
     EXPECT_EQ(result.status, 1) << command;
     EXPECT_THAT(result.err, HasSubstr("standard input: stopped before the end of its header")) << command;
@@ -248,7 +251,7 @@ TEST_F(CliTest, AnInterruptLeavesNoIncompleteVideo) {
       "evpose render - --poses cube/truth.tum --model cube/model.obj --camera cube/camera.yaml -o film.avi <&3 & "
       "pid=$!\n"
       "cat cube/recording.raw >&3\n"
-      "until ls | grep -q partial; do test -e /proc/$pid/exe; done\n"
+      "await 'ls | grep -q partial'\n"
       "kill -INT $pid\nwait $pid");
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, HasSubstr("evpose render: interrupted: nothing was written"));
@@ -260,7 +263,7 @@ TEST_F(CliTest, AnInterruptedCommandLeavesNoTemporaryFile) {
   const auto interrupted = [this](const std::string& command) {
     return RunShell("mkfifo pipe; exec 3<>pipe; rm pipe\nevpose " + command +
                     " <&3 & pid=$!\ncat cube/recording.raw >&3\n"
-                    "until ls | grep -q partial; do test -e /proc/$pid/exe; done\n"
+                    "await 'ls | grep -q partial'\n"
                     "kill -INT $pid\nwait $pid");
   };
   const CliResult convert = interrupted("convert - out.csv");
@@ -275,7 +278,7 @@ TEST_F(CliTest, AnInterruptedCommandLeavesNoTemporaryFile) {
 TEST_F(CliTest, AnInterruptLeavesNoIncompleteRecording) {
   const CliResult result = RunShell(
       "evpose simulate --object cube --camera vga --duration 600 --out long & pid=$!\n"
-      "until ls long/.simulation-in-progress 2>ignored | grep -q partial; do test -e /proc/$pid/exe; done\n"
+      "await 'ls long/.simulation-in-progress 2>ignored | grep -q partial'\n"
       "kill -INT $pid\nwait $pid");
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, HasSubstr("evpose simulate: interrupted"));
@@ -286,9 +289,8 @@ TEST_F(CliTest, AnInterruptLeavesNoIncompleteRecording) {
 // $outside` returns its exit status.
 std::string AsProcess1(const std::string& evpose) {
   return "unshare --pid --fork --kill-child " + evpose +
-         " & outside=$!\n"
-         "until read pid </proc/$outside/task/$outside/children || test \"$pid\"; do test -e /proc/$outside/exe; "
-         "done\n";
+         " & outside=$!\npid=$outside\n"
+         "await 'read child </proc/$outside/task/$outside/children || test \"$child\"'\npid=$child\n";
 }
 
 // For process 1 the default action of signals is disabled.
@@ -301,21 +303,18 @@ TEST_F(CliTest, Process1EndsAtASignal) {
 
   // One signal requests a clean end. Both signals are pending when the process continues, and it handles the first one
   // last.
-  const CliResult twice =
-      RunShell(AsProcess1("evpose simulate --object cube --camera vga --duration 600 --out long") +
-               "until ls long/.simulation-in-progress 2>ignored | grep -q partial; do test -e /proc/$pid/exe; done\n"
-               "kill -STOP $pid; kill -INT $pid; kill -TERM $pid; kill -CONT $pid\nwait $outside");
+  const CliResult twice = RunShell(AsProcess1("evpose simulate --object cube --camera vga --duration 600 --out long") +
+                                   "await 'ls long/.simulation-in-progress 2>ignored | grep -q partial'\n"
+                                   "kill -STOP $pid; kill -INT $pid; kill -TERM $pid; kill -CONT $pid\nwait $outside");
   EXPECT_EQ(twice.status, 128 + SIGINT) << twice.err;
 }
 
 TEST_F(CliTest, AnInterruptEndsAnOutage) {
   SimulateCube(0.02);
   for (const bool resumes : {false, true}) {
-    auto server = server::Server::Start({});
-    ASSERT_TRUE(server.ok()) << server.status();
-    const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+    const LocalServer server = StartLocalServer();
     std::vector<std::string> arguments =
-        ReplayArguments("poses.tum", {"--follow", "--server", address, "--max-outage", "inf"});
+        ReplayArguments("poses.tum", {"--follow", "--server", server.address, "--max-outage", "inf"});
     if (resumes) arguments.insert(arguments.end(), {"--resume", Path("state")});
     std::atomic<bool> is_interrupted = false;
     std::ostringstream out, err;
@@ -323,11 +322,13 @@ TEST_F(CliTest, AnInterruptEndsAnOutage) {
     context.is_interrupted = [&] { return is_interrupted.load(); };
     auto status = std::async(std::launch::async, [&] { return client::RunCli(arguments, context); });
     // The program follows a file that does not grow, so that only the signal ends it.
-    for (nlohmann::json list; list.empty() || list[0]["poses"] == 0;) {
-      ASSERT_NE(status.wait_for(std::chrono::seconds(0)), std::future_status::ready) << err.str();
-      list = Run({"sessions", "list", "--server", address, "--json"}).Json();
-    }
-    (*server)->Shutdown(absl::ZeroDuration());
+    const auto has_ended = [&] { return status.wait_for(std::chrono::seconds(0)) == std::future_status::ready; };
+    EXPECT_TRUE(Poll([&] {
+      const nlohmann::json list = Run({"sessions", "list", "--server", server.address, "--json"}).Json();
+      return (!list.empty() && list[0]["poses"] > 0) || has_ended();
+    }));
+    ASSERT_FALSE(has_ended()) << err.str();
+    server.server->Shutdown(absl::ZeroDuration());
     is_interrupted = true;
     EXPECT_EQ(status.get(), 1);
     EXPECT_THAT(err.str(), HasSubstr("interrupted while no server responded: "));
@@ -450,14 +451,12 @@ TEST_F(CliTest, EvaluateReportsAnEstimateThatIsFarFromTheTruth) {
 }
 
 TEST_F(CliTest, SessionsThatDoNotExist) {
-  auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  const LocalServer server = StartLocalServer();
   const std::string missing = "sessions/a does not exist; `evpose sessions list` prints the sessions that do\n";
   for (const std::vector<std::string>& command :
        std::vector<std::vector<std::string>>{{"watch"}, {"watch", "--health"}, {"sessions", "get"}}) {
     std::vector<std::string> arguments = command;
-    arguments.insert(arguments.end(), {"sessions/a", "--server", address});
+    arguments.insert(arguments.end(), {"sessions/a", "--server", server.address});
     const CliResult result = Run(arguments);
     EXPECT_EQ(result.status, 1);
     EXPECT_THAT(result.err, ::testing::EndsWith(": " + missing));
@@ -466,18 +465,18 @@ TEST_F(CliTest, SessionsThatDoNotExist) {
     EXPECT_EQ(malformed.status, 2);
     EXPECT_THAT(malformed.err, HasSubstr("the name of a session has the form sessions/ID"));
   }
-  const CliResult deleted = Run({"sessions", "delete", "sessions/a", "--server", address});
+  const CliResult deleted = Run({"sessions", "delete", "sessions/a", "--server", server.address});
   EXPECT_EQ(deleted.status, 0);
   EXPECT_EQ(deleted.err, "evpose sessions delete: " + missing);
-  EXPECT_EQ(Run({"sessions", "delete", "sessions/", "--server", address}).status, 2);
+  EXPECT_EQ(Run({"sessions", "delete", "sessions/", "--server", server.address}).status, 2);
 
   std::ostringstream out, err;
   client::CliContext terminal{out, err};
   terminal.is_err_terminal = true;
-  EXPECT_EQ(client::RunCli({"sessions", "list", "--server", address}, terminal), 0);
+  EXPECT_EQ(client::RunCli({"sessions", "list", "--server", server.address}, terminal), 0);
   EXPECT_EQ(out.str(), "");
   EXPECT_EQ(err.str(), "no sessions\n");
-  EXPECT_EQ(Run({"sessions", "list", "--server", address}).err, "") << "a script";
+  EXPECT_EQ(Run({"sessions", "list", "--server", server.address}).err, "") << "a script";
 }
 
 TEST_F(CliTest, MissingFilesHaveOneMessage) {

@@ -12,9 +12,9 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "server/rpc/server.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -24,16 +24,14 @@ using ::testing::HasSubstr;
 class ModelFormatsTest : public CliTest {};
 
 TEST_F(ModelFormatsTest, AnUploadConvertsOtherFormats) {
-  const auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  const LocalServer server = StartLocalServer();
   const CliResult label =
-      Run({"models", "upload", FindTestData("models/label_box.glb"), "--server", address, "--json"});
+      Run({"models", "upload", FindTestData("models/label_box.glb"), "--server", server.address, "--json"});
   ASSERT_EQ(label.status, 0) << label.err;
   EXPECT_NEAR(label.Json()["diameter_m"].get<double>(), 0.01 * std::sqrt(14.0), 1e-7);
   EXPECT_GE(label.Json()["lines"], 16) << "twelve edges of the box and four of the label";
   EXPECT_THAT(label.Json()["notices"][0].get<std::string>(), HasSubstr("painted lines"));
-  const CliResult parsec = Run({"models", "upload", FindTestData("models/box_parsec.3mf"), "--server", address});
+  const CliResult parsec = Run({"models", "upload", FindTestData("models/box_parsec.3mf"), "--server", server.address});
   EXPECT_EQ(parsec.status, 1);
   EXPECT_THAT(parsec.err, HasSubstr("box_parsec.3mf: its unit \"parsec\" is unknown"));
 }

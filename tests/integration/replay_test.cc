@@ -19,14 +19,15 @@
 
 #include "client/lib/fake_clock_testing.h"
 #include "client/lib/messages/core_types.h"
+#include "core/base/poll_testing.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
 #include "core/models/object_model.h"
 #include "evpose/client.h"
 #include "evpose/recording.h"
-#include "server/rpc/server.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -36,15 +37,9 @@ using ::testing::HasSubstr;
 
 class ReplayTest : public CliTest {
  protected:
-  void StartServer() {
-    auto server = server::Server::Start({});
-    ASSERT_TRUE(server.ok()) << server.status();
-    server_ = *std::move(server);
-    address_ = "127.0.0.1:" + std::to_string(server_->port());
-  }
+  void StartServer() { server_ = StartLocalServer(); }
 
-  std::unique_ptr<server::Server> server_;
-  std::string address_;
+  LocalServer server_;
 };
 
 TEST_F(ReplayTest, SameBytesAtAnyRateOnAnyChunkingInProcessAndOverASocket) {
@@ -59,10 +54,10 @@ TEST_F(ReplayTest, SameBytesAtAnyRateOnAnyChunkingInProcessAndOverASocket) {
       {"--chunk-bytes", "4096"},
       {"--chunk-bytes", "1048576"},
       {"--rate", "1"},
-      {"--server", address_},
-      {"--server", address_, "--rate", "1"},
-      {"--server", address_, "--chunk-bytes", "4096", "--rate", "2.5"},
-      {"--server", address_, "--chunk-bytes", "1048576"},
+      {"--server", server_.address},
+      {"--server", server_.address, "--rate", "1"},
+      {"--server", server_.address, "--chunk-bytes", "4096", "--rate", "2.5"},
+      {"--server", server_.address, "--chunk-bytes", "1048576"},
   };
   for (const std::vector<std::string>& way : ways) {
     client::FakeClock clock;
@@ -77,7 +72,7 @@ TEST_F(ReplayTest, SameBytesAtAnyRateOnAnyChunkingInProcessAndOverASocket) {
     }
   }
   // Each replay has deleted its session.
-  EXPECT_EQ(Run({"sessions", "list", "--server", address_}).out, "");
+  EXPECT_EQ(Run({"sessions", "list", "--server", server_.address}).out, "");
 }
 
 TEST_F(ReplayTest, PosesFollowTheTruth) {
@@ -126,9 +121,9 @@ TEST_F(ReplayTest, FindsTheFirstPose) {
   EXPECT_LT(row["reprojection_mean_px"], 3.0);
 
   const std::string expected = ReadText("poses.tum");
-  for (const std::vector<std::string>& way : {std::vector<std::string>{"--server", address_},
+  for (const std::vector<std::string>& way : {std::vector<std::string>{"--server", server_.address},
                                               {"--chunk-bytes", "4096"},
-                                              {"--server", address_, "--chunk-bytes", "1048576"}}) {
+                                              {"--server", server_.address, "--chunk-bytes", "1048576"}}) {
     const CliResult other = Run(SearchArguments("other.tum", way));
     ASSERT_EQ(other.status, 0) << other.err;
     EXPECT_TRUE(ReadText("other.tum") == expected) << ::testing::PrintToString(way);
@@ -193,7 +188,7 @@ absl::StatusOr<RigidTransform> FirstPoseFound(client::Client& client, const std:
 TEST_F(ReplayTest, OfEquivalentPosesTheOneNearestToTheReferenceIsFound) {
   SimulateCube(0.06);
   StartServer();
-  const auto client = client::Client::Connect(address_);
+  const auto client = client::Client::Connect(server_.address);
   ASSERT_TRUE(client.ok()) << client.status();
   const std::string file = ReadText("cube/model.obj");
   const auto uploaded = (*client)->UploadModel({reinterpret_cast<const uint8_t*>(file.data()), file.size()}, {});
@@ -227,7 +222,7 @@ TEST_F(ReplayTest, OfEquivalentPosesTheOneNearestToTheReferenceIsFound) {
 TEST_F(ReplayTest, ReportsWhyNoPoseWasFound) {
   SimulateCube(0.001);  // some hundred events
   StartServer();
-  const CliResult replay = Run(SearchArguments("poses.tum", {"--server", address_, "--keep-session"}));
+  const CliResult replay = Run(SearchArguments("poses.tum", {"--server", server_.address, "--keep-session"}));
   ASSERT_EQ(replay.status, 1);
   EXPECT_THAT(replay.err, HasSubstr("recording.raw: no pose was found; the report has the reason\n"));
   EXPECT_EQ(replay.Json()["poses"], 0);
@@ -240,16 +235,17 @@ TEST_F(ReplayTest, ReportsWhyNoPoseWasFound) {
               HasSubstr("\nno pose found: too few events: no object is in view, or it does not move"));
 
   const std::string session = replay.Json()["session"];
-  const CliResult list = Run({"sessions", "list", "--server", address_});
+  const CliResult list = Run({"sessions", "list", "--server", server_.address});
   EXPECT_THAT(list.out, HasSubstr("object INITIALIZING (WAITING_FOR_EVENTS), 0 losses"));
-  const CliResult get = Run({"sessions", "get", session, "--server", address_});
+  const CliResult get = Run({"sessions", "get", session, "--server", server_.address});
   EXPECT_THAT(get.out, HasSubstr("\nobject: too few events"));
-  const CliResult watch = Run({"watch", session, "--server", address_});
+  const CliResult watch = Run({"watch", session, "--server", server_.address});
   EXPECT_EQ(watch.status, 1);
   EXPECT_EQ(watch.out, "");
   EXPECT_THAT(watch.err, HasSubstr("object: INITIALIZING (WAITING_FOR_EVENTS): too few events"));
   EXPECT_THAT(watch.err, HasSubstr(session + ": the session has ended without a pose; object: INITIALIZING"));
-  const nlohmann::json object = Run({"sessions", "get", session, "--server", address_, "--json"}).Json()["objects"][0];
+  const nlohmann::json object =
+      Run({"sessions", "get", session, "--server", server_.address, "--json"}).Json()["objects"][0];
   EXPECT_EQ(object["initialization"], "WAITING_FOR_EVENTS");
   EXPECT_THAT(std::string(object["detail"]), HasSubstr("too few events"));
 }
@@ -346,16 +342,17 @@ TEST_F(ReplayTest, ServerThatDiesLeavesAnErrorAndThePosesSoFar) {
   CliResult result;
   // The recording is followed without end, so that the stream is open until the server ends.
   std::thread replay([&] {
-    result = Run(ReplayArguments("poses.tum", {"--server", address_, "--follow", "--max-outage", "0"}));
+    result = Run(ReplayArguments("poses.tum", {"--server", server_.address, "--follow", "--max-outage", "0"}));
   });
   // The output is buffered: then some poses have been received.
-  for (uint64_t size = 0; size == 0; std::this_thread::yield()) {
-    for (const std::string& name : FilesBeginning("poses.tum.partial")) size = std::filesystem::file_size(Path(name));
-  }
-  server_->Shutdown(absl::ZeroDuration());
+  EXPECT_TRUE(Poll([this] {
+    const std::vector<std::string> names = FilesBeginning("poses.tum.partial");
+    return !names.empty() && std::filesystem::file_size(Path(names.front())) > 0;
+  }));
+  server_.server->Shutdown(absl::ZeroDuration());
   replay.join();
   EXPECT_EQ(result.status, 1);
-  EXPECT_THAT(result.err, HasSubstr(address_ + ": the stream broke: "));
+  EXPECT_THAT(result.err, HasSubstr(server_.address + ": the stream broke: "));
   const std::string poses = ReadText("poses.tum");
   const auto count = std::count(poses.begin(), poses.end(), '\n');
   EXPECT_GT(count, 10);
@@ -369,42 +366,42 @@ TEST_F(ReplayTest, ServerThatDiesLeavesAnErrorAndThePosesSoFar) {
 TEST_F(ReplayTest, SessionThatIsKeptCanBeWatchedListedAndDeleted) {
   SimulateCube(0.05);
   StartServer();
-  const CliResult replay = Run(ReplayArguments("poses.tum", {"--server", address_, "--keep-session"}));
+  const CliResult replay = Run(ReplayArguments("poses.tum", {"--server", server_.address, "--keep-session"}));
   ASSERT_EQ(replay.status, 0) << replay.err;
   const std::string session = replay.Json()["session"];
-  const CliResult watch = Run({"watch", session, "--server", address_});
+  const CliResult watch = Run({"watch", session, "--server", server_.address});
   ASSERT_EQ(watch.status, 0) << watch.err;
   EXPECT_EQ(watch.out, ReadText("poses.tum"));
   ASSERT_EQ(Run(ReplayArguments("poses.jsonl")).status, 0);
-  EXPECT_EQ(Run({"watch", session, "--server", address_, "--json"}).out, ReadText("poses.jsonl"));
+  EXPECT_EQ(Run({"watch", session, "--server", server_.address, "--json"}).out, ReadText("poses.jsonl"));
   // One pose per 20 ms of sensor time, in a recording of 50 ms.
-  const std::string slow = Run({"watch", session, "--server", address_, "--max-rate-hz", "50"}).out;
+  const std::string slow = Run({"watch", session, "--server", server_.address, "--max-rate-hz", "50"}).out;
   EXPECT_GE(std::count(slow.begin(), slow.end(), '\n'), 2);
   EXPECT_LE(std::count(slow.begin(), slow.end(), '\n'), 3);
-  EXPECT_EQ(Run({"watch", session, "--server", address_, "--max-rate-hz", "0"}).status, 2);
-  const nlohmann::json last = Run({"watch", session, "--server", address_, "--health", "--json"}).Json();
+  EXPECT_EQ(Run({"watch", session, "--server", server_.address, "--max-rate-hz", "0"}).status, 2);
+  const nlohmann::json last = Run({"watch", session, "--server", server_.address, "--health", "--json"}).Json();
   EXPECT_EQ(last["poses"], replay.Json()["poses"]);
   EXPECT_EQ(last["objects"][0]["state"], "TRACKING");
-  EXPECT_THAT(Run({"watch", session, "--server", address_, "--health", "--period", "0.5"}).out,
+  EXPECT_THAT(Run({"watch", session, "--server", server_.address, "--health", "--period", "0.5"}).out,
               HasSubstr("object TRACKING, 0 losses"));
   for (const std::vector<std::string>& wrong : std::vector<std::vector<std::string>>{
            {"--period", "0.5"}, {"--health", "--period", "0.001"}, {"--health", "--max-rate-hz", "5"}}) {
-    std::vector<std::string> arguments = {"watch", session, "--server", address_};
+    std::vector<std::string> arguments = {"watch", session, "--server", server_.address};
     arguments.insert(arguments.end(), wrong.begin(), wrong.end());
     EXPECT_EQ(Run(arguments).status, 2) << ::testing::PrintToString(wrong);
   }
-  EXPECT_THAT(Run({"sessions", "list", "--server", address_}).out, HasSubstr(session + "  ENDED"));
-  const nlohmann::json health = Run({"sessions", "get", session, "--server", address_, "--json"}).Json();
+  EXPECT_THAT(Run({"sessions", "list", "--server", server_.address}).out, HasSubstr(session + "  ENDED"));
+  const nlohmann::json health = Run({"sessions", "get", session, "--server", server_.address, "--json"}).Json();
   EXPECT_EQ(health["poses"], replay.Json()["poses"]);
   // The model is in use as long as the session exists.
-  const std::string model = Run({"models", "list", "--server", address_, "--json"}).Json()[0]["name"];
-  EXPECT_EQ(Run({"models", "delete", model, "--server", address_}).status, 1);
-  EXPECT_EQ(Run({"sessions", "delete", session, "--server", address_}).status, 0);
-  EXPECT_EQ(Run({"sessions", "get", session, "--server", address_}).status, 1);
-  EXPECT_EQ(Run({"watch", session, "--server", address_}).status, 1);
-  EXPECT_EQ(Run({"watch", session, "--server", address_, "--health"}).status, 1);
-  EXPECT_EQ(Run({"models", "delete", model, "--server", address_}).status, 0);
-  EXPECT_EQ(Run({"models", "list", "--server", address_}).out, "");
+  const std::string model = Run({"models", "list", "--server", server_.address, "--json"}).Json()[0]["name"];
+  EXPECT_EQ(Run({"models", "delete", model, "--server", server_.address}).status, 1);
+  EXPECT_EQ(Run({"sessions", "delete", session, "--server", server_.address}).status, 0);
+  EXPECT_EQ(Run({"sessions", "get", session, "--server", server_.address}).status, 1);
+  EXPECT_EQ(Run({"watch", session, "--server", server_.address}).status, 1);
+  EXPECT_EQ(Run({"watch", session, "--server", server_.address, "--health"}).status, 1);
+  EXPECT_EQ(Run({"models", "delete", model, "--server", server_.address}).status, 0);
+  EXPECT_EQ(Run({"models", "list", "--server", server_.address}).out, "");
 }
 
 // The lines of poses up to a time in microseconds, the header included.
@@ -434,7 +431,7 @@ TEST_F(ReplayTest, APoseIsResetAtATimeOfTheSensor) {
   EXPECT_EQ(LinesUpTo(poses, 16'045'000), LinesUpTo(plain, 16'045'000));
   EXPECT_NE(LinesUpTo(poses, 16'070'000), LinesUpTo(plain, 16'070'000));
   std::vector<std::string> with_server = reset;
-  with_server.insert(with_server.end(), {"--server", address_});
+  with_server.insert(with_server.end(), {"--server", server_.address});
   ASSERT_EQ(Run(ReplayArguments("again.csv", with_server)).status, 0);
   EXPECT_EQ(ReadText("again.csv"), poses);
 }
@@ -471,7 +468,8 @@ TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {
   SimulateCube(0.002);
   StartServer();
   const auto upload = [&](const std::vector<std::string>& more) {
-    std::vector<std::string> arguments = {"models", "upload", Path("cube/model.obj"), "--server", address_, "--json"};
+    std::vector<std::string> arguments = {"models",   "upload",        Path("cube/model.obj"),
+                                          "--server", server_.address, "--json"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return Run(arguments);
   };
@@ -479,7 +477,7 @@ TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {
   ASSERT_EQ(first.status, 0) << first.err;
   EXPECT_EQ(first.Json()["lines"], 12);
   EXPECT_EQ(first.Json()["symmetries"], 24);
-  EXPECT_THAT(Run({"models", "list", "--server", address_}).out,
+  EXPECT_THAT(Run({"models", "list", "--server", server_.address}).out,
               ::testing::MatchesRegex(
                   "models/[0-9a-f]+  12 lines  0 curves  12 faces  24 symmetries  diameter [0-9.]+ m  model.obj\n"));
   EXPECT_EQ(first.Json()["file_name"], "model.obj");
@@ -487,7 +485,7 @@ TEST_F(ReplayTest, ModelsAreNamedByTheirContent) {
   const CliResult scaled = upload({"--scale", "0.001"});
   EXPECT_NE(scaled.Json()["name"], first.Json()["name"]);
   EXPECT_NEAR(scaled.Json()["diameter_m"], first.Json()["diameter_m"].get<double>() * 0.001, 1e-9);
-  EXPECT_EQ(Run({"models", "get", first.Json()["name"], "--server", address_, "--json"}).Json(), first.Json());
+  EXPECT_EQ(Run({"models", "get", first.Json()["name"], "--server", server_.address, "--json"}).Json(), first.Json());
   const CliResult as_is = upload({"--surface", "as-is", "--crease-angle", "20"});
   EXPECT_EQ(as_is.Json()["surface"], "as-is");
   EXPECT_EQ(as_is.Json()["crease_angle_deg"], 20.0);

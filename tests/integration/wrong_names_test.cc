@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -79,11 +79,9 @@ TEST_F(WrongNamesTest, AReaderThatEndsIsNoFullDisk) {
 }
 
 TEST_F(WrongNamesTest, ModelsThatDoNotExist) {
-  auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
+  const LocalServer server = StartLocalServer();
   for (const std::string command : {"get", "delete"}) {
-    const CliResult result = Run({"models", command, "models/none", "--server", address});
+    const CliResult result = Run({"models", command, "models/none", "--server", server.address});
     EXPECT_EQ(result.status, 1);
     EXPECT_THAT(result.err, EndsWith(": models/none does not exist; `evpose models list` prints the models that do\n"));
   }
