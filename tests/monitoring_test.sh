@@ -36,12 +36,12 @@ open_metrics = {sample.name for family in parser.text_string_to_metric_families(
 assert open_metrics == {name for name in re.findall(r"^(evpose_\w+)", page, re.M)}, "the two formats have different series"
 # Checks names and help texts against Prometheus's rules.
 subprocess.run(["promtool", "check", "metrics"], input=page, text=True, check=True)
-told = set()
+exported = set()
 for name, kind in re.findall(r"^# TYPE (\w+) (\w+)$", page, re.M):
-    told |= {f"{name}_{part}" for part in ("bucket", "sum", "count")} if kind == "histogram" else {name}
+    exported |= {f"{name}_{part}" for part in ("bucket", "sum", "count")} if kind == "histogram" else {name}
 
-def check(where, asked):
-    unknown = sorted(set(asked) - told)
+def check(where, used):
+    unknown = sorted(set(used) - exported)
     if unknown:
         sys.exit(f"{where} uses {', '.join(unknown)}, which evpose-server does not have")
 
@@ -69,10 +69,10 @@ mounts = dict(volume.split(":")[:2] for volume in services["grafana"]["volumes"]
 assert mounts["./grafana/provisioning"] == "/etc/grafana/provisioning", "the provisioning files are not mounted"
 assert mounts["./grafana/evpose.json"] == provider["options"]["path"] + "/evpose.json", "the dashboard is not mounted in the provider's directory"
 assert source["url"] == "http://prometheus:9090" and "prometheus" in services, "the data source has not the address of a service"
-who_ask = charts + [target for panel in charts for target in panel["targets"]] + dashboard["templating"]["list"]
-for asker in who_ask:
-    name = asker.get("title") or asker.get("refId") or asker["name"]
-    assert asker["datasource"] == {"type": source["type"], "uid": source["uid"]}, f"{name} uses {asker['datasource']}"
+users = charts + [target for panel in charts for target in panel["targets"]] + dashboard["templating"]["list"]
+for user in users:
+    name = user.get("title") or user.get("refId") or user["name"]
+    assert user["datasource"] == {"type": source["type"], "uid": source["uid"]}, f"{name} uses {user['datasource']}"
 
 # Prometheus parses the expressions.
 rules = [{"record": f"chart:{i}", "expr": text.replace("$instance", ".*")} for i, text in enumerate(expressions)]

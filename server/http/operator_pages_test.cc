@@ -6,6 +6,7 @@
 #include <set>
 #include <string>
 
+#include "core/base/poll_testing.h"
 #include "core/base/trace_context.h"
 #include "server/http/http_client_testing.h"
 #include "server/rpc/server_testing.h"
@@ -25,7 +26,7 @@ class OperatorPagesTest : public RpcTest {
     ServerOptions options = Options();
     options.store_check_period = absl::Milliseconds(1);
     options.max_sessions = 64;
-    server_ = StartServer(options, FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value();
+    server_ = StartServer(options, FakeTrackers(gate_), std::make_unique<FaultInjectingStore>(store_, fault_)).value();
     Use(server_->InProcessChannel());
     pages_ = OperatorPages::Start("127.0.0.1:0", {"1.2.3", "abc1234"}).value();
     pages_->Show(*server_);
@@ -39,13 +40,8 @@ class OperatorPagesTest : public RpcTest {
     EXPECT_THAT(answer.head, HasSubstr("Content-Type: text/plain; version=0.0.4; charset=utf-8\r\n"));
     return ParseMetrics(answer.body);
   }
-  HttpAnswer WaitUntilReadyIs(int status) const {
-    HttpAnswer answer = Get("/readyz");
-    while (answer.status != status) answer = Get("/readyz");
-    return answer;
-  }
 
-  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<InjectedFault> fault_ = std::make_shared<InjectedFault>();
   const std::shared_ptr<Store> store_ = MakeMemoryStore();
   std::unique_ptr<OperatorPages> pages_;
 };
@@ -65,13 +61,13 @@ TEST_F(OperatorPagesTest, ReadyWhileTheStoreResponds) {
   EXPECT_EQ(Get("/readyz").status, 200);
   EXPECT_EQ(Scrape().At("evpose_ready"), 1.0);
   for (int i = 0; i < 2; ++i) {
-    trouble_->Set(absl::UnavailableError("gone\nfor lunch"));
-    const HttpAnswer answer = WaitUntilReadyIs(503);
+    fault_->Set(absl::UnavailableError("gone\nfor lunch"));
+    const HttpAnswer answer = WaitUntilReadyIs(pages_->port(), 503);
     EXPECT_THAT(answer.body, testing::MatchesRegex("the store does not respond: gone for lunch\n"));
     EXPECT_EQ(Scrape().At("evpose_ready"), 0.0);
     EXPECT_EQ(Get("/healthz").status, 200) << "restarting the process would not help";
-    trouble_->Set(absl::OkStatus());
-    WaitUntilReadyIs(200);
+    fault_->Set(absl::OkStatus());
+    WaitUntilReadyIs(pages_->port(), 200);
   }
 }
 
@@ -97,8 +93,11 @@ TEST_F(OperatorPagesTest, SkippedEventsAreCountedEquallyEverywhere) {
   CreatedSession session;
   uint64_t sent_bytes = 0;
   const auto track = OverloadedLatest(&session, &sent_bytes);
-  ParsedMetrics waiting = Scrape();
-  while (waiting.At("evpose_received_bytes_total") < static_cast<double>(sent_bytes)) waiting = Scrape();
+  ParsedMetrics waiting;
+  ASSERT_TRUE(Poll([&] {
+    waiting = Scrape();
+    return waiting.At("evpose_received_bytes_total") >= static_cast<double>(sent_bytes);
+  }));
   EXPECT_EQ(waiting.At("evpose_queue_bytes"), static_cast<double>(sent_bytes));
   EXPECT_GT(waiting.At("evpose_queue_age_seconds"), 0.0);
   EXPECT_EQ(waiting.At("evpose_events_skipped_total{reason=\"memory\"}"), 0.0);

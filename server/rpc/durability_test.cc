@@ -3,10 +3,10 @@
 // Tests, through raw stubs, of the end of a stream with a slow store, and of sessions on a store that has lost its last
 // writes, because a replica without them was made the master.
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
+#include "core/base/poll_testing.h"
 #include "core/base/temporary_directory_testing.h"
 #include "server/rpc/server_testing.h"
 #include "server/sessions/durability/session_codec.h"
@@ -73,7 +73,7 @@ class RollbackTest : public RpcTest {
 
   void Start() {
     std::shared_ptr<Store> store = MakeMemoryStore(replicated_);
-    server_ = StartServer(Options(), FakeTrackers(gate_), std::make_unique<TroubledStore>(store, trouble_)).value();
+    server_ = StartServer(Options(), FakeTrackers(gate_), std::make_unique<FaultInjectingStore>(store, fault_)).value();
     Use(server_->InProcessChannel());
   }
 
@@ -97,7 +97,7 @@ class RollbackTest : public RpcTest {
     EXPECT_EQ(replicated_->Read(session.name(), 0)->poses.back().last_pose_seq, 10 * seq - 1);
     // The lifecycle record is written behind the end of the stream.
     const auto lifecycle = [&] { return DecodeLifecycle(replicated_->Read(session.name(), 0)->lifecycle).value(); };
-    while (!lifecycle().detached_at.has_value()) std::this_thread::yield();
+    EXPECT_TRUE(Poll([&] { return lifecycle().detached_at.has_value(); }));
     return poses;
   }
 
@@ -125,7 +125,7 @@ class RollbackTest : public RpcTest {
   }
 
   const std::shared_ptr<MemorySessions> replicated_ = std::make_shared<MemorySessions>(UINT64_MAX);
-  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<InjectedFault> fault_ = std::make_shared<InjectedFault>();
 };
 
 TEST_F(RollbackTest, TheSessionContinuesFromWhatTheStoreHas) {

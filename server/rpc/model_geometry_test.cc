@@ -73,16 +73,17 @@ TEST_F(ModelGeometryTest, AModelCanBeDeletedAfterwards) {
 }
 
 // Models whose reading a test can see, and can let fail.
-class WatchedStore : public TroubledStore {
+class WatchedStore : public FaultInjectingStore {
  public:
-  explicit WatchedStore(std::shared_ptr<Store> store, std::shared_ptr<Trouble> of_store = std::make_shared<Trouble>())
-      : TroubledStore(std::move(store), of_store), trouble(std::move(of_store)) {}
+  explicit WatchedStore(std::shared_ptr<Store> store,
+                        std::shared_ptr<InjectedFault> of_store = std::make_shared<InjectedFault>())
+      : FaultInjectingStore(std::move(store), of_store), fault(std::move(of_store)) {}
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     on_read();
-    return TroubledStore::ReadModel(tenant, name);
+    return FaultInjectingStore::ReadModel(tenant, name);
   }
   std::function<void()> on_read = [] {};
-  const std::shared_ptr<Trouble> trouble;
+  const std::shared_ptr<InjectedFault> fault;
 };
 
 // The method, with the threads of the test.
@@ -148,19 +149,19 @@ TEST_F(GeometryReactorTest, ACallThatReadsTheModelEndsBehindIt) {
 }
 
 TEST_F(GeometryReactorTest, AStoreThatDoesNotRespondIsUnavailable) {
-  store_.trouble->Set(absl::UnavailableError("gone"));
+  store_.fault->Set(absl::UnavailableError("gone"));
   threads_.run();
   EXPECT_EQ(call_.get(), "UNAVAILABLE STORE_UNAVAILABLE");
 }
 
 TEST_F(GeometryReactorTest, AStoreThatFailsIsAnInternalError) {
-  store_.trouble->Set(absl::InternalError("bad page"));
+  store_.fault->Set(absl::InternalError("bad page"));
   threads_.run();
   EXPECT_EQ(call_.get(), "INTERNAL STORE_FAILED");
 }
 
 TEST_F(GeometryReactorTest, ADamagedModelHasAReason) {
-  store_.trouble->Set(absl::DataLossError("the model is damaged"));
+  store_.fault->Set(absl::DataLossError("the model is damaged"));
   threads_.run();
   EXPECT_EQ(call_.get(), "DATA_LOSS MODEL_DAMAGED");
 }

@@ -15,13 +15,13 @@ namespace evpose::server {
 namespace {
 
 // A store without memory for the first checks.
-class StoreWithoutMemory : public TroubledStore {
+class StoreWithoutMemory : public FaultInjectingStore {
  public:
-  explicit StoreWithoutMemory(std::shared_ptr<Trouble> trouble)
-      : TroubledStore(MakeMemoryStore(), std::move(trouble)) {}
+  explicit StoreWithoutMemory(std::shared_ptr<InjectedFault> fault)
+      : FaultInjectingStore(MakeMemoryStore(), std::move(fault)) {}
   absl::Status CheckHealth() override {
     if (++num_checks == 1) throw std::bad_alloc();
-    return TroubledStore::CheckHealth();
+    return FaultInjectingStore::CheckHealth();
   }
   std::vector<StoreGroup> Groups() const override {
     if (num_checks == 2) throw std::bad_alloc();
@@ -36,8 +36,8 @@ TEST(StoreCheckTest, ChecksGoOnAfterFailedAllocations) {
   boost::asio::io_context threads;
   const auto executor = threads.get_executor();
   WorkerPool pool(WorkerPool::Executors{executor, executor, executor, executor});
-  const auto trouble = std::make_shared<Trouble>();
-  StoreWithoutMemory store(trouble);
+  const auto fault = std::make_shared<InjectedFault>();
+  StoreWithoutMemory store(fault);
   std::vector<bool> changes;
   StoreCheck check(store, pool, absl::Milliseconds(1), [&](bool is_healthy) {
     changes.push_back(is_healthy);
@@ -50,11 +50,11 @@ TEST(StoreCheckTest, ChecksGoOnAfterFailedAllocations) {
   run_checks(3);
   EXPECT_TRUE(check.health().ok()) << "a failed allocation is no evidence about the store";
   EXPECT_EQ(changes, std::vector<bool>());
-  trouble->Set(absl::UnavailableError("away"));
+  fault->Set(absl::UnavailableError("away"));
   run_checks(5);
   EXPECT_EQ(store.num_checks, 5);
   EXPECT_TRUE(absl::IsUnavailable(check.health()));
-  trouble->Set(absl::OkStatus());
+  fault->Set(absl::OkStatus());
   run_checks(7);
   EXPECT_TRUE(check.health().ok());
   EXPECT_EQ(changes, std::vector<bool>({false, true}));

@@ -7,6 +7,7 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/poll_testing.h"
 #include "core/numerics/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/server_testing.h"
@@ -67,7 +68,7 @@ class StoreErrorsTest : public RpcTest {
   // Starts another server with the same store; the first one continues.
   std::shared_ptr<grpc::Channel> StartOnStore(const ServerOptions& options = StoreOptions()) {
     servers_.push_back(
-        StartServer(options, FakeTrackers(gate_), std::make_unique<TroubledStore>(store_, trouble_)).value());
+        StartServer(options, FakeTrackers(gate_), std::make_unique<FaultInjectingStore>(store_, fault_)).value());
     return servers_.back()->InProcessChannel();
   }
   std::string GetError(const std::string& name) {
@@ -112,12 +113,12 @@ class StoreErrorsTest : public RpcTest {
   grpc::Status TrackError(const absl::Status& answer) {
     const CreatedSession session = CreateSession();
     const auto track = Attached(session);
-    trouble_->Set(answer);
+    fault_->Set(answer);
     EXPECT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
     return track->Finish();
   }
 
-  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<InjectedFault> fault_ = std::make_shared<InjectedFault>();
   const std::shared_ptr<Store> store_ = MakeMemoryStore();
   std::vector<std::unique_ptr<Server>> servers_;
 };
@@ -130,10 +131,10 @@ TEST_F(StoreErrorsTest, HealthIsNotServingWhileTheStoreIsUnreachable) {
   ASSERT_TRUE(watch->Read(&response));
   EXPECT_EQ(response.status(), Health::SERVING);
   for (int i = 0; i < 3; ++i) {
-    trouble_->Set(absl::UnavailableError("gone"));
+    fault_->Set(absl::UnavailableError("gone"));
     ASSERT_TRUE(watch->Read(&response));
     EXPECT_EQ(response.status(), Health::NOT_SERVING);
-    trouble_->Set(absl::OkStatus());
+    fault_->Set(absl::OkStatus());
     ASSERT_TRUE(watch->Read(&response));
     EXPECT_EQ(response.status(), Health::SERVING);
   }
@@ -148,13 +149,13 @@ TEST_F(StoreErrorsTest, AServerThatShutsDownDoesNotBecomeReadyAgain) {
   const auto watch = health->Watch(&context, {});
   Health response;
   ASSERT_TRUE(watch->Read(&response));
-  trouble_->Set(absl::UnavailableError("gone"));
+  fault_->Set(absl::UnavailableError("gone"));
   ASSERT_TRUE(watch->Read(&response));
   ASSERT_EQ(response.status(), Health::NOT_SERVING);
   grpc::ClientContext drain;
   v1::DrainResponse drained;
   ASSERT_TRUE(admin_->Drain(&drain, {}, &drained).ok());
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   std::thread leaving([this] { servers_.back()->Shutdown(absl::ZeroDuration()); });
   while (watch->Read(&response)) EXPECT_NE(response.status(), Health::SERVING);
   (void)watch->Finish();
@@ -164,7 +165,7 @@ TEST_F(StoreErrorsTest, AServerThatShutsDownDoesNotBecomeReadyAgain) {
 TEST_F(StoreErrorsTest, ASessionWaitsForAnUnreachableStoreAndLosesNothing) {
   const CreatedSession session = CreateSession();
   const auto track = Attached(session);
-  trouble_->Set(absl::UnavailableError("gone"));
+  fault_->Set(absl::UnavailableError("gone"));
   ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
   v1::TrackResponse response;
   std::vector<v1::TrackResponse> before;
@@ -177,7 +178,7 @@ TEST_F(StoreErrorsTest, ASessionWaitsForAnUnreachableStoreAndLosesNothing) {
   before.clear();
   ASSERT_TRUE(track->ReadUntil(Kind::kAck, response, &before));
   EXPECT_EQ(response.ack().durable_seq(), 0u);
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   ASSERT_TRUE(track->ReadUntil(Kind::kSummary, response, &before));
   EXPECT_EQ(response.summary().health().poses(), 20u);
   EXPECT_EQ(Describe(track->Finish()), "OK");
@@ -193,7 +194,7 @@ TEST_F(StoreErrorsTest, CallsThatNeedAnUnreachableStoreFail) {
   const CreatedSession here = CreateSession();
   const v1::CreateSessionRequest request = CreateRequest();
   Use(StartOnStore());
-  trouble_->Set(absl::UnavailableError("gone"));
+  fault_->Set(absl::UnavailableError("gone"));
   CreatedSession session;
   EXPECT_EQ(Describe(Create(request, &session)), "UNAVAILABLE STORE_UNAVAILABLE");
   v1::CreateSessionRequest again = request;
@@ -211,7 +212,7 @@ TEST_F(StoreErrorsTest, CallsThatNeedAnUnreachableStoreFail) {
   EXPECT_EQ(Describe(Upload(UploadRequests(other), &model)), "UNAVAILABLE STORE_UNAVAILABLE");
   EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "UNAVAILABLE STORE_UNAVAILABLE");
   EXPECT_EQ(DeleteModelError("models/elsewhere"), "UNAVAILABLE STORE_UNAVAILABLE");
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   EXPECT_EQ(DeleteModelError(here.config().objects(0).model()), "FAILED_PRECONDITION MODEL_IN_USE");
   EXPECT_EQ(Describe(Create(request, &session)), "OK");
   EXPECT_EQ(GetError(here.name()), "OK") << "no session is lost";
@@ -227,9 +228,9 @@ TEST_F(StoreErrorsTest, ARequestThatIsKnownDoesNotWaitForTheStoreEither) {
   ASSERT_EQ(Describe(Create(request, &taken)), "OK");
   EXPECT_EQ(taken.name(), made.name());
   Use(StartOnStore());
-  trouble_->Set(absl::UnavailableError("gone"));
+  fault_->Set(absl::UnavailableError("gone"));
   EXPECT_EQ(Describe(Create(request, &taken)), "UNAVAILABLE STORE_UNAVAILABLE");
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   ASSERT_EQ(Describe(Create(request, &taken)), "OK");
   EXPECT_EQ(taken.name(), made.name());
 }
@@ -241,12 +242,12 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
   v1::Model unused, uploaded;
   ASSERT_EQ(Describe(Upload(UploadRequests(std::string("# unused\n") + kCubeObj), &unused)), "OK");
   for (const auto& [answer, error] : FullAndFailing()) {
-    trouble_->Set(answer);
+    fault_->Set(answer);
     EXPECT_EQ(Describe(Create(request, &ignored)), error);
     EXPECT_EQ(Describe(Upload(UploadRequests(std::string("# other\n") + kCubeObj), &uploaded)), error);
     EXPECT_EQ(DeleteModelError(unused.name()), error);
     EXPECT_EQ(Describe(Delete(session.name())), error);
-    trouble_->Set(absl::OkStatus());
+    fault_->Set(absl::OkStatus());
   }
   EXPECT_EQ(Describe(Create(request, &ignored)), "OK");
   EXPECT_EQ(Describe(Delete(session.name())), "OK");
@@ -288,11 +289,11 @@ TEST_F(StoreErrorsTest, WatchersReceiveTheErrorThatEndsTheirSession) {
     const auto track = Attached(session);
     MakePoses(*track);
     const Watchers watchers(*sessions_, session.name());
-    trouble_->Set(answer);
+    fault_->Set(answer);
     (void)track->Events(2, Flat64(SomeEvents(11, 1200, 1)));  // enough for a checkpoint, unless one has failed already
     EXPECT_EQ(watchers.Errors(), absl::StrCat(error, ", ", error));
     EXPECT_EQ(Describe(track->Finish()), error);
-    trouble_->Set(absl::OkStatus());
+    fault_->Set(absl::OkStatus());
   }
 }
 
@@ -346,7 +347,7 @@ TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionContinuesLater) {
   CreatedSession session = CreateSession();
   v1::TrackResponse::Attached attached;
   auto track = Attached(session, &attached);
-  trouble_->Set(absl::ResourceExhaustedError("disk full"));
+  fault_->Set(absl::ResourceExhaustedError("disk full"));
   ASSERT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
   const grpc::Status status = track->Finish();
   EXPECT_EQ(Describe(status), "RESOURCE_EXHAUSTED STORE_FULL");
@@ -354,7 +355,7 @@ TEST_F(StoreErrorsTest, AFullStoreEndsTheStreamAndTheSessionContinuesLater) {
   CreatedSession ignored;
   EXPECT_EQ(Describe(Create(request, &ignored)), "RESOURCE_EXHAUSTED STORE_FULL");
 
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   session.set_resume_token(attached.resume_token());
   track = Attached(session, &attached);
   EXPECT_EQ(attached.next_seq(), 1u) << "nothing was acknowledged as durable";
@@ -448,30 +449,28 @@ TEST_F(StoreErrorsTest, ImagesOfEventsAreMadeWhereTheyAreTracked) {
   MakePoses(*track);
   ASSERT_TRUE(track->End());
   EXPECT_EQ(Describe(track->Finish()), "OK");
-  std::string result = watch_elsewhere();
-  while (result == "FAILED_PRECONDITION SESSION_NOT_TRACKED_HERE") result = watch_elsewhere();  // reads the end later
-  EXPECT_EQ(result, "OK") << "the session has ended";
+  EXPECT_TRUE(Poll([&] { return watch_elsewhere() == "OK"; })) << "the session has ended, which it reads later";
 }
 
 TEST_F(StoreErrorsTest, WatchersAtAnotherServerReceiveErrorsOfTheStore) {
   const CreatedSession session = CreateSession();
   { MakePoses(*Attached(session)); }
-  while (store_->ReadSession(session.name())->poses.empty()) std::this_thread::yield();  // else an error loses them
+  ASSERT_TRUE(Poll([&] { return !store_->ReadSession(session.name())->poses.empty(); }));  // else an error loses them
   Use(StartOnStore());
   EXPECT_EQ(WatchError("sessions/unknown"), "NOT_FOUND SESSION_NOT_FOUND");
-  trouble_->Set(absl::UnavailableError("gone"));
+  fault_->Set(absl::UnavailableError("gone"));
   EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_UNAVAILABLE");
   // In the second case the store also fails when the server asks for the tenant of the damaged session.
   for (const absl::Status& answer : {absl::InternalError("bad page"), absl::DataLossError("bad page")}) {
-    trouble_->Set(answer);
+    fault_->Set(answer);
     EXPECT_EQ(WatchError(session.name()), "INTERNAL STORE_FAILED");
     EXPECT_EQ(GetError(session.name()), "INTERNAL STORE_FAILED");
     EXPECT_EQ(ListError(), "INTERNAL STORE_FAILED");
   }
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   const Watchers watchers(*sessions_, session.name());
-  trouble_->Set(absl::UnavailableError("gone"));
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::UnavailableError("gone"));
+  fault_->Set(absl::OkStatus());
   ASSERT_EQ(Describe(Delete(session.name())), "OK");
   EXPECT_EQ(watchers.Errors(), "NOT_FOUND SESSION_DELETED, NOT_FOUND SESSION_DELETED");
 }

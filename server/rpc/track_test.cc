@@ -3,6 +3,7 @@
 // Tests SessionService.Track through a raw stub.
 #include <thread>
 
+#include "core/base/poll_testing.h"
 #include "core/numerics/hash.h"
 #include "server/rpc/server_testing.h"
 
@@ -302,7 +303,10 @@ TEST_F(TrackTest, AClientThatAttachesBeforePosesAreComputedReceivesThem) {
     const auto track = Attached(session, &attached);
     ASSERT_TRUE(track->Events(1, ManyPoses()));
     CreatedSession seen;
-    while (seen.health().received_bytes() == 0) Get(session.name(), &seen);
+    ASSERT_TRUE(Poll([&] {
+      Get(session.name(), &seen);
+      return seen.health().received_bytes() > 0;
+    }));
     track->Cancel();
     EXPECT_EQ(Describe(track->Finish()), "CANCELLED");
   }
@@ -386,7 +390,10 @@ TEST_F(TrackTest, ModelsAndSessionsAreCreatedWhileAllWorkersTrack) {
     CreatedSession session = CreateSession();
     busy.push_back(Attached(session));
     ASSERT_TRUE(busy.back()->Events(1, Flat64(SomeEvents(1, 11))));
-    while (session.health().received_bytes() == 0) Get(session.name(), &session);
+    ASSERT_TRUE(Poll([&] {
+      Get(session.name(), &session);
+      return session.health().received_bytes() > 0;
+    }));
   }
   CreateSession();  // also uploads a model
   gate_->Open();

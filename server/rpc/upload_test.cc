@@ -8,11 +8,11 @@
 #include <cmath>
 #include <functional>
 #include <future>
-#include <thread>
 
 #include "absl/strings/escaping.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "core/base/poll_testing.h"
 #include "core/numerics/hash.h"
 #include "evpose/v1/mesh.pb.h"
 #include "server/rpc/server_testing.h"
@@ -102,12 +102,12 @@ TEST_F(UploadTest, RefusesAMeshWithItsFieldAndIndex) {
 }
 
 // A shared store with a function that is called on the thread that has read a model.
-class StoreWithHook : public TroubledStore {
+class StoreWithHook : public FaultInjectingStore {
  public:
   explicit StoreWithHook(std::function<void()> on_read)
-      : TroubledStore(MakeMemoryStore(), std::make_shared<Trouble>()), on_read_(std::move(on_read)) {}
+      : FaultInjectingStore(MakeMemoryStore(), std::make_shared<InjectedFault>()), on_read_(std::move(on_read)) {}
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
-    auto model = TroubledStore::ReadModel(tenant, name);
+    auto model = FaultInjectingStore::ReadModel(tenant, name);
     on_read_();
     return model;
   }
@@ -164,12 +164,11 @@ TEST_F(KnownFileTest, ACancelledCallEndsWhileTheStoreDoesNotRespond) {
   context.TryCancel();
   EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::CANCELLED);
   // The server learns of it a little later.
-  const absl::Time long_after = absl::Now() + absl::Seconds(20);
-  std::string begun = BeginUpload();
-  while (begun == "RESOURCE_EXHAUSTED TENANT_QUOTA" && absl::Now() < long_after) {
-    std::this_thread::yield();
+  std::string begun;
+  EXPECT_TRUE(Poll([&] {
     begun = BeginUpload();
-  }
+    return begun != "RESOURCE_EXHAUSTED TENANT_QUOTA";
+  }));
   EXPECT_EQ(begun, "INVALID_ARGUMENT header.size_bytes");
   may_end.set_value();
   server_.reset();  // waits for the thread that uses both promises

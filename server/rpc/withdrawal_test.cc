@@ -5,11 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
-#include <thread>
 
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
-#include "server/rpc/trust_testing.h"
+#include "core/base/poll_testing.h"
+#include "server/rpc/authentication_testing.h"
 #include "server/telemetry/log_testing.h"
 
 namespace evpose::server {
@@ -42,7 +42,7 @@ TEST_F(TokensTest, ARemovedTokenIsRejectedAndEndsItsStreams) {
   v1::WatchEventsRequest events_request;
   events_request.set_session(session.name());
   const auto events = sessions_->WatchEvents(&events_context, events_request);
-  while (server_->state().sessions.image_watchers == 0) std::this_thread::yield();
+  ASSERT_TRUE(Poll([this] { return server_->state().sessions.image_watchers > 0; }));
   Use(OpenChannel(server_->port(), field_.token));
   const auto others_track = Attached(CreateSession());
 

@@ -55,14 +55,14 @@ class SessionCheckpointTest : public testing::Test {
     parts.clocks.wall = [this] { return now_; };
     parts.clocks.steady = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
     parts.beginning = std::move(beginning);
-    parts.lease = std::make_unique<TroubledLease>(std::move(lease), trouble_);
+    parts.lease = std::make_unique<FaultInjectingLease>(std::move(lease), fault_);
     return Session::Start(std::move(parts), pool_);
   }
 
   // Replaces the session as a restart of the server does: uncommitted data are lost.
   void RestartServer() {
     session_->Close(absl::CancelledError("killed"));
-    trouble_->Set(absl::OkStatus());
+    fault_->Set(absl::OkStatus());
     auto taken = store_->TakeSession(kName).value();
     SessionBeginning beginning;
     beginning.lifecycle = DecodeLifecycle(taken.session.lifecycle).value();
@@ -103,7 +103,7 @@ class SessionCheckpointTest : public testing::Test {
   static constexpr char kName[] = "sessions/test";
   absl::Time now_ = absl::FromUnixSeconds(1'000'000);
   std::vector<std::string> objects_ = {"cube"};
-  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<InjectedFault> fault_ = std::make_shared<InjectedFault>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
   WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
   const std::unique_ptr<Store> store_ = MakeMemoryStore();
@@ -142,13 +142,13 @@ TEST_F(SessionCheckpointTest, ManyPosesMakeACheckpointDue) {
 TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {
   const uint64_t stream = Attach("first").stream;
   Push(stream, 1);
-  trouble_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("away"));
   ASSERT_TRUE(session_->PushEnd(stream).ok());
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
-  waiting->WaitUntil([this] { return session_->Watch().ended && trouble_->NumAsked() > 2; });
+  waiting->WaitUntil([this] { return session_->Watch().ended && fault_->NumCalls() > 2; });
   EXPECT_FALSE(session_->View(stream).ended);
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   Until(stream, [](const StreamView& view) { return view.ended; });
   EXPECT_TRUE(Stored().ended);
   EXPECT_EQ(Stored().health.poses, 10u);
@@ -156,10 +156,10 @@ TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {
 }
 
 TEST_F(SessionCheckpointTest, AnAttachmentIsAnsweredWhenItsTokenIsDurable) {
-  trouble_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("away"));
   const Attachment attachment = session_->Attach("first", 0, listener_).value();
   EXPECT_FALSE(session_->View(attachment.stream).attached);
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   Until(attachment.stream, [](const StreamView& view) { return view.attached; });
   RestartServer();
   EXPECT_TRUE(session_->IsTokenValid(attachment.resume_token)) << "a token in a response has been persisted";
@@ -210,7 +210,7 @@ TEST_F(SessionCheckpointTest, ContinuesFromItsCheckpointWithTheSamePoses) {
       session_->Detach(attachment.stream);
       UntilDurable(attachment.stream, seq);
       attachment = Attach(attachment.resume_token);
-      trouble_->Set(absl::UnavailableError("away"));
+      fault_->Set(absl::UnavailableError("away"));
       for (uint64_t more = seq + 1; more <= std::min(seq + 2, kChunks); ++more) Push(attachment.stream, more);
       Until(attachment.stream, [](const StreamView& view) { return view.is_idle; });
       seen = session_->Watch().last_pose_seq;
@@ -265,7 +265,7 @@ TEST_F(SessionCheckpointTest, TheExpiryTimeCountsFromTheEndOfTheStream) {
 TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsUnreachableAndLosesNothing) {
   const uint64_t stream = Attach("first").stream;
   session_->ReportSent(stream, 1'000'000);
-  trouble_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("away"));
   uint64_t seq = 0;
   while (session_->Watch().last_pose_seq < kMaxUncommittedPoses) {
     Push(stream, ++seq, 40);
@@ -277,13 +277,13 @@ TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsUnreachableAndLosesNothing) {
   const uint64_t stopped_at = session_->Watch().last_pose_seq;
   EXPECT_LT(stopped_at, kMaxUncommittedPoses + 100);
   Push(stream, ++seq, 40);
-  const int asked = trouble_->NumAsked();
+  const int before = fault_->NumCalls();
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
-  waiting->WaitUntil([&] { return trouble_->NumAsked() > asked + 3; });
+  waiting->WaitUntil([&] { return fault_->NumCalls() > before + 3; });
   EXPECT_EQ(session_->Watch().last_pose_seq, stopped_at) << "the session waits for the store";
   EXPECT_EQ(session_->View(stream).ack.durable_seq, 0u);
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   session_->Detach(stream);
   UntilDurable(stream, seq);
   uint64_t expected = 1;
@@ -299,7 +299,7 @@ TEST_F(SessionCheckpointTest, NoPoseIsSentThatIsTooFarBeyondTheStore) {
   objects_ = {"1", "2", "3", "4", "5"};
   CreateAgain();
   const uint64_t stream = Attach("first").stream;
-  trouble_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("away"));
   // One step of work, which makes more poses than may be sent.
   std::vector<Event> events;
   for (int64_t ms = 1; ms <= 2048; ++ms) events.push_back({ms * 1000, 1, 1, 0});
@@ -308,7 +308,7 @@ TEST_F(SessionCheckpointTest, NoPoseIsSentThatIsTooFarBeyondTheStore) {
   EXPECT_EQ(session_->Watch().last_pose_seq, 2047u * 5);
   EXPECT_EQ(session_->View(stream).last_pose_seq, kMaxPosesBeyondStore);
   EXPECT_FALSE(session_->View(stream).is_idle) << "unsent poses are left";
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   Until(stream, [](const StreamView& view) { return view.is_idle; });
   EXPECT_EQ(session_->View(stream).last_pose_seq, 2047u * 5);
 }
@@ -346,7 +346,7 @@ TEST_F(SessionCheckpointTest, EndsWhenAnotherServerHasTakenIt) {
 
 TEST_F(SessionCheckpointTest, EndsWhenTheStoreIsFull) {
   const uint64_t stream = Attach("first").stream;
-  trouble_->Set(absl::ResourceExhaustedError("disk full"));
+  fault_->Set(absl::ResourceExhaustedError("disk full"));
   Push(stream, 1);
   Until(stream, [](const StreamView& view) { return !view.status.ok(); });
   EXPECT_EQ(session_->View(stream).status.code(), absl::StatusCode::kResourceExhausted);

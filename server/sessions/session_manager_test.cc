@@ -7,13 +7,13 @@
 #include <future>
 #include <new>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
+#include "core/base/poll_testing.h"
 #include "core/base/trace_context.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/session_testing.h"
@@ -214,41 +214,41 @@ TEST_F(SessionManagerTest, AnUnknownModelCannotBeDeleted) {
 }
 
 TEST_F(SessionManagerTest, NoCallWaitsWhileTheStoreWrites) {
-  class SlowStore : public TroubledStore {
+  class SlowStore : public FaultInjectingStore {
    public:
-    using TroubledStore::TroubledStore;
+    using FaultInjectingStore::FaultInjectingStore;
     absl::Status PutModel(const ModelRecord& model) override {
       while_writing();
-      return TroubledStore::PutModel(model);
+      return FaultInjectingStore::PutModel(model);
     }
     absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
       while_writing();
-      return TroubledStore::DeleteModel(tenant, name);
+      return FaultInjectingStore::DeleteModel(tenant, name);
     }
     std::function<void()> while_writing;
   };
-  const auto trouble = std::make_shared<Trouble>();
-  SlowStore store(MakeMemoryStore(), trouble);
+  const auto fault = std::make_shared<InjectedFault>();
+  SlowStore store(MakeMemoryStore(), fault);
   const auto registry = ModelRegistry::Create({}, store).value();
-  int num_asked = 0;
+  int num_calls = 0;
   store.while_writing = [&] {
     EXPECT_EQ(registry->List("", "", 10).size(), 0u);
     EXPECT_TRUE(registry->limits().BeginUpload("").ok());
-    ++num_asked;
+    ++num_calls;
   };
   ASSERT_TRUE(registry->Upload("", {}, "", Bytes(kCubeObj)).ok());
   store.while_writing = [&] {
     EXPECT_TRUE(registry->Get("", model_).ok()) << "the model still exists";
     EXPECT_FALSE(registry->Use("", model_).ok()) << "no session may use a model that is being deleted";
-    ++num_asked;
+    ++num_calls;
   };
-  trouble->Set(absl::UnavailableError("away"));
+  fault->Set(absl::UnavailableError("away"));
   EXPECT_EQ(GetErrorDetails(registry->Delete("", model_)).reason, "STORE_UNAVAILABLE");
   EXPECT_TRUE(registry->Use("", model_).ok()) << "the model is kept";
-  trouble->Set(absl::OkStatus());
+  fault->Set(absl::OkStatus());
   EXPECT_TRUE(registry->Delete("", model_).ok());
   EXPECT_FALSE(registry->Get("", model_).ok());
-  EXPECT_EQ(num_asked, 2) << "an unreachable store is not written to";
+  EXPECT_EQ(num_calls, 2) << "an unreachable store is not written to";
 }
 
 TEST_F(SessionManagerTest, ModelsAreNamedByContentAndOptions) {
@@ -492,7 +492,7 @@ TEST_F(SessionManagerTest, AServerWhoseClockIsAheadKeepsTheEndedSessionsOfOthers
   add("sessions/new", absl::Now());
   now_ = absl::Now() + absl::Hours(1);
   sessions_->DeleteEnded();
-  while (store_->ReadSession("sessions/old").ok()) std::this_thread::yield();
+  ASSERT_TRUE(Poll([this] { return !store_->ReadSession("sessions/old").ok(); }));
   EXPECT_TRUE(store_->ReadSession("sessions/new").ok());
 }
 

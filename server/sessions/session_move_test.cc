@@ -155,12 +155,12 @@ TEST_F(SessionMoveTest, AModelThatASessionUsesElsewhereIsNotDeleted) {
 }
 
 // A store that lets a test act for another server just before a model is read.
-class StoreWithRace : public TroubledStore {
+class StoreWithRace : public FaultInjectingStore {
  public:
-  using TroubledStore::TroubledStore;
+  using FaultInjectingStore::FaultInjectingStore;
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     if (before_read_model) std::exchange(before_read_model, nullptr)();
-    return TroubledStore::ReadModel(tenant, name);
+    return FaultInjectingStore::ReadModel(tenant, name);
   }
   mutable std::function<void()> before_read_model;
 };
@@ -192,7 +192,7 @@ TEST_F(SessionMoveTest, AModelIsPutBackWhenAnotherServerMakesASessionWithItMeanw
   Server two = Open(/*shares_store=*/true);
   const SessionConfig config = Config(two);
   const std::string& model = config.objects[0].model;
-  StoreWithRace store(store_, std::make_shared<Trouble>());
+  StoreWithRace store(store_, std::make_shared<InjectedFault>());
   const auto models = ModelRegistry::Create({.shares_store = true}, store).value();
   // Delete() has found no session and reads the model; at this moment another server creates a session.
   store.before_read_model = [&] { EXPECT_TRUE(two->Create(kTenant, config, "").ok()); };

@@ -221,12 +221,12 @@ TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
 }
 
 // A store that lets a test act while a session is taken.
-class StoreThatTakes : public TroubledStore {
+class StoreThatTakes : public FaultInjectingStore {
  public:
-  using TroubledStore::TroubledStore;
+  using FaultInjectingStore::FaultInjectingStore;
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
     if (while_taking) std::exchange(while_taking, nullptr)();
-    return TroubledStore::TakeSession(name);
+    return FaultInjectingStore::TakeSession(name);
   }
   std::function<void()> while_taking;
 };
@@ -236,7 +236,7 @@ TEST_F(SessionRestoreTest, ASessionThatIsBeingTakenHasItsSlot) {
   const auto first = Create(one);
   one.models->Upload("lab", {}, "", CubeBytes()).value();
   const auto second = one->Create("lab", Config(one), "").value();
-  StoreThatTakes store(store_, std::make_shared<Trouble>());
+  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
   Server two = Open(/*shares_store=*/true, store, /*max_sessions=*/1);
   const auto take = [&](const std::string& tenant, const std::shared_ptr<Session>& session) {
     return two->ResumeForAttach(tenant, session->name(), session->resume_token()).status();

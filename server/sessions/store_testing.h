@@ -16,23 +16,23 @@
 namespace evpose::server {
 
 // The status that the store returns for every call while it is not OK.
-struct Trouble {
+struct InjectedFault {
   std::mutex mutex;
   absl::Status answer;
-  int num_asked = 0;
+  int num_calls = 0;
 
   void Set(const absl::Status& status) {
     const std::lock_guard lock(mutex);
     answer = status;
-    num_asked = 0;
+    num_calls = 0;
   }
-  int NumAsked() {
+  int NumCalls() {
     const std::lock_guard lock(mutex);
-    return num_asked;
+    return num_calls;
   }
-  absl::Status Ask() {
+  absl::Status Check() {
     const std::lock_guard lock(mutex);
-    ++num_asked;
+    ++num_calls;
     return answer;
   }
 };
@@ -60,13 +60,13 @@ class PendingCommits {
   int num_pending_ = 0;
 };
 
-class TroubledLease : public SessionLease {
+class FaultInjectingLease : public SessionLease {
  public:
-  TroubledLease(std::unique_ptr<SessionLease> lease, std::shared_ptr<Trouble> trouble,
-                std::shared_ptr<PendingCommits> pending = std::make_shared<PendingCommits>())
-      : lease_(std::move(lease)), trouble_(std::move(trouble)), pending_(std::move(pending)) {}
+  FaultInjectingLease(std::unique_ptr<SessionLease> lease, std::shared_ptr<InjectedFault> fault,
+                      std::shared_ptr<PendingCommits> pending = std::make_shared<PendingCommits>())
+      : lease_(std::move(lease)), fault_(std::move(fault)), pending_(std::move(pending)) {}
   void Commit(SessionCommit commit, Done done) override {
-    if (const absl::Status answer = trouble_->Ask(); !answer.ok()) return done(answer);
+    if (const absl::Status answer = fault_->Check(); !answer.ok()) return done(answer);
     pending_->Begin();
     lease_->Commit(std::move(commit), [done = std::move(done), pending = pending_](absl::Status status) mutable {
       std::exchange(done, nullptr)(std::move(status));
@@ -77,35 +77,35 @@ class TroubledLease : public SessionLease {
 
  private:
   const std::unique_ptr<SessionLease> lease_;
-  const std::shared_ptr<Trouble> trouble_;
+  const std::shared_ptr<InjectedFault> fault_;
   const std::shared_ptr<PendingCommits> pending_;
 };
 
 // Behaves as a Redis that several servers share: any number of these objects use one store.
-class TroubledStore : public Store {
+class FaultInjectingStore : public Store {
  public:
-  TroubledStore(std::shared_ptr<Store> store, std::shared_ptr<Trouble> trouble)
-      : store_(std::move(store)), trouble_(std::move(trouble)) {}
+  FaultInjectingStore(std::shared_ptr<Store> store, std::shared_ptr<InjectedFault> fault)
+      : store_(std::move(store)), fault_(std::move(fault)) {}
   // As for any store: all calls have ended when it is destroyed, although the common store continues.
-  ~TroubledStore() override { pending_->WaitForAll(); }
+  ~FaultInjectingStore() override { pending_->WaitForAll(); }
 
   StoreKind kind() const override { return StoreKind::kRedis; }
-  absl::Status CheckHealth() override { return trouble_->Ask(); }
+  absl::Status CheckHealth() override { return fault_->Check(); }
   std::vector<std::string> damage() const override { return {}; }
   absl::StatusOr<std::vector<ModelRecord>> ListModels() const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ListModels();
   }
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ReadModel(tenant, name);
   }
   absl::Status PutModel(const ModelRecord& model) override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->PutModel(model);
   }
   absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->DeleteModel(tenant, name);
   }
   absl::StatusOr<std::string> NewSessionName(absl::string_view tenant, absl::string_view request_id) const override {
@@ -113,58 +113,58 @@ class TroubledStore : public Store {
   }
   absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                               const std::string& lifecycle) override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SessionLease> lease, store_->CreateSession(record, lifecycle));
-    return std::make_unique<TroubledLease>(std::move(lease), trouble_, pending_);
+    return std::make_unique<FaultInjectingLease>(std::move(lease), fault_, pending_);
   }
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     EVPOSE_ASSIGN_OR_RETURN(Taken taken, store_->TakeSession(name));
-    taken.lease = std::make_unique<TroubledLease>(std::move(taken.lease), trouble_, pending_);
+    taken.lease = std::make_unique<FaultInjectingLease>(std::move(taken.lease), fault_, pending_);
     return taken;
   }
   using Store::ReadSession;
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ReadSession(name, after_pose_seq);
   }
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ReadTenant(name);
   }
   absl::StatusOr<SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
                                            size_t max_sessions) const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ListSessions(tenant, after_name, max_sessions);
   }
   absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->FindRequest(tenant, request_id);
   }
   absl::StatusOr<std::vector<SessionOwner>> ListOwners() const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ListOwners();
   }
   absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ReadOldestLifecycles(max_sessions);
   }
   absl::Status DeleteSession(absl::string_view name) override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->DeleteSession(name);
   }
   absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->DeleteHeldSession(name, token);
   }
   absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
-    EVPOSE_RETURN_IF_ERROR(trouble_->Ask());
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->DeleteEnded(ended_before);
   }
 
  private:
   const std::shared_ptr<Store> store_;
-  const std::shared_ptr<Trouble> trouble_;
+  const std::shared_ptr<InjectedFault> fault_;
   const std::shared_ptr<PendingCommits> pending_ = std::make_shared<PendingCommits>();
 };
 

@@ -11,12 +11,12 @@
 #include <memory>
 #include <mutex>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/client_access.h"
 #include "client/lib/messages/conversion.h"
+#include "core/base/poll_testing.h"
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
 #include "server/rpc/server_impl.h"
@@ -75,17 +75,18 @@ class ReplicatedLease : public server::SessionLease {
   const std::shared_ptr<StaleReplicas> replicas_;
 };
 
-class ReplicatedStore : public server::TroubledStore {
+class ReplicatedStore : public server::FaultInjectingStore {
  public:
   ReplicatedStore(std::shared_ptr<server::Store> master, std::shared_ptr<StaleReplicas> replicas)
-      : TroubledStore(std::move(master), std::make_shared<server::Trouble>()), replicas_(std::move(replicas)) {}
+      : FaultInjectingStore(std::move(master), std::make_shared<server::InjectedFault>()),
+        replicas_(std::move(replicas)) {}
   absl::StatusOr<std::unique_ptr<server::SessionLease>> CreateSession(const server::SessionRecord& record,
                                                                       const std::string& lifecycle) override {
-    EVPOSE_ASSIGN_OR_RETURN(auto lease, TroubledStore::CreateSession(record, lifecycle));
+    EVPOSE_ASSIGN_OR_RETURN(auto lease, FaultInjectingStore::CreateSession(record, lifecycle));
     return std::make_unique<ReplicatedLease>(std::move(lease), replicas_);
   }
   absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(Taken taken, TroubledStore::TakeSession(name));
+    EVPOSE_ASSIGN_OR_RETURN(Taken taken, FaultInjectingStore::TakeSession(name));
     taken.lease = std::make_unique<ReplicatedLease>(std::move(taken.lease), replicas_);
     return taken;
   }
@@ -144,7 +145,7 @@ class RollbackClientTest : public ::testing::Test {
     const client::ChunkSource source = [&, chunk = int64_t{0}]() mutable -> absl::StatusOr<client::EventChunk> {
       if (chunk == kChunks) return client::EventChunk{};
       if (chunk == kBefore && num_commits > 0) {
-        while (durable_seq < kDurable) std::this_thread::yield();
+        if (!Poll([&] { return durable_seq >= kDurable; })) return absl::DeadlineExceededError("nothing is durable");
         replicas_->Promote(std::min(num_commits, replicas_->NumCommits()));
       }
       const std::string bytes =

@@ -3,6 +3,7 @@
 // Tests SessionService.WatchEvents through raw stubs.
 #include <cmath>
 
+#include "core/base/poll_testing.h"
 #include "server/rpc/watch/watch_events_testing.h"
 
 namespace evpose::server {
@@ -102,7 +103,7 @@ TEST_F(WatchEventsTest, TheMemoryOfImagesIsCharged) {
     context.TryCancel();
     watcher->Finish();
   }
-  while (server_->state().session_memory_bytes > before + of_session) std::this_thread::yield();
+  ASSERT_TRUE(Poll([&] { return server_->state().session_memory_bytes <= before + of_session; }));
   ServerOptions options = Options();
   options.max_session_memory = of_session + 1000;
   Connect(options);

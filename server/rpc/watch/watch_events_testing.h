@@ -7,8 +7,8 @@
 
 #include <memory>
 #include <string>
-#include <thread>
 
+#include "core/base/poll_testing.h"
 #include "server/rpc/server_testing.h"
 
 namespace evpose::server {
@@ -62,7 +62,7 @@ class WatchEventsTest : public RpcTest {
   EventReader Watch(grpc::ClientContext& context, const v1::WatchEventsRequest& request) {
     const uint32_t before = server_->state().sessions.image_watchers;
     auto reader = sessions_->WatchEvents(&context, request);
-    while (server_->state().sessions.image_watchers == before) std::this_thread::yield();
+    EXPECT_TRUE(Poll([&] { return server_->state().sessions.image_watchers != before; }));
     return reader;
   }
   static v1::WatchEventsRequest Request(const CreatedSession& session, uint32_t cell_px = 0) {

@@ -20,11 +20,11 @@ namespace {
 constexpr absl::Duration kExpiry = absl::Minutes(1);
 
 // Runs `hook`, once, when the lifecycles have been read.
-class HookedStore : public TroubledStore {
+class HookedStore : public FaultInjectingStore {
  public:
-  using TroubledStore::TroubledStore;
+  using FaultInjectingStore::FaultInjectingStore;
   absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
-    auto lifecycles = TroubledStore::ReadOldestLifecycles(max_sessions);
+    auto lifecycles = FaultInjectingStore::ReadOldestLifecycles(max_sessions);
     if (const auto once = std::exchange(hook, nullptr)) once();
     return lifecycles;
   }
@@ -52,9 +52,9 @@ class OrphanCollectorTest : public testing::TestWithParam<std::string> {
   const TemporaryDirectory directory_;
   std::unique_ptr<RedisServer> redis_;
   absl::Time now_ = absl::FromUnixSeconds(1'000'000);
-  const std::shared_ptr<Trouble> trouble_ = std::make_shared<Trouble>();
+  const std::shared_ptr<InjectedFault> fault_ = std::make_shared<InjectedFault>();
   const std::shared_ptr<Store> store_ = OpenStore();
-  HookedStore hooked_{store_, trouble_};
+  HookedStore hooked_{store_, fault_};
   OrphanCollector collector_{hooked_, kExpiry, /*shares_store=*/true};
   std::vector<std::string> deleted_;
 };
@@ -136,9 +136,9 @@ TEST_P(OrphanCollectorTest, TimeWithoutAccessToTheStoreDoesNotCount) {
   Collect();
   Collect(10 * kExpiry);
   EXPECT_EQ(Names().size(), 1u) << "this server was suspended";
-  trouble_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("away"));
   for (int i = 0; i < 10; ++i) Collect();
-  trouble_->Set(absl::OkStatus());
+  fault_->Set(absl::OkStatus());
   for (int i = 0; i < 4; ++i) Collect();
   EXPECT_EQ(Names().size(), 1u) << "the store was unreachable";
   Collect();

@@ -6,8 +6,9 @@
 #include <algorithm>
 #include <atomic>
 #include <semaphore>
-#include <thread>
 #include <vector>
+
+#include "core/base/poll_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -85,7 +86,7 @@ TEST_F(WatchersTest, PosesDoNotWaitForImages) {
   held_.acquire();
   images->Notify();
   poses->Notify();
-  while (of_poses->calls() == 0) std::this_thread::yield();
+  EXPECT_TRUE(Poll([&] { return of_poses->calls() > 0; }));
   EXPECT_EQ(of_images->calls(), 0);
   LetGo();
   EXPECT_EQ(of_images->calls(), 1);

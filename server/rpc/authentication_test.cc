@@ -9,7 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "grpc/health/v1/health.grpc.pb.h"
-#include "server/rpc/trust_testing.h"
+#include "server/rpc/authentication_testing.h"
 #include "server/stores/memory/memory_store.h"
 #include "server/telemetry/log_testing.h"
 
