@@ -17,8 +17,9 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "server/rpc/server.h"
+#include "core/base/closed_port_testing.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -235,13 +236,11 @@ TEST_F(BadInputTest, UnusableLinesAreReportedAsSkipped) {
   std::erase(arguments, "--json");
   EXPECT_THAT(Run(arguments).out, HasSubstr("model: 2 duplicate lines dropped\n"));
 
-  auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = "127.0.0.1:" + std::to_string((*server)->port());
-  const CliResult upload = Run({"models", "upload", Path("cube/model.obj"), "--server", address});
+  const LocalServer server = StartLocalServer();
+  const CliResult upload = Run({"models", "upload", Path("cube/model.obj"), "--server", server.address});
   ASSERT_EQ(upload.status, 0) << upload.err;
   EXPECT_THAT(upload.out, HasSubstr("\nnotice: 1 line merged with overlapping ones\n"));
-  const nlohmann::json list = Run({"models", "list", "--server", address, "--json"}).Json();
+  const nlohmann::json list = Run({"models", "list", "--server", server.address, "--json"}).Json();
   ASSERT_EQ(list.size(), 1u);
   EXPECT_THAT(list[0]["notices"].get<std::vector<std::string>>(), notices);
   EXPECT_EQ(list[0]["lines"], 12);
@@ -282,17 +281,17 @@ TEST_F(BadInputTest, OutputThatCannotBeWritten) {
 }
 
 TEST_F(BadInputTest, AbsentServer) {
-  // No server listens on port 1.
-  const std::string error = ReplayError({"--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
-  EXPECT_THAT(error, AllOf(HasSubstr("no server at 127.0.0.1:1"), HasSubstr("for 0.2 s")));
+  const ClosedPort closed;
+  const std::string error = ReplayError({"--server", closed.address(), "--connect-timeout", "0.2"});
+  EXPECT_THAT(error, AllOf(HasSubstr("no server at " + closed.address()), HasSubstr("for 0.2 s")));
   const CliResult stream = Run({"stream", Path("cube/recording.raw"), "--model", Path("cube/model.obj"), "--camera",
-                                Path("cube/camera.yaml"), "--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
+                                Path("cube/camera.yaml"), "--server", closed.address(), "--connect-timeout", "0.2"});
   EXPECT_EQ(stream.status, 1);
-  EXPECT_THAT(stream.err, AllOf(HasSubstr("no server at 127.0.0.1:1"), HasSubstr("for 0.2 s")));
+  EXPECT_THAT(stream.err, AllOf(HasSubstr("no server at " + closed.address()), HasSubstr("for 0.2 s")));
   for (const char* command : {"sessions", "models"}) {
-    const CliResult result = Run({command, "list", "--server", "127.0.0.1:1", "--connect-timeout", "0.2"});
+    const CliResult result = Run({command, "list", "--server", closed.address(), "--connect-timeout", "0.2"});
     EXPECT_EQ(result.status, 1);
-    EXPECT_THAT(result.err, HasSubstr("no server at 127.0.0.1:1"));
+    EXPECT_THAT(result.err, HasSubstr("no server at " + closed.address()));
   }
 }
 

@@ -16,6 +16,7 @@
 #include "client/bench/process_usage.h"
 #include "client/cli/cli.h"
 #include "client/cli/common/server_process.h"
+#include "core/base/closed_port_testing.h"
 #include "evpose/client.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -131,10 +132,11 @@ TEST_F(BenchServiceTest, ReportsPartsThatNeedALocalServer) {
   EXPECT_THAT(fails({"--parts", "memory", "--server", "127.0.0.1:9"}, 2), HasSubstr("leave out --server"));
   EXPECT_THAT(fails({"--parts", "sessions", "--server", "127.0.0.1:9"}, 2), HasSubstr("--server-pid"));
   EXPECT_THAT(fails({"--parts", "path", "--server-pid", "1"}, 2), HasSubstr("--server"));
-  EXPECT_THAT(fails({"--parts", "path", "--server", "127.0.0.1:9", "--server-pid", "4194304"}, 1),
+  const ClosedPort closed;
+  EXPECT_THAT(fails({"--parts", "path", "--server", closed.address(), "--server-pid", "4194304"}, 1),
               HasSubstr("no process 4194304"));
-  EXPECT_THAT(fails({"--parts", "path", "--server", "127.0.0.1:9", "--connect-timeout", "0.1"}, 1),
-              HasSubstr("127.0.0.1:9"));
+  EXPECT_THAT(fails({"--parts", "path", "--server", closed.address(), "--connect-timeout", "0.1"}, 1),
+              HasSubstr(closed.address()));
 }
 
 TEST_F(BenchServiceTest, WithoutAServerTheErrorHasTheRemedy) {

@@ -1,21 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Tests evpose doctor.
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <filesystem>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
-#include "server/rpc/server.h"
+#include "core/base/closed_port_testing.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
 #include "tests/integration/cutting_proxy.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -154,21 +151,13 @@ TEST_F(DoctorTest, CountsStepsBackAsInfo) {
               HasSubstr("time stamps step back 1 time; the largest step between events is 1"));
 }
 
-class DoctorServerTest : public CliTest {
- protected:
-  static std::unique_ptr<server::Server> Start(const server::ServerOptions& options = {}) {
-    auto server = server::Server::Start(options);
-    EXPECT_TRUE(server.ok()) << server.status();
-    return *std::move(server);
-  }
-  static std::string AddressOf(const server::Server& server) { return "127.0.0.1:" + std::to_string(server.port()); }
-};
+using DoctorServerTest = CliTest;
 
 TEST_F(DoctorServerTest, AllChecksOfAServer) {
   SimulateCube(0.3);
-  const auto server = Start();
+  const LocalServer server = StartLocalServer();
   const CliResult result = Run({"doctor", Path("cube/recording.raw"), "--model", Path("cube/model.obj"), "--camera",
-                                Path("cube/camera.yaml"), "--server", AddressOf(*server), "--json"});
+                                Path("cube/camera.yaml"), "--server", server.address, "--json"});
   const nlohmann::json report = result.Json();
   for (const char* check : {"connection", "health", "version", "sessions", "model-bytes", "server-clock", "clock"}) {
     EXPECT_EQ(ResultOf(report, check), "ok") << check << CheckOf(report, check);
@@ -178,16 +167,16 @@ TEST_F(DoctorServerTest, AllChecksOfAServer) {
   EXPECT_GT(CheckOf(report, "link")["value"], 0.0);
   EXPECT_THAT(CheckOf(report, "link")["text"].get<std::string>(), HasSubstr("the recording has"));
   EXPECT_EQ(CheckOf(report, "sessions")["value"], 0.0);
-  EXPECT_EQ(Run({"models", "list", "--server", AddressOf(*server), "--json"}).Json(), nlohmann::json::array());
+  EXPECT_EQ(Run({"models", "list", "--server", server.address, "--json"}).Json(), nlohmann::json::array());
 
-  const nlohmann::json alone = Run({"doctor", "--server", AddressOf(*server), "--json"}).Json();
-  EXPECT_EQ(alone["subjects"], nlohmann::json::array({"server " + AddressOf(*server)}));
+  const nlohmann::json alone = Run({"doctor", "--server", server.address, "--json"}).Json();
+  EXPECT_EQ(alone["subjects"], nlohmann::json::array({"server " + server.address}));
   EXPECT_EQ(CheckOf(alone, "link")["unit"], "Mbit/s");
   EXPECT_EQ(ResultOf(alone, "model-bytes"), "not checked");
   EXPECT_EQ(ResultOf(alone, "decoding"), "absent");
   // Each check is printed below its subject.
-  const std::string text = Run({"doctor", Path("cube/recording.raw"), "--server", AddressOf(*server)}).out;
-  const size_t server_line = text.find("\nserver " + AddressOf(*server) + "\n");
+  const std::string text = Run({"doctor", Path("cube/recording.raw"), "--server", server.address}).out;
+  const size_t server_line = text.find("\nserver " + server.address + "\n");
   ASSERT_NE(server_line, std::string::npos) << text;
   EXPECT_LT(text.find(" decoding "), server_line);
   EXPECT_GT(text.find(" connection "), server_line);
@@ -197,8 +186,8 @@ TEST_F(DoctorServerTest, LimitsOfAServer) {
   SimulateCube(0.01);
   server::ServerOptions options;
   options.max_model_bytes = 100;
-  const auto server = Start(options);
-  const CliResult result = Run({"doctor", "--server", AddressOf(*server), "--model", Path("cube/model.obj")});
+  const LocalServer server = StartLocalServer(options);
+  const CliResult result = Run({"doctor", "--server", server.address, "--model", Path("cube/model.obj")});
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.out, AllOf(HasSubstr("the server accepts 100"), HasSubstr("-> simplify the mesh")));
   EXPECT_THAT(result.out, HasSubstr("too few for a measurement"));
@@ -210,49 +199,41 @@ TEST_F(DoctorServerTest, UploadsThatTheServerRefusesAreNoMeasurement) {
   SimulateCube(0.01);
   server::ServerOptions options;
   options.max_model_bytes = options.max_model_store_bytes = 66'000;
-  const auto server = Start(options);
-  ASSERT_EQ(Run({"models", "upload", Path("cube/model.obj"), "--server", AddressOf(*server)}).status, 0);
-  const CliResult result = Run({"doctor", "--server", AddressOf(*server), "--json"});
+  const LocalServer server = StartLocalServer(options);
+  ASSERT_EQ(Run({"models", "upload", Path("cube/model.obj"), "--server", server.address}).status, 0);
+  const CliResult result = Run({"doctor", "--server", server.address, "--json"});
   EXPECT_EQ(ResultOf(result.Json(), "link"), "not checked") << result.out;
 }
 
 TEST_F(DoctorServerTest, ServerThatShutsDown) {
-  const auto server = Start();
-  ASSERT_EQ(Run({"sessions", "drain", "--server", AddressOf(*server)}).status, 0);
-  const CliResult result = Run({"doctor", "--server", AddressOf(*server)});
+  const LocalServer server = StartLocalServer();
+  ASSERT_EQ(Run({"sessions", "drain", "--server", server.address}).status, 0);
+  const CliResult result = Run({"doctor", "--server", server.address});
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.out, HasSubstr("NOT_SERVING"));
   EXPECT_THAT(result.err, HasSubstr("problems were found: health, sessions"));
 }
 
 TEST_F(DoctorServerTest, UnreachableServers) {
-  // Nothing listens on a port that is bound alone.
-  const int bound = socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address = {};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof(address);
-  ASSERT_EQ(bind(bound, reinterpret_cast<sockaddr*>(&address), size), 0);
-  ASSERT_EQ(getsockname(bound, reinterpret_cast<sockaddr*>(&address), &size), 0);
-  const std::string port = std::to_string(ntohs(address.sin_port));
-  const CliResult refused = Run({"doctor", "--server", "127.0.0.1:" + port, "--connect-timeout", "0.2"});
+  const ClosedPort closed;
+  const std::string port = std::to_string(closed.port());
+  const CliResult refused = Run({"doctor", "--server", closed.address(), "--connect-timeout", "0.2"});
   EXPECT_EQ(refused.status, 1);
   EXPECT_THAT(refused.out, HasSubstr("nothing listens on port " + port + " of 127.0.0.1"));
   EXPECT_THAT(refused.out, HasSubstr("-> start evpose-server there"));
   EXPECT_THAT(refused.out, HasSubstr("1 problem, 0 pieces of advice, 7 checks not made"));
   EXPECT_THAT(refused.err, HasSubstr("problems were found: connection"));
-  close(bound);
   // Another program listens there.
   const CuttingProxy other;
   const CliResult wrong = Run({"doctor", "--server", other.address(), "--connect-timeout", "0.2"});
   EXPECT_EQ(wrong.status, 1);
   EXPECT_THAT(wrong.out, HasSubstr("-> a program listens there"));
   // One of two servers is enough for a session, but each is checked.
-  const auto server = Start();
+  const LocalServer server = StartLocalServer();
   const CliResult both =
-      Run({"doctor", "--server", absl::StrCat(other.address(), ",", AddressOf(*server)), "--connect-timeout", "0.2"});
+      Run({"doctor", "--server", absl::StrCat(other.address(), ",", server.address), "--connect-timeout", "0.2"});
   EXPECT_EQ(both.status, 1);
-  EXPECT_THAT(both.out, HasSubstr(absl::StrCat(AddressOf(*server), ": the server is reachable")));
+  EXPECT_THAT(both.out, HasSubstr(absl::StrCat(server.address, ": the server is reachable")));
 }
 
 TEST_F(DoctorServerTest, ErrorsOfTheFilesOfTheConnection) {

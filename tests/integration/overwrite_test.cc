@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/closed_port_testing.h"
 #include "core/base/output_file.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -176,8 +177,9 @@ TEST_F(OverwriteTest, ATargetReplacesOnlyTheModelOfATarget) {
 }
 
 TEST_F(OverwriteTest, AFileOfTheUserIsNoFileOfResume) {
+  const ClosedPort closed;
   const CliResult result =
-      Run(WithModelAndCamera({"replay", Path("cube/recording.raw")}, {"--server", "127.0.0.1:1", "--connect-timeout",
+      Run(WithModelAndCamera({"replay", Path("cube/recording.raw")}, {"--server", closed.address(), "--connect-timeout",
                                                                       "0.2", "--resume", Path("cube/truth.tum")}));
   EXPECT_EQ(result.status, 1);
   EXPECT_THAT(result.err, HasSubstr("cube/truth.tum: is not a file of --resume: give --resume the name of another"));

@@ -19,7 +19,6 @@
 #include <variant>
 #include <vector>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "evpose/client.h"
 #include "evpose/recording.h"
@@ -37,10 +36,7 @@ class ServerPlace {
   // Starts a program. No other may run here.
   void Start(const char* program) {
     server_ = std::make_unique<server::Program>(arguments_, program);
-    const std::string line = server_->ReadLine();
-    int port = 0;
-    ASSERT_TRUE(absl::SimpleAtoi(line.substr(line.rfind(':') + 1), &port)) << line << server_->Stderr();
-    proxy_.SetTarget(port);
+    proxy_.SetTarget(server::PortOf(server_->Announced("listening on ")));
   }
   // Ends the program with a signal.
   void End(int signal) {

@@ -8,8 +8,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/view/page_files.h"
-#include "server/rpc/server.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -62,13 +62,11 @@ TEST_F(ViewCommandTest, PosesOfAnotherTimeAreReportedWithBothTimes) {
 }
 
 TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
-  const auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
-  const std::string address = absl::StrCat("127.0.0.1:", (*server)->port());
-  const CliResult result = ServeAndInterrupt("evpose view --server " + address);
+  const LocalServer server = StartLocalServer();
+  const CliResult result = ServeAndInterrupt("evpose view --server " + server.address);
   EXPECT_EQ(result.status, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("http://127.0.0.1:"));
-  const CliResult missing = Run({"view", "sessions/none", "--server", address});
+  const CliResult missing = Run({"view", "sessions/none", "--server", server.address});
   EXPECT_EQ(missing.status, 1);
   EXPECT_THAT(missing.err, HasSubstr("sessions/none does not exist"));
 }
@@ -101,12 +99,11 @@ TEST_F(ViewCommandTest, ABrowserThatCannotBeOpenedIsReportedInOneLine) {
 }
 
 TEST_F(ViewCommandTest, APortThatIsTakenIsNamedBeforeFilesAreRead) {
-  const auto server = server::Server::Start({});
-  ASSERT_TRUE(server.ok()) << server.status();
+  const LocalServer server = StartLocalServer();
   const CliResult result = Run({"view", "other.raw", "--poses", "p.csv", "--model", "m.obj", "--camera", "c.yaml",
-                                "--port", absl::StrCat((*server)->port())});
+                                "--port", absl::StrCat(server.server->port())});
   EXPECT_EQ(result.status, 1);
-  EXPECT_THAT(result.err, HasSubstr(absl::StrCat("127.0.0.1:", (*server)->port())));
+  EXPECT_THAT(result.err, HasSubstr(absl::StrCat("127.0.0.1:", server.server->port())));
   EXPECT_THAT(result.err, HasSubstr("give another, or 0 for a free one"));
   EXPECT_THAT(
       Run({"view", "other.raw", "--poses", "p.csv", "--model", "m.obj", "--camera", "c.yaml", "--port", "0"}).err,
