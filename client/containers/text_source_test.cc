@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "absl/strings/str_cat.h"
 #include "client/containers/containers_testing.h"
 #include "client/containers/decimal.h"
 #include "core/base/temporary_directory_testing.h"
@@ -98,8 +99,8 @@ TEST(TextSourceTest, LongLinesAreNoEventsWhereverAReadEnds) {
     EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree));
     EXPECT_EQ(recording.num_skipped("lines that are no event"), 1);
   }
-  for (const std::string& text :
-       {rows + "# " + long_event, rows + "# " + very_long_event, "# " + long_event + rows, long_heading + rows}) {
+  for (const std::string& text : {absl::StrCat(rows, "# ", long_event), absl::StrCat(rows, "# ", very_long_event),
+                                  absl::StrCat("# ", long_event, rows), absl::StrCat(long_heading, rows)}) {
     const ReadRecording recording = ReadText(text);
     EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree));
     EXPECT_THAT(recording.skipped, IsEmpty());
