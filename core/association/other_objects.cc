@@ -168,7 +168,9 @@ bool OtherObjects::RemoveHidden(const RigidTransform& camera_from_object, std::v
       if (is_hidden) place_of[k] = -1;
       if (!is_hidden) visible.push_back(line);
     } else {
-      hides |= AppendVisibleParts(camera_from_object, line, before, visible);
+      const bool is_cut = AppendVisibleParts(camera_from_object, line, before, visible);
+      hides |= is_cut;
+      if (is_cut) place_of[k] = -1;
     }
   }
   for (TrackedLine& line : visible) {
@@ -223,7 +225,11 @@ bool OtherObjects::AppendVisibleParts(const RigidTransform& camera_from_object, 
     hides |= now_hidden;
     was_hidden = now_hidden;
   }
-  if (!was_hidden) append(at(begin), line.p2);
+  if (!hides) {
+    visible.push_back(line);
+  } else if (!was_hidden) {
+    append(at(begin), line.p2);
+  }
   return hides;
 }
 

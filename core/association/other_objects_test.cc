@@ -166,6 +166,30 @@ TEST_F(OtherObjectsTest, ElementsStayJoinedWhereSomeAreHidden) {
   EXPECT_EQ(ends, 2) << "one on the right, and one where the cube begins";
 }
 
+TEST_F(OtherObjectsTest, ALongElementIsJoinedOnlyWhereItIsNotCut) {
+  AddCube(front_);
+  // Three long elements of one line; the one in the middle is behind the cube.
+  const RigidTransform pose = MakePose({0.0, 0.0, 1.2}, {0.0, 0.0, 0.0});
+  const double ends[] = {-0.9, -0.15, 0.1, 0.9};
+  for (const double y : {0.0, 0.4}) {
+    std::vector<TrackedLine> lines(3);
+    for (int k = 0; k < 3; ++k) {
+      lines[k].p1 = {ends[k], y, 0.0};
+      lines[k].p2 = {ends[k + 1], y, 0.0};
+      lines[k].is_element = true;
+      lines[k].previous = k - 1;
+      lines[k].next = k < 2 ? k + 1 : -1;
+    }
+    const bool is_hidden = y == 0.0;
+    EXPECT_EQ(other_objects_.RemoveHidden(pose, lines), is_hidden);
+    EXPECT_EQ(lines.size(), is_hidden ? 2u : 3u);
+    for (size_t k = 0; k + 1 < lines.size(); ++k) {
+      EXPECT_EQ(lines[k].next, is_hidden ? -1 : static_cast<int>(k) + 1) << y;
+      EXPECT_EQ(lines[k + 1].previous, is_hidden ? -1 : static_cast<int>(k)) << y;
+    }
+  }
+}
+
 TEST_F(OtherObjectsTest, ADistantObjectHidesNothing) {
   AddCube(front_);
   const RigidTransform pose = MakePose({0.45, 0.0, 1.2}, {0.1, 0.2, 0.0});
