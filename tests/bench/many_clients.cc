@@ -15,9 +15,7 @@
 #include <vector>
 
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/numerics/statistics.h"
 #include "evpose/v1/model_service.grpc.pb.h"
@@ -52,16 +50,12 @@ class Bench {
         program_({"--listen", "127.0.0.1:0", "--metrics-listen", "127.0.0.1:0", "--log-level", "warning", "--store",
                   arguments.store, "--data-dir", data_.path(), "--max-sessions",
                   absl::StrCat(arguments.sessions + 64)}) {
-    const std::string line = program_.ReadLine();
-    const std::string metrics_line = program_.ReadLine();
-    if (!absl::SimpleAtoi(metrics_line.substr(metrics_line.rfind(':') + 1), &metrics_port_)) {
-      std::cerr << "no port of /metrics: " << metrics_line << "\n";
-    }
+    const std::string address = program_.Announced("listening on ");
+    metrics_port_ = server::PortOf(program_.Announced("metrics on "));
     for (int i = 0; i < arguments.channels; ++i) {
       grpc::ChannelArguments options;
       options.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL, 1);  // one connection for each channel
-      channels_.push_back(grpc::CreateCustomChannel(std::string(absl::StripPrefix(line, "listening on ")),
-                                                    grpc::InsecureChannelCredentials(), options));
+      channels_.push_back(grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), options));
       stubs_.push_back(v1::SessionService::NewStub(channels_.back()));
     }
   }
@@ -138,25 +132,17 @@ double Percentile(std::vector<float>& values, double share) {
 
 // A stream whose client writes events and never reads the poses.
 struct StalledStream {
-  grpc::ClientContext context;
-  std::unique_ptr<grpc::ClientReaderWriter<v1::TrackRequest, v1::TrackResponse>> stream;
+  StalledStream(Bench& bench, size_t i) : session(bench.CreateSession(i)), track(bench.stub(i)) {
+    track.Attach(session);
+  }
   server::CreatedSession session;
+  server::RawTrack track;
 };
 
 std::unique_ptr<StalledStream> Stall(Bench& bench, size_t i, const Scene& scene) {
-  auto stalled = std::make_unique<StalledStream>();
-  stalled->session = bench.CreateSession(i);
-  stalled->stream = bench.stub(i).Track(&stalled->context);
-  v1::TrackRequest request;
-  request.mutable_attach()->set_session(stalled->session.name());
-  request.mutable_attach()->set_resume_token(stalled->session.resume_token());
-  stalled->stream->Write(request);
+  auto stalled = std::make_unique<StalledStream>(bench, i);
   const size_t count = std::min<size_t>(scene.chunks.size(), 50);  // fits into the buffers of the connection
-  for (size_t k = 0; k < count; ++k) {
-    request.mutable_events()->set_seq(k + 1);
-    request.mutable_events()->set_payload(scene.chunks[k]);
-    stalled->stream->Write(request);
-  }
+  for (size_t k = 0; k < count; ++k) stalled->track.Events(k + 1, scene.chunks[k]);
   return stalled;
 }
 
@@ -221,8 +207,8 @@ RoundResult RunRound(Bench& bench, const Arguments& arguments, const Scene& scen
     watcher->Join();
   }
   for (const auto& stream : stalled_streams) {
-    stream->context.TryCancel();
-    stream->stream->Finish();
+    stream->track.Cancel();
+    stream->track.Finish();
     bench.Delete(stream->session);
   }
   for (const server::CreatedSession& session : sessions) bench.Delete(session);
