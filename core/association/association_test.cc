@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/association/line_events.h"
+#include "core/association/observation_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 
@@ -29,12 +30,7 @@ std::vector<TrackedLine> AllLines(const ObjectModel& model) {
 }
 
 Observation ObservationAt(const CameraModel& camera, double u_px, double v_px, double tau_s, const TileGrid& grid) {
-  Observation event;
-  const Eigen::Vector3d bearing = BearingOf(camera, {u_px, v_px});
-  event.bx = bearing.x();
-  event.by = bearing.y();
-  event.u_px = u_px;
-  event.v_px = v_px;
+  Observation event = testing::ObservationAt(camera, {u_px, v_px});
   event.tau_s = tau_s;
   grid.GiveLines(event);
   return event;

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "core/association/observation_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 
@@ -35,15 +36,7 @@ std::vector<TrackedLine> LinesOf(const ObjectModel& model, const VisibilityTeste
   return lines;
 }
 
-Observation At(const Eigen::Vector2d& pixel) {
-  const Eigen::Vector3d bearing = BearingOf(kCamera, pixel);
-  Observation event;
-  event.bx = bearing.x();
-  event.by = bearing.y();
-  event.u_px = pixel.x();
-  event.v_px = pixel.y();
-  return event;
-}
+Observation At(const Eigen::Vector2d& pixel) { return testing::ObservationAt(kCamera, pixel); }
 
 double TotalLength(const std::vector<TrackedLine>& lines, const RigidTransform& pose) {
   double length_px = 0.0;

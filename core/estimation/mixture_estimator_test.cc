@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "core/association/observation_testing.h"
 #include "core/estimation/event_deficit.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
@@ -25,12 +26,7 @@ class MixtureTest : public ::testing::Test {
     grid_.Build(lines_, 12.0);
   }
   Observation At(double du_px, double dv_px, uint8_t polarity = 1) const {
-    Observation event;
-    event.u_px = camera_.cx_px + du_px;
-    event.v_px = camera_.cy_px + dv_px;
-    const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
-    event.bx = bearing.x();
-    event.by = bearing.y();
+    Observation event = testing::ObservationAt(camera_, {camera_.cx_px + du_px, camera_.cy_px + dv_px});
     grid_.GiveLines(event);
     event.polarity = polarity;
     return event;
@@ -257,12 +253,7 @@ class DisplacedLines : public ::testing::Test {
       const double sign = (i % lines_.size()) % 4 < 2 ? 1.0 : -1.0;
       const double off_px = sign * displacement_px + random.Uniform(-1.0, 1.0);
       const Eigen::Vector2d pixel = line.PointAt(random.Uniform(0.02, 0.98)) + off_px * normal;
-      const Eigen::Vector3d bearing = BearingOf(camera_, pixel);
-      Observation event;
-      event.u_px = pixel.x();
-      event.v_px = pixel.y();
-      event.bx = bearing.x();
-      event.by = bearing.y();
+      Observation event = testing::ObservationAt(camera_, pixel);
       grid_.GiveLines(event);
       events.push_back(event);
     }

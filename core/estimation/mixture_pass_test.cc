@@ -8,6 +8,7 @@
 #include <cmath>
 #include <memory>
 
+#include "core/association/observation_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 
@@ -94,12 +95,7 @@ class MixturePassTest : public ::testing::TestWithParam<int> {
     const ImageLine& line = lines_[in_view_[random_.UniformInt(in_view_.size())]];
     const Eigen::Vector2d pixel =
         line.PointAt(random_.Uniform(-0.05, 1.05)) + Eigen::Vector2d(3.0 * random_.Normal(), 3.0 * random_.Normal());
-    const Eigen::Vector3d bearing = BearingOf(camera_, pixel);
-    Observation event;
-    event.bx = bearing.x();
-    event.by = bearing.y();
-    event.u_px = pixel.x();
-    event.v_px = pixel.y();
+    Observation event = testing::ObservationAt(camera_, pixel);
     event.tau_s = random_.Uniform(-1e-3, 1e-3);
     event.polarity = static_cast<uint8_t>(random_.UniformInt(2));
     event.previous = static_cast<PreviousPolarity>(random_.UniformInt(3));

@@ -12,6 +12,7 @@
 #include <memory>
 #include <vector>
 
+#include "core/association/observation_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/estimation/mixture_estimator.h"
 #include "core/numerics/random.h"
@@ -115,18 +116,14 @@ class MixtureReference : public ::testing::TestWithParam<int> {
   // Adds an event on a line at its own time, or displaced at random.
   void AddEvent(Random& random) {
     const ImageLine& line = lines_[random.UniformInt(lines_.size())];
-    Observation event;
-    event.tau_s = random.Uniform(-1e-3, 1e-3);
+    const double tau_s = random.Uniform(-1e-3, 1e-3);
     Eigen::Vector2d pixel = line.PointAt(random.Uniform());
     const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
-    const double moved_px = -event.tau_s * BearingOf(camera_, pixel).dot(line.a_dot);
+    const double moved_px = -tau_s * BearingOf(camera_, pixel).dot(line.a_dot);
     pixel += (moved_px + kSigmaPx * random.Normal()) * -normal;
     if (random.Uniform() < 0.2) pixel += Eigen::Vector2d(random.Uniform(-8.0, 8.0), random.Uniform(-8.0, 8.0));
-    const Eigen::Vector3d bearing = BearingOf(camera_, pixel);
-    event.u_px = pixel.x();
-    event.v_px = pixel.y();
-    event.bx = bearing.x();
-    event.by = bearing.y();
+    Observation event = testing::ObservationAt(camera_, pixel);
+    event.tau_s = tau_s;
     if (grid_.GiveLines(event)) events_.push_back(event);
   }
 

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "core/association/observation_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 
@@ -39,13 +40,9 @@ class HealthTest : public ::testing::Test {
   void AddEvents(int line, int count, double half_width_px, double along_begin = 0.0, double along_end = 1.0,
                  uint8_t polarity = 0) {
     for (int i = 0; i < count; ++i) {
-      Observation event;
-      const Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform(along_begin, along_end));
-      event.u_px = pixel.x() + random_.Uniform(-half_width_px, half_width_px);
-      event.v_px = pixel.y();
-      const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
-      event.bx = bearing.x();
-      event.by = bearing.y();
+      Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform(along_begin, along_end));
+      pixel.x() += random_.Uniform(-half_width_px, half_width_px);
+      Observation event = testing::ObservationAt(camera_, pixel);
       event.polarity = polarity;
       grid_.GiveLines(event);
       events_.push_back(event);
@@ -239,13 +236,9 @@ class DenseLinesTest : public ::testing::Test {
   }
   // Adds an event at a distance from a line.
   void Add(int line, double distance_px) {
-    const Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform(0.0, 1.0));
-    Observation event;
-    event.u_px = pixel.x() + distance_px;
-    event.v_px = pixel.y();
-    const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
-    event.bx = bearing.x();
-    event.by = bearing.y();
+    Eigen::Vector2d pixel = lines_[line].PointAt(random_.Uniform(0.0, 1.0));
+    pixel.x() += distance_px;
+    Observation event = testing::ObservationAt(camera_, pixel);
     grid_.GiveLines(event);
     events_.push_back(event);
   }
@@ -326,14 +319,10 @@ class RingHealthTest : public ::testing::Test {
                      absl::Span<const Expectation> expectations = {}) {
     std::vector<Observation> observations;
     for (int i = 0; i < events; ++i) {
-      Observation event;
       const double angle = random_.Uniform(0.0, 2.0 * M_PI);
       const double radius = 60.0 + random_.Uniform(-half_width_px, half_width_px);
-      event.u_px = camera_.cx_px + radius * std::cos(angle);
-      event.v_px = camera_.cy_px + radius * std::sin(angle);
-      const Eigen::Vector3d bearing = BearingOf(camera_, {event.u_px, event.v_px});
-      event.bx = bearing.x();
-      event.by = bearing.y();
+      Observation event = testing::ObservationAt(
+          camera_, {camera_.cx_px + radius * std::cos(angle), camera_.cy_px + radius * std::sin(angle)});
       grid_.GiveLines(event);
       KeepLinesWithin(10.0, lines_.data(), event);
       observations.push_back(event);
