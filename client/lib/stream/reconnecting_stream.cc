@@ -164,13 +164,13 @@ bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
 void ReconnectingStream::ReportAttached() {
   current_ = index_;
   attached_at_ = clock().Now();
-  if (away_since_)
-    Report({.is_away = false,
-            .server = server().name,
-            .cause = absl::OkStatus(),
-            .away_for = clock().Now() - *away_since_,
-            .next_try_in = absl::ZeroDuration(),
-            .trace = {}});
+  if (!away_since_) return;
+  Report({.is_away = false,
+          .server = server().name,
+          .cause = absl::OkStatus(),
+          .away_for = clock().Now() - *away_since_,
+          .next_try_in = absl::ZeroDuration(),
+          .trace = {}});
 }
 
 void ReconnectingStream::Report(ConnectionChange change) const {
