@@ -63,9 +63,11 @@ TEST_P(TrackingAllocations, NoneForAWindow) {
   const SpeedRecording recording = MakeSpeedRecording(std::string(GetParam()), kDuration_us).value();
   const std::vector<uint8_t> bytes = EncodeRecording(recording, Encoding::kEvt3).value();
   const auto decoder = MakeEventDecoder(Encoding::kEvt3, recording.geometry).value();
+  // A rival is a new track with tables of its own.
+  TrackerOptions options;
+  options.initialization.tilt_view_rad = 3.0;
   const auto tracker =
-      Tracker::Create(recording.model, recording.camera, TrackerOptions(), recording.initial_camera_from_object)
-          .value();
+      Tracker::Create(recording.model, recording.camera, options, recording.initial_camera_from_object).value();
   const int64_t warm_us = recording.events.front().t_us + kWarmUp_us;
   DecodedEvents decoded;
   // More than the number of windows.

@@ -362,11 +362,21 @@ void Hypotheses::LoadState(StateReader& reader) {
 }
 
 void Hypotheses::Remove(size_t index, LossCause cause) {
+  const bool is_first_lost = index == 0 && cause != LossCause::kBetterPose;
   if (index == 0) first_removed_because_ = cause;
   entries_[index].track->Reject(cause, now_us_);
   const auto offset = static_cast<std::ptrdiff_t>(index);
   entries_.erase(entries_.begin() + offset);
   for (Entry& entry : entries_) entry.comparisons.erase(entry.comparisons.begin() + offset);
+  if (is_first_lost) RemoveTiltedFrom(0);
+}
+
+void Hypotheses::RemoveTiltedFrom(size_t begin) {
+  const LossCause first_removed_because = first_removed_because_;
+  for (size_t i = entries_.size(); i-- > begin;) {
+    if (entries_[i].origin == Origin::kTiltedRival) Remove(i, LossCause::kBetterPose);
+  }
+  first_removed_because_ = first_removed_because;
 }
 
 }  // namespace evpose

@@ -53,6 +53,8 @@ class Hypotheses {
   void OnGap(int64_t gap_us);
   // Removes the hypotheses for which `is_wrong` is true, for that reason.
   void DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong, LossCause cause);
+  // Removes the tilted rivals of the first hypothesis, as after its loss: they are tests of it. Requires !empty().
+  void RemoveTilted() { RemoveTiltedFrom(1); }
   // Moves the best hypothesis to the front if the events prefer it to the first one by at least `min_sigma` standard
   // deviations.
   void PutBestFirst(double min_sigma);
@@ -66,7 +68,8 @@ class Hypotheses {
   bool are_rivals_generated() const { return entries_.front().are_rivals_generated; }
   // Whether the first hypothesis has rivals that AddRival() has added.
   bool HasRival() const;
-  // Whether the first hypothesis was added as a tilted rival. Requires !empty().
+  // Whether the first hypothesis was added by AddRival(), and as a tilted rival. Requires !empty().
+  bool is_first_rival() const { return entries_.front().origin != Origin::kSearch; }
   bool is_first_tilted() const { return entries_.front().origin == Origin::kTiltedRival; }
   // Whether another hypothesis was compared with the first one in several windows, and the test has rejected neither.
   // RivalPrior::kUnlikely is taken into account.
@@ -145,6 +148,7 @@ class Hypotheses {
   void DropUnsupportedRivals();
   void Append(Entry entry);
   void Remove(size_t index, LossCause cause);
+  void RemoveTiltedFrom(size_t begin);
 
   const TrackContext& context_;
   std::vector<Entry> entries_;

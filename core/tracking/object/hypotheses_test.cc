@@ -208,6 +208,21 @@ TEST(Hypotheses, ATiltedRivalIsRemovedOnceItHasConverged) {
   EXPECT_EQ(hypotheses.first().motion().camera_from_object, alone.first().motion().camera_from_object);
 }
 
+TEST(Hypotheses, TiltedRivalsAloneAreRemovedTogether) {
+  const TrackContext context = MakeContext();
+  Hypotheses hypotheses(context);
+  hypotheses.Add(Start(context, kStart));
+  for (const auto kind :
+       {Hypotheses::RivalKind::kTilted, Hypotheses::RivalKind::kOtherEdges, Hypotheses::RivalKind::kTilted}) {
+    hypotheses.AddRival(Start(context, MakePose({0.02, -0.01, 0.6}, {0.2, 0.1, 0.2})), kind);
+  }
+  ASSERT_EQ(hypotheses.size(), 4u);
+  hypotheses.RemoveTilted();
+  EXPECT_EQ(hypotheses.size(), 2u);
+  EXPECT_TRUE(hypotheses.HasRival());
+  EXPECT_EQ(hypotheses.first().motion().camera_from_object, kStart);
+}
+
 TEST(Hypotheses, ATiltedRivalThatTakesThePlaceOfAWrongPoseHasTheSameGeneratedRivals) {
   const TrackContext context = MakeContext();
   Hypotheses hypotheses(context);

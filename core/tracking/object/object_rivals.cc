@@ -16,6 +16,8 @@ constexpr int kRivalsAtOnce = 3;
 }  // namespace
 
 void ObjectTracker::AddRivals(const EventWindow& window) {
+  // Without events of the object, as at rest, those of other edges would decide between its inclinations.
+  if (phase_ == ObjectPhase::kPublished && state() != TrackState::kTracking) hypotheses_.RemoveTilted();
   if (phase_ != ObjectPhase::kPublished || hypotheses_.size() > 1) {
     turned_faces_.Reset();  // another pose may be published next
     return;

@@ -158,7 +158,6 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
 
 void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
   const PoseTrack* first = &hypotheses_.first();
-  const bool has_rival = hypotheses_.HasRival();
   hypotheses_.OnWindow(window, OthersAt(window, hypotheses_.size() == 1 ? &hypotheses_.first().motion() : nullptr));
   hypotheses_.DropIf([this](const PoseTrack& track) { return IsOccupied(track); }, LossCause::kOccupied);
   if (hypotheses_.empty()) {
@@ -167,7 +166,7 @@ void ObjectTracker::Follow(const EventWindow& window, std::vector<PoseEstimate>&
     return;
   }
   if (first != &hypotheses_.first()) {
-    if (has_rival) {
+    if (hypotheses_.is_first_rival()) {
       Enter(ObjectInput::kRivals);  // its rival takes its place
       ContinueWithRival(window.t_end_us);
     } else {

@@ -162,9 +162,9 @@ bool TiltTestTrigger::Update(const RigidTransform& camera_from_object, const Vec
     SinceTest& test = *test_;
     test.mean_residual_px += kNewest * (residual_px - test.mean_residual_px);
     test.least_residual_px = std::min(test.least_residual_px, test.mean_residual_px);
-    const bool has_turned = test.ray.dot(ray) < turned_cosine_;
+    const double cosine = test.ray.dot(ray);
     const bool has_grown = test.mean_residual_px > growth_ * test.least_residual_px;
-    if (!has_turned && !has_grown) return false;
+    if (cosine > (has_grown ? partly_turned_cosine_ : turned_cosine_)) return false;
   }
   const double mean_px = test_ ? test_->mean_residual_px : residual_px;
   test_ = SinceTest{ray, mean_px, mean_px};

@@ -60,12 +60,14 @@ class TiltTestTrigger {
  public:
   // `turned_rad`: the angle by which the view turns between two tests. `growth`: the ratio by which the residual grows.
   TiltTestTrigger(double turned_rad, double growth)
-      : turned_cosine_(DeterministicSinCos(turned_rad).cos), growth_(growth) {}
+      : turned_cosine_(DeterministicSinCos(turned_rad).cos),
+        partly_turned_cosine_(DeterministicSinCos(kPart * turned_rad).cos),
+        growth_(growth) {}
 
   // To be called with each tracked pose. `point` is that of the object (object frame) to which the rays are drawn,
-  // `residual_px` the root mean square of the residuals. True for the first pose, whenever the ray has turned by the
-  // angle since the last pose for which the result was true, and whenever the mean residual of the latest poses has
-  // grown by the ratio since then.
+  // `residual_px` the root mean square of the residuals. True for the first pose, and whenever, since the last pose for
+  // which the result was true, the ray has turned by the angle, or by a third of it while the mean residual of the
+  // latest poses has grown by the ratio.
   bool Update(const RigidTransform& camera_from_object, const Eigen::Vector3d& point, double residual_px);
   // The next pose is a new one.
   void Reset() { test_.reset(); }
@@ -85,7 +87,11 @@ class TiltTestTrigger {
   };
   static void VisitState(auto& archive, auto& self) { archive(self.test_); }
 
+  // A residual also grows by clutter, beside an object that does not turn.
+  static constexpr double kPart = 1.0 / 3.0;
+
   const double turned_cosine_;
+  const double partly_turned_cosine_;
   const double growth_;
   std::optional<SinceTest> test_;
 };

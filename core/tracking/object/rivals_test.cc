@@ -242,17 +242,17 @@ TEST(RivalGeneratorTest, TiltsThatASymmetryUndoesAreLeftOut) {
 class TiltTestTriggerTest : public ::testing::Test {
  protected:
   // Whether tilted rivals are due when the object is turned by this angle about the vertical axis of the image.
-  bool UpdateTurned(double turn_rad, double roll_rad = 0.0, double distance_m = 0.6) {
+  bool UpdateTurned(double turn_rad, double roll_rad = 0.0, double distance_m = 0.6, double residual_px = 0.5) {
     const Vector3d ray = Vector3d(0.1, 0.0, 1.0).normalized();
     RigidTransform pose;
     pose.rotation = ExpSo3(roll_rad * ray) * ExpSo3({0.0, turn_rad, 0.0});
     pose.translation_m = distance_m * ray - pose.rotation * kFacePoint;
-    return trigger_.Update(pose, kFacePoint, 0.5);
+    return trigger_.Update(pose, kFacePoint, residual_px);
   }
-  // The number of windows with this residual until tilted rivals are due; at most 100.
-  int WindowsUntilDue(double residual_px) {
+  // The number of windows with this turn and residual until tilted rivals are due; at most 100.
+  int WindowsUntilDue(double turn_rad, double residual_px) {
     for (int i = 1; i <= 100; ++i) {
-      if (trigger_.Update(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), kFacePoint, residual_px)) return i;
+      if (UpdateTurned(turn_rad, 0.0, 0.6, residual_px)) return i;
     }
     return 100;
   }
@@ -271,14 +271,15 @@ TEST_F(TiltTestTriggerTest, TiltedRivalsAreDueWhenTheViewHasTurned) {
   EXPECT_TRUE(UpdateTurned(0.0)) << "another pose";
 }
 
-TEST_F(TiltTestTriggerTest, TiltedRivalsAreDueWhenTheResidualHasGrown) {
-  ASSERT_EQ(WindowsUntilDue(0.5), 1) << "a new pose";
-  EXPECT_EQ(WindowsUntilDue(0.6), 100);
-  EXPECT_EQ(WindowsUntilDue(0.5), 100);
-  const int windows = WindowsUntilDue(0.8);
+TEST_F(TiltTestTriggerTest, TiltedRivalsAreDueEarlierWhenTheResidualHasGrown) {
+  ASSERT_EQ(WindowsUntilDue(0.0, 0.5), 1) << "a new pose";
+  EXPECT_EQ(WindowsUntilDue(0.04, 0.6), 100);
+  EXPECT_EQ(WindowsUntilDue(0.0, 0.8), 100) << "the object has not turned";
+  EXPECT_EQ(WindowsUntilDue(0.0, 0.5), 100);
+  const int windows = WindowsUntilDue(0.04, 0.8);
   EXPECT_GT(windows, 2) << "single windows do not count";
   EXPECT_LT(windows, 20);
-  EXPECT_EQ(WindowsUntilDue(0.7), 100) << "it is compared with that of the latest test";
+  EXPECT_EQ(WindowsUntilDue(0.08, 0.7), 100) << "it is compared with that of the latest test";
 }
 
 TEST_F(TiltTestTriggerTest, TheStateCanBeSaved) {

@@ -66,9 +66,9 @@ struct InitializationOptions {
   // Radians: the angle by which tilted rivals are turned. Poses that are off by 8 to 15 degrees converge to the right
   // one from one of the four.
   double tilt_rad = 0.17;
-  // Tilted rivals are tested when the view has turned by tilt_view_rad (radians), and when the mean residual is
-  // tilt_residual_growth times its least value since the latest test. The README, section 6, has the model with which
-  // both were validated.
+  // Tilted rivals are tested when the view has turned by tilt_view_rad (radians) since the latest test, or by a third
+  // of it while the mean residual has become tilt_residual_growth times its least value. The README, section 6, has the
+  // model with which both were validated.
   double tilt_view_rad = 0.15;
   double tilt_residual_growth = 1.3;
   // Microseconds after which the best of several competing hypotheses is published, as AMBIGUOUS and with the others as
