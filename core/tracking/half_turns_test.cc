@@ -173,13 +173,14 @@ TEST_F(HalfTurnsTest, AContourBesideItsPlaceIsNoEvidenceForThePoseWithoutIt) {
   EXPECT_LT(hypotheses.Alternatives()[0].log_likelihood_ratio, 0.0);
 }
 
-// A frame that equals itself after half a turn, but for a mark of 1 % of its length. The object has lost the mark and
-// has a scratch at the place where the turned pose expects the mark: the model is wrong in both.
+// A frame that equals itself after half a turn, but for a mark of 1 % of its length. The mark has no events in the
+// light that falls on it, and a shade has events where the turned pose expects the mark: the model is wrong in both.
 TEST_F(HalfTurnsTest, AnErrorOfTheModelDoesNotDecide) {
   const auto frame_with_mark = [](double sign) {
     const auto frame = std::make_shared<ObjectModel>(*Card(0.0));
     const Vector3d begin(sign * 0.04, sign * 0.01, 0.0), end(sign * 0.04, sign * 0.02, 0.0);
-    frame->lines.push_back({begin, end, {{0.0, 0.0, -1.0}}, EdgeKind::kPainted});
+    frame->lines.push_back({begin, end, {{0.0, 0.0, -1.0}}, EdgeKind::kCrease});
+    for (ModelLine& line : frame->lines) line.kind = EdgeKind::kCrease;
     return frame;
   };
   const std::shared_ptr<const ObjectModel> model = frame_with_mark(1.0);

@@ -188,7 +188,7 @@ PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const OtherO
   if (near.count == 0) return nearness;
   const double distance_px = std::abs(near.distance_px[0]);
   nearness.distance_px = static_cast<float>(distance_px);
-  nearness.is_contour = lines_[near.line[0]].kind == EdgeKind::kContour;
+  nearness.kind = lines_[near.line[0]].kind;
   if (others == nullptr || rates_.empty()) return nearness;
   nearness.share = static_cast<float>(OwnShare(distance_px, OthersDensityPerPx(observation, *others, rates_)));
   return nearness;

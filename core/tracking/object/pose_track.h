@@ -74,9 +74,9 @@ class PoseTrack {
   absl::Span<const TrackedLine> lines() const { return lines_; }
   // Where an event of the last window lies relative to the lines.
   struct Nearness {
-    float distance_px = kScoredPx;  // from the nearest line in view; kScoredPx where none is nearer
-    float share = 1.0f;             // probability that the event is not that of another object
-    bool is_contour = false;        // the nearest line is part of a contour
+    float distance_px = kScoredPx;      // from the nearest line in view; kScoredPx where none is nearer
+    float share = 1.0f;                 // probability that the event is not that of another object
+    EdgeKind kind = EdgeKind::kCrease;  // of the nearest line
   };
   // Twice the half-width of the widest triangle by which hypotheses are compared (README, section 2): events farther
   // away have a score of 0. Validated by half_turns_test: a contour 2 px beside its place must not count against the
