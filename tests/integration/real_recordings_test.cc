@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Tests the evidence for poses on recordings of real sensors with reference poses (EVPOSE_SHARED_DATA): poses stay
-// right from a given first pose, and an object that is absent, or a flashing board, is not tracked. A pose is wrong if
-// the model's vertices lie farther than kWrongPx (root mean square) from those at the reference, modulo symmetry.
+// Tests the evidence for poses on recordings of real sensors with reference poses (EVPOSE_SHARED_DATA): poses are
+// found, stay right from a given first pose, and an object that is absent, or a flashing board, is not tracked. A pose
+// is wrong if the model's vertices lie farther than kWrongPx (root mean square) from those at the reference, modulo
+// symmetry.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -97,9 +98,9 @@ std::vector<PoseEstimate> Track(const Scene& scene, const std::optional<RigidTra
   return estimates;
 }
 
-Outcome FromTheGivenPose(const Scene& scene) {
+Outcome CompareWithReference(const Scene& scene, const std::optional<RigidTransform>& given) {
   Outcome outcome;
-  const auto estimates = Track(scene, scene.reference.front().camera_from_object, outcome);
+  const auto estimates = Track(scene, given, outcome);
   std::vector<double> distances_px;
   int64_t right_us = 0, wrong_since_us = -1, last_us = scene.reference.front().t_us;
   for (const PoseEstimate& estimate : estimates) {
@@ -119,6 +120,10 @@ Outcome FromTheGivenPose(const Scene& scene) {
   std::sort(distances_px.begin(), distances_px.end());
   if (!distances_px.empty()) outcome.median_px = distances_px[distances_px.size() / 2];
   return outcome;
+}
+
+Outcome FromTheGivenPose(const Scene& scene) {
+  return CompareWithReference(scene, scene.reference.front().camera_from_object);
 }
 
 struct GivenPoseCase {
@@ -147,6 +152,27 @@ INSTANTIATE_TEST_SUITE_P(RealRecordings, GivenPoseTest,
                                            GivenPoseCase{"phone_shake", 0.6, 0.95, 0},
                                            GivenPoseCase{"shapes_rotation", 0.4, 0.95, 0},
                                            GivenPoseCase{"shapes_rotation_fast", 0.3, 0.9, 0}));
+
+struct FoundCase {
+  const char* folder;
+  double min_tracking_ratio;  // of the duration of the reference
+};
+
+class FoundTest : public ::testing::TestWithParam<FoundCase> {};
+
+TEST_P(FoundTest, IsTrackedWithoutAPrior) {
+  const std::optional<Scene> scene = Load(GetParam().folder);
+  if (!scene) GTEST_SKIP() << "real/" << GetParam().folder << " is not in EVPOSE_SHARED_DATA";
+  const Outcome outcome = CompareWithReference(*scene, std::nullopt);
+  const auto span_us = static_cast<double>(scene->reference.back().t_us - scene->reference.front().t_us);
+  EXPECT_GE(static_cast<double>(outcome.tracking_us) / span_us, GetParam().min_tracking_ratio);
+  EXPECT_EQ(outcome.wrong_tracking_us, 0);
+}
+
+// The rest of the time the pose is searched for, or DEGRADED while there are few events.
+INSTANTIATE_TEST_SUITE_P(RealRecordings, FoundTest,
+                         ::testing::Values(FoundCase{"phone_shake", 0.5}, FoundCase{"shapes_rotation", 0.8},
+                                           FoundCase{"shapes_rotation_fast", 0.8}));
 
 class FlashingBoardTest : public ::testing::TestWithParam<const char*> {};
 
