@@ -159,7 +159,7 @@ bool TiltTestTrigger::Update(const RigidTransform& camera_from_object, const Vec
   constexpr double kNewest = 0.125;  // weight of the latest residual: the mean follows within about 10 windows
   const Vector3d ray = camera_from_object.rotation.transpose() * (camera_from_object * point).normalized();
   if (test_) {
-    SinceTest& test = *test_;
+    SinceTiltTest& test = *test_;
     test.mean_residual_px += kNewest * (residual_px - test.mean_residual_px);
     test.least_residual_px = std::min(test.least_residual_px, test.mean_residual_px);
     const double cosine = test.ray.dot(ray);
@@ -167,7 +167,7 @@ bool TiltTestTrigger::Update(const RigidTransform& camera_from_object, const Vec
     if (cosine > (has_grown ? partly_turned_cosine_ : turned_cosine_)) return false;
   }
   const double mean_px = test_ ? test_->mean_residual_px : residual_px;
-  test_ = SinceTest{ray, mean_px, mean_px};
+  test_ = SinceTiltTest{ray, mean_px, mean_px};
   return true;
 }
 

@@ -55,6 +55,16 @@ class TurnedFaceDetector {
   std::vector<Side> sides_;  // sides of the planes
 };
 
+// What has been measured since a test of tilted rivals.
+struct SinceTiltTest {
+  Eigen::Vector3d ray = Eigen::Vector3d::Zero();  // unit vector in the object frame at the test
+  double mean_residual_px = 0.0;                  // running mean
+  double least_residual_px = 0.0;                 // its least value
+  static void VisitState(auto& archive, auto& self) {
+    archive(self.ray, self.mean_residual_px, self.least_residual_px);
+  }
+};
+
 // Decides when the tilted rivals of a published pose must be tested (core/tracking/README.md, section 6).
 class TiltTestTrigger {
  public:
@@ -76,15 +86,6 @@ class TiltTestTrigger {
   void LoadState(StateReader& reader) { VisitState(reader, *this); }
 
  private:
-  // What has been measured since a test.
-  struct SinceTest {
-    Eigen::Vector3d ray = Eigen::Vector3d::Zero();  // unit vector in the object frame at the test
-    double mean_residual_px = 0.0;                  // running mean
-    double least_residual_px = 0.0;                 // its least value
-    static void VisitState(auto& archive, auto& self) {
-      archive(self.ray, self.mean_residual_px, self.least_residual_px);
-    }
-  };
   static void VisitState(auto& archive, auto& self) { archive(self.test_); }
 
   // A residual also grows by clutter, beside an object that does not turn.
@@ -93,7 +94,7 @@ class TiltTestTrigger {
   const double turned_cosine_;
   const double partly_turned_cosine_;
   const double growth_;
-  std::optional<SinceTest> test_;
+  std::optional<SinceTiltTest> test_;
 };
 
 // The rigid motions and directions of a model from which rivals of any pose follow.
