@@ -72,7 +72,7 @@ TEST_F(ModelGeometryTest, AModelCanBeDeletedAfterwards) {
   EXPECT_EQ(Describe(Geometry(cube, 0, &geometry)), "NOT_FOUND MODEL_NOT_FOUND");
 }
 
-// Models whose reading a test can see, and can let fail.
+// A store that calls a function of the test when it reads a model, and that can return an error.
 class WatchedStore : public FaultInjectingStore {
  public:
   explicit WatchedStore(std::shared_ptr<Store> store,
@@ -119,6 +119,13 @@ class GeometryReactorTest : public ::testing::Test, public v1::ModelService::Cal
     return reactor;
   }
 
+  // The result of the call when the store returns this error.
+  std::string ResultAfter(const absl::Status& error) {
+    store_.fault->Set(error);
+    threads_.run();
+    return call_.get();
+  }
+
   boost::asio::io_context threads_;
   SlowExecutor preparations_{threads_.get_executor(), 1};
   WatchedStore store_{MakeMemoryStore()};
@@ -149,21 +156,15 @@ TEST_F(GeometryReactorTest, ACallThatReadsTheModelEndsBehindIt) {
 }
 
 TEST_F(GeometryReactorTest, AStoreThatDoesNotRespondIsUnavailable) {
-  store_.fault->Set(absl::UnavailableError("gone"));
-  threads_.run();
-  EXPECT_EQ(call_.get(), "UNAVAILABLE STORE_UNAVAILABLE");
+  EXPECT_EQ(ResultAfter(absl::UnavailableError("gone")), "UNAVAILABLE STORE_UNAVAILABLE");
 }
 
 TEST_F(GeometryReactorTest, AStoreThatFailsIsAnInternalError) {
-  store_.fault->Set(absl::InternalError("bad page"));
-  threads_.run();
-  EXPECT_EQ(call_.get(), "INTERNAL STORE_FAILED");
+  EXPECT_EQ(ResultAfter(absl::InternalError("bad page")), "INTERNAL STORE_FAILED");
 }
 
 TEST_F(GeometryReactorTest, ADamagedModelHasAReason) {
-  store_.fault->Set(absl::DataLossError("the model is damaged"));
-  threads_.run();
-  EXPECT_EQ(call_.get(), "DATA_LOSS MODEL_DAMAGED");
+  EXPECT_EQ(ResultAfter(absl::DataLossError("the model is damaged")), "DATA_LOSS MODEL_DAMAGED");
 }
 
 TEST_F(GeometryReactorTest, AServerThatShutsDownStartsNoCall) {

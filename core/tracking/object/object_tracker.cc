@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/yield_point.h"
+#include "core/geometry/lines_of_a_pose.h"
 #include "core/geometry/single_precision.h"
 #include "core/models/continuous_symmetry.h"
 #include "core/tracking/object/event_extent.h"
@@ -283,7 +284,6 @@ void ObjectTracker::SearchAgain(const EventWindow& window) {
 }
 
 InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
-  constexpr int kMinLines = 3;  // three lines determine the six unknowns of a pose
   const std::vector<PixelEvent> events = CollectEvents();
   const FirstPoses first = initializer_->Find(events);
   ++report_.attempts;
@@ -296,7 +296,7 @@ InitializationStatus ObjectTracker::FindHypotheses(Hypotheses& hypotheses) {
     ++report_.searches.poses_found;
     return InitializationStatus::kVerifying;
   }
-  if (first.num_lines < kMinLines) {
+  if (first.num_lines < kLinesOfAPose) {
     if (const auto why = WhyTooFewEdges(events)) return *why;
     if (!first.uses_contours) {
       ++report_.searches.too_few_lines;

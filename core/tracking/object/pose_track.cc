@@ -338,7 +338,7 @@ double PoseTrack::OthersDensityPerPx(const Observation& event, const OtherObject
                                      absl::Span<const double> rates) const {
   const double density = others.DensityAt(event);
   if (density <= 0.0) return 0.0;
-  static const double kReachPx = MixtureOptions().max_gate_px;  // the widest gate of the first pass
+  constexpr double kReachPx = MixtureOptions().max_gate_px;  // the widest gate of the first pass
   const NearLines near = FindNearLines(event, image_lines_.data(), kReachPx, 0.0);
   // Away from all own lines the event can only belong to the other objects, whatever their rate.
   return near.count == 0 ? density : density / rates[near.line[0]];

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "core/base/yield_point.h"
+#include "core/geometry/half_turn.h"
 #include "core/models/continuous_symmetry.h"
 
 namespace evpose {
@@ -15,7 +16,10 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-Matrix3d Reflection(const Vector3d& unit) { return Matrix3d::Identity() - 2.0 * unit * unit.transpose(); }
+// The unit vector from the camera to a point of the object, in the object frame.
+Vector3d RayTo(const RigidTransform& camera_from_object, const Vector3d& point) {
+  return camera_from_object.rotation.transpose() * (camera_from_object * point).normalized();
+}
 
 // Covariance of a rival: the pose is uncertain as a first pose is, because its refinement must find depth and position
 // again. The velocities were measured with the other pose.
@@ -157,7 +161,7 @@ std::optional<size_t> TurnedFaceDetector::Update(const RigidTransform& camera_fr
 
 bool TiltTestTrigger::Update(const RigidTransform& camera_from_object, const Vector3d& point, double residual_px) {
   constexpr double kNewest = 0.125;  // weight of the latest residual: the mean follows within about 10 windows
-  const Vector3d ray = camera_from_object.rotation.transpose() * (camera_from_object * point).normalized();
+  const Vector3d ray = RayTo(camera_from_object, point);
   if (test_) {
     SinceTiltTest& test = *test_;
     test.mean_residual_px += kNewest * (residual_px - test.mean_residual_px);
@@ -192,11 +196,11 @@ RivalGenerator::RivalGenerator(const ObjectModel& model) : model_(model) {
     const auto [least, most] = std::minmax(values[(k + 1) % 3], values[(k + 2) % 3]);
     if (most - least > kEqualWidth * most) continue;
     for (const double angle : {0.5 * std::numbers::pi, -0.5 * std::numbers::pi}) {
-      quarter_turns_.push_back(AboutCentroid(ExpSo3(angle * axes_.back())));
+      quarter_turns_.push_back(RotationAbout(centroid_, ExpSo3(angle * axes_.back())));
     }
   }
   const auto add_half_turn = [this](const Vector3d& axis) {
-    half_turns_.push_back(AboutCentroid(2.0 * axis * axis.transpose() - Matrix3d::Identity()));
+    half_turns_.push_back(RotationAbout(centroid_, HalfTurn(axis)));
   };
   for (const Vector3d& axis : axes_) add_half_turn(axis);
   // The principal axes across the axis of a round object are not determined, but all half turns about them are equal.
@@ -224,13 +228,12 @@ std::vector<MotionState> RivalGenerator::RivalsOf(const MotionState& state, doub
 
 std::vector<MotionState> RivalGenerator::TiltedRivalsOf(const MotionState& state, double tilt_rad, double focal_px,
                                                         const InitialPoseOptions& options, double merge_rad) const {
-  const RigidTransform& pose = state.camera_from_object;
-  const Vector3d ray = pose.rotation.transpose() * (pose * centroid_).normalized();
+  const Vector3d ray = RayTo(state.camera_from_object, centroid_);
   const Vector3d across = ray.unitOrthogonal();
   const Vector3d other = ray.cross(across);
   std::vector<MotionState> rivals;
   for (const Vector3d& axis : {across, other, Vector3d(-across), Vector3d(-other)}) {
-    const MotionState rival = MovedState(state, AboutCentroid(ExpSo3(tilt_rad * axis)), focal_px, options);
+    const MotionState rival = MovedState(state, RotationAbout(centroid_, ExpSo3(tilt_rad * axis)), focal_px, options);
     if (!IsSame(rival, state, merge_rad)) rivals.push_back(rival);
   }
   return rivals;

@@ -61,7 +61,7 @@ struct SinceTiltTest {
   double mean_residual_px = 0.0;                  // running mean
   double least_residual_px = 0.0;                 // its least value
   static void VisitState(auto& archive, auto& self) {
-    archive(self.ray, self.mean_residual_px, self.least_residual_px);
+    archive(Finite(self.ray), Finite(self.mean_residual_px), Finite(self.least_residual_px));
   }
 };
 
@@ -119,8 +119,7 @@ class RivalGenerator {
   const Eigen::Vector3d& centroid() const { return centroid_; }
 
  private:
-  RigidTransform AboutCentroid(const Eigen::Matrix3d& turn) const { return {turn, centroid_ - turn * centroid_}; }
-  // Whether both poses, of which one may be replaced by one that is equal by symmetry, have nearly the same rotation.
+  // Whether the rotations of both poses differ by less than `merge_rad` modulo the symmetries of the model.
   bool IsSame(const MotionState& a, const MotionState& b, double merge_rad) const;
 
   const ObjectModel& model_;
