@@ -188,7 +188,7 @@ class TextSource final : public EventSource {
 
  private:
   void TakeEvent(std::string_view line, std::vector<SourceEvent>& events) {
-    // Whether `line` is the end of a line that was too long and whose beginning was skipped.
+    // Whether `line` is the rest of a longer line. The beginning of that line exceeded the maximum and was skipped.
     const bool is_rest = std::exchange(is_in_long_line_, false);
     if (is_rest ? is_long_comment_ : IsComment(line)) return;
     if (is_rest || line.size() > kMaxLineBytes) {

@@ -283,8 +283,8 @@ class OverlapRemover {
     report_.is_complete &= budget > 0;
   }
 
-  // Adds the patches of marked triangles whose removal leaves an even number of faces at each of their edges. After the
-  // removal of another patch, a body would have a hole, a sheet would have one side, or a wall would end within a body.
+  // Adds to `remove` each patch of marked triangles that leaves an even number of faces at all of its edges when it is
+  // removed. Without any other patch, a body would have a hole, a sheet only one side, or a wall an end within a body.
   void AddPatches(const std::vector<bool>& marked, std::vector<bool>& remove) const {
     DisjointSets patches(marked.size());
     std::vector<uint32_t> beside;  // marked triangles at an edge that has to keep them

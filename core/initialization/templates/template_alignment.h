@@ -18,8 +18,8 @@ namespace evpose {
 
 // How well the edges of an object at a pose agree with those in the map.
 struct AlignmentScore {
-  // Of the samples whose motion should cause events, the share that has an edge nearby. A sample behind the camera or
-  // outside the map counts as expected and not hit.
+  // Share of the samples with an edge of the map nearby, among those whose motion should cause events. Samples behind
+  // the camera or outside the map count as samples that should cause events and have no edge nearby.
   double hit_ratio = 0.0;
   double explained_ratio = 0.0;  // share of the events on the edges of the map with a sample nearby
 

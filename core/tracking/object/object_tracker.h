@@ -101,8 +101,7 @@ class ObjectTracker {
   void StartPublishing(const EventWindow& window);
   void Search(const EventWindow& window, std::vector<PoseEstimate>& estimates);
   // Adds rivals of the published pose: the mirrored one when a face of the object has passed the position in which it
-  // is seen edge-on, the tilted ones when the view has turned or the residual has grown, and the generated ones at
-  // intervals.
+  // is seen edge-on, the tilted ones when the view has turned, and the generated ones at intervals.
   void AddRivals(const EventWindow& window);
   void AddTiltedRivals();
   void AddGeneratedRivals(int64_t t_us);

@@ -50,8 +50,8 @@ struct InitializationOptions {
   // 3e-5, one-sided under the normal distribution.
   double decision_sigma = 4.0;
   // Standard deviation of the score difference that edges without events, and events without an edge in the model, can
-  // cause, relative to the sum of the scores, of which those at painted lines count by a quarter
-  // (core/tracking/README.md, equation (3)). At decision_sigma, poses are told apart by at least 2.4 % of that sum. The
+  // cause, divided by the sum of the scores. In this sum the scores at painted lines are multiplied by 1/4
+  // (core/tracking/README.md, equation (3)). At decision_sigma, poses are told apart by at least 2.4 % of the sum. The
   // README, section 2, has the models with which it was validated.
   double model_error_ratio = 0.006;
   // Events of a window on which two poses are compared; further ones are correlated with these.
