@@ -30,9 +30,12 @@ absl::StatusOr<std::unique_ptr<ModelLimits::Upload>> ModelLimits::BeginUpload(co
                                      " uploads under way: try again when one has ended"),
                         kRetryDelay);
   }
+  // Before the count, because an allocation that fails after it would leave the count too high.
+  Usage& of_tenant = by_tenant_[tenant];
+  auto upload = std::make_unique<Upload>(*this, tenant);
   ++all_.uploads;
-  ++by_tenant_[tenant].uploads;
-  return std::make_unique<Upload>(*this, tenant);
+  ++of_tenant.uploads;
+  return upload;
 }
 
 absl::Status ModelLimits::CheckSize(const std::string& tenant, uint64_t size_bytes) {
@@ -52,8 +55,7 @@ absl::Status ModelLimits::Check(const std::string& tenant, uint64_t bytes) {
 absl::Status ModelLimits::Receive(const std::string& tenant, uint64_t bytes) {
   const std::lock_guard lock(mutex_);
   EVPOSE_RETURN_IF_ERROR(CheckRoom(tenant, bytes));
-  all_.bytes += bytes;
-  by_tenant_[tenant].bytes += bytes;
+  AddBytes(tenant, bytes);
   return absl::OkStatus();
 }
 
@@ -83,13 +85,17 @@ void ModelLimits::End(const std::string& tenant, uint64_t bytes) {
 
 void ModelLimits::AddStored(const std::string& tenant, uint64_t bytes) {
   const std::lock_guard lock(mutex_);
-  all_.bytes += bytes;
-  by_tenant_[tenant].bytes += bytes;
+  AddBytes(tenant, bytes);
 }
 
 void ModelLimits::RemoveStored(const std::string& tenant, uint64_t bytes) {
   const std::lock_guard lock(mutex_);
   Release(tenant, {.bytes = bytes});
+}
+
+void ModelLimits::AddBytes(const std::string& tenant, uint64_t bytes) {
+  by_tenant_[tenant].bytes += bytes;  // first, because it may throw
+  all_.bytes += bytes;
 }
 
 void ModelLimits::Release(const std::string& tenant, const Usage& usage) {

@@ -74,12 +74,13 @@ class ModelLimits {
   absl::Status Receive(const std::string& tenant, uint64_t bytes);
   void End(const std::string& tenant, uint64_t bytes);
   absl::Status CheckRoom(const std::string& tenant, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void AddBytes(const std::string& tenant, uint64_t bytes) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Release(const std::string& tenant, const Usage& usage) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Options options_;
   std::mutex mutex_;
   Usage all_ ABSL_GUARDED_BY(mutex_);
-  std::map<std::string, Usage> by_tenant_ ABSL_GUARDED_BY(mutex_);  // tenants without any use are not in the map
+  std::map<std::string, Usage> by_tenant_ ABSL_GUARDED_BY(mutex_);  // of a tenant without any use: zero or absent
 };
 
 }  // namespace evpose::server

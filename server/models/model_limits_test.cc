@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/models/model_limits.h"
 
+#include <new>
+#include <string>
+
+#include "absl/status/status.h"
 #include "gtest/gtest.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/failing_allocations_testing.h"
 
 namespace evpose::server {
 namespace {
@@ -53,6 +58,28 @@ TEST(ModelLimitsTest, UploadsAreCounted) {
   EXPECT_EQ(LimitOf(limits.BeginUpload("field").status()), "TOO_MANY_UPLOADS max_uploads");
   first.reset();
   EXPECT_TRUE(limits.BeginUpload("lab").ok());
+}
+
+// Whichever allocation fails, the call ends, and nothing stays counted.
+TEST(ModelLimitsTest, WithoutMemoryNothingIsCounted) {
+  ModelLimits limits({.max_model_bytes = 100, .max_store_bytes = 100, .max_uploads = 1});
+  const std::string tenant = "a name that does not fit into the string itself";
+  int num_failed = 0;
+  bool has_failed = true;
+  for (int number = 0; has_failed; ++number) {
+    has_failed = FailsAllocation(number, [&] {
+      try {
+        const auto upload = limits.BeginUpload(tenant).value();
+        upload->Add(100).IgnoreError();
+      } catch (const std::bad_alloc&) {
+        ++num_failed;
+      }
+    });
+    const auto upload = limits.BeginUpload(tenant);
+    ASSERT_TRUE(upload.ok()) << number;
+    EXPECT_TRUE(upload.value()->Add(100).ok()) << number;
+  }
+  EXPECT_GT(num_failed, 1);
 }
 
 }  // namespace

@@ -193,6 +193,7 @@ ModelRegistry::Options RegistryOptions(const ServerOptions& options, const Store
 TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr<ServerMetrics> metrics) {
   const uint64_t max_bytes_per_s = options.tenant.max_bytes_per_s.value_or(0);
   return {.max_streams = TenantLimit(options.tenant.max_streams, options.max_streams),
+          .max_streams_of_server = options.max_streams,
           .max_watchers = TenantLimit(options.tenant.max_watchers, options.max_streams),
           .max_health_per_s = options.tenant.max_health_per_s,
           .max_bytes_per_s = max_bytes_per_s,
@@ -230,7 +231,6 @@ class ServerImpl : public Server, public Drainer {
         store_(std::move(store)),
         models_(std::move(models)),
         sessions_(ManagerOptions(options, std::move(make_tracker), *store_, metrics_, load_), *store_, *models_, pool_),
-        streams_(options.max_streams, metrics_),
         quotas_(QuotaOptions(options, metrics_)),
         expiry_timer_(pool_, std::clamp(options.session_expiry / 4, absl::Seconds(1), absl::Minutes(1)),
                       [this] { DeleteOldSessions(sessions_); }),

@@ -2,6 +2,7 @@
 #include "server/sessions/tenant_quotas.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -32,28 +33,40 @@ class TenantQuotas::Reservation {
 };
 
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddStream(const std::string& tenant) {
-  return Add(streams_, tenant, {options_.max_streams, QuotaLimit::kTenantStreams, "tenant_streams", "streams"});
+  return Add(
+      streams_, tenant,
+      {options_.max_streams, options_.max_streams_of_server, QuotaLimit::kTenantStreams, "tenant_streams", "streams"});
 }
 
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddWatcher(const std::string& tenant) {
-  return Add(watchers_, tenant, {options_.max_watchers, QuotaLimit::kTenantWatchers, "tenant_watchers", "watchers"});
+  // A watcher is a stream, too, so the server has no other limit for watchers.
+  return Add(watchers_, tenant,
+             {options_.max_watchers, std::numeric_limits<uint32_t>::max(), QuotaLimit::kTenantWatchers,
+              "tenant_watchers", "watchers"});
 }
 
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::Add(Counts& counts, const std::string& tenant,
                                                               const CountLimit& limit) {
   const auto reservation = std::make_shared<Reservation>(*this, counts, tenant);
   const std::lock_guard lock(mutex_);
-  uint32_t& count = counts[tenant];
-  if (count < limit.max) {
-    reservation->Count(count);
-    return reservation;
+  uint64_t num_of_server = 0;
+  for (const auto& [name, count] : counts) num_of_server += count;
+  if (num_of_server >= limit.max_of_server) {
+    options_.metrics->quota_refusals[QuotaLimit::kMaxStreams].Add();
+    return LimitReached(v1::TOO_MANY_STREAMS, "max_streams",
+                        absl::StrCat("the server has its ", limit.max_of_server, " streams: try again later"),
+                        kRetryDelay);
   }
-  if (count == 0) counts.erase(tenant);
-  options_.metrics->quota_refusals[limit.metric].Add();
-  return LimitReached(v1::TENANT_QUOTA, limit.subject,
-                      absl::StrCat("this tenant has its ", limit.max, " ", limit.name,
-                                   ": end one that is not needed, or try again later"),
-                      kRetryDelay);
+  const auto found = counts.find(tenant);
+  if ((found == counts.end() ? 0 : found->second) >= limit.max) {
+    options_.metrics->quota_refusals[limit.metric].Add();
+    return LimitReached(v1::TENANT_QUOTA, limit.subject,
+                        absl::StrCat("this tenant has its ", limit.max, " ", limit.name,
+                                     ": end one that is not needed, or try again later"),
+                        kRetryDelay);
+  }
+  reservation->Count(counts[tenant]);
+  return reservation;
 }
 
 void TenantQuotas::Remove(Counts& counts, const std::string& tenant) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Quotas of a tenant besides those of sessions and models: streams, watchers, messages with health and payload bytes
-// per second. They are the same for all tenants.
+// per second. They are the same for all tenants. The limit of streams of the whole server is beside them, so that a
+// stream that is refused for the quota of its tenant does not count for it.
 #pragma once
 
 #include <cstdint>
@@ -24,6 +25,7 @@ class TenantQuotas {
   struct Options {
     // ServerOptions (server/rpc/server.h) has the reasons of these defaults.
     uint32_t max_streams = 8192;  // Track and Watch streams
+    uint32_t max_streams_of_server = 8192;
     uint32_t max_watchers = 4096;
     uint32_t max_health_per_s = 0;  // messages to all watchers of health of a tenant; 0: no limit
     uint64_t max_bytes_per_s = 0;   // sum over all Track streams of a tenant; 0: no limit
@@ -35,7 +37,7 @@ class TenantQuotas {
   explicit TenantQuotas(Options options) : options_(std::move(options)) {}
 
   // Count a stream, and a watcher, of the tenant until the result is destroyed. Errors: RESOURCE_EXHAUSTED
-  // (TENANT_QUOTA).
+  // (TENANT_QUOTA, and for a stream TOO_MANY_STREAMS beyond the limit of the server).
   absl::StatusOr<std::shared_ptr<const void>> AddStream(const std::string& tenant);
   absl::StatusOr<std::shared_ptr<const void>> AddWatcher(const std::string& tenant);
 
@@ -57,6 +59,7 @@ class TenantQuotas {
   using Counts = std::map<std::string, uint32_t>;  // by tenant, no zeros
   struct CountLimit {
     uint32_t max = 0;
+    uint32_t max_of_server = 0;  // sum over all tenants
     QuotaLimit metric;
     const char* subject;
     const char* name;

@@ -52,6 +52,24 @@ TEST_F(TenantQuotasTest, StreamsOfEachTenant) {
   EXPECT_TRUE(quotas.AddStream("lab").ok());
 }
 
+TEST_F(TenantQuotasTest, StreamsOfTheServer) {
+  TenantQuotas::Options options = Options();
+  options.max_streams_of_server = 2;
+  TenantQuotas quotas(options);
+  auto first = quotas.AddStream("lab").value();
+  EXPECT_EQ(GetErrorDetails(quotas.AddStream("lab").status()).reason, "TENANT_QUOTA");
+  const auto second = quotas.AddStream("field");
+  ASSERT_TRUE(second.ok()) << "a stream that was refused for the quota of its tenant does not count";
+  const absl::Status full = quotas.AddStream("hall").status();
+  EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(GetErrorDetails(full).reason, "TOO_MANY_STREAMS");
+  EXPECT_EQ(GetErrorDetails(full).quota_subject, "max_streams");
+  EXPECT_GT(GetErrorDetails(full).retry_after, absl::ZeroDuration());
+  EXPECT_EQ(options.metrics->quota_refusals[QuotaLimit::kMaxStreams].value(), 1u);
+  first.reset();
+  EXPECT_TRUE(quotas.AddStream("hall").ok());
+}
+
 // Whichever allocation fails, the call ends, and nothing stays counted.
 TEST_F(TenantQuotasTest, WithoutMemoryNothingIsCounted) {
   TenantQuotas quotas(Options());

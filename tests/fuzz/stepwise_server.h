@@ -183,10 +183,10 @@ class StepwiseServer : private server::Drainer {
       server::ModelRegistry::Create(server::ModelRegistry::Options(), store_).value();
   server::SessionManager sessions_;
   const std::shared_ptr<server::ServerMetrics> metrics_ = std::make_shared<server::ServerMetrics>();
-  server::StreamRegistry streams_{/*max_streams=*/16, metrics_};
+  server::StreamRegistry streams_;
   const std::unique_ptr<server::Authenticator> authenticator_ = server::Authenticator::Create({}).value();
   server::LogLimiter log_limiter_;
-  server::TenantQuotas quotas_{{.now = [this] { return now_; }}};
+  server::TenantQuotas quotas_{{.max_streams_of_server = 16, .now = [this] { return now_; }}};
   const server::ServiceContext context_{.store = store_,
                                         .models = *models_,
                                         .sessions = sessions_,

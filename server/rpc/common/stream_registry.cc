@@ -4,9 +4,6 @@
 #include <mutex>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
-#include "server/runtime/errors.h"
-
 namespace evpose::server {
 
 void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
@@ -16,11 +13,6 @@ void StreamRegistry::Add(Kind kind, const std::shared_ptr<OpenStream>& stream) {
     entries_[stream.get()] = {kind, stream};
     if (kind == Kind::kTrack) ++num_tracks_;
     ended = ended_;
-    if (ended.ok() && entries_.size() > max_streams_) {
-      metrics_->quota_refusals[QuotaLimit::kMaxStreams].Add();
-      ended = LimitReached(v1::TOO_MANY_STREAMS, "max_streams",
-                           absl::StrCat("the server has its ", max_streams_, " streams: try again later"), kRetryDelay);
-    }
   }
   if (!ended.ok()) stream->End(ended);
 }

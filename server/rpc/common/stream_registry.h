@@ -7,7 +7,6 @@
 #include <memory>
 #include <mutex>
 #include <unordered_map>
-#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -34,10 +33,7 @@ class StreamRegistry {
  public:
   using Kind = StreamKind;
 
-  StreamRegistry(size_t max_streams, std::shared_ptr<ServerMetrics> metrics)
-      : max_streams_(max_streams), metrics_(std::move(metrics)) {}
-
-  // Adds a stream. A stream beyond the maximum is ended immediately with RESOURCE_EXHAUSTED (TOO_MANY_STREAMS).
+  // After EndAll() the stream is ended immediately.
   void Add(Kind kind, const std::shared_ptr<OpenStream>& stream);
   void Remove(const OpenStream* stream);
 
@@ -59,8 +55,6 @@ class StreamRegistry {
   };
   std::vector<std::shared_ptr<OpenStream>> Streams(bool with_watches);
 
-  const size_t max_streams_;
-  const std::shared_ptr<ServerMetrics> metrics_;
   std::mutex mutex_;
   std::condition_variable removed_;
   std::unordered_map<const OpenStream*, Entry> entries_ ABSL_GUARDED_BY(mutex_);
