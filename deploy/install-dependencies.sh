@@ -27,7 +27,7 @@ hdf5_packages=(libhdf5-dev)
 # A cross compiler, an emulator, and a program that unpacks packages of another architecture.
 arm64_packages=(g++-aarch64-linux-gnu mmdebstrap qemu-user-static)
 package_packages=("${step_packages[@]}" "${hdf5_packages[@]}" dpkg-dev file python3)
-test_packages=("${package_packages[@]}" chromium chromium-driver clang clang-format clang-tidy codespell groff-base haproxy hdf5-filter-plugin-blosc-serial libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld man-db mandoc openssl postgresql python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-prometheus-client python3-protobuf python3-selenium python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd zsh)
+test_packages=("${package_packages[@]}" chromium chromium-driver clang clang-format clang-tidy codespell groff-base haproxy hdf5-filter-plugin-blosc-serial iproute2 libbenchmark-dev libclang-rt-14-dev libflatbuffers-dev libgmock-dev libgtest-dev lld man-db mandoc openssl postgresql python3-crc32c python3-diagnostic-msgs python3-geometry-msgs python3-grpcio python3-h5py python3-matplotlib python3-mypy python3-numpy python3-pip python3-prometheus-client python3-protobuf python3-selenium python3-setuptools python3-wheel python3-yaml redis-server shellcheck systemd zsh)
 
 # Installing the package prometheus would start a service; so only promtool, which checks rules, is extracted from it.
 promtool=/usr/local/bin/promtool

@@ -54,4 +54,5 @@ def main():
         print(stream.name, stream.poses, round(1000 * stream.longest_s), flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()
