@@ -3,21 +3,29 @@
 // Tests that sessions survive the loss of the store's master: SIGKILL of the Redis master at random numbers of poses in
 // the middle of a stream. Every trajectory must be identical to that of an undisturbed run. EVPOSE_KILLS sets the
 // number of kills, EVPOSE_DOWN_AFTER_MS the time after which the Sentinels replace a master that does not respond
-// (tests/bench/survival.sh: 50 and 5000).
+// (tests/bench/survival.sh: 50 and 5000). Also tests that nothing is lost silently when a replica that lacks
+// acknowledged commits becomes the master.
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <cstdio>
 #include <functional>
+#include <ios>
 #include <mutex>
 #include <optional>
 #include <random>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "absl/time/time.h"
+#include "client/lib/messages/conversion.h"
+#include "core/base/poll_testing.h"
+#include "evpose/client.h"
+#include "evpose/recording.h"
 #include "server/stores/redis/redis_testing.h"
 #include "tests/integration/survival_testing.h"
 
@@ -150,6 +158,123 @@ TEST_F(SentinelSurvivalTest, KilledMastersLoseNothing) {
       kills, runs, runs, pose_pause_s, durable_pause_s);
   server.program().Signal(SIGTERM);
   EXPECT_EQ(server.program().Wait(), 0);
+}
+
+// A session of the client library at a server whose store is a Redis group.
+class StaleReplicaTest : public CliTest {
+ protected:
+  // Chunks of 1 ms, each with a pose. The server commits after at most 1000 poses (kCheckpointPoses).
+  static constexpr uint64_t kCopyAt = 1200;
+  static constexpr uint64_t kPromoteAt = 2400;
+
+  void SetUp() override {
+    CliTest::SetUp();
+    SimulateCube(3.0);
+  }
+
+  struct Outcome {
+    absl::Status writer;
+    absl::Status watcher;
+    std::vector<std::string> poses;    // of the writer
+    std::vector<std::string> watched;  // of the watcher
+    int num_rollbacks = 0;             // outages of the writer with this reason
+  };
+
+  // Tracks the recording beside a watcher. With a group, the store loses acknowledged commits on the way.
+  static Outcome Track(const std::string& address, const std::string& folder, const client::TrackOptions& options,
+                       server::RedisGroup* group) {
+    const auto client = client::Client::Connect(address).value();
+    const auto recording = client::Recording::Open(folder + "/recording.raw").value();
+    client::SessionConfig config;
+    config.encoding = recording->encoding();
+    config.camera = client::LoadCamera(folder + "/camera.yaml").value();
+    config.objects = {{.object_id = "cube", .model = client->UploadModelFile(folder + "/model.obj").value().name}};
+    const client::Session session = client->CreateSession(config).value();
+
+    Outcome outcome;
+    std::thread watcher([&] {
+      outcome.watcher = client->WatchPoses(session.name, {}, [&](const std::vector<client::Pose>& poses, uint64_t) {
+        for (const client::Pose& pose : poses) outcome.watched.push_back(Text(pose));
+      });
+    });
+    std::atomic<uint64_t> durable_seq = 0;
+    client::TrackCallbacks callbacks;
+    callbacks.on_pose = [&](const client::Pose& pose) { outcome.poses.push_back(Text(pose)); };
+    callbacks.on_connection = [&](const client::ConnectionChange& change) {
+      if (change.is_away && client::ReasonOf(change.cause) == v1::ROLLED_BACK) ++outcome.num_rollbacks;
+    };
+    callbacks.on_position = [&](const client::TrackPosition& position, bool) {
+      durable_seq = position.durable.seq;
+      return absl::OkStatus();
+    };
+    server::RedisContents copy;
+    const client::ChunkSource source = [&, chunk = uint64_t{0}]() mutable -> absl::StatusOr<client::EventChunk> {
+      const auto await_durable = [&](uint64_t seq) { EXPECT_TRUE(Poll([&] { return durable_seq > seq; })) << seq; };
+      if (group != nullptr && chunk == kCopyAt) {
+        await_durable(0);
+        copy = group->master().Contents();
+      }
+      if (group != nullptr && chunk == kPromoteAt) {
+        await_durable(kCopyAt);
+        group->PromoteStale(copy);
+      }
+      ++chunk;
+      return recording->Next();
+    };
+    outcome.writer = client->Track(session, source, callbacks, options).status();
+    watcher.join();
+    return outcome;
+  }
+
+  // Runs a server on a group of which a stale replica becomes the master.
+  Outcome TrackWithLoss(absl::Duration retain) {
+    server::RedisGroup group;
+    group.AwaitSentinels();
+    RunningServer server({"--store", group.url(), "--log-level", "warning"});
+    client::TrackOptions options;
+    options.retain.duration = retain;
+    Outcome outcome = Track(server.address(), Path("cube"), options, &group);
+    server.program().Signal(SIGTERM);
+    EXPECT_EQ(server.program().Wait(), 0);
+    return outcome;
+  }
+
+ private:
+  static std::string Text(const client::Pose& pose) {
+    std::ostringstream text;
+    text << pose.seq << " " << pose.t_us << " " << pose.num_events << std::hexfloat;
+    const auto append = [&text](const auto& matrix) {
+      for (const double number : matrix.reshaped()) text << " " << number;
+    };
+    append(pose.camera_from_object.rotation);
+    append(pose.camera_from_object.translation_m);
+    append(pose.covariance);
+    return text.str();
+  }
+};
+
+TEST_F(StaleReplicaTest, AcknowledgedCommitsThatAreLostCostAResendOrAreReported) {
+  Outcome undisturbed;
+  {
+    RunningServer server({"--store", "memory", "--log-level", "warning"});
+    undisturbed = Track(server.address(), Path("cube"), {}, nullptr);
+  }
+  ASSERT_EQ(undisturbed.writer, absl::OkStatus());
+  ASSERT_GT(undisturbed.poses.size(), 100u);
+  EXPECT_EQ(undisturbed.watched, undisturbed.poses);
+
+  const Outcome resent = TrackWithLoss(absl::Hours(1));
+  EXPECT_EQ(resent.writer, absl::OkStatus());
+  EXPECT_EQ(resent.watcher, absl::OkStatus());
+  EXPECT_GT(resent.num_rollbacks, 0) << "the store has lost nothing";
+  EXPECT_TRUE(resent.poses == undisturbed.poses);
+  EXPECT_TRUE(resent.watched == undisturbed.poses);
+
+  const Outcome lost = TrackWithLoss(absl::ZeroDuration());
+  EXPECT_EQ(lost.writer.code(), absl::StatusCode::kDataLoss) << lost.writer;
+  EXPECT_EQ(client::ReasonOf(lost.writer), v1::ROLLED_BACK);
+  EXPECT_EQ(lost.watcher.code(), absl::StatusCode::kDataLoss) << lost.watcher;
+  EXPECT_EQ(client::ReasonOf(lost.watcher), v1::ROLLED_BACK);
 }
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "core/base/poll_testing.h"
 
 namespace evpose::server {
 
@@ -116,8 +117,8 @@ absl::Status RedisServer::TryStart(const std::vector<std::string>& options) {
   return process_.Start(std::move(words), "eady to accept connections");
 }
 
-std::vector<std::pair<std::string, std::string>> RedisServer::Contents() const {
-  std::vector<std::pair<std::string, std::string>> contents;
+RedisContents RedisServer::Contents() const {
+  RedisContents contents;
   const RedisReply keys = Run({"KEYS", "*"});
   for (size_t i = 0; i < keys->elements; ++i) {
     const std::string key = RedisText(keys->element[i]);
@@ -126,7 +127,7 @@ std::vector<std::pair<std::string, std::string>> RedisServer::Contents() const {
   return contents;
 }
 
-void RedisServer::Replace(const std::vector<std::pair<std::string, std::string>>& contents) const {
+void RedisServer::Replace(const RedisContents& contents) const {
   Run({"FLUSHALL"});
   for (const auto& [key, value] : contents) EXPECT_EQ(Text({"RESTORE", key, "0", value}), "OK");
 }
@@ -262,6 +263,23 @@ size_t RedisGroup::AwaitFailover(size_t old_master) const {
   for (size_t i = 0; i < sentinels_.size(); ++i) {
     Await(i, [&] { return (master = Master(i)) != old_master && IsFollowedBy(1, master); });
   }
+  return master;
+}
+
+size_t RedisGroup::PromoteStale(const RedisContents& contents) const {
+  const size_t old_master = Master();
+  nodes_[old_master]->Kill();
+  for (size_t i = 0; i < nodes_.size(); ++i) {
+    if (i == old_master) continue;
+    // It has then read everything that the master has sent.
+    EXPECT_TRUE(Poll([&] { return RedisTextAt(nodes_[i]->Run({"ROLE"}).get(), 3) != "connected"; }));
+    nodes_[i]->Run({"CONFIG", "SET", "replica-read-only", "no"});
+    nodes_[i]->Replace(contents);
+    nodes_[i]->Run({"CONFIG", "SET", "replica-read-only", "yes"});
+  }
+  SetDownAfter(absl::Seconds(1));
+  const size_t master = AwaitFailover(old_master);
+  SetDownAfter(options_.down_after);
   return master;
 }
 

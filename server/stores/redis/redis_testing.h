@@ -40,6 +40,9 @@ class RedisProcess {
   pid_t process_ = -1;
 };
 
+// All keys with their values, as DUMP returns them.
+using RedisContents = std::vector<std::pair<std::string, std::string>>;
+
 // Runs redis-server in a temporary directory.
 class RedisServer {
  public:
@@ -61,10 +64,9 @@ class RedisServer {
   absl::Status TryStart(const std::vector<std::string>& options = {});
   void Signal(int signal) const { process_.Signal(signal); }
 
-  // All keys with their values, as DUMP returns them.
-  std::vector<std::pair<std::string, std::string>> Contents() const;
+  RedisContents Contents() const;
   // Replaces all keys, as a replica does that had missed the last writes and became the master.
-  void Replace(const std::vector<std::pair<std::string, std::string>>& contents) const;
+  void Replace(const RedisContents& contents) const;
 
   // Runs a command on a new connection.
   RedisReply Run(const RedisCommand& command) const;
@@ -126,6 +128,9 @@ class RedisGroup {
   void AwaitReplicas(int64_t count) const;
   // Waits until the Sentinels name another node than `old_master`, and it is a master with a replica; returns it.
   size_t AwaitFailover(size_t old_master) const;
+  // Kills the master and gives both replicas these earlier contents of it, as if they had missed the later writes.
+  // Waits until the Sentinels have made one of them the master; returns it.
+  size_t PromoteStale(const RedisContents& contents) const;
   // Starts a killed node as a replica of the present master, and waits until all nodes follow it.
   void Restart(size_t node);
   // Makes the first Sentinel monitor a node as the master of another name, which only this Sentinel knows.
