@@ -72,7 +72,7 @@ const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind, 
   } else {
     entry.origin = prior == RivalPrior::kUnlikely ? Origin::kUnlikelyRival : Origin::kRival;
   }
-  entry.pending = kSettlingWindows + kComparedWindows;
+  entry.progress.Enter(ComparisonInput::kRival);
   Append(std::move(entry));
   return entries_.back().track.get();
 }
@@ -84,7 +84,7 @@ bool Hypotheses::Has(const PoseTrack* track) const {
 
 bool Hypotheses::HasSettled(const PoseTrack* track) const {
   return std::any_of(entries_.begin(), entries_.end(),
-                     [track](const Entry& entry) { return entry.track.get() == track && entry.is_settled(); });
+                     [track](const Entry& entry) { return entry.track.get() == track && entry.progress.is_settled(); });
 }
 
 bool Hypotheses::HasRival() const {
@@ -98,7 +98,8 @@ bool Hypotheses::IsUndecided() const {
   for (size_t i = 1; i < entries_.size(); ++i) {
     const Entry& entry = entries_[i];
     const bool is_unlikely = entry.origin == Origin::kUnlikelyRival || entry.origin == Origin::kTiltedRival;
-    if (entry.pending == 0 && (!is_unlikely || Preference(i, 0) >= least_sigma)) return true;
+    if (entry.progress.stage() == ComparisonStage::kUndecided && (!is_unlikely || Preference(i, 0) >= least_sigma))
+      return true;
   }
   return false;
 }
@@ -111,7 +112,7 @@ bool Hypotheses::AreAllDegraded() const {
 void Hypotheses::Join(Hypotheses&& others) {
   const size_t num_present = entries_.size();
   for (Entry& entry : others.entries_) {
-    entry.pending = kComparedWindows;
+    entry.progress.Enter(ComparisonInput::kLaterSearch);
     const RigidTransform& pose = entry.track->motion().camera_from_object;
     const auto is_same = [&](const Entry& present) {
       return LooksLike(present.track->motion().camera_from_object, pose);
@@ -169,7 +170,7 @@ void Hypotheses::OnWindow(const EventWindow& window, const OtherObjects* others)
   Compare(window, others);
   DropWorse();
   DropUnsupportedRivals();
-  for (Entry& entry : entries_) entry.pending = std::max(0, entry.pending - 1);
+  for (Entry& entry : entries_) entry.progress.OnWindow();
 }
 
 void Hypotheses::OnGap(int64_t gap_us) {
@@ -192,7 +193,7 @@ void Hypotheses::Compare(const EventWindow& window, const OtherObjects* others) 
   const ByPolarity weights = WeighEvents(window.t_mid_us());
   for (size_t i = 0; i < entries_.size(); ++i) {
     for (size_t j = i + 1; j < entries_.size(); ++j) {
-      if (entries_[i].is_settled() && entries_[j].is_settled()) CompareScores(i, j, weights);
+      if (entries_[i].progress.is_settled() && entries_[j].progress.is_settled()) CompareScores(i, j, weights);
     }
   }
 }
@@ -200,7 +201,7 @@ void Hypotheses::Compare(const EventWindow& window, const OtherObjects* others) 
 ByPolarity Hypotheses::WeighEvents(int64_t t_us) {
   scores_.clear();
   for (const Entry& entry : entries_) {
-    if (!entry.is_settled()) continue;
+    if (!entry.progress.is_settled()) continue;
     const double half_px = HalfWidthPx(entry.track->spread_px(), 0.0);
     ClutterShare::Scores& sums = scores_.emplace_back();
     for (size_t k = 0; k < entry.events.size(); ++k) {
@@ -282,10 +283,10 @@ bool Hypotheses::AreMerged(const Entry& a, const Entry& b) const {
 
 void Hypotheses::DropEqual() {
   for (size_t i = 0; i < entries_.size(); ++i) {
-    if (!entries_[i].is_settled()) continue;
+    if (!entries_[i].progress.is_settled()) continue;
     for (size_t j = entries_.size(); --j > i;) {
       YieldPoint();
-      if (entries_[j].is_settled() && AreMerged(entries_[i], entries_[j])) Remove(j, LossCause::kBetterPose);
+      if (entries_[j].progress.is_settled() && AreMerged(entries_[i], entries_[j])) Remove(j, LossCause::kBetterPose);
     }
   }
 }
@@ -313,17 +314,14 @@ double Hypotheses::Entry::Explained() const {
 }
 
 void Hypotheses::DropUnsupportedRivals() {
-  // Most generated rivals explain few events. Their refinement over kSettlingWindows would take most of the time of all
-  // rivals.
+  // Most generated rivals explain few events. Their complete refinement would take most of the time of all rivals.
   constexpr double kLeastShare = 0.5;
   constexpr double kMinExplained = 20.0;  // with fewer events the shares are chance
   const double first = entries_.front().Explained();
   if (first < kMinExplained) return;
   for (size_t i = entries_.size(); --i > 0;) {
     const Entry& entry = entries_[i];
-    const bool is_early = entry.pending > kSettlingWindows + kComparedWindows - kFirstWindows;
-    const bool is_refined_rival = entry.origin != Origin::kSearch && !entry.is_settled();
-    if (!is_refined_rival || is_early) continue;
+    if (entry.progress.stage() != ComparisonStage::kRefined) continue;
     const bool has_converged = entry.origin == Origin::kTiltedRival && AreMerged(entries_.front(), entry);
     if (has_converged || entry.Explained() < kLeastShare * first) Remove(i, LossCause::kBetterPose);
   }
@@ -340,9 +338,8 @@ void Hypotheses::PutBestFirst(double min_sigma) {
 }
 
 void Hypotheses::Entry::VisitState(auto& archive, auto& self) {
-  auto& [track, estimate, events, comparisons, origin, are_rivals_generated, pending, rejected] = self;
-  archive(*track, estimate, AtMost(origin, Origin::kTiltedRival), are_rivals_generated,
-          AtMost(pending, kSettlingWindows + kComparedWindows), rejected);
+  auto& [track, estimate, events, comparisons, origin, are_rivals_generated, progress, rejected] = self;
+  archive(*track, estimate, AtMost(origin, Origin::kTiltedRival), are_rivals_generated, progress, rejected);
   archive.Check(rejected.size() <= kMaxRejected, "more rejected poses than are kept");
   for (auto& comparison : comparisons) archive(comparison);  // one for each entry
 }

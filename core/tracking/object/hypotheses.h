@@ -12,6 +12,7 @@
 #include "core/events/event.h"
 #include "core/tracking/evidence/clutter_share.h"
 #include "core/tracking/evidence/score_comparison.h"
+#include "core/tracking/object/comparison_stage.h"
 #include "core/tracking/object/pose_track.h"
 
 namespace evpose {
@@ -97,16 +98,6 @@ class Hypotheses {
   void LoadState(StateReader& reader);
 
  private:
-  // Windows in which a rival is refined, about 10 ms: a first pose with errors of 2 px converges in them. Validated by
-  // hypotheses_test: an equal rival is not merged within 4 ms, but within 30 ms.
-  static constexpr int kSettlingWindows = 8;
-  // Windows after which a rival that explains less than half of what the first hypothesis explains is removed: before,
-  // the refinement of a right rival may still have to bring its lines to the events. Not validated separately.
-  static constexpr int kFirstWindows = 3;
-  // Windows of the comparison of a rival, or of a pose of a later search, after which the test counts as undecided. One
-  // window suffices to reject most wrong poses. Validated by half_turns_test: a rival that cannot be rejected counts as
-  // undecided within 40 ms.
-  static constexpr int kComparedWindows = 8;
   static constexpr size_t kMaxRejected = 16;  // bounds the memory; the oldest is removed first
 
   // Where a hypothesis comes from: a search or a given pose, or AddRival() with its kind or prior. It does not change.
@@ -120,10 +111,9 @@ class Hypotheses {
     std::vector<ScoreComparison> comparisons;  // with each other entry, in the order of `entries_`
     Origin origin = Origin::kSearch;
     bool are_rivals_generated = false;  // MarkRivalsGenerated()
-    int pending = 0;  // windows until an unfinished comparison with the first hypothesis counts as undecided
+    ComparisonProgress progress;
     // Poses that this one was preferred to, relative to it, object_from_object; at most kMaxRejected.
     std::vector<RigidTransform> rejected;
-    bool is_settled() const { return pending <= kComparedWindows; }
     double Explained() const;  // sum of the scores
     static void VisitState(auto& archive, auto& self);
   };
