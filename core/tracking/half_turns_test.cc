@@ -131,13 +131,13 @@ TEST_F(HalfTurnsTest, AnUnlikelyRivalIsUndecidedOnlyIfTheEventsPreferIt) {
   TrackerOptions undecided = options_;
   undecided.initialization.decision_sigma = 1e6;
   const TrackContext context{card_, kCamera, context_->tables, undecided, context_->edges};
-  for (const auto prior : {Hypotheses::RivalPrior::kEqual, Hypotheses::RivalPrior::kUnlikely}) {
+  for (const auto prior : {RivalPrior::kEqual, RivalPrior::kUnlikely}) {
     Hypotheses hypotheses(context);
     hypotheses.Add(StateOf(kStart));
     hypotheses.AddRival(StateOf(kStart * kHalfTurn), Hypotheses::RivalKind::kOtherEdges, prior);
     UntilOneIsLeftUs(hypotheses, 40'000);
     ASSERT_EQ(hypotheses.size(), 2u);
-    EXPECT_EQ(hypotheses.IsUndecided(), prior == Hypotheses::RivalPrior::kEqual);
+    EXPECT_EQ(hypotheses.IsUndecided(), prior == RivalPrior::kEqual);
   }
 }
 

@@ -14,6 +14,7 @@
 #include "core/tracking/evidence/score_comparison.h"
 #include "core/tracking/object/comparison_stage.h"
 #include "core/tracking/object/pose_track.h"
+#include "core/tracking/object/rivals.h"
 
 namespace evpose {
 
@@ -34,9 +35,6 @@ class Hypotheses {
   // them. kTilted: the rival is near the first hypothesis and has the same generated rivals; it is unlikely, and
   // removed once it has converged to the first hypothesis.
   enum class RivalKind { kSameEdges, kOtherEdges, kTilted };
-  // kUnlikely: an earlier test excluded the rival, or the first pose was given. The comparison with it counts as
-  // undecided only if the events prefer the rival by half of InitializationOptions::decision_sigma.
-  enum class RivalPrior { kEqual, kUnlikely };
   const PoseTrack* AddRival(const MotionState& state, RivalKind kind, RivalPrior prior = RivalPrior::kEqual);
   // Has(): the hypothesis has not been removed. HasSettled(): in addition its refinement has ended, so that it takes
   // part in the comparisons.

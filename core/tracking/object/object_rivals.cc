@@ -1,19 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The rivals of the poses of one object (core/tracking/README.md, section 6).
-#include <algorithm>
 #include <utility>
 
 #include "core/tracking/object/object_tracker.h"
 
 namespace evpose {
-namespace {
-
-// Generated rivals that are followed together: bounds the cost of a window. Fewer would take longer to test all of
-// them.
-constexpr int kRivalsAtOnce = 3;
-
-}  // namespace
 
 void ObjectTracker::AddRivals(const EventWindow& window) {
   // Without events of the object, as at rest, those of other edges would decide between its inclinations.
@@ -34,7 +26,7 @@ void ObjectTracker::AddRivals(const EventWindow& window) {
   } else if (tilt_test_.Update(motion.camera_from_object, rival_generator_.centroid(),
                                hypotheses_.first().spread_px())) {
     AddTiltedRivals();
-  } else if (rival_rounds_left_ > 0 && window.t_end_us >= next_rivals_us_) {
+  } else if (rival_schedule_.IsDue(window.t_end_us)) {
     AddGeneratedRivals(window.t_end_us);
   }
 }
@@ -49,28 +41,17 @@ void ObjectTracker::AddTiltedRivals() {
 
 void ObjectTracker::AddGeneratedRivals(int64_t t_us) {
   const std::vector<MotionState> rivals = RivalsOf(hypotheses_.first().motion());
-  const int count = static_cast<int>(rivals.size());
-  const int end = std::min(count, next_rival_ + kRivalsAtOnce);
-  for (; next_rival_ < end; ++next_rival_) {
-    const MotionState& rival = rivals[static_cast<size_t>(next_rival_)];
+  const RivalSchedule::Group group = rival_schedule_.NextGroup(t_us, static_cast<int>(rivals.size()));
+  for (int i = group.begin; i < group.end; ++i) {
+    const MotionState& rival = rivals[static_cast<size_t>(i)];
     const bool is_unlikely = hypotheses_.HasRejected(rival.camera_from_object);
-    hypotheses_.AddRival(rival, Hypotheses::RivalKind::kOtherEdges,
-                         is_unlikely ? Hypotheses::RivalPrior::kUnlikely : rival_prior_);
+    hypotheses_.AddRival(rival, Hypotheses::RivalKind::kOtherEdges, is_unlikely ? RivalPrior::kUnlikely : group.prior);
   }
-  if (next_rival_ < count) return;
-  next_rival_ = 0;
-  // The next round adds to the evidence of this one.
-  rival_prior_ = Hypotheses::RivalPrior::kUnlikely;
-  --rival_rounds_left_;
-  next_rivals_us_ = t_us + context_.options.initialization.rival_interval_us;
 }
 
-void ObjectTracker::StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior) {
+void ObjectTracker::StartRivalRounds(int64_t t_us, RivalPrior prior) {
   tilt_test_.Reset();
-  next_rivals_us_ = t_us;
-  rival_rounds_left_ = context_.options.initialization.num_rival_rounds;
-  next_rival_ = 0;
-  rival_prior_ = prior;
+  rival_schedule_.StartRounds(t_us, prior);
 }
 
 void ObjectTracker::ContinueWithRival(int64_t t_us) {
@@ -78,7 +59,7 @@ void ObjectTracker::ContinueWithRival(int64_t t_us) {
   if (hypotheses_.is_first_tilted()) {
     tilt_test_.Reset();
   } else {
-    StartRivalRounds(t_us, Hypotheses::RivalPrior::kEqual);
+    StartRivalRounds(t_us, RivalPrior::kEqual);
   }
 }
 

@@ -30,11 +30,12 @@ ObjectTracker::ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializ
       memory_(context_.options.initialization.memory_us, context_.options.initialization.max_window_events,
               context_.options.initialization.max_events),
       initializer_(std::move(initializer)),
-      retry_us_(context_.options.initialization.retry_us),
+      search_schedule_(context_.options.initialization),
       hypotheses_(context_),
       rival_generator_(*context_.model),
       turned_faces_(*context_.edges, kInclinedOfMerge * context_.options.initialization.merge_rad),
-      tilt_test_(context_.options.initialization.tilt_view_rad, context_.options.initialization.tilt_residual_growth) {
+      tilt_test_(context_.options.initialization.tilt_view_rad, context_.options.initialization.tilt_residual_growth),
+      rival_schedule_(context_.options.initialization) {
   if (object.initial_camera_from_object) given_ = {*object.initial_camera_from_object, std::nullopt};
 }
 
@@ -125,16 +126,16 @@ void ObjectTracker::OnWindow(const EventWindow& window, std::vector<PoseEstimate
   now_us_ = window.t_end_us;
   if (given_) StartFromGivenPose(window);
   if (initializer_ != nullptr) {
-    if (IsPublished(phase_) && repeats_left_ == 0 && state() == TrackState::kTracking) {
+    if (IsPublished(phase_) && !search_schedule_.has_repeats() && state() == TrackState::kTracking) {
       memory_.Clear();
-      retry_us_ = context_.options.initialization.repeat_us;
+      search_schedule_.OnTracking();
     } else {
       memory_.Add(window);
     }
   }
   if (!hypotheses_.empty()) {
     Follow(window, estimates);
-    if (MaySearchAgain() && window.t_end_us >= next_search_us_) SearchAgain(window);
+    if (MaySearchAgain() && search_schedule_.IsDue(window.t_end_us)) SearchAgain(window);
   } else if (initializer_ != nullptr) {
     Search(window, estimates);
   } else if (context_.options.initialization.is_automatic) {
@@ -153,7 +154,7 @@ void ObjectTracker::StartFromGivenPose(const EventWindow& window) {
   Enter(ObjectInput::kGivenPose);
   memory_.Clear();
   // The given pose is tested against the events before a search begins.
-  next_search_us_ = window.t_end_us + context_.options.initialization.retry_us;
+  search_schedule_.Postpone(window.t_end_us);
   report_.status = InitializationStatus::kVerifying;
 }
 
@@ -213,29 +214,22 @@ void ObjectTracker::Publish(PoseEstimate estimate, std::vector<PoseEstimate>& es
 }
 
 void ObjectTracker::StartPublishing(const EventWindow& window) {
-  const InitializationOptions& options = context_.options.initialization;
   const bool is_given = IsGiven(phase_);
-  repeats_left_ = is_given ? 0 : options.num_repeats;
   Enter(ObjectInput::kPublication);
   turned_faces_.Reset();
-  StartRivalRounds(window.t_end_us, is_given ? Hypotheses::RivalPrior::kUnlikely : Hypotheses::RivalPrior::kEqual);
-  retry_us_ = options.repeat_us;
-  next_search_us_ = window.t_end_us + options.repeat_us;
+  StartRivalRounds(window.t_end_us, is_given ? RivalPrior::kUnlikely : RivalPrior::kEqual);
+  search_schedule_.OnPublication(window.t_end_us, is_given);
 }
 
 void ObjectTracker::Search(const EventWindow& window, std::vector<PoseEstimate>& estimates) {
-  const InitializationOptions& options = context_.options.initialization;
-  if (memory_.num_events() < static_cast<size_t>(options.min_events)) {
+  if (memory_.num_events() < static_cast<size_t>(context_.options.initialization.min_events)) {
     report_.status = InitializationStatus::kWaitingForEvents;
-    next_search_us_ = window.t_end_us + options.retry_us;
+    search_schedule_.Postpone(window.t_end_us);
     return;
   }
-  if (window.t_end_us < next_search_us_) return;
+  if (!search_schedule_.IsDue(window.t_end_us)) return;
   report_.status = FindHypotheses(hypotheses_);
-  const bool is_without_pose = report_.status == InitializationStatus::kNoPoseFits;
-  retry_us_ =
-      std::min(is_without_pose ? options.max_no_pose_retry_us : options.max_retry_us, retry_us_ + retry_us_ / 4 + 1);
-  next_search_us_ = window.t_end_us + retry_us_;
+  search_schedule_.OnSearch(window.t_end_us, report_.status == InitializationStatus::kNoPoseFits);
   if (hypotheses_.empty()) return;
   AddEqualRivals(hypotheses_);
   Enter(ObjectInput::kPosesFound);
@@ -257,21 +251,12 @@ bool ObjectTracker::MaySearchAgain() const {
   if (!IsPublished(phase_) && hypotheses_.estimate()) return false;
   // Events near its lines do not distinguish an object at rest from one that has left: it may reappear elsewhere.
   const TrackState now = state();
-  return !IsPublished(phase_) || repeats_left_ > 0 || now == TrackState::kDegraded || now == TrackState::kAmbiguous;
+  return !IsPublished(phase_) || search_schedule_.has_repeats() || now == TrackState::kDegraded ||
+         now == TrackState::kAmbiguous;
 }
 
 void ObjectTracker::SearchAgain(const EventWindow& window) {
-  const InitializationOptions& options = context_.options.initialization;
-  int64_t wait_us = options.repeat_us;
-  if (IsPublished(phase_) && repeats_left_ > 0) {
-    --repeats_left_;
-  } else if (IsPublished(phase_)) {
-    // In flicker or clutter a right pose can be doubtful for long: the search interval grows, up to the longest delay
-    // with which a returning object is to be found.
-    wait_us = retry_us_;
-    retry_us_ = std::min(options.max_retry_us, retry_us_ + retry_us_ / 2);
-  }
-  next_search_us_ = window.t_end_us + wait_us;
+  search_schedule_.OnSearchBesideHypotheses(window.t_end_us, IsPublished(phase_));
   Hypotheses challengers(context_);
   FindHypotheses(challengers);
   const int64_t since_us = challengers.empty() ? 0 : challengers.first().motion().t_us;
@@ -439,7 +424,7 @@ void ObjectTracker::Reject(ObjectInput input, LossCause cause) {
     report_.loss_cause = cause;
     report_.lost_at_us = now_us_;
     report_.searches = {};
-    retry_us_ = context_.options.initialization.retry_us;
+    search_schedule_.OnLoss();
     ++losses_;
   }
   Enter(input);

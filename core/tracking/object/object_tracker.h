@@ -16,7 +16,9 @@
 #include "core/tracking/object/hypotheses.h"
 #include "core/tracking/object/object_outline.h"
 #include "core/tracking/object/object_to_track.h"
+#include "core/tracking/object/rival_schedule.h"
 #include "core/tracking/object/rivals.h"
+#include "core/tracking/object/search_schedule.h"
 #include "core/tracking/object/track_phase.h"
 #include "core/windows/event_window.h"
 #include "core/windows/window_memory.h"
@@ -106,7 +108,7 @@ class ObjectTracker {
   void AddTiltedRivals();
   void AddGeneratedRivals(int64_t t_us);
   // Starts the tests of the generated rivals of a pose that is published from now on.
-  void StartRivalRounds(int64_t t_us, Hypotheses::RivalPrior prior);
+  void StartRivalRounds(int64_t t_us, RivalPrior prior);
   // Starts the tests of the rivals of a rival that is published from now on.
   void ContinueWithRival(int64_t t_us);
   // Adds the generated rivals of the last remaining hypothesis, unless they have been tested: a pose that was preferred
@@ -151,9 +153,7 @@ class ObjectTracker {
   std::optional<MotionState> last_tracked_;
   int64_t last_published_us_ = std::numeric_limits<int64_t>::min();
   std::optional<GivenPose> given_;
-  int64_t next_search_us_ = 0;
-  int64_t retry_us_ = 0;
-  int repeats_left_ = 0;
+  SearchSchedule search_schedule_;
 
   Hypotheses hypotheses_;
   int64_t followed_since_us_ = 0;
@@ -169,10 +169,7 @@ class ObjectTracker {
   const RivalGenerator rival_generator_;
   TurnedFaceDetector turned_faces_;
   TiltTestTrigger tilt_test_;
-  int64_t next_rivals_us_ = 0;
-  int rival_rounds_left_ = 0;
-  int next_rival_ = 0;  // number of the next rival of the present round
-  Hypotheses::RivalPrior rival_prior_ = Hypotheses::RivalPrior::kEqual;  // prior of the rivals of the present round
+  RivalSchedule rival_schedule_;
 };
 
 }  // namespace evpose

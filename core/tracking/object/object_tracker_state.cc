@@ -12,20 +12,15 @@ namespace evpose {
 
 void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, memory, initializer, report, losses, last_tracked, last_published_us, given,
-         next_search_us, retry_us, repeats_left, hypotheses, followed_since_us, phase, acquisition, now_us, others,
-         published_others, other_objects, past_states, rival_generator, turned_faces, tilt_test, next_rivals_us,
-         rival_rounds_left, next_rival, rival_prior] = self;
+         search_schedule, hypotheses, followed_since_us, phase, acquisition, now_us, others, published_others,
+         other_objects, past_states, rival_generator, turned_faces, tilt_test, rival_schedule] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   archive(memory);
   VisitAcquisition(archive, acquisition);
   archive(report, losses, last_tracked, last_published_us);
   VisitGivenPose(archive, given);
-  archive(InRange(next_search_us, -kMax_us, kMax_us), AtMost(retry_us, kMax_us),
-          AtMost(repeats_left, context.options.initialization.num_repeats), hypotheses,
-          InRange(followed_since_us, -kMax_us, kMax_us), AtMost(phase, ObjectPhase::kPublishedCompeting), past_states,
-          turned_faces, tilt_test, InRange(next_rivals_us, -kMax_us, kMax_us),
-          AtMost(rival_rounds_left, context.options.initialization.num_rival_rounds),
-          AtMost(next_rival, RivalGenerator::kMaxRivals), AtMost(rival_prior, Hypotheses::RivalPrior::kUnlikely));
+  archive(search_schedule, hypotheses, InRange(followed_since_us, -kMax_us, kMax_us),
+          AtMost(phase, ObjectPhase::kPublishedCompeting), past_states, turned_faces, tilt_test, rival_schedule);
   bool is_published = IsPublished(phase);  // not used; it keeps the format of earlier versions
   archive(is_published, InRange(now_us, -kMax_us, kMax_us));
 }

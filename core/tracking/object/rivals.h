@@ -26,6 +26,14 @@ MotionState MirroredState(const MotionState& state, const Eigen::Vector3d& point
 MotionState MovedState(const MotionState& state, const RigidTransform& object_from_object, double focal_px,
                        const InitialPoseOptions& options);
 
+// What is known about a rival before its test.
+enum class RivalPrior {
+  kEqual,
+  // An earlier test excluded the rival, or the first pose was given. The comparison with it counts as undecided only if
+  // the events prefer the rival by half of InitializationOptions::decision_sigma.
+  kUnlikely,
+};
+
 // Finds when a flat face has passed the position in which the camera sees it edge-on, where its two inclinations have
 // the same image. A track may continue on the wrong side.
 class TurnedFaceDetector {
