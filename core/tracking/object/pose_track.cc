@@ -61,7 +61,7 @@ PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
   size_t max_lines = all_lines_.size();
   if (context.edges->elements().has_curves()) max_lines += context.options.elements.max_elements;
   // Both are reserved here because the second one is seldom used, so that it would allocate while tracking.
-  for (WindowFit* const fit : {&fit_, &second_fit_}) {
+  for (WindowFit* const fit : {&last_.fit, &last_.second_fit}) {
     fit->line_events.reserve(max_lines);
     fit->deficit_counts.reserve(max_lines);
   }
@@ -71,9 +71,9 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   if (others != nullptr && others->empty()) others = nullptr;
   WindowInput input;
   FitWindow(window, others, input);
-  const WindowFit& fit = fit_;
-  lines_ = input.lines;
-  if (occlusion_ == Occlusion::kAll) return PredictOccluded(window);
+  const WindowFit& fit = last_.fit;
+  last_.lines = input.lines;
+  if (last_.occlusion == Occlusion::kAll) return PredictOccluded(window);
   const RigidTransform& pose = fit.state.camera_from_object;
   const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
                       pose.translation_m.allFinite() && fit.state.twist.allFinite();
@@ -81,18 +81,18 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
-  RemoveFreeMotion(context_.model->continuous_symmetry, motion_, fit_.state);
+  RemoveFreeMotion(context_.model->continuous_symmetry, motion_, last_.fit.state);
   motion_ = fit.state;
 
   const CameraModel& camera = context_.camera;
   const HealthOptions& health = context_.options.health;
-  ProjectLines(camera, motion_, input.lines, image_lines_);
+  ProjectLines(camera, motion_, input.lines, last_.image_lines);
   AddCounts(input, fit);
-  if (PredictedSpreadPx(camera, motion_, image_lines_) > health.max_uncertainty_px) {
+  if (PredictedSpreadPx(camera, motion_, last_.image_lines) > health.max_uncertainty_px) {
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
-  if (is_flash_) {
+  if (last_.is_flash) {
     // Events of the change of brightness are no evidence for or against the pose.
     Enter(TrackInput::kFewEvents, window.t_end_us);
     if (!HasEstimate(phase_)) return std::nullopt;
@@ -100,14 +100,14 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   }
   // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
   if (!input.is_mostly_tested) input.sampling.polarity_weight = {1.0, 1.0};
-  health_.AddWindow(camera, input, image_lines_, fit);
+  health_.AddWindow(camera, input, last_.image_lines, fit);
   const bool confirming = phase_ == TrackPhase::kTentative;
   const double support = coverage_ == TestCoverage::kMost ? health.keep_support_ratio : health.confirm_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
   const int64_t min_contradiction_us = confirming ? health.min_span_us : health.min_contradiction_us;
   const HealthResult result =
       health_.Test({support, confirming ? health.confirm_lines : health.keep_lines, min_contradiction_us});
-  if (occlusion_ == Occlusion::kSome && input.lines.size() < static_cast<size_t>(health.confirm_lines)) {
+  if (last_.occlusion == Occlusion::kSome && input.lines.size() < static_cast<size_t>(health.confirm_lines)) {
     // Too little is visible for an event deficit or foreign events to contradict the pose.
     Enter(TrackInput::kOcclusion, window.t_end_us);
   } else {
@@ -132,32 +132,32 @@ void PoseTrack::AddCounts(const WindowInput& input, const WindowFit& fit) {
     });
   }
   if (phase_ != TrackPhase::kConfirmed || fit.line_events.empty()) return;
-  activity_.Add(context_.camera, input, image_lines_, fit.line_events);
+  activity_.Add(context_.camera, input, last_.image_lines, fit.line_events);
   // The events of the window count for its own test.
-  for (size_t k = 0; k < expectations_.size(); ++k) expectations_[k] = activity_.Of(input.lines[k]);
+  for (size_t k = 0; k < last_.expectations.size(); ++k) last_.expectations[k] = activity_.Of(input.lines[k]);
 }
 
 void PoseTrack::SetPastCounts(WindowInput& input) {
-  past_deficit_counts_.clear();
-  expectations_.clear();
+  last_.past_deficit_counts.clear();
+  last_.expectations.clear();
   ForEachCurve(input.lines, [&](size_t first, size_t end) {
     // The counts of a curve are divided among its elements as the expected events are, by length.
     double length_px = 0.0;
-    for (size_t k = first; k < end; ++k) length_px += image_lines_[k].length_px;
+    for (size_t k = first; k < end; ++k) length_px += last_.image_lines[k].length_px;
     for (size_t k = first; k < end; ++k) {
-      DeficitCounts& past = past_deficit_counts_.emplace_back(deficit_counts_[input.lines[k].curve]);
+      DeficitCounts& past = last_.past_deficit_counts.emplace_back(deficit_counts_[input.lines[k].curve]);
       if (!input.lines[k].is_element) continue;
-      const double share = length_px > 0.0 ? image_lines_[k].length_px / length_px : 0.0;
+      const double share = length_px > 0.0 ? last_.image_lines[k].length_px / length_px : 0.0;
       for (int half = 0; half < 2; ++half) {
         past.expected[half] *= share;
         past.observed[half] *= share;
       }
     }
   });
-  input.past_deficit_counts = past_deficit_counts_;
+  input.past_deficit_counts = last_.past_deficit_counts;
   if (!context_.edges->elements().has_curves()) return;
-  for (const TrackedLine& line : input.lines) expectations_.push_back(activity_.Of(line));
-  input.expectations = expectations_;
+  for (const TrackedLine& line : input.lines) last_.expectations.push_back(activity_.Of(line));
+  input.expectations = last_.expectations;
 }
 
 void PoseTrack::OnGap(int64_t gap_us) {
@@ -169,9 +169,9 @@ void PoseTrack::OnGap(int64_t gap_us) {
 std::optional<PoseEstimate> PoseTrack::PredictOccluded(const EventWindow& window) {
   motion_ = Predict(motion_, window.t_mid_us(), context_.options.motion);
   RemoveFreeMotion(context_.model->continuous_symmetry, motion_);
-  ProjectLines(context_.camera, motion_, visible_edges_.At(motion_.camera_from_object), image_lines_);
-  const double spread_px = PredictedSpreadPx(context_.camera, motion_, image_lines_);
-  image_lines_.clear();
+  ProjectLines(context_.camera, motion_, visible_edges_.At(motion_.camera_from_object), last_.image_lines);
+  const double spread_px = PredictedSpreadPx(context_.camera, motion_, last_.image_lines);
+  last_.image_lines.clear();
   associator_.ClearLines();
   const bool is_uncertain = spread_px > context_.options.health.max_uncertainty_px;
   Enter(is_uncertain ? TrackInput::kFailure : TrackInput::kOcclusion, window.t_end_us);
@@ -184,13 +184,13 @@ std::optional<PoseEstimate> PoseTrack::PredictOccluded(const EventWindow& window
 PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const OtherObjects* others) const {
   Nearness nearness;
   if (!associator_.grid().GiveLines(observation)) return nearness;
-  const NearLines near = FindNearLines(observation, image_lines_.data(), kScoredPx, 0.0);
+  const NearLines near = FindNearLines(observation, last_.image_lines.data(), kScoredPx, 0.0);
   if (near.count == 0) return nearness;
   const double distance_px = std::abs(near.distance_px[0]);
   nearness.distance_px = static_cast<float>(distance_px);
-  nearness.kind = lines_[near.line[0]].kind;
-  if (others == nullptr || rates_.empty()) return nearness;
-  nearness.share = static_cast<float>(OwnShare(distance_px, OthersDensityPerPx(observation, *others, rates_)));
+  nearness.kind = last_.lines[near.line[0]].kind;
+  if (others == nullptr || last_.rates.empty()) return nearness;
+  nearness.share = static_cast<float>(OwnShare(distance_px, OthersDensityPerPx(observation, *others, last_.rates)));
   return nearness;
 }
 
@@ -199,8 +199,8 @@ void PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others,
   adaptation_.Limit(1.0);
   MotionState predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   input = Gather(window, others, predicted, 1.0);
-  fit_.Clear();
-  is_flash_ = false;
+  last_.fit.Clear();
+  last_.is_flash = false;
   if (input.lines.empty()) return;
   // A window longer than one interval has few events (WindowOptions::min_events), so that its estimate depends on the
   // prior.
@@ -209,30 +209,31 @@ void PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others,
     predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   }
   FitAdapted(window, input, predicted);
-  const bool is_quiet = IsOnlyBackground(fit_) || (fit_.deficit_ratio > kMaxDeficitRatio && IsSlow(input));
-  is_flash_ = IsFlash(window, input);
-  if (is_quiet || is_flash_) {
+  const bool is_quiet = IsOnlyBackground(last_.fit) || (last_.fit.deficit_ratio > kMaxDeficitRatio && IsSlow(input));
+  last_.is_flash = IsFlash(window, input);
+  if (is_quiet || last_.is_flash) {
     FitNoEvents(input, predicted);
     return;
   }
   // Background events carry no information about the pose, neither for the estimator nor for a second fit.
-  if (!HasSignal(fit_)) return;
-  if (fit_.explained_signal_ratio() < context_.options.mixture.retry_explained_ratio * usual_explained_ratio_) {
+  if (!HasSignal(last_.fit)) return;
+  if (last_.fit.explained_signal_ratio() <
+      context_.options.mixture.retry_explained_ratio * signal_.usual_explained_ratio) {
     const MotionPriorOptions& motion = context_.options.motion;
     const MotionState agile = Predicted(window.t_mid_us(), motion, motion.retry_noise_factor);
     const WindowInput wide_input = Gather(window, others, agile, context_.options.mixture.retry_gate_factor);
-    estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor, second_fit_);
+    estimator_->Fit(agile, wide_input, context_.options.mixture.retry_gate_factor, last_.second_fit);
     input = wide_input;
-    if (!IsBetter(second_fit_, fit_, input.lines, image_lines_)) return;
-    std::swap(fit_, second_fit_);
+    if (!IsBetter(last_.second_fit, last_.fit, input.lines, last_.image_lines)) return;
+    std::swap(last_.fit, last_.second_fit);
     adaptation_.Reset();
   } else if (phase_ != TrackPhase::kTentative && estimator_->UpdatesCovariance()) {
-    adaptation_.Add(MotionAdaptation::Compare(predicted, fit_.state));
+    adaptation_.Add(MotionAdaptation::Compare(predicted, last_.fit.state));
   }
-  estimator_->Accept(fit_, input);
-  if (HasSignal(fit_)) {
-    usual_explained_ratio_ +=
-        (usual_explained_ratio_ == 0.0 ? 1.0 : kForget) * (fit_.explained_signal_ratio() - usual_explained_ratio_);
+  estimator_->Accept(last_.fit, input);
+  if (HasSignal(last_.fit)) {
+    signal_.usual_explained_ratio += (signal_.usual_explained_ratio == 0.0 ? 1.0 : kForget) *
+                                     (last_.fit.explained_signal_ratio() - signal_.usual_explained_ratio);
   }
 }
 
@@ -242,7 +243,7 @@ bool PoseTrack::LimitMotion(const WindowInput& input) {
   // Standard deviations of an unknown velocity, in image speeds: the speed is that of the mean line across itself.
   constexpr double kSpeeds = 2.0;
   double length_px = 0.0;
-  for (const ImageLine& line : image_lines_) length_px += line.in_view() ? line.length_px : 0.0;
+  for (const ImageLine& line : last_.image_lines) length_px += line.in_view() ? line.length_px : 0.0;
   const double could_sweep = kEventsPerPx2 * length_px * input.duration_s;
   if (!(could_sweep > 0.0)) return false;
   const double speed_px_per_s = (input.sampling.near_events[0] + input.sampling.near_events[1]) / could_sweep;
@@ -268,12 +269,12 @@ bool PoseTrack::LimitMotion(const WindowInput& input) {
 }
 
 void PoseTrack::FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted) {
-  estimator_->Fit(predicted, input, 1.0, fit_);
-  if (adaptation_.ratio() == 1.0 || !HasSignal(fit_)) return;
-  if (!adaptation_.IsSignificant(MotionAdaptation::Compare(predicted, fit_.state))) return;
+  estimator_->Fit(predicted, input, 1.0, last_.fit);
+  if (adaptation_.ratio() == 1.0 || !HasSignal(last_.fit)) return;
+  if (!adaptation_.IsSignificant(MotionAdaptation::Compare(predicted, last_.fit.state))) return;
   adaptation_.Reset();
   predicted = Predicted(window.t_mid_us(), context_.options.motion, 1.0);
-  estimator_->Fit(predicted, input, 1.0, fit_);
+  estimator_->Fit(predicted, input, 1.0, last_.fit);
 }
 
 void PoseTrack::FitNoEvents(const WindowInput& input, const MotionState& predicted) {
@@ -285,15 +286,15 @@ void PoseTrack::FitNoEvents(const WindowInput& input, const MotionState& predict
   no_events.sorted = &nothing;
   no_events.past_deficit_counts = {};
   no_events.background_per_px2 = 0.0;
-  estimator_->Fit(predicted, no_events, 1.0, second_fit_);
-  fit_.state = second_fit_.state;
+  estimator_->Fit(predicted, no_events, 1.0, last_.second_fit);
+  last_.fit.state = last_.second_fit.state;
 }
 
 bool PoseTrack::IsFlash(const EventWindow& window, const WindowInput& input) {
   flash_.Add(input.sampling.near_events, window.t_begin_us, window.t_end_us);
   if (!flash_.is_changing()) return false;
-  ProjectLines(context_.camera, fit_.state, input.lines, image_lines_);
-  const EventConcentration concentration = health_.Concentration(input, image_lines_, fit_);
+  ProjectLines(context_.camera, last_.fit.state, input.lines, last_.image_lines);
+  const EventConcentration concentration = health_.Concentration(input, last_.image_lines, last_.fit);
   const FlashOptions& options = context_.options.flash;
   return concentration.sigma < options.min_sigma || concentration.ratio < options.min_excess_ratio;
 }
@@ -303,15 +304,15 @@ bool PoseTrack::IsOnlyBackground(const WindowFit& fit) {
   // in 1 ms, but exceed it in 20 ms.
   constexpr double kKeep = 0.95;
   const HealthOptions& health = context_.options.health;
-  recent_signal_ = kKeep * recent_signal_ + fit.num_gated - fit.num_background;
-  recent_background_ = kKeep * recent_background_ + fit.num_background;
-  const double chance = health.significance_sigma * std::sqrt(recent_background_ * health.dispersion);
-  return recent_signal_ < chance && !HasSignal(fit);
+  signal_.recent_signal = kKeep * signal_.recent_signal + fit.num_gated - fit.num_background;
+  signal_.recent_background = kKeep * signal_.recent_background + fit.num_background;
+  const double chance = health.significance_sigma * std::sqrt(signal_.recent_background * health.dispersion);
+  return signal_.recent_signal < chance && !HasSignal(fit);
 }
 
 bool PoseTrack::IsSlow(const WindowInput& input) const {
   double swept_px2 = 0.0;
-  for (const ImageLine& line : image_lines_) {
+  for (const ImageLine& line : last_.image_lines) {
     if (!line.in_view()) continue;
     swept_px2 += line.length_px * std::abs(NormalSpeedPxPerS(context_.camera, line, 0.5)) * input.duration_s;
   }
@@ -339,7 +340,7 @@ double PoseTrack::OthersDensityPerPx(const Observation& event, const OtherObject
   const double density = others.DensityAt(event);
   if (density <= 0.0) return 0.0;
   constexpr double kReachPx = MixtureOptions().max_gate_px;  // the widest gate of the first pass
-  const NearLines near = FindNearLines(event, image_lines_.data(), kReachPx, 0.0);
+  const NearLines near = FindNearLines(event, last_.image_lines.data(), kReachPx, 0.0);
   // Away from all own lines the event can only belong to the other objects, whatever their rate.
   return near.count == 0 ? density : density / rates[near.line[0]];
 }
@@ -349,33 +350,35 @@ WindowInput PoseTrack::Gather(const EventWindow& window, const OtherObjects* oth
   WindowInput input;
   input.is_mostly_tested = phase_ != TrackPhase::kTentative && coverage_ == TestCoverage::kMost;
   input.lines = estimator_->UsesVisibility() ? visible_edges_.At(predicted.camera_from_object) : all_lines_;
-  occlusion_ = Occlusion::kNone;
+  last_.occlusion = Occlusion::kNone;
   if (others != nullptr && estimator_->UsesVisibility() && !input.lines.empty()) {
-    unoccluded_lines_.assign(input.lines.begin(), input.lines.end());
-    if (others->RemoveHidden(predicted.camera_from_object, unoccluded_lines_)) occlusion_ = Occlusion::kSome;
-    if (unoccluded_lines_.empty()) occlusion_ = Occlusion::kAll;
-    input.lines = unoccluded_lines_;
+    last_.unoccluded_lines.assign(input.lines.begin(), input.lines.end());
+    if (others->RemoveHidden(predicted.camera_from_object, last_.unoccluded_lines)) last_.occlusion = Occlusion::kSome;
+    if (last_.unoccluded_lines.empty()) last_.occlusion = Occlusion::kAll;
+    input.lines = last_.unoccluded_lines;
   }
-  ProjectLines(context_.camera, predicted, input.lines, image_lines_);
-  const double spread_px = PredictedSpreadPx(context_.camera, predicted, image_lines_);
+  ProjectLines(context_.camera, predicted, input.lines, last_.image_lines);
+  const double spread_px = PredictedSpreadPx(context_.camera, predicted, last_.image_lines);
   const double reach_px =
       std::max(estimator_->ReachPx(spread_px, gate_factor), TrackHealth::ReachPx(context_.options.health));
-  rates_.clear();
+  last_.rates.clear();
   if (others != nullptr) {
-    for (const ImageLine& line : image_lines_) rates_.push_back(RelativeEventRate(context_.camera, predicted, line));
+    for (const ImageLine& line : last_.image_lines) {
+      last_.rates.push_back(RelativeEventRate(context_.camera, predicted, line));
+    }
   }
   const auto others_per_px = [&](const Observation& event) {
-    return others == nullptr ? 0.0f : static_cast<float>(OthersDensityPerPx(event, *others, rates_));
+    return others == nullptr ? 0.0f : static_cast<float>(OthersDensityPerPx(event, *others, last_.rates));
   };
-  static_cast<AssociatedEvents&>(input) =
-      associator_.Associate(window, image_lines_, predicted.t_us, reach_px, estimator_->MaxEvents(), others_per_px);
-  input.image_lines = image_lines_;
+  static_cast<AssociatedEvents&>(input) = associator_.Associate(window, last_.image_lines, predicted.t_us, reach_px,
+                                                                estimator_->MaxEvents(), others_per_px);
+  input.image_lines = last_.image_lines;
   SetPastCounts(input);
   return input;
 }
 
 bool PoseTrack::IsDetermined(absl::Span<const TrackedLine> lines, double support_ratio) {
-  determination_.Sum(motion_.camera_from_object, lines, image_lines_, health_.curve_results());
+  determination_.Sum(motion_.camera_from_object, lines, last_.image_lines, health_.curve_results());
   const bool was_determined = coverage_ == TestCoverage::kMost && phase_ == TrackPhase::kConfirmed;
   return was_determined ? determination_.IsKept() : determination_.IsConfirmed(support_ratio);
 }
@@ -436,8 +439,8 @@ void PoseTrack::Reject(LossCause cause, int64_t t_us) {
 LossCause PoseTrack::CauseOf(TrackInput input) const {
   if (input == TrackInput::kTimeout) return LossCause::kContradicted;
   const bool is_in_view =
-      occlusion_ == Occlusion::kAll ||
-      std::any_of(image_lines_.begin(), image_lines_.end(), [](const ImageLine& line) { return line.in_view(); });
+      last_.occlusion == Occlusion::kAll || std::any_of(last_.image_lines.begin(), last_.image_lines.end(),
+                                                        [](const ImageLine& line) { return line.in_view(); });
   return is_in_view ? LossCause::kUncertain : LossCause::kOutOfView;
 }
 
@@ -459,13 +462,11 @@ Matrix6d PoseTrack::PublishedCovariance(const WindowFit& fit) const {
 
 void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_edges, all_lines, associator, estimator, health, determination, activity, flash, adaptation,
-         phase, motion, usual_explained_ratio, recent_signal, recent_background, deficit_counts, num_contradictions,
-         followed_since_us, coverage, supported_at_us, unsupported_since_us, loss_cause, lines, unoccluded_lines,
-         is_flash, occlusion, image_lines, rates, past_deficit_counts, expectations, fit, second_fit] = self;
+         phase, motion, signal, deficit_counts, num_contradictions, followed_since_us, coverage, supported_at_us,
+         unsupported_since_us, loss_cause, last] = self;
   constexpr int64_t kMax_us = kMaxStateTime_us;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
-  archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion,
-          Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background),
+  archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion, signal,
           AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),
           AtMost(coverage, TestCoverage::kMost), InRange(supported_at_us, -kMax_us, kMax_us),
           InRange(unsupported_since_us, -kMax_us, kMax_us));

@@ -71,7 +71,7 @@ class PoseTrack {
   // another hypothesis, and by experiments that perturb every start.
   void set_motion(const MotionState& motion) { motion_ = motion; }
   // The lines that were associated in the last window; valid until the next one.
-  absl::Span<const TrackedLine> lines() const { return lines_; }
+  absl::Span<const TrackedLine> lines() const { return last_.lines; }
   // Where an event of the last window lies relative to the lines.
   struct Nearness {
     float distance_px = kScoredPx;      // from the nearest line in view; kScoredPx where none is nearer
@@ -84,7 +84,7 @@ class PoseTrack {
   static constexpr float kScoredPx = 6.0f;
   Nearness NearestLine(Observation observation, const OtherObjects* others = nullptr) const;
   // Root mean square of the residuals of the last window, pixels.
-  double spread_px() const { return fit_.residual_rms_px; }
+  double spread_px() const { return last_.fit.residual_rms_px; }
 
   // To be called between windows; lines(), NearestLine() and spread_px() are not restored. LoadState() requires the
   // same context.
@@ -94,6 +94,30 @@ class PoseTrack {
  private:
   // The visible lines that the other objects hide in the last window; kAll: none is left.
   enum class Occlusion { kNone, kSome, kAll };
+
+  // What the last window was processed with. It is not saved; the buffers keep their memory.
+  struct LastWindow {
+    absl::Span<const TrackedLine> lines;  // those that were associated
+    std::vector<TrackedLine> unoccluded_lines;
+    bool is_flash = false;  // IsFlash()
+    Occlusion occlusion = Occlusion::kNone;
+    std::vector<ImageLine> image_lines;
+    std::vector<double> rates;                       // RelativeEventRate of image_lines; empty without others
+    std::vector<DeficitCounts> past_deficit_counts;  // deficit_counts_ of the lines of the window
+    std::vector<Expectation> expectations;           // expectation of each line; empty without elements
+    WindowFit fit;                                   // the estimate
+    WindowFit second_fit;                            // another one, with wider gates or without events
+  };
+  // Means and sums over past windows of the events near the lines.
+  struct SignalHistory {
+    double usual_explained_ratio = 0.0;  // running mean of the explained ratio of the signal
+    double recent_signal = 0.0;          // running sums of the gated events, above the background and of the background
+    double recent_background = 0.0;
+    static void VisitState(auto& archive, auto& self) {
+      auto& [usual_explained_ratio, recent_signal, recent_background] = self;
+      archive(Finite(usual_explained_ratio), Finite(recent_signal), Finite(recent_background));
+    }
+  };
 
   static void VisitState(auto& archive, auto& self);
   // Turns the window's events near the lines at `predicted` into observations.
@@ -109,11 +133,11 @@ class PoseTrack {
   // Fits the window with the adapted densities of the motion prior, and again with the full densities if the innovation
   // is significant.
   void FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted);
-  // Whether the brightness changes and the events are not concentrated near the lines of fit_.
+  // Whether the brightness changes and the events are not concentrated near the lines of last_.fit.
   bool IsFlash(const EventWindow& window, const WindowInput& input);
-  // Replaces fit_ by the one to no events.
+  // Replaces last_.fit by the one to no events.
   void FitNoEvents(const WindowInput& input, const MotionState& predicted);
-  // Sets fit_ and the input of the fit.
+  // Sets last_.fit and the input of the fit.
   void FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input);
   // Whether the predicted motion is so slow that an event deficit is not significant.
   bool IsSlow(const WindowInput& input) const;
@@ -153,9 +177,7 @@ class PoseTrack {
 
   TrackPhase phase_ = TrackPhase::kTentative;
   MotionState motion_;
-  double usual_explained_ratio_ = 0.0;  // running mean of the explained ratio of the signal
-  double recent_signal_ = 0.0;          // running sums of the gated events, above the background and of the background
-  double recent_background_ = 0.0;
+  SignalHistory signal_;
   std::vector<DeficitCounts> deficit_counts_;  // counts of earlier windows, by TrackedLine::curve
   int num_contradictions_ = 0;                 // test results that contradicted the tentative pose
   int64_t followed_since_us_ = -1;             // begin of the first window, microseconds; -1 before it
@@ -165,16 +187,7 @@ class PoseTrack {
 
   LossCause loss_cause_ = LossCause::kNone;  // not saved: a lost track is removed before the next window
 
-  absl::Span<const TrackedLine> lines_;
-  std::vector<TrackedLine> unoccluded_lines_;
-  bool is_flash_ = false;  // IsFlash() of the last window
-  Occlusion occlusion_ = Occlusion::kNone;
-  std::vector<ImageLine> image_lines_;
-  std::vector<double> rates_;                       // RelativeEventRate of image_lines_; empty without others
-  std::vector<DeficitCounts> past_deficit_counts_;  // deficit_counts_ of the lines of the window
-  std::vector<Expectation> expectations_;           // expectation of each line of the window; empty without elements
-  WindowFit fit_;
-  WindowFit second_fit_;
+  LastWindow last_;
 };
 
 }  // namespace evpose
