@@ -144,6 +144,15 @@ class Page:
         pointer.pointer_up()
         chain.perform()
 
+    def touch(self, *steps):
+        """Sends the points of the fingers after each step: [(x, y), ...]. At the end they are lifted."""
+        down = 0
+        for points in [*steps, []]:
+            kind = "touchEnd" if len(points) < down else "touchStart" if len(points) > down else "touchMove"
+            down = len(points)
+            touches = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
+            self.driver.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
+
     def point(self, selector, share):
         """The point at this share of the width of the first element that the selector finds, near its upper edge."""
         left, top, width = self.run("const box = document.querySelector(arguments[0]).getBoundingClientRect(); return [box.left, box.top, box.width]", selector)

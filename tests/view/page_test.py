@@ -266,6 +266,44 @@ class RecordingPage(PageTest):
         self.page.wait(lambda: "lost" in self.page.run("return document.getElementById('objects').textContent"), "the state")
         self.assertIn("the events contradict the pose", self.page.run("return document.getElementById('changes').textContent"))
 
+    def load_on_a_phone(self):
+        self.load(width=360, height=740)
+        self.page.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+        self.addCleanup(self.page.driver.execute_cdp_cmd, "Emulation.setTouchEmulationEnabled", {"enabled": False})
+        self.wait_for_instant(START_US)
+
+    def test_the_reason_of_a_loss_can_be_read_on_a_phone(self):
+        self.load_on_a_phone()
+        visible = """const node = [...document.querySelectorAll('.change .reason')].find(({textContent}) => textContent.includes(arguments[0]));
+            node.scrollIntoView();
+            const box = node.getBoundingClientRect();
+            return box.height > 0 && box.left >= 0 && box.right <= innerWidth && node.scrollWidth <= node.clientWidth
+                && document.elementFromPoint(box.left + 4, box.top + 4) === node"""
+        self.assertTrue(self.page.run(visible, "the events contradict the pose"))
+        self.page.run("document.getElementById('timeline').scrollIntoView({block: 'center'})")
+        width = self.page.run("return document.getElementById('timeline').clientWidth")
+        lost = 24 + (width - 24) * 2.3 / 10  # the bar begins beside the number of the object
+        self.page.touch([self.page.point("#timeline", lost / width)])
+        tip = "const tip = document.getElementById('timeline-tip'); return tip.hidden ? '' : tip.textContent"
+        self.assertIn("the events contradict the pose", self.page.run(tip))
+        self.page.touch([self.page.point("#timeline-info", 0.5)])
+        self.assertEqual(self.page.run(tip), "")
+
+    def test_fingers_enlarge_and_move_the_picture(self):
+        self.load_on_a_phone()
+        # Translation and scale of the cells, relative to the whole picture.
+        place = "const {a, e, f} = new DOMMatrix(getComputedStyle(document.getElementById('cells')).transform); return [a, e, f]"
+        whole = self.page.run(place)
+        x, y = self.page.point("#stage", 0.5)
+        y += 60
+        self.page.touch([(x - 20, y)], [(x - 20, y), (x + 20, y)], [(x - 60, y), (x + 20, y)], [(x - 60, y), (x + 60, y)])
+        self.page.wait(lambda: abs(self.page.run(place)[0] / whole[0] - 3) < 0.01, "three times the size")
+        _, left, top = self.page.run(place)
+        self.page.touch([(x, y)], [(x + 30, y + 10)], [(x + 40, y + 20)])
+        self.page.wait(lambda: self.page.run(place)[1:] == [left + 40, top + 20], "another place")
+        self.page.double_click("#stage", 0.5)
+        self.page.wait(lambda: self.page.run(place) == whole, "the whole picture")
+
     def test_steps(self):
         self.page.press(RIGHT)
         self.wait_for_instant(START_US + STEP_US)

@@ -24,6 +24,8 @@ export class EventsView {
   private pixels: ImageData | null = null;
   private zoom = 1;
   private offset = { x: 0, y: 0 };
+  /** The places of the fingers on the stage, by their pointers. */
+  private readonly touches = new Map<number, Point>();
 
   constructor(
     private readonly store: Store,
@@ -53,7 +55,7 @@ export class EventsView {
   resetZoom(): void {
     this.zoom = 1;
     this.offset = { x: 0, y: 0 };
-    this.requestDraw();
+    this.zoomAt(1, 0, 0);
   }
 
   /** Takes over the events of an image. Throws if it is damaged. */
@@ -193,12 +195,45 @@ export class EventsView {
     this.stage.addEventListener("dblclick", () => {
       this.resetZoom();
     });
-    this.stage.addEventListener("pointermove", (event) => {
-      if ((event.buttons & 1) === 0 || event.pointerType === "touch") return;
-      this.offset.x += event.movementX;
-      this.offset.y += event.movementY;
-      this.zoomAt(1, 0, 0);
+    this.stage.addEventListener("pointerdown", (event) => {
+      if (event.pointerType === "touch") this.touches.set(event.pointerId, { x: event.clientX, y: event.clientY });
     });
+    for (const type of ["pointerup", "pointercancel"] as const) {
+      this.stage.addEventListener(type, (event) => {
+        this.touches.delete(event.pointerId);
+      });
+    }
+    this.stage.addEventListener("pointermove", (event) => {
+      if (event.pointerType === "touch") {
+        this.moveFinger(event);
+      } else if ((event.buttons & 1) !== 0) {
+        this.move(event.movementX, event.movementY);
+      }
+    });
+  }
+
+  /** One finger moves the picture; two enlarge it by the change of their distance, about the point between them. */
+  private moveFinger(event: PointerEvent): void {
+    const before = this.touches.get(event.pointerId);
+    if (!before) return;
+    const now = { x: event.clientX, y: event.clientY };
+    this.touches.set(event.pointerId, now);
+    const others = [...this.touches].filter(([id]) => id !== event.pointerId);
+    if (others.length > 1) return;
+    const share = others.length === 1 ? 0.5 : 1;
+    this.move(share * (now.x - before.x), share * (now.y - before.y));
+    for (const [, other] of others) {
+      const distance = Math.hypot(before.x - other.x, before.y - other.y);
+      const box = this.stage.getBoundingClientRect();
+      const factor = distance > 0 ? Math.hypot(now.x - other.x, now.y - other.y) / distance : 1;
+      this.zoomAt(factor, (now.x + other.x) / 2 - box.left, (now.y + other.y) / 2 - box.top);
+    }
+  }
+
+  private move(x: number, y: number): void {
+    this.offset.x += x;
+    this.offset.y += y;
+    this.zoomAt(1, 0, 0);
   }
 
   private zoomAt(factor: number, x: number, y: number): void {
@@ -207,8 +242,15 @@ export class EventsView {
       Math.min(0, Math.max(size * (1 - zoom), at - ((at - offset) * zoom) / this.zoom));
     this.offset = { x: keep(this.offset.x, x, this.box.width), y: keep(this.offset.y, y, this.box.height) };
     this.zoom = zoom;
+    // A finger scrolls the page over the whole picture, and moves an enlarged one.
+    this.stage.style.touchAction = zoom > 1 ? "none" : "pan-y";
     this.requestDraw();
   }
+}
+
+interface Point {
+  x: number;
+  y: number;
 }
 
 interface Placement {

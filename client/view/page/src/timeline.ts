@@ -33,11 +33,17 @@ export class Timeline {
     requestDraw: () => void,
   ) {
     this.box = new BoxSize(this.canvas, requestDraw);
-    this.canvas.addEventListener("pointermove", (event) => {
-      this.showTip(event);
+    for (const type of ["pointermove", "pointerdown"] as const) {
+      this.canvas.addEventListener(type, (event) => {
+        this.showTip(event);
+      });
+    }
+    // A finger leaves when it is lifted: its tip stays until it touches something else.
+    this.canvas.addEventListener("pointerleave", (event) => {
+      if (event.pointerType !== "touch") this.tip.hidden = true;
     });
-    this.canvas.addEventListener("pointerleave", () => {
-      this.tip.hidden = true;
+    document.addEventListener("pointerdown", (event) => {
+      if (event.target !== this.canvas) this.tip.hidden = true;
     });
     this.canvas.addEventListener("click", (event) => {
       const time = this.timeAt(event.offsetX);
