@@ -1,20 +1,25 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the processor time of a server while images of the events of a session are watched (SessionService.WatchEvents).
+"""Measures the processor time of a server for images of the events of a session (SessionService.WatchEvents): of the first watcher, and of
+each further one.
 
-A session tracks a cube that a simulated EVK4 sees, with noise in every pixel, in real time: about 10 Mev/s. For each number of watchers it
-prints the processor time of the server in seconds per second of the recording, the difference from the row before in percent of a core, and
-the images, their bytes and the skipped images of the first watcher. The watchers are processes of their own. Needs a release build.
+A session tracks a cube that a simulated EVK4 sees, with noise in every pixel, in real time: about 10 Mev/s. While it runs, the number of
+watchers changes from slice to slice: 0 1 1 0 0 1 ..., in another session 1 9 9 1 1 9 ... The difference of the server's processor time
+between the two slices of a pair is that of the watchers, without the differences between runs. Printed are the mean of the differences in
+percent of a core, with its standard error, and the images of a watcher. For further watchers both are divided by their number, 8. The
+watchers are threads of this process. Needs a release build.
 """
 import argparse
 import contextlib
-import multiprocessing
+import itertools
+import json
 import pathlib
-import queue
 import re
+import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 import grpc
@@ -24,6 +29,7 @@ from processes import Server, first_pose, load_api, simulate  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SERVICE = "/evpose.v1.SessionService/"
+SETTLED_S = 0.05  # after a change of the number of watchers
 
 
 def messages():
@@ -32,20 +38,62 @@ def messages():
     return session_service_pb2
 
 
-def watch(address, session, cell_px, rate_hz, results):
-    api = messages()
-    request = api.WatchEventsRequest(session=session, cell_px=cell_px, max_rate_hz=rate_hz)
-    images = num_bytes = skipped = 0
-    with grpc.insecure_channel(address) as channel:
-        call = channel.unary_stream(SERVICE + "WatchEvents", api.WatchEventsRequest.SerializeToString, lambda data: data)(request)
+class Watcher:
+    """A watcher of the images of a session, in a thread."""
+
+    def __init__(self, channel, session, arguments):
+        api = messages()
+        request = api.WatchEventsRequest(session=session, cell_px=arguments.cell_px, max_rate_hz=arguments.rate)
+        self.call = channel.unary_stream(SERVICE + "WatchEvents", api.WatchEventsRequest.SerializeToString, lambda data: data)(request)
+        self.images = self.num_bytes = 0
+        self.is_watching = threading.Event()  # it has an image, or its stream has ended
+        self.error = None
+        self.thread = threading.Thread(target=self._read)
+        self.thread.start()
+
+    def _read(self):
         try:
-            for data in call:
-                image = api.WatchEventsResponse.FromString(data).image
-                images, num_bytes, skipped = images + 1, num_bytes + len(data), image.num_skipped
+            for data in self.call:
+                self.images, self.num_bytes = self.images + 1, self.num_bytes + len(data)
+                self.is_watching.set()
         except grpc.RpcError as error:
-            if error.code() != grpc.StatusCode.NOT_FOUND:  # replay deletes its session at the end
-                raise
-    results.put({"images": images, "bytes": num_bytes, "skipped": skipped})
+            # The end of the slice, or that of the session, which replay deletes.
+            self.error = None if error.code() in (grpc.StatusCode.CANCELLED, grpc.StatusCode.NOT_FOUND) else error
+        self.is_watching.set()
+
+    def stop(self):
+        self.call.cancel()
+        self.thread.join()
+        if self.error:
+            raise self.error
+
+
+class Watchers:
+    """Watchers whose number changes. A context manager."""
+
+    def __init__(self, address, session, arguments):
+        self.channel = grpc.insecure_channel(address)
+        self.session, self.arguments = session, arguments
+        self.running = []
+        self.images = self.num_bytes = 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.set(0)
+        self.channel.close()
+
+    def set(self, count):
+        """Returns when each of this number of watchers has an image."""
+        while len(self.running) > count:
+            watcher = self.running.pop()
+            watcher.stop()
+            self.images, self.num_bytes = self.images + watcher.images, self.num_bytes + watcher.num_bytes
+        while len(self.running) < count:
+            self.running.append(Watcher(self.channel, self.session, self.arguments))
+        for watcher in self.running:
+            watcher.is_watching.wait()
 
 
 def wait_for_session(address, replay):
@@ -60,7 +108,27 @@ def wait_for_session(address, replay):
     raise RuntimeError("evpose replay has failed")
 
 
-def measure(arguments, scene, num_watchers):
+def process_ns(pid):
+    """The processor time of all threads of a process (clock_getcpuclockid), which is exact to the nanosecond."""
+    return time.clock_gettime_ns((~pid << 3) | 2)
+
+
+def slices(server, replay, watchers, numbers, slice_s):
+    """Yields the processor time of the server in seconds per second while the session runs, for this number of watchers after another."""
+    for number in itertools.cycle(numbers):
+        watchers.set(number)
+        time.sleep(SETTLED_S)
+        begin_ns, begin_cpu_ns = time.monotonic_ns(), process_ns(server.process.pid)
+        time.sleep(slice_s)
+        share = (process_ns(server.process.pid) - begin_cpu_ns) / (time.monotonic_ns() - begin_ns)
+        if replay.poll() is not None:
+            return
+        yield share
+
+
+def measure(arguments, scene, few, many):
+    """Returns the differences between slices with many and with few watchers, the shares with few, and the images of one watcher: their
+    number per second, and their bytes."""
     with contextlib.ExitStack() as cleanup:
         server = cleanup.enter_context(Server(arguments.bin / "server/evpose-server", "--log-level", "off", "--max-session-cpu", "0"))
         replay = subprocess.Popen([arguments.replay, "replay", scene / "recording.raw", "--model", scene / "model.obj", "--camera",
@@ -68,22 +136,13 @@ def measure(arguments, scene, num_watchers):
                                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         cleanup.callback(replay.wait)
         cleanup.callback(replay.kill)
-        session = wait_for_session(server.address, replay)
-        results = multiprocessing.Queue()
-        for _ in range(num_watchers):
-            watcher = multiprocessing.Process(target=watch, args=(server.address, session, arguments.cell_px, arguments.rate, results))
-            watcher.start()
-            cleanup.callback(watcher.join)
-            cleanup.callback(watcher.kill)
-        begin, begin_cpu_s = time.monotonic(), server.cpu_s()
+        watchers = cleanup.enter_context(Watchers(server.address, wait_for_session(server.address, replay), arguments))
+        shares = list(slices(server, replay, watchers, (few, many, many, few), arguments.slice_s))
         if replay.wait() != 0:
             raise RuntimeError("evpose replay has failed")
-        end, end_cpu_s = time.monotonic(), server.cpu_s()
-        try:
-            seen = [results.get(timeout=60) for _ in range(num_watchers)]
-        except queue.Empty:
-            raise RuntimeError("a watcher has failed") from None
-        return end_cpu_s - begin_cpu_s, end - begin, seen
+    # The order within the pairs alternates, so that a drift of the load has no effect.
+    pairs = [(b - a, a) if i % 2 == 0 else (a - b, b) for i, (a, b) in enumerate(zip(shares[::2], shares[1::2]))]
+    return [more for more, _ in pairs], [share for _, share in pairs], watchers.num_bytes / max(1, watchers.images)
 
 
 def main():
@@ -94,7 +153,9 @@ def main():
     parser.add_argument("--noise", type=float, default=11.5, help="events per second of a dark pixel")
     parser.add_argument("--cell-px", type=int, default=2)
     parser.add_argument("--rate", type=float, default=30.0)
-    parser.add_argument("--watchers", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--slice-s", type=float, default=0.5, help="duration of a slice")
+    parser.add_argument("--repetitions", type=int, default=5, help="sessions of each kind")
     arguments = parser.parse_args()
     arguments.bin = arguments.bin.resolve()
     arguments.replay = arguments.replay or arguments.bin / "client/cli/evpose"
@@ -104,17 +165,24 @@ def main():
         load_api(code)
         made = simulate(arguments.replay, scene, "--object", "cube", "--camera", "evk4", "--duration", arguments.seconds,
                         "--background-activity", arguments.noise)
-        print(re.search(r"\(.*Mev/s\)", made).group())
-        print(f"{'watchers':>8}{'server s/s':>12}{'% more':>8}{'took s':>8}{'images':>8}{'kB each':>9}{'skipped':>9}")
-        before = None
-        for num_watchers in arguments.watchers:
-            cpu, took_s, seen = measure(arguments, scene, num_watchers)
-            share = cpu / arguments.seconds
-            more = "" if before is None else f"{100 * (share - before):.1f}"
-            before = share
-            one = seen[0] if seen else {"images": 0, "bytes": 0, "skipped": 0}
-            print(f"{num_watchers:8}{share:12.3f}{more:>8}{took_s:8.2f}{one['images']:8}"
-                  f"{one['bytes'] / max(1, one['images']) / 1e3:9.1f}{one['skipped']:9}", flush=True)
+        rate = float(re.search(r"([0-9.]+) Mev/s", made).group(1))
+        result = {"mev_per_s": rate, "rate_hz": arguments.rate, "rows": []}
+        if not arguments.json:
+            print(f"{rate} Mev/s")
+            print(f"{'watchers':12}{'server s/s':>12}{'% of a core more':>18}{'standard error':>16}{'pairs':>7}{'kB each':>9}")
+        for title, few, many in (("the first", 0, 1), ("each further", 1, 9)):
+            runs = [measure(arguments, scene, few, many) for _ in range(arguments.repetitions)]
+            more = [100 * value / (many - few) for run in runs for value in run[0]]
+            if len(more) < 2:
+                parser.error("--seconds: is too short for two pairs of slices")
+            error = statistics.stdev(more) / len(more) ** 0.5
+            share = statistics.mean(value for run in runs for value in run[1])
+            result["rows"].append({"watchers": title, "share": share, "more_percent": statistics.mean(more), "error_percent": error,
+                                   "pairs": len(more), "image_kb": runs[0][2] / 1e3})
+            if not arguments.json:
+                print(f"{title:12}{share:12.3f}{statistics.mean(more):18.2f}{error:16.2f}{len(more):7}{runs[0][2] / 1e3:9.1f}", flush=True)
+        if arguments.json:
+            print(json.dumps(result))
 
 
 if __name__ == "__main__":
