@@ -6,6 +6,8 @@
 #include <grpcpp/server.h>
 #include <grpcpp/server_builder.h>
 
+#include <atomic>
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <string>
@@ -20,8 +22,8 @@
 
 namespace evpose::client {
 
-// Has a client, and an address. Its calls end only when they are cancelled, except for the one of a client that
-// connects.
+// Has a client, and an address. Its calls end only when they are cancelled or the server stops, except for the first
+// GetServerInfo, with which a client connects.
 class StalledServer final : private v1::AdminService::CallbackService,
                             private v1::ModelService::CallbackService,
                             private v1::SessionService::CallbackService {
@@ -38,9 +40,16 @@ class StalledServer final : private v1::AdminService::CallbackService,
   }
   Client& client() { return *client_; }
   std::string address() const { return absl::StrCat("127.0.0.1:", port_); }
+  // Cancels all calls.
+  void Stop() { server_->Shutdown(std::chrono::system_clock::now()); }
 
  private:
   class Reactor final : public grpc::ServerUnaryReactor {
+   public:
+    void OnCancel() override { Finish(grpc::Status::CANCELLED); }
+    void OnDone() override { delete this; }
+  };
+  class HealthReactor final : public grpc::ServerWriteReactor<v1::WatchHealthResponse> {
    public:
     void OnCancel() override { Finish(grpc::Status::CANCELLED); }
     void OnDone() override { delete this; }
@@ -52,9 +61,25 @@ class StalledServer final : private v1::AdminService::CallbackService,
   }
   grpc::ServerUnaryReactor* GetServerInfo(grpc::CallbackServerContext* context, const v1::GetServerInfoRequest*,
                                           v1::ServerInfo*) override {
+    if (has_given_info_.exchange(true)) return Stall("GetServerInfo");
     grpc::ServerUnaryReactor* const reactor = context->DefaultReactor();
     reactor->Finish(grpc::Status::OK);
     return reactor;
+  }
+  grpc::ServerUnaryReactor* Drain(grpc::CallbackServerContext*, const v1::DrainRequest*, v1::DrainResponse*) override {
+    return Stall("Drain");
+  }
+  grpc::ServerUnaryReactor* SetLogLevel(grpc::CallbackServerContext*, const v1::SetLogLevelRequest*,
+                                        v1::SetLogLevelResponse*) override {
+    return Stall("SetLogLevel");
+  }
+  grpc::ServerUnaryReactor* ListModels(grpc::CallbackServerContext*, const v1::ListModelsRequest*,
+                                       v1::ListModelsResponse*) override {
+    return Stall("ListModels");
+  }
+  grpc::ServerUnaryReactor* DeleteModel(grpc::CallbackServerContext*, const v1::DeleteModelRequest*,
+                                        google::protobuf::Empty*) override {
+    return Stall("DeleteModel");
   }
   grpc::ServerUnaryReactor* GetModel(grpc::CallbackServerContext*, const v1::GetModelRequest*, v1::Model*) override {
     return Stall("GetModel");
@@ -75,9 +100,16 @@ class StalledServer final : private v1::AdminService::CallbackService,
                                          v1::ListSessionsResponse*) override {
     return Stall("ListSessions");
   }
+  grpc::ServerWriteReactor<v1::WatchHealthResponse>* WatchHealth(grpc::CallbackServerContext*,
+                                                                 const v1::WatchHealthRequest*) override {
+    auto* const reactor = new HealthReactor;
+    on_call_("WatchHealth");
+    return reactor;
+  }
 
   const std::function<void(const std::string&)> on_call_;
   int port_ = 0;
+  std::atomic<bool> has_given_info_ = false;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Client> client_;
 };

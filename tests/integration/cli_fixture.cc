@@ -4,12 +4,15 @@
 #include <sys/wait.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
 #include <numbers>
 #include <sstream>
+#include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/cli/cli.h"
@@ -22,7 +25,42 @@ std::string ReadWhole(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
+// What a command prints. Calls `act` once, as soon as it contains `text`.
+class WatchedBuffer : public std::stringbuf {
+ public:
+  WatchedBuffer(std::string text, std::function<void()> act) : text_(std::move(text)), act_(std::move(act)) {}
+
+ protected:
+  int sync() override {
+    if (!has_acted_ && absl::StrContains(str(), text_)) {
+      has_acted_ = true;
+      act_();
+    }
+    return 0;
+  }
+
+ private:
+  const std::string text_;
+  const std::function<void()> act_;
+  bool has_acted_ = false;
+};
+
 }  // namespace
+
+CliResult RunWatched(const std::vector<std::string>& arguments, const std::string& text,
+                     const std::function<void()>& act, bool is_interrupted_then) {
+  std::atomic<bool> is_interrupted = false;
+  WatchedBuffer buffer(text, [&] {
+    is_interrupted = is_interrupted_then;
+    act();
+  });
+  std::ostringstream out;
+  std::ostream err(&buffer);
+  client::CliContext context{out, err};
+  context.is_interrupted = [&] { return is_interrupted.load(); };
+  const int status = client::RunCli(arguments, context);
+  return {status, out.str(), buffer.str()};
+}
 
 nlohmann::json CliResult::Json() const {
   nlohmann::json json = nlohmann::json::parse(out, nullptr, false);
@@ -60,13 +98,20 @@ std::vector<std::string> CliTest::FilesBeginning(const std::string& prefix) cons
 
 namespace {
 
-// Returns `err` without the lines in which a command states for what it waits, because they depend on the speed of
-// the machine.
+// Returns whether a command states in this line for what it waits, or what it is doing (client/cli/console).
+bool IsWait(const std::string& line) {
+  if (!absl::EndsWith(line, " ...")) return false;
+  const auto begins_with = [&line](const char* prefix) { return absl::StartsWith(line, prefix); };
+  return begins_with("waiting for ") || begins_with("reading ") || begins_with("inspecting ") ||
+         begins_with("comparing with ");
+}
+
+// Returns `err` without these lines, because they depend on the speed of the machine.
 std::string WithoutWaits(const std::string& err) {
   std::string rest;
   std::istringstream lines(err);
   for (std::string line; std::getline(lines, line);) {
-    if (line.rfind("waiting for ", 0) != 0) rest += line + (lines.eof() ? "" : "\n");
+    if (!IsWait(line)) rest += line + (lines.eof() ? "" : "\n");
   }
   return rest;
 }

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -18,10 +19,15 @@ namespace evpose {
 struct CliResult {
   int status = -1;
   std::string out;
-  std::string err;  // without the lines "waiting for ...", which depend on the speed of the machine
+  std::string err;  // without the lines of WaitMessage, which depend on the speed of the machine
 
   nlohmann::json Json() const;
 };
+
+// Runs a command in this process. `act` is called once, as soon as its standard error contains `text`; with
+// `is_interrupted_then`, the command is also interrupted at that moment. `err` of the result has all lines.
+CliResult RunWatched(const std::vector<std::string>& arguments, const std::string& text,
+                     const std::function<void()>& act, bool is_interrupted_then = false);
 
 class CliTest : public ::testing::Test {
  protected:

@@ -141,7 +141,7 @@ absl::StatusOr<Trajectory> PosesOf(const CalibrateArguments& arguments, size_t i
       arguments.recordings[i], ": the object was not tracked; try evpose replay with this camera and model"));
 }
 
-absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, size_t i,
+absl::StatusOr<CalibrationInput> OpenInput(const CliContext& context, const CalibrateArguments& arguments, size_t i,
                                            const std::optional<CameraModel>& estimated, const SensorProfile& sensor,
                                            ProgressLine& progress) {
   CalibrationInput input;
@@ -151,7 +151,8 @@ absl::StatusOr<CalibrationInput> OpenInput(const CalibrateArguments& arguments, 
   } else {
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(Of(arguments.cameras, i)));
   }
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel loaded, arguments.reading.Load(Of(arguments.models, i)));
+  progress.Clear();
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel loaded, arguments.reading.Load(context, Of(arguments.models, i)));
   const auto model = std::make_shared<const ObjectModel>(std::move(loaded));
   const auto open = [&] {
     return OpenSeenBy(camera, estimated ? arguments.camera_out : Of(arguments.cameras, i), arguments.recordings[i]);
@@ -245,7 +246,7 @@ struct ProfileResult {
 };
 
 // Fits the profile with the cameras of the files, or with the estimated one.
-absl::StatusOr<ProfileResult> FitProfile(const CalibrateArguments& arguments,
+absl::StatusOr<ProfileResult> FitProfile(const CliContext& context, const CalibrateArguments& arguments,
                                          const std::optional<CameraModel>& estimated, const SensorProfile& start,
                                          ProgressLine& progress) {
   SensorCalibrationOptions options;
@@ -253,7 +254,7 @@ absl::StatusOr<ProfileResult> FitProfile(const CalibrateArguments& arguments,
   options.has_independent_poses = !arguments.truths.empty();
   ProfileResult result;
   for (size_t i = 0; i < arguments.recordings.size(); ++i) {
-    EVPOSE_ASSIGN_OR_RETURN(CalibrationInput input, OpenInput(arguments, i, estimated, start, progress));
+    EVPOSE_ASSIGN_OR_RETURN(CalibrationInput input, OpenInput(context, arguments, i, estimated, start, progress));
     EVPOSE_ASSIGN_OR_RETURN(std::vector<EdgePassage> passages, CollectPassages(arguments, i, input, progress));
     result.recordings.push_back({arguments.recordings[i], std::move(passages)});
   }
@@ -284,10 +285,10 @@ absl::StatusOr<SensorGeometry> CommonGeometry(const std::vector<std::string>& re
   return *common;
 }
 
-absl::StatusOr<CameraCalibration> EstimateCamera(const CalibrateArguments& arguments, const SensorProfile& start,
-                                                 ProgressLine& progress) {
+absl::StatusOr<CameraCalibration> EstimateCamera(const CliContext& context, const CalibrateArguments& arguments,
+                                                 const SensorProfile& start, ProgressLine& progress) {
   EVPOSE_ASSIGN_OR_RETURN(const SensorGeometry geometry, CommonGeometry(arguments.recordings));
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.models.front()));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(context, arguments.models.front()));
   CameraCalibrationOptions options;
   options.sensor = start;
   options.lens_model = arguments.lens;
@@ -343,7 +344,7 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   ProgressLine progress(context);
   std::optional<CameraCalibration> camera;
   if (arguments.IsCameraWanted()) {
-    EVPOSE_ASSIGN_OR_RETURN(camera, EstimateCamera(arguments, start, progress));
+    EVPOSE_ASSIGN_OR_RETURN(camera, EstimateCamera(context, arguments, start, progress));
     EVPOSE_RETURN_IF_ERROR(WriteCamera(*camera, camera_file, coverage));
     progress.Clear();
     PrintWarnings(camera->warnings, context);
@@ -351,7 +352,7 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   std::optional<ProfileResult> profile;
   if (profile_file) {
     const std::optional<CameraModel> estimated = camera ? std::optional<CameraModel>(camera->camera) : std::nullopt;
-    EVPOSE_ASSIGN_OR_RETURN(profile, FitProfile(arguments, estimated, start, progress));
+    EVPOSE_ASSIGN_OR_RETURN(profile, FitProfile(context, arguments, estimated, start, progress));
     EVPOSE_RETURN_IF_ERROR(WriteProfile(*profile, profile_file, picture));
     progress.Clear();
     PrintWarnings(profile->calibration.warnings, context);

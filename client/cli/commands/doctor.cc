@@ -68,7 +68,7 @@ absl::Status CheckDoctorUsage(const DoctorArguments& arguments) {
                                         : AsUsageError(ParsePose(arguments.initial_pose).status(), "--init-pose: ");
 }
 
-absl::StatusOr<DoctorInputs> ReadInputs(const DoctorArguments& arguments) {
+absl::StatusOr<DoctorInputs> ReadInputs(const DoctorArguments& arguments, const CliContext& context) {
   DoctorInputs inputs;
   if (!arguments.camera.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
@@ -77,9 +77,9 @@ absl::StatusOr<DoctorInputs> ReadInputs(const DoctorArguments& arguments) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
   }
   if (arguments.model.empty()) return inputs;
-  EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(context, arguments.model));
   if (!arguments.bundle.empty() || !arguments.server.address.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(inputs.upload, arguments.reading.ReadForUpload(arguments.model));
+    EVPOSE_ASSIGN_OR_RETURN(inputs.upload, arguments.reading.ReadForUpload(context, arguments.model));
   }
   return inputs;
 }
@@ -146,7 +146,7 @@ absl::Status PackBundle(const DoctorArguments& arguments, const DoctorInputs& in
 absl::Status RunDoctor(const DoctorArguments& arguments, CliContext& context) {
   EVPOSE_RETURN_IF_ERROR(CheckDoctorUsage(arguments));
   if (!arguments.replay.empty()) return ReplayBundle(arguments.replay, arguments.is_json, context);
-  EVPOSE_ASSIGN_OR_RETURN(const DoctorInputs inputs, ReadInputs(arguments));
+  EVPOSE_ASSIGN_OR_RETURN(const DoctorInputs inputs, ReadInputs(arguments, context));
   DoctorReport report;
   ServerNeeds needs;
   if (!arguments.recording.path.empty()) {

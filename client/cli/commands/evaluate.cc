@@ -19,6 +19,7 @@
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/pose_records.h"
 #include "client/cli/common/table_cell.h"
+#include "client/cli/console/wait_message.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
@@ -99,7 +100,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   std::optional<ObjectModel> model;
   std::optional<CameraModel> camera;
   if (!arguments.model.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(model, arguments.reading.Load(arguments.model));
+    EVPOSE_ASSIGN_OR_RETURN(model, arguments.reading.LoadSilently(arguments.model));
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
   EvaluationOptions options;
@@ -230,7 +231,9 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
   if (arguments.is_symmetric && arguments.model.empty()) {
     return UsageError("--symmetric needs --model and --camera: the symmetries are the model's");
   }
+  std::optional<WaitMessage> message = WaitMessage::ForWork(context, "comparing with " + arguments.truth);
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
+  message.reset();
   Json json = {{"truth", arguments.truth}, {"estimates", Json::array()}};
   for (const Row& row : rows) {
     json["estimates"].push_back(RowJson(row));

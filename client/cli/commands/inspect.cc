@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -15,6 +16,7 @@
 #include "client/cli/commands/inspect_symmetry.h"
 #include "client/cli/commands/model_picture.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/cli/console/wait_message.h"
 #include "client/model_intake/model_intake.h"
 #include "core/association/visible_edges.h"
 #include "core/base/counted.h"
@@ -74,7 +76,7 @@ absl::StatusOr<Inspection> Inspect(const InspectArguments& arguments) {
     EVPOSE_ASSIGN_OR_RETURN(camera, LoadCameraModel(arguments.camera));
   }
   const absl::Time start = absl::Now();
-  EVPOSE_ASSIGN_OR_RETURN(inspection.model, arguments.reading.Load(arguments.file));
+  EVPOSE_ASSIGN_OR_RETURN(inspection.model, arguments.reading.LoadSilently(arguments.file));
   const absl::Time prepared = absl::Now();
   inspection.preparation = prepared - start;
   EVPOSE_ASSIGN_OR_RETURN(inspection.views, ViewModel(inspection.model, camera));
@@ -288,11 +290,13 @@ void PrintInspection(const std::string& path, const Inspection& inspection, std:
 
 absl::Status RunInspect(const InspectArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> picture, OpenOutput(arguments.picture));
+  std::optional<WaitMessage> message = WaitMessage::ForWork(context, "inspecting " + arguments.file);
   EVPOSE_ASSIGN_OR_RETURN(const Inspection inspection, Inspect(arguments));
   if (picture) {
     EVPOSE_ASSIGN_OR_RETURN(const std::string png, DrawModel(inspection.model, arguments.file));
     EVPOSE_RETURN_IF_ERROR(FinishOutput(picture, png));
   }
+  message.reset();
   return PrintResult(context, arguments.is_json, InspectionJson(inspection),
                      [&](std::ostream& out) { PrintInspection(arguments.file, inspection, out); });
 }

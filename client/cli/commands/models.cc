@@ -10,6 +10,7 @@
 #include "absl/time/time.h"
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
+#include "client/cli/console/wait_message.h"
 #include "client/model_intake/model_intake.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
@@ -87,12 +88,14 @@ absl::Status Print(const ModelInfo& model, bool is_json, CliContext& context) {
 
 absl::Status RunList(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<ModelInfo> models, client->ListModels());
+  EVPOSE_ASSIGN_OR_RETURN(
+      const std::vector<ModelInfo> models,
+      WaitFor(context, "the models of " + arguments.server.address, [&] { return client->ListModels(); }));
   return PrintList(context, arguments.is_json, models, ModelJson, PrintModel);
 }
 
 absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
-  EVPOSE_ASSIGN_OR_RETURN(const ModelUpload upload, arguments.reading.ReadForUpload(arguments.file));
+  EVPOSE_ASSIGN_OR_RETURN(const ModelUpload upload, arguments.reading.ReadForUpload(context, arguments.file));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, UploadModel(context, *client, arguments.file, upload));
   return Print(model, arguments.is_json, context);
@@ -100,14 +103,17 @@ absl::Status RunUpload(const ModelArguments& arguments, CliContext& context) {
 
 absl::Status RunGet(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  const absl::StatusOr<ModelInfo> model = client->GetModel(arguments.name);
+  const absl::StatusOr<ModelInfo> model =
+      WaitFor(context, "the properties of " + arguments.name, [&] { return client->GetModel(arguments.name); });
   EVPOSE_RETURN_IF_ERROR(NameError("models", arguments.name, model.status()));
   return Print(*model, arguments.is_json, context);
 }
 
 absl::Status RunDelete(const ModelArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  return NameError("models", arguments.name, client->DeleteModel(arguments.name));
+  return NameError("models", arguments.name, WaitFor(context, "the server to delete " + arguments.name, [&] {
+                     return client->DeleteModel(arguments.name);
+                   }));
 }
 
 std::string Example(const std::string& command) {

@@ -73,7 +73,7 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   RenderInputs inputs;
   inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
-  EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(arguments.model));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(context, arguments.model));
   EVPOSE_ASSIGN_OR_RETURN(ReadPoses poses, ReadCameraPoses(arguments.poses));
   inputs.poses = std::move(poses.trajectory);
   inputs.ambiguous_us = std::move(poses.ambiguous_us);

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/console/wait_message.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -33,7 +34,8 @@ std::string NameOf(LogLevel level) {
 
 absl::Status RunInfo(const Arguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  EVPOSE_ASSIGN_OR_RETURN(const ServerInfo info, client->GetServerInfo());
+  EVPOSE_ASSIGN_OR_RETURN(const ServerInfo info, WaitFor(context, "the answer of " + arguments.server.address,
+                                                         [&] { return client->GetServerInfo(); }));
   const Json json = {{"version", info.version},
                      {"commit", info.commit},
                      {"store", info.store},
@@ -58,7 +60,8 @@ absl::Status RunLogLevel(const Arguments& arguments, CliContext& context) {
     if (arguments.level == name) level = known;
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  EVPOSE_ASSIGN_OR_RETURN(const LogLevel before, client->SetLogLevel(level));
+  EVPOSE_ASSIGN_OR_RETURN(const LogLevel before, WaitFor(context, "the answer of " + arguments.server.address,
+                                                         [&] { return client->SetLogLevel(level); }));
   const std::string previous = NameOf(before);
   const auto print = [&](std::ostream& out) {
     out << "log level: " << arguments.level << ", was " << previous << "\n";

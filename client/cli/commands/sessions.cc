@@ -10,6 +10,7 @@
 #include "absl/strings/str_format.h"
 #include "absl/time/time.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/console/wait_message.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 
@@ -54,14 +55,17 @@ void PrintSession(const Session& session, std::ostream& out) {
 
 absl::Status RunListSessions(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<Session> sessions, client->ListSessions());
+  EVPOSE_ASSIGN_OR_RETURN(
+      const std::vector<Session> sessions,
+      WaitFor(context, "the sessions of " + arguments.server.address, [&] { return client->ListSessions(); }));
   if (sessions.empty() && context.is_err_terminal) context.err << "no sessions" << std::endl;
   return PrintList(context, arguments.is_json, sessions, SessionJson, PrintSession);
 }
 
 absl::Status RunGetSession(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  const absl::StatusOr<Session> session = client->GetSession(arguments.name);
+  const absl::StatusOr<Session> session =
+      WaitFor(context, "the state of " + arguments.name, [&] { return client->GetSession(arguments.name); });
   if (!session.ok()) return SessionError(arguments.name, session.status());
   return PrintResult(context, arguments.is_json, SessionJson(*session), [&session](std::ostream& out) {
     PrintSession(*session, out);
@@ -74,17 +78,21 @@ absl::Status RunGetSession(const SessionArguments& arguments, CliContext& contex
 
 absl::Status RunDeleteSession(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
-  if (const absl::Status status = client->GetSession(arguments.name).status(); absl::IsNotFound(status)) {
+  const absl::Status status =
+      WaitFor(context, "the state of " + arguments.name, [&] { return client->GetSession(arguments.name).status(); });
+  if (absl::IsNotFound(status)) {
     context.err << "evpose sessions delete: " << SessionError(arguments.name, status).message() << std::endl;
   }
-  return client->DeleteSession(arguments.name);
+  return WaitFor(context, "the server to delete " + arguments.name,
+                 [&] { return client->DeleteSession(arguments.name); });
 }
 
 absl::Status RunDrain(const SessionArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   std::optional<absl::Duration> timeout;
   if (arguments.timeout_s) timeout = absl::Seconds(*arguments.timeout_s);
-  EVPOSE_ASSIGN_OR_RETURN(const uint32_t remaining, client->Drain(timeout));
+  EVPOSE_ASSIGN_OR_RETURN(const uint32_t remaining, WaitFor(context, "the answer of " + arguments.server.address,
+                                                            [&] { return client->Drain(timeout); }));
   const auto print = [remaining](std::ostream& out) {
     out << "the server is shutting down; sessions with an attached stream: " << remaining << "\n";
   };

@@ -69,9 +69,10 @@ absl::StatusOr<SimulationOptions> MakeScenario(const SimulateArguments& argument
 }
 
 // Returns the standard scene of the object or of the model.
-absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments, const std::string& camera) {
+absl::StatusOr<SimulationOptions> MakePreset(const CliContext& context, const SimulateArguments& arguments,
+                                             const std::string& camera) {
   if (arguments.model.empty()) return SimulationPreset(arguments.object, camera, arguments.speed_scale);
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(arguments.model));
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(context, arguments.model));
   absl::StatusOr<SimulationOptions> options =
       ModelSimulationPreset(std::make_shared<const ObjectModel>(std::move(model)), camera, arguments.speed_scale);
   if (options.ok()) return options;
@@ -79,12 +80,12 @@ absl::StatusOr<SimulationOptions> MakePreset(const SimulateArguments& arguments,
 }
 
 // Returns the standard scene with the camera of the option: one of the simulated cameras, or that of a file.
-absl::StatusOr<SimulationOptions> MakePresetWithCamera(const SimulateArguments& arguments) {
+absl::StatusOr<SimulationOptions> MakePresetWithCamera(const CliContext& context, const SimulateArguments& arguments) {
   const std::vector<std::string> names = SimulatedCameraNames();
   if (std::find(names.begin(), names.end(), arguments.camera) != names.end()) {
-    return MakePreset(arguments, arguments.camera);
+    return MakePreset(context, arguments, arguments.camera);
   }
-  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePreset(arguments, names.front()));
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePreset(context, arguments, names.front()));
   EVPOSE_ASSIGN_OR_RETURN(const CameraModel camera, LoadCameraModel(arguments.camera));
   absl::Status status = camera.CheckView();
   if (status.ok()) status = UndistortionTable::Create(camera).status();
@@ -93,9 +94,9 @@ absl::StatusOr<SimulationOptions> MakePresetWithCamera(const SimulateArguments& 
   return options;
 }
 
-absl::StatusOr<SimulationOptions> MakeOptions(const SimulateArguments& arguments) {
+absl::StatusOr<SimulationOptions> MakeOptions(const CliContext& context, const SimulateArguments& arguments) {
   if (!arguments.scenario.empty()) return MakeScenario(arguments);
-  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePresetWithCamera(arguments));
+  EVPOSE_ASSIGN_OR_RETURN(SimulationOptions options, MakePresetWithCamera(context, arguments));
   options.scene.motion.view_angle_rad = arguments.view_angle_deg / kDegreesPerRadian;
   options.duration_us = std::llround(arguments.duration_s.value_or(kDurationS) * 1e6);
   options.t_begin_us = std::llround(arguments.start_s * 1e6);
@@ -161,7 +162,7 @@ absl::Status CheckDirectory(const SimulateArguments& arguments) {
 
 absl::Status RunSimulate(const SimulateArguments& arguments, CliContext& context) {
   EVPOSE_RETURN_IF_ERROR(CheckDirectory(arguments));
-  EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions options, MakeOptions(arguments));
+  EVPOSE_ASSIGN_OR_RETURN(const SimulationOptions options, MakeOptions(context, arguments));
   ProgressLine progress(context);
   const auto on_progress = [&progress](double ratio) {
     progress.Show(ratio, absl::StrFormat("simulated %3.0f %%", 100.0 * ratio));

@@ -19,6 +19,7 @@
 #include "client/cli/common/recording_input.h"
 #include "client/cli/common/run_inputs.h"
 #include "client/cli/console/stop_on_interrupt.h"
+#include "client/cli/console/wait_message.h"
 #include "client/view/live_view.h"
 #include "client/view/pending_source.h"
 #include "client/view/recording_source.h"
@@ -65,7 +66,9 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   if (!arguments.what.empty()) {
     StopOnInterrupt interrupt(context);
-    const absl::Status status = client->GetSession(arguments.what, interrupt.stop().get_token()).status();
+    const absl::Status status = WaitFor(context, "the state of " + arguments.what, [&] {
+      return client->GetSession(arguments.what, interrupt.stop().get_token()).status();
+    });
     if (interrupt.stop().stop_requested()) return absl::OkStatus();
     EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, status));
   }
@@ -105,7 +108,7 @@ absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, c
   std::future<absl::StatusOr<PosesByObject>> poses =
       std::async(std::launch::async, [&] { return ReadRecordedPoses(arguments.poses, ids); });
   for (const auto& [id, path] : ids_and_models) {
-    EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.Load(path));
+    EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.LoadSilently(path));
     inputs.objects.push_back({id, std::filesystem::path(path).filename().string(), std::move(model)});
   }
   if (!arguments.truth.empty()) {

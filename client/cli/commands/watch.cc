@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -16,6 +17,7 @@
 #include "client/cli/common/pace_meter.h"
 #include "client/cli/common/pose_format.h"
 #include "client/cli/console/stop_on_interrupt.h"
+#include "client/cli/console/wait_message.h"
 #include "client/mcap/session_observer.h"
 #include "core/base/status_macros.h"
 
@@ -149,7 +151,9 @@ absl::Status RunWatchHealth(const WatchArguments& arguments, CliContext& context
   StopOnInterrupt interrupt(context);
   std::stop_source& stop = interrupt.stop();
   PaceMeter pace;
+  std::optional<WaitMessage> wait(std::in_place, context, "the health of " + arguments.session);
   const auto on_health = [&](const SessionHealth& health) {
+    wait.reset();
     const std::string json = HealthJson(health).dump(-1, ' ', false, Json::error_handler_t::replace);
     context.out << (arguments.is_json ? json : HealthLine(health, pace.Update(health))) << std::endl;
     if (!context.out) stop.request_stop();  // the output is closed
@@ -221,7 +225,9 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   StopOnInterrupt interrupt(context);
   std::stop_source& stop = interrupt.stop();
-  const absl::StatusOr<Session> session = client->GetSession(arguments.session, stop.get_token());
+  const absl::StatusOr<Session> session = WaitFor(context, "the state of " + arguments.session, [&] {
+    return client->GetSession(arguments.session, stop.get_token());
+  });
   if (stop.stop_requested()) return absl::OkStatus();
   if (!session.ok()) return SessionError(arguments.session, session.status());
   EVPOSE_ASSIGN_OR_RETURN(PoseOutput output, PoseOutput::Open(arguments, frame, *session, context));

@@ -41,13 +41,20 @@ void ModelReadingArguments::AddTo(CLI::App& app, CLI::Option* model) {
   }
 }
 
-absl::StatusOr<ObjectModel> ModelReadingArguments::Load(const std::string& path) const {
+absl::StatusOr<ObjectModel> ModelReadingArguments::Load(const CliContext& context, const std::string& path) const {
+  const WaitMessage message = WaitMessage::ForWork(context, absl::StrCat("reading ", path));
+  return LoadSilently(path);
+}
+
+absl::StatusOr<ObjectModel> ModelReadingArguments::LoadSilently(const std::string& path) const {
   return LoadModelFile(
       path,
       {.metres_per_unit = metres_per_unit, .crease_angle_deg = crease_angle_deg, .is_smooth = surface == kSmooth});
 }
 
-absl::StatusOr<ModelUpload> ModelReadingArguments::ReadForUpload(const std::string& path) const {
+absl::StatusOr<ModelUpload> ModelReadingArguments::ReadForUpload(const CliContext& context,
+                                                                 const std::string& path) const {
+  const WaitMessage message = WaitMessage::ForWork(context, absl::StrCat("reading ", path));
   EVPOSE_ASSIGN_OR_RETURN(ModelFile file, ReadModelFile(path, metres_per_unit));
   std::string name = std::filesystem::path(path).filename().string();
   if (!server::IsPlainText(name)) name.clear();  // a server refuses it, and the model needs none

@@ -29,10 +29,13 @@ struct ModelReadingArguments {
   // Adds --scale, --crease-angle and --surface, in the group of inputs. If `model` is given, they are refused without
   // that option.
   void AddTo(CLI::App& app, CLI::Option* model = nullptr);
-  // Reads a model file of any format. Errors: those of LoadModelFile().
-  absl::StatusOr<ObjectModel> Load(const std::string& path) const;
-  // The same for an upload. Errors: those of ReadModelFile().
-  absl::StatusOr<ModelUpload> ReadForUpload(const std::string& path) const;
+  // Reads a model file of any format, and states on standard error if that takes long. Errors: those of
+  // LoadModelFile().
+  absl::StatusOr<ObjectModel> Load(const CliContext& context, const std::string& path) const;
+  // The same without a message, for callers that print what they do.
+  absl::StatusOr<ObjectModel> LoadSilently(const std::string& path) const;
+  // As Load(), for an upload. Errors: those of ReadModelFile().
+  absl::StatusOr<ModelUpload> ReadForUpload(const CliContext& context, const std::string& path) const;
 };
 
 // Uploads a model, and states on standard error if that takes long. The notices of the result begin with those of the

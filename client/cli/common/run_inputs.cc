@@ -198,9 +198,9 @@ std::string DescribeInitialPose(const absl::Status& status, const RunInputs& inp
   return "";
 }
 
-absl::Status ReadObjects(const RunArguments& arguments, std::vector<InputObject>& objects) {
+absl::Status ReadObjects(const CliContext& context, const RunArguments& arguments, std::vector<InputObject>& objects) {
   for (InputObject& object : objects) {
-    EVPOSE_ASSIGN_OR_RETURN(object.model, arguments.reading.ReadForUpload(object.model_path));
+    EVPOSE_ASSIGN_OR_RETURN(object.model, arguments.reading.ReadForUpload(context, object.model_path));
   }
   return absl::OkStatus();
 }
@@ -253,7 +253,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArgu
     EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
   }
   EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
-  EVPOSE_RETURN_IF_ERROR(ReadObjects(arguments, inputs.objects));
+  EVPOSE_RETURN_IF_ERROR(ReadObjects(context, arguments, inputs.objects));
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   const auto stop = std::make_shared<StopRequest>();
   stop->stop = reader_options.stop;

@@ -57,7 +57,7 @@ void SessionProgress::Run(std::stop_token stop) {
   PaceMeter pace;
   absl::Time before_time = SystemClock().Now();
   while (SystemClock().SleepUntil(before_time + kPeriod, stop)) {
-    const absl::StatusOr<Session> session = client_.GetSession(session_);
+    const absl::StatusOr<Session> session = client_.GetSession(session_, stop);
     const absl::Time now = SystemClock().Now();
     if (session.ok()) {
       std::lock_guard lock(mutex_);

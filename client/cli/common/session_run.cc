@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/console/wait_message.h"
 #include "client/lib/client_access.h"
 #include "client/lib/messages/core_types.h"
 #include "client/lib/messages/status_details.h"
@@ -313,6 +314,11 @@ std::string SessionRun::KeepPoses() {
   return text;
 }
 
+void SessionRun::DeleteSession(Client& client) const {
+  const std::string& session = record_.position.session;
+  WaitFor(context_, "the server to delete " + session, [&] { return client.DeleteSession(session); }).IgnoreError();
+}
+
 absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
   // The interrupt has ended the run, not the server.
   const bool is_interrupted = is_away_ && context_.IsInterrupted() && absl::IsCancelled(status);
@@ -335,7 +341,7 @@ absl::Status SessionRun::GiveUp(Client& client, const absl::Status& status) {
     absl::StrAppend(&text, "; ", session, " is kept until it expires, but only a run with --resume FILE can continue");
   } else if (!arguments_.keeps_session) {
     // Frees the capacity of the server at once. The error of an unreachable server has been reported already.
-    client.DeleteSession(session).IgnoreError();
+    DeleteSession(client);
   }
   return absl::Status(status.code(), text);
 }
@@ -352,7 +358,7 @@ absl::Status SessionRun::Finish(Client& client, const TrackSummary& summary, abs
   EVPOSE_RETURN_IF_ERROR(CommitOutputs());
   if (resume_) resume_->Remove();
   feed_->outbox().Clear();
-  if (!arguments_.keeps_session) client.DeleteSession(record_.position.session).IgnoreError();
+  if (!arguments_.keeps_session) DeleteSession(client);
   EVPOSE_RETURN_IF_ERROR(
       PrintResult(context_, arguments_.is_json, report_.ToJson(), [this](std::ostream& out) { report_.Print(out); }));
   return FinalStatus();

@@ -77,6 +77,7 @@ class SessionRun {
   // Writes the poses so far, if any was received; returns a text about the files.
   std::string KeepPoses();
   absl::Status Finish(Client& client, const TrackSummary& summary, absl::Duration wall_time);
+  void DeleteSession(Client& client) const;
   // The status of a run that has reported its summary.
   absl::Status FinalStatus() const;
 

@@ -13,13 +13,21 @@ namespace {
 // Shorter waits are not worth a line.
 constexpr absl::Duration kSilence = absl::Seconds(1);
 
+std::jthread PrintLater(const CliContext& context, const std::string& text) {
+  return std::jthread([&err = context.err, text](std::stop_token ended) {
+    if (!SystemClock().SleepUntil(SystemClock().Now() + kSilence, ended)) return;
+    err << absl::StrCat(text, " ...\n") << std::flush;
+  });
+}
+
 }  // namespace
 
 WaitMessage::WaitMessage(const CliContext& context, const std::string& what)
-    : thread_([&err = context.err, what](std::stop_token ended) {
-        if (!SystemClock().SleepUntil(SystemClock().Now() + kSilence, ended)) return;
-        err << absl::StrCat("waiting for ", what, " ...\n") << std::flush;
-      }) {}
+    : WaitMessage(PrintLater(context, absl::StrCat("waiting for ", what))) {}
+
+WaitMessage WaitMessage::ForWork(const CliContext& context, const std::string& work) {
+  return WaitMessage(PrintLater(context, work));
+}
 
 std::optional<WaitMessage> WaitForRecording(const CliContext& context, const std::string& path) {
   std::error_code error;

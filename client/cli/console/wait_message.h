@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// States on standard error what a command is waiting for.
+// States on standard error what a command is waiting for, or what it is doing.
 #pragma once
 
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include "client/cli/console/cli_context.h"
 
@@ -16,10 +17,21 @@ namespace evpose::client {
 class WaitMessage {
  public:
   WaitMessage(const CliContext& context, const std::string& what);
+  // Prints "<work> ..." instead, for work of this process: "reading part.step".
+  static WaitMessage ForWork(const CliContext& context, const std::string& work);
 
  private:
+  explicit WaitMessage(std::jthread thread) : thread_(std::move(thread)) {}
+
   std::jthread thread_;
 };
+
+// Returns the result of `call()`, and states what it waits for.
+template <typename Call>
+auto WaitFor(const CliContext& context, const std::string& what, const Call& call) {
+  const WaitMessage message(context, what);
+  return call();
+}
 
 // The same for the first bytes of a recording: only standard input and pipes are waited for.
 std::optional<WaitMessage> WaitForRecording(const CliContext& context, const std::string& path);

@@ -40,6 +40,19 @@ TEST(WaitMessageTest, NamesWhatIsWaitedFor) {
   EXPECT_EQ(out.str(), "");
 }
 
+TEST(WaitMessageTest, NamesTheWork) {
+  FlushedBuffer buffer;
+  std::ostream err(&buffer);
+  std::ostringstream out;
+  const CliContext context{out, err};
+  std::future<void> flushed = buffer.flushed();
+  {
+    const WaitMessage message = WaitMessage::ForWork(context, "reading part.step");
+    flushed.wait();
+  }
+  EXPECT_EQ(buffer.str(), "reading part.step ...\n");
+}
+
 TEST(WaitMessageTest, IsSilentAfterAShortWait) {
   std::ostringstream out, err;
   const CliContext context{out, err};
