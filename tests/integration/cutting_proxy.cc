@@ -93,16 +93,20 @@ void CuttingProxy::Serve(int client) {
   const sockaddr_in address = Loopback(target_port_);
   bool is_open = connect(server, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0;
   uint64_t left = TakeLimit();
+  uint64_t num_sent = 0;
   char buffer[16 * 1024];
   while (is_open && !is_stopped_) {
-    pollfd sides[2] = {{client, POLLIN, 0}, {server, POLLIN, 0}};
+    const uint64_t held = hold_after_;
+    pollfd sides[2] = {{num_sent < held ? client : -1, POLLIN, 0}, {server, POLLIN, 0}};
     if (poll(sides, 2, kLook_ms) <= 0) continue;
     for (int i = 0; i < 2 && is_open; ++i) {
       if (sides[i].revents == 0) continue;
-      const size_t room = i == 0 ? std::min<uint64_t>(sizeof(buffer), left) : sizeof(buffer);
+      const size_t room = i == 0 ? std::min<uint64_t>({sizeof(buffer), left, held - num_sent}) : sizeof(buffer);
       const ssize_t size = recv(sides[i].fd, buffer, room, 0);
       is_open = size > 0 && SendAll(sides[1 - i].fd, buffer, static_cast<size_t>(size));
-      if (i == 0 && is_open) left -= static_cast<uint64_t>(size);
+      if (i == 1 || !is_open) continue;
+      left -= static_cast<uint64_t>(size);
+      num_sent += static_cast<uint64_t>(size);
     }
     if (left > 0 || !is_open) continue;
     is_open = false;

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A TCP proxy that cuts connections after a given number of bytes, to simulate network failures.
+// A TCP proxy that cuts or delays connections after a given number of bytes, to simulate network failures.
 #pragma once
 
 #include <atomic>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -22,6 +23,9 @@ class CuttingProxy {
   void SetTarget(int port) { target_port_ = port; }
   // Cuts the next connections, each after the given number of bytes from the client; later connections are not cut.
   void CutAfter(const std::vector<uint64_t>& client_bytes);
+  // Holds back what the clients send on each connection after this number of bytes, until Release().
+  void HoldAfter(uint64_t client_bytes) { hold_after_ = client_bytes; }
+  void Release() { HoldAfter(std::numeric_limits<uint64_t>::max()); }
   int num_cut() const { return num_cut_; }
   int num_refused() const { return num_refused_; }  // connections that were closed because there was no target
 
@@ -33,6 +37,7 @@ class CuttingProxy {
   int listener_ = -1;
   int port_ = 0;
   std::atomic<int> target_port_ = 0;
+  std::atomic<uint64_t> hold_after_ = std::numeric_limits<uint64_t>::max();
   std::atomic<int> num_cut_ = 0;
   std::atomic<int> num_refused_ = 0;
   std::atomic<bool> is_stopped_ = false;

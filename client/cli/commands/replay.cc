@@ -152,6 +152,7 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       "--reset-pose \"16250000 $pose\"");
   return [arguments, &context] {
     arguments->track.ends_at_interrupt = arguments->is_following;
+    if (arguments->rate != "1") arguments->track.pace = "--rate " + arguments->rate;
     arguments->track.has_metavision_zero = arguments->time_zero == "metavision";
     return RunReplay(*arguments, context);
   };

@@ -46,6 +46,7 @@ FeedOptions MakeFeedOptions(const StreamArguments& arguments, const SessionRun& 
     options.skip = run.position().durable;
     return options;
   }
+  options.is_live = true;
   options.read_ahead_bytes = std::numeric_limits<uint64_t>::max();
   options.outbox.spool = {.directory = SpoolDirectory(arguments),
                           .max_bytes = arguments.spool_bytes,

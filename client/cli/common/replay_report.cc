@@ -178,6 +178,12 @@ void ReplayReport::Print(std::ostream& stream) const {
         "less load, fewer objects, or a model with fewer edges (--crease-angle)\n",
         health.real_time_ratio);
   }
+  if (longest_lag > absl::ZeroDuration()) {
+    stream << absl::StrFormat(
+        "slower than %s: events were processed up to %.1f s late; evpose doctor --server compares the rate of the "
+        "connection with that of the events\n",
+        pace, absl::ToDoubleSeconds(longest_lag));
+  }
   if (triggers_ > 0) stream << "triggers: " << triggers_ << " edges on the camera's trigger inputs\n";
   if (host_minus_sensor) {
     stream << absl::StrFormat(
@@ -228,6 +234,7 @@ Json ReplayReport::ToJson() const {
   json["tracking_restarts"] = restarts_.size();
   json["outages"] = outages;
   json["away_s"] = absl::ToDoubleSeconds(away_for);
+  json["longest_lag_s"] = absl::ToDoubleSeconds(longest_lag);
   json["lost_poses"] = summary.lost_poses;
   json["triggers"] = triggers_;
   json["host_minus_sensor_s"] = host_minus_sensor ? Json(absl::ToDoubleSeconds(*host_minus_sensor)) : Json(nullptr);

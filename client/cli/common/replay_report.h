@@ -34,6 +34,8 @@ struct ReplayReport {
   bool is_interrupted = false;
   int outages = 0;  // number of interruptions of the connection
   absl::Duration away_for;
+  absl::Duration longest_lag;  // of the events behind `pace`, as far as it was reported; zero: none
+  std::string pace;
   struct Model {
     std::string object_id;
     std::vector<std::string> notices;

@@ -107,6 +107,15 @@ TEST(ReplayReportTest, StatesThatTheServerWasSlowerThanRealTime) {
   EXPECT_EQ(report.ToJson()["real_time_ratio"], 2.5);
 }
 
+TEST(ReplayReportTest, StatesTheLagOfTheEvents) {
+  ReplayReport report;
+  EXPECT_THAT(Printed(report), Not(HasSubstr("slower")));
+  report.longest_lag = absl::Milliseconds(2'340);
+  report.pace = "--rate 0.5";
+  EXPECT_THAT(Printed(report), HasSubstr("slower than --rate 0.5: events were processed up to 2.3 s late; "));
+  EXPECT_EQ(report.ToJson()["longest_lag_s"], 2.34);
+}
+
 TEST(ReplayReportTest, CountsAmbiguousPoses) {
   ReplayReport report;
   report.files = {{.path = "poses.tum", .num_poses = 1}};

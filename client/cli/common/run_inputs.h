@@ -45,6 +45,7 @@ struct RunArguments {
   std::string resume;  // empty: the run cannot be continued
   bool keeps_session = false;
   bool is_live = false;              // the events arrive as the camera sends them
+  std::string pace = "real time";    // of the events, for messages
   bool ends_at_interrupt = false;    // an interrupt is the normal end of the events: stream, replay --follow
   bool has_metavision_zero = false;  // the pose files count from Metavision's zero, not from the sensor's
   bool is_json = false;

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "client/cli/console/lag_messages.h"
 #include "client/cli/console/wait_message.h"
 #include "client/lib/client_access.h"
 #include "client/lib/messages/core_types.h"
@@ -95,6 +96,41 @@ class InterruptWatch {
 };
 
 }  // namespace
+
+// Reports the lag of the events, in a thread of its own, while it exists.
+class SessionRun::LagWatch {
+ public:
+  explicit LagWatch(SessionRun& run) : run_(run), thread_([this](std::stop_token ended) { Watch(ended); }) {}
+  ~LagWatch() {
+    thread_ = {};
+    Report(/*is_over=*/true);
+    run_.report_.longest_lag = messages_.longest();
+    run_.report_.pace = run_.arguments_.pace;
+  }
+  LagWatch(const LagWatch&) = delete;
+  LagWatch& operator=(const LagWatch&) = delete;
+
+ private:
+  static constexpr absl::Duration kPeriod = absl::Milliseconds(250);
+  // At the start, a live source has waited for the session, and the object is searched for.
+  static constexpr absl::Duration kStart = absl::Seconds(2);
+
+  void Watch(const std::stop_token& ended) {
+    const absl::Time begin = SystemClock().Now();
+    while (SystemClock().SleepUntil(SystemClock().Now() + kPeriod, ended)) {
+      if (SystemClock().Now() - begin > kStart) Report(/*is_over=*/false);
+    }
+  }
+  // After the run, its result is reported, and not the lag of what it has left.
+  void Report(bool is_over) {
+    const bool is_explained = is_over || run_.is_away_ || run_.server_falls_behind_;
+    run_.PrintLine(messages_.Update(run_.feed_->Lag(run_.processed_seq_), is_explained));
+  }
+
+  SessionRun& run_;
+  LagMessages messages_{run_.arguments_.pace};
+  std::jthread thread_;
+};
 
 SessionRun::SessionRun(const RunArguments& arguments, RunInputs& inputs, CliContext& context,
                        std::map<std::string, std::string> own_arguments)
@@ -246,10 +282,16 @@ TrackCallbacks SessionRun::MakeCallbacks() {
     report_.Add(notice);
     const auto* triggers = std::get_if<Triggers>(&notice);
     if (triggers != nullptr && clock_log_ != nullptr) clock_log_->AddTriggers(*triggers);
-    if (const auto* change = std::get_if<LagChange>(&notice)) PrintLine(DescribeLag(*change));
+    if (const auto* change = std::get_if<LagChange>(&notice)) {
+      server_falls_behind_ = change->falls_behind;
+      PrintLine(DescribeLag(*change));
+    }
     if (const auto* change = std::get_if<StateChange>(&notice); change != nullptr && poses_) WriteState(*change);
   };
-  callbacks.on_progress = [this](const TrackProgress& value) { progress_->Update(value); };
+  callbacks.on_progress = [this](const TrackProgress& value) {
+    processed_seq_ = value.processed_chunks;
+    progress_->Update(value);
+  };
   callbacks.on_connection = [this](const ConnectionChange& change) {
     is_away_ = change.is_away;
     PrintLine(connection_.Describe(change));
@@ -289,7 +331,9 @@ absl::Status SessionRun::Track(Client& client, TrackOptions options) {
   absl::StatusOr<TrackSummary> summary = absl::UnknownError("");
   {
     const InterruptWatch watch(context_, is_away_, options.stop);
+    const LagWatch lag_watch(*this);
     summary = ClientAccess::Track(client, record_.position, *feed_, MakeCallbacks(), options);
+    if (summary.ok()) processed_seq_ = UINT64_MAX;
   }
   if (observer_ != nullptr) {
     if (summary.ok()) observer_->Finish();

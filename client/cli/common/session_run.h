@@ -57,6 +57,8 @@ class SessionRun {
   ConnectionMessages& connection() { return connection_; }
 
  private:
+  class LagWatch;
+
   absl::StatusOr<EventChunk> NextChunk();
   absl::Status OpenClockLog();
   absl::Status OpenPoses();
@@ -96,7 +98,9 @@ class SessionRun {
   std::unique_ptr<SessionProgress> progress_;
   std::unique_ptr<SessionObserver> observer_;
   ConnectionMessages connection_;
-  std::atomic<bool> is_away_ = false;  // the server is unreachable while there is a stream
+  std::atomic<bool> is_away_ = false;              // the server is unreachable while there is a stream
+  std::atomic<bool> server_falls_behind_ = false;  // the latest LagChange
+  std::atomic<uint64_t> processed_seq_ = 0;        // the latest TrackProgress
   ReplayReport report_;
   uint64_t kept_pose_seq_ = 0;
   absl::Time kept_at_ = absl::InfinitePast();

@@ -2,6 +2,7 @@
 #include "client/lib/stream/event_feed.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -22,7 +23,9 @@ EventFeed::EventFeed(ChunkSource source, const FeedOptions& options, std::unique
     : source_(std::move(source)),
       options_(options),
       outbox_(std::move(outbox)),
-      pacer_(options.clock == nullptr ? SystemClock() : *options.clock, options.rate),
+      clock_(options.clock == nullptr ? SystemClock() : *options.clock),
+      pacer_(clock_, options.rate),
+      sensor_pace_(clock_, 1.0),
       is_after_gap_(options.begins_after_gap) {
   if (options_.skip.seq > 0) return;
   // Chunks in the spool of an earlier process are not read again; the events between the two processes are lost.
@@ -73,15 +76,26 @@ absl::Status EventFeed::Add(const EventChunk& chunk) {
   latest_us_ = std::max(latest_us_.load(), chunk.t_last_us < 0 ? kMaxStateTime_us : chunk.t_last_us);
   const bool is_skipped = point_.seq < options_.skip.seq;
   if (!is_skipped && !pacer_.Wait(chunk.t_last_us, stop_.get_token())) return absl::CancelledError("stopped");
+  const std::optional<absl::Time> due = is_skipped ? std::nullopt : DueTime(chunk.t_last_us);
   const auto* const bytes = reinterpret_cast<const char*>(chunk.bytes.data());
   is_after_gap_ = is_after_gap_ || chunk.follows_loss;
   for (size_t begin = 0; begin < chunk.bytes.size(); begin += max_piece_bytes_) {
     const size_t size = std::min<size_t>(max_piece_bytes_, chunk.bytes.size() - begin);
     OutgoingChunk piece = MakeOutgoingChunk(point_, std::string(bytes + begin, size), is_after_gap_);
     is_after_gap_ = false;
+    if (due) due_times_.Add(piece.end.seq, *due);
     EVPOSE_RETURN_IF_ERROR(AddPiece(std::move(piece)));
   }
   return absl::OkStatus();
+}
+
+std::optional<absl::Time> EventFeed::DueTime(int64_t t_us) {
+  if (t_us < 0 || (options_.rate <= 0.0 && !options_.is_live)) return std::nullopt;
+  const absl::Time due =
+      options_.rate > 0.0 ? pacer_.DueTime(t_us) : std::max(clock_.Now(), sensor_pace_.DueTime(t_us));
+  // After a step back of the sensor's clock, the events are due with those before the step.
+  last_due_ = std::max(last_due_, due);
+  return last_due_;
 }
 
 absl::Status EventFeed::AddReset(const PoseReset& reset) {

@@ -16,6 +16,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "client/lib/stream/due_times.h"
 #include "client/lib/stream/outbox.h"
 #include "client/lib/stream/pacer.h"
 #include "evpose/clock.h"
@@ -27,7 +28,9 @@ struct FeedOptions {
   // Bytes that are read ahead of the network. UINT64_MAX for a live source, which must be read during an outage, too.
   uint64_t read_ahead_bytes = 1 << 20;
   OutboxOptions outbox;
-  double rate = 0.0;       // sensor seconds per second; 0: as fast as the network requests them
+  double rate = 0.0;  // sensor seconds per second; 0: as fast as the network requests them
+  // The source returns events while the sensor generates them, so that they have a lag without a rate, too.
+  bool is_live = false;
   Clock* clock = nullptr;  // for the rate and the retention; nullptr: the machine's clock
   // Position up to which the chunks of the source are durable: they are read from the start, and only the
   // last ones are retained.
@@ -56,6 +59,10 @@ class EventFeed {
   // The latest sensor time of the chunks read so far, microseconds; kMaxStateTime_us if the source does not state it,
   // if chunks were not read by this process, or if fewer than `seq` pieces have been read.
   int64_t LatestTime(uint64_t seq) const;
+  // Returns for how long the oldest piece after `processed_seq` should have been processed: according to the rate, or
+  // for a live source since it was read. A source that is faster than the sensor, such as a file in a pipe, has no lag
+  // before the sensor's pace requires the piece. Zero without a rate and a live source. Thread-safe.
+  absl::Duration Lag(uint64_t processed_seq) { return due_times_.Lag(processed_seq, clock_.Now()); }
   Outbox& outbox() { return *outbox_; }
 
  private:
@@ -64,6 +71,8 @@ class EventFeed {
   absl::Status Add(const EventChunk& chunk);
   absl::Status AddReset(const PoseReset& reset);
   absl::Status AddPiece(OutgoingChunk piece);
+  // Returns when events up to the time `t_us`, which have just been read, should be processed; nullopt if never.
+  std::optional<absl::Time> DueTime(int64_t t_us);
   // Adds the resets of ResetPose(); with `is_end`, later ones are refused.
   absl::Status AddPendingResets(bool is_end);
   absl::Status CheckSkipped() const;
@@ -71,7 +80,11 @@ class EventFeed {
   const ChunkSource source_;
   const FeedOptions options_;
   const std::unique_ptr<Outbox> outbox_;
+  Clock& clock_;
   Pacer pacer_;
+  Pacer sensor_pace_;  // of a live source, which is not delayed
+  absl::Time last_due_ = absl::InfinitePast();
+  DueTimes due_times_;
   FeedPoint point_;  // after the last piece made
   bool is_after_gap_;
   std::atomic<uint64_t> max_piece_bytes_ = 0;

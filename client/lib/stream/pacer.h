@@ -20,6 +20,8 @@ class Pacer {
   // Waits until the time `t_us` relative to the first call. Returns at once if it has passed, for example after a step
   // back of the sensor's clock, and for -1, an unknown time. Returns false if `stop` was requested first.
   bool Wait(int64_t t_us, std::stop_token stop);
+  // Returns the time at which Wait() returns without a step back or a stop. Not for an unlimited rate.
+  absl::Time DueTime(int64_t t_us);
 
  private:
   Clock& clock_;
