@@ -1,12 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/view/live_view.h"
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/lib/stream/retry.h"
 
 namespace evpose::client {
+namespace {
+
+// Returns twice the distance of the farthest vertex from the middle of all, metres: a bound of the diameter.
+double SizeOf(const ModelGeometry& geometry) {
+  Eigen::AlignedBox3f box;
+  for (const Eigen::Vector3f& vertex : geometry.vertices_m) box.extend(vertex);
+  double size_m = 0.0;
+  for (const Eigen::Vector3f& vertex : geometry.vertices_m) {
+    size_m = std::max(size_m, 2.0 * static_cast<double>((vertex - box.center()).norm()));
+  }
+  return size_m;
+}
+
+}  // namespace
 
 LiveView::LiveView(Client& client, const HelloMessage& hello, std::shared_ptr<PageOutbox> outbox)
     : client_(client), server_(hello.source), outbox_(std::move(outbox)) {
@@ -16,7 +32,10 @@ LiveView::LiveView(Client& client, const HelloMessage& hello, std::shared_ptr<Pa
   thread_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
 }
 
-LiveView::~LiveView() { thread_ = {}; }
+LiveView::~LiveView() {
+  thread_ = {};
+  geometries_ = {};
+}
 
 absl::Status LiveView::Handle(const PageRequest& request) {
   const std::lock_guard lock(mutex_);
@@ -71,14 +90,11 @@ void LiveView::List(const std::stop_token& stop) {
 
 void LiveView::OpenSession(const std::string& name, const std::stop_token& stop) {
   watch_.reset();
+  geometries_ = {};
   absl::StatusOr<Session> session;
-  bool is_lost = false;
-  const auto get = [&] {
+  const absl::Status status = Repeat(stop, [&] {
     session = client_.GetSession(name, stop);
     return session.status();
-  };
-  const absl::Status status = RepeatCall(stop, get, [&](const absl::Status& error) {
-    if (!std::exchange(is_lost, true)) outbox_->AddNote(ConnectionLostText(server_, error));
   });
   if (!status.ok()) {
     if (stop.stop_requested()) return;
@@ -90,13 +106,27 @@ void LiveView::OpenSession(const std::string& name, const std::stop_token& stop)
   if (stop.stop_requested()) return;
   outbox_->StartScene(scene);
   watch_ = std::make_unique<SessionWatch>(client_, server_, name, outbox_, settings_);
-  SendGeometries(*session, scene, stop);
+  // Another thread, because the calls are repeated while the page makes requests.
+  geometries_ = std::jthread(
+      [this, config = session->config, scene](const std::stop_token& end) { SendGeometries(config, scene, end); });
+}
+
+absl::Status LiveView::Repeat(const std::stop_token& stop, const std::function<absl::Status()>& call) {
+  bool is_lost = false;
+  return RepeatCall(stop, call, [&](const absl::Status& error) {
+    if (!std::exchange(is_lost, true)) outbox_->AddNote(ConnectionLostText(server_, error));
+  });
 }
 
 Scene LiveView::MakeScene(const Session& session, const std::stop_token& stop) {
   Scene scene{.session = session.name, .camera = session.config.camera};
   for (const TrackedObject& object : session.config.objects) {
-    const absl::StatusOr<ModelInfo> model = client_.GetModel(object.model, stop);
+    absl::StatusOr<ModelInfo> model;
+    // A server that has not seen the model does not know it, although its store has the geometry.
+    Repeat(stop, [&] {
+      model = client_.GetModel(object.model, stop);
+      return model.status();
+    }).IgnoreError();
     const bool has_name = model.ok() && !model->file_name.empty();
     scene.objects.push_back(
         {object.object_id, has_name ? model->file_name : object.model, model.ok() ? model->diameter_m : 0.0});
@@ -104,19 +134,29 @@ Scene LiveView::MakeScene(const Session& session, const std::stop_token& stop) {
   return scene;
 }
 
-void LiveView::SendGeometries(const Session& session, const Scene& scene, const std::stop_token& stop) {
-  auto frames = std::make_shared<PageOutbox::Prepared>();
+void LiveView::SendGeometries(const SessionConfig& config, const Scene& scene, const std::stop_token& stop) {
   for (size_t i = 0; i < scene.objects.size(); ++i) {
-    const absl::StatusOr<ModelGeometry> geometry =
-        client_.GetModelGeometry(session.config.objects[i].model, /*max_faces=*/0, stop);
+    SceneObject object = scene.objects[i];
+    bool is_late = false;
+    absl::StatusOr<ModelGeometry> geometry;
+    const auto get = [&] {
+      geometry = client_.GetModelGeometry(config.objects[i].model, /*max_faces=*/0, stop);
+      return geometry.status();
+    };
+    RepeatCall(stop, get, [&](const absl::Status& error) {
+      if (std::exchange(is_late, true)) return;
+      NoteError(absl::StrCat(object.id, ": no 3D view yet: ", error.message()));
+    }).IgnoreError();
     if (stop.stop_requested()) return;
-    if (geometry.ok()) {
-      frames->push_back({ToBinary(scene.objects[i], *geometry), true});
-    } else {
-      NoteError(absl::StrCat(scene.objects[i].id, ": no 3D view: ", geometry.status().message()));
+    if (!geometry.ok()) {
+      NoteError(absl::StrCat(object.id, ": no 3D view: ", geometry.status().message()));
+      continue;
     }
+    if (object.diameter_m <= 0.0) object.diameter_m = SizeOf(*geometry);
+    auto frames = std::make_shared<PageOutbox::Prepared>();
+    frames->push_back({ToBinary(object, *geometry), true});
+    outbox_->Add(std::move(frames));
   }
-  outbox_->Add(std::move(frames));
 }
 
 void LiveView::NoteError(absl::string_view text) {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -49,8 +50,13 @@ class LiveView : public PageView {
   // Shows the session as soon as the server responds. If the server has no such session, sends the end and the list of
   // the sessions to the page.
   void OpenSession(const std::string& name, const std::stop_token& stop);
+  // Repeats a call while an error may pass, and tells the page once that the connection is lost.
+  absl::Status Repeat(const std::stop_token& stop, const std::function<absl::Status()>& call);
+  // The name and the diameter of a model that the server does not know are its ID and 0.
   Scene MakeScene(const Session& session, const std::stop_token& stop);
-  void SendGeometries(const Session& session, const Scene& scene, const std::stop_token& stop);
+  // Sends the models for the 3D view, as soon as the server or its store has them. A diameter that is not known is
+  // replaced by the size of the vertices.
+  void SendGeometries(const SessionConfig& config, const Scene& scene, const std::stop_token& stop);
   void NoteError(absl::string_view text);
 
   Client& client_;
@@ -62,6 +68,7 @@ class LiveView : public PageView {
   Pending pending_ ABSL_GUARDED_BY(mutex_);
   std::stop_source calls_ ABSL_GUARDED_BY(mutex_);  // cancels the calls of the thread
   std::unique_ptr<SessionWatch> watch_;             // of the session that is shown; the thread's own
+  std::jthread geometries_;                         // of that session; the thread's own
   std::jthread thread_;
 };
 

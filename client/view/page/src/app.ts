@@ -187,6 +187,9 @@ export class App implements Receiver {
   }
 
   onGeometry(geometry: Geometry): void {
+    const info = this.store.objects.get(geometry.object)?.info;
+    // A server that did not know the model has sent its vertices.
+    if (info && !(info.diameter_m > 0)) info.diameter_m = geometry.diameterM;
     this.space.setGeometry(geometry);
     this.requestFrame();
   }

@@ -55,7 +55,8 @@ export class InfoPanel {
       const state = row.children[2] as HTMLElement;
       setText(state, `${style.symbol} ${style.label}`);
       state.style.color = style.colour;
-      row.title = `${track.info.model}, ${track.info.diameter_m} m across${track.health?.detail ? `: ${track.health.detail}` : ""}`;
+      const size = track.info.diameter_m > 0 ? `, ${Number(track.info.diameter_m.toPrecision(4))} m across` : "";
+      row.title = `${track.info.model}${size}${track.health?.detail ? `: ${track.health.detail}` : ""}`;
     });
   }
 
