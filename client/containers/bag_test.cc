@@ -16,6 +16,7 @@
 #include "client/containers/ros_messages.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/recordings/recording_reader.h"
+#include "tests/data/test_data.h"
 
 namespace evpose::client {
 namespace {
@@ -359,6 +360,27 @@ TEST(BagTest, OtherEncodingsAreRefused) {
               HasSubstr("has packets in the encoding 'libcaer_cmp'; only evt3 is read"));
   const TestTopic empty = {"/events", kPackets, {""}};
   EXPECT_THAT(BagErrorOf(WriteBytes(directory.File("a"), MakeMcap({empty}))), HasSubstr("has no packet with events"));
+}
+
+// The sums are those that event_camera_codecs, the decoder of the program that recorded the file, expects in its tests
+// (tests/data/evt3_packets_first_3/SOURCE.txt).
+TEST(BagTest, APublicRecordingHasTheSumsOfItsOwnDecoder) {
+  const auto recording = ReadAll(FindTestData("evt3_packets_first_3/packets.db3"));
+  ASSERT_TRUE(recording.ok()) << recording.status();
+  uint64_t t_us = 0, x = 0, y = 0, on = 0;
+  for (const Event& event : recording->events) {
+    t_us += event.t_us;
+    x += event.x;
+    y += event.y;
+    on += event.polarity;
+  }
+  EXPECT_EQ(recording->events.size(), 2037u);
+  EXPECT_EQ(t_us, 29'004'181'874u);
+  EXPECT_EQ(x, 897'009u);
+  EXPECT_EQ(y, 773'502u);
+  EXPECT_EQ(on, 1028u);
+  EXPECT_EQ(recording->header.geometry, (SensorGeometry{1280, 720}));
+  EXPECT_THAT(recording->skipped, IsEmpty());
 }
 
 TEST(BagTest, EventsMissingAtTheEndOfAnArrayAreCounted) {
