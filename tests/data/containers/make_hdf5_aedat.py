@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Writes recordings of this folder in HDF5 with h5py and in AEDAT 4.0 with the FlatBuffers library. All hold the events of make.py;
-events.aedat4 has them after 1,700,000,000 s. The HDF5 files have three triggers. Metavision's file is compressed by Prophesee's own filter
+events.aedat4 has them after 1,700,000,000 s. The HDF5 files have three triggers. The fuzzing seed events.hdf5 has ten events. Metavision's file is compressed by Prophesee's own filter
 (github.com/prophesee-ai/hdf5_ecf), whose plug-in must be in HDF5_PLUGIN_PATH.
 
   cd tests/data/containers && HDF5_PLUGIN_PATH=FOLDER_OF_THE_PLUGIN /usr/bin/python3 make_hdf5_aedat.py"""
@@ -41,6 +41,12 @@ def write_dsec(path):
             file.create_dataset(f"/events/{name}", data=numpy.array(column, kind), chunks=(100,), compression="gzip")
         file["/ms_to_idx"] = numpy.arange(17, dtype="<u8")
         file["/t_offset"] = numpy.int64(49_599_300_523)
+
+
+def write_seed(path):
+    with h5py.File(path, "w") as file:
+        for name, kind, column in zip("txyp", ("<u4", "<u2", "<u2", "u1"), zip(*EVENTS[:10])):
+            file.create_dataset(f"/events/{name}", data=numpy.array(column, kind))
 
 
 def finished(builder, table, identifier):
@@ -88,4 +94,5 @@ def write_aedat4(path):
 
 write_metavision("metavision_ecf.hdf5")
 write_dsec("dsec.hdf5")
+write_seed("../../fuzz/seeds/containers/events.hdf5")
 write_aedat4("events.aedat4")
