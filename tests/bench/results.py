@@ -21,6 +21,8 @@ import sys
 import tempfile
 import textwrap
 
+import real.tables as cameras
+
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PAGE = os.path.join(ROOT, "core/experiments/RESULTS.md")
 EVPOSE = os.path.join(ROOT, "build/release/client/cli/evpose")
@@ -360,6 +362,12 @@ RUNS = [
     ModelsRun(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
         {"models": models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
     Run(BENCH + ["real", REAL], [("--starts", "3"), ("--parts", "present")], {"real": real}, needs=REAL),
+    Run(["tests/bench/real/replays.py", "--bin", "build/release", REAL], [("--recording", "shapes_rotation")],
+        {"real-replays": cameras.replays}, read=cameras.read, needs=REAL),
+    Run(["tests/bench/real/calibration.py", "build/release/client/cli/evpose", REAL], [("--recording", "shapes_rotation")],
+        {"real-cameras": cameras.real_cameras}, read=cameras.read, needs=REAL),
+    Run(["tests/bench/self_calibration.py", "build/release/client/cli/evpose", "--seeds", "1"], [("--lens", "narrow"), ("--duration", "2")],
+        {"simulated-cameras": cameras.simulated_cameras}, read=cameras.read),
     Run(BENCH + ["initialization"], [("--trials", "10"), ("--methods", "evpose,ransac")], {"first-pose": first_pose}),
     Run(BENCH + ["initialization", "--from-events"], [("--starts", "5"), ("--duration", "0.5"), ("--returns", "1")],
         {"from-events": from_events}),

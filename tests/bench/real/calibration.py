@@ -1,6 +1,7 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrates the cameras of real recordings with `evpose calibrate`, each from the recording itself, and compares poses.
+"""Calibrates the cameras of real recordings with `evpose calibrate`, each from the recording itself, and compares poses; fits the profile
+of the sensor to each of them with the given camera.
 
 DIR has a directory for each recording, with recording.raw, camera.yaml (the given camera), model.obj and reference.tum
 (camera_from_object for the given camera). The calibration starts from a focal length that is 20 % too short and from
@@ -13,7 +14,12 @@ one that is 20 % too long, without distortion. Printed are
   tracked     poses while TRACKING with the given and with the calibrated camera
   not determined  parameters that the calibration left at their defaults
 
-Example: tests/bench/real_calibration.py build/release/client/cli/evpose DIR
+and, for the guess "profile", with the given camera and the profile instead of the calibrated camera
+
+  own px, ratio, tracked  as above, for the poses with that profile
+  blur, threshold         of the profile, with their standard errors; or the reason for which it is refused
+
+Example: tests/bench/real/calibration.py build/release/client/cli/evpose DIR
 Without DIR the script prints that it is skipped and ends with status 0.
 """
 
@@ -22,6 +28,7 @@ import itertools
 import json
 import math
 import os
+import pathlib
 import re
 import subprocess
 import sys
@@ -29,7 +36,8 @@ import tempfile
 
 import numpy as np
 
-from self_calibration import COEFFICIENTS, distort
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+from self_calibration import COEFFICIENTS, distort  # noqa: E402
 
 RECORDINGS = {"shapes_rotation": "none", "shapes_rotation_fast": "none", "phone_shake": "half", "cube_turntable": "cube"}
 MIN_DEPTH = 1e-6
@@ -99,14 +107,18 @@ def line_ends(path):
     return np.array(vertices)[sorted(used)]
 
 
-def image_errors(poses, reference, given, own, points, kind):
+def read_poses(path):
+    """The rows of a file of poses, .jsonl, that have a pose."""
+    with open(path, encoding="utf-8") as file:
+        return [row for row in map(json.loads, file) if "translation_m" in row]
+
+
+def image_errors(rows, reference, given, own, points, kind):
     """Root mean square distance in the image at each pose while TRACKING, px."""
     errors = []
-    with open(poses, encoding="utf-8") as file:
-        rows = [json.loads(line) for line in file]
     for row in rows:
         inside = reference[0][0] - 2e3 <= row["t_us"] <= reference[0][-1] + 2e3
-        if row["state"] != "TRACKING" or "translation_m" not in row or not inside:
+        if row["state"] != "TRACKING" or not inside:
             continue
         turn, shift = reference_at(reference, row["t_us"])
         expected_points = points @ turn.T + shift
@@ -121,43 +133,83 @@ def image_errors(poses, reference, given, own, points, kind):
 
 def run(arguments):
     """Runs a command; returns its standard output, and its error output if it failed."""
-    done = subprocess.run(arguments, capture_output=True, text=True)
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
     return done.stdout, None if done.returncode == 0 else done.stderr.strip().splitlines()[-1]
 
 
-def bench(evpose, name, focal_ratio, source, directory):
-    recording, model, camera = (f"{source}/{file}" for file in ("recording.raw", "model.obj", "camera.yaml"))
-    given = Camera(camera)
-    points, reference = line_ends(model), read_reference(f"{source}/reference.tum")
+class Recording:
+    """A recording with its files, and the errors of its poses."""
 
-    def replay(camera_file):
-        poses = f"{directory}/poses.jsonl"
-        error = run([evpose, "replay", recording, "--model", model, "--camera", camera_file, "-o", poses])[1]
-        own = Camera(camera_file)
-        return [] if error else image_errors(poses, reference, given, own, points, RECORDINGS[name])
+    def __init__(self, evpose, name, source, directory):
+        self.evpose, self.name, self.directory = evpose, name, directory
+        self.recording, self.model, self.camera = (f"{source}/{file}" for file in ("recording.raw", "model.obj", "camera.yaml"))
+        self.given = Camera(self.camera)
+        self.points, self.reference = line_ends(self.model), read_reference(f"{source}/reference.tum")
 
-    row = {"recording": name, "guess": focal_ratio}
-    given_errors = replay(camera)
-    row["given_px"], row["given_poses"] = (float(np.median(given_errors)) if given_errors else None), len(given_errors)
-    fov_deg = math.degrees(2 * math.atan(0.5 * given.size[0] / (focal_ratio * given.focal[0])))
-    estimated = f"{directory}/camera.yaml"
-    output, row["error"] = run([evpose, "calibrate", recording, "--model", model, "--fov", f"{fov_deg:.4f}", "--camera-out",
-                                estimated, "--json"])
-    if row["error"]:
-        return row
-    report = json.loads(output)["camera"]
-    row["parameters"] = report["parameters"]
-    row["warnings"] = report["warnings"]
-    row["not_determined"] = [key for key, value in report["parameters"].items() if value["standard_error"] is None]
-    errors = replay(estimated)
-    row["own_px"], row["own_poses"] = (float(np.median(errors)) if errors else None), len(errors)
-    if errors and given_errors:
-        row["ratio"] = row["own_px"] / row["given_px"]
+    def errors(self, camera, *options):
+        poses = f"{self.directory}/poses.jsonl"
+        error = run([self.evpose, "replay", self.recording, "--model", self.model, "--camera", camera, "-o", poses, *options])[1]
+        if error:
+            return []
+        return image_errors(read_poses(poses), self.reference, self.given, Camera(camera), self.points, RECORDINGS[self.name])
+
+
+def with_errors(row, given, own):
+    for key, errors in (("given", given), ("own", own)):
+        row[f"{key}_px"], row[f"{key}_poses"] = (float(np.median(errors)) if errors else None), len(errors)
+    row["ratio"] = row["own_px"] / row["given_px"] if own and given else None
     return row
+
+
+def calibrate_camera(recording, given, focal_ratio):
+    row = {"recording": recording.name, "guess": focal_ratio}
+    width, focal = recording.given.size[0], recording.given.focal[0]
+    fov_deg = math.degrees(2 * math.atan(0.5 * width / (focal_ratio * focal)))
+    estimated = f"{recording.directory}/camera.yaml"
+    output, row["error"] = run([recording.evpose, "calibrate", recording.recording, "--model", recording.model, "--fov",
+                                f"{fov_deg:.4f}", "--camera-out", estimated, "--json"])
+    if row["error"]:
+        return with_errors(row, given, [])
+    report = json.loads(output)["camera"]
+    row["parameters"], row["warnings"] = report["parameters"], report["warnings"]
+    row["not_determined"] = [key for key, value in report["parameters"].items() if value["standard_error"] is None]
+    return with_errors(row, given, recording.errors(estimated))
+
+
+def fit_profile(recording, given):
+    row = {"recording": recording.name, "guess": "profile"}
+    profile = f"{recording.directory}/profile.yaml"
+    output, row["error"] = run([recording.evpose, "calibrate", recording.recording, "--model", recording.model, "--camera",
+                                recording.camera, "-o", profile, "--json"])
+    if row["error"]:
+        return with_errors(row, given, [])
+    row["profile"] = json.loads(output)
+    return with_errors(row, given, recording.errors(recording.camera, "--sensor", profile))
+
+
+def rows(evpose, name, source):
+    with tempfile.TemporaryDirectory() as directory:
+        recording = Recording(evpose, name, source, directory)
+        given = recording.errors(recording.camera)
+        for focal_ratio in (0.8, 1.2):
+            yield calibrate_camera(recording, given, focal_ratio)
+        yield fit_profile(recording, given)
 
 
 def text(value, digits):
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def result(row):
+    """What a row states besides its errors."""
+    if row["error"]:
+        return row["error"]
+    if "profile" in row:
+        return ", ".join(f"{name} {row['profile'][key]['value']:.2f} +- {row['profile'][key]['standard_error']:.2f}"
+                         for name, key in (("blur", "blur_px"), ("threshold", "contrast_threshold")))
+    focal = row["parameters"]["fx_px"]
+    left = f"; not determined: {' '.join(row['not_determined'])}" if row["not_determined"] else ""
+    return f"fx {focal['value']:.2f} +- {focal['standard_error'] or math.nan:.2f}{left}"
 
 
 def main():
@@ -171,21 +223,15 @@ def main():
         print(f"skipped: no directory of recordings ({arguments.directory})")
         return
     if not arguments.json:
-        print("recording             guess  given px  own px  ratio      tracked      fx_px  not determined")
+        print("recording              guess  given px  own px  ratio      tracked  result")
     for name in arguments.recording or RECORDINGS:
-        source = os.path.join(arguments.directory, name)
-        for focal_ratio in (0.8, 1.2):
-            with tempfile.TemporaryDirectory() as directory:
-                row = bench(os.path.abspath(arguments.evpose), name, focal_ratio, source, directory)
+        for row in rows(os.path.abspath(arguments.evpose), name, os.path.join(arguments.directory, name)):
             if arguments.json:
                 print(json.dumps(row), flush=True)
                 continue
-            fx = row["parameters"]["fx_px"] if "parameters" in row else None
-            tracked = f"{row['given_poses']} / {row.get('own_poses', '-')}"
-            print(f"{name:21s} {focal_ratio:5.1f} {text(row['given_px'], 3):>9s} {text(row.get('own_px'), 3):>7s}"
-                  f" {text(row.get('ratio'), 2):>6s} {tracked:>12s} {text(fx and fx['value'], 2):>10s} "
-                  f" {row['error'] or ' '.join(row['not_determined'])}", flush=True)
+            print(f"{name:20s} {row['guess']:>7} {text(row['given_px'], 3):>9s} {text(row['own_px'], 3):>7s}"
+                  f" {text(row['ratio'], 2):>6s} {row['given_poses']:>5d} / {row['own_poses']:<4d}  {result(row)}", flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
