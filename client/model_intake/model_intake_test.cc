@@ -166,10 +166,8 @@ TEST(ModelIntakeTest, PublicFilesOfEachFormatAreRead) {
   for (const auto& [name, triangles, size_m] :
        {Public{"cad/blue_cube.dae", 12, 2.0}, Public{"cad/ballA.off", 3796, 13.854},
         Public{"cad/counterX.3MF", 8080, 0.3048}}) {
-    const std::string path = FindTestData(name);
-    if (path.empty()) GTEST_SKIP() << "no " << name;
-    const absl::StatusOr<ModelFile> file = ReadModelFile(path);
-    ASSERT_TRUE(file.ok()) << file.status();
+    const absl::StatusOr<ModelFile> file = ReadModelFile(FindTestData(name));
+    ASSERT_TRUE(file.ok()) << name << ": " << file.status();
     const absl::StatusOr<RawMesh> mesh = server::ParseMesh(
         {reinterpret_cast<const uint8_t*>(file->bytes.data()), file->bytes.size()}, ModelOptions().max_triangles);
     ASSERT_TRUE(mesh.ok()) << mesh.status();
