@@ -26,7 +26,7 @@ OVERLAYS = {"overlays/single": SECRETS[:1], "overlays/cluster": SECRETS, "overla
 # --max-transport-bytes, and the process itself.
 PREPARATION_BYTES = 2 << 30
 OTHER_BYTES = (1 << 30) + 200_000_000
-# Of Redis, for a session whose log of poses is full: deploy/sizing.md.
+# Memory of Redis for a session whose log of poses is full (deploy/sizing.md).
 SESSION_BYTES = 3.2e6
 
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Which columns of a table hold the time, position and polarity of its events.
+// The columns of a table that hold the time, position and polarity of its events.
 #pragma once
 
 #include <array>

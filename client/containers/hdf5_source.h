@@ -32,8 +32,9 @@ class Hdf5Output {
   Hdf5Output(const Hdf5Output&) = delete;
   Hdf5Output& operator=(const Hdf5Output&) = delete;
 
-  // In the order of the file; triggers may be written before or after events of their time. Errors: INVALID_ARGUMENT
-  // for what the format cannot hold; a later call or Close() may return those of an earlier one.
+  // Takes events and triggers in the order of the file. Triggers may be written before or after events of their time.
+  // Errors: INVALID_ARGUMENT for what the format cannot hold; a later call or Close() may return those of an earlier
+  // one.
   absl::Status Write(absl::Span<const Event> events);
   absl::Status Write(absl::Span<const Trigger> triggers);
   // Completes the file; the last call.

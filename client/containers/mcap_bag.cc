@@ -14,7 +14,7 @@
 namespace evpose::client {
 namespace {
 
-// At the end of a complete file: the footer (op, length, three fields) and the magic.
+// Size of the end of a complete file: the footer (op, length, three fields) and the magic.
 constexpr int64_t kFooterBytes = 1 + 8 + 20;
 
 // The schemas and channels of records.

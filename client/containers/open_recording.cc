@@ -20,7 +20,8 @@
 namespace evpose::client {
 namespace {
 
-// In the order in which they are tried. A format with a signature comes before one that is recognised by its grammar.
+// The formats, in the order in which they are tried. A format with a signature comes before one that is recognised by
+// its grammar.
 constexpr const ContainerFormat* kFormats[] = {&kMcapFormat, &kSqliteBagFormat, &kHdf5Format, &kAedatFormat,
                                                &kNpyFormat,  &kNpzFormat,       &kTextFormat};
 

@@ -158,7 +158,8 @@ TEST(OpenRecordingTest, ADamagedEntryOfAnArchiveIsAnError) {
     ASSERT_EQ(zipClose(archive, nullptr), ZIP_OK);
     EXPECT_EQ(ReadAll(path)->events.size(), 2u);
     std::string bytes = ReadFile(path, SIZE_MAX).value();
-    // Without compression the row of the last event; else the end of the compressed data, before the directory.
+    // Damages the row of the last event if there is no compression, else the end of the compressed data, before the
+    // directory.
     bytes[bytes.find("PK\x01\x02") - (level == 0 ? 16 : 4)] ^= 1;
     const auto damaged = ReadAll(WriteBytes(path, bytes));
     EXPECT_EQ(damaged.status().code(), absl::StatusCode::kDataLoss) << damaged.status();

@@ -57,8 +57,8 @@ absl::StatusOr<Database> OpenDatabase(const std::string& path, uint64_t max_byte
   Database database(opened);
   if (result != SQLITE_OK) return DatabaseError(path, opened);
   sqlite3_limit(opened, SQLITE_LIMIT_LENGTH, static_cast<int>(max_bytes));
-  // Of the expressions in the file only those of generated columns run, with SQLite's built-in functions that have no
-  // effect outside; neither other functions nor views do. The limit bounds the length of their values.
+  // The only expressions of the file that SQLite evaluates are those of generated columns, with built-in functions that
+  // have no effect outside. Other functions and views are not evaluated. The limit bounds the length of their values.
   sqlite3_db_config(opened, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
   sqlite3_db_config(opened, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
   return database;
@@ -142,7 +142,7 @@ absl::StatusOr<std::unique_ptr<MessageStream>> OpenSqliteStream(const std::strin
     EVPOSE_ASSIGN_OR_RETURN(opened, FileVersion::Of(path));
   }
   EVPOSE_ASSIGN_OR_RETURN(Database database, OpenDatabase(path, kMaxMessageBytes));
-  // In the order of the rows, which is that of their arrival, so that no row has to be sorted.
+  // Reads in the order of the rows, which is that of their arrival, so that no row has to be sorted.
   EVPOSE_ASSIGN_OR_RETURN(
       Statement statement,
       Prepare(

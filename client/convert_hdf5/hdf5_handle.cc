@@ -51,7 +51,8 @@ void SetUpLibrary() {
 std::string LibraryError() {
   std::string description;
   H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, TakeDescription, &description);
-  // Of an error of the system, the library also has the time, the file, addresses and sizes, in two lines.
+  // The description of a system error also has the time, the file, addresses and sizes, in two lines. Only the error
+  // message is kept.
   const std::string before = "error message = '";
   if (const size_t begin = description.find(before); begin != std::string::npos) {
     description = description.substr(begin + before.size());

@@ -14,7 +14,7 @@
 namespace evpose::client {
 namespace {
 
-// As OpenEB's writer has them.
+// The values of OpenEB's writer.
 constexpr hsize_t kChunkRows = 16384;
 constexpr int64_t kIndexPeriod_us = 2000;
 constexpr char kFormatVersion[] = "1.0";

@@ -11,7 +11,7 @@ namespace evpose::client {
 
 inline constexpr char kVersionAttribute[] = "version";
 inline constexpr char kGeometryAttribute[] = "geometry";  // "1280x720"
-// Of evpose: RecordingHeader::time_offset_us.
+// An attribute that only evpose writes: RecordingHeader::time_offset_us.
 inline constexpr char kTimeOffsetAttribute[] = "evpose_time_offset_us";
 
 // The value; empty if there is none, or if it is no string or one of more than 4 KiB.

@@ -162,7 +162,7 @@ TEST_F(StepReaderTest, FilletsHaveSmoothEdgesAndTheModelHasNone) {
 }
 
 TEST_F(StepReaderTest, CurvesOtherThanCirclesAreSampled) {
-  // Where two cylinders of different radii meet.
+  // Two cylinders of different radii meet in a curve that is no circle.
   const TopoDS_Shape along_z = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, -30), gp_Dir(0, 0, 1)), 10.0, 60.0).Shape();
   const TopoDS_Shape along_x = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0)), 6.0, 40.0).Shape();
   const auto mesh = ReadStep(Write(BRepAlgoAPI_Fuse(along_z, along_x).Shape()));

@@ -149,7 +149,7 @@ Finding CheckModelBytes(const ServerInfo& server, std::optional<uint64_t> model_
 Finding CheckLink(const LinkProbe& probe, std::optional<double> recording_bytes_per_s,
                   const ServerCheckOptions& options) {
   Finding finding = ServerFinding("link");
-  // Of the duration at most nine tenths are taken for waiting, which limits the effect of an error of the round trip.
+  // At most nine tenths of the duration count as waiting, which limits the effect of an error of the round trip.
   const double seconds = absl::ToDoubleSeconds(std::max(probe.duration - probe.round_trip, 0.1 * probe.duration));
   const auto num_bytes = static_cast<double>(probe.num_bytes);
   const double link_bytes_per_s = num_bytes / std::max(seconds, 1e-9);

@@ -92,7 +92,7 @@ struct Client::Impl {
     return response;
   }
 
-  // As UnaryAt() with the deadline of the options, at any server: only for calls that AtAnyServer() may repeat.
+  // Calls UnaryAt() with the deadline of the options, at any server. Used only for calls that AtAnyServer() may repeat.
   template <typename Stub, typename Request, typename Response>
   absl::StatusOr<Response> Unary(std::unique_ptr<Stub> Endpoint::*stub,
                                  grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
@@ -102,7 +102,7 @@ struct Client::Impl {
                        stop);
   }
 
-  // As UnaryAt() at the current server: for calls about the server itself.
+  // Calls UnaryAt() at the current server, for calls about the server itself.
   template <typename Stub, typename Request, typename Response>
   absl::StatusOr<Response> UnaryOnce(std::unique_ptr<Stub> Endpoint::*stub,
                                      grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The server that a call goes to, and the next one when it is away. Internal: it includes generated headers.
+// Chooses the server that a call goes to, and the next one when that server does not respond. Internal, because it
+// includes generated headers.
 #pragma once
 
 #include <grpcpp/channel.h>
@@ -49,9 +50,9 @@ class ServerChoice {
   // Attempts at each server without a response, after which a call fails.
   static constexpr size_t kMaxRounds = 3;
 
-  // Begins with the server `current`, which is changed to the one that responds when others are away, and waits a
-  // moment for its connection if it was lost. `stop` is that of the call. With `skips_full_servers`, a call goes to the
-  // next server also if IsServerFull(). The references must outlive the object.
+  // Begins with the server `current`, which is changed to the one that responds when others do not, and waits a moment
+  // for its connection if it was lost. `stop` is that of the call. With `skips_full_servers`, a call goes to the next
+  // server also if IsServerFull(). The references must outlive the object.
   ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
                const std::stop_token& stop, bool skips_full_servers = false);
 

@@ -15,7 +15,7 @@
 namespace evpose::client {
 namespace {
 
-// Below the limit of every server for a message.
+// Size of a message that is below the limit of every server.
 constexpr size_t kProbePieceBytes = size_t{32} * 1024;
 
 // Bytes that a compressing link does not make smaller.

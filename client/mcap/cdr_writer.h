@@ -27,7 +27,7 @@ class CdrWriter {
   }
   void Put(float value) { Put(std::bit_cast<uint32_t>(value)); }
   void Put(double value) { Put(std::bit_cast<uint64_t>(value)); }
-  // Before the elements of a sequence.
+  // Appends the number of elements, which precedes the elements of a sequence.
   void PutCount(size_t count) { Put(static_cast<uint32_t>(count)); }
   // The length counts the final zero.
   void PutString(std::string_view text) {

@@ -266,7 +266,7 @@ TEST(McapWriter, CompleteChunksAreInTheFileBeforeTheEnd) {
   auto writer = McapWriter::Continue(path, 0, SmallChunks());
   WriteMany(*writer, 0, 100);
   const McapChunk& last = writer->index().chunks.back();
-  // Without Sync() or Commit(): as after a kill of the process.
+  // Neither Sync() nor Commit() was called, so that the file is the one after a kill of the process.
   EXPECT_EQ(std::filesystem::file_size(path + ".partial"), last.begin + last.length + last.message_index_length);
   EXPECT_GT(ReadMessages(path + ".partial").size(), 80u);
 }

@@ -31,14 +31,14 @@ absl::Status AtPath(const std::string& path, const absl::Status& status) {
   return absl::Status(status.code(), absl::StrCat(path, ": ", status.message()));
 }
 
-// For a file in a unit that it states.
+// Adds a notice if the user scales a file that states its unit.
 void NoteScale(double metres_per_unit, std::vector<std::string>& notices) {
   if (metres_per_unit == 1.0) return;
   notices.push_back(absl::StrFormat(
       "the file states its unit, in which it was read: --scale %g scales the object in addition", metres_per_unit));
 }
 
-// For a scene in a unit that its file does not state.
+// Adds a notice if the size is implausible, for a scene whose file does not state its unit.
 void NoteSize(double metres_per_unit, Scene& scene) {
   RawMesh in_metres;
   for (const Eigen::Vector3d& point : scene.mesh.points) in_metres.points.push_back(metres_per_unit * point);

@@ -95,7 +95,7 @@ class EdgeLinker {
     const int dx = is_across_x ? 1 : 0, dy = is_across_x ? 0 : 1;
     const double before = gradients_.size.at<float>(y - dy, x - dx), here = gradients_.size.at<float>(y, x),
                  after = gradients_.size.at<float>(y + dy, x + dx);
-    // Of two equal pixels the second is taken.
+    // If two pixels are equal, the second is taken.
     if (!(here >= before && here > after)) return;
     const double offset = 0.5 * (before - after) / (before - 2.0 * here + after);  // the top of a parabola
     number_of_.at<int>(y, x) = static_cast<int>(points_.size());

@@ -22,7 +22,7 @@ namespace {
 constexpr size_t kMaxModelBytes = size_t{512} << 20;
 // Components within components; assemblies have a few levels. It bounds the recursion.
 constexpr int kMaxDepth = 16;
-// Of components: nested ones multiply, so that a small file could have billions.
+// Largest number of placed components. Nested ones multiply, so that a small file could have billions.
 constexpr size_t kMaxPlacements = 100'000;
 
 // Section 3.4 of the specification: ST_Unit. The default is the millimetre.

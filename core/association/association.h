@@ -84,13 +84,12 @@ struct ImageLine {
   // The following members, up to is_element, differ from their defaults for elements only.
   double along_dot_px_per_s = 0.0;  // velocity of the element along itself
   double sagitta_px = 0.0;          // sagitta of an arc in the direction of the gradient of d
-  // For p1 and p2: the slope of the border to the element that continues there, README, equation (9), and whether one
-  // does.
+  // The slope of the border to the element that continues at p1 and at p2 (README, equation (9)), and whether one does.
   std::array<double, 2> border = {0.0, 0.0};
   std::array<bool, 2> is_joined = {false, false};
   float prior_contrast = 1.0f;
   bool is_element = false;
-  // At the end, because what is read for each event then takes three cache lines.
+  // The matrix is the last member, so that the members that are read for each event take three cache lines.
   Eigen::Matrix<double, 3, 6> jacobian = Eigen::Matrix<double, 3, 6>::Zero();        // d a / d xi of the pose
   Eigen::Matrix<double, 3, 6> a_dot_jacobian = Eigen::Matrix<double, 3, 6>::Zero();  // d a_dot / d xi of the pose
 
@@ -266,7 +265,7 @@ class TileGrid {
   std::deque<Page> pages_;    // the first one is empty; reused from one Build() to the next
   size_t num_pages_ = 1;      // pages in use
   std::vector<uint32_t> touched_;
-  // Of the full tiles that a further line reached: the distances of their lines, for Replace().
+  // Distances of the lines of the full tiles that a further line reached, for Replace().
   std::vector<std::array<double, kSlots>> distances_px_;
 };
 

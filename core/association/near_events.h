@@ -31,7 +31,8 @@ struct EventSampling {
   double observations_per_background_event = 1.0;
 };
 
-// To be reused for all windows of a track: it keeps the usual event rates of both polarities, and its memory.
+// Selects the events near the lines. One object is used for all windows of a track, because it keeps the usual event
+// rates of both polarities, and its memory.
 class NearEvents {
  public:
   // `undistortion` must be that of `camera` and outlive the object.

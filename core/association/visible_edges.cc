@@ -38,7 +38,7 @@ constexpr double kTurnedFacePx = 0.5;
 constexpr double kFacetShiftPx = 0.1;
 // Number of points at which the visibility of a line is tested in a model with many lines. Most of its lines are short.
 constexpr int kFewSamples = 8;
-// Of a model with many lines, at most so many are tested to choose those of a view: hidden ones are among them.
+// Largest number of lines of a model that are tested to choose those of a view; hidden lines are among them.
 constexpr size_t kMaxTested = 384;
 // Ends of successive elements may differ by the displacement that halves the error of a chord, below half a pixel.
 constexpr double kJointPx = 1.0;

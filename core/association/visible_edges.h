@@ -65,8 +65,8 @@ class ModelEdges {
   // Whether the faces of the plane are so narrow in the image that the elements of their near and far sides differ by
   // less than half a pixel until the next extraction.
   static bool IsNarrow(const FacePlane& plane, double distance_m, double focal_px);
-  // For each of face_planes(): whether the outer side faces the camera centre `eye` (object frame), false where it is
-  // narrow.
+  // Sets for each of face_planes() whether the outer side faces the camera centre `eye` (object frame); false for a
+  // narrow one.
   void FacingPlanes(const Eigen::Vector3d& eye, double focal_px, std::vector<bool>& facing) const;
   // Centre of the object, object frame.
   const Eigen::Vector3d& centre() const { return centre_; }
@@ -135,9 +135,10 @@ class VisibleEdges {
   void FindNeighbours(const RigidTransform& camera_from_object);
   // Replaces the elements in lines_ by those for the camera centre `eye`: contours slide along the surface.
   void PlaceElements(const Eigen::Vector3d& eye);
-  // For each face of each chosen line: whether it faces the camera. This decides about the visibility of lines and must
-  // be exact to a tenth of a degree: a line of a face that has turned away pulls the pose back to where the face was
-  // visible, and the events of a missing line are attributed to its neighbour (core/association/README.md, section 3).
+  // Sets for each face of each chosen line whether it faces the camera. This decides about the visibility of lines and
+  // must be exact to a tenth of a degree. A line of a face that has turned away pulls the pose back to where the face
+  // was visible, and the events of a missing line are attributed to its neighbour (core/association/README.md, section
+  // 3).
   void FacingFaces(const Eigen::Vector3d& eye, std::vector<bool>& facing) const;
 
   const CameraModel camera_;

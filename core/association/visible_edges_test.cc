@@ -85,7 +85,7 @@ TEST_F(VisibleEdgesTest, OfLinesBesideEachOtherOnlyOneIsExpected) {
     painted.lines.push_back(inner);
     const ModelEdges edges(painted, TrackerOptions().visibility, {});
     VisibleEdges lines(camera_, edges);
-    // From a side from which the edge is seen.
+    // The camera is on a side from which the edge is visible.
     RigidTransform seen = pose;
     if ((seen.rotation * inner.face_normals[0]).z() > 0.0)
       seen.rotation *= Eigen::AngleAxisd(M_PI, middle.normalized()).toRotationMatrix();

@@ -59,7 +59,7 @@ absl::Status WriteFile(const std::string& path, std::string_view contents);
 // The contents of a regular file. Errors have the path: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a directory,
 // a pipe or a device, which might never end, and for a file of more than `max_bytes`.
 absl::StatusOr<std::string> ReadFile(const std::string& path, size_t max_bytes);
-// Those of these errors that do not depend on the contents, for files that a library reads.
+// Returns those of these errors that do not depend on the contents, for files that a library reads.
 absl::Status CheckIsFile(const std::string& path);
 
 }  // namespace evpose

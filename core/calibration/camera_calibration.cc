@@ -156,7 +156,7 @@ absl::Status Calibrator::Adjust(const FreeParameters& free, int times, Intervals
     for (size_t k = 0; k < intervals.size(); ++k) sampler.Sample(intervals[k], static_cast<int>(k), samples_);
     RemoveWeakIntervals(samples_);
     if (samples_.empty()) return absl::OkStatus();
-    // With the expected errors, then with those that the residuals show.
+    // The first adjustment uses the expected errors, the second those that the residuals show.
     EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, adjustment_, parameters_, absl::MakeSpan(intervals)));
     ScaleErrors(parameters_, intervals, absl::MakeSpan(samples_));
     EVPOSE_RETURN_IF_ERROR(AdjustCamera(samples_, free, adjustment_, parameters_, absl::MakeSpan(intervals)));

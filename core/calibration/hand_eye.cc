@@ -64,7 +64,7 @@ struct HandEyeFit {
   double LogScale() const { return 0.5 * (std::log(position_scale_m) + std::log(rotation_scale_rad)); }
 };
 
-// Which parameters are estimated.
+// The parameters that are estimated.
 struct HandEyeFree {
   bool transforms = true;
   bool offset = true;
@@ -309,7 +309,7 @@ void AddWarnings(const HandEyeFree& free, const HandEyeOptions& options, HandEye
   }
 }
 
-// At most `max_poses` of the poses, evenly.
+// Returns at most `max_poses` of the poses, at equal steps of the index.
 Trajectory Thinned(const Trajectory& poses, int max_poses) {
   const size_t stride = (poses.size() + static_cast<size_t>(max_poses) - 1) / static_cast<size_t>(max_poses);
   Trajectory thinned;

@@ -52,8 +52,8 @@ struct HandEye {
   HandEyeMount mount = HandEyeMount::kBeside;
   RigidTransform left;   // camera_from_base (kBeside) or camera_from_tool (kInHand)
   RigidTransform right;  // tool_from_object or base_from_object
-  // Of `left`, `right`, [translation (m), rotation (rad)] as in core/geometry/rigid_transform.h, with the correlation
-  // of successive errors. Infinite for a motion that the poses do not determine.
+  // Standard errors of `left` and `right`, [translation (m), rotation (rad)] as in core/geometry/rigid_transform.h,
+  // with the correlation of successive errors. Infinite for a motion that the poses do not determine.
   Vector6d left_errors = Vector6d::Zero();
   Vector6d right_errors = Vector6d::Zero();
   Matrix6d left_covariance = Matrix6d::Zero();

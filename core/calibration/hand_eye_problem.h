@@ -57,7 +57,7 @@ struct HandEyeResidual {
   Eigen::Matrix<double, 6, kHandEyeParameters> jacobian = Eigen::Matrix<double, 6, kHandEyeParameters>::Zero();
 };
 
-// Those of the poses that have a reference at their times, in order.
+// Returns the poses that have a reference at their times, in order.
 std::vector<HandEyePair> PairPoses(const Trajectory& poses, const MovingReference& reference, double time_offset_s);
 HandEyeResidual ResidualOf(const HandEyePair& pair, const HandEyeState& state);
 

@@ -60,8 +60,8 @@ struct LineSampleOptions {
   double min_piece_px = 6.0;
   // Smallest number of events of a piece, for their mean.
   double min_events = 12.0;
-  // For intervals with so few events that they have less than `min_samples` otherwise: pieces that are at least a
-  // third of their line, and this number of events.
+  // Intervals with so few events that they have less than `min_samples` samples otherwise are divided into pieces of at
+  // least a third of their line, with at least `min_events_if_sparse` events.
   int min_samples = 24;
   double min_events_if_sparse = 6.0;
   // Smallest normal speed, px/s: a slower line has too few events to be distinguished from noise.

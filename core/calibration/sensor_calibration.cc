@@ -124,7 +124,8 @@ Covariance GroupedCovariance(const std::vector<WeightedPassage>& passages, const
   Covariance scatter = Covariance::Zero();
   for (const Row& gradient : gradients) scatter += gradient * gradient.transpose();
   const Covariance inverse = curvature.inverse();
-  // With few groups: the gradients sum to zero at the minimum, which costs one degree of freedom per constant.
+  // The factor matters with few groups: the gradients sum to zero at the minimum, which costs one degree of freedom per
+  // constant.
   const double groups = num_groups;
   return groups / std::max(1.0, groups - kNumConstants) * inverse * scatter * inverse;
 }

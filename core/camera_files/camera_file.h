@@ -22,7 +22,7 @@ absl::StatusOr<CameraFile> ReadCameraFile(const std::string& path);
 // The same for the content of a file, with the name for errors, and the name of the camera or "".
 absl::StatusOr<CameraFile> ParseCameraFile(const std::string& text, const std::string& file,
                                            const std::string& selection = "");
-// Their cameras.
+// These return the camera of the file alone.
 absl::StatusOr<CameraModel> LoadCameraModel(const std::string& path);
 absl::StatusOr<CameraModel> ParseCameraModel(const std::string& text, const std::string& file);
 

@@ -36,7 +36,7 @@ absl::StatusOr<CameraFile> ReadColmap(const std::string& text, const std::string
 // them.
 absl::StatusOr<std::string> SelectCamera(const std::vector<std::string>& names, const std::string& file,
                                          const std::string& selection);
-// For a file with one camera, which has no name. Error: a name was selected.
+// Returns an error if a name was selected, for a file with one camera, which has no name.
 absl::Status CheckNotSelected(const std::string& file, const std::string& selection);
 
 }  // namespace evpose

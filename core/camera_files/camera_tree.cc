@@ -19,9 +19,9 @@ namespace evpose {
 namespace {
 
 constexpr size_t kMaxNumbers = 32;  // a projection matrix has 12, the longest list of coefficients 14
-// Of the elements of an XML file. OpenCV writes 3 or 4.
+// Largest depth of the elements of an XML file. OpenCV writes 3 or 4.
 constexpr int kMaxDepth = 16;
-// Of the outermost map and of each map in it: a camera has some dozens.
+// Largest number of keys of the outermost map and of each map in it. A camera has some dozens.
 constexpr size_t kMaxKeys = 1000;
 constexpr size_t kMaxInnerKeys = 10'000;  // of all maps in the outermost one
 

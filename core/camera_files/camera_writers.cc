@@ -99,7 +99,7 @@ absl::StatusOr<std::string> FormatCamera(const CameraModel& camera, CameraFormat
   return absl::InvalidArgumentError("an unknown format of camera files");
 }
 
-// With the matrices of a rectification, without which ROS does not read the file: those of a single camera.
+// Writes also the matrices of a rectification, those of a single camera, because ROS does not read a file without them.
 std::string CameraModelToYaml(const CameraModel& camera) {
   const std::string projection = List({camera.fx_px, 0, camera.cx_px, 0, 0, camera.fy_px, camera.cy_px, 0, 0, 0, 1, 0});
   return absl::StrFormat(

@@ -157,7 +157,7 @@ std::vector<ContourMesh::Crossing> ContourMesh::FindCrossings(const EyeHeights& 
 
 Eigen::Vector3d ContourMesh::CrossingOfEdge(const EyeHeights& eye_heights, const Triangle& triangle, int edge) const {
   const int next = (edge + 1) % 3;
-  // In the same order of the corners from both triangles, so that both compute the same bits.
+  // The corners have the same order from both triangles, so that both compute the same bits.
   const bool is_reversed = triangle.corners[edge] > triangle.corners[next];
   const int low = is_reversed ? next : edge, high = is_reversed ? edge : next;
   const double low_m = eye_heights.heights_m[triangle.corners[low]],

@@ -21,7 +21,7 @@ struct RimChain {
   uint32_t begin = 0;   // points [begin, end)
   uint32_t end = 0;
   bool is_ring = false;  // the last point is the first one again
-  // Between facets of the object: the points are connected by straight edges, and have no radius.
+  // True for a contour between facets of the object: its points are connected by straight edges, and have no radius.
   bool is_faceted = false;
 };
 

@@ -158,7 +158,7 @@ struct SlideErrors {
   std::vector<double> frozen_px, slid_px;
 };
 
-// By how much the distance of the ends from the contour changes when the eye turns about the object.
+// Returns by how much the distance of the ends from the contour changes when the eye turns about the object.
 SlideErrors ErrorsOfSlide(const ObjectModel& model, const DistanceField& field, double turn_deg) {
   const Eigen::Vector3d eye(0.35, 0.2, 0.4);
   const Eigen::AngleAxisd turn(turn_deg / 180.0 * std::numbers::pi, Eigen::Vector3d(0.5, 0.7, -0.3).normalized());

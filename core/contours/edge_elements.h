@@ -83,7 +83,7 @@ class EdgeElementExtractor {
  public:
   EdgeElementExtractor(const ObjectModel& model, std::shared_ptr<const SurfaceTables> surface,
                        const EdgeElementOptions& options);
-  // With tables of its own. `faces`, the search tree of the model's triangles, must outlive it.
+  // Makes tables of its own. `faces`, the search tree of the model's triangles, must outlive it.
   EdgeElementExtractor(const ObjectModel& model, const TriangleBvh& faces, const EdgeElementOptions& options);
   ~EdgeElementExtractor();
   EdgeElementExtractor(const EdgeElementExtractor&) = delete;

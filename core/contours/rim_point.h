@@ -16,7 +16,7 @@ struct RimPoint {
   // Radius of curvature, metres, of the normal section along the ray; 0: the surface is concave along the ray there and
   // hides its own contour.
   double radius_m = 0.0;
-  // On a contour of facets (facet_contours.h): the number of the facet edge that begins here, or else ends here.
+  // Number of the facet edge that begins here, or else ends here, on a contour of facets (facet_contours.h).
   uint32_t facet_edge = 0;
 
   bool is_convex() const { return radius_m > 0.0; }

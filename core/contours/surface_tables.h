@@ -19,7 +19,7 @@ namespace evpose {
 struct SurfaceTables {
   explicit SurfaceTables(const ObjectModel& model)
       : SurfaceTables(model, std::make_shared<const TriangleBvh>(model.vertices, model.triangles)) {}
-  // With the search tree of the model's triangles.
+  // `tree` is the search tree of the model's triangles.
   SurfaceTables(const ObjectModel& model, std::shared_ptr<const TriangleBvh> tree)
       : faces(std::move(tree)), contours(model), facets(model) {}
 

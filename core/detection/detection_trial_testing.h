@@ -33,11 +33,11 @@ struct DetectionScore {
   double covered_px = 0.0;
   int num_detected = 0;
   int num_right = 0;  // detected lines within the same limits of visible model lines over 0.7 of their length
-  // For each of these: signed distance of the detected line's middle from the model line along its motion, and root
-  // mean square distance of its two ends from it.
+  // Signed distance of the middle of each of these lines from the model line along its motion, and root mean square
+  // distance of its two ends from the model line.
   std::vector<double> offset_px;
   std::vector<double> error_px;
-  // For each of these and each end: its distance beyond the end of the visible model line (negative: inside).
+  // Distance of each end of these lines beyond the end of the visible model line (negative: inside).
   std::vector<double> beyond_end_px;
 
   double recall() const { return visible_px > 0.0 ? covered_px / visible_px : 1.0; }

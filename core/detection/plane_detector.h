@@ -23,7 +23,7 @@ struct PlaneDetectorOptions {
   // The options of a sensor: lengths in pixels are those of the default for 640 pixels of width and more, and in
   // proportion to the width, down to half of them, for fewer (core/detection/README.md, section 5).
   static PlaneDetectorOptions ForSensor(SensorGeometry geometry);
-  // Those of the detectors that a search tries in turn: the lines of an object that is small in the image of a small
+  // Options of the detectors that a search tries in turn: the lines of an object that is small in the image of a small
   // sensor need ForSensor(), sparse events about long lines need the default.
   static std::vector<PlaneDetectorOptions> ForSearch(SensorGeometry geometry);
 

@@ -49,7 +49,7 @@ const std::vector<Event>& CleanEvents() {
 std::vector<Finding> Diagnose(const std::vector<Event>& events, SensorGeometry geometry = {320, 240}) {
   absl::StatusOr<RecordingDiagnosis> diagnosis = RecordingDiagnosis::Make(geometry);
   EXPECT_TRUE(diagnosis.ok()) << diagnosis.status();
-  // In pieces, because the result must not depend on the cuts.
+  // The events are added in pieces, because the result must not depend on the cuts.
   for (size_t begin = 0; begin < events.size(); begin += 777) {
     diagnosis->Add({events.data() + begin, std::min<size_t>(777, events.size() - begin)});
   }

@@ -26,7 +26,7 @@ class PixelCounts {
     int y = 0;
     uint64_t events = 0;
   };
-  // In descending order of their events.
+  // Returns the hot pixels in descending order of their numbers of events.
   std::vector<HotPixel> FindHot(const DiagnosisOptions& options) const;
 
   // An area without events whose surroundings have many.
@@ -39,7 +39,8 @@ class PixelCounts {
   static constexpr uint32_t kMinRimEvents = 16;
   // Share of the pixels with kMinRimEvents or more.
   double BusyShare() const;
-  // In descending order of their pixels. `noise_per_pixel` is the expected number of noise events of a pixel.
+  // Returns the dead areas in descending order of their numbers of pixels. `noise_per_pixel` is the expected number of
+  // noise events of a pixel.
   std::vector<DeadArea> FindDead(double noise_per_pixel, const DiagnosisOptions& options) const;
 
   // The box of all pixels with events, inclusive; all -1 without events.

@@ -20,7 +20,7 @@ constexpr double kMinBusyShare = 0.5;
 // Events for the ratio of the thresholds, and passages for the blur: ratio and median then vary by less than a tenth.
 constexpr double kMinPolarityEvents = 1000.0;
 constexpr uint64_t kMinPassages = 60;
-// Between the exponents of blurred edges and of light that changes in place.
+// A limit between the exponents of blurred edges and of light that changes in place.
 constexpr double kMinBlurExponent = 0.5;
 
 std::string Seconds(int64_t t_us) { return absl::StrFormat("%.6f s", 1e-6 * static_cast<double>(t_us)); }

@@ -88,7 +88,7 @@ struct WindowFit {
   Matrix6d systematic_covariance = Matrix6d::Zero();
   // Expected number of observations that each line of the input produced; empty if the estimator does not compute it.
   std::vector<double> line_events;
-  // Of the input's lines in this window, for the estimated twist; empty likewise.
+  // Counts of the input's lines in this window, for the estimated twist; empty likewise.
   std::vector<DeficitCounts> deficit_counts;
 
   double explained_ratio() const { return num_gated > 0.0 ? num_explained / num_gated : 0.0; }

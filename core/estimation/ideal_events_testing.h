@@ -34,7 +34,8 @@ struct IdealEventOptions {
   int64_t t_begin_us = 0;
   int64_t duration_us = 100'000;
   uint64_t seed = 1;
-  // If set: true if an occluder covers the pixel at a time in seconds from t_begin_us. Events there are omitted.
+  // Returns whether an occluder covers the pixel at a time in seconds from t_begin_us; events there are omitted. Null:
+  // there is no occluder.
   std::function<bool(const Eigen::Vector2d& pixel, double t_s)> is_hidden;
 };
 

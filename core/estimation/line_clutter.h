@@ -74,7 +74,7 @@ class LineClutter {
 
  private:
   struct Memory {
-    // By polarity, for motion along the normal; the polarities of a line that moves against it are exchanged.
+    // Rates by polarity, for motion along the normal; the polarities of a line that moves against it are exchanged.
     ByPolarity own = {};
     std::array<ByPolarity, 2> beside_per_px = {};
 

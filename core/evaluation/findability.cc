@@ -117,7 +117,8 @@ struct PrincipalAxes {
 };
 
 PrincipalAxes FindPrincipalAxes(const ObjectModel& model) {
-  // By area, so that the density of a tessellation does not matter; models without faces by the length of their edges.
+  // Points are weighted by area, so that the density of a tessellation does not matter; models without faces by the
+  // length of their edges.
   std::vector<std::pair<double, Eigen::Vector3d>> weighted;
   for (const auto& triangle : model.triangles) {
     const Eigen::Vector3d &a = model.vertices[triangle[0]], &b = model.vertices[triangle[1]],

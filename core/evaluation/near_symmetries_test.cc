@@ -82,7 +82,8 @@ TEST(NearSymmetries, ACubeHasExactOnesOnly) {
 
 TEST(NearSymmetries, AMarkMakesThoseOfACubeNearOnes) {
   const std::vector<NearSymmetry> near = NearOf(MustParse(MarkedCuboid({1, 1, 1}, {0.2, 0.3, 1.0}, {0.5, 0.3, 1.0})));
-  // Without the inverse rotations: about three axes of faces by 90 and by 180 degrees, six of edges, four of corners.
+  // Apart from the inverse rotations there are those about three axes of faces by 90 and by 180 degrees, six of edges,
+  // four of corners.
   EXPECT_EQ(near.size(), 16u);
   for (const NearSymmetry& symmetry : near) EXPECT_NEAR(symmetry.differing_edges, 0.3 / 12.3, 0.003);
   EXPECT_EQ(std::count_if(near.begin(), near.end(), [](const auto& n) { return n.angle_rad > 3.1; }), 9);

@@ -95,7 +95,7 @@ TEST(Evt3DecoderTest, VectorTriples) {
 }
 
 TEST(Evt3DecoderTest, BrokenVectorsAreCounted) {
-  // Without a base, without a beginning, without an end.
+  // The vectors have no base, no beginning, or no end.
   EXPECT_EQ(DecodeEvt3({Evt3(8, 0), Evt3(0, 7), Evt3(4, 1), Evt3(4, 1), Evt3(5, 1)}).counts,
             (DecodeCounts{.broken_vectors = 1}));
   EXPECT_EQ(DecodeEvt3({Evt3(8, 0), Evt3(0, 7), Evt3(3, 0), Evt3(5, 1)}).counts, (DecodeCounts{.broken_vectors = 1}));

@@ -21,7 +21,7 @@ class FirstTimeWord {
 
   void Add(absl::Span<const uint8_t> bytes);
 
-  // Its time in microseconds, 0 for encodings without time words; nullopt before it was found.
+  // Time of the first time word in microseconds, 0 for encodings without time words; nullopt before it was found.
   std::optional<int64_t> t_us() const { return t_us_; }
 
  private:

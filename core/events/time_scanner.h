@@ -47,8 +47,8 @@ class TimeScanner {
   Evt3Clock evt3_clock_;
   Evt2Clock evt2_clock_;
   Clock32 clock32_;
-  // As in the decoders: without a TIME_HIGH since the start or a loss, other words have no known time. After a loss,
-  // EVT3 also needs a TIME_LOW.
+  // The same rule as in the decoders: without a TIME_HIGH since the start or a loss, other words have no known time.
+  // After a loss, EVT3 also needs a TIME_LOW.
   enum class Wait { kTimeHigh, kTimeLow, kNothing };
   Wait wait_ = Wait::kTimeHigh;
   bool needs_time_low_ = false;

@@ -69,7 +69,7 @@ constexpr LaneShuffles kSpread = MakeSpread();
   return _mm_load_si128(reinterpret_cast<const __m128i*>(shuffle.bytes));
 }
 
-// For each lane, the last lane of the set at or before it; `carried` if there is none.
+// Returns for each lane the last lane of the set at or before it; `carried` if there is none.
 [[gnu::target("avx2"), gnu::always_inline]] inline __m128i Spread(__m128i lanes, uint32_t set, __m128i carried) {
   const __m128i shuffle = Load(kSpread[set]);
   return _mm_blendv_epi8(_mm_shuffle_epi8(lanes, shuffle), carried, shuffle);

@@ -44,7 +44,7 @@ constexpr uint32_t kAllEvt3Lanes = 0xffff;
   return static_cast<uint32_t>(_mm_extract_epi32(_mm512_extracti32x4_epi32(lanes, 3), 3));
 }
 
-// For each lane, the last lane of the set at or before it; the last lane of `carried` if there is none.
+// Returns for each lane the last lane of the set at or before it; the last lane of `carried` if there is none.
 [[EVPOSE_AVX512_INLINE]] inline __m512i Latest(__m512i lanes, uint32_t set, __m512i carried) {
   const __m512i up_to_lane = _mm512_setr_epi32(0x1, 0x3, 0x7, 0xf, 0x1f, 0x3f, 0x7f, 0xff, 0x1ff, 0x3ff, 0x7ff, 0xfff,
                                                0x1fff, 0x3fff, 0x7fff, 0xffff);

@@ -76,7 +76,7 @@ DistortedPoint DistortFisheye(const Distortion& d, const Eigen::Vector2d& p) {
 // is stopped where halving the step this often leaves the regular region or approaches no further.
 constexpr int kMaxSteps = 50;
 constexpr int kMaxHalvings = 30;
-// Of the normalised plane: below a thousandth of a pixel for all cameras that CheckView() accepts.
+// Distance in the normalised plane that is below a thousandth of a pixel for all cameras that CheckView() accepts.
 constexpr double kConverged = 1e-15;
 
 }  // namespace
@@ -108,7 +108,8 @@ double SecondBranchRadius(LensModel model, const Distortion& distortion) {
 
 std::optional<Eigen::Vector2d> UndistortNormalised(LensModel model, const Distortion& distortion,
                                                    const Eigen::Vector2d& distorted) {
-  // From the centre, which is regular in all models, if the distorted point itself is beyond a fold.
+  // The iteration begins at the distorted point, or at the centre, which is regular in all models, if that point is
+  // beyond a fold.
   Eigen::Vector2d point = distorted;
   DistortedPoint at = DistortNormalised(model, distortion, point);
   if (!at.is_regular || !at.point.allFinite()) {

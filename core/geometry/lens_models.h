@@ -18,7 +18,7 @@ enum class LensModel : uint8_t {
 };
 
 inline constexpr int kMaxDistortion = 8;
-// In OpenCV's order. The coefficients that the model does not have are 0.
+// The distortion coefficients in OpenCV's order. The coefficients that the model does not have are 0.
 using Distortion = std::array<double, kMaxDistortion>;
 
 // The number of coefficients of the model.

@@ -39,7 +39,7 @@ TEST(MotionPrior, CovarianceIsThatOfWhiteAccelerationInOneStepOrMany) {
   MotionState often = state;
   for (int k = 1; k <= 20; ++k) often = Predict(often, int64_t{1000} * k, options);
   EXPECT_LT((once.covariance - often.covariance).norm(), 1e-9 * once.covariance.norm());
-  // Without initial uncertainty: q t^3 / 3, q t^2 / 2, q t.
+  // The covariance without initial uncertainty is q t^3 / 3, q t^2 / 2, q t.
   state.covariance.setZero();
   const MotionState noise = Predict(state, 1'000'000, options, 2.0);
   const double q = 2.0 * options.angular_acceleration_density * options.angular_acceleration_density;

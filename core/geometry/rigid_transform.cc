@@ -80,7 +80,8 @@ Eigen::Matrix3d ExpSo3(const Eigen::Vector3d& rotation_rad) {
 }
 
 Eigen::Vector3d LogSo3(const Eigen::Matrix3d& rotation) {
-  // By the quaternion, whose conversion uses the largest of four pivots: full precision near 0 and near pi.
+  // The conversion goes through the quaternion, which uses the largest of four pivots and so has full precision near 0
+  // and near pi.
   const Eigen::Quaterniond quaternion = RigidTransform{rotation, Eigen::Vector3d::Zero()}.Quaternion();
   const double sin_half = quaternion.vec().norm();
   if (sin_half < 1e-150) return 2.0 * quaternion.vec();  // smaller squares underflow in the norm

@@ -28,7 +28,7 @@ TEST(SinglePrecisionTest, KeepsTheCovarianceToSixDigitsAndFindsItsRoot) {
   for (int i = 0; i < 1000; ++i) {
     const Matrix6d covariance = RandomCovariance(1e-2, random);
     const Matrix6d rounded = InSinglePrecision(covariance);
-    // In the metric of the covariance, so that every direction counts by its own accuracy.
+    // The metric is that of the covariance, so that every direction counts by its own accuracy.
     const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix6d> ratios(rounded, covariance);
     EXPECT_NEAR(ratios.eigenvalues().minCoeff(), 1.0, 1e-4);
     EXPECT_NEAR(ratios.eigenvalues().maxCoeff(), 1.0, 1e-4);

@@ -24,7 +24,7 @@ namespace evpose {
 namespace {
 
 constexpr size_t kMaxTransformBytes = 64 << 10;  // such a file has some hundred bytes
-// As that of quaternions: a larger difference is a wrong number and not rounding.
+// The tolerance is that of quaternions: a larger difference is a wrong number and not rounding.
 constexpr double kRotationTolerance = 1e-3;
 constexpr char kForms[] =
     "give \"tx ty tz qx qy qz qw\", a 4x4 matrix row by row, or YAML with translation and rotation";

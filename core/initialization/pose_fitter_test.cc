@@ -251,7 +251,7 @@ TEST_P(PoseFitterTest, NormalEquationsAreThoseOfAutomaticDifferentiation) {
     ASSERT_TRUE(fitter.Accumulate(matched.matches, weights_, pose, normal)) << seed;
     const Reference reference = Differentiate(trials_->camera(), matched, weights_, pose);
     EXPECT_NEAR(normal.cost, reference.cost.a, 1e-9 * normal.cost) << seed;
-    // In units of the standard deviation of each component of the pose.
+    // The unit of each component of the pose is its standard deviation.
     const Vector6d scale = normal.h.diagonal().cwiseSqrt().cwiseInverse();
     const Vector6d gradient = scale.cwiseProduct(normal.g - 0.5 * reference.cost.v);
     EXPECT_LT(gradient.norm(), 1e-8 * (1.0 + scale.cwiseProduct(normal.g).norm())) << seed;

@@ -14,12 +14,12 @@ namespace evpose {
 
 struct SearchSegment {
   int index = 0;  // index in the caller's list
-  // In the image, undistorted pixels: the middle, the unit vectors along and across, and half the length.
+  // The middle in the image (undistorted pixels), the unit vectors along and across, and half the length.
   Eigen::Vector2d middle_px, along, across;
   double half_px = 0.0;
-  // In the camera frame: the bearings q1, q2 of the end points (z = 1); the unit normal q1 x q2 / |q1 x q2| of the
-  // back-projected plane; and, in the plane, the unit vector `sight` to the segment's middle and the orthogonal unit
-  // vector `sideways`.
+  // Vectors in the camera frame: the bearings q1, q2 of the end points (z = 1), and the unit normal q1 x q2 / |q1 x q2|
+  // of the back-projected plane. `sight` is the unit vector in the plane to the segment's middle, `sideways` the unit
+  // vector in the plane orthogonal to it.
   Eigen::Vector3d q1, q2, normal, sight, sideways;
   // Uncertainty of the plane: variances (rad^2) of its rotation about `sight` (from the segment's length) and about
   // `sideways` (from the segment's shift). For a unit vector d close to the plane, the variance of normal . d is turn

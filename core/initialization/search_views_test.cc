@@ -16,7 +16,7 @@ namespace {
 
 using Change = void (*)(SearchViews&);
 
-// With curves, contours and enough straight lines for both searches.
+// A model with curves, contours and enough straight lines for both searches.
 ObjectModel PlateAndCube() {
   ObjectModel model = PlateWithHoles(0.04, 0.02, 0.005, 16, {-0.09, 0.03, 0.09});
   model.diameter_m = 0.27;
@@ -37,7 +37,7 @@ std::shared_ptr<const ObjectModel> WithoutViews(ObjectModel model) {
   return std::make_shared<const ObjectModel>(std::move(model));
 }
 
-// With an axis, which it has not: few views, so that the test is short.
+// The model with a symmetry about an axis, which it does not have: it has few views, so that the test is short.
 std::shared_ptr<const ObjectModel> WithFewViews(const Change& change = nullptr) {
   ObjectModel model = PlateAndCube();
   model.continuous_symmetry = {ContinuousSymmetry::Kind::kAxis, Eigen::Vector3d::Zero(), Eigen::Vector3d::UnitX(),

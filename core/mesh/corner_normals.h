@@ -11,9 +11,9 @@
 
 namespace evpose {
 
-// For each corner, the mean of the normals of the triangles at its vertex that are connected across smooth sides,
-// weighted with the product of their angles there and their areas; unit. `is_smooth[side]` is equal for both sides of
-// an edge, and false for a side without an opposite.
+// Returns for each corner the mean of the normals of the triangles at its vertex that are connected across smooth
+// sides, as a unit vector. The weights are the products of their angles there and their areas. `is_smooth[side]` is
+// equal for both sides of an edge, and false for a side without an opposite.
 std::vector<std::array<Eigen::Vector3f, 3>> CornerNormals(const FacetGraph& graph, const std::vector<bool>& is_smooth);
 
 }  // namespace evpose

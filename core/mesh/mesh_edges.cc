@@ -21,7 +21,8 @@ std::vector<EdgeUse> SortedEdgeUses(absl::Span<const std::array<uint32_t, 3>> tr
       }
     }
   };
-  // By the lower vertex first, which has few edges: counting takes a fifth of the time of sorting all.
+  // The uses are sorted by the lower vertex first, which has few edges: counting takes a fifth of the time of sorting
+  // all.
   std::vector<size_t> end(num_vertices + 1, 0);
   for_each_use([&](const EdgeUse& use) { ++end[use.low + 1]; });
   std::partial_sum(end.begin(), end.end(), end.begin());

@@ -231,7 +231,7 @@ class JunctionCloser {
     return after_m > before_m;
   }
 
-  // Over the longest side.
+  // Height over the longest side.
   double HeightOf(const std::array<uint32_t, 3>& corners) const {
     const int side = LongestSide(corners);
     const Eigen::Vector3d& from = mesh_.points[corners[side]];

@@ -167,7 +167,7 @@ class OverlapRemover {
     return box.cast<float>();
   }
 
-  // Of all shells but the largest, which become `other_shells_`.
+  // Returns the boxes of all shells but the largest; these shells become `other_shells_`.
   std::vector<Eigen::AlignedBox3f> BoxesOfOtherShells(uint32_t largest) {
     std::vector<Eigen::AlignedBox3f> boxes(*std::max_element(shell_of_.begin(), shell_of_.end()) + 1);
     for (uint32_t t = 0; t < mesh_.triangles.size(); ++t) boxes[shell_of_[t]].extend(BoxOf(t));
@@ -253,7 +253,7 @@ class OverlapRemover {
     return projected;
   }
 
-  // From the last triangle to the first, so that of two copies the first remains.
+  // Goes from the last triangle to the first, so that the first of two copies remains.
   void MarkCovered() {
     is_copy_.assign(mesh_.triangles.size(), false);
     is_wall_.assign(mesh_.triangles.size(), false);

@@ -17,8 +17,8 @@
 namespace evpose {
 namespace {
 
-// Of the diagonal: 0.003 px at an object size of 300 px, and ten times the differences between programs that write the
-// same corner twice.
+// Tolerance as a share of the diagonal: 0.003 px at an object size of 300 px, and ten times the differences between
+// programs that write the same corner twice.
 constexpr double kRelativeTolerance = 1e-5;
 // Roundings to single precision of the largest coordinate: files far from their origin lose digits.
 constexpr double kRoundings = 4.0;
@@ -99,7 +99,7 @@ RepairReport RepairMesh(RawMesh& mesh) {
   report.merged_points = MergePoints(tolerance_m, mesh);
   report.degenerate_triangles = RemoveCollapsedTriangles(mesh);
   report.duplicate_triangles = RemoveDuplicateTriangles(mesh);
-  // Before the two sides differ, because junctions are closed for each surface.
+  // Second sides are removed before the two sides differ, because junctions are closed for each surface.
   report.duplicate_triangles += RemoveSecondSides(mesh);
   report.empty_lines = RemoveEmptyLines(mesh);
   report.duplicate_lines = RemoveDuplicateLines(mesh);

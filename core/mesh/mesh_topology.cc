@@ -286,7 +286,8 @@ class SecondSideRemover {
   }
 
  private:
-  // Of a sheet, 1. Through openings of a smaller share little is seen of the inner side, which is then no surface.
+  // Largest share of openings of a body; a sheet has 1. Through openings of a smaller share, little of the inner side
+  // is visible, and it is then no surface.
   static constexpr double kMaxOpenShare = 0.05;
 
   struct OpenEdge {

@@ -43,7 +43,7 @@ class NormalsAtVertices {
       }
     }
   }
-  // Between additions and queries.
+  // Sorts the entries; to be called after the last addition and before the first query.
   void Sort() {
     std::stable_sort(entries_.begin(), entries_.end(),
                      [](const Entry& a, const Entry& b) { return a.vertex < b.vertex; });

@@ -343,7 +343,7 @@ std::optional<SurfaceRegion> FitShape(const RawMesh& mesh, absl::Span<const uint
     if (const auto plane = accept(FitPlane(samples, moments))) return plane;
   }
   if (triangles.size() < kMinTriangles) return std::nullopt;
-  // From few parameters to many: a narrow band lies on shapes of all three kinds.
+  // Shapes with few parameters are tried first, because a narrow band lies on shapes of all three kinds.
   for (const auto fit : {FitCylinder, FitCone, FitSphere}) {
     if (const auto region = accept(fit(samples, moments))) return region;
   }

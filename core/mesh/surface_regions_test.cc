@@ -136,7 +136,7 @@ TEST(SurfaceRegionsTest, CylindersOfAnyTessellationHaveTwoRims) {
     EXPECT_EQ(CountOf(found.surface, RegionShape::kPlane), 2u) << sides;
     EXPECT_EQ(CountOf(found.surface, RegionShape::kFree), 1u) << sides;
   }
-  // As wide as the object, it is a prism.
+  // If it is as wide as the object, it is a prism.
   EXPECT_THAT(Find(ClosedCylinder(8)).edges, SizeIs(24));
 }
 
@@ -265,7 +265,7 @@ TEST(SurfaceRegionsTest, ShortCreaseThatEndsInNothingIsDropped) {
 TEST(SurfaceRegionsTest, NormalsOfTheFileDecide) {
   RawMesh cylinder = ClosedCylinder(48);
   const SurfaceEdges found = Find(cylinder);
-  // Those of a smooth cylinder confirm what the tests find.
+  // The normals of a smooth cylinder confirm what the tests find.
   cylinder.corner_normals = found.surface.normals;
   EXPECT_THAT(Find(cylinder).edges, SizeIs(96));
   // A fold of 20 degrees between sheets whose normals are split, and not those of their facets, is a crease.

@@ -64,7 +64,7 @@ TEST(TriangleBvhTest, OcclusionIsThatOfTheTrianglesOneByOne) {
       bool expected = false;
       for (const TriangleBvh& one : single) expected |= one.IsOccluded(origin, point, 1e-3);
       const bool is_occluded = tree.IsOccluded(origin, point, 1e-3);
-      // From any hint: a random leaf, or the one that was found last.
+      // The hint does not change the result: it is a random leaf, or the one that was found last.
       if (trial % 3 == 0) hint = static_cast<uint32_t>(random() % 300);
       EXPECT_EQ(tree.IsOccluded(origin, point, 1e-3, hint), is_occluded) << trial;
       // Whether a ray through a corner meets the triangle is a matter of rounding, which a box may decide. The box of a
@@ -130,7 +130,7 @@ TEST(TriangleBvhTest, NearTrianglesAreThoseOneByOne) {
     tree.FindNear(point, radius_m, found);
     EXPECT_EQ(found.size(), expected);
     num_near += expected;
-    // From any hint: a random triangle, or the one that was found last.
+    // The hint does not change the result: it is a random triangle, or the one that was found last.
     const Eigen::Vector3d direction = Eigen::Vector3d(uniform(random), uniform(random), uniform(random)).normalized();
     const bool has_near = std::any_of(found.begin(), found.end(), [&](const TriangleBvh::Near& triangle) {
       return triangle.normal.dot(direction) >= 0.5;

@@ -18,7 +18,7 @@ constexpr size_t kMinCirclePoints = 5;
 constexpr double kMaxRelativeCircleDistance = 0.02;
 // Keeps the equations regular for collinear points, relative to their trace.
 constexpr double kCircleDamping = 1e-13;
-// From the algebraic circle, which is exact for exact points, to the geometric one.
+// Steps from the algebraic circle, which is exact for exact points, to the geometric one.
 constexpr int kCircleSteps = 3;
 
 // Largest distance of a point from the line through the ends; of a ring, whose ends are one point, from that point.

@@ -40,7 +40,7 @@ inline std::string Prism(int sides) {
   return absl::StrCat(obj, "f", low, "\nf", high, "\n", walls);
 }
 
-// For a mesh whose facets are the surface itself.
+// Returns the options for a mesh whose facets are the surface itself.
 inline ModelOptions AsIs() {
   ModelOptions options;
   options.is_smooth = false;

@@ -13,7 +13,7 @@
 
 namespace evpose {
 
-// In the object frame, metres.
+// Faces and edges of a model for a display, in the object frame, metres.
 struct DisplayGeometry {
   std::vector<Eigen::Vector3f> vertices;              // those of `faces` only
   std::vector<std::array<uint32_t, 3>> faces;         // counter-clockwise seen from outside
@@ -23,7 +23,7 @@ struct DisplayGeometry {
 
 // The limits of a geometry. With the defaults it is smaller than a message of 4 MB.
 struct DisplayLimits {
-  // Of an object of 300 px in the image, a visible face then covers some 7 square pixels.
+  // With this number, a visible face covers some 7 square pixels of an object of 300 px in the image.
   size_t max_faces = 20'000;
   size_t max_edges = 50'000;          // the longest ones stay
   size_t max_mesh_bytes = 2'400'000;  // size of vertices and faces

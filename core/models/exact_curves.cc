@@ -16,7 +16,7 @@ struct SeenSegment {
   uint32_t edge;  // index of the edge of the surface
 };
 
-// In the order along the exact edges.
+// Returns the segments in the order along the exact edges.
 std::vector<SeenSegment> SeenSegments(const RawMesh& mesh, const SurfaceEdges& edges) {
   std::vector<SeenSegment> seen;
   const std::vector<ExactSegment> segments = ExactSegments(mesh);

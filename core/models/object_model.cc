@@ -195,7 +195,7 @@ absl::Status CheckIsSurface(const RepairReport& repair, size_t num_triangles) {
       num_triangles, repair.shells));
 }
 
-// For a mesh in metres. `unit_is_stated`: the unit is known, whatever the size.
+// Builds the model of a mesh in metres. `unit_is_stated`: the unit is known, whatever the size.
 absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step,
                                             bool unit_is_stated) {
   if (mesh.triangles.empty() && mesh.lines.empty()) {

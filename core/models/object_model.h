@@ -52,9 +52,9 @@ struct ObjectModel {
   std::vector<ModelLine> lines;                    // straight edges
   std::vector<EdgeCurve> curves;                   // curved edges
   SmoothSurface surface;                           // surface of `triangles`; empty if no region is curved
-  // Of a model whose facets are those of the object: the edges between two facets that are no lines and at which the
-  // surface turns outward. Where one of the facets faces the camera, the edge is an occluding contour. Side s of
-  // triangle t, from its corner s to the next one, has the number 3 t + s; each edge is given by both of its sides.
+  // The edges between two facets that are no lines and at which the surface turns outward, of a model whose facets are
+  // those of the object; else empty. Where one of the facets faces the camera, the edge is an occluding contour. Side s
+  // of triangle t, from its corner s to the next one, has the number 3 t + s; each edge is given by both of its sides.
   std::vector<std::array<uint32_t, 2>> facet_edges;
   double diameter_m = 0.0;  // largest distance between two points of the model
   // object_from_object motions that map the object onto itself (symmetry.h), the identity first. Empty means the
@@ -81,7 +81,8 @@ struct ModelOptions {
   // the camera.
   bool is_smooth = true;
   size_t max_bytes = 64u << 20;  // larger files are refused: bounds the memory for uploads
-  // Of triangles and line elements together. Bounds memory: the search tree takes some 150 bytes for each.
+  // Largest number of triangles and line elements together. It bounds the memory: the search tree takes some 150 bytes
+  // for each.
   size_t max_triangles = 2'000'000;
 
   absl::Status Validate() const;

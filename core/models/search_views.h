@@ -29,7 +29,7 @@ struct ViewLine {
   friend bool operator==(const ViewLine&, const ViewLine&) = default;
 };
 
-// By view. Each is empty if the search that needs it cannot find the model.
+// Lists with one element for each view. A list is empty if the search that needs it cannot find the model.
 struct SearchViews {
   using Templates = std::vector<std::vector<EdgeSample>>;
   using LineViews = std::vector<std::vector<ViewLine>>;

@@ -16,7 +16,7 @@ struct SurfaceMoments {
   double radius_m = 0.0;                               // root mean square distance of the area from it; 0: no area
   Eigen::Matrix<double, 6, 6> slippage = Eigen::Matrix<double, 6, 6>::Zero();  // equation (4)
 };
-// With the normals of model.surface if there are any, else with those of the facets.
+// Returns the moments with the normals of model.surface if there are any, else with those of the facets.
 SurfaceMoments MomentsOf(const ObjectModel& model);
 
 // An axis about which a rotation moves the surface least.

@@ -37,14 +37,15 @@ Bend AcrossChord(const Eigen::Vector3d& v, const Eigen::Vector3d& chord, double 
   return norm > 0.0 ? Bend(across * (length / norm)) : Bend::Zero();
 }
 
-// That of the circle about a centre, whose radius need not be exactly that of the ends of the chord.
+// Returns the bend of the circle about a centre, whose radius need not be exactly that of the ends of the chord.
 Bend BendAbout(const Circle& circle, const Eigen::Vector3d& p, const Eigen::Vector3d& q) {
   const Eigen::Vector3d away = 0.5 * (p + q) - circle.centre;
   const Eigen::Vector3d in_plane = away - away.dot(circle.axis) * circle.axis;
   return AcrossChord(in_plane, q - p, DeterministicAtan2(0.5 * (q - p).norm(), in_plane.norm()));
 }
 
-// That of the circle through a third point, before p or after q: the inscribed angle there is half of that of the arc.
+// Returns the bend of the circle through a third point, before p or after q: the inscribed angle there is half of that
+// of the arc.
 Bend BendThrough(const Eigen::Vector3d& p, const Eigen::Vector3d& q, const Eigen::Vector3d& third) {
   return AcrossChord(p - third, q - p, AngleBetween(p - third, q - third));
 }
@@ -97,7 +98,7 @@ class ChainSmoother {
   }
 
  private:
-  // Of a chord; beyond an end of the chain, none.
+  // Returns the next or the previous chord; nullopt beyond an end of the chain.
   std::optional<size_t> Neighbour(size_t chord, bool is_next) const {
     if (is_next)
       return chord + 1 < count_ ? std::optional(chord + 1) : is_ring_ ? std::optional(size_t{0}) : std::nullopt;

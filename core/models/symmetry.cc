@@ -39,7 +39,7 @@ constexpr double kLargeAngle = 2.4;
 // Lines from which a rotation is refined; all lines are compared once before it is accepted.
 constexpr size_t kMaxRefiningLines = 64;
 
-// In units of the tolerance. Largest distance between a line and its image under a rotation from two points, before it
+// Largest distance, in units of the tolerance, between a line and its image under a rotation from two points before it
 // is refined: the error of two points grows towards the other end of the object.
 constexpr double kRoughTolerance = 8.0;
 // Rotations whose images of the outermost point are at most this far apart are the same.
@@ -210,9 +210,9 @@ class GroupSearch {
   bool was_cut_short() const { return was_cut_short_; }
 
  private:
-  // For a model all of whose segments lie on one axis, as those of a fluted vase. A symmetry that leaves the axis maps
-  // the lobes of each ring onto each other: it is a rotation by a whole number of lobes. One that turns the axis over
-  // maps a lobe of one ring onto some lobe of another.
+  // Finds the symmetries of a model all of whose segments lie on one axis, as those of a fluted vase. A symmetry that
+  // leaves the axis maps the lobes of each ring onto each other: it is a rotation by a whole number of lobes. One that
+  // turns the axis over maps a lobe of one ring onto some lobe of another.
   void RunAboutAxis() {
     Vector3d axis = Vector3d::Zero();
     for (const ModelLine& segment : lines_.segments()) {

@@ -34,16 +34,16 @@ class CentredSegments {
   // The segment onto which `rotation` maps the given one: the nearest one with both ends within the tolerance and with
   // matching normals, made of the same kind of edge. nullopt if there is none.
   std::optional<Match> Find(const Eigen::Matrix3d& rotation, size_t segment, double tolerance_m) const;
-  // Of a ring that is no circle, points at equal steps along it; empty for other segments.
+  // Points at equal steps along a ring that is no circle; empty for other segments.
   absl::Span<const Eigen::Vector3d> outline(size_t segment) const { return outlines_[segment]; }
-  // Of a ring that is no circle, the angles about an axis through the centre, from axis.unitOrthogonal(), of the
-  // middles of its parts that are farther from the axis than the mean of the largest and the least distance, by
-  // `least_m`.
+  // The lobes of a ring that is no circle are its parts that are farther from an axis through the centre than the mean
+  // of the largest and the least distance, by `least_m`. Returns the angles of their middles about the axis, from
+  // axis.unitOrthogonal().
   std::vector<double> LobesOf(size_t segment, const Eigen::Vector3d& axis, double least_m) const;
 
  private:
   enum class Origin : uint8_t { kLine, kCurve, kRing };
-  // Before the segments are centred.
+  // To be called before the segments are centred.
   void AddCurve(const EdgeCurve& curve, double tolerance_m);
   uint64_t Cell(const Eigen::Vector3d& point, const Eigen::Vector3d& offset, int corner) const;
 

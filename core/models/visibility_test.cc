@@ -183,7 +183,7 @@ TEST(VisibilityTest, LineThatPassesTheCamera) {
   const ObjectModel model = Model("v 0.1 0 -3\nv 0.1 0 3\nl 1 2\n");
   const auto segments = See(model, {});
   ASSERT_THAT(segments, SizeIs(1));
-  // In the image from x = 639.5 / 1000 z = 0.1 on.
+  // The segment is in the image from x = 639.5 / 1000 z = 0.1 on.
   EXPECT_NEAR(-3 + 6 * segments[0].begin, 0.1 / 0.6395, 1e-7);
   EXPECT_EQ(segments[0].end, 1.0);
   EXPECT_THAT(See(model, {Eigen::Matrix3d::Identity(), {0, 0, -4}}), IsEmpty());

@@ -42,7 +42,7 @@ std::string Sha256Hex(absl::Span<const uint8_t> bytes) {
 namespace {
 
 #if defined(__x86_64__)
-// With the processor's instruction: a checkpoint has megabytes, for which a table takes milliseconds.
+// Uses the processor's instruction, because a checkpoint has megabytes, for which a table takes milliseconds.
 __attribute__((target("sse4.2"))) uint32_t Crc32cSse42(absl::Span<const uint8_t> bytes) {
   uint64_t crc = 0xFFFFFFFF;
   size_t i = 0;

@@ -21,7 +21,7 @@ double NormalMean(Function f) {
 }
 
 TEST(Tukey, ScaleTargetIsTheMeanUnderTheNormal) {
-  // To four digits, and half the largest value: the breakdown point of one half.
+  // The constant has four digits, and is half the largest value: the breakdown point is one half.
   const double mean = NormalMean([](double u) { return TukeyRho(u, kTukeyBreakdown); });
   EXPECT_NEAR(mean, kTukeyScaleTarget, 5e-5);
   EXPECT_NEAR(mean / TukeyRho(1e9, kTukeyBreakdown), 0.5, 5e-4);

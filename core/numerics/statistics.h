@@ -48,12 +48,13 @@ T UpperQuantile(std::vector<T>& values, double q) {
   return SelectNth(values, std::min(values.size() - 1, static_cast<size_t>(q * static_cast<double>(values.size()))));
 }
 
-// For several percentiles of one sorted list, each a value that was measured.
+// Returns a value that was measured; for several percentiles of one sorted list.
 inline double NearestQuantile(const std::vector<double>& sorted, double q) {
   return sorted[static_cast<size_t>(std::lround(q * static_cast<double>(sorted.size() - 1)))];
 }
 
-// For published errors: the definition of NumPy's default, with which others compare their numbers.
+// Returns the quantile by the definition of NumPy's default, for published errors, with which others compare their
+// numbers.
 inline double InterpolatedQuantile(const std::vector<double>& sorted, double q) {
   const double position = q * static_cast<double>(sorted.size() - 1);
   const size_t below = static_cast<size_t>(position);

@@ -7,8 +7,8 @@
 
 #include "core/base/sanitized.h"
 
-// Without clones under a sanitizer: the loader makes the choice before the sanitizer's runtime is initialised. Nor
-// with clang, which builds with sanitizers only.
+// There are no clones under a sanitizer, because the loader makes the choice before the sanitizer's runtime is
+// initialised, and none with clang, which builds with sanitizers only.
 #if defined(__x86_64__) && !defined(__clang__) && !defined(EVPOSE_SANITIZED)
 #define EVPOSE_CLONES __attribute__((target_clones("default", "avx2", "arch=x86-64-v4")))
 #else

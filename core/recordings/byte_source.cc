@@ -16,8 +16,8 @@
 namespace evpose {
 namespace {
 
-// Between two reads at the end of a growing file, or two calls of `stop`: short against a user's patience, long against
-// the cost of a system call.
+// Time between two reads at the end of a growing file, or two calls of `stop`. A user does not notice it, and it is
+// long compared with a system call.
 constexpr int kWait_ms = 10;
 constexpr size_t kPeekReadBytes = 4096;  // more than a camera's header
 

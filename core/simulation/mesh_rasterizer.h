@@ -64,7 +64,7 @@ class MeshRasterizer {
   static void DrawPixel(const Facet& facet, const FacetDifferences& differences, int x, int y, Samples& samples);
 
   PixelRect rect_;
-  // Of each pixel of rect_, row by row.
+  // The centres of the pixels of rect_, row by row.
   std::vector<Centre> centres_;
   std::vector<uint32_t> samples_of_;  // index of samples_ plus 1; 0: only the centre is sampled
   std::vector<Samples> samples_;

@@ -102,7 +102,7 @@ void MeshRenderer::AddStrips(const ObjectModel& model, double width_m, double ma
 double MeshRenderer::LightOf(const Vector3d& point_camera, Vector3d normal_camera) const {
   static const Vector3d light_direction = LightDirectionCamera();
   const Vector3d to_camera = -point_camera.normalized();
-  // Of an open surface, both sides are seen.
+  // Both sides of an open surface are visible.
   if (!is_closed_ && normal_camera.dot(to_camera) < 0.0) normal_camera = -normal_camera;
   const double lit = std::max(0.0, normal_camera.dot(light_direction));
   const double diffuse = finish_.reflectance * (1.0 - diffuse_ratio_ + diffuse_ratio_ * lit);

@@ -67,7 +67,7 @@ TEST(MeshRendererTest, OutlineOfCoarseSphereIsThatOfTheSphere) {
   const double radius_px = 500.0 * 0.1 / std::sqrt(0.5 * 0.5 - 0.1 * 0.1);
   const double found_px = std::sqrt(covered / std::numbers::pi);
   EXPECT_NEAR(found_px, radius_px, 0.03);
-  // That of the facets, a polygon of 24 sides, is 0.6 px smaller.
+  // The radius of the facets, a polygon of 24 sides, is 0.6 px smaller.
   ObjectModel facets = SphereOf(12);
   facets.surface = {};
   double of_facets = 0.0;

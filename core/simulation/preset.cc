@@ -26,8 +26,8 @@ struct ObjectPreset {
   double angular_speed_rad_per_s;
 };
 
-// In the order of the enumerators. Sizes and speeds are such that an EVK4 at the default thresholds produces about 1e6
-// events/s.
+// The objects, in the order of the enumerators. Sizes and speeds are such that an EVK4 at the default thresholds
+// produces about 1e6 events/s.
 constexpr std::array<ObjectPreset, 5> kObjects = {{
     {SimulatedObject::kCube, "cube", 0.20, 0.31, 0.8},
     {SimulatedObject::kCuboid, "cuboid", 0.26, 0.31, 0.8},
@@ -100,10 +100,10 @@ absl::StatusOr<SimulationOptions> ModelSimulationPreset(std::shared_ptr<const Ob
   // At this multiple of its diameter, an object has 300 px in the image of an EVK4 (f = 1030 px): half of its height.
   constexpr double kDepthToDiameter = 3.4;
   constexpr double kSpeedToDepth = 0.31;  // per second: that of the cube, 320 px/s
-  // Of the light. A lamp and bright walls: faces that are turned away from the lamp have a third of its light, which is
-  // twice that of the background, or two contrast thresholds.
+  // Share of the light that comes from the lamp. There are a lamp and bright walls: faces that are turned away from the
+  // lamp have a third of its light, which is twice that of the background, or two contrast thresholds.
   constexpr double kDiffuseRatio = 0.65;
-  // As MotionOptions::depth_m.
+  // The limits of MotionOptions::depth_m, converted to the diameter.
   constexpr double kLeastDiameter = 0.01 / kDepthToDiameter, kLargestDiameter = 1e4 / kDepthToDiameter;
   SimulationOptions options;
   EVPOSE_ASSIGN_OR_RETURN(options.camera, FindCamera(camera_name));

@@ -127,7 +127,8 @@ void CoverageRasterizer::AddRowPiece(int row, double xa, double xb, double value
     return;
   }
   const int last = static_cast<int>(std::ceil(xb)) - 1;
-  // Over several pixels: `covered` is the mean covered share of each pixel in turn; its differences are stored.
+  // The edge crosses several pixels: `covered` is the mean covered share of each pixel in turn; its differences are
+  // stored.
   const double per_pixel = 1.0 / (xb - xa);
   double stored = 0.0;
   for (int column = first; column <= last; ++column) {

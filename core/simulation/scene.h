@@ -73,8 +73,8 @@ struct LightOptions {
 // run with them.
 struct OccluderOptions {
   bool is_present = false;  // a bar in front of the scene, oscillating from side to side
-  // It oscillates about the object instead of about the image's centre, and always hides a part of it, as a hand that
-  // holds it: its borders move almost as the object does.
+  // True: the bar oscillates about the object instead of about the image's centre, and always hides a part of it, as a
+  // hand that holds it. Its borders move almost as the object does.
   bool follows_object = false;
   double swing_ratio = 0.4;       // amplitude, as a share of the image's width
   double width_px = 60.0;         // hides a third of the default cube

@@ -30,8 +30,8 @@ struct SimulationOptions {
   SceneOptions scene;    // object, texture, motion, background, lights, occluder: scene.h
   SensorOptions sensor;  // thresholds, bandwidth, refractory time, leak, noise, hot pixels: sensor.h
   CameraModel camera = SimulatedEvk4Camera();
-  // On the sensor's clock, below 2^24 (16.8 s), the start that a decoder assumes for an EVT3 recording. By default, the
-  // clock wraps 0.78 s after the start, so that every recording of a second contains a wrap.
+  // Start on the sensor's clock. It is below 2^24 us (16.8 s), because a decoder assumes such a start for an EVT3
+  // recording. By default, the clock wraps 0.78 s after the start, so that every recording of a second contains a wrap.
   int64_t t_begin_us = 16'000'000;
   int64_t duration_us = 5'000'000;  // at most half an hour
   double max_step_px = 0.4;         // largest motion of the image between two renderings

@@ -43,7 +43,7 @@ ObjectModel ShapeOf(Shape shape) {
   return PlateWithHoles(0.04, 0.02, 0.005, 64, {-0.09, 0.0, 0.09});
 }
 
-// With its symmetries, as a model file has them.
+// Returns the model with its symmetries, as a model file has them.
 std::shared_ptr<const ObjectModel> ModelOf(Shape shape) {
   auto model = std::make_shared<ObjectModel>(ShapeOf(shape));
   model->continuous_symmetry = FindContinuousSymmetry(*model, nullptr);

@@ -74,7 +74,7 @@ uint64_t CurvesOf(const ObjectModel& model) {
   return std::min<uint64_t>(curves, ModelEdges::kMaxCurves);
 }
 
-// Without the model itself and its tables.
+// Returns the memory of an object without the model itself and its tables.
 uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_others, const TrackerOptions& options) {
   // Challengers are followed separately until they join. Contours give twice as many.
   const int searches = HasCurvedEdges(model) ? 4 : 3;

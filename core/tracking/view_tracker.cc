@@ -53,7 +53,7 @@ PoseEstimate InCamera(const LensView& view, const PoseEstimate& in_view) {
   return estimate;
 }
 
-// Where an object without a pose is searched for. Stored as one byte.
+// The views in which an object without a pose is searched for. Stored as one byte.
 enum class SearchScope : uint8_t {
   kAllViews,
   kReportingView,  // a given pose is being tested there

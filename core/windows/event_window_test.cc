@@ -110,7 +110,7 @@ TEST(EventWindower, AbovePointThreeMillionEventsPerSecondThereIsAWindowEveryMill
   Recorder recorder(WindowOptions{});
   std::vector<Event> events;
   for (int64_t t_us = 0; t_us < 200'000; t_us += 10) {
-    // In groups of four, as an edge that passes a pixel produces them.
+    // Events come in groups of four, as an edge that passes a pixel produces them.
     for (uint32_t k = 4 * random.Poisson(0.3 * 10 / 4); k > 0; --k) events.push_back({t_us, 5, 7, 1});
   }
   recorder.Add(events);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// When files are read again.
+// The times at which files are read again.
 #pragma once
 
 #include <chrono>

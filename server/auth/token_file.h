@@ -73,7 +73,7 @@ class TokenFile {
   // users can access is reported in the log.
   static absl::StatusOr<std::unique_ptr<TokenFile>> Open(const std::string& path);
 
-  // As TokenTable::Find(), with the current contents of the file. A file that has been deleted or has no line with a
+  // Returns TokenTable::Find() of the current contents of the file. A file that has been deleted or has no line with a
   // token admits nobody. When a new version cannot be read or parsed, the previous tokens stay valid. Both are errors
   // in the log.
   std::optional<Caller> Find(absl::string_view token) { return table_->Current()->Find(token); }

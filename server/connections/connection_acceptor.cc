@@ -33,9 +33,10 @@ constexpr int kConnectionsPerTurn = 64;  // between them, the thread looks at th
 constexpr std::chrono::milliseconds kPause(100);  // until accept() is tried again after an error
 // Short against all timeouts of connections, and seldom enough to cost nothing.
 constexpr std::chrono::seconds kMaintenancePeriod(1);
-// Between two lines of the log about refused connections, of which a flood has many.
+// Time between two lines of the log about refused connections, because a flood has many of them.
 constexpr std::chrono::minutes kRefusalLogPeriod(1);
-// As gRPC's own listener with keepalive pings sets it: bytes that are not acknowledged for this time end a connection.
+// TCP_USER_TIMEOUT, the value that gRPC's own listener sets with keepalive pings: a connection ends if its bytes are
+// not acknowledged for this time.
 constexpr int kUserTimeoutMs = 20'000;
 
 rlim_t MaxDescriptors() {

@@ -25,8 +25,9 @@ class ListenerCheck {
   // `listener` is the local address of the listener. A wildcard address accepts connections to 127.0.0.1.
   explicit ListenerCheck(const boost::asio::ip::tcp::endpoint& listener);
 
-  // Judges by the number of connections that the listener has accepted so far, and connects again. Does not block. To
-  // be called periodically. A connection that this process cannot make says nothing about the listener: kAccepts.
+  // Determines the state from the number of connections that the listener has accepted so far, and connects again. Does
+  // not block. To be called periodically. A connection that this process cannot make says nothing about the listener:
+  // kAccepts.
   State Step(uint64_t num_accepted);
   // True for the present connection of the check. Thread-safe.
   bool IsMine(const boost::asio::ip::tcp::endpoint& peer) const;

@@ -21,7 +21,8 @@ class MemoryTrimmer {
   static constexpr size_t kMinGrowthBytes = size_t{64} << 20;
 
   MemoryTrimmer();
-  // For tests: `resident_bytes` returns the resident memory of the process, `trim` replaces malloc_trim().
+  // A constructor for tests: `resident_bytes` returns the resident memory of the process, `trim` replaces
+  // malloc_trim().
   MemoryTrimmer(std::function<size_t()> resident_bytes, std::function<void()> trim);
 
   // To be called periodically with the number of connections that were closed since the last call.

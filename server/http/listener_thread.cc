@@ -47,7 +47,7 @@ void ListenerThread::Accept(boost::asio::ip::tcp::acceptor& acceptor) {
   });
 }
 
-// After an error, in particular when no descriptor is free.
+// Continues after an error, in particular when no descriptor is free.
 void ListenerThread::AcceptAfterPause(boost::asio::ip::tcp::acceptor& acceptor) {
   const auto pause = std::make_shared<boost::asio::steady_timer>(context_, kPause);
   pause->async_wait([this, &acceptor, pause](const boost::system::error_code&) { Accept(acceptor); });

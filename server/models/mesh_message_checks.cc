@@ -154,7 +154,7 @@ absl::Status CheckCircle(const v1::MeshEdge& edge, const Floats& positions, int 
 }
 
 absl::Status CheckEdges(const v1::Mesh& mesh, size_t max_triangles) {
-  // As many as corners of triangles, of which each may be on an edge.
+  // The number of corners of triangles, because each may be on an edge.
   const size_t max_points = 3 * max_triangles;
   if (mesh.edges_size() == 0) return absl::OkStatus();
   if (mesh.faces_size() == 0) return FieldError("edges", "are given without faces");

@@ -30,7 +30,7 @@ absl::StatusOr<std::unique_ptr<ModelLimits::Upload>> ModelLimits::BeginUpload(co
                                      " uploads under way: try again when one has ended"),
                         kRetryDelay);
   }
-  // Before the count, because an allocation that fails after it would leave the count too high.
+  // The allocations precede the counts, because one that fails after them would leave the counts too high.
   Usage& of_tenant = by_tenant_[tenant];
   auto upload = std::make_unique<Upload>(*this, tenant);
   ++all_.uploads;

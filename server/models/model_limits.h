@@ -23,7 +23,7 @@ class ModelLimits {
   struct Options {
     // ServerOptions (server/rpc/server.h) has the reasons of these defaults.
     uint64_t max_model_bytes = 64ull << 20;
-    // Of all files and of what was derived from them, including the received bytes of uploads.
+    // Largest size of all files and of what was derived from them, including the received bytes of uploads.
     uint64_t max_store_bytes = 512ull << 20;
     uint64_t max_tenant_bytes = 512ull << 20;  // the same for one tenant
     uint32_t max_uploads = 64;                 // under way at a time

@@ -170,7 +170,8 @@ class ChildPreparer : public ModelPreparer {
       return output;
     }
     if (has_succeeded && absl::ConsumePrefix(&rest, kPreparationError)) return absl::InvalidArgumentError(rest);
-    // By the kernel, because the machine or the control group has no memory left: the model may be prepared later.
+    // The kernel has killed the process, because the machine or the control group has no memory left: the model may be
+    // prepared later.
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL) return OutOfMemory();
     if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) {
       return TooExpensive(step, absl::StrCat(budget_.cpu_seconds, " s of processor time"));

@@ -11,7 +11,7 @@
 
 namespace evpose::server {
 
-// With the views, if the model has them.
+// Returns the encoding of the model, with its views if it has them.
 std::string EncodePreparedModel(const ObjectModel& model);
 // Returns bytes that give a model these views when they are appended to the encoding of the model without views.
 std::string EncodePreparedViews(const SearchViews& views);

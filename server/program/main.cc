@@ -278,7 +278,7 @@ int PrintMoves(const StoreOptions& options) {
 }
 
 int Main(int argc, char** argv) {
-  // Before any thread is created, because all threads must leave these signals to WaitForEndSignal().
+  // The signals are blocked before any thread is created, because all threads must leave them to WaitForEndSignal().
   BlockSignals();
 
   ParsedOptions parsed = ParseOptions(argc, argv);

@@ -7,7 +7,7 @@ namespace evpose::server {
 
 uint64_t DefaultSessionMemory(const ServerOptions& options, uint64_t available_bytes) {
   constexpr double kRestOfProcess = 200e6;
-  // In floating point, because the sum of limits that users give may exceed 64 bits.
+  // The sum is computed in floating point, because limits that users give may together exceed 64 bits.
   const auto available = static_cast<double>(available_bytes);
   const double others = options.slow_threads * static_cast<double>(options.model_budget.memory_bytes) +
                         static_cast<double>(options.max_model_store_bytes) +

@@ -7,8 +7,8 @@
 
 namespace evpose::server {
 
-// Of the allocations of a thread that have at least `min_bytes`, as many succeed, then one fails. Negative: none fails,
-// as after the one that failed.
+// Number of allocations of a thread with at least `min_bytes` that succeed before one fails. Negative: none fails, as
+// after the one that failed.
 struct FailingAllocation {
   int successes_before = -1;
   size_t min_bytes = 1;

@@ -100,7 +100,8 @@ void SlowExecutor::Run(Queues::iterator queue) {
   Dispatch();
 }
 
-// On a thread of the executor, because the caller of Post() or Stop() may hold a lock that the work takes.
+// Calls the work on a thread of the executor, because the caller of Post() or Stop() may hold a lock that the work
+// takes.
 void SlowExecutor::Reject(Item item) {
   boost::asio::post(threads_,
                     [work = std::move(item.work)]() mutable { RunUnlessOutOfMemory([&work] { work(HasStopped()); }); });

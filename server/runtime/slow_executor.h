@@ -52,8 +52,8 @@ class SlowExecutor {
   // Throws std::bad_alloc if there is no memory for the item, which is then not called.
   void Post(const std::string& tenant, Work work,
             std::shared_ptr<Cancellation> cancellation = std::make_shared<Cancellation>());
-  // As Post(), for callers that end a call if this fails. `work` is any function that Work can hold. Errors:
-  // RESOURCE_EXHAUSTED (OUT_OF_MEMORY); `work` is then not called.
+  // Does the same as Post(), for callers that end a call if this fails. `work` is any function that Work can hold.
+  // Errors: RESOURCE_EXHAUSTED (OUT_OF_MEMORY); `work` is then not called.
   template <typename Function>
   absl::Status TryPost(const std::string& tenant, Function&& work,
                        std::shared_ptr<Cancellation> cancellation = nullptr) {

@@ -70,15 +70,14 @@ class WorkerPool {
   std::unique_ptr<ReusableTimer> MakeTimer(std::function<void()> work) {
     return std::make_unique<ReusableTimer>(on_.work, std::move(work));
   }
-  // For work that waits for the store or creates trackers.
+  // Threads for work that waits for the store or creates trackers.
   SlowExecutor& slow() { return slow_; }
-  // For the preparation of models, which takes seconds. It has its own threads, so that slow() never waits for it.
+  // Threads for the preparation of models, which takes seconds. They are separate, so that slow() never waits for it.
   SlowExecutor& preparations() { return preparations_; }
-  // For images of events, whose compression takes milliseconds. It has its own thread, so that poses do not wait for
+  // A thread for images of events, whose compression takes milliseconds. It is separate, so that poses do not wait for
   // images, and its tenants take turns.
   SlowExecutor& images() { return images_; }
-  // For many short tasks that may wait for work of higher priority, such as sending poses to watchers. One thread runs
-  // them.
+  // A thread for many short tasks that may wait for work of higher priority, such as sending poses to watchers.
   template <typename Work>
   void PostLowPriority(Work&& work) {
     boost::asio::post(on_.low_priority, [work = std::forward<Work>(work)]() mutable { RunUnlessOutOfMemory(work); });

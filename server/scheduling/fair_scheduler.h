@@ -105,7 +105,7 @@ class FairScheduler {
   // Runs steps of the session for the time of a turn. The lock is released while a step runs.
   void RunTurn(SessionTurns& session, Lock& lock) ABSL_NO_THREAD_SAFETY_ANALYSIS;
   void RunStep(SessionTurns& session, Lock& lock) ABSL_NO_THREAD_SAFETY_ANALYSIS;
-  // After a turn. Returns whether the session is idle now; it may have been deleted then.
+  // Counts the end of a turn. Returns whether the session is idle now; it may have been deleted then.
   bool EndTurn(SessionTurns& session) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Whether another thread can take the place of a step that pauses; starts a thread if necessary. Invariant: idle
   // threads - size of begun_ >= free places.

@@ -234,7 +234,7 @@ absl::Status Session::PushEvents(uint64_t stream, EventChunk chunk) {
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(gate_.CheckStream(stream));
   }
-  // Without the lock: it reads every byte.
+  // The check runs without the lock, because it reads every byte.
   EVPOSE_RETURN_IF_ERROR(CheckChunk(chunk, config_.encoding, limits_.max_chunk_bytes));
   const absl::Cleanup commit = [this] { CommitLifecycle(); };
   const std::lock_guard lock(mutex_);

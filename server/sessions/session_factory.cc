@@ -148,7 +148,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
   return Session::Start(std::move(parts), pool_);
 }
 
-// After the session has been stored: a server that deletes a model searches for sessions afterwards.
+// To be called after the session has been stored: a server that deletes a model searches for sessions afterwards.
 absl::Status SessionFactory::CheckModelsStored(const std::string& tenant, const SessionConfig& config) const {
   for (const ObjectConfig& object : config.objects) {
     EVPOSE_RETURN_IF_ERROR(models_.CheckStored(tenant, object.model));

@@ -297,7 +297,8 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
   };
   Entry removed = remove();
   if (removed.session == nullptr) {
-    // With the lock, so that the session is not restored at the same time; it may have been while this call waited.
+    // This holds the lock, so that the session is not restored at the same time; it may have been restored while this
+    // call waited.
     const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
     const std::lock_guard one_at_a_time(*resume_mutex);
     removed = remove();
@@ -338,8 +339,8 @@ void SessionManager::DeleteExpired() {
   }
   for (const Entry& entry : expired) {
     entry.session->log().Expired(CloseRemoved(entry, "expired"));
-    // On another thread, because callers must not wait for the store. The client may use the session at another server,
-    // which this server detects only when it writes: the session then continues there.
+    // The deletion runs on another thread, because callers must not wait for the store. The client may use the session
+    // at another server, which this server detects only when it writes: the session then continues there.
     pool_.slow().PostOwn([this, name = entry.session->name(), tenant = entry.tenant(), token = entry.session->token()] {
       const absl::Status status = store_.DeleteHeldSession(name, token);
       if (absl::IsAborted(status)) {

@@ -79,8 +79,8 @@ class SessionManager {
   // ResumeForAttach().
   std::shared_ptr<Session> FindForAttach(const std::string& tenant, absl::string_view name,
                                          absl::string_view resume_token);
-  // As FindForAttach(), but resumes the session from the store when this server does not hold it, or has closed it
-  // (because another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND
+  // Does the same as FindForAttach(), and resumes the session from the store when this server does not hold it, or has
+  // closed it (because another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND
   // (SESSION_NOT_FOUND), PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED
   // (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_UNAVAILABLE, DRAINING).
   absl::StatusOr<std::shared_ptr<Session>> ResumeForAttach(const std::string& tenant, const std::string& name,
@@ -164,7 +164,7 @@ class SessionManager {
   void RestoreIfWaiting(const std::string& tenant, const std::string& name);
   bool IsWaiting(const std::string& tenant, const std::string& name) const;
   void StopWaiting(const std::string& name);
-  // As Describe(), but does not restore a waiting session.
+  // Does the same as Describe(), but does not restore a waiting session.
   absl::StatusOr<SessionInfo> DescribeAsStored(const std::string& tenant, const std::string& name);
   // The names of the tenant's sessions of this server after `after_name` and up to `last_name`; to the end if that is
   // empty.

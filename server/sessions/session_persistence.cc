@@ -13,8 +13,8 @@
 namespace evpose::server {
 namespace {
 
-// As PoseLog::Read() without a limit, with yield points: thousands of poses may wait, and Read() copies them with the
-// lock of the log. Only turns of the session append to the log.
+// Does the same as PoseLog::Read() without a limit, with yield points: thousands of poses may wait, and Read() copies
+// them with the lock of the log. Only turns of the session append to the log.
 std::vector<StoredPose> ReadPosesInPages(const PoseLog& log, uint64_t after_pose_seq) {
   constexpr size_t kPosesPerPage = 64;  // some 50 KB
   std::vector<StoredPose> poses;

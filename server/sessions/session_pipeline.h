@@ -52,7 +52,7 @@ class SessionPipeline {
   static absl::StatusOr<std::unique_ptr<SessionPipeline>> Create(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
-  // As Create, but without the initial poses of the configuration: the tracker searches for every object.
+  // Does the same as Create() without the initial poses of the configuration: the tracker searches for every object.
   static absl::StatusOr<std::unique_ptr<SessionPipeline>> CreateSearching(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       const TrackerFactory& make_tracker);
@@ -66,7 +66,7 @@ class SessionPipeline {
 
   // Each appends to `output`.
   void Process(absl::Span<const uint8_t> bytes, PipelineOutput& output);
-  // As Process, but drops the events after decoding (Tracker::Skip).
+  // Does the same as Process(), but drops the events after decoding (Tracker::Skip).
   EventGap Skip(absl::Span<const uint8_t> bytes, PipelineOutput& output);
   void ResetAfterLoss();
   void ResetPose(uint32_t object_index, const RigidTransform& camera_from_object);

@@ -255,7 +255,7 @@ TEST(SessionPipelineStateTest, ASearchContinuesAtThePosition) {
   EXPECT_EQ(TakeBytes(next_output), TakeBytes(searched));
 }
 
-// With the sensor and the event rate for which the limit of a checkpoint is intended.
+// The sensor and the event rate are those for which the limit of a checkpoint is intended.
 TEST(SessionPipelineStateTest, ACheckpointIsSmall) {
   const Recording recording = Simulated("evk4", 100'000);
   const std::vector<uint8_t> bytes = Encoded(recording, recording.config.encoding);

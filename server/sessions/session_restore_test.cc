@@ -174,8 +174,8 @@ TEST_F(SessionRestoreTest, ASessionThatHasEndedUsesItsModelAfterARestartToo) {
   Kill(server);
 }
 
-// For example a session that was closed because the store was full: its client may reconnect, and its user may list the
-// sessions to delete some.
+// A session is only in the store, for example, after it was closed because the store was full: its client may
+// reconnect, and its user may list the sessions to delete some.
 TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAndExpires) {
   Server server = Open();
   const auto session = Create(server);

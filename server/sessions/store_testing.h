@@ -86,7 +86,7 @@ class FaultInjectingStore : public Store {
  public:
   FaultInjectingStore(std::shared_ptr<Store> store, std::shared_ptr<InjectedFault> fault)
       : store_(std::move(store)), fault_(std::move(fault)) {}
-  // As for any store: all calls have ended when it is destroyed, although the common store continues.
+  // All calls have ended when this store is destroyed, as with any store, although the common store continues.
   ~FaultInjectingStore() override { pending_->WaitForAll(); }
 
   StoreKind kind() const override { return StoreKind::kRedis; }

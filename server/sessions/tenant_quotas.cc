@@ -19,7 +19,7 @@ class TenantQuotas::Reservation {
   ~Reservation() {
     if (is_counted_) quotas_.Remove(counts_, tenant_);
   }
-  // With the lock of the quotas.
+  // To be called with the lock of the quotas.
   void Count(uint32_t& count) {
     ++count;
     is_counted_ = true;

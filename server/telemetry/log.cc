@@ -21,7 +21,7 @@ constexpr size_t kMaxValueBytes = 2048;  // longer values, which clients may sen
 constexpr char kTextPattern[] = "%Y-%m-%dT%H:%M:%S.%e%z %l %v";
 constexpr char kJsonPattern[] = R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l",%v})";
 
-// In the order of LogLevel.
+// The names have the order of LogLevel.
 constexpr std::array kLevelNames = {"debug", "info", "warning", "error", "off"};
 constexpr std::array kSpdlogLevels = {spdlog::level::debug, spdlog::level::info, spdlog::level::warn,
                                       spdlog::level::err, spdlog::level::off};

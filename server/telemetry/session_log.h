@@ -23,7 +23,7 @@
 
 namespace evpose::server {
 
-// Where a stream comes from.
+// The origin of a stream.
 struct StreamOrigin {
   std::string peer;     // address of the client, "" if unknown
   std::string span_id;  // of the stream (core/base/trace_context.h)
@@ -59,7 +59,7 @@ class SessionLog {
   void OutOfMemory() const;
   // `number` counts the streams of the session. `is_taken_over`: the previous stream was still open and is ended.
   void Attached(const StreamOrigin& origin, uint64_t number, uint64_t next_chunk, bool is_taken_over);
-  // At the rate that `limiter` admits, because a client can cause any number of these lines.
+  // Logs at most at the rate that `limiter` admits, because a client can cause any number of these lines.
   void NotAttached(const StreamOrigin& origin, const absl::Status& status, LogLimiter& limiter) const;
   void ObjectFound(const std::string& object_id, int64_t t_us, bool is_again) const;
   void ObjectLost(const std::string& object_id, int64_t t_us) const;
@@ -82,7 +82,7 @@ class SessionLog {
   void RolledBack(const StreamOrigin& origin, const absl::Status& status, const SessionSums& sums) const;
   // A session that no server has was deleted, because it has expired.
   void Orphaned(const SessionSums& sums) const;
-  // As Deleted(), for a session that was deleted without being read, so that its sums are unknown.
+  // Does the same as Deleted() for a session that was deleted without being read, so that its sums are unknown.
   void DeletedUnread(const std::string& peer, const char* why) const;
   // The store could not delete a session that has expired.
   void NotDeleted(const absl::Status& status) const;

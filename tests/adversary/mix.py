@@ -35,7 +35,8 @@ NICE = 10  # of the threads of the adversary, which would have machines of its o
 NUM_HELD = 20  # stalled streams and connections of a thread
 SESSION_MEMORY_BYTES = 512 << 20
 MODEL_STORE_BYTES = 64 << 20
-# Beside sessions and models: gRPC (--max-transport-bytes, 512 MiB) and the process itself. Models are prepared in other processes.
+# Memory beside that of sessions and models: gRPC (--max-transport-bytes, 512 MiB) and the process itself. Models are prepared in other
+# processes.
 OTHER_BYTES = 800 << 20
 OPTIONS = {
     "--max-sessions": 32, "--max-session-memory": SESSION_MEMORY_BYTES, "--max-model-store-bytes": MODEL_STORE_BYTES,

@@ -75,7 +75,7 @@ class ConnectionTest(server.AdversaryTest):
         self.assertIn("listener_stalled", running.log())
 
     def test_the_server_accepts_again_after_it_had_no_descriptors(self):
-        # Without limits of connections, which would be reached before.
+        # The limits of connections are high, because they would be reached before.
         running = self.serve("--max-connections", "1000", "--max-connections-per-peer", "1000", prlimit=["--nofile=128:128"])
         with contextlib.ExitStack() as stack:
             opened = open_many(running.address, 300, stack)

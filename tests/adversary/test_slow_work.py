@@ -98,7 +98,7 @@ class HostileUploadTest(server.AdversaryTest):
         self.mallory.upload(CUBE)
         wait_until_idle(self.running)
         cancelled_s = self.running.cpu_s() - before
-        # Beside the cube: uploads that ended before they were cancelled, and one whose response was under way.
+        # Models that may exist beside the cube: uploads that ended before they were cancelled, and one whose response was under way.
         served = [stream for stream in streams if stream.call.code() == grpc.StatusCode.OK]
         self.assertLessEqual(len(self.mallory.models()), 1 + len(served) + 1)
         one_s, _ = upload_cost(self.running, self.mallory, prism(1365))

@@ -174,7 +174,7 @@ def with_gaps(times, values, longest_gap_s):
 
 TRACE_POSES = [(f"Position, {axis}", "m", f"{axis}_m") for axis in "xyz"] + [
     (f"Rotation since the start, about {axis}", "deg", f"rotation_{axis}_deg") for axis in "xyz"]
-# With the key of the target and its factor.
+# The errors, with the key of the target and its factor.
 TRACE_ERRORS = [
     ("Position error", "% of depth", "position_of_depth_percent", lambda t: 100 * t["position_rmse_of_depth"]),
     ("Rotation error", "deg", "rotation_error_deg", lambda t: t["rotation_p95_deg"]),
@@ -200,7 +200,7 @@ def draw_traces(name, traces, scenario, folder):
     truth = traces.get("truth", [])
     for panel, (label, unit, key) in zip(axes.flat, TRACE_POSES):
         draw_lines(panel, traces, key)
-        # Above the estimates, which are visible in its gaps.
+        # The truth is drawn above the estimates, which are visible in its gaps.
         panel.plot([row["time_s"] for row in truth], [row[key] for row in truth], label="truth", linewidth=1.2, **REFERENCE)
         panel.set(title=label, xlabel="time, s", ylabel=unit)
         panel.grid(alpha=0.3)

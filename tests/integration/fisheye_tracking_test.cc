@@ -108,7 +108,7 @@ TEST(FisheyeTracking, AnObjectIsFoundFarFromTheCentre) {
   }
 }
 
-// From one side of the image to the other, through all views.
+// The cube moves from one side of the image to the other, through all views.
 Scene Crossing() {
   SimulationOptions options = CubeBefore(LensOf150Degrees(), 0.0, 1);
   options.scene.motion.profile = MotionProfile::kHalfOut;

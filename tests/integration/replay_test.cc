@@ -98,7 +98,7 @@ TEST_F(ReplayTest, PosesFollowTheTruth) {
   EXPECT_LT(row["reprojection_mean_px"], 3.0);
 }
 
-// Without an initial pose.
+// No initial pose is given.
 TEST_F(ReplayTest, FindsTheFirstPose) {
   SimulateCube(0.25);
   StartServer();

@@ -144,7 +144,8 @@ TEST_F(ResumeTest, ConnectionCutAtRandomPlaces) {
 TEST_F(ResumeTest, AReplayRestartsWhenTheConnectionBreaksBeforeItsSessionExists) {
   SimulateCube(0.1);
   const std::string expected = Undisturbed();
-  // From the connection preface of HTTP/2, through the upload of the model, until after the creation of the session.
+  // The connection is cut at places from the connection preface of HTTP/2, through the upload of the model, until after
+  // the creation of the session.
   for (uint64_t limit = 50; limit < 12'000; limit += 150 + limit / 2) {
     const int before = proxy_.num_cut();
     proxy_.CutAfter({limit, limit, limit + 1'000});

@@ -40,7 +40,7 @@ class RunningServer {
   }
   server::Program& program() { return program_; }
   const std::string& address() const { return address_; }
-  // With --metrics-listen.
+  // Present with --metrics-listen.
   const std::string& metrics_address() const { return metrics_address_; }
   v1::SessionService::Stub& sessions() { return *sessions_; }
   v1::ModelService::Stub& models() { return *models_; }

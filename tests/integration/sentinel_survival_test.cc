@@ -91,8 +91,8 @@ class MasterKiller {
 
 class SentinelSurvivalTest : public SurvivalFixture {
  protected:
-  // As MakeClient(), but repeats the calls while they end with UNAVAILABLE: on a busy machine a replica may not
-  // acknowledge a write within the time that the server waits.
+  // Does the same as MakeClient(), and repeats the calls while they end with UNAVAILABLE: on a busy machine a replica
+  // may not acknowledge a write within the time that the server waits.
   RawClient MakePatientClient(RunningServer& server, const server::RedisGroup& group, const std::string& request_id) {
     v1::Model model;
     Repeat(group, [&] {

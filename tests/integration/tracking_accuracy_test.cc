@@ -145,7 +145,7 @@ TEST(TrackingAccuracy, NoFlippedPlateIsTrackedUnderALampThatSwingsByHalf) {
 }
 
 TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) {
-  // Without an initial pose, with about ten events of the surfaces for each event of an edge.
+  // There is no initial pose, and there are about ten events of the surfaces for each event of an edge.
   SimulationOptions options = VgaScene("cube", 2.0, 2, 150'000);
   options.scene.light.flicker_depth = 0.4;
   const Recording recording = Record(options);
@@ -163,8 +163,8 @@ TEST(TrackingAccuracy, TheCubeIsFoundAndTrackedUnderALampThatSwingsByTwoFifths) 
 }
 
 TEST(TrackingAccuracy, ALampThatGrowsDarkerDoesNotMakeTheObjectNearer) {
-  // With thresholds so low that the surfaces produce ten times as many events as the edges. Without flicker_bias.h the
-  // error is 0.155 %, nearly all of it in depth.
+  // The thresholds are so low that the surfaces produce ten times as many events as the edges. Without flicker_bias.h
+  // the error is 0.155 %, nearly all of it in depth.
   SimulationOptions options = VgaScene("cuboid", 1.5, 61, 200'000);
   options.sensor.threshold_on = options.sensor.threshold_off = 0.03;
   options.scene.light.flicker_depth = 0.15;

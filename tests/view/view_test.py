@@ -28,7 +28,7 @@ import server  # reads --bin
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 START_US = 16_000_000  # evpose simulate --start
 DURATION_S = 2
-# Of the cells with events: the share that is within `radius` px of the overlay, and of the overlay moved by `shift` px.
+# Returns the share of the cells with events that is within `radius` px of the overlay, and of the overlay moved by `shift` px.
 EVENTS_SCRIPT = """
 const [colour, radius, shift] = arguments;
 const cells = document.getElementById('cells'), overlay = document.getElementById('overlay');

@@ -88,7 +88,8 @@ bool IsSessionName(absl::string_view text);
 void AddSessionName(CLI::App& app, std::string& name);
 // Rewords NOT_FOUND for a session of the command line, which the caller does not want to create.
 absl::Status SessionError(const std::string& name, const absl::Status& status);
-// As SessionError(), for another kind of name. `kind` is the command that lists these names, such as "models".
+// Does the same as SessionError() for another kind of name. `kind` is the command that lists these names, such as
+// "models".
 absl::Status NameError(const char* kind, const std::string& name, const absl::Status& status);
 
 // Address of a server, or of several servers that share a store, and the credentials, for the commands that need one.

@@ -19,7 +19,7 @@ inline constexpr char kLikelihoodColumn[] = "log_likelihood_ratio";
 // fields of JSON lines null, before the first loss.
 inline constexpr char kLossTimeColumn[] = "lost_at_us";
 inline constexpr char kLossCauseColumn[] = "loss_cause";
-// As many as the API has at most; the columns of absent ones are empty.
+// The largest number of alternatives in the API. The columns of absent ones are empty.
 inline constexpr size_t kAlternativesInCsv = 4;
 // Name of the CSV column and of the JSON field with the name of the poses' transform. A CSV file has it only if the
 // transform is not camera_from_object.

@@ -148,8 +148,7 @@ class PoseFiles {
 
   PoseFormat format_ = PoseFormat::kTum;
   PoseFrame frame_;
-  // By object; "" for a single file.
-  std::map<std::string, OutputFile> files_;
+  std::map<std::string, OutputFile> files_;                         // by the object's ID; "" for a single file
   std::map<std::string, std::unique_ptr<PoseRecorder>> recorders_;  // the recorders of .mcap files
   std::map<std::string, PoseFile> written_;
 };

@@ -279,7 +279,7 @@ TEST(PoseFormat, TheStateOfAConfirmedPoseDoesNotRepeatThePose) {
   EXPECT_EQ(StateJson(MakePose()),
             R"({"pose_seq":7,"object_id":"object","t_us":16000250,"state":"DEGRADED","num_events":321,)"
             R"("explained_ratio":0.5,"residual_rms_px":0.75,"lost_at_us":null,"loss_cause":null})");
-  // That of an AMBIGUOUS pose has what a JSON line has: no other message has the pose.
+  // The state of an AMBIGUOUS pose has all fields of a JSON line, because no other message contains the pose.
   EXPECT_EQ(StateJson(AmbiguousPose()) + "\n", PoseLine(PoseFormat::kJsonLines, AmbiguousPose()));
 }
 

@@ -13,7 +13,7 @@
 namespace evpose::client {
 
 struct ReadPoses {
-  // As the file states it (PoseHeader()), otherwise camera_from_object; the poses are those of this transform.
+  // Name of the transform of the poses: the one that the file states (PoseHeader()), otherwise camera_from_object.
   std::string transform = kCameraFromObject;
   Trajectory trajectory;              // without the AMBIGUOUS poses
   std::vector<int64_t> ambiguous_us;  // times of the poses whose state is AMBIGUOUS

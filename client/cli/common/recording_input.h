@@ -34,7 +34,7 @@ void ShowReading(const EventReader& events, const RecordingReader& recording, Pr
 std::string DescribeSkipped(const std::vector<SkippedParts>& skipped);
 Json SkippedJson(const std::vector<SkippedParts>& skipped);
 
-// From the first to the last, by the sensor's clock.
+// Times of the first and of the last event, on the sensor's clock.
 struct TimeSpan {
   int64_t from_us = 0;
   int64_t to_us = 0;

@@ -164,7 +164,7 @@ absl::StatusOr<ResumeRecord> ResumeRecord::FromText(const std::string& text) {
     record.arguments = json.at("arguments").get<std::map<std::string, std::string>>();
     for (const auto& [path, bytes] : json.at("output_bytes").items()) {
       EVPOSE_ASSIGN_OR_RETURN(record.output_bytes[path], WholeNumber<uint64_t>(bytes, "output_bytes"));
-      // Of a record of an earlier version it is only known whether the client has received poses.
+      // A record of an earlier version shows only whether the client has received poses.
       record.output_poses[path] = position.last_pose_seq;
     }
     if (!json.contains("output_poses")) return record;

@@ -36,7 +36,7 @@ std::vector<std::string> OfferedEstimators() {
   return names;
 }
 
-// For CLI::Option::check(): an estimator that exists, but is not offered by servers.
+// Returns the error for an estimator that exists, but is not offered by servers; used as CLI::Option::check().
 std::string CheckIsOffered(const std::string& text) {
   for (const auto& [estimator, name] : kEstimatorNames) {
     if (text != name || FromCore(estimator)) continue;

@@ -30,7 +30,7 @@ class Aedat2Decoder final : public AedatDecoder {
   void Finish() override { counts_.lost_bytes += buffer_.pending_bytes(); }
 
  private:
-  // Of all times with these low bits the one nearest to the last time.
+  // Returns the time nearest to the last one, of all times with these low bits.
   int64_t Unwrap(uint32_t t_us) {
     if (!has_time_) {
       has_time_ = true;

@@ -21,7 +21,7 @@ constexpr int kLayoutBits = 2;
 constexpr int kTimeRunBits = 4;
 constexpr int kRowRunBits = 5;
 constexpr int kPolarityRunBits = 7;
-// In place of a time step: the low half of the byte has four bits of a step of 15 us or more.
+// Value in place of a time step: the low half of the byte has four bits of a step of 15 us or more.
 constexpr unsigned kLongTime = 15;
 constexpr int kColumns = 5;  // columns after the first; a mask states which of them have events
 

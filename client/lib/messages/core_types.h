@@ -31,7 +31,7 @@ Encoding ToCore(EventEncoding encoding);
 // nullopt for an estimator that servers do not offer.
 std::optional<PoseEstimator> FromCore(Estimator estimator);
 
-// For sources that return chunks of core/.
+// Converts the results of sources that return chunks of core/.
 absl::StatusOr<EventChunk> FromCore(absl::StatusOr<EventChunkBytes> chunk);
 
 }  // namespace evpose::client

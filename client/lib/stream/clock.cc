@@ -19,7 +19,7 @@ class MonotonicClock final : public Clock {
     std::mutex mutex;
     std::condition_variable_any never_notified;
     std::unique_lock lock(mutex);
-    // In steps, because an infinite duration overflows the clock of the standard library.
+    // The wait is divided into steps, because an infinite duration overflows the clock of the standard library.
     constexpr absl::Duration kLongestStep = absl::Hours(1);
     for (absl::Duration left = time - Now(); left > absl::ZeroDuration(); left = time - Now()) {
       const auto step = absl::ToChronoNanoseconds(std::min(left, kLongestStep));

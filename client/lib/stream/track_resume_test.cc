@@ -379,7 +379,7 @@ TEST_F(TwoServersTest, ADrainingServerIsReplaced) {
                 stream.Read(&request);
                 stream.Write(GoAwayNotice());
                 uint64_t last_seq = request.events().seq();
-                // Until the client half-closes, which it does without `end` unless it has already sent `end`.
+                // Reads until the client half-closes, which it does without `end` unless it has already sent `end`.
                 while (stream.Read(&request)) last_seq = request.has_end() ? 6 : request.events().seq();
                 stream.Write(PoseMessage(1));
                 stream.Write(AckUpTo(std::min<uint64_t>(last_seq, 5), 0));

@@ -19,7 +19,7 @@ _NORM_TOLERANCE = 1e-3
 
 
 def _norm(q: Sequence[float]) -> float:
-    # In the order of Eigen's packets, so that poses have the bits of the C++ client.
+    # The order of the sums is that of Eigen's packets, so that poses have the bits of the C++ client.
     return math.sqrt((q[0] * q[0] + q[2] * q[2]) + (q[1] * q[1] + q[3] * q[3]))
 
 

@@ -146,7 +146,7 @@ def read_sensor_profile(path: Union[str, pathlib.Path]) -> SensorProfile:
     if not isinstance(data, dict):
         raise InvalidArgumentError(f"{path}: not a sensor profile: it has no keys")
     names = [field.name for field in dataclasses.fields(SensorProfile)]
-    # As in the command evpose. A constant of a later version that is ignored here would give other poses.
+    # The command evpose refuses unknown fields, too. A constant of a later version that is ignored here would give other poses.
     for key in data:
         if key not in ("name", *names):
             raise InvalidArgumentError(f"{path}: {key} is not a field of a sensor profile; the fields are name, {', '.join(names)}")

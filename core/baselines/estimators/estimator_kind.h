@@ -10,7 +10,7 @@ namespace evpose {
 
 enum class Estimator {
   kMixture,  // pose and twist in the window, normal + uniform mixture, soft association, motion prior
-  // For comparison. The static estimators of the paper: one pose per window, hard association with its gates, corrected
+  // The static estimators of the paper, for comparison: one pose per window, hard association with its gates, corrected
   // formulas.
   kStaticLs,
   kStaticM,

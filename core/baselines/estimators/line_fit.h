@@ -32,9 +32,10 @@ enum class LineFitMethod {
 
 enum class LineFitFormulas {
   kCorrected,  // as in core/estimation/README.md, section 1
-  // As the released code of the paper computes: MAD of |d|, residuals multiplied by w (hence w squared), w divided by
-  // its sum, solver tolerances of 1e-3, which also end the re-weighting; otherwise the formulas as printed: the scale
-  // and weight of S by eqs. (eqs4) and (eqs5), MM with a scale that is updated (Algorithm 1). There is no mixture.
+  // The computation of the paper's released code: MAD of |d|, residuals multiplied by w (hence w squared), w divided by
+  // its sum, and solver tolerances of 1e-3, which also end the re-weighting. All else follows the formulas as printed:
+  // the scale and weight of S by eqs. (eqs4) and (eqs5), MM with a scale that is updated (Algorithm 1). There is no
+  // mixture.
   kReleasedCode,
 };
 

@@ -22,7 +22,8 @@ struct BenchClutter {
 };
 
 struct InitializationBenchOptions {
-  // For each object and clutter; slow methods process only the first ones (max_trials of the method).
+  // Number of trials for each object and each share of clutter; slow methods process only the first ones (max_trials of
+  // the method).
   int num_trials = 1000;
   uint64_t seed = 1;      // equal seeds give equal trials
   double noise_px = 0.8;  // pixels, standard deviation of each coordinate of an end point
@@ -65,7 +66,7 @@ struct InitializationBenchRow {
   double reprojection_mean_px = 0.0;
   double median_ms = 0.0;  // milliseconds of wall clock on one core
   double worst_ms = 0.0;
-  // If requested, for methods that find the correspondences themselves.
+  // Present if requested, for methods that find the correspondences themselves.
   std::optional<CertificateCounts> certificates;
   // Seeds of the trials without a right pose, for LineTrialGenerator::Make.
   std::vector<uint64_t> failed_seeds;

@@ -49,7 +49,7 @@ class Generator : public LineTrialGenerator {
         model_(std::move(model)),
         size_m_(size_m),
         camera_(UndistortedCamera()),
-        // For the truth: faces that are turned away are invisible.
+        // Visibility for the true pose: faces that are turned away are invisible.
         visibility_(model_, {.min_length_px = kMinSegmentPx, .grazing_cosine = 0.0}),
         determinacy_(model_, camera_, visibility_, std::max(options.noise_px, kMinBoundNoisePx)) {}
 

@@ -14,7 +14,7 @@
 
 namespace evpose {
 
-// In the order in which they are tested: the first one that applies is the cause.
+// The causes, in the order in which they are tested. The first one that applies is the cause.
 enum class StartCause {
   kFound,
   kNotMoved,      // the image of the object never moves by 2 px

@@ -16,7 +16,7 @@ namespace {
 SpeedScene MakeScene(const char* name, const char* description, double speed, double flicker_depth = 0.0,
                      std::optional<double> threshold = {}, std::optional<double> refractory_us = {}) {
   SpeedScene scene = {name, description, SimulationPreset("book", "evk4", speed).value()};
-  // Without wraps of the clock, which are rare events in a stream.
+  // The clock does not wrap, because wraps are rare in a stream.
   scene.simulation.t_begin_us = 1'000'000;
   scene.simulation.scene.light.flicker_depth = flicker_depth;
   SensorOptions& sensor = scene.simulation.sensor;

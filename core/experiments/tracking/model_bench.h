@@ -50,7 +50,8 @@ struct ModelRun {
   uint64_t seed = 0;
   double events_per_s = 0.0;
   ModelOutcome outcome = ModelOutcome::kLost;
-  // Of the poses that are not weak (LargestSigmaPx() above 12); NaN without any. Errors are modulo the symmetries.
+  // Errors of the poses that are not weak (LargestSigmaPx() above 12); NaN without any. Errors are modulo the
+  // symmetries.
   double position_rmse_of_depth = 0.0;
   double rotation_median_rad = 0.0;
   double rotation_p95_rad = 0.0;

@@ -39,7 +39,7 @@ double OutlineUncertainty::LargestSigmaPx(const PoseEstimate& pose) const {
   // The tangent with the translation of the centre instead of the origin.
   Matrix6d to_centre = Matrix6d::Identity();
   to_centre.topRightCorner<3, 3>() = -Hat(rotation * centre_);
-  // In pixels at the outline: equation (2) of the README.
+  // The scale to pixels at the outline is equation (2) of the README.
   const double px_per_m = focal_px_ / depth_m;
   Vector6d scale = Vector6d::Constant(px_per_m * radius_m);
   scale.head<2>().setConstant(px_per_m);

@@ -43,7 +43,7 @@ struct RealRun {
   double wait_s = std::numeric_limits<double>::quiet_NaN();
   double compute_to_tracking_s = std::numeric_limits<double>::quiet_NaN();
   double compute_s = 0.0;
-  // Of the first pose while TRACKING; NaN without one within the reference's time span.
+  // Error of the first pose while TRACKING; NaN without one within the reference's time span.
   double first_error_px = std::numeric_limits<double>::quiet_NaN();
   bool is_first_wrong = false;  // whether it is wrong
   // Share of the run for which a right pose was reported, in any state, and for which poses were reported with another

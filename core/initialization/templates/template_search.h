@@ -37,9 +37,9 @@ struct TemplateSearchOptions {
   int max_placements = 64;
   int max_coarse = 24;
   int max_fine = 12;
-  // Of a nearly round object: candidates that are rotated about its axis in steps of 2 pi / kTemplateTurns, and poses
-  // that are kept of all their rotations. Each of them takes as long as another candidate; with fewer the right
-  // rotation may be left out (README, section 4).
+  // Numbers for a nearly round object: candidates that are rotated about its axis in steps of 2 pi / kTemplateTurns,
+  // and poses that are kept of all their rotations. Each of them takes as long as another candidate; with fewer the
+  // right rotation may be left out (README, section 4).
   int max_rotated_candidates = 3;
   int max_rotations = 12;
   // Number of returned poses: an object with three near-symmetries looks alike in eight poses.

@@ -21,8 +21,8 @@ enum class EdgeKind : uint8_t {
 struct EdgeCurve {
   EdgeKind kind = EdgeKind::kCrease;
   std::vector<Eigen::Vector3d> points;  // at least two, object frame, metres; the first one again at the end of a ring
-  // For each segment between successive points, the outward unit normals of the faces beside it. The second is zero
-  // where there is one face, as on a boundary or for a painted curve; both are zero for a wire.
+  // The outward unit normals of the faces beside each segment between successive points. The second is zero where there
+  // is one face, as on a boundary or for a painted curve; both are zero for a wire.
   std::vector<std::array<Eigen::Vector3d, 2>> face_normals;
   // Median angle by which the surface turns at the curve, rad; 0 unless the kind is kCrease.
   double turn_rad = 0.0;

@@ -27,7 +27,7 @@ struct SurfaceRegion {
   bool is_flat() const { return shape == RegionShape::kPlane; }
 };
 
-// In the order of the triangles of the mesh.
+// The surface of a mesh; the lists have the order of its triangles.
 struct SmoothSurface {
   std::vector<uint32_t> region_of;                      // index into `regions`
   std::vector<std::array<Eigen::Vector3f, 3>> normals;  // outward unit normals of the surface at the corners

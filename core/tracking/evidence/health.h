@@ -43,7 +43,7 @@ struct HealthResult {
 struct CurveResult {
   enum class Kind : uint8_t { kOpen, kSupported, kContradicted };
   Kind kind = Kind::kOpen;
-  // Of the last memory_us: the events beyond those of clutter, and LineStatistics::expected.
+  // The events of the last memory_us beyond those of clutter, and LineStatistics::expected of the same time.
   double events = 0.0;
   double expected = 0.0;
 };

@@ -93,7 +93,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   };
 
   void StartCommit();
-  // As StartCommit(), for callers that do not handle a failed allocation: the session ends if one fails.
+  // Does the same as StartCommit(), for callers that do not handle a failed allocation: the session ends if one fails.
   void ContinueCommits();
   void OnDone(const absl::Status& status);
   void Record(const absl::Status& status);

@@ -225,7 +225,7 @@ TEST_F(SessionCommitterTest, AClosedCommitterStartsNoCommit) {
   EXPECT_EQ(NumWaiting(), 0u);
 }
 
-// On the thread of the store, where nothing handles the failure.
+// The allocation fails on the thread of the store, where nothing handles the failure.
 TEST_F(SessionCommitterTest, AFailedAllocationEndsTheSessionAndNotTheProcess) {
   FailingAllocation& failing = ThisThreadsFailingAllocation();
   committer_->CommitCheckpoint(State("first", 1, 3), 10);

@@ -11,7 +11,7 @@
 
 namespace evpose::server {
 
-// As in the API.
+// The reasons of the API.
 enum class DropReason { kLag, kMemory, kReader };
 struct EventsDropped {
   uint64_t num_events = 0;

@@ -31,7 +31,7 @@ struct ObjectConfig {
   friend bool operator==(const ObjectConfig&, const ObjectConfig&) = default;
 };
 
-// As in the API.
+// The policies of the API.
 enum class OverloadPolicy { kBlock, kLatest };
 // Default of SessionConfig::max_lag, documented in the API.
 inline constexpr absl::Duration kDefaultMaxLag = absl::Milliseconds(20);

@@ -32,7 +32,7 @@ class WatchedSession {
 
   virtual const SessionConfig& config() const = 0;
   virtual WatchView Watch() const = 0;
-  // As PoseLog::Read.
+  // Does the same as PoseLog::Read().
   virtual std::vector<StoredPose> ReadPoses(uint64_t after_pose_seq, size_t max_poses) const = 0;
   // Returns the number of poses by which a live watcher may lag. A watcher that lags by more loses the oldest ones.
   virtual uint64_t max_poses_behind() const = 0;

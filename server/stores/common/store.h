@@ -168,7 +168,8 @@ struct StoreGroup {
   absl::Status health;              // at the last CheckHealth()
   std::optional<StoreUsage> usage;  // at the last Usage()
   uint32_t parts = 0;               // of the store, which are distributed over all groups
-  // Since the start: the commits that the group has completed, the sum of their durations, and unreplicated_commits().
+  // Counts since the start: the commits that the group has completed, the sum of their durations, and
+  // unreplicated_commits().
   uint64_t commits = 0;
   double commit_s = 0.0;
   uint64_t unreplicated_commits = 0;
@@ -255,8 +256,8 @@ class Store {
   virtual absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const = 0;
   // Returns OK also when the session does not exist. Damaged sessions are deleted, too.
   virtual absl::Status DeleteSession(absl::string_view name) = 0;
-  // As DeleteSession(), but only if the lease with this token holds the session. Errors: ABORTED when another holder
-  // has taken it, OUT_OF_RANGE when the store has lost the lease; the session is kept.
+  // Deletes the session, as DeleteSession() does, but only if the lease with this token holds it. Errors: ABORTED when
+  // another holder has taken it, OUT_OF_RANGE when the store has lost the lease; the session is kept.
   virtual absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) = 0;
 
   // Retention: deletes the sessions that ended before `ended_before`. A full store also deletes ended sessions without

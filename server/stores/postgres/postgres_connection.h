@@ -64,7 +64,7 @@ class PostgresRows {
   // 0 for a value that is no bigint.
   int64_t Number(size_t row, int column) const;
   uint64_t Unsigned(size_t row, int column) const { return static_cast<uint64_t>(Number(row, column)); }
-  // For example COMMIT.
+  // The tag of the command, for example COMMIT.
   absl::string_view tag() const { return PQcmdStatus(result_.get()); }
 
  private:

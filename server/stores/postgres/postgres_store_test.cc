@@ -165,7 +165,7 @@ TEST_F(PostgresStoreFixture, ReconnectsAfterARestartOfTheServer) {
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "3", .poses = {Segment("a", 4, 5), Segment("a", 6, 6)}}),
             absl::OkStatus());
   EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3 4-5 6-6");
-  // Between two calls: the closed connections are noticed before they are used.
+  // The server restarts between two calls: the closed connections are noticed before they are used.
   postgres_.Stop();
   postgres_.Start();
   EXPECT_EQ(Ranges(store->ReadSession("sessions/a")->poses), "1-3 4-5 6-6");

@@ -178,7 +178,7 @@ void PostgresServer::AwaitSynchronous(const std::string& standby) const {
 }
 
 std::string PostgresServer::Run(const std::string& sql) const {
-  // Without target_session_attrs, because the server may be a standby.
+  // The address has no target_session_attrs, because the server may be a standby.
   const PostgresAddress address = {.parameters = {{"host", host()}, {"user", "evpose"}, {"dbname", "postgres"}}};
   auto connection = PostgresConnection::Open(address, absl::Seconds(60)).value();
   const auto rows = connection->Execute(sql.c_str());

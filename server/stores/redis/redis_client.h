@@ -69,9 +69,10 @@ class RedisClient {
   void Push(RedisCommand command, Done done) { Push(std::move(command), Acknowledgement::kMaster, std::move(done)); }
   void Push(RedisCommand command, Acknowledgement acknowledgement, Done done);
   void Push(Command command, Done done);
-  // As Push(), but waits for the reply. Not to be called from the client's thread.
+  // Does the same as Push(), and waits for the reply. Not to be called from the client's thread.
   absl::StatusOr<RedisReply> Call(RedisCommand command, Acknowledgement acknowledgement = Acknowledgement::kMaster);
-  // As Call() and CallScript(), but do not wait: calls that are started one after the other are sent together.
+  // These do the same as Call() and CallScript() without waiting: calls that are started one after the other are sent
+  // together.
   std::future<absl::StatusOr<RedisReply>> Start(RedisCommand command,
                                                 Acknowledgement acknowledgement = Acknowledgement::kMaster);
   std::future<absl::StatusOr<RedisReply>> StartScript(const RedisScript& script, const std::vector<std::string>& keys,
@@ -81,8 +82,8 @@ class RedisClient {
                                         std::vector<std::string> arguments,
                                         Acknowledgement acknowledgement = Acknowledgement::kMaster);
 
-  // As Start() and StartScript() for all of them. The client's thread gets them at once, so that they need few round
-  // trips also on a busy machine.
+  // Starts all commands, as Start() and StartScript() do for one. The client's thread gets them at once, so that they
+  // need few round trips also on a busy machine.
   std::vector<std::future<absl::StatusOr<RedisReply>>> StartAll(std::vector<Command> commands);
 
   // Processes the waiting commands, each with the bounded wait, and closes the connection. To be called once.
@@ -143,7 +144,7 @@ class RedisClient {
   absl::Duration backoff_;
   std::chrono::steady_clock::time_point next_connection_;
   std::chrono::steady_clock::time_point wait_until_;
-  // After a failure: calls do not wait for a failover until a replica has acknowledged a command again.
+  // True after a failure: calls do not wait for a failover until a replica has acknowledged a command again.
   bool skips_failover_wait_ = false;
 
   std::mutex mutex_;

@@ -36,7 +36,7 @@ class RedisConnection {
   // Connects, authenticates and selects the database. `timeout` bounds each wait, here and later. Errors: UNAVAILABLE;
   // PERMISSION_DENIED for a wrong password.
   static absl::StatusOr<std::unique_ptr<RedisConnection>> Open(const RedisAddress& address, absl::Duration timeout);
-  // As Open(), but neither authenticates nor selects a database. `name` is the server's name in errors.
+  // Does the same as Open(), but neither authenticates nor selects a database. `name` is the server's name in errors.
   static absl::StatusOr<std::unique_ptr<RedisConnection>> Connect(const RedisAddress& address, std::string name,
                                                                   absl::Duration timeout);
   // Sends the user and password of `address`, if there are any.

@@ -49,7 +49,7 @@ class RedisGroups {
  public:
   using Done = RedisClient::Done;
 
-  // At least one group. The names differ.
+  // `groups` has at least one group. The names differ.
   explicit RedisGroups(const std::vector<RedisGroupOptions>& groups);
 
   // Checks the servers, and finds the buckets or, in an empty store, divides them equally among the groups. A group
@@ -62,11 +62,11 @@ class RedisGroups {
   // those of RedisClient: UNAVAILABLE when the group of the bucket is not known, because it does not respond, or when
   // the bucket still moves.
   absl::StatusOr<RedisReply> Call(const RedisBucketCall& call);
-  // As Call() for several calls, which are sent together.
+  // Does the same as Call() for several calls, which are sent together.
   std::vector<absl::StatusOr<RedisReply>> CallAll(const std::vector<RedisBucketCall>& calls);
   // The replies of CallAll() without those of groups that do not respond, unless none does.
   absl::StatusOr<std::vector<RedisReply>> CallThoseThatRespond(const std::vector<RedisBucketCall>& calls);
-  // As Call() for a script, but does not wait: `done` is called once, on a thread of a client, as that of
+  // Does the same as Call() for a script without waiting: `done` is called once, on a thread of a client, as that of
   // RedisClient::Push().
   void PushScript(RedisBucketCall call, Done done);
   // Calls `done` on a thread of a client.
@@ -96,7 +96,7 @@ class RedisGroups {
   // after each move. Errors: those of RedisClient.
   absl::Status Divide(const std::function<void(const Move&)>& on_moved);
 
-  // As RedisClient::Close().
+  // Closes the clients of all groups (RedisClient::Close()).
   void Close();
 
   static constexpr absl::Duration kMoveWait = absl::Seconds(2);

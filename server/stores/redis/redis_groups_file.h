@@ -24,7 +24,8 @@ struct RedisGroupAddress {
 // without a password gets `password`. Errors, which never contain a password: INVALID_ARGUMENT, naming the line.
 absl::StatusOr<std::vector<RedisGroupAddress>> ParseRedisGroups(absl::string_view text, const std::string& password);
 
-// As ParseRedisGroups(). Errors, which name the file: those of it, and of ReadFile().
+// Reads the file and parses it with ParseRedisGroups(). Errors, which name the file: those of ParseRedisGroups() and of
+// ReadFile().
 absl::StatusOr<std::vector<RedisGroupAddress>> ReadRedisGroups(const std::string& file, const std::string& password);
 
 }  // namespace evpose::server

@@ -68,21 +68,23 @@ extern const RedisScript kRedisMakeBucket;
 // Scripts that move a bucket from one group to another (redis_move.cc). KEYS: the state of the bucket, and for
 // kRedisRestore and kRedisForget another key.
 
-// In the first group: the bucket is moving, unless it is leaving already. ARGV: to, mover. Returns state, to, epoch and
-// fencing; ELSEWHERE if it is not here. Succeeds also when the memory of Redis is full.
+// Begins the move in the first group: the bucket is moving, unless it is leaving already. ARGV: to, mover. Returns
+// state, to, epoch and fencing; ELSEWHERE if it is not here. Succeeds also when the memory of Redis is full.
 extern const RedisScript kRedisBeginMove;
-// In the first group: from moving back to here. ARGV: mover.
+// Reverts the move in the first group: the state changes from moving to here. ARGV: mover.
 extern const RedisScript kRedisRevertMove;
-// In the first group: from moving to leaving, after which the move is only completed. ARGV: mover. Returns OK or OTHER.
+// Changes the state in the first group from moving to leaving, after which the move is only completed. ARGV: mover.
+// Returns OK or OTHER.
 extern const RedisScript kRedisLeave;
-// In the other group: writes a value as DUMP has returned it. ARGV: time to live in ms or 0, value. Returns OK, or HERE
+// Writes a value in the other group as DUMP has returned it. ARGV: time to live in ms or 0, value. Returns OK, or HERE
 // if the move is complete.
 extern const RedisScript kRedisRestore;
-// In the other group: the bucket is here. ARGV: epoch, fencing. Has no effect if it is known with this epoch.
+// Sets the state in the other group: the bucket is here. ARGV: epoch, fencing. Has no effect if it is known with this
+// epoch.
 extern const RedisScript kRedisArrive;
-// In the first group: from leaving to moved.
+// Changes the state in the first group from leaving to moved.
 extern const RedisScript kRedisMoved;
-// In the first group: deletes the other key if the bucket is moved.
+// Deletes the other key in the first group if the bucket is moved.
 extern const RedisScript kRedisForget;
 
 // Scripts on the record of the store. KEYS: kRedisStoreKey.

@@ -25,7 +25,7 @@ struct RedisSentinelOptions {
   absl::Duration pause = absl::Milliseconds(50);
 };
 
-// For one thread, in which SIGPIPE is blocked.
+// Finds the master through Sentinels; for one thread, in which SIGPIPE is blocked.
 class RedisSentinels {
  public:
   // `address` has Sentinels. Its user, password and database are those of the Redis servers; a Sentinel receives user

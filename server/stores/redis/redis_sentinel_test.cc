@@ -334,7 +334,7 @@ TEST_F(RedisSentinelFixture, AKilledMasterLosesNoAcknowledgedCommit) {
   }
   const uint64_t acknowledged = committer.Stop();
   EXPECT_GE(acknowledged, uint64_t{2} * kKills * kCommits);
-  // With another store, which has only the new master.
+  // The session is read with another store, which knows only the new master.
   const StoredSession session = Open()->ReadSession("sessions/a").value();
   ASSERT_GE(session.poses.size(), acknowledged);
   ASSERT_LE(session.poses.size(), acknowledged + 1) << "the last commit may be written without an acknowledgement";

@@ -254,7 +254,7 @@ class RedisStore : public Store {
     return ReadOwners(RedisBucketMerge::UnreachableGroup::kIsAnError);
   }
 
-  // Without the sessions of groups that do not respond.
+  // The sessions of groups that do not respond are left out.
   absl::StatusOr<std::vector<StoredLifecycle>> ReadOldestLifecycles(size_t max_sessions) const override {
     RedisBucketMerge merge(
         shared_->groups,
@@ -283,7 +283,7 @@ class RedisStore : public Store {
     return Delete(name, token);
   }
 
-  // Without the sessions of groups that do not respond.
+  // The sessions of groups that do not respond are left out.
   absl::StatusOr<std::vector<std::string>> DeleteEnded(absl::Time ended_before) override {
     const std::string limit =
         ended_before == absl::InfiniteFuture() ? "+inf" : std::to_string(absl::ToUnixMicros(ended_before));

@@ -104,7 +104,8 @@ class RedisGroup {
 
   struct Options {
     std::string password;  // if not empty, all processes require it
-    // Without a reply of the master before it is replaced. With the default a busy machine causes no failover.
+    // Time without a reply of the master after which it is replaced. With the default a busy machine causes no
+    // failover.
     absl::Duration down_after = absl::Minutes(5);
   };
 

@@ -64,7 +64,7 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> SqliteDatabase::Connect(const st
   sqlite3_db_config(connection, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
   std::unique_ptr<SqliteDatabase> database(new SqliteDatabase(path, connection));
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA cell_size_check=ON"));
-  // Without memory mapping: truncating a mapped file would end the process with SIGBUS.
+  // Memory mapping is off, because truncating a mapped file would end the process with SIGBUS.
   EVPOSE_RETURN_IF_ERROR(database->Execute("PRAGMA mmap_size=0"));
   return database;
 }

@@ -80,7 +80,7 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> MakeFile(const std::string& path
   return database;
 }
 
-// In one transaction, so that a crash leaves the earlier version.
+// Upgrades the file in one transaction, so that a crash leaves the earlier version.
 absl::Status Upgrade(SqliteDatabase& database) {
   absl::Status status = database.Execute("BEGIN IMMEDIATE");
   if (status.ok()) status = SqliteUpgradeFromVersion1(database);

@@ -76,7 +76,7 @@ absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::
 absl::Status SqliteDeleteSession(SqliteDatabase& database, absl::string_view session);
 // Errors: NOT_FOUND.
 absl::StatusOr<std::string> SqliteReadTenant(SqliteDatabase& database, absl::string_view session);
-// As Store::ListSessions().
+// Does what Store::ListSessions() describes.
 absl::StatusOr<SessionPage> SqliteListSessions(SqliteDatabase& database, absl::string_view tenant,
                                                absl::string_view after_name, size_t max_sessions);
 // Errors: NOT_FOUND.
@@ -84,7 +84,7 @@ absl::StatusOr<SessionRecord> SqliteFindRequest(SqliteDatabase& database, absl::
                                                 absl::string_view request_id);
 // Sorted by name.
 absl::StatusOr<std::vector<SessionOwner>> SqliteListOwners(SqliteDatabase& database);
-// As Store::ReadOldestLifecycles().
+// Does what Store::ReadOldestLifecycles() describes.
 absl::StatusOr<std::vector<StoredLifecycle>> SqliteReadOldestLifecycles(SqliteDatabase& database, size_t max_sessions);
 // The name of the session with the earliest end; empty when no session has ended.
 absl::StatusOr<std::string> SqliteOldestEndedSession(SqliteDatabase& database);

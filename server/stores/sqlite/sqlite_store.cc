@@ -152,7 +152,7 @@ class SqliteStore : public Store {
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // all queries read one snapshot
     const absl::Cleanup end = [&reader = *reader_] {
-      // After a failed allocation or COMMIT; otherwise the next BEGIN would fail.
+      // The transaction is open after a failed allocation or COMMIT; the next BEGIN would fail without the rollback.
       if (reader.InTransaction()) RunUnlessOutOfMemory([&reader] { reader.Execute("ROLLBACK").IgnoreError(); });
     };
     auto session = SqliteReadSession(*reader_, name, after_pose_seq);

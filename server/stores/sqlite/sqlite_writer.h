@@ -30,8 +30,8 @@ class SqliteWriter {
 
   // Queues a write. `done`: see SessionLease::Done. `size_bytes`: approximate number of bytes written.
   void Push(Write write, uint64_t size_bytes, SessionLease::Done done);
-  // As Push(), but waits for the outcome. Not to be called from a thread of the store. Errors: CANCELLED when the
-  // writer is closed; those of `write` and of the transaction.
+  // Does the same as Push(), and waits for the outcome. Not to be called from a thread of the store. Errors: CANCELLED
+  // when the writer is closed; those of `write` and of the transaction.
   absl::Status Call(Write write, uint64_t size_bytes = 0);
 
   // Processes the waiting writes and closes the file. To be called once.

@@ -201,7 +201,7 @@ class Part:
         original = {}
 
         def turned(p):
-            # By an angle at which no two points of the shapes are in one row, as bridges need it.
+            # The angle is one at which no two points of the shapes are in one row, as bridges need it.
             q = (p[0] * math.cos(0.3) - p[1] * math.sin(0.3), p[0] * math.sin(0.3) + p[1] * math.cos(0.3))
             original[q] = p
             return q

@@ -92,12 +92,12 @@ struct TrackCallbacks {
   std::function<void(const Notice&)> on_notice;
   std::function<void(const TrackProgress&)> on_progress;  // after each increase of the processed data
   std::function<void(const ConnectionChange&)> on_connection;
-  // After each ack, and with a new token before a message that invalidates the previous one: a caller that stores the
-  // token elsewhere must have done so on return. A status other than OK ends the stream.
+  // Called after each ack, and with a new token before a message that invalidates the previous one: a caller that
+  // stores the token elsewhere must have done so on return. A status other than OK ends the stream.
   std::function<absl::Status(const TrackPosition&, bool has_new_token)> on_position;
 };
 
-// When a broken stream is tried again.
+// Conditions under which a broken stream is tried again.
 struct RetryOptions {
   // The longest outage that is tolerated, also by a server that grants no credit. The default covers the restart of a
   // server or of its machine. Zero: a broken stream is not tried again, and credit is waited for without a limit;
