@@ -29,8 +29,9 @@ struct ColumnLayout {
 
 using TableRow = std::array<double, 4>;
 
-// The layout that the names of the columns state, such as x, y, p (pol, polarity), t (ts, time, timestamp), with a unit
-// of the time as in t_us, t[s]; without a unit it is that of UnitOfTimes(). nullopt if a column is missing or unclear.
+// The layout that the names of the columns state, such as x, y, p (pol, polarity), t (ts, time, timestamp). The name of
+// the time may have a unit as in t_us, t[s]; without one the unit is that of UnitOfTimes(). nullopt if a column is
+// missing or unclear.
 std::optional<ColumnLayout> LayoutOfNames(absl::Span<const std::string> names, absl::Span<const double> times);
 // Whether a name is that of one of the four columns.
 bool IsEventColumn(std::string_view name);
@@ -38,9 +39,9 @@ bool IsEventColumn(std::string_view name);
 // p is 0, 1 or -1.
 bool IsEventRow(const ColumnLayout& layout, const TableRow& row);
 
-// The layout of rows without names: of "t x y p", "x y p t" and "x y t p" the one in which x and y are integers from 0
-// on and p is 0 or 1, or -1 or 1, in the most rows; of several the one in which the time steps back least often; of
-// those the first. nullopt if there is none in more than half of the rows, as damaged rows may be among them.
+// The layout of rows without names, of "t x y p", "x y p t" and "x y t p": the one that fits the most rows, with x and
+// y integers from 0 on and p 0 or 1, or -1 or 1. If several fit as many, it is the first of those in which the time
+// steps back least often. nullopt if none fits more than half of the rows; the others may be damaged.
 std::optional<ColumnLayout> LayoutOfRows(absl::Span<const TableRow> rows);
 
 // 0, 1 and -1 are polarities.

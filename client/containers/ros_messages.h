@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Messages of ROS 2 with events, in CDR (OMG DDS-XTypes 1.3, section 7.4.1, version 1 of the encoding: the first two
-// bytes are 00 00 for big-endian and 00 01 for little-endian numbers, a number is aligned to its size from the fifth
-// byte on).
+// Messages of ROS 2 with events, in CDR (OMG DDS-XTypes 1.3, section 7.4.1, version 1 of the encoding). The first two
+// bytes are 00 00 for big-endian and 00 01 for little-endian numbers; a number is aligned to its size from the fifth
+// byte on.
 #pragma once
 
 #include <cstdint>

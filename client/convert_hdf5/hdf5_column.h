@@ -18,9 +18,9 @@ class Hdf5Column {
   // Whether the file has an object of this absolute path.
   static bool Exists(const Hdf5Handle& file, const std::string& path);
 
-  // Opens the dataset. Errors have the path: INVALID_ARGUMENT for another number of dimensions or class of elements,
-  // for chunks that are too large, for a length that the stored chunks do not bear out, and, with the package to
-  // install, for a filter that is missing; the filter ECF is not needed.
+  // Opens the dataset. Errors have the path. INVALID_ARGUMENT: another number of dimensions or class of elements,
+  // chunks that are too large, a length that differs from that of the stored chunks, or a filter that is missing (with
+  // the package to install). The filter ECF is not needed.
   static absl::StatusOr<Hdf5Column> Open(const Hdf5Handle& file, const std::string& path, H5T_class_t element_class);
 
   uint64_t size() const { return size_; }

@@ -35,9 +35,9 @@ class TarWriter {
 };
 
 // Returns the contents of the regular files of an archive by name. Writes nothing to the disk. Ignores directories.
-// Errors: INVALID_ARGUMENT with the position in bytes for an invalid archive: a wrong check sum; an end within a file
-// or without the final block of zeros; a name that is absolute, leads out of the archive, occurs twice or has
-// characters other than letters, digits, "._-" and "/"; a link or another kind of member.
+// Errors: INVALID_ARGUMENT with the position in bytes for an invalid archive. Invalid are a wrong check sum; an end
+// within a file or without the final block of zeros; and a link or another kind of member. So is a name that is
+// absolute, leads out of the archive, occurs twice or has characters other than letters, digits, "._-" and "/".
 absl::StatusOr<std::map<std::string, std::string>> ParseTar(std::string_view archive);
 // The same for an archive in a file. Errors name the path; also those of ReadFile(), among them that for an archive of
 // more than `max_bytes`.

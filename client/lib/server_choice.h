@@ -32,8 +32,8 @@ struct Endpoint {
   std::unique_ptr<v1::SessionService::StubInterface> sessions;
 };
 
-// If the last connection attempt of `channel` failed, starts another one, and blocks until the channel is connected or
-// a stop is requested: for at most 1 s if the client has one server, and for at most 0.1 s if it has several.
+// Starts another connection attempt if the last one of `channel` failed, and blocks until the channel is connected or a
+// stop is requested. It blocks for at most 1 s if the client has one server, and for at most 0.1 s if it has several.
 void ConnectAgain(grpc::Channel& channel, size_t num_servers, const std::stop_token& stop);
 
 // Returns whether a call failed because its server cannot be reached, shuts down or has lost its store, so that another

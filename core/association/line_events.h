@@ -84,7 +84,7 @@ class LineEvents {
   LineEvents(absl::Span<const Observation> events, size_t num_lines) { Sort(events, num_lines); }
 
   // Replaces the contents. `num_lines` is the number of lines that the observations' indices refer to; `lines` are
-  // their images, or empty if all are straight: the events of an arc are displaced across it by the distance of the arc
+  // their images, or empty if all are straight. The events of an arc are displaced across it by the distance of the arc
   // from its line, so that their distances from the line are those from the arc. Reuses memory.
   void Sort(absl::Span<const Observation> events, size_t num_lines, absl::Span<const ImageLine> lines = {});
 

@@ -40,7 +40,7 @@ class NearEvents {
       : camera_(camera), undistortion_(undistortion) {}
 
   // Stores the events of the window that lie in tiles with lines, and counts the others in `background`. At most
-  // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities: while the brightness of
+  // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities. While the brightness of
   // a lamp changes, the whole image produces events of one polarity, and the few events of the other are due to edges.
   EventSampling Find(const EventWindow& window, const TileGrid& grid, int max_events, BackgroundRate& background);
 

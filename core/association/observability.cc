@@ -54,7 +54,7 @@ bool IsPositive(Matrix6d matrix, double largest, const Eigen::Matrix3Xd& free_ro
 }  // namespace
 
 bool IsDetermined(const Matrix6d& information, const Eigen::Matrix3Xd& free_rotations, double max_deviation_px) {
-  // The square of the relative error of the derivatives, 0.5 %: the normals of a coarse tessellation differ from those
+  // The square of the relative error of the derivatives, 0.5 %. The normals of a coarse tessellation differ from those
   // of the surface by some degrees, so that the outline of a cylinder seems to move when it turns about its axis.
   constexpr double kErrorRatio = 2.5e-5;
   const double trace = information.trace();

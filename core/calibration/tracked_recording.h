@@ -43,9 +43,9 @@ absl::StatusOr<Trajectory> TrackRecording(RecordingReader& recording, std::share
                                           const CameraModel& camera, const TrackedRecordingOptions& options,
                                           RecordingProgress on_progress);
 
-// Reads the recording likewise. Returns intervals, in order of time, while the object is TRACKING and moves, or also
-// while it is DEGRADED if it is so most of the time, as with a camera that is far from the true one; `index` is
-// their CalibrationInterval::recording. Errors: the same.
+// Reads the recording likewise. Returns the intervals in which the object is TRACKING and moves, in order of time. If
+// it is DEGRADED most of the time, as with a camera that is far from the true one, these intervals count, too. `index`
+// is their CalibrationInterval::recording. Errors: the same.
 absl::StatusOr<std::vector<CalibrationInterval>> CollectIntervals(RecordingReader& recording, int index,
                                                                   std::shared_ptr<const ObjectModel> model,
                                                                   const CameraModel& camera,

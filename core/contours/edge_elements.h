@@ -113,9 +113,9 @@ class EdgeElementExtractor {
 };
 
 // Moves the ends of a contour element along the surface to where the surface turns away from the camera centre `eye`
-// (object frame), with the radius of curvature along the ray: exact for spheres, of third order in the change of the
-// view else (core/contours/README.md, equation (6)). The errors of successive calls add up: slide a copy of the element
-// that was extracted. Elements that are fixed to the object stay.
+// (object frame), with the radius of curvature along the ray (core/contours/README.md, equation (6)). The result is
+// exact for spheres; else its error is of third order in the change of the view. The errors of successive calls add up:
+// slide a copy of the element that was extracted. Elements that are fixed to the object stay.
 void SlideContour(const Eigen::Vector3d& eye, EdgeElement& element);
 
 }  // namespace evpose

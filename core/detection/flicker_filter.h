@@ -19,7 +19,7 @@ namespace evpose {
 class FlickerFilter {
  public:
   // Downsamples `events`, which must be in order of time. In each slice of 0.5 ms the number of events of one polarity
-  // that edges may have produced is estimated from the events of the other polarity and the usual ratio; the larger the
+  // that edges may have produced is estimated from the events of the other polarity and the usual ratio. The larger the
   // excess over it, the fewer events are kept. A change in the motion of edges causes no excess, because edges produce
   // both polarities; neither does a constant excess of one polarity. The result is valid until the next call.
   absl::Span<const PixelEvent> Remove(absl::Span<const PixelEvent> events);

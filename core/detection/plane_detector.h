@@ -33,9 +33,9 @@ struct PlaneDetectorOptions {
 
 // Creates the detector with the stages of core/detection/README.md. The paper intersects the planes with t = begin and
 // t = end. Here the planes are the start of a robust fit to all events, which includes the rotation and acceleration of
-// an edge; each event belongs to one line, lines end where their events end or where two lines meet, and the pieces of
-// an edge and the two sides of a stripe are merged.
-// Errors: INVALID_ARGUMENT for options, naming the field, or for a sensor without pixels.
+// an edge. Each event belongs to one line; lines end where their events end or where two lines meet; the pieces of an
+// edge and the two sides of a stripe are merged. Errors: INVALID_ARGUMENT for options, naming the field, or for a
+// sensor without pixels.
 absl::StatusOr<std::unique_ptr<LineDetector>> MakePlaneLineDetector(const PlaneDetectorOptions& options,
                                                                     SensorGeometry geometry);
 

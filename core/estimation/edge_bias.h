@@ -61,9 +61,9 @@ EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& ra
 
 // Estimation of the contrast of the lines, which the correction of the edge bias requires. The constants of the sensor
 // are in its profile. Validated together with the constants of the profile by the position errors of `evpose bench
-// tracking` (core/experiments/RESULTS.md, Tracking): without the correction the depth had a bias of 0.09 to 0.24 %, and
-// the choice of min_events follows from the errors of 1 % and 3 degrees that a stripe caused
-// (core/estimation/README.md, section 3). edge_bias_test bounds reversal_memory_px2 from above.
+// tracking` (core/experiments/RESULTS.md, Tracking): without the correction the depth had a bias of 0.09 to 0.24 %. The
+// choice of min_events follows from the errors of 1 % and 3 degrees that a stripe caused (core/estimation/README.md,
+// section 3). edge_bias_test bounds reversal_memory_px2 from above.
 struct EdgeOptions {
   // Explained events of a line before a correction is applied to it: with a step correction, the line of a stripe
   // converges to one of its sides (core/estimation/README.md, section 3).

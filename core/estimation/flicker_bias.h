@@ -4,12 +4,12 @@
 // beside the line.
 //
 // A pixel responds to the sum of the changes of log light by the edge and by the lamp. While a lamp becomes darker, an
-// edge that brightens its pixels produces ON events only where its own change is the faster one: of its e(x) events per
-// pixel, e(x) - u remain, where u is the number of OFF events per pixel away from the edge, and none remain where u >
-// e(x). The events of the edge are therefore missing in its flank on the side of the flickering surface, and the mean
-// of the remaining ones is displaced away from this side. For a bright object on a dark background this is outwards, so
-// that the object appears nearer. While the lamp becomes brighter, the events of the surface have the polarity of the
-// edge and are clutter beside it (line_clutter.h).
+// edge that brightens its pixels produces ON events only where its own change is the faster one. If u is the number of
+// OFF events per pixel away from the edge, e(x) - u of its e(x) events per pixel remain, and none where u > e(x). The
+// events of the edge are therefore missing in its flank on the side of the flickering surface, and the mean of the
+// remaining ones is displaced away from this side. For a bright object on a dark background this is outwards, so that
+// the object appears nearer. While the lamp becomes brighter, the events of the surface have the polarity of the edge
+// and are clutter beside it (line_clutter.h).
 //
 // The sum holds for fine steps of the lamp. If the thresholds are so coarse that the lamp causes less than one event
 // while the edge passes, it holds in the mean.

@@ -273,7 +273,7 @@ class MixtureEstimator : public WindowEstimator {
   }
   // Adds the equations of the lines and of the event deficit, and returns the missing share of the expected events.
   // kComplete: the information as if the assignment of the events were known, for a step of expectation-maximisation.
-  // kObserved: minus the information that is lost because the assignment is unknown, for the covariance.
+  // kObserved: the same minus the information that is lost because the assignment is unknown, for the covariance.
   enum class Information { kComplete, kObserved };
   double NormalEquations(const MotionState& state, const WindowInput& input, double sigma_px, Information information,
                          Matrix12d& hessian, Vector12d& gradient) {

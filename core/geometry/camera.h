@@ -26,9 +26,10 @@ struct CameraModel {
 
   // INVALID_ARGUMENT with the name of the first invalid field, as it is called in the camera file.
   absl::Status Validate() const;
-  // Whether a lens may have these numbers: a field of view along the longer side of the image from 0.1 to 170 degrees,
-  // for a fisheye lens to 360 degrees, and a principal point at most that side's length outside the image, as of a
-  // crop. With others, such as 1e300, nothing can be tracked. Requires a valid camera. Errors: as Validate().
+  // Returns an error if no lens has these numbers. The field of view along the longer side of the image must be from
+  // 0.1 to 170 degrees, for a fisheye lens to 360 degrees, and the principal point at most that side's length outside
+  // the image, as in a crop. With others, such as 1e300, nothing can be tracked. Requires a valid camera. Errors: as
+  // Validate().
   absl::Status CheckView() const;
 
   // The larger of the two focal lengths (px): the largest image displacement per radian near the optical axis.

@@ -43,8 +43,8 @@ struct DistortedPoint {
 
 DistortedPoint DistortNormalised(LensModel model, const Distortion& distortion, const Eigen::Vector2d& point);
 
-// The smallest radius beyond which the map, without tangential distortion, has folded twice: between the folds the
-// radius of the image decreases or the radial factor of a rational lens has a pole, and beyond them the map is regular
+// The smallest radius beyond which the map, without tangential distortion, has folded twice. Between the folds the
+// radius of the image decreases or the radial factor of a rational lens has a pole; beyond them the map is regular
 // again, but shows directions that are not those of the lens. Infinity if there is no such radius. Accurate to 2e-4 of
 // the angle from the optical axis; takes about 0.2 ms.
 double SecondBranchRadius(LensModel model, const Distortion& distortion);

@@ -149,7 +149,7 @@ TEST(ProjectedLineTest, NothingToProject) {
 }
 
 // Speed in pixels per second at which the line passes the bearing b = (x, y, 1), positive to the side where d = a . b
-// is positive: a . b stays 0 for a point on the moving line, so that its speed is a . b_dot = -a_dot . b.
+// is positive. a . b stays 0 for a point on the moving line, so that its speed is a . b_dot = -a_dot . b.
 double NormalVelocity(const ProjectedLine& line, const Vector6d& twist, const Eigen::Vector3d& bearing) {
   return -bearing.dot(line.jacobian * twist);
 }

@@ -20,7 +20,7 @@ struct NamedTransform {
 // - 16 numbers of a 4x4 matrix, row by row, also with brackets, commas and semicolons;
 // - YAML or JSON with `translation` (a list or x, y, z) and `rotation` (a list of x, y, z, w, these keys, or a 3x3
 //   matrix), or with the keys x, y, z, qx, qy, qz, qw, at the top or under `transform` (ROS TransformStamped) or
-//   `transformation`; optional: `frame_id`, at the top or under `header`, the name of the target frame.
+//   `transformation`. The name of the target frame, `frame_id`, at the top or under `header`, is optional.
 // Translations are in metres. A rotation whose quaternion or columns have another norm than 1 is normalised if the
 // difference is at most 1e-3. Errors name the file and the key: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT.
 absl::StatusOr<NamedTransform> ReadTransformFile(const std::string& path);

@@ -21,11 +21,11 @@ struct ExplainedSegments {
 };
 
 // Returns the expected number of poses of the model that would explain at least as much if all `segments` were clutter,
-// with uniform positions and directions in their region: the number of false alarms of an a-contrario test (Moisan and
-// Stival, "A probabilistic criterion to detect rigid point matches between two images", IJCV 2004). Infinite for fewer
-// than four lines: some pose fits any three. `part_lengths_px` are the projected lengths of the visible lines,
-// `lines_per_part` is the number of all lines of the model per visible line, `num_symmetries` that of the motions that
-// map the model onto itself, at least 1.
+// with uniform positions and directions in their region. This is the number of false alarms of an a-contrario test
+// (Moisan and Stival, "A probabilistic criterion to detect rigid point matches between two images", IJCV 2004).
+// Infinite for fewer than four lines: some pose fits any three. `part_lengths_px` are the projected lengths of the
+// visible lines, `lines_per_part` is the number of all lines of the model per visible line, `num_symmetries` that of
+// the motions that map the model onto itself, at least 1.
 double ExpectedFalseAlarms(const ExplainedSegments& explained, absl::Span<const SearchSegment> segments,
                            absl::Span<const double> part_lengths_px, double lines_per_part, double num_symmetries,
                            const PoseSearchOptions& options);

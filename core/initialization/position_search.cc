@@ -16,8 +16,8 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 // Standard deviations of the projected lines at a position from one segment and one rotation from directions, as shares
-// of the object's radius: across the lines that of the rotation, 0.01 rad times the radius; along them twice as much,
-// because the segment's ends are less certain. They inflate the cost of stage 3.
+// of the object's radius. Across the lines it is that of the rotation, 0.01 rad times the radius; along them it is
+// twice as much, because the segment's ends are less certain. They inflate the cost of stage 3.
 constexpr double kAcrossSigmaOfRadius = 0.01;
 constexpr double kAlongSigmaOfRadius = 0.02;
 // Number of pairs of votes that take as long as casting one vote. Among scattered votes fewer pairs are examined.

@@ -35,8 +35,8 @@ class FacetGraph {
   const std::vector<EdgeUse>& uses() const { return uses_; }
   // Unit; of the triangle's plane.
   const Eigen::Vector3d& normal(uint32_t triangle) const { return normals_[triangle]; }
-  // The side of the neighbour at the same edge, if exactly two triangles meet there and have one winding, apart from
-  // those between bodies that touch there (core/mesh/README.md, section 6), or if the edge is within a sheet with two
+  // The side of the neighbour at the same edge, if exactly two triangles with one winding meet there, unless they
+  // belong to bodies that touch there (core/mesh/README.md, section 6). The same for an edge within a sheet with two
   // sides; else kNone.
   uint32_t opposite(uint32_t side) const { return opposite_[side]; }
   // Angle, rad, by which the surface turns there, positive if it is convex; 0 without a neighbour.

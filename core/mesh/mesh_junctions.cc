@@ -218,9 +218,9 @@ class JunctionCloser {
     return kNoVertex;
   }
 
-  // Whether the lower of the flat triangle and its neighbour is lower than both parts of the neighbour: of the vertices
-  // of a flat arc, any two triangles may have one that is flat, and would replace each other without end. If both have
-  // the same longest side, those of their parts are shorter.
+  // Whether the lower of the flat triangle and its neighbour is lower than both parts of the neighbour. Without this
+  // condition, triangles between the vertices of a flat arc would replace each other without end, because any two of
+  // them may have one that is flat. If both have the same longest side, those of their parts are shorter.
   bool Improves(const FlatTriangle& flat, uint32_t beyond) const {
     const std::array<uint32_t, 3> neighbour = {flat.low, flat.high, beyond};
     const int side = LongestSide(neighbour);

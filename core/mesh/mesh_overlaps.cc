@@ -21,8 +21,8 @@ namespace evpose {
 namespace {
 
 // Limits on the work, on average for each triangle, which are twice what real files need: nodes of the tree that its
-// search visits, where a comparison of two triangles takes as long as some nodes; triangles that overlap it; and cuts
-// of its pieces by one of them.
+// search visits, triangles that overlap it, and cuts of its pieces by one of them. A comparison of two triangles counts
+// as some nodes, because it takes as long.
 constexpr size_t kOverlapNodesPerSearch = 400;
 // Beyond this number of nodes fewer are allowed, because those of a large tree are not in the cache.
 constexpr size_t kOverlapNodesForAnySize = 20'000'000;

@@ -22,9 +22,9 @@ struct OverlapReport {
 
 // Compares triangles of different shells (`shell_of` has one for each triangle; OrientTriangles()) in planes at most
 // `tolerance_m` apart. Removes patches that others with the same winding cover, as copies with other diagonals or
-// labels on a face; walls between bodies that touch, which are two patches with opposite windings, if the rest is
-// closed without them; and one of two such patches if the surface continues beyond their common outline once. Keeps the
-// two sides of a sheet.
+// labels on a face. Walls between bodies that touch are two patches with opposite windings: both are removed if the
+// rest is closed without them, and one of them if the surface continues beyond their common outline once. Keeps the two
+// sides of a sheet.
 OverlapReport RemoveOverlaps(double tolerance_m, absl::Span<const uint32_t> shell_of, RawMesh& mesh);
 
 }  // namespace evpose

@@ -216,8 +216,8 @@ class Orienter {
   }
 
   // Returns the volume about the middle of the boundary. Returns 0 if the surface has less than half of the area of the
-  // mesh, as the wall of a hole that is not joined with the rest, or if it is nearly flat, as a dish with a depth below
-  // 7 % of its radius.
+  // mesh, as the wall of a hole that is not joined with the rest. Returns 0 also if it is nearly flat, as a dish with a
+  // depth below 7 % of its radius.
   double VolumeOfOpen() const {
     constexpr double kLeastShare = 0.5, kLeastBulge = 0.02;
     double area = 0.0, length = 0.0;

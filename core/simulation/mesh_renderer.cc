@@ -21,10 +21,10 @@ constexpr double kTolerancePx = 0.02;
 // the border of the standard cameras, which is 0.02 px on 24 px.
 constexpr double kMaxEdgePx = 24.0;
 constexpr double kMinDepthM = 1e-9;  // metres; protects the division
-// Painted lines: their width relative to the diameter, 1.5 px at 300 px, a thin pen, but at least so many pixels at the
-// nearest depth, because the lens and the pixels blur thinner lines to a contrast below the threshold of a sensor; how
-// far they are in front of the surface relative to the diameter, more than a strip is below a curved one; and their
-// light relative to that of the surface, that of dark ink.
+// Painted lines. Their width relative to the diameter is that of a thin pen, 1.5 px at 300 px, but at least
+// kLineWidthPx at the nearest depth, because the lens and the pixels blur thinner lines to a contrast below the
+// threshold of a sensor. They are farther in front of the surface, relative to the diameter, than a strip is below a
+// curved one. Their light relative to that of the surface is that of dark ink.
 constexpr double kLineWidth = 0.005;
 constexpr double kLineWidthPx = 2.0;
 constexpr double kLineLift = 1e-3;

@@ -7,11 +7,11 @@
 // threshold, the pixel emits an event, is inactive for the refractory time, and memorises its level at the end of that
 // time.
 //
-// Consequences, which are not corrected: the logarithm places ON events ahead of the true position of an edge and OFF
-// events behind it by the same distance (bright areas appear larger, core/estimation/README.md, section 3), 0.13 px for
-// the square pixel alone and 0.23 px with the default lens; the low pass delays both by about its time constant 1 / (2
-// pi bandwidth), 53 us by default in full light. With infinite bandwidth and equal thresholds, the mean of the two
-// positions is unbiased.
+// Two consequences are not corrected. The logarithm places ON events ahead of the true position of an edge and OFF
+// events behind it by the same distance, so that bright areas appear larger (core/estimation/README.md, section 3):
+// 0.13 px for the square pixel alone and 0.23 px with the default lens. The low pass delays both by about its time
+// constant 1 / (2 pi bandwidth), 53 us by default in full light. With infinite bandwidth and equal thresholds, the mean
+// of the two positions is unbiased.
 #pragma once
 
 #include <cstdint>

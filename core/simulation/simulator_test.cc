@@ -180,9 +180,9 @@ TEST(SimulatorTest, TheStepHardlyMatters) {
 TEST(SimulatorTest, EveryObjectProducesEventsOnMostOfItsVisibleLines) {
   const std::vector<std::string> names = SimulatedObjectNames();
   ASSERT_EQ(names.size(), 5u);
-  // Visible at a time are 9 of 12 edges of a cube or cuboid, all six lines of the planar target, at least the four
-  // edges of the book's cover and its 13 painted lines, and of the spacecraft two panels with eight lines each and most
-  // of the bus.
+  // Visible at a time are 9 of 12 edges of a cube or cuboid, all six lines of the planar target, and at least the four
+  // edges of the book's cover and its 13 painted lines. Two panels of the spacecraft with eight lines each and most of
+  // its bus are visible.
   const std::vector<size_t> least = {9, 9, 6, 17, 34};
   for (size_t i = 0; i < names.size(); ++i) {
     const SimulationOptions options = IdealScene(names[i], 250'000);

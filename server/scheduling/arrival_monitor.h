@@ -23,8 +23,8 @@ class ArrivalMonitor {
   // `is_drained`: no other data wait.
   void Update(Time received_at, int64_t sensor_time_us, bool is_drained);
 
-  // kBulk if the lead (sensor time minus time of receipt) of an item has exceeded the largest lead of the items after
-  // which the queue was empty by more than 50 ms, and the queue has not been empty since, as in a replay at full speed.
+  // kBulk as in a replay at full speed: the lead (sensor time minus time of receipt) of an item has exceeded, by more
+  // than 50 ms, the largest lead of the items after which the queue was empty, and the queue has not been empty since.
   // Otherwise kLive, also before the first item: a camera cannot send faster than it records, even if it is processed
   // too slowly.
   Arrival arrival() const { return arrival_; }

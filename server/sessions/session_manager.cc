@@ -297,8 +297,8 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
   };
   Entry removed = remove();
   if (removed.session == nullptr) {
-    // This holds the lock, so that the session is not restored at the same time; it may have been restored while this
-    // call waited.
+    // The mutex is held so that the session is not restored at the same time; it may have been restored while this call
+    // waited.
     const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
     const std::lock_guard one_at_a_time(*resume_mutex);
     removed = remove();

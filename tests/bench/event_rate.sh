@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Accuracy of one calibrated sensor at several event rates: with low thresholds its edges alone produce about 5 Mev/s; noise in
-# every pixel, a flickering lamp or fast motion raise that to tens of Mev/s.
+# Accuracy of one calibrated sensor at several event rates: with low thresholds its edges alone produce about 5 Mev/s. Noise in every pixel,
+# a flickering lamp or fast motion raise that to tens of Mev/s.
 #   tests/bench/event_rate.sh [--objects "cube book"] [--seeds "31 32 33"] [--json]
 # --json prints a JSON object per line. Needs a release build. Recordings of 0.5 s, from the true first pose. About 20 s for each
 # object and seed.

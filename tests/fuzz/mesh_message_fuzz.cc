@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Fuzz target for serialized meshes with arbitrary bytes: a mesh is refused with an error, or its indices and numbers
-// are valid, it is the same after it was written and read again, and a model can be made of it or is refused.
+// are valid. A valid mesh is the same after it was written and read again, and a model can be made of it or is refused.
 #include <cmath>
 
 #include "server/models/mesh_message.h"

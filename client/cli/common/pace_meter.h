@@ -21,8 +21,8 @@ class PaceMeter {
   static constexpr double kShortestSeconds = 1.0;
 
   // Returns the pace over the latest second of sensor time that the server could keep, "can track 2.5 x real time" or
-  // "can track 0.6 x real time: too slow"; an empty text before that, and if nothing was processed since the previous
-  // report: a server that waits for events is not slow.
+  // "can track 0.6 x real time: too slow". The text is empty before the first second, and if nothing was processed
+  // since the previous report, because a server that waits for events is not slow.
   std::string Update(const SessionHealth& health);
 
  private:

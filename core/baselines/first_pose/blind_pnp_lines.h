@@ -48,9 +48,9 @@ struct BlindPnpOptions {
 // first. After three matches the pose is scored by all features.
 //
 // Differences for lines instead of points: the measurement of a match is the signed distance of both ends of the
-// segment from the projected line; the next line is the one with the fewest candidates; the Gaussians are drawn from
-// the prior (the first is its mean); poses are scored by the segments on projected lines, and the best one is refined
-// by the same update over its inliers.
+// segment from the projected line, and the next line is the one with the fewest candidates. The Gaussians are drawn
+// from the prior (the first is its mean). Poses are scored by the segments on projected lines, and the best one is
+// refined by the same update over its inliers.
 //
 // `segments` are undistorted, in pixels; equal seeds give equal poses. Errors: INVALID_ARGUMENT for the options;
 // NOT_FOUND if no hypothesis explains four segments.

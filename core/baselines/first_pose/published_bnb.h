@@ -35,10 +35,10 @@ struct PublishedBnbOptions {
 //
 // The paper assumes that the rotation determines the correspondences. It does not: parallel lines share a direction,
 // and the count is equal for rotations that map the set of directions onto itself. Therefore each rotation that reaches
-// the maximum (among those that the search returns) is combined with each of these symmetries; the translations of
-// triples of segments are enumerated for every assignment of lines with their directions; and the translation with the
-// most segments on projected lines is kept and solved again with all of them. The rotation remains the least-squares
-// one of the inliers of the count; rotation and translation are not refined together, so that the result is that of the
+// the maximum (among those that the search returns) is combined with each of these symmetries, and the translations of
+// triples of segments are enumerated for every assignment of lines with their directions. The translation with the most
+// segments on projected lines is kept and solved again with all of them. The rotation remains the least-squares one of
+// the inliers of the count; rotation and translation are not refined together, so that the result is that of the
 // paper's objective. The search uses the bounds of rotation_bnb.h; the published ones find the same maximum in more
 // time.
 //

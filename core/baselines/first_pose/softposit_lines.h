@@ -45,10 +45,9 @@ struct SoftPositOptions {
 // model line should project to the feet of their perpendiculars on the line of the segment.
 //
 // Differences from the paper: the distance of a segment from a projected line is that of its ends from the nearest
-// points of it, in pixels, where the paper adds the weighted angle between them; lines are ignored if all their faces
-// are turned away, where the paper leaves hidden lines to the slack. POSIT solves for four unknowns from the points of
-// the model; points in one plane leave one of them undetermined, so that planar objects have no solution (Table I of
-// LOPET, "-").
+// points of it, in pixels; the paper adds the weighted angle between them. Lines are ignored if all their faces are
+// turned away; the paper leaves hidden lines to the slack. POSIT solves for four unknowns from the points of the model;
+// points in one plane leave one of them undetermined, so that planar objects have no solution (Table I of LOPET, "-").
 //
 // Equal seeds give equal poses. Errors: INVALID_ARGUMENT for the options; NOT_FOUND if no start explains four segments,
 // or the model is planar.

@@ -42,7 +42,7 @@ struct LineTrial {
 // Poses are random: uniform rotations at 3 to 5 times the length of the object (the standard size of SimulationPreset),
 // at positions where the whole object is in the image of the simulated EVK4 (without distortion). A pose is used if at
 // least four lines remain without the missing ones, and if the visible lines determine the pose within the tolerance of
-// a right pose (PoseDeterminacy, 3 sigma at the noise of the trial): the back of a planar target or of a book, for
+// a right pose (PoseDeterminacy, 3 sigma at the noise of the trial). The back of a planar target or of a book, for
 // example, does not determine which side is up. The choice depends neither on the result of an estimator nor on which
 // lines are missing.
 //

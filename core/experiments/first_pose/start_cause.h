@@ -47,9 +47,9 @@ struct StartExplanation {
 };
 
 // Standard deviations by which the events of an interval prefer the true poses to those that are turned about the axis
-// of a nearly round object, in steps of 2 pi / kTemplateTurns without the one by zero: the test between two poses
-// (core/tracking/README.md, section 2) with the true motion. Empty for other objects. With less than decision_sigma no
-// tracker with this test can find the turn.
+// of a nearly round object, in steps of 2 pi / kTemplateTurns without the one by zero. The test is that between two
+// poses (core/tracking/README.md, section 2), with the true motion. Empty for other objects. With less than
+// decision_sigma no tracker with this test can find the turn.
 std::vector<double> TurnEvidence(const FirstPoseRun& run, const TrackerOptions& options, int64_t begin_us,
                                  int64_t end_us);
 

@@ -37,12 +37,12 @@ struct RealDirectory {
   std::vector<RealRecording> recordings;
 };
 
-// Reads the list of the recordings below `directory`, in the order of the names. A folder with a recording (*.raw)
-// either has a model of the object (model.obj), the camera (camera.yaml) and for each recording NAME.raw its reference,
-// NAME.tum or the only *.tum file; or it has no model: then no object of the other folders is in view. Folders without
-// a recording and a model are skipped. Folders with equal model files show the same object. Errors name the file:
-// NOT_FOUND for a missing file or a directory without recordings, INVALID_ARGUMENT for a camera of another size than
-// the sensor, those of LoadObjectModel(), LoadCameraModel(), ReadTumTrajectory() and RecordingReader::Open().
+// Reads the list of the recordings below `directory`, in the order of the names. A folder with a recording (*.raw) has
+// a model of the object (model.obj), the camera (camera.yaml) and for each recording NAME.raw its reference, NAME.tum
+// or the only *.tum file. In the recordings of a folder without a model, no object of the other folders is in view.
+// Folders without a recording and a model are skipped. Folders with equal model files show the same object. Errors name
+// the file: NOT_FOUND for a missing file or a directory without recordings, INVALID_ARGUMENT for a camera of another
+// size than the sensor, those of LoadObjectModel(), LoadCameraModel(), ReadTumTrajectory() and RecordingReader::Open().
 absl::StatusOr<RealDirectory> ReadRealDirectory(const std::string& directory);
 
 // The events of a recording. Errors: those of RecordingReader; INVALID_ARGUMENT for more than 2^26 events.

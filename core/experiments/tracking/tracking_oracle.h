@@ -17,8 +17,8 @@ namespace evpose {
 // Creates an oracle. It estimates every window with the association, the mixture estimator, the edge correction and the
 // options of the tracker, and with windows like those of the tracker at ordinary speed (they do not adapt to the image
 // speed). Every window starts at the true pose and twist of its middle, with the lines that are visible at the true
-// pose, and with the wide prior of a given first pose (InitialPoseOptions: 2 px laterally, 1 % of the depth, 1 deg;
-// 2000 px/s, 6 rad/s) instead of the prediction from earlier windows.
+// pose. Instead of the prediction from earlier windows it has the wide prior of a given first pose (InitialPoseOptions:
+// 2 px laterally, 1 % of the depth, 1 deg; 2000 px/s, 6 rad/s).
 //
 // The oracle can therefore neither lose the object nor drift, and it does not profit from earlier windows: a tracker
 // with a motion prior may have less noise. Errors common to the oracle and the tracker are due to the events or the

@@ -20,8 +20,8 @@ struct ViewSphere {
 };
 
 // Vertices of an icosahedron whose triangles are divided `subdivisions` times, at least once (three times: 642
-// directions, 7 to 9 degrees apart), without those that a rotation of the object maps to the vicinity of another one;
-// the coarse ones are those of one division less. For an object with an axis: a meridian in steps of 6 degrees.
+// directions, 7 to 9 degrees apart), without those that a rotation of the object maps to the vicinity of another one.
+// The coarse ones are those of one division less. For an object with an axis: a meridian in steps of 6 degrees.
 ViewSphere MakeViewSphere(const ObjectModel& model, int subdivisions);
 
 }  // namespace evpose

@@ -29,9 +29,9 @@ class Determination {
   // Whether the supported curves determine every motion within max_uncertainty_px.
   bool IsKept() const;
   // Whether they do so without any single one of them, because another edge nearby can support one curve of a wrong
-  // pose, and have this share of the information that all curves should give, by their expected events; with a smaller
-  // share, whether they do so within sure_uncertainty_px. Curves that are not decided count if they have less than half
-  // of their expected events.
+  // pose. They must also have this share of the information that all curves should give, by their expected events; with
+  // a smaller share, they must do so within sure_uncertainty_px. Curves that are not decided count if they have less
+  // than half of their expected events.
   bool IsConfirmed(double support_ratio) const;
 
  private:

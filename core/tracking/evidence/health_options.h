@@ -22,8 +22,8 @@ struct HealthOptions {
   double near_px = 2.0;
   double gate_px = 8.0;
   // Pixels. The standard deviation of the events about a line at the right pose, which determines the power of the
-  // tests, is that of the fit within these bounds: the noise of the sensor (SensorProfile::pixel_noise_px, 0.8) with an
-  // error of the pose of 0.6 px, and twice the noise, the largest spread of an estimate.
+  // tests, is that of the fit within these bounds. They are the noise of the sensor (SensorProfile::pixel_noise_px,
+  // 0.8) with an error of the pose of 0.6 px, and twice the noise, the largest spread of an estimate.
   double min_spread_px = 1.0;
   double max_spread_px = 1.6;
   // Standard deviations by which the near events must exceed chance: 1e-3 one-sided under the normal.

@@ -14,9 +14,10 @@
 
 namespace evpose::server {
 
-// Deletes sessions with a lifecycle record that has not changed for the expiry time; in a store that several servers
-// share for twice of it, because a live server renews the record of every session with an attached stream, and itself
-// deletes expired sessions without one. The time without a change is measured by this server's own clock.
+// Deletes sessions with a lifecycle record that has not changed for the expiry time. In a store that several servers
+// share, it must not have changed for twice that time, because a live server renews the record of every session with an
+// attached stream, and itself deletes expired sessions without one. The time without a change is measured by this
+// server's own clock.
 class OrphanCollector {
  public:
   using IsHere = std::function<bool(const std::string&)>;

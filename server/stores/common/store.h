@@ -223,9 +223,9 @@ class Store {
   // Returns a name for a session, "sessions/{id}", that cannot be guessed. Errors: INTERNAL.
   virtual absl::StatusOr<std::string> NewSessionName(absl::string_view tenant, absl::string_view request_id) const;
   // Creates a session and takes it. Errors: ALREADY_EXISTS when the name exists, also from an earlier call that ended
-  // with UNAVAILABLE, or when the tenant has a session of the same request_id, which FindRequest() returns;
-  // INVALID_ARGUMENT, for some stores, when the session has a request_id and its name is not from NewSessionName() for
-  // tenant and request_id.
+  // with UNAVAILABLE, or when the tenant has a session of the same request_id, which FindRequest() returns. Some stores
+  // return INVALID_ARGUMENT when the session has a request_id and its name is not from NewSessionName() for tenant and
+  // request_id.
   virtual absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                                       const std::string& lifecycle) = 0;
 

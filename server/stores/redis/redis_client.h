@@ -51,9 +51,9 @@ enum class Acknowledgement { kMaster, kReplica };
 // after its store has closed it.
 class RedisClient {
  public:
-  // Receives the reply or an error: UNAVAILABLE, also when no replica acknowledges the command in time, which may then
-  // be written all the same; CANCELLED when the client is closed; RESOURCE_EXHAUSTED when the
-  // memory of Redis is full and no ended session is left to delete; those of RedisConnection.
+  // Receives the reply or an error. UNAVAILABLE: also when no replica acknowledges the command in time; the command may
+  // then be written all the same. CANCELLED: the client is closed. RESOURCE_EXHAUSTED: the memory of Redis is full and
+  // no ended session is left to delete. Others: those of RedisConnection.
   using Done = absl::AnyInvocable<void(absl::StatusOr<RedisReply>)>;
 
   struct Command {
