@@ -19,8 +19,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr absl::Duration kPageTimeout = absl::Seconds(5);
-constexpr size_t kMaxPageBytes = size_t{4} << 20;  // a page has some 50 kB
+constexpr absl::Duration kPageTimeout = absl::Seconds(5);  // a loaded server responds within a second
+constexpr size_t kMaxPageBytes = size_t{4} << 20;          // a page has some 50 kB
 
 absl::StatusOr<std::string> ReadPage(const std::string& address) {
   EVPOSE_ASSIGN_OR_RETURN(const ServerAddress parsed, ParseServerAddress(address));

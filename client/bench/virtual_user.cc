@@ -12,8 +12,8 @@
 namespace evpose::client {
 namespace {
 
-constexpr std::chrono::seconds kCallTimeout{60};
-constexpr std::chrono::seconds kAttachTimeout{10};
+constexpr std::chrono::seconds kCallTimeout{60};    // as long as the client library waits for a call
+constexpr std::chrono::seconds kAttachTimeout{10};  // a slower attach counts as a failure
 // Poses farther apart do not belong to adjacent windows, which last for 20 ms at most.
 constexpr int64_t kMaxWindow_us = 40'000;
 

@@ -32,6 +32,8 @@ class PreparationProgress {
   std::optional<Report> RecordDone();
 
  private:
+  // Time between two reports. A preparation takes seconds, so that a report counts several models, and an operator sees
+  // within a short time that the work goes on.
   static constexpr std::chrono::seconds kPeriod{10};
 
   const Clock now_;

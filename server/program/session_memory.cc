@@ -6,6 +6,8 @@
 namespace evpose::server {
 
 uint64_t DefaultSessionMemory(const ServerOptions& options, uint64_t available_bytes) {
+  // Bytes of the program, its threads and the fragments of its heap. A server without sessions has 73 MB
+  // (deploy/sizing.md); the rest is a margin.
   constexpr double kRestOfProcess = 200e6;
   // The sum is computed in floating point, because limits that users give may together exceed 64 bits.
   const auto available = static_cast<double>(available_bytes);

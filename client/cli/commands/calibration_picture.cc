@@ -84,7 +84,7 @@ void DrawText(cv::Mat& image, const std::string& text, cv::Point at, TextAlign a
 
 // Returns a distance of 1, 2 or 5 times a power of ten that divides the range into four to ten parts.
 double TickStep(double range) {
-  constexpr double kMinParts = 4.0;
+  constexpr double kMinParts = 4.0;  // with fewer labels a value between two of them is hard to read
   const double power = std::pow(10.0, std::floor(std::log10(range / kMinParts)));
   for (const double factor : {5.0, 2.0}) {
     if (range / (factor * power) >= kMinParts) return factor * power;

@@ -66,7 +66,7 @@ Json NearSymmetriesJson(absl::Span<const NearSymmetry> near) {
 
 void PrintSymmetries(const ObjectModel& model, absl::Span<const NearSymmetry> near, std::ostream& out) {
   out << "symmetry     " << SymmetryText(model) << "\n";
-  constexpr size_t kMaxPrinted = 4;
+  constexpr size_t kMaxPrinted = 4;  // the most similar ones, so that the report fits a screen
   for (size_t i = 0; i < std::min(kMaxPrinted, near.size()); ++i) {
     out << absl::StrFormat("near         %s, %.1f %% of the edges and outlines differ\n", TurnText(near[i]),
                            100.0 * near[i].differing_share);

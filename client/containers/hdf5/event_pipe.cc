@@ -11,8 +11,8 @@ constexpr size_t kPipeEventBytes = 13;
 constexpr size_t kPipeTriggerBytes = 10;
 constexpr size_t kFixedHeaderBytes = 16;  // before the name of the format
 constexpr size_t kMaxContentBytes = kMaxPipeElements * kPipeEventBytes;
-constexpr size_t kMaxNameBytes = 256;
-constexpr int kMaxSize_px = 1 << 16;
+constexpr size_t kMaxNameBytes = 256;  // a name of a format has some 30 bytes
+constexpr int kMaxSize_px = 1 << 16;   // coordinates have 16 bits
 
 void AppendRecordHeader(PipeRecordKind kind, size_t content_bytes, std::vector<uint8_t>& out) {
   out.push_back(static_cast<uint8_t>(kind));

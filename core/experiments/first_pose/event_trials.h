@@ -20,6 +20,8 @@ namespace evpose {
 // tracker uses by default, and "lsd", LSD on an image of accumulated events (core/baselines/first_pose/lsd_detector.h).
 std::vector<std::string> LineDetectorNames();
 
+// The defaults are settings of the benchmark and not tuned. With 200 starts the standard error of a share is at most
+// 3.5 %.
 struct EventTrialOptions {
   SimulatedObject object = SimulatedObject::kCube;
   std::string camera = "evk4";       // "evk4" or "vga" (SimulatedCameraNames)

@@ -16,6 +16,7 @@
 
 namespace evpose {
 
+// The defaults are settings of the benchmark and not tuned.
 struct FirstPoseBenchOptions {
   ModelBenchOptions bench;  // models, recordings and tracker
   int num_starts = 20;      // of each recording, [1, 10000]; distributed evenly over it

@@ -20,6 +20,8 @@
 
 namespace evpose {
 
+// The defaults are settings of the benchmark and not tuned. The noise is that of the events of a default sensor
+// (SensorProfile::pixel_noise_px).
 struct LineTrialOptions {
   SimulatedObject object = SimulatedObject::kCube;
   double noise_px = 0.8;  // standard deviation of each coordinate of an end point, [0, 10]

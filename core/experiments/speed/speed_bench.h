@@ -16,6 +16,8 @@
 
 namespace evpose {
 
+// The defaults are settings of the benchmark and not tuned. The fastest of seven repetitions is reported, which other
+// programs on the machine change least.
 struct SpeedBenchOptions {
   std::vector<std::string> parts;  // names of SpeedParts(); empty: all
   int64_t duration_us = 200'000;   // microseconds of each recording, [10'000, 10'000'000]

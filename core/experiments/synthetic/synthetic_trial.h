@@ -14,6 +14,8 @@
 
 namespace evpose {
 
+// The defaults of lines, events, noise and outliers are those of the paper's synthetic experiment
+// (core/experiments/README.md).
 struct SyntheticTrialOptions {
   int num_lines = 25;           // [4, 1000]; three lines are the minimum and may allow several poses
   int events_per_line = 100;    // [1, 10000]

@@ -24,6 +24,7 @@ struct BenchModel {
   std::string reference_path;
 };
 
+// The defaults are settings of the benchmark and not tuned.
 struct ModelBenchOptions {
   std::vector<BenchModel> models;  // at least one
   // [1, 1000]; seeds 1, 2, ... determine attitude, motion, pixels and noise. The background is plain for odd seeds and

@@ -33,6 +33,7 @@ struct TrackingSubject {
 };
 std::vector<TrackingSubject> TrackingSubjects();
 
+// The defaults are settings of the benchmark and not tuned.
 struct TrackingBenchOptions {
   std::vector<std::string> scenarios;   // empty: all
   std::vector<std::string> estimators;  // names of TrackingSubjects(); empty: all

@@ -88,6 +88,8 @@ std::optional<CodedRotation> EncodeRotation(const Eigen::Matrix3d& r) {
     if (i != largest) coded.others[static_cast<size_t>(next++)] = quaternion[i];
   }
   const Eigen::Matrix3d predicted = MatrixOf(coded.largest, coded.others);
+  // Largest difference of an element at which the matrix counts as a rotation; that of a rotation is some 1e-15. It
+  // also bounds the differences in units of the last place.
   constexpr double kNear = 1e-6;
   if (!((predicted - r).cwiseAbs().maxCoeff() < kNear)) return std::nullopt;
   for (size_t i = 0; i < kElements; ++i) {

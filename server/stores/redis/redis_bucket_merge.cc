@@ -11,6 +11,8 @@
 namespace evpose::server {
 namespace {
 
+// Least number of entries that a bucket is asked for. A bucket may have more than its share of the wanted entries, and
+// a further entry costs less than a further round trip.
 constexpr size_t kFewestEntries = 4;
 
 bool IsBefore(const RedisListEntry& a, const RedisListEntry& b) {

@@ -24,7 +24,7 @@ struct RedisListEntry {
 
 // Merges the sorted entries of all buckets, on one thread. It first asks all buckets at once, each for a few entries
 // more than its share of those that are wanted. When all entries of a bucket have been returned, it asks this bucket
-// for more. A list of 50 entries takes one round trip, for which up to 1536 entries are read.
+// for more. A list of 50 entries takes one round trip, for which up to 1024 entries are read.
 class RedisBucketMerge {
  public:
   // The command that reads at most `count` entries of a bucket after an entry, or from the beginning (null).

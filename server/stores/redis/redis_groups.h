@@ -99,6 +99,8 @@ class RedisGroups {
   // Closes the clients of all groups (RedisClient::Close()).
   void Close();
 
+  // Longest wait of a call for the move of a bucket, which takes about as long as copying the data of its few sessions
+  // (server/stores/README.md). A session repeats a commit that fails after it.
   static constexpr absl::Duration kMoveWait = absl::Seconds(2);
 
  private:

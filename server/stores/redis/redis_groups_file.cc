@@ -14,9 +14,9 @@
 namespace evpose::server {
 namespace {
 
-constexpr size_t kMaxFileBytes = 64u << 10;
-constexpr size_t kMaxGroups = 64;
-constexpr size_t kMaxNameBytes = 32;
+constexpr size_t kMaxFileBytes = 64u << 10;  // kMaxGroups lines of 1 KiB
+constexpr size_t kMaxGroups = 64;            // each then has four of the 256 buckets
+constexpr size_t kMaxNameBytes = 32;         // names are labels of metrics and parts of errors
 
 bool IsGroupName(absl::string_view name) {
   return !name.empty() && name.size() <= kMaxNameBytes &&
