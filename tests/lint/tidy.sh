@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Runs clang-tidy with the checks of .clang-tidy, on one file per core at a time.
-#   tests/lint/tidy.sh               the files that differ from the merge base with origin/main, and files that are not committed yet. Where
-#                                    HEAD is that merge base, or there is no origin/main, the files of the latest commit. 10 to 25 s per file
+#   tests/lint/tidy.sh               the files that differ from the revision EVPOSE_TIDY_BASE, by default from the merge base with
+#                                    origin/main, and files that are not committed yet. Where HEAD is that merge base, or there is no
+#                                    origin/main, the files of the latest commit. tests/run.sh does this, too. 10 to 25 s per file
 #   tests/lint/tidy.sh --since REV   the files that differ from REV, and files that are not committed yet
 #   tests/lint/tidy.sh --all         every source file, 50 minutes on two cores
 #   tests/lint/tidy.sh FILE.cc ...   these
@@ -26,6 +27,7 @@ check_all() {
 }
 
 default_base() {
+  [[ -z ${EVPOSE_TIDY_BASE:-} ]] || { echo "$EVPOSE_TIDY_BASE"; return; }
   local base
   base=$(git merge-base HEAD origin/main 2>/dev/null || git rev-parse HEAD)
   [[ $base != "$(git rev-parse HEAD)" ]] || base=$(git rev-parse --verify --quiet HEAD^ || echo "$base")
@@ -50,6 +52,7 @@ case "${1:-}" in
   "" | --since)
     [[ $# -ne 1 ]] || { echo "usage: $0 [--since REV | --all | FILE.cc ...]" >&2; exit 2; }
     base=${2:-$(default_base)}
+    git rev-parse --verify --quiet "$base^{commit}" >/dev/null || { echo "tidy: $base is no revision" >&2; exit 2; }
     echo "tidy: files that differ from $(git rev-parse --short "$base")"
     mapfile -t files < <(files_since "$base")
     ;;
