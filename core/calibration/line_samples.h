@@ -45,7 +45,7 @@ struct LineSample {
   double num_events = 0.0;
 };
 
-// The defaults are validated as those of CameraCalibrationOptions, and by tests/bench/real_calibration.py on real
+// The defaults are validated as those of CameraCalibrationOptions, and by tests/bench/real/calibration.py on real
 // recordings of small sensors, which have few events for each piece.
 struct LineSampleOptions {
   // Largest distance, pixels, of the events of a line from its expected position; at most a third of the distance to
