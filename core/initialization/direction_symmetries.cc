@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/yield_point.h"
+
 namespace evpose {
 namespace {
 
@@ -71,6 +73,7 @@ std::vector<Eigen::Matrix3d> DirectionSymmetries(absl::Span<const Eigen::Vector3
   const double cosine = directions[0].dot(directions[1]);
   for (const Eigen::Vector3d& a : directions) {
     for (const Eigen::Vector3d& b : directions) {
+      YieldPoint();
       for (int signs = 0; signs < 4; ++signs) {
         const Eigen::Vector3d to_a = (signs & 1) != 0 ? Eigen::Vector3d(-a) : a;
         const Eigen::Vector3d to_b = (signs & 2) != 0 ? Eigen::Vector3d(-b) : b;

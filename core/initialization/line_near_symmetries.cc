@@ -8,6 +8,8 @@
 #include <cstdint>
 #include <map>
 
+#include "core/base/yield_point.h"
+
 namespace evpose {
 namespace {
 
@@ -99,6 +101,7 @@ std::vector<RigidTransform> FindLineNearSymmetries(absl::Span<const ModelLine> l
   std::vector<Found> found;
   for (const Matrix3d& rotation : rotations) {
     if (rotation.isIdentity()) continue;
+    YieldPoint();
     std::vector<Line> turned;
     for (const Line& line : all) turned.push_back({rotation * line.middle, rotation * line.along, line.length_m});
     const Vector3d shift = BestShift(turned, all, tolerance_m);

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/base/status_macros.h"
+#include "core/base/yield_point.h"
 #include "core/initialization/check_lines.h"
 #include "core/initialization/direction_symmetries.h"
 #include "core/initialization/line_near_symmetries.h"
@@ -108,6 +109,7 @@ void SearchModel::FindLabellings(const ObjectModel& model) {
     direction_symmetries_ = DirectionSymmetries(directions_, kSameDirectionRad);
   }
   for (const Matrix3d& rotation : direction_symmetries_) {
+    YieldPoint();
     const auto equals = [&](const Matrix3d& other) {
       const auto same = [&](const Matrix3d& q) { return RotationAngle(other * q, rotation) < kSameLabellingRad; };
       return same(Matrix3d::Identity()) ||
@@ -140,6 +142,7 @@ void SearchModel::FindPairs() {
   };
   std::stable_sort(order.begin(), order.end(), [&](const auto& p, const auto& q) { return weight(p) > weight(q); });
   for (const auto& [a, b] : order) {
+    YieldPoint();
     if (pairs_.size() >= kMaxPairs) break;
     if (direction_symmetries_.size() > 1 && !is_new(a, b)) continue;
     DirectionPair pair{a, b, directions_[a].dot(directions_[b]), Matrix3d::Identity()};
@@ -186,7 +189,10 @@ void SearchModel::MakeViews(const std::shared_ptr<const SearchViews>& stored) {
     views_ = {stored, &stored->lines};
   } else {
     auto made = std::make_shared<SearchViews::LineViews>();
-    for (int cell = 0; cell < num_cells; ++cell) made->push_back(MakeView(cell));
+    for (int cell = 0; cell < num_cells; ++cell) {
+      YieldPoint();
+      made->push_back(MakeView(cell));
+    }
     views_ = std::move(made);
   }
   for (const auto& view : *views_) mean_view_size_ += static_cast<double>(view.size()) / num_cells;

@@ -24,7 +24,6 @@
 #include "server/runtime/enum_number.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
-#include "server/telemetry/log.h"
 
 namespace evpose::server {
 namespace {
@@ -32,8 +31,6 @@ namespace {
 // Period in which a waiting thread checks whether its call was cancelled: short against the seconds of a preparation.
 constexpr int kCancellationPeriodMs = 50;
 constexpr size_t kMaxTransferBytes = 1u << 20;
-
-absl::Status PreparationCancelled() { return absl::CancelledError("the preparation of the model was cancelled"); }
 
 absl::Status SystemError(absl::string_view what, int error) {
   return absl::InternalError(absl::StrCat(what, ": ", std::generic_category().message(error)));
@@ -43,7 +40,7 @@ class InProcessPreparer : public ModelPreparer {
  public:
   absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format, const ModelOptions& options,
                                       const Cancellation& cancellation) const override {
-    if (cancellation.is_cancelled()) return PreparationCancelled();
+    EVPOSE_RETURN_IF_ERROR(cancellation.status());
     EVPOSE_ASSIGN_OR_RETURN(const ObjectModel model, ParseModelFile(file, format, options));
     return EncodePreparedModel(model);
   }
@@ -74,7 +71,7 @@ class PreparationProcess {
     return error == 0 ? absl::OkStatus() : SystemError(arguments[0], error);
   }
 
-  // Sends the file, and receives everything that the process prints. Errors: CANCELLED.
+  // Sends the file, and receives everything that the process prints. Errors: the status of the cancellation.
   absl::StatusOr<std::string> Exchange(const std::vector<uint8_t>& file, const Cancellation& cancellation) {
     std::string output;
     std::string buffer(kMaxTransferBytes, '\0');
@@ -95,7 +92,7 @@ class PreparationProcess {
       if (received > 0) output.append(buffer.data(), static_cast<size_t>(received));
       if (received == 0 || (received < 0 && errno != EAGAIN && errno != EINTR)) return output;
     }
-    return PreparationCancelled();
+    return cancellation.status();
   }
 
   // The status of waitpid().
@@ -160,14 +157,12 @@ class ChildPreparer : public ModelPreparer {
       rest.remove_prefix(std::min(end + 1, rest.size()));
     }
     const bool has_succeeded = WIFEXITED(status) && WEXITSTATUS(status) == 0;
-    if (const size_t size = ModelSize(rest); size > 0) {
-      output.erase(0, output.size() - rest.size());  // not copied: it may have more than 100 MB
-      if (has_succeeded) return output;
-      Log(LogLevel::kWarning, "model_views_not_prepared",
-          {{"signal", absl::StrCat(WIFSIGNALED(status) ? WTERMSIG(status) : 0)},
-           {"exit_status", absl::StrCat(WIFEXITED(status) ? WEXITSTATUS(status) : 0)}});
-      output.resize(size);
-      return output;
+    if (ConsumeModelLine(rest)) {
+      if (has_succeeded) {
+        output.erase(0, output.size() - rest.size());  // not copied: it may have more than 100 MB
+        return output;
+      }
+      step = kPreparationViews;
     }
     if (has_succeeded && absl::ConsumePrefix(&rest, kPreparationError)) return absl::InvalidArgumentError(rest);
     // The kernel has killed the process, because the machine or the control group has no memory left: the model may be
@@ -184,17 +179,17 @@ class ChildPreparer : public ModelPreparer {
                                             WIFSIGNALED(status) ? WTERMSIG(status) : WEXITSTATUS(status), ")"));
   }
 
-  // Consumes the line that announces a model if all of the model follows; returns its bytes, or 0.
-  static size_t ModelSize(absl::string_view& rest) {
+  // Consumes the line that announces a model if all of the model follows.
+  static bool ConsumeModelLine(absl::string_view& rest) {
     absl::string_view after = rest;
-    if (!absl::ConsumePrefix(&after, kPreparationModel)) return 0;
+    if (!absl::ConsumePrefix(&after, kPreparationModel)) return false;
     const size_t end = after.find('\n');
     size_t size = 0;
-    if (end == absl::string_view::npos || !absl::SimpleAtoi(after.substr(0, end), &size)) return 0;
+    if (end == absl::string_view::npos || !absl::SimpleAtoi(after.substr(0, end), &size)) return false;
     after.remove_prefix(end + 1);
-    if (after.size() < size) return 0;
+    if (after.size() < size) return false;
     rest = after;
-    return size;
+    return true;
   }
 
   static absl::Status TooExpensive(absl::string_view step, absl::string_view budget) {

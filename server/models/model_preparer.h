@@ -20,7 +20,7 @@ namespace evpose::server {
 class ModelPreparer {
  public:
   virtual ~ModelPreparer() = default;
-  // Returns the serialized model (prepared_model.h). Errors: those of ParseModelFile(); CANCELLED.
+  // Returns the serialized model (prepared_model.h). Errors: those of ParseModelFile(); the status of `cancellation`.
   virtual absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format,
                                               const ModelOptions& options, const Cancellation& cancellation) const = 0;
 };
@@ -40,19 +40,21 @@ struct PreparationBudget {
   uint64_t memory_bytes = 1ull << 30;
 };
 
-// Prepares each model in a process of `program`, evpose-prepare-model, which is killed when the call is cancelled.
-// A model whose views exceed the budget is returned without them, which a line in the log reports.
-// Further errors: INVALID_ARGUMENT (MODEL_TOO_EXPENSIVE) naming the step in which the budget was exceeded;
-// RESOURCE_EXHAUSTED (OUT_OF_MEMORY) when the kernel has killed the process, because the machine has no memory left;
-// INTERNAL when the process cannot be started or crashes.
+// Prepares each model, with its views, in a process of `program`, evpose-prepare-model, which is killed when the call
+// is cancelled. A session with the model computes again what the views are computed from: a model whose views exceed
+// the budget is therefore refused, like one whose lines or symmetries do. Further errors: INVALID_ARGUMENT
+// (MODEL_TOO_EXPENSIVE) naming the step in which the budget was exceeded; RESOURCE_EXHAUSTED (OUT_OF_MEMORY) when the
+// kernel has killed the process, because the machine has no memory left; INTERNAL when the process cannot be started or
+// crashes.
 std::unique_ptr<ModelPreparer> MakeChildModelPreparer(const std::string& program, const PreparationBudget& budget);
 
 // The protocol between the server and evpose-prepare-model. Arguments: format (a number of ModelFormat), metres per
 // unit, crease angle in degrees, whether the surface is smooth (1 or 0), bytes of the largest file, processor seconds,
 // bytes of memory. Standard input: the file. Standard output: a line "step NAME" before each step, then a line "error"
 // and the message of INVALID_ARGUMENT, or a line "model SIZE", the serialized model of so many bytes, and the
-// serialized views up to the end.
+// serialized views up to the end. After the model, the step is kPreparationViews.
 inline constexpr char kPreparationStep[] = "step ";
+inline constexpr char kPreparationViews[] = "computing views";
 inline constexpr char kPreparationModel[] = "model ";
 inline constexpr char kPreparationError[] = "error\n";
 inline constexpr int kPreparationOutOfMemory = 3;  // exit status

@@ -69,15 +69,16 @@ TEST_F(ChildPreparerTest, PassesAllOptionsAndFormatsOn) {
   EXPECT_TRUE(*by_child == WithViews(*in_process));
 }
 
-// Only the views are missing when their budget is exceeded.
-TEST_F(ChildPreparerTest, KeepsAModelWithoutItsViews) {
+TEST_F(ChildPreparerTest, RefusesAModelWhoseViewsExceedTheBudget) {
   const std::string model = "echo step finding symmetries; echo model 5; printf hello; ";
-  for (const std::string end :
-       {"kill -XCPU $$", "kill -KILL $$", "printf views; kill -XCPU $$", "printf view; exit 3"}) {
-    const auto without_views = Prepare(Script(model + end), Cube());
-    ASSERT_TRUE(without_views.ok()) << end << ": " << without_views.status();
-    EXPECT_EQ(*without_views, "hello");
+  for (const auto& [end, words] : {std::pair("kill -XCPU $$", "s of processor time while computing views"),
+                                   {"printf views; kill -XCPU $$", "s of processor time while computing views"},
+                                   {"printf view; exit 3", "bytes of memory while computing views"}}) {
+    const absl::Status status = Prepare(Script(model + end), Cube()).status();
+    EXPECT_EQ(GetErrorDetails(status).reason, "MODEL_TOO_EXPENSIVE") << end << ": " << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(words));
   }
+  EXPECT_EQ(GetErrorDetails(Prepare(Script(model + "kill -KILL $$"), Cube()).status()).reason, "OUT_OF_MEMORY");
   EXPECT_EQ(Prepare(Script(model + "printf views"), Cube()).value(), "helloviews");
 }
 

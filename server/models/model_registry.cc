@@ -289,10 +289,7 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
     EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, DecodePreparedModel(record.prepared));
     return std::make_shared<const ObjectModel>(std::move(model));
   }
-  auto model = Prepare(record, ending_);
-  if (absl::IsCancelled(model.status())) {
-    return WithReason(absl::UnavailableError("the server is shutting down: the model is not loaded"), v1::DRAINING);
-  }
+  auto model = Prepare(record, SlowExecutor::Running());
   if (absl::IsInvalidArgument(model.status())) {
     return absl::DataLossError(absl::StrCat(record.name, " cannot be loaded: ", model.status().message()));
   }

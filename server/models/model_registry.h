@@ -86,7 +86,8 @@ class ModelRegistry {
   // Prepares and stores a file. A model that exists is returned unchanged, with its first file name. Takes seconds for
   // large models. Errors:
   // INVALID_ARGUMENT with the field (header.sha256 as CheckSha256(), header for parameters out of range, chunk for a
-  // file that cannot be parsed) or the reason MODEL_TOO_EXPENSIVE; CANCELLED; those of the store.
+  // file that cannot be parsed) or the reason MODEL_TOO_EXPENSIVE; the status of `cancellation`; those of the
+  // store.
   absl::StatusOr<ModelInfo> Upload(const std::string& tenant, const ModelReading& reading,
                                    absl::string_view expected_sha256_hex,
                                    std::shared_ptr<const std::vector<uint8_t>> bytes,
@@ -100,15 +101,13 @@ class ModelRegistry {
   // Return a known model, loaded or not. Errors: NOT_FOUND (MODEL_NOT_FOUND).
   absl::StatusOr<ModelInfo> Get(const std::string& tenant, absl::string_view name) const;
   absl::StatusOr<ModelUse> Use(const std::string& tenant, absl::string_view name) const;
-  // Does the same as Use(), and also finds a model that another server has added to the store, and loads it. Waits for
-  // the store. A model that another version of the preparation derived is prepared again, which takes seconds. Errors:
-  // those of Use(); DATA_LOSS if the model is damaged or cannot be prepared; UNAVAILABLE (DRAINING) after
-  // CancelPreparations(); those of the store.
+  // Does the same as Use(), and also finds a model that another server has added to the store, and loads the model. Waits for the
+  // store. A model that another version of the preparation derived is prepared again, which takes seconds. Errors:
+  // those of Use(); DATA_LOSS if the model is damaged or cannot be prepared; the status of SlowExecutor::Running() if
+  // that ends the preparation; those of the store.
   absl::StatusOr<ModelUse> UseStored(const std::string& tenant, absl::string_view name);
   // Tenant and name of the models that another version of the preparation derived.
   std::vector<std::pair<std::string, std::string>> Outdated() const;
-  // Ends the preparations in UseStored(), for the end of the server.
-  void CancelPreparations() { ending_.Cancel(); }
 
   // Returns at most `max_models` models with names after `after_name`, sorted by name.
   std::vector<ModelInfo> List(const std::string& tenant, absl::string_view after_name, size_t max_models) const;
@@ -155,7 +154,6 @@ class ModelRegistry {
   mutable std::mutex mutex_;
   std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);
   ModelLimits limits_;
-  Cancellation ending_;
 };
 
 }  // namespace evpose::server

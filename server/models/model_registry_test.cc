@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/models/model_registry.h"
 
+#include <boost/asio/io_context.hpp>
+
 #include "core/models/cube_files_testing.h"
 #include "evpose/storage/v1/model.pb.h"
 #include "gmock/gmock.h"
@@ -135,12 +137,28 @@ TEST_F(ModelRegistryTest, AFailedPreparationLeavesNothing) {
   EXPECT_TRUE(models->Upload("lab", {}, "", CubeFile()).ok());
 }
 
-TEST_F(ModelRegistryTest, TheEndOfTheServerEndsPreparationsForSessions) {
+TEST_F(ModelRegistryTest, TheCallAndTheEndOfTheServerEndPreparationsForSessions) {
   const std::string name = ModelName({}, *CubeFile());
   ASSERT_TRUE(store_->PutModel({.name = name, .tenant = "lab", .bytes = CubeFile()}).ok());
   const auto models = Open();
-  models->CancelPreparations();
-  EXPECT_EQ(GetErrorDetails(models->UseStored("lab", name).status()).reason, "DRAINING");
+  boost::asio::io_context threads;
+  SlowExecutor slow(threads.get_executor(), 1);
+  const auto use = [&](const std::shared_ptr<Cancellation>& cancellation, const std::function<void()>& meanwhile) {
+    absl::Status used;
+    slow.Post(
+        "lab",
+        [&](const absl::Status&) {
+          meanwhile();
+          used = models->UseStored("lab", name).status();
+        },
+        cancellation);
+    threads.restart();
+    threads.run();
+    return used;
+  };
+  const auto cancellation = std::make_shared<Cancellation>();
+  EXPECT_TRUE(absl::IsCancelled(use(cancellation, [&] { cancellation->Cancel(); })));
+  EXPECT_EQ(GetErrorDetails(use(std::make_shared<Cancellation>(), [&] { slow.Stop(); })).reason, "DRAINING");
 }
 
 }  // namespace

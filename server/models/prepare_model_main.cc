@@ -52,6 +52,10 @@ void SetLimit(__rlimit_resource resource, uint64_t soft, uint64_t hard) {
   setrlimit(resource, &limit);
 }
 
+// Seconds of processor time for the model and for the views, rounded up, and one more: at the hard limit, the kernel
+// would kill the process as if the machine had no memory left.
+uint64_t HardLimit(const Arguments& arguments) { return 2 * arguments.cpu_seconds + 3; }
+
 // Limits the process: the kernel kills it when the server ends, and before the server when memory is short. Tracking
 // has a higher priority, and the budget bounds processor time and memory.
 void Limit(const Arguments& arguments) {
@@ -59,7 +63,7 @@ void Limit(const Arguments& arguments) {
   std::ofstream("/proc/self/oom_score_adj") << "1000";
   setpriority(PRIO_PROCESS, 0, kNiceness);
   SetLimit(RLIMIT_CORE, 0, 0);
-  SetLimit(RLIMIT_CPU, arguments.cpu_seconds, 2 * arguments.cpu_seconds + 1);
+  SetLimit(RLIMIT_CPU, arguments.cpu_seconds, HardLimit(arguments));
 #ifndef EVPOSE_SANITIZED
   SetLimit(RLIMIT_AS, arguments.memory_bytes, arguments.memory_bytes);
 #endif
@@ -70,8 +74,7 @@ void RenewProcessorTime(const Arguments& arguments) {
   rusage used = {};
   getrusage(RUSAGE_SELF, &used);
   const auto used_s = static_cast<uint64_t>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) + 1;
-  const uint64_t hard_s = 2 * arguments.cpu_seconds + 1;
-  SetLimit(RLIMIT_CPU, std::min(used_s + arguments.cpu_seconds, hard_s), hard_s);
+  SetLimit(RLIMIT_CPU, used_s + arguments.cpu_seconds, HardLimit(arguments));
 }
 
 std::vector<uint8_t> ReadInput() {

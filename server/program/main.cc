@@ -175,9 +175,9 @@ void AllowAllDescriptors() {
   setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-// The threads of the server beside its workers and those for slow work: those of gRPC, the store, the pages and the
-// load.
-constexpr int kOtherThreads = 30;
+// The threads of the server beside its workers and those for slow work: those of gRPC, the store, the pages, the load
+// and slow work that takes long.
+constexpr int kOtherThreads = 34;
 
 absl::Status CheckThreads(const ServerOptions& options) {
   const int cores = static_cast<int>(std::thread::hardware_concurrency());

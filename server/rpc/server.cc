@@ -357,7 +357,6 @@ class ServerImpl : public Server, public Drainer {
       Log(LogLevel::kWarning, "shutdown_not_durable",
           {{"message", "not all processed chunks could be stored; clients that attach again send them again"}});
     }
-    models_->CancelPreparations();
     pool_.slow().Stop();
     pool_.preparations().Stop();
     sessions_.CloseAll(leaving);

@@ -64,8 +64,8 @@ struct ServerOptions {
   uint64_t max_model_bytes = 64ull << 20;
   // Maximum size of all model files together, including the received bytes of uploads, bytes. Bounds memory.
   uint64_t max_model_store_bytes = 512ull << 20;
-  // Number of threads for slow work, and of models that are prepared at a time. Each tenant uses one of them, so with
-  // two a tenant waits only while two others are served.
+  // Number of items of slow work that run at a time, without those that compute for long, and of models that are
+  // prepared at a time. Each tenant uses one of them, so with two a tenant waits only while two others are served.
   int slow_threads = 2;
   // Path of evpose-prepare-model, which prepares uploaded models. Empty: the server prepares them in its own threads,
   // without a bound, for a server in the process of its only user.
@@ -167,8 +167,8 @@ class Server {
   // Shuts the server down: health becomes NOT_SERVING, new sessions and streams are rejected, and every Track stream
   // receives GoAway. Streams that are still open shortly before the deadline end with UNAVAILABLE, watchers as soon as
   // no Track stream is left. Returns when all calls have finished: by the deadline or, if it is less than 3 s away, at
-  // most 1.5 s after it, independent of the clients; slow work that waits is rejected, and preparations of models are
-  // ended. Idempotent. To be called from one thread at a time.
+  // most 1.5 s after it, independent of the clients; slow work that waits is rejected, and preparations of models and
+  // the creation of trackers are ended. Idempotent. To be called from one thread at a time.
   virtual void Shutdown(absl::Duration deadline) = 0;
 };
 

@@ -70,14 +70,14 @@ absl::Status List(SessionManager& sessions, const std::string& tenant, const v1:
 grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServerContext* context,
                                                             const v1::CreateSessionRequest* request,
                                                             v1::CreateSessionResponse* response) {
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   const absl::StatusOr<Caller> caller = Authenticate(services_.authenticator, *context);
+  auto* const reactor = new SlowCallReactor;
   if (!caller.ok()) {
     reactor->Finish(ToGrpcStatus(caller.status()));
     return reactor;
   }
   // Creating trackers takes too long for gRPC's threads and for the workers.
-  PostCall(services_.pool, caller->tenant, context, reactor, [this, request, response, reactor, caller = *caller] {
+  PostCall(services_.pool, caller->tenant, reactor, [this, request, response, reactor, caller = *caller] {
     FinishCreate(OrOutOfMemory([&] { return Create(services_.sessions, caller, *request); }), services_.store,
                  *response, *reactor);
   });

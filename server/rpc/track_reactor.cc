@@ -189,16 +189,13 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   // If memory is exhausted, this throws: both callers have a guard, and end the stream.
   void PostResume(const v1::TrackRequest::Attach& attach) {
-    services_.pool.slow().Post(caller_->tenant, [self = shared_from_this(), attach](const absl::Status& admitted) {
+    const auto resume = [self = shared_from_this(), attach](const absl::Status& admitted) {
       self->ResumeAndAttach(attach, admitted);
-    });
+    };
+    services_.pool.slow().Post(caller_->tenant, resume, cancellation_);
   }
 
-  void ResumeAndAttach(const v1::TrackRequest::Attach& attach, absl::Status admitted) {
-    {
-      const std::lock_guard lock(mutex_);
-      admitted.Update(failure_);  // the stream may have been cancelled meanwhile
-    }
+  void ResumeAndAttach(const v1::TrackRequest::Attach& attach, const absl::Status& admitted) {
     if (!admitted.ok()) return OnAttached(attach, admitted);
     OnAttached(attach, OrOutOfMemory([&]() -> absl::StatusOr<Joined> {
                  EVPOSE_ASSIGN_OR_RETURN(auto session, services_.sessions.ResumeForAttach(
@@ -311,7 +308,9 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   // The first failure counts. OK changes nothing.
   void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     failure_.Update(status);
-    if (!failure_.ok()) ChangePhase(StreamInput::kFailure);
+    if (failure_.ok()) return;
+    cancellation_->Cancel();
+    ChangePhase(StreamInput::kFailure);
   }
 
   void PrepareFinish(absl::StatusCode code) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -457,8 +456,9 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   grpc::CallbackServerContext* const context_;
   uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
-  std::shared_ptr<TrackReactor> self_;       // until OnDone
-  std::shared_ptr<const void> reservation_;  // in the quota of streams
+  std::shared_ptr<TrackReactor> self_;                                                   // until OnDone
+  std::shared_ptr<const void> reservation_;                                              // in the quota of streams
+  const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();  // of resuming the session
   // Used by the reading side without the lock. The session and the stream change only while nothing is read.
   v1::TrackRequest request_;
   std::shared_ptr<Session> session_;

@@ -56,6 +56,8 @@ absl::Status FromStore(const absl::Status& status) {
   const ErrorDetails details = GetErrorDetails(status);
   if (status.ok() || !details.reason.empty() || !details.field.empty()) return status;
   switch (status.code()) {
+    case absl::StatusCode::kCancelled:  // the caller no longer waits
+      return status;
     case absl::StatusCode::kUnavailable:
       return WithReason(absl::UnavailableError(absl::StrCat("the store does not respond: ", status.message())),
                         v1::STORE_UNAVAILABLE);

@@ -21,6 +21,32 @@ absl::Status HasStopped() { return WithReason(absl::UnavailableError("the server
 
 }  // namespace
 
+absl::Status Cancellation::status() const {
+  switch (cause_) {
+    case Cause::kNone:
+      return absl::OkStatus();
+    case Cause::kCaller:
+      return absl::CancelledError("the call was cancelled");
+    case Cause::kServer:
+      break;
+  }
+  return HasStopped();
+}
+
+const Cancellation& SlowExecutor::Running() {
+  static const Cancellation none;
+  return running_ == nullptr ? none : running_->cancellation();
+}
+
+void SlowExecutor::RunningItem::Yield() {
+  if (cancellation_->is_cancelled()) throw Ended();
+  if (has_left_place_) return;
+  const auto now = std::chrono::steady_clock::now();
+  if (now < long_at_) return;
+  has_left_place_ = executor_.LeavePlace();
+  long_at_ = now + kLongItem;
+}
+
 void SlowExecutor::Post(const std::string& tenant, Work work, std::shared_ptr<Cancellation> cancellation) {
   const std::lock_guard lock(mutex_);
   Item item = {std::move(work), std::move(cancellation)};
@@ -41,7 +67,7 @@ void SlowExecutor::Stop() {
   const std::lock_guard lock(mutex_);
   is_stopped_ = true;
   for (auto& [tenant, queue] : queues_) {
-    if (queue.running != nullptr) queue.running->Cancel();
+    if (queue.running != nullptr) queue.running->CancelByServer();
     for (Item& item : queue.waiting) Reject(std::move(item));
     queue.waiting.clear();
   }
@@ -82,17 +108,28 @@ SlowExecutor::Item SlowExecutor::TakeItem(Queues::iterator queue) {
 
 absl::Status SlowExecutor::Admission(const Item& item) {
   const std::lock_guard lock(mutex_);
-  if (is_stopped_) return HasStopped();
-  return item.cancellation->is_cancelled() ? absl::CancelledError("the call was cancelled") : absl::OkStatus();
+  return is_stopped_ ? HasStopped() : item.cancellation->status();
+}
+
+bool SlowExecutor::LeavePlace() {
+  const std::lock_guard lock(mutex_);
+  if (num_long_ == max_long_) return false;
+  ++num_long_;
+  --num_running_;
+  Dispatch();
+  return true;
 }
 
 void SlowExecutor::Run(Queues::iterator queue) {
   setpriority(PRIO_PROCESS, 0, kNice);  // the priority of this thread; raising the number is always permitted
+  bool has_left_place = false;
   if (Item item = TakeItem(queue); item.work != nullptr) {
+    const RunningItem running(*this, item.cancellation);
     RunUnlessOutOfMemory([this, &item] { item.work(Admission(item)); });
+    has_left_place = running.has_left_place();
   }  // what the work holds is released before the next item of the tenant
   const std::lock_guard lock(mutex_);
-  --num_running_;
+  --(has_left_place ? num_long_ : num_running_);
   queue->second.running.reset();
   queue->second.has_thread = false;
   queue->second.turn = ++last_turn_;

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Fair execution of work that takes milliseconds to seconds, such as waiting for the store or preparing a model: no
-// tenant delays another one by more than the rest of the items that are running.
+// tenant delays another one by more than the rest of the items that are running, and an item that computes for long
+// delays none.
 #pragma once
 
 #include <atomic>
 #include <boost/asio/any_io_executor.hpp>
+#include <chrono>
 #include <cstdint>
 #include <deque>
+#include <exception>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -17,18 +20,23 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/any_invocable.h"
 #include "absl/status/status.h"
+#include "core/base/yield_point.h"
 #include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 
-// A flag that tells work to end early. The call that wants the work sets it, or SlowExecutor::Stop(). Thread-safe.
+// Tells work to end early. Thread-safe.
 class Cancellation {
  public:
-  void Cancel() { is_cancelled_ = true; }
-  bool is_cancelled() const { return is_cancelled_; }
+  void Cancel() { cause_ = Cause::kCaller; }          // for the call that wants the work
+  void CancelByServer() { cause_ = Cause::kServer; }  // for SlowExecutor::Stop()
+  bool is_cancelled() const { return cause_ != Cause::kNone; }
+  // The status of work that has ended early: OK if it was not cancelled; CANCELLED; UNAVAILABLE (DRAINING).
+  absl::Status status() const;
 
  private:
-  std::atomic<bool> is_cancelled_ = false;
+  enum class Cause { kNone, kCaller, kServer };
+  std::atomic<Cause> cause_ = Cause::kNone;
 };
 
 // One queue for each tenant, which runs in order and one item at a time; the queues take turns. Because a tenant has at
@@ -43,9 +51,10 @@ class SlowExecutor {
   // report even then guards itself (out_of_memory.h).
   using Work = absl::AnyInvocable<void(const absl::Status& admitted)>;
 
-  // Runs at most `max_running` items at a time on `threads`, which must outlive this object.
-  SlowExecutor(boost::asio::any_io_executor threads, int max_running)
-      : threads_(std::move(threads)), max_running_(max_running) {}
+  // Runs at most `max_running` items at a time on `threads`, which must outlive this object. Beside them, up to
+  // `max_long` items that compute for long in OrCancelled() go on, so that they do not delay the others.
+  SlowExecutor(boost::asio::any_io_executor threads, int max_running, int max_long = 0)
+      : threads_(std::move(threads)), max_running_(max_running), max_long_(max_long) {}
   // Locks, so that ThreadSanitizer sees that all calls precede the destruction.
   ~SlowExecutor() { const std::lock_guard lock(mutex_); }
 
@@ -69,7 +78,52 @@ class SlowExecutor {
   // Cancels the running items, and rejects the waiting and all later ones.
   void Stop();
 
+  // The cancellation of the item that runs on the present thread. On a thread that runs none: one that is never
+  // cancelled.
+  static const Cancellation& Running();
+  // Returns what `work` returns, a status or absl::StatusOr. When the item that runs on the present thread is
+  // cancelled, the work ends at its next yield point (core/base/yield_point.h), and the status of the cancellation is
+  // returned. An item that has taken kLongItem lets the next item of another tenant begin. Everything that `work`
+  // changes must be released by destructors, or must not be used afterwards; no lock that other items need is held.
+  template <typename Work>
+  static auto OrCancelled(Work&& work) -> decltype(work()) {
+    if (running_ == nullptr) return std::forward<Work>(work)();
+    try {
+      const ScopedYielder scope(*running_);
+      return std::forward<Work>(work)();
+    } catch (const Ended&) {
+      return Running().status();
+    }
+  }
+
+  // Longer than the creation of most sessions, and short against a person's patience.
+  static constexpr std::chrono::milliseconds kLongItem{50};
+
  private:
+  // Ends the work in OrCancelled().
+  class Ended : public std::exception {};
+  // The item that runs on the present thread, from its construction to its destruction.
+  class RunningItem : public Yielder {
+   public:
+    RunningItem(SlowExecutor& executor, std::shared_ptr<Cancellation> cancellation)
+        : executor_(executor), cancellation_(std::move(cancellation)) {
+      running_ = this;
+    }
+    ~RunningItem() override { running_ = outer_; }
+    RunningItem(const RunningItem&) = delete;
+    RunningItem& operator=(const RunningItem&) = delete;
+
+    void Yield() override;
+    const Cancellation& cancellation() const { return *cancellation_; }
+    bool has_left_place() const { return has_left_place_; }
+
+   private:
+    SlowExecutor& executor_;
+    const std::shared_ptr<Cancellation> cancellation_;
+    RunningItem* const outer_ = running_;  // for tests, whose items run others
+    std::chrono::steady_clock::time_point long_at_ = std::chrono::steady_clock::now() + kLongItem;
+    bool has_left_place_ = false;
+  };
   struct Item {
     Work work;
     std::shared_ptr<Cancellation> cancellation;
@@ -89,16 +143,22 @@ class SlowExecutor {
   // The item that is about to run; without `work` if Stop() has rejected it.
   Item TakeItem(Queues::iterator queue);
   void Run(Queues::iterator queue);
+  // Gives the place of a long item to the next one. Returns false if there are max_long_ such items.
+  bool LeavePlace();
   absl::Status Admission(const Item& item);
   void Reject(Item item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const boost::asio::any_io_executor threads_;
   const int max_running_;
+  const int max_long_;
   std::mutex mutex_;
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  Queues queues_ ABSL_GUARDED_BY(mutex_);  // by tenant; removed when they are empty and have no thread
-  int num_running_ ABSL_GUARDED_BY(mutex_) = 0;
+  Queues queues_ ABSL_GUARDED_BY(mutex_);        // by tenant; removed when they are empty and have no thread
+  int num_running_ ABSL_GUARDED_BY(mutex_) = 0;  // without the long ones
+  int num_long_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t last_turn_ ABSL_GUARDED_BY(mutex_) = 0;
+
+  static inline thread_local constinit RunningItem* running_ = nullptr;
 };
 
 }  // namespace evpose::server

@@ -105,6 +105,105 @@ TEST_F(SlowExecutorTest, StopRejectsWorkThatAThreadHasNotBegun) {
   EXPECT_THAT(rejected_, ElementsAre("a1 UNAVAILABLE DRAINING"));
 }
 
+// Work that ends at a yield point only if it is told to.
+absl::Status Endless() {
+  while (true) YieldPoint();
+}
+
+TEST_F(SlowExecutorTest, CancelledWorkEndsAtItsNextYieldPoint) {
+  const auto cancellation = std::make_shared<Cancellation>();
+  absl::Status status;
+  const auto released = std::make_shared<int>(0);
+  slow_.Post(
+      "alice",
+      [&](const absl::Status&) {
+        status = SlowExecutor::OrCancelled([&, held = released] {
+          cancellation->Cancel();
+          return Endless();
+        });
+        YieldPoint();  // has no effect outside
+        ran_.emplace_back("a1");
+      },
+      cancellation);
+  threads_.run();
+  EXPECT_TRUE(absl::IsCancelled(status)) << status;
+  EXPECT_EQ(released.use_count(), 1);
+  EXPECT_THAT(ran_, ElementsAre("a1"));
+}
+
+TEST_F(SlowExecutorTest, StopEndsWorkAtItsNextYieldPoint) {
+  absl::StatusOr<int> result = 0;
+  slow_.Post("alice", [&](const absl::Status&) {
+    result = SlowExecutor::OrCancelled([&]() -> absl::StatusOr<int> {
+      slow_.Stop();
+      return Endless();
+    });
+  });
+  threads_.run();
+  EXPECT_TRUE(absl::IsUnavailable(result.status()));
+  EXPECT_EQ(GetErrorDetails(result.status()).reason, "DRAINING");
+}
+
+TEST_F(SlowExecutorTest, ElsewhereWorkIsNotCancelled) {
+  EXPECT_TRUE(SlowExecutor::Running().status().ok());
+  const auto cancellation = std::make_shared<Cancellation>();
+  slow_.Post(
+      "alice", [&](const absl::Status&) { cancellation->Cancel(); }, cancellation);
+  threads_.run();
+  EXPECT_TRUE(SlowExecutor::Running().status().ok());
+  EXPECT_EQ(*SlowExecutor::OrCancelled([]() -> absl::StatusOr<int> {
+    YieldPoint();
+    return 3;
+  }),
+            3);
+}
+
+TEST_F(SlowExecutorTest, AnItemThatTakesLongLetsAnotherTenantsItemBegin) {
+  SlowExecutor slow(threads_.get_executor(), /*max_running=*/1, /*max_long=*/1);
+  slow.Post("mallory", [&](const absl::Status&) {
+    const absl::Status status = SlowExecutor::OrCancelled([&] {
+      while (threads_.poll_one() == 0) YieldPoint();  // as another thread would
+      return absl::OkStatus();
+    });
+    EXPECT_TRUE(status.ok());
+    ran_.emplace_back("mallory");
+  });
+  slow.Post("mallory", Note("mallory again"));
+  slow.Post("alice", Note("alice"));
+  threads_.run();
+  EXPECT_THAT(ran_, ElementsAre("alice", "mallory", "mallory again"));
+}
+
+TEST_F(SlowExecutorTest, NoMoreItemsTakeLongThanArePermitted) {
+  SlowExecutor slow(threads_.get_executor(), /*max_running=*/1, /*max_long=*/1);
+  std::vector<std::string> during;
+  const auto begin = std::chrono::steady_clock::now();
+  slow.Post("mallory", [&](const absl::Status&) {
+    const absl::Status status = SlowExecutor::OrCancelled([&] {
+      while (threads_.poll_one() == 0) YieldPoint();
+      return absl::OkStatus();
+    });
+    EXPECT_TRUE(status.ok());
+    during = ran_;
+  });
+  slow.Post("eve", [&](const absl::Status&) {
+    // The place for a long item is taken, so that `alice` waits although this one takes long, too.
+    const absl::Status status = SlowExecutor::OrCancelled([&] {
+      while (std::chrono::steady_clock::now() < begin + 4 * SlowExecutor::kLongItem) {
+        EXPECT_EQ(threads_.poll_one(), 0u);
+        YieldPoint();
+      }
+      return absl::OkStatus();
+    });
+    EXPECT_TRUE(status.ok());
+    ran_.emplace_back("eve");
+  });
+  slow.Post("alice", Note("alice"));
+  threads_.run();
+  EXPECT_THAT(during, ElementsAre("eve"));
+  EXPECT_THAT(ran_, ElementsAre("eve", "alice"));
+}
+
 // Whichever allocation fails, an item is refused or run, and the one after it is run.
 TEST_F(SlowExecutorTest, WithoutMemoryAnItemIsRefusedOrRunAndTheNextOneIsRun) {
   const std::string tenant = kLongTenant;

@@ -28,6 +28,9 @@ using PoolTimer = boost::asio::steady_timer;
 // may hold the last reference to a session.
 class WorkerPool {
  public:
+  // Items of slow() that compute for long, beside those that do not. Each has a thread of low priority.
+  static constexpr int kMaxLongItems = 4;
+
   // The executors that run the posted work.
   struct Executors {
     boost::asio::any_io_executor work;          // PostAfter() and the turns of sessions
@@ -36,12 +39,13 @@ class WorkerPool {
     boost::asio::any_io_executor images;        // images()
   };
 
-  // `slow_threads`: number of threads for each of slow() and preparations(). With two, another tenant's item is delayed
-  // only while two other tenants have a running one.
+  // `slow_threads`: number of items that run at a time in each of slow() and preparations(). With two, another tenant's
+  // item is delayed only while two other tenants have a running one; in slow() one that computes for long does not
+  // count (SlowExecutor::kLongItem), up to kMaxLongItems.
   explicit WorkerPool(int num_workers, int slow_threads = 2, FairScheduler::Options options = {})
-      : threads_(std::make_unique<Threads>(2 * slow_threads)),
+      : threads_(std::make_unique<Threads>(2 * slow_threads + kMaxLongItems)),
         on_(threads_->executors()),
-        slow_(on_.slow, slow_threads),
+        slow_(on_.slow, slow_threads, kMaxLongItems),
         preparations_(on_.slow, slow_threads),
         images_(on_.images, 1),
         scheduler_(num_workers, std::move(options)) {}

@@ -124,7 +124,9 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
                                                                        MemoryOfModels(models->models)));
   EVPOSE_ASSIGN_OR_RETURN(const std::string name, store_.NewSessionName(tenant, request_id));
   Session::Parts parts = MakeParts(name, tenant);
-  EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SessionPipeline::Create(config, models->models, options_.make_tracker));
+  EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SlowExecutor::OrCancelled([&] {
+                            return SessionPipeline::Create(config, models->models, options_.make_tracker);
+                          }));
   parts.pipeline->HoldCharge(std::move(charge.tracking));
   parts.memory_charge = std::move(charge.other);
   EVPOSE_ASSIGN_OR_RETURN(parts.resume_token, RandomHex128());
@@ -205,12 +207,15 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(const StoredSes
 absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionFactory::RestorePipeline(
     const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
     SessionBeginning& beginning) const {
-  EVPOSE_ASSIGN_OR_RETURN(auto pipeline, SessionPipeline::Create(config, models, options_.make_tracker));
+  const auto create = [&](auto function) {
+    return SlowExecutor::OrCancelled([&] { return function(config, models, options_.make_tracker); });
+  };
+  EVPOSE_ASSIGN_OR_RETURN(auto pipeline, create(SessionPipeline::Create));
   SessionCheckpoint& checkpoint = beginning.checkpoint;
   if (!checkpoint.pipeline.has_value()) return pipeline;
   const PipelineState state = *std::exchange(checkpoint.pipeline, std::nullopt);
   if (const absl::Status loaded = pipeline->LoadTracker(state.tracker); !loaded.ok()) {
-    EVPOSE_ASSIGN_OR_RETURN(pipeline, SessionPipeline::CreateSearching(config, models, options_.make_tracker));
+    EVPOSE_ASSIGN_OR_RETURN(pipeline, create(SessionPipeline::CreateSearching));
     // The new tracker does not reproduce the stored poses after the checkpoint.
     if (!beginning.poses.empty()) {
       checkpoint.health.poses = std::max(checkpoint.health.poses, beginning.poses.back().pose_seq);

@@ -50,6 +50,7 @@ void SessionManager::RestoreIfWaiting(const std::string& tenant, const std::stri
   if (!IsWaiting(tenant, name)) return;
   const auto session = Resume(name);
   if (session.ok()) return;
+  if (absl::IsCancelled(session.status())) return;
   if (!absl::IsNotFound(session.status())) SessionLog(name, tenant).NotResumed(session.status());
   // After another error, such as a lack of memory, the next call tries again.
   if (absl::IsNotFound(session.status()) || absl::IsDataLoss(session.status())) StopWaiting(name);

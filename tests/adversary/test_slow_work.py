@@ -129,6 +129,25 @@ class BudgetTest(server.AdversaryTest):
                     self.assertEqual(failure.reason, "MODEL_TOO_EXPENSIVE")
         self.assertIn(api.upload(CUBE).name, [model.name for model in api.models()])
 
+    def test_no_session_computes_the_views_that_exceed_the_budget(self):
+        """A search looks at the model from hundreds of sides, which takes longer than its preparation."""
+        running = self.serve("--model-cpu-seconds", str(self.BUDGET_S))
+        api = client(self, running)
+        for triangles in (500 << i for i in range(8)):
+            before_s = running.cpu_s()
+            try:
+                model = api.upload(tangle(triangles, 128)).name
+            except grpc.RpcError as error:
+                failure = failure_of(error)
+                break
+            prepared_s = running.cpu_s()
+            api("DeleteSession", name=api.create(model).session.name)
+            self.assertLess(running.cpu_s() - prepared_s, max(0.5 * (prepared_s - before_s), 0.2), triangles)
+        else:
+            self.fail("no model was refused")
+        self.assertEqual((failure.code, failure.reason), ("INVALID_ARGUMENT", "MODEL_TOO_EXPENSIVE"))
+        self.assertIn("while computing views", failure.message)
+
     def test_no_model_takes_more_memory_than_its_limit(self):
         running = self.serve("--model-memory", str(64 << 20))
         before = running.peak_bytes()

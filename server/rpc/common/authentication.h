@@ -5,7 +5,9 @@
 #pragma once
 
 #include <grpcpp/server_context.h>
+#include <grpcpp/support/server_callback.h>
 
+#include <memory>
 #include <string>
 #include <utility>
 
@@ -45,18 +47,30 @@ grpc::ServerUnaryReactor* FinishUnary(Authenticator& authenticator, grpc::Callba
   return reactor;
 }
 
+// The reactor of a unary call whose work is slow. The work ends early when the client cancels the call. Deletes itself
+// when the call has ended.
+class SlowCallReactor : public grpc::ServerUnaryReactor {
+ public:
+  void OnCancel() override { cancellation_->Cancel(); }
+  void OnDone() override { delete this; }
+  const std::shared_ptr<Cancellation>& cancellation() const { return cancellation_; }
+
+ private:
+  const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
+};
+
 // Runs `handler()`, which finishes the call, on the pool's threads for slow work, because it may wait for the store and
 // must block neither gRPC's threads nor the workers. A call that was cancelled before its turn, that the shutdown ends,
 // or for which there is no memory, is finished without it.
 template <typename Handler>
-void PostCall(WorkerPool& pool, const std::string& tenant, grpc::CallbackServerContext* context,
-              grpc::ServerUnaryReactor* reactor, Handler handler) {
-  const absl::Status posted =
-      pool.slow().TryPost(tenant, [context, reactor, handler = std::move(handler)](const absl::Status& admitted) {
+void PostCall(WorkerPool& pool, const std::string& tenant, SlowCallReactor* reactor, Handler handler) {
+  const absl::Status posted = pool.slow().TryPost(
+      tenant,
+      [reactor, handler = std::move(handler)](const absl::Status& admitted) {
         if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
-        if (context->IsCancelled()) return reactor->Finish(grpc::Status::CANCELLED);
         handler();
-      });
+      },
+      reactor->cancellation());
   if (!posted.ok()) reactor->Finish(ToGrpcStatus(posted));
 }
 
@@ -64,14 +78,14 @@ void PostCall(WorkerPool& pool, const std::string& tenant, grpc::CallbackServerC
 template <typename Handler>
 grpc::ServerUnaryReactor* PostUnary(Authenticator& authenticator, WorkerPool& pool,
                                     grpc::CallbackServerContext* context, Handler handler) {
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
   absl::StatusOr<Caller> caller = Authenticate(authenticator, *context);
+  auto* const reactor = new SlowCallReactor;
   if (!caller.ok()) {
     reactor->Finish(ToGrpcStatus(caller.status()));
     return reactor;
   }
   const std::string tenant = caller->tenant;
-  PostCall(pool, tenant, context, reactor, [reactor, handler = std::move(handler), caller = *std::move(caller)] {
+  PostCall(pool, tenant, reactor, [reactor, handler = std::move(handler), caller = *std::move(caller)] {
     reactor->Finish(ToGrpcStatus(OrOutOfMemory([&] { return absl::Status(handler(caller)); })));
   });
   return reactor;

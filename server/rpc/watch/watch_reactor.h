@@ -47,7 +47,8 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     if (!missing_.has_value()) return Watch(begun);
     const absl::Status posted = services_.pool.slow().TryPost(
         missing_->tenant,
-        [self = this->shared_from_this()](const absl::Status& admitted) { self->LookInStore(admitted); });
+        [self = this->shared_from_this()](const absl::Status& admitted) { self->LookInStore(admitted); },
+        cancellation_);
     if (!posted.ok()) Watch(posted);
   }
 
@@ -118,7 +119,10 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
     session_->AddWatcher(this->weak_from_this());
     return absl::OkStatus();
   }
-  void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { failure_.Update(status); }
+  void Fail(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    failure_.Update(status);
+    if (!failure_.ok()) cancellation_->Cancel();
+  }
 
   // Fills `response` and returns true if there is something to send. Sets `is_last` if nothing will follow.
   virtual bool PickResponse(const WatchView& view, Response& response, bool& is_last)
@@ -158,11 +162,7 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   };
 
   // Runs on the pool's threads for slow work, because reading the store takes too long for gRPC's threads.
-  void LookInStore(absl::Status admitted) {
-    {
-      const std::lock_guard lock(mutex_);
-      admitted.Update(failure_);  // the call may have been cancelled meanwhile
-    }
+  void LookInStore(const absl::Status& admitted) {
     if (!admitted.ok()) return Watch(admitted);
     auto mirror = OrOutOfMemory([this] { return services_.sessions.Mirror(missing_->tenant, missing_->name); });
     const absl::Status found = mirror.status();
@@ -188,11 +188,12 @@ class WatchReactor : public grpc::ServerWriteReactor<Response>,
   grpc::CallbackServerContext* const context_;
   uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
-  std::shared_ptr<WatchReactor> self_;               // until OnDone
-  std::shared_ptr<WatchedSession> session_;          // null until it is found
-  std::optional<Missing> missing_;                   // the requested session, if it is not loaded at this server
-  std::shared_ptr<const void> stream_reservation_;   // in the quota of streams
-  std::shared_ptr<const void> watcher_reservation_;  // in the quota of watchers
+  std::shared_ptr<WatchReactor> self_;       // until OnDone
+  std::shared_ptr<WatchedSession> session_;  // null until it is found
+  std::optional<Missing> missing_;           // the requested session, if it is not loaded at this server
+  const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();  // of the search for it
+  std::shared_ptr<const void> stream_reservation_;                                       // in the quota of streams
+  std::shared_ptr<const void> watcher_reservation_;                                      // in the quota of watchers
   Response response_ ABSL_GUARDED_BY(mutex_);
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_finished_ ABSL_GUARDED_BY(mutex_) = false;
