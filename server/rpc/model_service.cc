@@ -18,6 +18,7 @@
 #include "server/rpc/common/authentication.h"
 #include "server/rpc/common/conversion.h"
 #include "server/rpc/common/status_mapping.h"
+#include "server/rpc/common/stream_registry.h"
 #include "server/rpc/model_geometry_reactor.h"
 #include "server/rpc/standard_methods.h"
 #include "server/runtime/client_text.h"
@@ -38,27 +39,48 @@ absl::Status ModelWasDeleted(const std::string& name) {
 // started after the previous message has been handled. The alarm and OnCancel() are asynchronous; the alarm ends the
 // call when the next message, or the whole file, does not arrive in time.
 class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
+                      public OpenStream,
                       public std::enable_shared_from_this<UploadReactor> {
  public:
-  UploadReactor(const ServiceContext& services, absl::StatusOr<Caller> caller, v1::Model* response)
-      : services_(services), caller_(std::move(caller)), response_(response) {}
+  UploadReactor(const ServiceContext& services, grpc::CallbackServerContext* context, v1::Model* response)
+      : services_(services),
+        context_(context),
+        access_version_(services.authenticator.version()),
+        caller_(Authenticate(services.authenticator, *context)),
+        response_(response) {}
 
   void Start() {
     self_ = shared_from_this();
+    services_.streams.Add(StreamRegistry::Kind::kUpload, self_);
     const std::lock_guard lock(mutex_);
-    if (!caller_.ok()) return End(caller_.status());
+    if (is_finished_) return;  // the server is shutting down
+    if (!caller_.ok()) return FinishWith(caller_.status());
     auto reservation = services_.models.limits().BeginUpload(caller_->tenant);
-    if (!reservation.ok()) return End(reservation.status());
+    if (!reservation.ok()) return FinishWith(reservation.status());
     reservation_ = *std::move(reservation);
     deadline_ = absl::Now() + services_.upload_timeout;
     Read();
   }
 
+  void OnCancel() override { End(absl::CancelledError("the client cancelled")); }
+
+  void GoAway(absl::Duration) override {}
+
   // The work of the call ends early: what waits is not run, what runs is ended.
-  void OnCancel() override {
+  void End(const absl::Status& status) override {
     cancellation_->Cancel();
     const std::lock_guard lock(mutex_);
-    if (!is_finished_) End(absl::CancelledError("the client cancelled"));
+    if (!is_finished_) FinishWith(status);
+  }
+
+  void CheckAccess(const AccessCheck& check) override {
+    absl::Status access;
+    {
+      const std::lock_guard lock(mutex_);
+      if (is_finished_) return;
+      access = StillAdmitted(services_.authenticator, *context_, caller_, check, access_version_);
+    }
+    if (!access.ok()) End(access);
   }
 
   void OnReadDone(bool ok) override {
@@ -71,10 +93,13 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
       EVPOSE_RETURN_IF_ERROR(HandleRequest());
       return Read(), absl::OkStatus();
     });
-    if (!status.ok()) End(status);
+    if (!status.ok()) FinishWith(status);
   }
 
-  void OnDone() override { const std::shared_ptr<UploadReactor> last = std::move(self_); }
+  void OnDone() override {
+    services_.streams.Remove(this);
+    const std::shared_ptr<UploadReactor> last = std::move(self_);
+  }
 
  private:
   struct KnownFile {
@@ -97,7 +122,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     const std::lock_guard lock(mutex_);
     if (is_finished_ || messages_ != awaited) return;
     const bool is_late = absl::Now() >= deadline_;
-    End(OrOutOfMemory([this, is_late] {
+    FinishWith(OrOutOfMemory([this, is_late] {
       return WithReason(
           absl::DeadlineExceededError(absl::StrCat(
               is_late ? "the file did not arrive within " : "the next message of the upload did not arrive within ",
@@ -106,7 +131,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     }));
   }
 
-  void End(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+  void FinishWith(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
     alarm_.reset();
     reservation_.reset();
@@ -188,10 +213,12 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
           cancellation_);
     }
     EVPOSE_RETURN_IF_ERROR(CheckSha256(sha256_hex_, known_->digest.FinishHex(), size_bytes_));
-    return services_.pool.slow().TryPost(caller_->tenant,
-                                         [this, self = shared_from_this()](const absl::Status& admitted) {
-                                           Complete(admitted, &UploadReactor::FindKnown);
-                                         });
+    return services_.pool.slow().TryPost(
+        caller_->tenant,
+        [this, self = shared_from_this()](const absl::Status& admitted) {
+          Complete(admitted, &UploadReactor::FindKnown);
+        },
+        cancellation_);
   }
 
   // Ends the call with the model that `make()` returns. `make` runs without the lock, which OnCancel() takes.
@@ -202,7 +229,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     });
     const std::lock_guard lock(mutex_);
     if (is_finished_) return;
-    End(OrOutOfMemory([&] {
+    FinishWith(OrOutOfMemory([&] {
       if (model.ok()) *response_ = ToProto(*model);
       return model.status();
     }));
@@ -232,6 +259,8 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   }
 
   const ServiceContext services_;
+  grpc::CallbackServerContext* const context_;
+  uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
   v1::Model* const response_;
   std::shared_ptr<UploadReactor> self_;  // until OnDone
@@ -271,8 +300,7 @@ absl::Status List(const ModelRegistry& models, const std::string& tenant, const 
 
 grpc::ServerReadReactor<v1::UploadModelRequest>* ModelServiceImpl::UploadModel(grpc::CallbackServerContext* context,
                                                                                v1::Model* response) {
-  const auto reactor =
-      std::make_shared<UploadReactor>(services_, Authenticate(services_.authenticator, *context), response);
+  const auto reactor = std::make_shared<UploadReactor>(services_, context, response);
   reactor->Start();
   return reactor.get();
 }

@@ -56,6 +56,25 @@ v1::Mesh CubeMesh() {
   return mesh;
 }
 
+TEST_F(UploadTest, TheEndOfTheServerEndsAnUploadUnderWay) {
+  ServerOptions options = Options();
+  options.max_model_store_bytes = options.max_model_bytes;
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(server_->InProcessChannel());
+  grpc::ClientContext context;
+  v1::Model model, other;
+  const auto upload = models_->UploadModel(&context, &model);
+  ASSERT_TRUE(upload->Write(UploadHeader(options.max_model_bytes)));
+  v1::UploadModelRequest most;
+  most.set_chunk(std::string(options.max_model_bytes - 1, ' '));
+  ASSERT_TRUE(upload->Write(most));
+  ASSERT_TRUE(
+      Poll([&] { return Describe(Upload({UploadHeader(2)}, &other)) == "RESOURCE_EXHAUSTED MODEL_STORE_FULL"; }));
+  auto end = std::async(std::launch::async, [&upload] { return Describe(upload->Finish()); });
+  server_->Shutdown(absl::Seconds(1));
+  EXPECT_EQ(end.get(), "UNAVAILABLE DRAINING");
+}
+
 TEST_F(UploadTest, UploadsAMesh) {
   v1::Model model;
   std::vector<v1::UploadModelRequest> requests = MeshUploadRequests(CubeMesh().SerializeAsString());

@@ -63,6 +63,26 @@ TEST_F(TokensTest, ARemovedTokenIsRejectedAndEndsItsStreams) {
   EXPECT_EQ(Describe(others_track->Finish()), "OK");
 }
 
+TEST_F(TokensTest, ARemovedTokenEndsAnUploadUnderWay) {
+  ServerOptions options = Options();
+  options.listen_address = "127.0.0.1:0";
+  options.token_file = files_.Path("tokens");
+  options.tenant.max_model_bytes = options.max_model_bytes;
+  server_ = StartServer(options, FakeTrackers(gate_)).value();
+  Use(OpenChannel(server_->port(), lab_.token));
+  grpc::ClientContext context;
+  v1::Model model, other;
+  const auto upload = models_->UploadModel(&context, &model);
+  ASSERT_TRUE(upload->Write(UploadHeader(options.max_model_bytes)));
+  v1::UploadModelRequest most;
+  most.set_chunk(std::string(options.max_model_bytes - 1, ' '));
+  ASSERT_TRUE(upload->Write(most));
+  // The chunk has arrived when there is no room beside it.
+  ASSERT_TRUE(Poll([&] { return Describe(Upload({UploadHeader(2)}, &other)) == "RESOURCE_EXHAUSTED TENANT_QUOTA"; }));
+  WriteTokens({field_});
+  EXPECT_EQ(Describe(upload->Finish()), "UNAUTHENTICATED ACCESS_WITHDRAWN");
+}
+
 TEST_F(TokensTest, ATokenOfAnotherTenantEndsItsStreams) {
   const auto track = Attached(CreateSession());
   files_.Write("tokens", absl::StrReplaceAll(lab_.line, {{"lab ", "field "}}));

@@ -10,6 +10,7 @@ import grpc
 import server
 from api import client, failure_of, refusal
 from hostile_models import CUBE, padded_cube
+from test_uploads import end_of, open_upload, reason_of_header
 
 
 def is_unauthenticated(api):
@@ -22,18 +23,25 @@ def is_unauthenticated(api):
 
 class TokenTest(server.AdversaryTest):
     def withdraw(self, remaining):
-        """Removes all tokens except those of `remaining` while mallory has a Track and three Watch streams open."""
-        running = self.serve(tenants=("alice", "mallory"))
+        """Removes all tokens except those of `remaining` while mallory has a Track and three Watch streams and an upload open."""
+        # An upload may be silent for --attach-timeout.
+        running = self.serve("--attach-timeout", str(server.PATIENCE_S), "--upload-timeout", str(server.PATIENCE_S),
+                             "--max-model-bytes", str(1 << 20), "--tenant-max-model-bytes", str(1 << 20), tenants=("alice", "mallory"))
         mallory, alice = client(self, running, "mallory"), client(self, running, "alice")
         created = mallory.create(mallory.upload(CUBE).name)
         stream, _ = mallory.attach(created)
         watchers = [mallory.watch(name, session=created.session.name) for name in ("WatchHealth", "WatchPoses", "WatchEvents")]
         next(watchers[0])
+        upload = open_upload(mallory, 900_000)
+        upload.send(chunk=padded_cube(899_999, 1))
+        server.poll(lambda: reason_of_header(mallory, 200_000) == "TENANT_QUOTA", "bytes of the upload that have arrived")
         server.write_tokens(self.directory / "tokens", remaining)
         server.poll(lambda: is_unauthenticated(mallory), "a refused call")
         self.assertEqual(stream.failure().code, "UNAUTHENTICATED")
         for watcher in watchers:
             self.assertEqual(refusal(list, watcher).code, "UNAUTHENTICATED")
+        failure = end_of(upload)
+        self.assertEqual((failure.code, failure.reason), ("UNAUTHENTICATED", "ACCESS_WITHDRAWN"))
         self.assertEqual(is_unauthenticated(alice), "alice" not in remaining)
 
     def test_open_streams_end_when_their_token_is_withdrawn(self):

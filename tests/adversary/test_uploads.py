@@ -23,6 +23,14 @@ def end_of(stream):
     return failure_of(stream.call.exception(timeout=server.PATIENCE_S))
 
 
+def reason_of_header(api, size_bytes):
+    """Returns the reason for which the header of an upload is refused. An upload that was accepted and has no data is refused without
+    one."""
+    stream = open_upload(api, size_bytes)
+    stream.finish()
+    return end_of(stream).reason
+
+
 class UploadTest(server.AdversaryTest):
     def test_headers_reserve_nothing(self):
         running = self.serve("--max-uploads", "100")
@@ -39,7 +47,7 @@ class UploadTest(server.AdversaryTest):
         for stream in streams:
             stream.send(chunk=padded_cube(1 << 20, 2))
         # The server accepts the header of an upload if its model has room beside what has arrived.
-        server.poll(lambda: self._reason_of_header(api, (1 << 20) + 1) == "MODEL_STORE_FULL", "three MiB that have arrived")
+        server.poll(lambda: reason_of_header(api, (1 << 20) + 1) == "MODEL_STORE_FULL", "three MiB that have arrived")
         accepted = 0
         with self.assertRaises(grpc.RpcError) as caught:
             for number in range(10):
@@ -47,13 +55,6 @@ class UploadTest(server.AdversaryTest):
                 accepted += 1
         self.assertEqual(failure_of(caught.exception).reason, "MODEL_STORE_FULL")
         self.assertIn(accepted, (1, 2))  # 1 MiB is left, of which a model also takes what is derived from it
-
-    def _reason_of_header(self, api, size_bytes):
-        """Returns the reason for which the header of an upload is refused. An upload that was accepted and has no data is refused without
-        one."""
-        stream = open_upload(api, size_bytes)
-        stream.finish()
-        return end_of(stream).reason
 
     def test_uploads_are_counted(self):
         running = self.serve("--max-uploads", "4")

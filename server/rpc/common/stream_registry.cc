@@ -26,18 +26,18 @@ void StreamRegistry::Remove(const OpenStream* stream) {
   removed_.notify_all();
 }
 
-std::vector<std::shared_ptr<OpenStream>> StreamRegistry::Streams(bool with_watches) {
+std::vector<std::shared_ptr<OpenStream>> StreamRegistry::Streams(bool only_tracks) {
   const std::lock_guard lock(mutex_);
   std::vector<std::shared_ptr<OpenStream>> streams;
   for (const auto& [key, entry] : entries_) {
-    if (!with_watches && entry.kind == Kind::kWatch) continue;
+    if (only_tracks && entry.kind != Kind::kTrack) continue;
     if (auto stream = entry.stream.lock()) streams.push_back(std::move(stream));
   }
   return streams;
 }
 
 void StreamRegistry::GoAway(absl::Duration deadline) {
-  for (const auto& stream : Streams(/*with_watches=*/false)) stream->GoAway(deadline);
+  for (const auto& stream : Streams(/*only_tracks=*/true)) stream->GoAway(deadline);
 }
 
 void StreamRegistry::WaitForTracks(absl::Time deadline) {
@@ -51,7 +51,7 @@ void StreamRegistry::WaitForAll(absl::Time deadline) {
 }
 
 void StreamRegistry::CheckAccess(const AccessCheck& check) {
-  for (const auto& stream : Streams(/*with_watches=*/true)) stream->CheckAccess(check);
+  for (const auto& stream : Streams(/*only_tracks=*/false)) stream->CheckAccess(check);
 }
 
 void StreamRegistry::EndAll(const absl::Status& status) {
@@ -59,7 +59,7 @@ void StreamRegistry::EndAll(const absl::Status& status) {
     const std::lock_guard lock(mutex_);
     ended_ = status;
   }
-  for (const auto& stream : Streams(/*with_watches=*/true)) stream->End(status);
+  for (const auto& stream : Streams(/*only_tracks=*/false)) stream->End(status);
 }
 
 }  // namespace evpose::server

@@ -13,14 +13,13 @@
 #include "absl/status/status.h"
 #include "absl/time/time.h"
 #include "server/auth/authenticator.h"
-#include "server/telemetry/metrics.h"
 
 namespace evpose::server {
 
 class OpenStream {
  public:
   virtual ~OpenStream() = default;
-  // Sends the notice GoAway.
+  // Sends the notice GoAway, if it is a Track stream.
   virtual void GoAway(absl::Duration deadline) = 0;
   // Ends the stream with this error.
   virtual void End(const absl::Status& status) = 0;
@@ -31,7 +30,7 @@ class OpenStream {
 // Thread-safe.
 class StreamRegistry {
  public:
-  using Kind = StreamKind;
+  enum class Kind { kTrack, kWatch, kUpload };
 
   // After EndAll() the stream is ended immediately.
   void Add(Kind kind, const std::shared_ptr<OpenStream>& stream);
@@ -53,7 +52,7 @@ class StreamRegistry {
     Kind kind;
     std::weak_ptr<OpenStream> stream;
   };
-  std::vector<std::shared_ptr<OpenStream>> Streams(bool with_watches);
+  std::vector<std::shared_ptr<OpenStream>> Streams(bool only_tracks);
 
   std::mutex mutex_;
   std::condition_variable removed_;
