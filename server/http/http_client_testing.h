@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/address.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/read.hpp>
 #include <boost/asio/write.hpp>
@@ -21,7 +22,10 @@ namespace evpose::server {
 // One connection to a port of this machine.
 class HttpConnection {
  public:
-  explicit HttpConnection(int port) {
+  // `from`: the address of the client, in the network of loopback.
+  explicit HttpConnection(int port, const char* from = "127.0.0.1") {
+    socket_.open(boost::asio::ip::tcp::v4());
+    socket_.bind({boost::asio::ip::make_address(from), 0});
     socket_.connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(port)});
   }
   // Errors are ignored, because the server may close the connection before it has read everything.

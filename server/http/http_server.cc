@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/http_server.h"
 
+#include <algorithm>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
@@ -8,12 +9,14 @@
 #include <chrono>
 #include <limits>
 #include <list>
+#include <map>
 #include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "core/base/status_macros.h"
+#include "server/connections/connection_ledger.h"
 #include "server/connections/listen_address.h"
 #include "server/http/listener_thread.h"
 
@@ -27,8 +30,9 @@ using Error = boost::system::error_code;
 
 constexpr std::chrono::seconds kRequestTimeout(5);  // from the connection to the last byte of the response
 constexpr size_t kMaxRequestBytes = 8192;           // request line and headers; bodies are not read
-// Enough for the scrapers and probes of a server. Beyond it the oldest connection is closed: a probe sends its request
-// at once, whereas connections that wait are idle or hostile.
+// Enough for the scrapers and probes of a server. Beyond it the oldest connection of the client address that has the
+// most is closed: a probe sends its request at once, whereas connections that wait are idle or hostile, and a flood of
+// connections from one address must not close those of probes from others.
 constexpr size_t kMaxConnections = 32;
 
 std::string AcceptOf(const http::request<http::empty_body>& request) {
@@ -46,6 +50,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
  public:
   using MakePage = std::function<HttpPage(const http::request<http::empty_body>&)>;
   Connection(tcp::socket socket, const MakePage& make_page) : stream_(std::move(socket)), make_page_(make_page) {
+    Error ignored;  // the client may have gone already
+    peer_ = PeerOf(stream_.socket().remote_endpoint(ignored).address());
     parser_.body_limit(std::numeric_limits<uint64_t>::max());  // bodies are not read; Beast 1.74 takes none as 0
   }
 
@@ -60,6 +66,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   void Close() { stream_.close(); }
+  const boost::asio::ip::address& peer() const { return peer_; }
 
  private:
   void Answer() {
@@ -79,6 +86,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   }
 
   beast::tcp_stream stream_;
+  boost::asio::ip::address peer_;
   const MakePage& make_page_;
   beast::flat_buffer buffer_{kMaxRequestBytes};
   http::request_parser<http::empty_body> parser_;
@@ -97,13 +105,21 @@ class BeastServer : public HttpServer {
 
  private:
   void Add(tcp::socket socket) {
-    if (connections_.size() == kMaxConnections) {
-      connections_.front()->Close();
-      connections_.pop_front();
-    }
+    if (connections_.size() == kMaxConnections) CloseOne();
     const auto connection = std::make_shared<Connection>(std::move(socket), make_page_);
     connections_.push_back(connection);
     connection->Start([this, weak = std::weak_ptr<Connection>(connection)] { connections_.remove(weak.lock()); });
+  }
+
+  void CloseOne() {
+    std::map<boost::asio::ip::address, int> num_by_peer;
+    for (const auto& connection : connections_) ++num_by_peer[connection->peer()];
+    const auto most = std::max_element(num_by_peer.begin(), num_by_peer.end(),
+                                       [](const auto& a, const auto& b) { return a.second < b.second; });
+    const auto oldest = std::find_if(connections_.begin(), connections_.end(),
+                                     [most](const auto& connection) { return connection->peer() == most->first; });
+    (*oldest)->Close();
+    connections_.erase(oldest);
   }
 
   HttpPage MakePage(const http::request<http::empty_body>& request) const {

@@ -108,6 +108,24 @@ TEST_F(HttpServerTest, ClosesTheOldestOfTooManyConnections) {
   for (int i = 0; i < 160; ++i) EXPECT_EQ(silent[static_cast<size_t>(i)].ReadAll(), "") << i;
 }
 
+// A probe that is delayed between its connection and its request, while another address connects continuously.
+TEST_F(HttpServerTest, AFloodOfConnectionsClosesNoneOfAnotherAddress) {
+  std::deque<HttpConnection> flood;
+  const auto connect = [&](int count) {
+    for (int i = 0; i < count; ++i) flood.emplace_back(port_, "127.0.0.2");
+  };
+  connect(100);
+  HttpConnection probe(port_), half(port_);
+  half.Write("GET /co");
+  connect(200);
+  EXPECT_EQ(Ask(port_, "/count").body, "1") << "the 200 have been accepted before it";
+  probe.Write("GET /count HTTP/1.1\r\n\r\n");
+  EXPECT_THAT(probe.ReadAll(), HasSubstr("\r\n\r\n2"));
+  half.Write("unt HTTP/1.1\r\n\r\n");
+  EXPECT_THAT(half.ReadAll(), HasSubstr("\r\n\r\n3"));
+  for (size_t i = 0; i < 200; ++i) EXPECT_EQ(flood[i].ReadAll(), "") << i;
+}
+
 TEST_F(HttpServerTest, TwoAtATime) {
   const auto second =
       HttpServer::Start("localhost:0", {{"/", [](const std::string&) { return HttpPage{.body = "second"}; }}}).value();
