@@ -5,9 +5,12 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
 #include <memory>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "evpose/v1/admin_service.grpc.pb.h"
 #include "evpose/v1/model_service.grpc.pb.h"
 #include "evpose/v1/session_service.grpc.pb.h"
@@ -18,6 +21,18 @@
 
 namespace evpose::server {
 namespace {
+
+TEST(StartTest, ASignalEndsAStartThatWaitsForTheStore) {
+  using boost::asio::ip::tcp;
+  boost::asio::io_context context;
+  tcp::acceptor silent(context, {boost::asio::ip::address_v4::loopback(), 0});
+  const std::string store = absl::StrCat("redis://127.0.0.1:", silent.local_endpoint().port());
+  Program program({"--listen", "127.0.0.1:0", "--store", store});
+  const tcp::socket connection = silent.accept();
+  program.Signal(SIGTERM);
+  EXPECT_EQ(program.Wait(), -SIGTERM) << program.Stderr();
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("signal 15 ended the start"));
+}
 
 class LeavingTest : public testing::Test {
  protected:

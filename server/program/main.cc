@@ -75,10 +75,45 @@ sigset_t EndSignals() {
 // The signal with which a Drain call wakes the main thread. It stays blocked, so it never ends the process.
 int DrainSignal() { return SIGRTMIN; }
 
+// The signal that ends a StartWatch.
+int StartedSignal() { return SIGRTMIN + 1; }
+
 void BlockSignals() {
   sigset_t signals = EndSignals();
   sigaddset(&signals, DrainSignal());
+  sigaddset(&signals, StartedSignal());
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+}
+
+// While it exists, a signal ends the process at once: during the start, which may wait for the store, there are no
+// streams to finish. A signal that comes later waits for WaitForEndSignal().
+class StartWatch {
+ public:
+  StartWatch() = default;
+  ~StartWatch() {
+    pthread_kill(thread_.native_handle(), StartedSignal());
+    thread_.join();
+  }
+  StartWatch(const StartWatch&) = delete;
+  StartWatch& operator=(const StartWatch&) = delete;
+
+ private:
+  static void Watch() {
+    sigset_t signals = EndSignals();
+    sigaddset(&signals, StartedSignal());
+    int signal_number = 0;
+    sigwait(&signals, &signal_number);
+    if (signal_number == StartedSignal()) return;
+    Log(LogLevel::kInfo, "server_stopped", {{"message", absl::StrCat("signal ", signal_number, " ended the start")}});
+    TerminateBySignal(signal_number);
+  }
+
+  std::thread thread_{Watch};
+};
+
+absl::StatusOr<std::unique_ptr<Server>> StartServer(const ServerOptions& options) {
+  const StartWatch watch;
+  return Server::Start(options);
 }
 
 // Waits for the first signal or Drain call. Afterwards a further signal ends the process immediately.
@@ -241,7 +276,7 @@ int Serve(const ProgramOptions& options) {
   absl::StatusOr<std::unique_ptr<Server>> server;
   const auto pages = StartPages(options);
   if (!pages.ok()) return Fail(kFailed, std::string(pages.status().message()));
-  server = Server::Start(server_options);
+  server = StartServer(server_options);
   if (!server.ok()) return Fail(kFailed, std::string(server.status().message()));
   if (*pages != nullptr) (*pages)->Show(**server);
   const auto load = StartLoadListener(options, **server);
