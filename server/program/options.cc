@@ -117,7 +117,7 @@ void DefineStorage(CLI::App& app, Arguments& arguments) {
          "--store", options.store.store,
          "Store of sessions, poses and models: sqlite, one file in --data-dir; memory, lost when the server ends; "
          "redis://[USER:PASSWORD@]HOST:PORT[/DB], for several servers that take over each other's sessions; "
-         "redis+sentinel://[USER:PASSWORD@]HOST:PORT,.../NAME[/DB], the same with the addresses of "
+         "redis+sentinel://HOST:PORT,.../NAME, the same, with the same optional parts, at the addresses of "
          "Sentinels, which replace a failed master of this name; "
          "redis-groups:FILE, several of these, among which the sessions are divided, each as a line NAME ADDRESS; "
          "postgresql://[USER:PASSWORD@]HOST[:PORT],.../DATABASE, "

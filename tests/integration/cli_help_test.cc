@@ -19,6 +19,8 @@
 #include "client/convert_hdf5/hdf5_arguments.h"
 #include "client/convert_step/step_arguments.h"
 #include "core/command_line/help.h"
+#include "server/program/health_check_arguments.h"
+#include "server/program/options.h"
 #include "tests/integration/cli_fixture.h"
 #include "tests/integration/local_server_testing.h"
 
@@ -173,6 +175,9 @@ TEST_F(CliTest, HelpOfEveryCommandIsComplete) {
   ExpectCompleteHelp(*client::MakeStepParser(step));
   client::Hdf5Arguments hdf5;
   ExpectCompleteHelp(*client::MakeHdf5Parser(hdf5));
+  server::HealthCheckArguments health_check;
+  ExpectCompleteHelp(*server::MakeHealthCheckParser(health_check));
+  server::UseParser([](const CLI::App& program) { ExpectCompleteHelp(program); });
 }
 
 TEST_F(CliTest, UsageHasOptionsOfWhichOneIsRequired) {
