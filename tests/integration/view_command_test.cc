@@ -3,6 +3,7 @@
 // evpose view as a command: its errors, its address and its end. The page itself is tested in tests/view.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <string>
 
@@ -69,6 +70,18 @@ TEST_F(ViewCommandTest, AServerIsServedUntilAnInterrupt) {
   const CliResult missing = Run({"view", "sessions/none", "--server", server.address});
   EXPECT_EQ(missing.status, 1);
   EXPECT_THAT(missing.err, HasSubstr("sessions/none does not exist"));
+}
+
+TEST_F(ViewCommandTest, AnAddressThatOtherMachinesCanReachIsServedWithAWarning) {
+  const LocalServer server = StartLocalServer();
+  const CliResult published = ServeAndInterrupt("evpose view --listen 0.0.0.0:0 --server " + server.address);
+  EXPECT_EQ(published.status, 0) << published.err;
+  EXPECT_THAT(published.err, HasSubstr("warning: the link to the page is not encrypted, and other machines can reach "
+                                       "0.0.0.0:0: "));
+  ASSERT_EQ(unlink(Path("address").c_str()), 0);
+  const CliResult own = ServeAndInterrupt("evpose view --listen 127.0.0.1:0 --server " + server.address);
+  EXPECT_EQ(own.status, 0) << own.err;
+  EXPECT_EQ(own.err, "");
 }
 
 TEST_F(ViewCommandTest, AReplayOpensItsPageAndHasTheSamePoses) {

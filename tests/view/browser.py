@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A headless Chromium for the tests of the page, and the processes that serve it."""
 
+import base64
 import json
 import os
 import pathlib
@@ -62,7 +63,7 @@ class PageServer:
 class Page:
     """A browser with one page."""
 
-    def __init__(self, url, width=1280, height=720, arguments=()):
+    def __init__(self, url, width=1280, height=720, arguments=(), records_network=False):
         from selenium import webdriver
         from selenium.webdriver.chrome.service import Service
 
@@ -70,7 +71,8 @@ class Page:
         options.binary_location = CHROMIUM
         for argument in ("--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--hide-scrollbars", *arguments):
             options.add_argument(argument)
-        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        logs = {"browser": "ALL", **({"performance": "ALL"} if records_network else {})}
+        options.set_capability("goog:loggingPrefs", logs)
         self.driver = webdriver.Chrome(service=Service(CHROMEDRIVER), options=options)
         self.resize(width, height)
         self.driver.get(url)
@@ -160,6 +162,12 @@ class Page:
 
     def console_errors(self):
         return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
+
+    def received(self):
+        """What WebSockets have received since the previous call, texts and bytes. Requires `records_network`."""
+        events = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
+        frames = [event["params"]["response"] for event in events if event["method"] == "Network.webSocketFrameReceived"]
+        return [frame["payloadData"] if frame["opcode"] == 1 else base64.b64decode(frame["payloadData"]) for frame in frames]
 
     def foreign_requests(self):
         """Addresses outside the page's origin from which something was fetched."""

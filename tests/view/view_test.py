@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import urllib.request
 
 from browser import STATE_COLOURS, Page, PageServer, require, require_browser
 
@@ -96,8 +97,8 @@ class ViewTest(unittest.TestCase):
         evpose("replay", cls.recording, *cls.inputs, "--out", cls.poses_file)
         cls.poses = read_poses(cls.poses_file)
 
-    def open_page(self, url):
-        page = Page("about:blank")
+    def open_page(self, url, **options):
+        page = Page("about:blank", **options)
         self.addCleanup(page.close)
         page.set_theme("dark")
         page.driver.get(url)
@@ -365,6 +366,39 @@ class LiveView(ViewTest):
         self.assert_same_poses(replay)
         self.assert_silent(page)
         self.assertEqual(suspended.data["errors"], "0")
+
+
+class LiveViewWithToken(ViewTest):
+    def test_the_token_does_not_reach_the_page(self):
+        scratch = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        tracker = server.Server("--log-level", "error", "--token-file", str(server.write_tokens(scratch / "tokens", ["lab"])), directory=scratch)
+        self.addCleanup(tracker.kill)
+        secret = server.token("lab")
+        with_token = {"env": {**os.environ, "EVPOSE_TOKEN": secret}}
+        gateway = self.serve_page("--server", tracker.address, **with_token)
+        page = self.open_page(gateway.url, records_network=True)
+        replay = subprocess.Popen(
+            [server.EVPOSE, "replay", self.recording, *self.inputs, "--server", tracker.address, "--rate", "0.5"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **with_token,
+        )
+        self.addCleanup(replay.wait)
+        self.addCleanup(replay.kill)
+        row = "document.querySelector('#session-list .session:not(.head)')"
+        page.wait(lambda: page.run(f"return {row} !== null"), "the session of the tenant")
+        page.run(f"{row}.click()")
+        page.wait(lambda: int(page.data["imagesDrawn"]) > 10 and shown_pose(page), "images and poses")
+        self.assertEqual(replay.wait(), 0)
+        page.wait(lambda: page.run("return document.getElementById('live-badge').textContent").startswith("ended: "), "the end")
+        frames = page.received()
+        texts = [frame for frame in frames if isinstance(frame, str)]
+        for kind in ("hello", "sessions", "scene", "poses", "health", "end"):
+            self.assertTrue(any(f'"type":"{kind}"' in text for text in texts), kind)
+        self.assertTrue(any(isinstance(frame, bytes) for frame in frames))
+        for name in ("/", "/app.js", "/app.css", "/licenses.txt"):
+            with urllib.request.urlopen(gateway.origin + name) as response:
+                frames += [response.read(), str(response.headers)]
+        for frame in frames:
+            self.assertNotIn(secret.removeprefix("evpose_"), frame if isinstance(frame, str) else frame.decode("latin-1"))
 
 
 class ReplayView(ViewTest):

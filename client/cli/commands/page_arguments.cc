@@ -87,6 +87,10 @@ absl::StatusOr<std::unique_ptr<PageServer>> PageArguments::Listen() const {
 
 void PageArguments::Serve(PageServer& server, ViewSource& source, std::ostream& out, std::ostream& err) const {
   server.Serve(source);
+  if (const auto address = server::ParseListenAddress(listen); address.ok() && !address->IsLoopback()) {
+    err << "warning: the link to the page is not encrypted, and other machines can reach " << listen
+        << ": publish its port on 127.0.0.1 of this machine only, or use ssh or a reverse proxy with TLS" << std::endl;
+  }
   out << server.url() << std::endl;
   if (is_opened) OpenInBrowser(server.url(), err);
 }
