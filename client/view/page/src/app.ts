@@ -17,7 +17,8 @@ import { Theme } from "./theme";
 import { Timeline } from "./timeline";
 import { Transport } from "./transport";
 
-const RATE_HZ = 30;
+/** Images are made between two slices of events, so that a few per cent fewer come than were asked for: at least 30 are wanted. */
+const RATE_HZ = 32;
 /** Lists and plots of a live session are drawn less often than images. */
 const SLOW_PERIOD_MS = 160;
 const LIST_PERIOD_MS = 2000;
