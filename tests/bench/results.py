@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Runs benchmarks and prints their tables as Markdown, each with the commit, the machine and the command that measured it.
+"""Runs benchmarks and prints their tables as Markdown, each with the commit, the machine, its load and the command that measured it.
 
   tests/bench/results.py [SECTION ...]          prints to standard output
   tests/bench/results.py --update [SECTION ...] replaces the sections between their marks in core/experiments/RESULTS.md
@@ -22,6 +22,8 @@ import tempfile
 import textwrap
 
 import real.tables as cameras
+from result_tables import seeing
+from result_tables.seeing import table
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PAGE = os.path.join(ROOT, "core/experiments/RESULTS.md")
@@ -29,11 +31,6 @@ EVPOSE = os.path.join(ROOT, "build/release/client/cli/evpose")
 MARK = "<!-- results: %s -->\n"
 END = "<!-- end -->"
 COLUMNS = 140  # tests/lint/check_tree.py
-
-
-def table(header, rows):
-    lines = [header, ["---"] * len(header)] + rows
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def distinct(values):
@@ -378,6 +375,10 @@ RUNS = [
         [("--duration", "0.05"), ("--repetitions", "1")], {"speed": decoding, "tracking-speed": tracking_speed}),
     Run(BENCH + ["speed", "--parts", "path,latency,sessions,memory"], [("--duration", "0.05"), ("--repetitions", "1")],
         {"service-path": service_path, "service-latency": service_latency, "service-sessions": service_sessions}),
+    Run(["tests/bench/view_page.py", "--repetitions", "3"], [("--repetitions", "1"), ("--seconds", "2")], {"view-page": seeing.page}),
+    Run(["tests/bench/event_images.py"], [("--repetitions", "1")], {"event-images": seeing.watchers}),
+    Run(["tests/bench/python_client.py", "--core", "1"], [("--repetitions", "1"), ("--seconds", "0.2")],
+        {"python-client": seeing.python_client}),
 ]
 SECTIONS = [name for run in RUNS for name in run.sections]
 
@@ -395,11 +396,13 @@ def machine():
 
 def output_of(arguments):
     """Returns the JSON that the command prints. `bench speed`, `bench models` and `bench real` write it to a file."""
-    program = EVPOSE if arguments[0] == "evpose" else os.path.join(ROOT, arguments[0])
+    program = [EVPOSE if arguments[0] == "evpose" else os.path.join(ROOT, arguments[0])]
+    if arguments[0].endswith(".py"):
+        program.insert(0, sys.executable)  # the benchmarks of pages and clients need Debian's packages: /usr/bin/python3
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "table.json")
         writes_file = arguments[1:3] in (["bench", "speed"], ["bench", "models"], ["bench", "real"])
-        done = subprocess.run([program] + arguments[1:] + (["--out", path] if writes_file else ["--json"]),
+        done = subprocess.run(program + arguments[1:] + (["--out", path] if writes_file else ["--json"]),
                               stdout=subprocess.PIPE, text=True, check=False, cwd=ROOT)
         if done.returncode != 0:
             fail(f"{' '.join(arguments)} ended with status {done.returncode}")
@@ -414,10 +417,11 @@ def measure(run, sections, is_quick):
     if run.setup:
         subprocess.run([os.path.join(ROOT, run.setup[0])] + run.setup[1:], cwd=ROOT, stderr=subprocess.DEVNULL, check=True)
     version = subprocess.run([EVPOSE, "--version"], stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    load = os.getloadavg()[0]
     result = run.output(arguments)
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
     command = " ".join("DIR" if argument == REAL else argument for argument in arguments)
-    source = textwrap.fill(f"{kind} with `{command}`, {version}, on {machine()}.", COLUMNS, break_long_words=False, break_on_hyphens=False)
+    source = textwrap.fill(f"{kind} with `{command}`, {version}, on {machine()}, at a load of {load:.1f} before it.", COLUMNS, break_long_words=False, break_on_hyphens=False)
     return {name: f"{source}\n\n{run.sections[name](result)}\n" for name in sections}
 
 

@@ -4,6 +4,7 @@
 import unittest
 
 import results
+from result_tables import seeing
 
 NO_POSE = float("nan")
 
@@ -50,6 +51,32 @@ class ModelsTableTest(unittest.TestCase):
         [line] = cells(row("cube-coarse", run(1, "kept", 0.001)), refused)
         self.assertEqual(line["kept"], "1 of 1; refused: 1")
         self.assertEqual(line["worst recording"], "seed 1, coarse")
+
+
+class SeeingTablesTest(unittest.TestCase):
+    def lines(self, text):
+        return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()[2:]]
+
+    def test_the_page_has_a_value_of_each_run_beside_the_goal(self):
+        figures = {"first_s": 0.625, "rate_hz": 31.24, "skipped": 2, "delay_ms": 11.4, "delay_95_ms": 36.0, "poses": 800, "late_ms": 0.31, "age_ms": 1.26}
+        lines = self.lines(seeing.page({"mev_per_s": 10.2, "rate_hz": 40.0, "runs": [figures, {**figures, "rate_hz": 29.96}]}))
+        self.assertIn(["images drawn per second, of 40 that were asked for", "30", "31.2, 30.0"], lines)
+        self.assertIn(["from the newest event of an image to the frame that shows it, median, ms", "100", "11, 11"], lines)
+        self.assertIn(["largest delay of the events at the pipe, ms", "", "0.3, 0.3"], lines)
+        self.assertIn(["age of the oldest event that waits at the end, ms", "", "1.3, 1.3"], lines)
+
+    def test_watchers_have_their_standard_error(self):
+        rows = [{"watchers": "the first", "more_percent": 1.234, "error_percent": 0.456, "pairs": 20},
+                {"watchers": "each further", "more_percent": 0.12, "error_percent": 0.051, "pairs": 18}]
+        self.assertEqual(self.lines(seeing.watchers({"mev_per_s": 10.2, "rate_hz": 30.0, "rows": rows})),
+                         [["the first", "10", "1.23", "0.46", "20"], ["each further", "1", "0.12", "0.05", "18"]])
+
+    def test_the_python_client_has_its_throughput_in_both_times(self):
+        rows = [{"kind": "raw", "mev_per_cpu_s": 50.04, "mev_per_wall_s": 17.2}, {"kind": "arrays", "mev_per_cpu_s": 29.0, "mev_per_wall_s": 12.0}]
+        lines = self.lines(seeing.python_client({"rows": rows, "ratio_to_replay": 0.81, "whole_process_ratio": 1.3}))
+        self.assertEqual(lines[:3], [["Mev/s of its processor time", "10", "50.0", "29.0"],
+                                     ["Mev/s of wall time, with the server", "10", "17.2", "12.0"],
+                                     ["processor time over that of `evpose replay`", "", "0.81", ""]])
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import argparse
 import contextlib
 import json
 import pathlib
+import re
 import statistics
 import subprocess
 import sys
@@ -160,6 +161,7 @@ def main():
     parser.add_argument("--noise", type=float, default=11.5, help="events per second of a dark pixel")
     parser.add_argument("--rate", type=float, default=40.0, help="images per second that the page asks for")
     parser.add_argument("--repetitions", type=int, default=5)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args()
     require_browser()
     binaries = arguments.bin.resolve()
@@ -178,14 +180,21 @@ def run(arguments, binaries, evpose, page):
         scene = pathlib.Path(folder)
         made = simulate(evpose, scene, "--object", "cube", "--camera", "evk4", "--duration", arguments.seconds, "--background-activity",
                         arguments.noise)
-        print(made[made.index("("):made.index("Mev/s")] + "Mev/s)")
-        print(f"{'first image s':>14}{'images/s':>10}{'skipped':>9}{'delay ms':>10}{'95 %':>8}{'poses':>8}{'sensor late ms':>16}"
-              f"{'queue ms':>10}")
+        result = {"mev_per_s": float(re.search(r"([0-9.]+) Mev/s", made).group(1)), "rate_hz": arguments.rate, "runs": []}
+        if not arguments.json:
+            print(f"{result['mev_per_s']} Mev/s")
+            print(f"{'first image s':>14}{'images/s':>10}{'skipped':>9}{'delay ms':>10}{'95 %':>8}{'poses':>8}{'sensor late ms':>16}"
+                  f"{'queue ms':>10}")
         for _ in range(arguments.repetitions):
             with Server(binaries / "server/evpose-server", "--log-level", "off", "--max-session-cpu", "0") as server:
                 figures = measure(evpose, scene, server.address, page)
+            result["runs"].append(figures)
+            if arguments.json:
+                continue
             print(f"{figures['first_s']:14.2f}{figures['rate_hz']:10.1f}{figures['skipped']:9}{figures['delay_ms']:10.1f}"
                   f"{figures['delay_95_ms']:8.1f}{figures['poses']:8}{figures['late_ms']:16.1f}{figures['age_ms']:10.1f}", flush=True)
+        if arguments.json:
+            print(json.dumps(result))
 
 
 if __name__ == "__main__":
