@@ -225,11 +225,12 @@ absl::Status FitConstants(const std::vector<WeightedPassage>& passages, const Se
                           bool has_speeds, SensorCalibration& result) {
   // With tracked poses, the fitted latency contains only the part of the common delay that the tracker's profile does
   // not correct.
-  int num_free = !has_speeds ? kNumAtAnySpeed : result.are_times_fitted ? kNumConstants : kNumAtAnySpeed + 1;
+  int num_free = !has_speeds                                 ? kNumAtAnySpeed
+                 : result.fitted_times == FittedTimes::kBoth ? kNumConstants
+                                                             : kNumAtAnySpeed + 1;
   EVPOSE_ASSIGN_OR_RETURN(Constants constants, Minimise(passages, options, num_free));
   Covariance covariance = GroupedCovariance(passages, constants, options.robust_sigmas, num_free, result.num_groups);
-  result.is_refractory_fitted = result.are_times_fitted;
-  if (result.are_times_fitted) {
+  if (result.fitted_times == FittedTimes::kBoth) {
     const double error_us = std::sqrt(covariance(3, 3)) * kTimeUnitUs;
     // A time near zero is determined by an error that is small against the initial value.
     const double value_us = std::max(constants[3] * kTimeUnitUs, options.initial.refractory_us);
@@ -238,20 +239,22 @@ absl::Status FitConstants(const std::vector<WeightedPassage>& passages, const Se
           absl::StrFormat("refractory_us stays at %g: the recordings do not determine it, %.3g +- %.2g; record fast "
                           "motion of strong edges",
                           options.initial.refractory_us, constants[3] * kTimeUnitUs, error_us));
-      result.is_refractory_fitted = false;
+      result.fitted_times = FittedTimes::kLatency;
       num_free = kNumAtAnySpeed + 1;
       EVPOSE_ASSIGN_OR_RETURN(constants, Minimise(passages, options, num_free));
       covariance = GroupedCovariance(passages, constants, options.robust_sigmas, num_free, result.num_groups);
     }
   }
   result.profile = WithConstants(options.initial, constants.data());
-  if (!result.are_times_fitted) result.profile.latency_us = options.initial.latency_us;
-  if (!result.is_refractory_fitted) result.profile.refractory_us = options.initial.refractory_us;
+  const bool is_latency_fitted = result.fitted_times != FittedTimes::kNone;
+  const bool is_refractory_fitted = result.fitted_times == FittedTimes::kBoth;
+  if (!is_latency_fitted) result.profile.latency_us = options.initial.latency_us;
+  if (!is_refractory_fitted) result.profile.refractory_us = options.initial.refractory_us;
   result.profile.uncertainty = kCalibratedUncertainty;
   result.blur_error_px = std::sqrt(covariance(0, 0));
   result.contrast_threshold_error = std::sqrt(covariance(1, 1));
-  if (result.are_times_fitted) result.latency_error_us = std::sqrt(covariance(2, 2)) * kTimeUnitUs;
-  if (result.is_refractory_fitted) result.refractory_error_us = std::sqrt(covariance(3, 3)) * kTimeUnitUs;
+  if (is_latency_fitted) result.latency_error_us = std::sqrt(covariance(2, 2)) * kTimeUnitUs;
+  if (is_refractory_fitted) result.refractory_error_us = std::sqrt(covariance(3, 3)) * kTimeUnitUs;
   EVPOSE_RETURN_IF_ERROR(CheckDetermined("blur_px", constants[0], result.blur_error_px, options));
   return CheckDetermined("contrast_threshold", constants[1], result.contrast_threshold_error, options);
 }
@@ -299,7 +302,7 @@ absl::StatusOr<SensorCalibration> CalibrateSensor(absl::Span<const CalibrationRe
   result.fastest_px_per_s = QuantileOf(passages, 0.9, speed);
 
   const bool has_speeds = result.fastest_px_per_s >= options.min_speed_ratio * result.slowest_px_per_s;
-  result.are_times_fitted = has_speeds && options.has_independent_poses;
+  if (has_speeds && options.has_independent_poses) result.fitted_times = FittedTimes::kBoth;
   if (!options.has_independent_poses) {
     result.warnings.push_back(
         absl::StrFormat("latency_us stays at %g and refractory_us at %g: poses that were tracked in the same events "

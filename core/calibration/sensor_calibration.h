@@ -54,6 +54,13 @@ struct CalibrationRecording {
   std::vector<EdgePassage> passages;
 };
 
+// The times of a profile that were fitted. The others have their initial values.
+enum class FittedTimes {
+  kNone,     // the speeds are nearly equal, or the poses were tracked in the same events and follow their delay
+  kLatency,  // the recordings do not determine the refractory time
+  kBoth,
+};
+
 struct SensorCalibration {
   SensorProfile profile;
   // Standard errors. The passages of a line of one recording in one direction share the model's error of that line, so
@@ -62,10 +69,7 @@ struct SensorCalibration {
   double contrast_threshold_error = 0.0;
   double latency_error_us = 0.0;
   double refractory_error_us = 0.0;
-  // True if latency and refractory time were fitted; otherwise they have their initial values. The refractory time has
-  // its initial value also where the recordings determine only the latency.
-  bool are_times_fitted = true;
-  bool is_refractory_fitted = true;
+  FittedTimes fitted_times = FittedTimes::kNone;
   double pixel_noise_error_px = 0.0;
 
   int num_passages = 0;

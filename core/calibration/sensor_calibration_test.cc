@@ -77,6 +77,7 @@ TEST(SensorCalibration, FindsTheConstantsWithinTheirStandardErrors) {
     EXPECT_LT(fit->fitted_rms_px, fit->initial_rms_px);
     EXPECT_LT(fit->initial_rms_px, fit->uncorrected_rms_px);
     EXPECT_NEAR(fit->profile.pixel_noise_px, 0.5, 1e-9);
+    EXPECT_EQ(fit->fitted_times, FittedTimes::kBoth);
     EXPECT_TRUE(fit->warnings.empty());
   }
   // 68 % of a normal distribution: the standard errors are neither too small nor too large.
@@ -94,7 +95,7 @@ TEST(SensorCalibration, KeepsTheLatencyAtOneSpeedWithAWarning) {
   options.initial.latency_us = 77.0;
   const auto fit = CalibrateSensor({&recording, 1}, options);
   ASSERT_TRUE(fit.ok()) << fit.status();
-  EXPECT_FALSE(fit->are_times_fitted);
+  EXPECT_EQ(fit->fitted_times, FittedTimes::kNone);
   EXPECT_EQ(fit->profile.latency_us, 77.0);
   EXPECT_EQ(fit->profile.refractory_us, options.initial.refractory_us);
   ASSERT_EQ(fit->warnings.size(), 1u);
@@ -111,8 +112,7 @@ TEST(SensorCalibration, KeepsARefractoryTimeThatSlowMotionDoesNotDetermine) {
   options.initial.refractory_us = 77.0;
   const auto fit = CalibrateSensor({&recording, 1}, options);
   ASSERT_TRUE(fit.ok()) << fit.status();
-  EXPECT_TRUE(fit->are_times_fitted);
-  EXPECT_FALSE(fit->is_refractory_fitted);
+  EXPECT_EQ(fit->fitted_times, FittedTimes::kLatency);
   EXPECT_EQ(fit->profile.refractory_us, 77.0);
   EXPECT_EQ(fit->refractory_error_us, 0.0);
   EXPECT_GT(fit->latency_error_us, 0.0);

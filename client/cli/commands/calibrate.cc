@@ -196,6 +196,9 @@ absl::StatusOr<std::vector<EdgePassage>> CollectPassages(const CalibrateArgument
   return passages;
 }
 
+bool IsLatencyFitted(const SensorCalibration& fit) { return fit.fitted_times != FittedTimes::kNone; }
+bool IsRefractoryFitted(const SensorCalibration& fit) { return fit.fitted_times == FittedTimes::kBoth; }
+
 Json Constant(double value, double error, bool is_fitted) {
   return {{"value", value}, {"standard_error", is_fitted ? Json(error) : Json(nullptr)}};
 }
@@ -205,8 +208,8 @@ Json CalibrationJson(const SensorCalibration& fit) {
           {"pixel_noise_px", Constant(fit.profile.pixel_noise_px, fit.pixel_noise_error_px, true)},
           {"blur_px", Constant(fit.profile.blur_px, fit.blur_error_px, true)},
           {"contrast_threshold", Constant(fit.profile.contrast_threshold, fit.contrast_threshold_error, true)},
-          {"refractory_us", Constant(fit.profile.refractory_us, fit.refractory_error_us, fit.is_refractory_fitted)},
-          {"latency_us", Constant(fit.profile.latency_us, fit.latency_error_us, fit.are_times_fitted)},
+          {"refractory_us", Constant(fit.profile.refractory_us, fit.refractory_error_us, IsRefractoryFitted(fit))},
+          {"latency_us", Constant(fit.profile.latency_us, fit.latency_error_us, IsLatencyFitted(fit))},
           {"typical_contrast", fit.typical_contrast},
           {"edge_shift_px", fit.edge_shift_px},
           {"lag_px", fit.lag_px},
@@ -230,8 +233,8 @@ void PrintCalibration(const SensorCalibration& fit, std::ostream& out) {
   };
   line("blur_px", fit.profile.blur_px, fit.blur_error_px, 3, true);
   line("contrast_threshold", fit.profile.contrast_threshold, fit.contrast_threshold_error, 3, true);
-  line("refractory_us", fit.profile.refractory_us, fit.refractory_error_us, 0, fit.is_refractory_fitted);
-  line("latency_us", fit.profile.latency_us, fit.latency_error_us, 0, fit.are_times_fitted);
+  line("refractory_us", fit.profile.refractory_us, fit.refractory_error_us, 0, IsRefractoryFitted(fit));
+  line("latency_us", fit.profile.latency_us, fit.latency_error_us, 0, IsLatencyFitted(fit));
   line("pixel_noise_px", fit.profile.pixel_noise_px, fit.pixel_noise_error_px, 3, true);
   out << absl::StrFormat("an edge of log contrast %.2f: shift to its darker side %.3f px, lag %.3f px\n",
                          fit.typical_contrast, fit.edge_shift_px, fit.lag_px);
