@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures what sessions write to Redis, and the memory that Redis needs for them.
 
-  tests/bench/store_traffic.py --bin build/release [--sessions 4] [--rate 1000000] [--minutes 0.7]
+  tests/bench/stores/store_traffic.py --bin build/release [--sessions 4] [--rate 1000000] [--minutes 0.7]
 
 Starts redis-server, an evpose-server on it and `evpose bench load`, and prints, for each session: poses per second, bytes that Redis
 receives per second and per pose, commits per second, the share of a core that Redis uses, and the largest memory of Redis. After
@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 
-sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[2]))
 from processes import Redis, Server  # noqa: E402
 
 REDIS_BYTES = 3e9

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measures a server on a store that has many sessions: the start, its memory, CreateSession and ListSessions.
 
-  tests/bench/stored_sessions.py --bin build/release [--stores sqlite redis postgresql] [--sessions 100000] [--calls 200] [--check]
+  tests/bench/stores/stored_sessions.py --bin build/release [--stores sqlite redis postgresql] [--sessions 100000] [--calls 200] [--check]
 
 For each kind of store it stores a session without events (about 2 kB), copies it under other names with copy_sessions, starts
 evpose-server, and prints: the time and the processor time until the first call has been answered, the resident memory then, and the
@@ -22,10 +22,9 @@ import sys
 import tempfile
 import time
 
-from start_stop import CUBE, Server, create_request, load_api, percentile
-
-sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+sys.path += [str(pathlib.Path(__file__).resolve().parents[level]) for level in (1, 2)]
 from processes import Redis  # noqa: E402
+from start_stop import CUBE, Server, create_request, load_api, percentile  # noqa: E402
 
 GOAL_START_S = 1
 GOAL_MEMORY_MB = 50
@@ -112,7 +111,7 @@ def measure_with(cleanup, arguments, api, name, store, copy):
     server, empty_s, empty_cpu_s = timed_start(cleanup, program, store + options, sessions)
     empty_mb = server.resident_bytes() / 1e6
     server.end()
-    copy_sessions = os.path.join(arguments.bin, "tests", "bench", "copy_sessions")
+    copy_sessions = os.path.join(arguments.bin, "tests", "bench", "stores", "copy_sessions")
     subprocess.run([copy_sessions, *copy, created.session.name, str(arguments.sessions - 1)], check=True)
     server, start_s, start_cpu_s = timed_start(cleanup, program, store + options, sessions)
     start_mb = server.resident_bytes() / 1e6
