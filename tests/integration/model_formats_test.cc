@@ -19,6 +19,7 @@
 namespace evpose {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 class ModelFormatsTest : public CliTest {};
@@ -34,6 +35,22 @@ TEST_F(ModelFormatsTest, AnUploadConvertsOtherFormats) {
   const CliResult parsec = Run({"models", "upload", FindTestData("models/box_parsec.3mf"), "--server", server.address});
   EXPECT_EQ(parsec.status, 1);
   EXPECT_THAT(parsec.err, HasSubstr("box_parsec.3mf: its unit \"parsec\" is unknown"));
+}
+
+TEST_F(ModelFormatsTest, ARefusedUploadNamesTheFileAndNoFieldOfTheApi) {
+  server::ServerOptions options;
+  options.max_model_bytes = 1000;
+  const LocalServer server = StartLocalServer(options);
+  const auto error = [&](const std::string& path) {
+    const CliResult upload = Run({"models", "upload", path, "--server", server.address});
+    EXPECT_EQ(upload.status, 1) << upload.out;
+    return upload.err;
+  };
+  const std::string large = Path("large.obj"), broken = Path("broken.obj");
+  WriteText("large.obj", std::string(1001, '#'));
+  EXPECT_THAT(error(large), HasSubstr(large + ": its size is 1001; a model has 1 to 1000 bytes"));
+  WriteText("broken.obj", "v 0 0 0\nv 1 0 0\nf 1 2 3\n");
+  EXPECT_THAT(error(broken), AllOf(HasSubstr(broken + ": line 3"), ::testing::Not(HasSubstr("chunk"))));
 }
 
 TEST_F(ModelFormatsTest, AnInspectionPredictsWhereTheObjectCanBeFound) {

@@ -16,7 +16,6 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include "client/cli/console/wait_message.h"
@@ -189,12 +188,13 @@ absl::Status SessionError(const std::string& name, const absl::Status& status) {
 }
 
 absl::Status ModelError(const std::string& path, const absl::Status& status) {
-  const std::string field = GetDetails(status).field;
-  std::string message(status.message());
-  if (field == "chunk") absl::StrReplaceAll({{": chunk: ", ": "}}, &message);
-  if (field == "header.size_bytes") absl::StrReplaceAll({{": header.size_bytes: ", ": its size "}}, &message);
-  if (field == "header.metres_per_unit") absl::StrReplaceAll({{": header.metres_per_unit: ", ": --scale "}}, &message);
-  return absl::Status(status.code(), absl::StrCat(path, ": ", message));
+  const StatusDetails details = GetDetails(status);
+  std::string description(status.message());
+  if (details.field == "chunk" && !details.field_error.empty()) description = details.field_error;
+  if (details.field == "header.size_bytes" && !details.field_error.empty()) {
+    description = absl::StrCat("its size ", details.field_error);
+  }
+  return absl::Status(status.code(), absl::StrCat(path, ": ", description));
 }
 
 void ServerArguments::AddTo(CLI::App& app, bool is_required) {

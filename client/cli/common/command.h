@@ -79,7 +79,7 @@ CLI::Option* AddJson(CLI::App& app, bool& is_json,
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description);
 
-// Rewords the status of a model upload, which names fields of the API, for the owner of the file.
+// Rewords the status of a model upload, whose details name fields of the API, for the owner of the file.
 absl::Status ModelError(const std::string& path, const absl::Status& status);
 
 // Whether the text has the form sessions/ID.

@@ -8,6 +8,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 #include "client/lib/messages/core_types.h"
 #include "client/lib/messages/status_details.h"
 #include "core/base/status_macros.h"
@@ -203,7 +204,10 @@ absl::Status FromGrpc(const grpc::Status& status, const std::string& context) {
     if (any.UnpackTo(&retry)) details.retry_in = FromProto(retry.retry_delay());
     if (!any.UnpackTo(&bad_request)) continue;
     for (const auto& violation : bad_request.field_violations()) {
-      if (details.field.empty()) details.field = violation.field();
+      if (details.field.empty()) {
+        details.field = violation.field();
+        details.field_error = std::string(absl::StripPrefix(violation.description(), violation.field() + ": "));
+      }
       if (absl::StrContains(status.error_message(), violation.field())) continue;
       absl::StrAppend(&text, " (", violation.field(), ": ", violation.description(), ")");
     }

@@ -10,6 +10,8 @@
 #include "client/lib/messages/status_details.h"
 #include "core/geometry/rigid_transform.h"
 #include "google/protobuf/generated_enum_reflection.h"
+#include "google/rpc/error_details.pb.h"
+#include "google/rpc/status.pb.h"
 
 namespace evpose::client {
 namespace {
@@ -191,6 +193,24 @@ TEST(ConversionTest, ReasonsOfLaterServersAreUnspecified) {
     SetDetails(status, {.reason = name});
     EXPECT_EQ(ReasonOf(status), reason) << name;
   }
+}
+
+TEST(ConversionTest, AnErrorHasItsFieldAndWhatIsWrongWithIt) {
+  const auto details_of = [](const char* description) {
+    google::rpc::BadRequest bad_request;
+    google::rpc::BadRequest::FieldViolation& violation = *bad_request.add_field_violations();
+    violation.set_field("header.size_bytes");
+    violation.set_description(description);
+    google::rpc::Status details;
+    details.add_details()->PackFrom(bad_request);
+    const absl::Status status = FromGrpc(
+        grpc::Status(grpc::StatusCode::INVALID_ARGUMENT, "header.size_bytes: is 0", details.SerializeAsString()),
+        "server:1");
+    return GetDetails(WithMessage(status, "another text"));
+  };
+  EXPECT_EQ(details_of("header.size_bytes: is 0").field, "header.size_bytes");
+  EXPECT_EQ(details_of("header.size_bytes: is 0").field_error, "is 0");
+  EXPECT_EQ(details_of("is 0").field_error, "is 0");
 }
 
 TEST(ConversionTest, DroppedEventsAreConverted) {

@@ -10,6 +10,7 @@ namespace {
 
 constexpr char kReason[] = "evpose.v1/reason";
 constexpr char kField[] = "evpose.v1/field";
+constexpr char kFieldError[] = "evpose.v1/field_error";
 constexpr char kRetryMs[] = "evpose.v1/retry_ms";
 
 std::string Payload(const absl::Status& status, const char* key) {
@@ -22,6 +23,7 @@ std::string Payload(const absl::Status& status, const char* key) {
 void SetDetails(absl::Status& status, const StatusDetails& details) {
   if (!details.reason.empty()) status.SetPayload(kReason, absl::Cord(details.reason));
   if (!details.field.empty()) status.SetPayload(kField, absl::Cord(details.field));
+  if (!details.field_error.empty()) status.SetPayload(kFieldError, absl::Cord(details.field_error));
   if (details.retry_in > absl::ZeroDuration()) {
     status.SetPayload(kRetryMs, absl::Cord(absl::StrCat(absl::ToInt64Milliseconds(details.retry_in))));
   }
@@ -31,6 +33,7 @@ StatusDetails GetDetails(const absl::Status& status) {
   StatusDetails details;
   details.reason = Payload(status, kReason);
   details.field = Payload(status, kField);
+  details.field_error = Payload(status, kFieldError);
   int64_t retry_ms = 0;
   if (absl::SimpleAtoi(Payload(status, kRetryMs), &retry_ms)) details.retry_in = absl::Milliseconds(retry_ms);
   return details;

@@ -14,6 +14,7 @@ namespace evpose::client {
 struct StatusDetails {
   std::string reason;       // reason of ErrorInfo, for example "FENCED"; empty for errors of the network
   std::string field;        // first field of BadRequest, for example "attach.last_pose_seq"
+  std::string field_error;  // what is wrong with the field, without its name; empty if the server does not state it
   absl::Duration retry_in;  // delay of RetryInfo; zero: none
 };
 
