@@ -21,9 +21,8 @@ import sys
 import tempfile
 import textwrap
 
-import real.tables as cameras
-from result_tables import seeing
-from result_tables.seeing import table
+from result_tables import cameras, seeing
+from result_tables.markdown import table
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PAGE = os.path.join(ROOT, "core/experiments/RESULTS.md")

@@ -7,10 +7,9 @@ import unittest
 
 import numpy as np
 
-import tables
-
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
 import self_calibration as bench  # noqa: E402
+from result_tables import cameras  # noqa: E402
 
 SEEN = np.ones((9, 16))
 
@@ -70,9 +69,9 @@ class MeasuresTest(unittest.TestCase):
 
 class TablesTest(unittest.TestCase):
     def test_a_recording_without_a_pose_has_its_events_alone(self):
-        [row] = tables.read('skipped: nothing\n{"recording": "board", "sensor": "dvs128", "seconds": 0.5, "events": 7, "first_pose_s": null, '
+        [row] = cameras.read('skipped: nothing\n{"recording": "board", "sensor": "dvs128", "seconds": 0.5, "events": 7, "first_pose_s": null, '
                             '"losses": 0, "tracking_ratio": null, "residual_px": null, "median_px": null, "p95_px": null}\n')
-        line = cells(tables.replays([row]))
+        line = cells(cameras.replays([row]))
         self.assertEqual((line["events"], line["first pose, s"]), ("7", "-"))
 
     def test_refused_profiles_are_named_below_the_cameras(self):
@@ -80,11 +79,11 @@ class TablesTest(unittest.TestCase):
         refused = {"recording": "a", "guess": "profile", "error": "evpose calibrate: too little data", **poses}
         camera = {"recording": "a", "guess": 0.8, "error": None, "parameters": {"fx_px": {"value": 200.0, "standard_error": None}},
                   "not_determined": ["fx_px"], **poses, "own_px": 0.33, "own_poses": 8, "ratio": 1.1}
-        text = tables.real_cameras([camera, refused])
+        text = cameras.real_cameras([camera, refused])
         line = cells(text)
         self.assertEqual((line["error of the first guess"], line["fx, px"], line["ratio"]), ("-20 %", "200.0 +- -", "1.10"))
         self.assertTrue(text.endswith("\n\n- a: too little data"))
-        self.assertEqual(cells(tables.real_cameras([{**refused, "guess": 1.2}]))["not determined"], "evpose calibrate: too little data")
+        self.assertEqual(cells(cameras.real_cameras([{**refused, "guess": 1.2}]))["not determined"], "evpose calibrate: too little data")
 
 
 if __name__ == "__main__":

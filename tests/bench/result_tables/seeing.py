@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tables of results.py about what a person or a program sees of a session: the page of `evpose view`, images of events, the Python
 client. Each has the goal of a figure beside its value."""
-
-
-def table(header, rows):
-    return "\n".join("| " + " | ".join(line) + " |" for line in [header, ["---"] * len(header), *rows])
+from result_tables.markdown import table
 
 
 def page(result):

@@ -2,14 +2,12 @@
 """The tables of real recordings and of calibrated cameras, for results.py. Each function takes the rows of a command with --json."""
 import json
 
+from result_tables.markdown import table
+
 
 def read(output):
     """The rows of a command that prints one JSON object a line."""
     return [json.loads(line) for line in output.splitlines() if line.startswith("{")]
-
-
-def table(header, rows):
-    return "\n".join("| " + " | ".join(line) + " |" for line in [header, ["---"] * len(header)] + rows)
 
 
 def cell(value, decimals, factor=1.0):

@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables in Markdown."""
+
+
+def table(header, rows):
+    """Returns the lines of a table. `rows` are lists of cells, which are strings."""
+    return "\n".join("| " + " | ".join(line) + " |" for line in [header, ["---"] * len(header), *rows])
