@@ -118,11 +118,14 @@ absl::Status RedisServer::TryStart(const std::vector<std::string>& options) {
 }
 
 RedisContents RedisServer::Contents() const {
+  // A script, because a server may write meanwhile.
+  const RedisReply list = Run({"EVAL",
+                               "local all = {} for _, key in ipairs(redis.call('KEYS', '*')) do all[#all + 1] = key "
+                               "all[#all + 1] = redis.call('DUMP', key) end return all",
+                               "0"});
   RedisContents contents;
-  const RedisReply keys = Run({"KEYS", "*"});
-  for (size_t i = 0; i < keys->elements; ++i) {
-    const std::string key = RedisText(keys->element[i]);
-    contents.emplace_back(key, Text({"DUMP", key}));
+  for (size_t i = 0; i + 1 < list->elements; i += 2) {
+    contents.emplace_back(RedisText(list->element[i]), RedisText(list->element[i + 1]));
   }
   return contents;
 }
