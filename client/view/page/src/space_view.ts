@@ -92,7 +92,8 @@ export class SpaceView {
     for (const [id, model] of this.models) {
       const colour = objectColour(colours, this.store.objects.get(id)?.index ?? 0);
       model.surface.material.color.set(colour);
-      model.trail.material.color.set(colour);
+      // Above the surface, which has the colour of the object.
+      model.trail.material.color.set(colour).lerp(new Color(colours.text), 0.6);
       model.edges.material.color.set(colours.text);
       model.truth.material.color.set(colours.truth);
       for (const alternative of model.alternatives) alternative.material.color.set(colours.states.ambiguous.colour);
@@ -140,10 +141,12 @@ export class SpaceView {
       edges: new LineSegments(lines, new LineBasicMaterial()),
       truth: new LineSegments(lines, new LineDashedMaterial({ dashSize: dash, gapSize: dash })),
       alternatives: Array.from({ length: MAX_ALTERNATIVES }, () => new LineSegments(lines, new LineBasicMaterial({ transparent: true, opacity: 0.6 }))),
-      trail: new Line(trail, new LineBasicMaterial({ transparent: true, opacity: 0.7 })),
+      // A short trail lies within the surface.
+      trail: new Line(trail, new LineBasicMaterial({ transparent: true, depthTest: false })),
       diameterM: geometry.diameterM,
     };
     model.trail.frustumCulled = false;
+    model.trail.renderOrder = 1;
     model.truth.computeLineDistances();
     model.group.add(model.surface, model.edges);
     this.root.add(model.group, model.truth, model.trail, ...model.alternatives);
