@@ -186,7 +186,7 @@ TEST_F(CliTest, WatchSaysThatItWaitsForPosesOfAStalledSession) {
       ">/dev/null 2>&1 &\nstream=$!\npid=$stream\ncat cube/recording.raw >&3\n"
       "await 'session=$(evpose sessions list $server | head -n 1 | cut -d \" \" -f 1); test \"$session\"'\n"
       "evpose watch $session $server >poses.tum 2>messages &\nwatch=$!\n"
-      "grep -m 1 waiting <messages | sed s,$session,SESSION,\n"
+      "grep -m 1 'waiting for poses' <messages | sed s,$session,SESSION,\n"
       "kill -TERM $watch $stream\nwait $watch && wait $stream\n"));
   EXPECT_EQ(result.status, 0) << result.err;
   EXPECT_EQ(result.out, "waiting for poses of SESSION ...\n");
