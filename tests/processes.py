@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The processes that the tests and benches in Python start: evpose-server, redis-server and evpose, with what they need: scenes, models and
-the messages of the API."""
+"""The processes that the tests and benches in Python start: evpose-server, redis-server, HAProxy and evpose, with what they need: scenes,
+models and the messages of the API."""
 import contextlib
 import http.client
 import importlib
 import os
 import pathlib
 import select
+import shutil
 import signal
 import socket
 import subprocess
@@ -16,7 +17,9 @@ import time
 
 from checks import PATIENCE_S, poll
 
-PROTO = pathlib.Path(__file__).resolve().parents[1] / "proto"
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+PROTO = ROOT / "proto"
+HAPROXY = shutil.which("haproxy", path=os.environ["PATH"] + ":/usr/sbin")
 
 
 def read_line(stream):
@@ -94,6 +97,7 @@ class Server:
             self.process = subprocess.Popen(self.command, stdout=subprocess.PIPE, stderr=log)
         self.is_ended = False
         self.address, self.metrics_address = (self._announced(words) for words in ("listening on ", "metrics on "))
+        self.load_address = self._announced("load on ") if "--load-listen" in self.command else None
 
     def _announced(self, words):
         try:
@@ -169,12 +173,12 @@ class Server:
 
 
 class Redis:
-    """A running redis-server in `directory`. A context manager, which stops it."""
+    """A running redis-server in `directory`; `options` are added to its command line. A context manager, which stops it."""
 
-    def __init__(self, directory):
+    def __init__(self, directory, *options):
         self.socket_path = pathlib.Path(directory, "redis.socket")
-        command = ["redis-server", "--port", "0", "--unixsocket", str(self.socket_path), "--dir", str(directory)]
-        self.process = subprocess.Popen([*command, "--save", ""], stdout=subprocess.DEVNULL)
+        command = ["redis-server", "--port", "0", "--unixsocket", str(self.socket_path), "--dir", str(directory), "--save", ""]
+        self.process = subprocess.Popen([*command, *options], stdout=subprocess.DEVNULL)
         self.url = f"redis+unix://{self.socket_path}"
         try:
             poll(lambda: self.socket_path.exists() or self.process.poll() is not None, "the socket of redis-server")
@@ -208,6 +212,56 @@ class Redis:
         return int(self.info()["total_reads_processed"])
 
     def stop(self):
+        self.process.kill()
+        self.process.wait()
+
+
+def haproxy_files(command, folder, changes):
+    """Copies the files of deploy/haproxy that a command of HAProxy names to a folder, with other paths and addresses: pairs of texts.
+    Returns the options of HAProxy for the copies."""
+    options = []
+    for name in [word for word in command if word.endswith(".cfg")]:
+        text = (ROOT / "deploy/haproxy" / pathlib.Path(name).name).read_text()
+        for old, new in [("init-addr last,libc,none", "init-addr none"), *changes]:
+            text = text.replace(old, new)
+        path = pathlib.Path(folder, pathlib.Path(name).name)
+        path.write_text(text)
+        options += ["-f", str(path)]
+    return options
+
+
+def cluster_changes(front, counts, servers):
+    """Returns the changes of cluster.cfg for HAProxy in front of at most three servers, each with its addresses: that for clients, that of
+    its metrics and that of its load. HAProxy inherits the sockets `front`, for clients, and `counts`, for its own metrics."""
+    changes = [(":50051 proto", f"fd@{front.fileno()} proto"), ("bind :8404", f"bind fd@{counts.fileno()}"),
+               ("init-addr none", "init-addr last")]
+    for i in range(1, 4):
+        if i > len(servers):
+            changes.append((f"  server server-{i} server-{i}:50051 check-proto h1\n", ""))
+            continue
+        address, metrics, load = servers[i - 1]
+        changes.append((f"server server-{i} server-{i}:50051",
+                        f"server server-{i} {address} port {metrics.rpartition(':')[2]} agent-port {load.rpartition(':')[2]}"))
+    return changes
+
+
+class ClusterProxy:
+    """HAProxy of compose.cluster.yaml in front of at most three servers, which have --load-listen; its files are in `directory`. A context
+    manager, which kills it."""
+
+    def __init__(self, directory, servers):
+        with contextlib.ExitStack() as stack:
+            front, counts = (stack.enter_context(socket.create_server(("127.0.0.1", 0), backlog=1024)) for _ in range(2))
+            addresses = [(server.address, server.metrics_address, server.load_address) for server in servers]
+            options = haproxy_files(["common.cfg", "cluster.cfg"], directory, cluster_changes(front, counts, addresses))
+            self.process = subprocess.Popen([HAPROXY, "-db", *options], pass_fds=[front.fileno(), counts.fileno()], stdout=subprocess.DEVNULL,
+                                            stderr=subprocess.DEVNULL)
+            self.address = f"127.0.0.1:{front.getsockname()[1]}"
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
         self.process.kill()
         self.process.wait()
 

@@ -23,11 +23,9 @@ import tempfile
 import yaml
 
 from checks import check, poll
-from processes import free_ports, get_page, metric_sums
+from processes import HAPROXY, ROOT, cluster_changes, free_ports, get_page, haproxy_files, metric_sums
 
 SERVER, CLIENT = (os.path.realpath(path) for path in sys.argv[1:3])
-ROOT = pathlib.Path(__file__).resolve().parent.parent
-HAPROXY = shutil.which("haproxy", path=os.environ["PATH"] + ":/usr/sbin")
 STREAMS = 100_000
 CONTINUATIONS = 10_000  # 160 MB
 
@@ -68,14 +66,7 @@ class Fixture:
         self.count += 1
         folder = self.work / f"haproxy-{self.count}"
         folder.mkdir()
-        options = []
-        for name in [word for word in command if word.endswith(".cfg")]:
-            text = (ROOT / "deploy/haproxy" / pathlib.Path(name).name).read_text()
-            for old, new in [("init-addr last,libc,none", "init-addr none"), *changes, ("/run/secrets", str(self.secrets))]:
-                text = text.replace(old, new)
-            (folder / pathlib.Path(name).name).write_text(text)
-            options += ["-f", str(folder / pathlib.Path(name).name)]
-        return options
+        return haproxy_files(command, folder, [*changes, ("/run/secrets", str(self.secrets))])
 
     def listener(self, path=None):
         listener = socket.socket(socket.AF_UNIX if path else socket.AF_INET)
@@ -227,12 +218,7 @@ def check_balance(fixture, store):
     logs = [open(fixture.work / f"server-{i}.log", "w+") for i in (1, 2)]
     servers = [fixture.server(*store, "--max-sessions", limit, log=log) for limit, log in zip(("20", "400"), logs)]
     front, counts = fixture.listener(), fixture.listener()
-    changes = [(":50051 proto", f"fd@{front.fileno()} proto"), ("bind :8404", f"bind fd@{counts.fileno()}"),
-               ("init-addr none", "init-addr last"), ("  server server-3 server-3:50051 check-proto h1\n", "")]
-    for i, (address, metrics, agent) in enumerate(servers, 1):
-        changes.append((f"server server-{i} server-{i}:50051",
-                        f"server server-{i} {address} port {metrics.rpartition(':')[2]} agent-port {agent.rpartition(':')[2]}"))
-    fixture.haproxy(["common.cfg", "cluster.cfg"], changes, [front, counts])
+    fixture.haproxy(["common.cfg", "cluster.cfg"], cluster_changes(front, counts, servers), [front, counts])
     load(fixture, servers[0][0], "--sessions", "18", "--minutes", "1000")
     port = counts.getsockname()[1]
     poll(lambda: [metric(port, "haproxy_server_weight", 'proxy="servers"', f'server="server-{i}"') for i in (1, 2)] == [10.0, 100.0],

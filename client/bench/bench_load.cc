@@ -17,6 +17,7 @@
 #include "client/bench/metrics_page.h"
 #include "client/cli/console/progress.h"
 #include "core/base/status_macros.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose::client {
 namespace {
@@ -95,12 +96,28 @@ absl::StatusOr<Outcome> Measure(const LoadArguments& arguments, CliContext& cont
   return outcome;
 }
 
+// The distribution of the longest pauses of sessions; null where there is no session.
+Json PausesToJson(const std::vector<double>& sorted_s) {
+  const auto at = [&sorted_s](double fraction) {
+    return sorted_s.empty() ? Json() : Json(NearestQuantile(sorted_s, fraction));
+  };
+  return {{"sessions", sorted_s.size()}, {"p50_s", at(0.5)}, {"p99_s", at(0.99)}, {"max_s", at(1.0)}};
+}
+
+std::string PausesText(const Json& pauses) {
+  if (pauses["sessions"] == 0) return "0 sessions";
+  const auto seconds = [&pauses](const char* name) { return pauses[name].get<double>(); };
+  return absl::StrFormat("%d sessions: p50 %.3f, p99 %.3f, max %.3f s", pauses["sessions"].get<size_t>(),
+                         seconds("p50_s"), seconds("p99_s"), seconds("max_s"));
+}
+
 Json ToJson(const Outcome& outcome, const LoadArguments& arguments) {
   const LoadResult& result = outcome.result;
   const LoadCounts& counts = result.counts;
   const auto ms_of = [&](double fraction) {
     return 1e-3 * static_cast<double>(std::min(counts.latency.Percentile(fraction), counts.max_latency_us));
   };
+  const std::vector<double> reconnected = counts.SortedPauses_s(true);
   Json servers = Json::array();
   for (size_t i = 0; i < outcome.uses.size(); ++i) {
     const auto& [before, after] = outcome.uses[i];
@@ -127,7 +144,10 @@ Json ToJson(const Outcome& outcome, const LoadArguments& arguments) {
           {"latency_p99_ms", ms_of(0.99)},
           {"latency_max_ms", 1e-3 * static_cast<double>(counts.max_latency_us)},
           {"longest_pause_s", 1e-6 * static_cast<double>(counts.longest_pause_us)},
+          {"pauses", PausesToJson(counts.SortedPauses_s(false))},
           {"reconnections", counts.reconnections},
+          {"reconnected_pauses", PausesToJson(reconnected)},
+          {"reconnected_pauses_s", reconnected},
           {"watched_poses", counts.watched_poses},
           {"unwatched_poses", counts.unwatched_poses},
           {"cpu_s", result.cpu_s},
@@ -159,7 +179,8 @@ void Print(const Outcome& outcome, const LoadArguments& arguments, std::ostream&
   row("poses lost", absl::StrCat(counts.lost_poses));
   row("latency", absl::StrFormat("p50 %.2f, p90 %.2f, p99 %.2f, max %.2f ms", number("latency_p50_ms"),
                                  number("latency_p90_ms"), number("latency_p99_ms"), number("latency_max_ms")));
-  row("longest pause", absl::StrFormat("%.3f s", number("longest_pause_s")));
+  row("longest pauses", PausesText(json["pauses"]));
+  row("after reconnection", PausesText(json["reconnected_pauses"]));
   row("reconnections", absl::StrCat(counts.reconnections));
   if (arguments.watchers > 0) {
     row("poses watched", absl::StrCat(counts.watched_poses, " (", counts.unwatched_poses, " too late for a watcher)"));
@@ -200,9 +221,10 @@ constexpr char kAboutLoad[] =
     "Latency: from the time at which the chunk that completes a window was to be sent, so the wait for credit and for "
     "another server counts, until its pose has arrived; exact to one chunk and to 5 %. \"late\": how late this process "
     "itself was; if that is not far below the latency, the machine is too slow for the load. Poses lost: missing "
-    "numbers, and poses that the server no longer had. Numbers of events and poses: those of the test itself, after "
-    "the "
-    "creation of the sessions and before their end; losses, failures and sessions: those of the whole run.\n"
+    "numbers, and poses that the server no longer had. Longest pauses: the longest time between two poses of each "
+    "session, of all sessions and of those that attached again after an error. Numbers of events and poses: those of "
+    "the test itself, after the creation of the sessions and before their end; losses, failures and sessions: those of "
+    "the whole run.\n"
     "\n"
     "Exit status:\n"
     "  0  No pose was lost and no session failed\n"

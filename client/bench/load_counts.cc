@@ -44,6 +44,16 @@ void LoadCounts::Add(const LoadCounts& other) {
   latency = Sum(latency, other.latency);
   max_latency_us = std::max(max_latency_us, other.max_latency_us);
   longest_pause_us = std::max(longest_pause_us, other.longest_pause_us);
+  pauses.insert(pauses.end(), other.pauses.begin(), other.pauses.end());
+}
+
+std::vector<double> LoadCounts::SortedPauses_s(bool only_reconnected) const {
+  std::vector<double> sorted;
+  for (const SessionPause& pause : pauses) {
+    if (pause.has_reconnected || !only_reconnected) sorted.push_back(1e-6 * static_cast<double>(pause.longest_us));
+  }
+  std::sort(sorted.begin(), sorted.end());
+  return sorted;
 }
 
 void LoadCounts::LimitTo(const LoadCounts& begin, const LoadCounts& end) {

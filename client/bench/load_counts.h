@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "server/runtime/latency_histogram.h"
 
@@ -14,6 +15,12 @@ namespace evpose::client {
 // The time on the sensor's clock at which the chunk is complete that completes the window of the pose at `t_us`. Poses
 // belong to the middles of adjacent windows: the window ends half-way to the next pose.
 int64_t WindowDue_us(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
+
+// The longest time between two poses of a session that has ended.
+struct SessionPause {
+  int64_t longest_us = 0;
+  bool has_reconnected = false;  // the session has attached again after an error
+};
 
 // Counts of one virtual user of a load test (virtual_user.h), or of all.
 struct LoadCounts {
@@ -31,11 +38,14 @@ struct LoadCounts {
   // From the time at which the chunk that completes a window was to be sent until its pose has arrived.
   server::LatencyHistogram latency;
   int64_t max_latency_us = 0;
-  int64_t longest_pause_us = 0;  // between two poses of a session
+  int64_t longest_pause_us = 0;      // between two poses of a session
+  std::vector<SessionPause> pauses;  // of each session that has received a pose
 
   void AddLatency(int64_t latency_us);
   // Adds another user's counts.
   void Add(const LoadCounts& other);
+  // The longest pauses of all sessions, or of those that have reconnected, in seconds and in increasing order.
+  std::vector<double> SortedPauses_s(bool only_reconnected) const;
   // Replaces the numbers of events and poses by those between two moments, for rates.
   void LimitTo(const LoadCounts& begin, const LoadCounts& end);
   // No pose was lost, and no session failed or is unfinished.

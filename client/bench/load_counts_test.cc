@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/bench/load_counts.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace evpose::client {
@@ -25,6 +26,16 @@ TEST(LoadCountsTest, PercentilesAreThoseOfAllUsers) {
   EXPECT_NEAR(static_cast<double>(sum.latency.Percentile(0.95)), 2e4, 1e3);
   EXPECT_NEAR(static_cast<double>(sum.latency.Percentile(0.99)), 3e5, 15e3);
   EXPECT_EQ(sum.max_latency_us, 300'000);
+}
+
+TEST(LoadCountsTest, PausesAreThoseOfAllSessionsOrOfThoseThatHaveReconnected) {
+  const LoadCounts first = {.pauses = {{.longest_us = 3'000'000, .has_reconnected = true}, {.longest_us = 20'000}}};
+  const LoadCounts second = {.pauses = {{.longest_us = 1'500'000, .has_reconnected = true}}};
+  LoadCounts sum;
+  sum.Add(first);
+  sum.Add(second);
+  EXPECT_THAT(sum.SortedPauses_s(false), testing::ElementsAre(0.02, 1.5, 3.0));
+  EXPECT_THAT(sum.SortedPauses_s(true), testing::ElementsAre(1.5, 3.0));
 }
 
 TEST(LoadCountsTest, EventsAndPosesAreThoseOfTheTestAndLossesThoseOfTheRun) {

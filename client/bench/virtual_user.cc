@@ -165,7 +165,9 @@ void VirtualUser::Send() {
   if (goal_ == Goal::kGoOn) return SendChunk();
   request_.mutable_end();
   is_writing_ = is_complete_ = true;
-  stream_->StartWrite(&request_);
+  // Half-closes the stream, as the client library does: HAProxy may drop the last response of a stream that its client
+  // has not half-closed.
+  stream_->StartWriteLast(&request_, grpc::WriteOptions());
 }
 
 void VirtualUser::SendChunk() {
@@ -221,7 +223,10 @@ void VirtualUser::OnResponse(const v1::TrackResponse& response) {
 
 void VirtualUser::HandleAttached(const v1::TrackResponse::Attached& attached) {
   ChangeState(UserInput::kAttached);
-  if (session_.was_attached) ++counts_.reconnections;
+  if (session_.was_attached) {
+    ++counts_.reconnections;
+    session_.pause.has_reconnected = true;
+  }
   session_.was_attached = true;
   session_.away_since.reset();
   session_.servers_without = 0;
@@ -248,7 +253,8 @@ void VirtualUser::HandlePose(const v1::Pose& pose) {
   const int64_t last_t_us = std::exchange(session_.last_t_us, pose.t_us());
   const Time last_arrival = std::exchange(session_.last_arrival, arrival);
   if (last_t_us < 0) return;
-  counts_.longest_pause_us = std::max(counts_.longest_pause_us, MicrosecondsOf(arrival - last_arrival));
+  session_.pause.longest_us = std::max(session_.pause.longest_us, MicrosecondsOf(arrival - last_arrival));
+  counts_.longest_pause_us = std::max(counts_.longest_pause_us, session_.pause.longest_us);
   if (pose.t_us() - last_t_us > kMaxWindow_us) return;
   const int64_t due_us = WindowDue_us(last_t_us, pose.t_us(), target_.recording.chunk_us());
   const int64_t latency_us = MicrosecondsOf(last_arrival - *session_.began_at) - due_us;
@@ -304,7 +310,18 @@ bool VirtualUser::PlanRetry(const absl::Status& status, Time now) {
   return true;
 }
 
+void VirtualUser::RecordPause() {
+  if (session_.last_t_us < 0) return;
+  // A session that ended with an error was silent from its last pose on.
+  if (!session_.has_summary) {
+    const auto silence = std::chrono::steady_clock::now() - session_.last_arrival;
+    session_.pause.longest_us = std::max(session_.pause.longest_us, MicrosecondsOf(silence));
+  }
+  counts_.pauses.push_back(session_.pause);
+}
+
 void VirtualUser::Delete() {
+  RecordPause();
   ChangeState(UserInput::kDelete);
   call_ = std::make_unique<Call>();
   call_->context.set_deadline(std::chrono::system_clock::now() + kCallTimeout);
@@ -327,6 +344,8 @@ void VirtualUser::BeginMeasuring() {
   const std::lock_guard lock(mutex_);
   counts_.latency = server::LatencyHistogram();
   counts_.max_latency_us = counts_.longest_pause_us = 0;
+  counts_.pauses.clear();
+  session_.pause = SessionPause();
 }
 
 void VirtualUser::Replace() {

@@ -91,6 +91,7 @@ class VirtualUser {
     // Of the last pose. Its window ends half-way to the next pose.
     int64_t last_t_us = -1;
     Time last_arrival{};
+    SessionPause pause;  // since the begin of the measurement
   };
 
   void ChangeState(UserInput input) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { state_ = NextState(state_, input); }
@@ -111,6 +112,7 @@ class VirtualUser {
   void OnStreamEnd(const grpc::Status& grpc_status);
   // Chooses the server and the time of the next attach. Returns false after a final error.
   bool PlanRetry(const absl::Status& status, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void RecordPause() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Delete() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void OnDeleted();
 

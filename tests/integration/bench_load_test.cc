@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -20,6 +21,7 @@
 #include "core/events/decoder.h"
 #include "evpose/client.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/cutting_proxy.h"
 #include "tests/integration/running_server_testing.h"
 
 namespace evpose {
@@ -81,6 +83,11 @@ TEST_F(BenchLoadTest, CountsSessionsAndRefusals) {
   EXPECT_EQ(json["unfinished"], 0);
   EXPECT_EQ(json["lost_poses"], 0);
   EXPECT_EQ(json["reconnections"], 0);
+  EXPECT_EQ(json["reconnected_pauses"]["sessions"], 0);
+  EXPECT_TRUE(json["reconnected_pauses"]["p99_s"].is_null());
+  EXPECT_LE(json["pauses"]["sessions"], json["created"]);
+  EXPECT_EQ(json["pauses"]["max_s"], json["longest_pause_s"]);
+  EXPECT_LE(json["pauses"]["p50_s"], json["pauses"]["p99_s"]);
   EXPECT_GT(json["cpu_s"], 0.0);
   ASSERT_EQ(json["servers"].size(), 1u);
   EXPECT_EQ(json["servers"][0]["metrics"], server.metrics_address());
@@ -146,6 +153,36 @@ TEST_F(BenchLoadTest, SessionsAreReplaced) {
   EXPECT_TRUE(result->counts.IsComplete());
 }
 
+TEST_F(BenchLoadTest, ReportsThePausesOfSessionsThatReconnect) {
+  const std::vector<std::string> arguments = {"--store", "sqlite", "--data-dir", Path("data")};
+  auto server = std::make_unique<RunningServer>(arguments);
+  CuttingProxy proxy;
+  const auto connect = [&] { proxy.SetTarget(std::stoi(server->address().substr(server->address().rfind(':') + 1))); };
+  connect();
+  LoadOptions options;
+  options.sessions = 2;
+  bool is_restarted = false;
+  uint64_t poses_after = 0;
+  const auto result = RunUntil(proxy.address(), options, [&](const LoadCounts& first, const LoadCounts& now) {
+    if (!is_restarted && now.poses > first.poses) {
+      server->Kill();
+      server = std::make_unique<RunningServer>(arguments);
+      connect();
+      is_restarted = true;
+    }
+    if (now.reconnections < 2) return false;
+    if (poses_after == 0) poses_after = now.poses;
+    return now.poses > poses_after;
+  });
+  ASSERT_TRUE(result.ok()) << result.status();
+  const LoadCounts& counts = result->counts;
+  EXPECT_TRUE(counts.IsComplete());
+  EXPECT_EQ(counts.SortedPauses_s(false).size(), 2u);
+  const std::vector<double> pauses_s = counts.SortedPauses_s(true);
+  ASSERT_EQ(pauses_s.size(), 2u);
+  EXPECT_EQ(pauses_s.back(), 1e-6 * static_cast<double>(counts.longest_pause_us));
+}
+
 TEST_F(BenchLoadTest, GivesUpWhenTheServersAreAway) {
   const auto recording = client::LoadRecording::Make(kRateHz, kChunk_us);
   ASSERT_TRUE(recording.ok()) << recording.status();
@@ -164,8 +201,9 @@ TEST_F(BenchLoadTest, PrintsATable) {
   const RunningServer server({});
   const CliResult result = RunCommand(server.address(), {"--sessions", "1", "--minutes", "0.01"});
   ASSERT_EQ(result.status, 0) << result.err;
-  for (const char* const row : {"sessions created       1 (1 completed)\n", "\nposes lost             0\n",
-                                "\nlatency                p50 ", "\nCPU of this process "}) {
+  for (const char* const row :
+       {"sessions created       1 (1 completed)\n", "\nposes lost             0\n", "\nlatency                p50 ",
+        "\nlongest pauses         ", "\nafter reconnection     0 sessions\n", "\nCPU of this process "}) {
     EXPECT_THAT(result.out, HasSubstr(row));
   }
 }
