@@ -150,6 +150,11 @@ void DefineStorage(CLI::App& app, Arguments& arguments) {
       ->type_name("SECONDS");
   app.add_option("--pose-log-capacity", options.pose_log_capacity,
                  "Poses kept per session for readers and reconnecting streams; older ones are deleted");
+  app.add_option(
+         "--pose-log-bytes", options.pose_log_bytes,
+         "Bytes of these poses per session in the store; the oldest ones beyond it are deleted, but not the last "
+         "4096 poses")
+      ->type_name("BYTES");
 }
 
 void DefineLimits(CLI::App& app, Arguments& arguments) {
@@ -197,6 +202,7 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
   app.add_option("--max-load", options.max_load,
                  "Load of the workers (0 to 1, mean over 5 s): after 5 s above this bound, a tenant with a session on "
                  "this server cannot create another one; 0: no bound, because replays use all time that cameras leave")
+      ->envname("EVPOSE_MAX_LOAD")
       ->type_name("RATIO");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "Time within which a new stream must attach, and an upload must send its next message")

@@ -375,6 +375,19 @@ TEST(ProgramTest, ReportsWrongUsageOfTheLoad) {
   }
 }
 
+TEST(ProgramTest, ReadsTheBoundOfTheLoadFromTheEnvironment) {
+  const ScopedEnvironmentVariable bound("EVPOSE_MAX_LOAD", "2");
+  Program program({"--listen", "127.0.0.1:0"});
+  EXPECT_EQ(program.Wait(), 2);
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("--max-load: is 2; give 0 (no bound)"));
+}
+
+TEST(ProgramTest, ReportsWrongUsageOfThePoseLog) {
+  Program program({"--listen", "127.0.0.1:0", "--pose-log-bytes", "4"});
+  EXPECT_EQ(program.Wait(), 2);
+  EXPECT_THAT(program.Stderr(), testing::HasSubstr("--pose-log-bytes: is 4; give at least 500000"));
+}
+
 TEST(ProgramTest, TellsItsLoad) {
   Program program({"--listen", "127.0.0.1:0", "--load-listen", "127.0.0.1:0"});
   program.Announced("listening on 127.0.0.1:");

@@ -125,6 +125,7 @@ SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFact
           .limits = {.credit_bytes = options.credit_bytes,
                      .max_chunk_bytes = options.max_chunk_bytes,
                      .pose_log_capacity = options.pose_log_capacity,
+                     .pose_log_bytes = options.pose_log_bytes,
                      .expiry = options.session_expiry,
                      .writes_checkpoints = store.outlives_process()},
           .make_tracker = std::move(make_tracker),

@@ -83,6 +83,10 @@ struct ServerOptions {
   // Number of poses kept for readers and streams that attach again, about 16 s at 1 kHz; older ones are deleted. At
   // least 4096, because a stream may be 1024 poses behind before its session waits.
   uint32_t pose_log_capacity = 16'384;
+  // Maximum size of these poses in the store, bytes: the oldest beyond it are deleted, but not the last 4096. The
+  // default has room for all of pose_log_capacity, about 150 bytes each, and for 4096 poses with alternatives, which
+  // have up to 1 kB each.
+  uint64_t pose_log_bytes = 4ull << 20;
   // A session without a stream is deleted after this time, so that a client that has crashed does not occupy a slot
   // forever. This and the other durations are at most a year, which bounds the arithmetic of time points.
   absl::Duration session_expiry = absl::Minutes(10);

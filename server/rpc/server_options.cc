@@ -89,6 +89,8 @@ absl::Status CheckSessions(const ServerOptions& options) {
   // Less than any session takes: a smaller value is a number of megabytes instead of bytes.
   constexpr uint64_t kMinSessionMemory = 1'000'000;
   constexpr uint32_t kMinPoseLogCapacity = 4096;  // ServerOptions::pose_log_capacity has the reason
+  // Less than 4096 poses take: a smaller value is a number of megabytes instead of bytes.
+  constexpr uint64_t kMinPoseLogBytes = 500'000;
   EVPOSE_RETURN_IF_ERROR(CheckCpu("max_session_cpu", options.max_session_cpu));
   EVPOSE_RETURN_IF_ERROR(CheckCpu("tenant.max_cpu", options.tenant.max_cpu.value_or(0.0)));
   EVPOSE_RETURN_IF_ERROR(CheckLoad(options.max_load));
@@ -97,6 +99,10 @@ absl::Status CheckSessions(const ServerOptions& options) {
     return InvalidField("max_session_memory",
                         absl::StrCat("is ", options.max_session_memory, "; give at least ", kMinSessionMemory,
                                      "; a session of a small camera takes some ten million"));
+  }
+  if (options.pose_log_bytes < kMinPoseLogBytes) {
+    return InvalidField("pose_log_bytes", absl::StrCat("is ", options.pose_log_bytes, "; give at least ",
+                                                       kMinPoseLogBytes, ": the last 4096 poses are always kept"));
   }
   if (options.pose_log_capacity >= kMinPoseLogCapacity) return absl::OkStatus();
   return InvalidField("pose_log_capacity",

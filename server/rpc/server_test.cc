@@ -400,6 +400,7 @@ TEST(ServerOptionsTest, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(field_of({.credit_bytes = 4096}), "credit_bytes");
   EXPECT_EQ(field_of({.credit_bytes = 1ull << 63}), "credit_bytes") << "the memory of a session would overflow";
   EXPECT_EQ(field_of({.pose_log_capacity = 10}), "pose_log_capacity");
+  EXPECT_EQ(field_of({.pose_log_bytes = 16}), "pose_log_bytes");
   EXPECT_EQ(field_of({.listener_timeout = absl::Milliseconds(999)}), "listener_timeout");
   EXPECT_EQ(field_of({.max_transport_bytes = 1u << 20}), "max_transport_bytes");
   EXPECT_EQ(field_of({.stream_idle_timeout = -absl::Seconds(1)}), "stream_idle_timeout");

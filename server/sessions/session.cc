@@ -55,6 +55,7 @@ Session::Session(Parts parts, WorkerPool& pool)
       turns_(pool.AddSession(parts.tenant, log_->trace_id())),
       worker_(config_, {clocks_.steady, metrics_, log_, images_}, std::move(parts.pipeline),
               parts.beginning.checkpoint.health),
+      stored_segments_(limits_.pose_log_bytes, parts.stored_poses),
       gate_(GateOptions(config_, limits_, log_),
             GateStart(parts.beginning, std::move(parts.resume_token), clocks_.wall())),
       report_(parts.beginning, worker_.Objects(), log_->trace_id()),

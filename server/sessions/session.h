@@ -19,10 +19,12 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
+#include "absl/types/span.h"
 #include "server/runtime/worker_pool.h"
 #include "server/scheduling/arrival_monitor.h"
 #include "server/scheduling/pace_monitor.h"
 #include "server/sessions/durability/checkpoint_policy.h"
+#include "server/sessions/durability/segment_sizes.h"
 #include "server/sessions/durability/session_committer.h"
 #include "server/sessions/session_limits.h"
 #include "server/sessions/session_pipeline.h"
@@ -57,6 +59,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
     std::shared_ptr<const void> memory_charge;  // for everything except the pipeline, which has a charge of its own
     std::unique_ptr<SessionPipeline> pipeline;  // in the state of the beginning's checkpoint; null when it has ended
     SessionBeginning beginning;
+    std::vector<PoseSegment> stored_poses;  // the segments of a resumed session; of these only the sizes are used
     std::unique_ptr<SessionLease> lease;
     std::string resume_token;  // of a new session; empty for a resumed one: the store has only its digest
     absl::Time create_time;
@@ -155,6 +158,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   void EndOutOfMemory(const absl::Status& status);
   bool WriteDueCheckpoint();
   void WriteCheckpoint();
+  // Adds poses to `out`, and removes the oldest ones from the log if those in the store exceed their limit of bytes.
+  void AddPoses(absl::Span<const StoredPose> poses, SessionCommit& out);
   // Returns nullopt when there is no work.
   std::optional<Backlog> StartWork();
   void Publish(const WorkResult& result);
@@ -171,7 +176,8 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   const std::shared_ptr<EventImages> images_;
   PoseLog pose_log_;
   const std::shared_ptr<SessionTurns> turns_;
-  SessionWorker worker_;  // used in the turns
+  SessionWorker worker_;          // used in the turns
+  SegmentSizes stored_segments_;  // likewise
 
   mutable std::mutex mutex_;
   StreamGate gate_ ABSL_GUARDED_BY(mutex_);

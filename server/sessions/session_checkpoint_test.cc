@@ -39,14 +39,16 @@ class SessionCheckpointTest : public testing::Test {
   }
 
   std::shared_ptr<Session> Start(SessionBeginning beginning, std::unique_ptr<SessionLease> lease,
-                                 const std::optional<PipelineState>& state) {
+                                 const std::optional<PipelineState>& state,
+                                 std::vector<PoseSegment> stored_poses = {}) {
     Session::Parts parts;
     parts.name = kName;
     parts.config = SomeConfig(objects_);
     parts.limits = {.pose_log_capacity = 100'000,
+                    .pose_log_bytes = pose_log_bytes_,
                     .expiry = absl::Minutes(1),
                     .backoff = {.first = absl::Microseconds(10), .longest = absl::Microseconds(100)}};
-    parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, FakeTrackers()).value();
+    parts.pipeline = SessionPipeline::Create(parts.config, {nullptr}, make_tracker_).value();
     if (state.has_value()) {
       EXPECT_TRUE(parts.pipeline->LoadPosition(state->position).ok());
       EXPECT_TRUE(parts.pipeline->LoadTracker(state->tracker).ok());
@@ -55,6 +57,7 @@ class SessionCheckpointTest : public testing::Test {
     parts.clocks.wall = [this] { return now_; };
     parts.clocks.steady = [] { return SteadyTime(); };  // no work takes time: that alone makes no checkpoint due
     parts.beginning = std::move(beginning);
+    parts.stored_poses = std::move(stored_poses);
     parts.lease = std::make_unique<FaultInjectingLease>(std::move(lease), fault_);
     return Session::Start(std::move(parts), pool_);
   }
@@ -75,7 +78,7 @@ class SessionCheckpointTest : public testing::Test {
       const std::vector<StoredPose> poses = DecodePoses(segment, 1).value();
       beginning.poses.insert(beginning.poses.end(), poses.begin(), poses.end());
     }
-    session_ = Start(std::move(beginning), std::move(taken.lease), state);
+    session_ = Start(std::move(beginning), std::move(taken.lease), state, std::move(taken.session.poses));
   }
 
   Attachment Attach(const std::string& token, uint64_t last_pose_seq = 0) {
@@ -103,6 +106,8 @@ class SessionCheckpointTest : public testing::Test {
   static constexpr char kName[] = "sessions/test";
   absl::Time now_ = absl::FromUnixSeconds(1'000'000);
   std::vector<std::string> objects_ = {"cube"};
+  uint64_t pose_log_bytes_ = uint64_t{1} << 40;
+  TrackerFactory make_tracker_ = FakeTrackers();
   const std::shared_ptr<InjectedFault> fault_ = std::make_shared<InjectedFault>();
   const std::shared_ptr<WaitingListener> listener_ = std::make_shared<WaitingListener>();
   WorkerPool pool_{1};  // outlives the store: its thread may release the last reference to a session
@@ -137,6 +142,68 @@ TEST_F(SessionCheckpointTest, ManyPosesMakeACheckpointDue) {
   }
   UntilDurable(stream, 20);
   EXPECT_GE(Stored().health.poses, 1000u - 80);
+}
+
+// As FakeTracker, with the most alternatives that a pose can have.
+class AmbiguousTracker : public FakeTracker {
+ public:
+  using FakeTracker::FakeTracker;
+  void AddEvents(absl::Span<const Event> events, std::vector<PoseEstimate>& estimates) override {
+    const size_t num_before = estimates.size();
+    FakeTracker::AddEvents(events, estimates);
+    for (size_t i = num_before; i < estimates.size(); ++i) {
+      estimates[i].state = TrackState::kAmbiguous;
+      for (size_t j = 0; j < PoseAlternatives::kMaxSize; ++j) estimates[i].alternatives.Add({});
+    }
+  }
+};
+
+class PoseLogBytesTest : public SessionCheckpointTest, public testing::WithParamInterface<bool> {
+ protected:
+  // Tracks chunks of 40 poses from `seq` on, until the session has made `num_poses`, in segments of 800 poses. Returns
+  // the token for the next attachment.
+  std::string TrackTo(std::string token, uint64_t num_poses, uint64_t& seq) {
+    while (session_->Watch().last_pose_seq < num_poses) {
+      const Attachment attachment = Attach(token);
+      session_->ReportSent(attachment.stream, 1'000'000);
+      for (int i = 0; i < 20; ++i) Push(attachment.stream, seq++, 40);
+      session_->Detach(attachment.stream);
+      UntilDurable(attachment.stream, seq - 1);
+      token = attachment.resume_token;
+    }
+    return token;
+  }
+};
+
+INSTANTIATE_TEST_SUITE_P(All, PoseLogBytesTest, testing::Bool());
+
+TEST_P(PoseLogBytesTest, TheOldestPosesAreDeleted) {
+  constexpr uint64_t kPoses = 13'000;
+  const bool is_ambiguous = GetParam();
+  pose_log_bytes_ = 4'400'000;
+  if (is_ambiguous) {
+    make_tracker_ = [](const SessionConfig& config, const auto&) -> absl::StatusOr<std::unique_ptr<Tracker>> {
+      return std::make_unique<AmbiguousTracker>(std::make_shared<FakeTrackerGate>(), config);
+    };
+  }
+  CreateAgain();
+  uint64_t seq = 1;
+  std::string token = TrackTo("first", kPoses, seq);
+  for (const uint64_t num_poses : {kPoses, kPoses + 1000}) {
+    const StoredSession stored = store_->ReadSession(kName).value();
+    const uint64_t last = session_->Watch().last_pose_seq;
+    const uint64_t num_stored = last + 1 - stored.poses.front().first_pose_seq;
+    EXPECT_GE(last, num_poses);
+    EXPECT_LE(SizeBytes(stored.poses), pose_log_bytes_);
+    EXPECT_GE(SizeBytes(stored.poses), pose_log_bytes_ / 4 * 3) << "segments are deleted as a whole";
+    EXPECT_EQ(stored.poses.front().first_pose_seq, session_->pose_log().first_pose_seq());
+    EXPECT_EQ(stored.poses.back().last_pose_seq, last);
+    EXPECT_GE(num_stored, SegmentSizes::kMinPoses);
+    EXPECT_EQ(num_stored < 6000, is_ambiguous) << num_stored << " poses; four alternatives take more than a pose";
+    if (num_poses > kPoses) continue;
+    RestartServer();
+    token = TrackTo(token, kPoses + 1000, seq);
+  }
 }
 
 TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {

@@ -162,17 +162,18 @@ absl::StatusOr<SessionFactory::Resumed> SessionFactory::Resume(absl::string_view
   auto taken = store_.TakeSession(name);
   if (!taken.ok()) return StoreError(name, taken.status());
   Resumed out = {.record = taken->session.record};
-  auto session = Restore(taken->session, std::move(taken->lease));
+  auto session = Restore(std::move(taken->session), std::move(taken->lease));
   if (!session.ok()) return StoreError(name, session.status());
   out.session = *std::move(session);
   return out;
 }
 
-absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(const StoredSession& stored,
+absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession stored,
                                                                  std::unique_ptr<SessionLease> lease) const {
   Session::Parts parts = MakeParts(stored.record.name, stored.record.tenant);
   EVPOSE_ASSIGN_OR_RETURN(parts.config, DecodeConfig(stored.record.config));
   EVPOSE_ASSIGN_OR_RETURN(parts.beginning, DecodeBeginning(stored, parts.config.objects.size()));
+  parts.stored_poses = std::move(stored.poses);
   const bool has_ended = parts.beginning.checkpoint.ended;
   auto models = UseModels(stored.record.tenant, parts.config);
   // An ended session is readable without its models.

@@ -77,8 +77,7 @@ class SessionFactory {
   absl::StatusOr<std::unique_ptr<SessionPipeline>> RestorePipeline(
       const SessionConfig& config, const std::vector<std::shared_ptr<const ObjectModel>>& models,
       SessionBeginning& beginning) const;
-  absl::StatusOr<std::shared_ptr<Session>> Restore(const StoredSession& stored,
-                                                   std::unique_ptr<SessionLease> lease) const;
+  absl::StatusOr<std::shared_ptr<Session>> Restore(StoredSession stored, std::unique_ptr<SessionLease> lease) const;
 
   const Options options_;
   Store& store_;

@@ -16,6 +16,7 @@ struct SessionLimits {
   uint64_t credit_bytes = 4ull << 20;  // undecoded bytes that may wait; at least max_chunk_bytes
   uint32_t max_chunk_bytes = 1u << 20;
   uint32_t pose_log_capacity = 16'384;        // poses in memory, for readers
+  uint64_t pose_log_bytes = 4ull << 20;       // of the poses in the store; the last 4096 poses stay in any case
   absl::Duration expiry = absl::Minutes(10);  // time without a stream after which the session is deleted
   // False for stores that end with the process: processed data then count as persisted, and nothing is written.
   bool writes_checkpoints = true;

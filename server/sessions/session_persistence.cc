@@ -63,8 +63,7 @@ void Session::WriteCheckpoint() {
   state.health.received_bytes = state.health.processed_bytes;
   // There are yield points up to CommitCheckpoint(): no lock is held, and other calls of the session may come between.
   const std::vector<StoredPose> poses = ReadPosesInPages(pose_log_, after_pose_seq);
-  if (!poses.empty()) out.poses.push_back(EncodePoses(poses));
-  out.first_pose_seq_kept = pose_log_.first_pose_seq();
+  AddPoses(poses, out);
   if (is_whole) {
     SessionCheckpoint whole = state;
     if (worker_.has_pipeline()) whole.pipeline = worker_.SaveState();
@@ -80,6 +79,19 @@ void Session::WriteCheckpoint() {
       checkpoints_.RecordCheckpoint({state.processed_seq, state.ended, state.health.processing_us, cost_us});
   }
   committer_->CommitCheckpoint(std::move(out), state.processed_seq, begin);
+}
+
+void Session::AddPoses(absl::Span<const StoredPose> poses, SessionCommit& out) {
+  if (!poses.empty()) {
+    out.poses.push_back(EncodePoses(poses));
+    stored_segments_.Add(out.poses.back());
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    pose_log_.RemoveBefore(std::min(stored_segments_.FirstPoseSeqToKeep(), FirstPoseSeqToKeep()));
+  }
+  out.first_pose_seq_kept = pose_log_.first_pose_seq();
+  stored_segments_.RemoveBefore(out.first_pose_seq_kept);
 }
 
 void Session::RenewOwnership() {

@@ -21,6 +21,11 @@ void PoseLog::Append(absl::Span<const StoredPose> poses, uint64_t kept_from) {
   while (poses_.size() > capacity_ && FirstSeq() < kept_from) poses_.pop_front();
 }
 
+void PoseLog::RemoveBefore(uint64_t pose_seq) {
+  const std::lock_guard lock(mutex_);
+  while (!poses_.empty() && FirstSeq() < pose_seq) poses_.pop_front();
+}
+
 std::vector<StoredPose> PoseLog::Read(uint64_t after_pose_seq, size_t max_poses) const {
   const std::lock_guard lock(mutex_);
   if (after_pose_seq >= next_seq_ - 1) return {};

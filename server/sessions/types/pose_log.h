@@ -35,6 +35,9 @@ class PoseLog {
   // the capacity.
   void Append(absl::Span<const StoredPose> poses, uint64_t kept_from = UINT64_MAX);
 
+  // Removes the poses before this one.
+  void RemoveBefore(uint64_t pose_seq);
+
   // Returns at most `max_poses` poses numbered above `after_pose_seq`, beginning with the oldest one in the log; none
   // if there is no such pose yet. If the first one is not `after_pose_seq + 1`, the poses in between have been removed.
   std::vector<StoredPose> Read(uint64_t after_pose_seq, size_t max_poses) const;

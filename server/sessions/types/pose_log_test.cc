@@ -55,6 +55,19 @@ TEST(PoseLogTest, KeepsNeededPosesBeyondItsCapacity) {
   EXPECT_THAT(Numbers(log.Read(0, 10)), testing::ElementsAre(7, 8, 9));
 }
 
+TEST(PoseLogTest, RemovesThePosesBeforeANumber) {
+  PoseLog log(100);
+  log.Append(Poses(1, 5));
+  log.RemoveBefore(4);
+  EXPECT_EQ(log.first_pose_seq(), 4u);
+  EXPECT_THAT(Numbers(log.Read(0, 10)), testing::ElementsAre(4, 5));
+  log.RemoveBefore(2);
+  EXPECT_EQ(log.first_pose_seq(), 4u);
+  log.RemoveBefore(100);
+  EXPECT_EQ(log.first_pose_seq(), 6u);
+  EXPECT_EQ(log.last_pose_seq(), 5u);
+}
+
 TEST(PoseLogTest, IgnoresRepeatedPoses) {
   PoseLog log(3);
   log.Append(Poses(1, 4));
