@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "core/base/yield_point.h"
 #include "core/mesh/mesh_edges.h"
 #include "core/mesh/region_shapes.h"
 #include "core/mesh/shape_fit.h"
@@ -136,7 +137,7 @@ class PartFinder {
       for (int side = 0; side < 3; ++side) {
         const uint32_t next = neighbours_[part[i]][side];
         if (next == kNoTriangle || stamp_[next] == current_stamp_ || state_[next] == State::kTaken) continue;
-        ++visits_;
+        YieldPoint(++visits_);
         if (!belongs(part[i], side, next)) continue;
         stamp_[next] = current_stamp_;
         part.push_back(next);

@@ -18,7 +18,8 @@ struct RegionPart {
 };
 
 // The parts of a connected set of triangles to which no single shape fits (FitShape). Each is connected; those without
-// a shape (kFree) are the last. The borders between them are smooth edges.
+// a shape (kFree) are the last. The borders between them are smooth edges. Its steps are proportional to the number of
+// triangles, also for meshes that are made to be slow; it has yield points.
 std::vector<RegionPart> FindRegionParts(const RawMesh& mesh, absl::Span<const uint32_t> triangles, double diameter_m);
 
 }  // namespace evpose

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/models/cube_files_testing.h"
+#include "core/models/model_lines.h"
 
 namespace evpose {
 namespace {
@@ -246,6 +247,29 @@ TEST(EdgeCurvesTest, TheFootOfASheetWithTwoSidesIsAnEdge) {
     return std::abs(line.p1.x()) + std::abs(line.p2.x()) + std::abs(line.p1.z()) + std::abs(line.p2.z()) < 1e-9;
   };
   EXPECT_EQ(std::count_if(model.lines.begin(), model.lines.end(), is_foot), 1);
+}
+
+// Each line is inside all of 100 faces.
+TEST(EdgeCurvesTest, TheFacesThatAreSearchedForPaintedLinesAreBounded) {
+  constexpr uint32_t kFaces = 100, kLines = 20;
+  RawMesh mesh;
+  mesh.points = {{0, 0, 0}, {4, 0, 0}, {0, 4, 0}};
+  mesh.triangles.assign(kFaces, {0, 1, 2});
+  for (uint32_t i = 0; i < kLines; ++i) {
+    mesh.points.emplace_back(0.5, 0.5 + 0.01 * i, 0);
+    mesh.points.emplace_back(1.5, 0.5 + 0.01 * i, 0);
+    mesh.lines.push_back({3 + 2 * i, 4 + 2 * i});
+  }
+  const TriangleBvh faces(mesh.points, mesh.triangles);
+  std::vector<std::string> notices;
+  // Two lines with five samples, each beside all faces, are beyond 999.
+  const std::vector<ModelLine> lines = PaintedLines(mesh, faces, 4.0, notices, /*max_faces=*/999);
+  ASSERT_THAT(lines, SizeIs(kLines));
+  for (size_t i = 0; i < kLines; ++i) EXPECT_EQ(lines[i].face_normals.size(), i < 2 ? 1u : 0u) << i;
+  EXPECT_THAT(notices, testing::ElementsAre("the faces of 18 lines were not searched: too many are near lines"));
+  notices.clear();
+  EXPECT_THAT(PaintedLines(mesh, faces, 4.0, notices).back().face_normals, SizeIs(1));
+  EXPECT_THAT(notices, IsEmpty());
 }
 
 }  // namespace

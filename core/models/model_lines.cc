@@ -211,12 +211,11 @@ std::vector<ModelLine> StraightLines(const RawMesh& mesh, absl::Span<const MeshE
 }
 
 std::vector<ModelLine> PaintedLines(const RawMesh& mesh, const TriangleBvh& faces, double diameter_m,
-                                    std::vector<std::string>& notices) {
+                                    std::vector<std::string>& notices, int64_t max_faces) {
   // Shares of the line at which faces are searched, irregular and away from the ends, where other faces begin. A face
   // counts if it is found at two of them: a line that crosses another face meets it at one.
   constexpr double kSamples[] = {0.13, 0.31, 0.5, 0.71, 0.87};
   constexpr int kMinSamples = 2;
-  constexpr int64_t kMaxFaces = 20'000'000;  // some seconds
   std::vector<ModelLine> lines;
   std::vector<TriangleBvh::Near> found;
   std::vector<std::pair<Eigen::Vector3d, int>> counted;
@@ -225,9 +224,9 @@ std::vector<ModelLine> PaintedLines(const RawMesh& mesh, const TriangleBvh& face
   for (const auto& [i, j] : mesh.lines) {
     ModelLine line{mesh.points[i], mesh.points[j], {}, EdgeKind::kPainted};
     counted.clear();
-    if (num_faces > kMaxFaces) ++num_unsearched;
+    if (num_faces > max_faces) ++num_unsearched;
     for (const double sample : kSamples) {
-      if (num_faces > kMaxFaces) break;
+      if (num_faces > max_faces) break;
       std::vector<Eigen::Vector3d> here;
       num_faces += 1 + AddNormalsAt(line.p1 + sample * (line.p2 - line.p1), (line.p2 - line.p1).normalized(), faces,
                                     diameter_m, found, here);

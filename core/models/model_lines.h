@@ -3,6 +3,7 @@
 // The lines of a model, from the edges of its mesh or from its line elements (core/models/README.md, section 1).
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -19,9 +20,9 @@ std::vector<ModelLine> StraightLines(const RawMesh& mesh, absl::Span<const MeshE
 
 // The line elements with the normals of the faces on which they lie: the normals of both faces along an edge (one if
 // these are parallel), that of the face inside a face, none away from all faces. `faces` is the search tree of the same
-// mesh, `diameter_m` the diameter of the model. After 20 million faces near lines, the rest of the lines get none, and
-// `notices` say so.
+// mesh, `diameter_m` the diameter of the model. After `max_faces` faces near lines, which take some seconds, the rest
+// of the lines get none, and `notices` say so.
 std::vector<ModelLine> PaintedLines(const RawMesh& mesh, const TriangleBvh& faces, double diameter_m,
-                                    std::vector<std::string>& notices);
+                                    std::vector<std::string>& notices, int64_t max_faces = 20'000'000);
 
 }  // namespace evpose
