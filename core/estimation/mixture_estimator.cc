@@ -39,10 +39,10 @@ class MixtureEstimator : public WindowEstimator {
         systematic_options_(options.systematic),
         sensor_(options.sensor),
         camera_(camera),
-        sigma_px_(options.sensor.pixel_noise_px),
-        outlier_ratio_(options.mixture.initial_outlier_ratio),
-        edge_bias_(options.edge, options.sensor, camera),
-        clutter_(camera) {}
+        learned_{.sigma_px = options.sensor.pixel_noise_px,
+                 .outlier_ratio = options.mixture.initial_outlier_ratio,
+                 .edge_bias = EdgeBias(options.edge, options.sensor, camera),
+                 .clutter = LineClutter(camera)} {}
 
   double ReachPx(double predicted_spread_px, double gate_factor) const override {
     // The pose, and with it the lines, may move by up to one gate before the passes converge.
@@ -61,34 +61,35 @@ class MixtureEstimator : public WindowEstimator {
     const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
 
     MotionState state = predicted;
-    AssignDefaults(input.lines.size(), flicker_biases_px_);
+    AssignDefaults(input.lines.size(), window_.flicker_biases_px);
     StartFrom(predicted, input);
-    const double spread_px = PredictedSpreadPx(camera_, predicted, lines_);
-    MixtureDensity density{sigma_px_, outlier_ratio_, FirstGatePx(spread_px, gate_factor)};
+    const double spread_px = PredictedSpreadPx(camera_, predicted, window_.lines);
+    MixtureDensity density{learned_.sigma_px, learned_.outlier_ratio, FirstGatePx(spread_px, gate_factor)};
     double annealed_px2 = spread_px * spread_px;
     MixtureTotals totals;
-    double counts_gate_px = 0.0;  // gate to which line_counts_ refer
-    line_counts_.clear();
+    double counts_gate_px = 0.0;  // gate to which window_.line_counts refer
+    window_.line_counts.clear();
     for (int pass = 0; pass < options_.max_passes; ++pass) {
       YieldPoint();
       const bool last = pass + 1 == options_.max_passes;
       // The gate and the spread shrink to their final values: at first they cover the uncertainty of the prediction.
       if (last) annealed_px2 = 0.0;
-      density.sigma_px = std::sqrt(sigma_px_ * sigma_px_ + annealed_px2);
+      density.sigma_px = std::sqrt(learned_.sigma_px * learned_.sigma_px + annealed_px2);
       // Four standard deviations: the share of the normal beyond the gate, 6e-5, is negligible.
       density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
-      clutter_.Densities(input.lines, lines_, line_counts_, counts_gate_px, density, densities_);
+      learned_.clutter.Densities(input.lines, window_.lines, window_.line_counts, counts_gate_px, density,
+                                 window_.densities);
       counts_gate_px = density.gate_px;
-      totals = pass_.Accumulate(*input.sorted, lines_, density, densities_, sums_);
-      line_counts_.clear();
-      for (const MixtureLine& line : sums_) line_counts_.push_back({line.weight(), line.beside});
+      totals = pass_.Accumulate(*input.sorted, window_.lines, density, window_.densities, window_.sums);
+      CountObservations();
       const double background = Background(input, density.gate_px) / std::max(totals.num_gated, 1.0);
-      density.outlier_ratio = std::clamp(background, outlier_ratio_, std::max(outlier_ratio_, kMaxBackgroundRatio));
-      noise_per_px_ = input.background_per_px2 * density.OwnWidthPx(table_);
+      density.outlier_ratio =
+          std::clamp(background, learned_.outlier_ratio, std::max(learned_.outlier_ratio, kMaxBackgroundRatio));
+      window_.noise_per_px = input.background_per_px2 * density.OwnWidthPx(table_);
       if (input.is_mostly_tested) CorrectFlickerBias(input, density.gate_px);
       const double moved_px = Minimise(predicted, prior_information, input, density.sigma_px, state);
       // The added variance shrinks by a factor of ten per pass and is negligible below 1 % of that of the events.
-      if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * sigma_px_ * sigma_px_) break;
+      if (pass > 0 && moved_px < kSettledPx && annealed_px2 < 0.01 * learned_.sigma_px * learned_.sigma_px) break;
       annealed_px2 *= 0.1;
     }
 
@@ -100,59 +101,96 @@ class MixtureEstimator : public WindowEstimator {
     state.covariance = SymmetricInverse(hessian);
     fit.systematic_covariance = SystematicCovariance(prior_information, input, density.sigma_px, state);
 
-    final_gate_px_ = density.gate_px;
+    window_.final_gate_px = density.gate_px;
     fit.state = state;
     fit.num_gated = totals.num_gated;
     fit.num_background = Background(input, density.gate_px);
     fit.num_explained = totals.weight;
-    for (const MixtureLine& line : sums_) fit.line_events.push_back(line.weight()[0] + line.weight()[1]);
-    fit.deficit_counts = deficit_counts_;
-    fit.residual_rms_px = totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : sigma_px_;
+    for (const MixtureLine& line : window_.sums) fit.line_events.push_back(line.weight()[0] + line.weight()[1]);
+    fit.deficit_counts = window_.deficit_counts;
+    fit.residual_rms_px =
+        totals.weight > 0.0 ? std::sqrt(totals.weighted_squares_px2 / totals.weight) : learned_.sigma_px;
   }
 
   void Accept(const WindowFit& fit, const WindowInput& input) override {
     const double memory = options_.memory_events;
     const double n = fit.num_explained;
     const double variance =
-        (memory * sigma_px_ * sigma_px_ + n * fit.residual_rms_px * fit.residual_rms_px) / (memory + n);
-    sigma_px_ = std::clamp(std::sqrt(variance), options_.sigma_min_factor * sensor_.pixel_noise_px,
-                           options_.sigma_max_factor * sensor_.pixel_noise_px);
+        (memory * learned_.sigma_px * learned_.sigma_px + n * fit.residual_rms_px * fit.residual_rms_px) / (memory + n);
+    learned_.sigma_px = std::clamp(std::sqrt(variance), options_.sigma_min_factor * sensor_.pixel_noise_px,
+                                   options_.sigma_max_factor * sensor_.pixel_noise_px);
     const double gated = fit.num_gated;
     if (gated > 0.0) {
-      outlier_ratio_ = (memory * outlier_ratio_ + (gated - n)) / (memory + gated);
+      learned_.outlier_ratio = (memory * learned_.outlier_ratio + (gated - n)) / (memory + gated);
     }
-    systematic_ = next_systematic_;
-    until_systematic_ = until_systematic_ > 0 ? until_systematic_ - 1 : kWindowsPerSystematic - 1;
+    learned_.systematic = window_.next_systematic;
+    learned_.until_systematic =
+        learned_.until_systematic > 0 ? learned_.until_systematic - 1 : kWindowsPerSystematic - 1;
     LearnDisplacement(input.lines);
     LearnDispersion(input);
-    counts_.clear();
-    for (const MixtureLine& line : sums_) counts_.push_back(line.Counts(input.sampling.events_per_observation));
-    clutter_.Learn(input.lines, lines_, line_counts_, final_gate_px_);
-    edge_bias_.Learn(input.lines, lines_, counts_, input.duration_s);
+    window_.counts.clear();
+    for (const MixtureLine& line : window_.sums) {
+      window_.counts.push_back(line.Counts(input.sampling.events_per_observation));
+    }
+    learned_.clutter.Learn(input.lines, window_.lines, window_.line_counts, window_.final_gate_px);
+    learned_.edge_bias.Learn(input.lines, window_.lines, window_.counts, input.duration_s);
   }
 
-  void SaveState(StateWriter& writer) const override { VisitState(writer, *this); }
-  void LoadState(StateReader& reader) override { VisitState(reader, *this); }
-  static void VisitState(auto& archive, auto& self) {
-    auto& [options, systematic_options, sensor, camera, table, sigma_px, outlier_ratio, displacement_px2,
-           displacement_factor, noise_per_px, final_gate_px, moved_px, pass, lines, sums, counts, line_counts,
-           flicker_biases_px, densities, deficit_counts, edge_bias, clutter, dispersion, systematic, next_systematic,
-           until_systematic, moved_lines] = self;
-    archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
-            InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion, systematic,
-            AtMost(until_systematic, kWindowsPerSystematic));
-  }
+  void SaveState(StateWriter& writer) const override { writer(learned_); }
+  void LoadState(StateReader& reader) override { reader(learned_); }
 
  private:
+  // What the windows up to now have shown, which the next ones start from.
+  struct Learned {
+    double sigma_px;                // standard deviation of the events about the lines
+    double outlier_ratio;           // share of the events beside the lines
+    double displacement_px2 = 0.0;  // mean square displacement of the lines over about 100 windows
+    double displacement_factor = 1.0;
+    EdgeBias edge_bias;
+    LineClutter clutter;
+    EventDispersion dispersion;
+    SystematicError systematic;
+    int until_systematic = 0;  // windows until systematic is updated again
+
+    static void VisitState(auto& archive, auto& self) {
+      auto& [sigma_px, outlier_ratio, displacement_px2, displacement_factor, edge_bias, clutter, dispersion, systematic,
+             until_systematic] = self;
+      archive(InRange(sigma_px, 1e-6, 1e6), AtMost(outlier_ratio, 1.0), Finite(displacement_px2),
+              InRange(displacement_factor, 1.0, 1e6), edge_bias, clutter, dispersion, systematic,
+              AtMost(until_systematic, kWindowsPerSystematic));
+    }
+  };
+  // The lines and sums of the window that is fitted, from Fit() to Accept(). The buffers keep their memory.
+  struct FittedWindow {
+    // Background events of the window that are attributed to a line, per pixel of its length.
+    double noise_per_px = 0.0;
+    double final_gate_px = 0.0;  // gate of the last pass
+    double moved_px = 0.0;       // by which the lines moved since all of them were projected
+    std::vector<ImageLine> lines;
+    std::vector<MixtureLine> sums;
+    std::vector<EdgeCounts> counts;
+    std::vector<LineCounts> line_counts;    // observations of each line in the last pass
+    std::vector<double> flicker_biases_px;  // flicker bias of each of the lines, which are displaced by it
+    std::vector<LineDensities> densities;
+    std::vector<DeficitCounts> deficit_counts;
+    SystematicError next_systematic;     // that of the next window if this one is accepted
+    std::vector<ImageLine> moved_lines;  // the lines with other residuals, for the gradients by systematic errors
+  };
+
+  // Sets the observations of each line to those of the last pass.
+  void CountObservations() {
+    window_.line_counts.clear();
+    for (const MixtureLine& line : window_.sums) window_.line_counts.push_back({line.weight(), line.beside});
+  }
   // Sets the flicker bias of each line (flicker_bias.h) from the counts of the last pass.
   void CorrectFlickerBias(const WindowInput& input, double gate_px) {
     ForEachCurve(input.lines, [&](size_t first, size_t end) {
       LineCounts counts;
-      for (size_t k = first; k < end; ++k) counts.Add(line_counts_[k]);
-      const double shift_px = FlickerBiasPx(counts, input.sampling.events_per_observation, gate_px, sigma_px_);
+      for (size_t k = first; k < end; ++k) counts.Add(window_.line_counts[k]);
+      const double shift_px = FlickerBiasPx(counts, input.sampling.events_per_observation, gate_px, learned_.sigma_px);
       for (size_t k = first; k < end; ++k) {
-        lines_[k].a_expected.z() -= shift_px - flicker_biases_px_[k];
-        flicker_biases_px_[k] = shift_px;
+        window_.lines[k].a_expected.z() -= shift_px - window_.flicker_biases_px[k];
+        window_.flicker_biases_px[k] = shift_px;
       }
     });
   }
@@ -165,11 +203,11 @@ class MixtureEstimator : public WindowEstimator {
   ResidualSums SumResiduals(size_t first, size_t end) const {
     ResidualSums sum;
     for (size_t k = first; k < end; ++k) {
-      if (!lines_[k].in_view()) continue;
-      const LineSums& sums = sums_[k].sums;
-      sum.weighted_px += sums.Sum(0).dot(lines_[k].a_expected) + sums.Sum(1).dot(lines_[k].a_dot);
+      if (!window_.lines[k].in_view()) continue;
+      const LineSums& sums = window_.sums[k].sums;
+      sum.weighted_px += sums.Sum(0).dot(window_.lines[k].a_expected) + sums.Sum(1).dot(window_.lines[k].a_dot);
       sum.weight += sums.weight();
-      sum.ambiguous_px2 += sums_[k].ambiguous_px2;
+      sum.ambiguous_px2 += window_.sums[k].ambiguous_px2;
     }
     return sum;
   }
@@ -185,19 +223,20 @@ class MixtureEstimator : public WindowEstimator {
     double count = 0.0;
     double squares_px2 = 0.0;
     double observed_squares = 0.0;
-    ForEachArc(tracked, lines_, [&](size_t first, size_t end) {
+    ForEachArc(tracked, window_.lines, [&](size_t first, size_t end) {
       const auto [sum_px, w, ambiguous_px2] = SumResiduals(first, end);
       if (w < kMinWeight) return;
-      const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, sigma_px_);
-      squares_px2 += sum_px * sum_px / (w * w) - observed * sigma_px_ * sigma_px_ * options_.events_per_information / w;
+      const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, learned_.sigma_px);
+      squares_px2 += sum_px * sum_px / (w * w) -
+                     observed * learned_.sigma_px * learned_.sigma_px * options_.events_per_information / w;
       observed_squares += observed * observed;
       count += 1.0;
     });
     if (count <= kLinesOfAPose) return;
     const double mean_px2 = squares_px2 / (observed_squares * (1.0 - kLinesOfAPose / count));
-    displacement_px2_ += kForget * (mean_px2 - displacement_px2_);
+    learned_.displacement_px2 += kForget * (mean_px2 - learned_.displacement_px2);
     const double usual_px = options_.usual_displacement_px;
-    displacement_factor_ = std::clamp(displacement_px2_ / (usual_px * usual_px), 1.0, kMaxFactor);
+    learned_.displacement_factor = std::clamp(learned_.displacement_px2 / (usual_px * usual_px), 1.0, kMaxFactor);
   }
   // Updates the dispersion from the distances of the events of the lines.
   void LearnDispersion(const WindowInput& input) {
@@ -205,28 +244,29 @@ class MixtureEstimator : public WindowEstimator {
     ForEachCurve(input.lines, [&](size_t first, size_t end) {
       const auto [sum_px, w, ambiguous_px2] = SumResiduals(first, end);
       if (!(w > 0.0)) return;
-      const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, sigma_px_);
+      const double observed = MixtureLine::ObservedRatio(ambiguous_px2, w, learned_.sigma_px);
       const double displaced_px = w * observed * displacement_px;
-      const double independent_px2 = w * observed * sigma_px_ * sigma_px_ * options_.events_per_information;
-      dispersion_.Add(input.lines[first].curve, sum_px, independent_px2 + displaced_px * displaced_px, w);
+      const double independent_px2 =
+          w * observed * learned_.sigma_px * learned_.sigma_px * options_.events_per_information;
+      learned_.dispersion.Add(input.lines[first].curve, sum_px, independent_px2 + displaced_px * displaced_px, w);
     });
   }
-  double EventsPerInformation() const { return options_.events_per_information * dispersion_.factor(); }
+  double EventsPerInformation() const { return options_.events_per_information * learned_.dispersion.factor(); }
   // Standard deviation of the displacement that the events of a line share in a window.
   double DisplacementPx(double duration_s) const {
-    return options_.edge_noise_px_sqrt_s * std::sqrt(displacement_factor_ / std::max(duration_s, 1e-6));
+    return options_.edge_noise_px_sqrt_s * std::sqrt(learned_.displacement_factor / std::max(duration_s, 1e-6));
   }
   double FirstGatePx(double spread_px, double gate_factor) const {
     // Three standard deviations of an event about the predicted line.
-    const double wanted = 3.0 * std::sqrt(sigma_px_ * sigma_px_ + spread_px * spread_px);
+    const double wanted = 3.0 * std::sqrt(learned_.sigma_px * learned_.sigma_px + spread_px * spread_px);
     return gate_factor * std::clamp(wanted, options_.gate_px, options_.max_gate_px);
   }
   // Sets the lines of the first pass.
   void StartFrom(const MotionState& predicted, const WindowInput& input) {
-    lines_.clear();
-    for (const ImageLine& line : input.image_lines) lines_.push_back(line);
-    if (input.image_lines.empty()) ProjectLines(camera_, predicted, input.lines, lines_);
-    moved_px_ = 0.0;
+    window_.lines.clear();
+    for (const ImageLine& line : input.image_lines) window_.lines.push_back(line);
+    if (input.image_lines.empty()) ProjectLines(camera_, predicted, input.lines, window_.lines);
+    window_.moved_px = 0.0;
     CompleteLines(predicted, input);
   }
   // Moves the lines to `state` after a step of the pose that moves them by at most `step_px`.
@@ -234,19 +274,19 @@ class MixtureEstimator : public WindowEstimator {
     // The images of elements are projected again after they moved by more. The term of second order is then about 0.5^2
     // / (2 r) for a rotation about a point at r pixels: 0.003 px for 50 px.
     constexpr double kLinearPx = 0.5;
-    moved_px_ += step_px;
-    if (moved_px_ <= kLinearPx) {
-      MoveLines(camera_, state, pose_change, input.lines, absl::MakeSpan(lines_));
+    window_.moved_px += step_px;
+    if (window_.moved_px <= kLinearPx) {
+      MoveLines(camera_, state, pose_change, input.lines, absl::MakeSpan(window_.lines));
     } else {
-      ProjectLines(camera_, state, input.lines, lines_);
-      moved_px_ = 0.0;
+      ProjectLines(camera_, state, input.lines, window_.lines);
+      window_.moved_px = 0.0;
     }
     CompleteLines(state, input);
   }
   void CompleteLines(const MotionState& state, const WindowInput& input) {
-    ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(lines_));
-    edge_bias_.Correct(input.lines, absl::MakeSpan(lines_));
-    for (size_t k = 0; k < lines_.size(); ++k) lines_[k].a_expected.z() -= flicker_biases_px_[k];
+    ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(window_.lines));
+    learned_.edge_bias.Correct(input.lines, absl::MakeSpan(window_.lines));
+    for (size_t k = 0; k < window_.lines.size(); ++k) window_.lines[k].a_expected.z() -= window_.flicker_biases_px[k];
   }
   // Moves `state` to the minimum for the weights of the last pass. Returns the largest movement of the middle of a
   // line, in pixels.
@@ -280,18 +320,19 @@ class MixtureEstimator : public WindowEstimator {
     const double event_scale = 1.0 / (sigma_px * sigma_px * EventsPerInformation());
     const double displacement_px = DisplacementPx(input.duration_s);
     const auto scale_of = [&](size_t k) {
-      return information == Information::kObserved ? sums_[k].ObservedRatio(sigma_px) * event_scale : event_scale;
+      return information == Information::kObserved ? window_.sums[k].ObservedRatio(sigma_px) * event_scale
+                                                   : event_scale;
     };
-    ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
+    ForEachArc(input.lines, window_.lines, [&](size_t first, size_t end) {
       YieldPoint(first);
-      AddEquations(input.lines, lines_, first, end, displacement_px, scale_of, hessian, gradient);
+      AddEquations(input.lines, window_.lines, first, end, displacement_px, scale_of, hessian, gradient);
     });
-    CountForDeficit(camera_, input, lines_, sums_, state.twist, noise_per_px_, options_.min_events_per_px2,
-                    deficit_counts_);
-    return AddEventDeficit(camera_, lines_, deficit_counts_, input.past_deficit_counts, state.twist,
+    CountForDeficit(camera_, input, window_.lines, window_.sums, state.twist, window_.noise_per_px,
+                    options_.min_events_per_px2, window_.deficit_counts);
+    return AddEventDeficit(camera_, window_.lines, window_.deficit_counts, input.past_deficit_counts, state.twist,
                            1.0 / EventsPerInformation(), hessian, gradient);
   }
-  // Adds the equations of the lines [first, end) of an arc. `lines` are lines_, or a copy with other residuals.
+  // Adds the equations of the lines [first, end) of an arc. `lines` are window_.lines, or a copy with other residuals.
   template <typename ScaleOf>
   void AddEquations(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, size_t first, size_t end,
                     double displacement_px, const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
@@ -300,7 +341,7 @@ class MixtureEstimator : public WindowEstimator {
       return;
     }
     if (!HasEvents(first)) return;
-    LineEquations equations(sums_[first].sums, lines[first], scale_of(first));
+    LineEquations equations(window_.sums[first].sums, lines[first], scale_of(first));
     const double line_px = Hypotenuse(displacement_px, NarrowFacePx(tracked[first]));
     if (line_px > 0.0) equations.Marginalise({AlongLine(camera_, lines[first]), line_px});
     equations.AddTo(hessian, gradient);
@@ -309,31 +350,31 @@ class MixtureEstimator : public WindowEstimator {
   // once in kWindowsPerSystematic windows: an update takes as long as two steps of Minimise().
   Matrix6d SystematicCovariance(const Matrix12d& prior_information, const WindowInput& input, double sigma_px,
                                 const MotionState& state) {
-    next_systematic_ = systematic_;
-    if (until_systematic_ == 0) {
-      next_systematic_.Update(prior_information, input.duration_s, state.covariance,
-                              GradientsBySystematic(input, sigma_px), kWindowsPerSystematic);
+    window_.next_systematic = learned_.systematic;
+    if (learned_.until_systematic == 0) {
+      window_.next_systematic.Update(prior_information, input.duration_s, state.covariance,
+                                     GradientsBySystematic(input, sigma_px), kWindowsPerSystematic);
     }
-    return next_systematic_.Covariance(systematic_options_, sensor_.uncertainty, state.twist);
+    return window_.next_systematic.Covariance(systematic_options_, sensor_.uncertainty, state.twist);
   }
   // The normal equations are linear in the distances of the events, so that the change of the gradient is the gradient
   // of lines whose events are displaced and have no other residual.
   SystematicGradients GradientsBySystematic(const WindowInput& input, double sigma_px) {
     const double event_scale = 1.0 / (sigma_px * sigma_px * EventsPerInformation());
     const double displacement_px = DisplacementPx(input.duration_s);
-    const auto scale_of = [&](size_t k) { return sums_[k].ObservedRatio(sigma_px) * event_scale; };
+    const auto scale_of = [&](size_t k) { return window_.sums[k].ObservedRatio(sigma_px) * event_scale; };
     Matrix12d unused = Matrix12d::Zero();
     const auto gradient_of = [&](auto displacement_of) {
-      moved_lines_.clear();
-      for (const ImageLine& line : lines_) {
-        moved_lines_.push_back(line);
-        moved_lines_.back().a_expected = displacement_of(line);
-        moved_lines_.back().a_dot.setZero();
+      window_.moved_lines.clear();
+      for (const ImageLine& line : window_.lines) {
+        window_.moved_lines.push_back(line);
+        window_.moved_lines.back().a_expected = displacement_of(line);
+        window_.moved_lines.back().a_dot.setZero();
       }
       Vector12d gradient = Vector12d::Zero();
-      ForEachArc(input.lines, lines_, [&](size_t first, size_t end) {
+      ForEachArc(input.lines, window_.lines, [&](size_t first, size_t end) {
         YieldPoint(first);
-        AddEquations(input.lines, moved_lines_, first, end, displacement_px, scale_of, unused, gradient);
+        AddEquations(input.lines, window_.moved_lines, first, end, displacement_px, scale_of, unused, gradient);
       });
       return gradient;
     };
@@ -347,7 +388,7 @@ class MixtureEstimator : public WindowEstimator {
     };
     return {gradient_of(bias_of), gradient_of(lag_of)};
   }
-  bool HasEvents(size_t k) const { return lines_[k].in_view() && sums_[k].sums.weight() > 0.0; }
+  bool HasEvents(size_t k) const { return window_.lines[k].in_view() && window_.sums[k].sums.weight() > 0.0; }
   // Adds the equations of the elements [first, end) of an arc. Their common displacement is marginalised once
   // (core/estimation/README.md, section 7).
   template <typename ScaleOf>
@@ -362,14 +403,14 @@ class MixtureEstimator : public WindowEstimator {
       const double position = (2.0 * begin_px + length_px) / arc_px - 1.0;
       begin_px += length_px;
       if (!HasEvents(k)) continue;
-      equations.Add(camera_, sums_[k].sums, lines[k], scale_of(k), position, length_px / arc_px);
+      equations.Add(camera_, window_.sums[k].sums, lines[k], scale_of(k), position, length_px / arc_px);
       narrow_px = std::max(narrow_px, NarrowFacePx(tracked[k]));
     }
     equations.AddTo(Hypotenuse(displacement_px, narrow_px), hessian, gradient);
   }
   double MovementPx(const Vector12d& dx, double duration_s) const {
     double largest = 0.0;
-    for (const ImageLine& line : lines_) {
+    for (const ImageLine& line : window_.lines) {
       if (!line.in_view()) continue;
       const Vector6d row = line.jacobian.transpose() * BearingOf(camera_, line.PointAt(0.5));
       largest = std::max(largest, std::abs(row.dot(dx.head<6>())) + 0.5 * duration_s * std::abs(row.dot(dx.tail<6>())));
@@ -380,13 +421,13 @@ class MixtureEstimator : public WindowEstimator {
   // closer together than the spread of the events, so that an event cannot be assigned to one of them
   // (core/estimation/README.md, section 6).
   double NarrowFacePx(const TrackedLine& line) const {
-    return 0.5 * std::max(0.0, options_.narrow_face_sigma * sigma_px_ - line.narrowest_face_px);
+    return 0.5 * std::max(0.0, options_.narrow_face_sigma * learned_.sigma_px - line.narrowest_face_px);
   }
   // Expected number of observations in the gates from the background. A line at rest has only these and must not be
   // fitted to them.
   double Background(const WindowInput& input, double gate_px) const {
     double area_px2 = 0.0;
-    for (size_t k = 0; k < lines_.size(); ++k) area_px2 += GateAreaPx2(input.cells, lines_, k, gate_px);
+    for (size_t k = 0; k < window_.lines.size(); ++k) area_px2 += GateAreaPx2(input.cells, window_.lines, k, gate_px);
     return input.background_per_px2 * area_px2 * input.sampling.observations_per_background_event;
   }
 
@@ -395,29 +436,9 @@ class MixtureEstimator : public WindowEstimator {
   const SensorProfile sensor_;
   const CameraModel camera_;
   const ExpTable table_;
-  double sigma_px_;
-  double outlier_ratio_;
-  double displacement_px2_ = 0.0;  // mean square displacement of the lines over about 100 windows
-  double displacement_factor_ = 1.0;
-  // Background events of the window that are attributed to a line, per pixel of its length.
-  double noise_per_px_ = 0.0;
-  double final_gate_px_ = 0.0;  // gate of the last pass of the last fit
-  double moved_px_ = 0.0;       // by which lines_ moved since all of them were projected
   MixturePass pass_;
-  std::vector<ImageLine> lines_;
-  std::vector<MixtureLine> sums_;
-  std::vector<EdgeCounts> counts_;
-  std::vector<LineCounts> line_counts_;    // observations of each line in the last pass
-  std::vector<double> flicker_biases_px_;  // flicker bias of each of lines_, which are displaced by it
-  std::vector<LineDensities> densities_;
-  std::vector<DeficitCounts> deficit_counts_;
-  EdgeBias edge_bias_;
-  LineClutter clutter_;
-  EventDispersion dispersion_;
-  SystematicError systematic_;
-  SystematicError next_systematic_;  // after the last fit
-  int until_systematic_ = 0;         // windows until systematic_ is updated again
-  std::vector<ImageLine> moved_lines_;
+  Learned learned_;
+  FittedWindow window_;
 };
 
 }  // namespace
