@@ -33,6 +33,7 @@ std::vector<std::pair<const char*, double>> Numbers(const TrackingScore& score, 
           {"nees_median", consistency.median},
           {"nees_p5", consistency.p5},
           {"nees_p95", consistency.p95},
+          {"nees_inside_95_ratio", consistency.inside_95_ratio},
           {"wrong_tracking_s", score.wrong_tracking_s},
           {"longest_wrong_tracking_s", score.longest_wrong_tracking_s},
           {"right_untracked_s", score.right_untracked_s},
@@ -73,6 +74,8 @@ Json TargetsJson(const TrackingTargets& targets) {
           {"nees_median", kNeesMedian},
           {"nees_median_low", targets.nees_median_low},
           {"nees_median_high", targets.nees_median_high},
+          {"nees_inside_95_ratio_low", targets.inside_95_ratio_low},
+          {"nees_inside_95_ratio_high", targets.inside_95_ratio_high},
           {"coverage_ratio", targets.coverage_ratio},
           {"losses", targets.losses}};
 }

@@ -37,6 +37,7 @@ std::vector<std::string> RowCells(const TrackingBenchRow& row) {
           PerCent(s.full_rate_ratio, 1),
           Cell(nees.median, 1),
           absl::StrCat(Cell(nees.p5, 1), "-", Cell(nees.p95, 0)),
+          PerCent(nees.inside_95_ratio, 1),
           Cell(1e3 * s.wrong_tracking_s, 0),
           Cell(1e3 * s.longest_wrong_tracking_s, 0),
           Cell(1e3 * s.right_untracked_s, 0),
@@ -90,6 +91,7 @@ const char kTrackingTableHelp[] =
     "  kHz         share of the 10 ms intervals with more than 0.3 Mev/s in which poses come at 1 kHz\n"
     "  NEES        normalised estimation error squared of the published covariance: median, and 5 and 95 % quantiles;\n"
     "              of a consistent covariance 5.3, and 1.6 to 12.6\n"
+    "  inside      share of the poses whose truth lies inside the 95 % ellipsoid of the published covariance, %\n"
     "  wrong       time in ms for which TRACKING was reported while the pose was not good: total, and longest\n"
     "  unsure      time in ms for which a good pose was reported as DEGRADED\n"
     "  CPU         processor time per sensor time\n"
@@ -104,10 +106,10 @@ void PrintTrackingBlock(const TrackingBenchBlock& block, int num_paths, std::ost
                          camera.width_px, camera.height_px, num_runs, 1e-6 * static_cast<double>(block.duration_us),
                          1e-6 * block.mean_event_rate_hz);
   std::vector<std::vector<std::string>> lines = {
-      {"", "", "cover", "first", "RMSE", "mean", "median", "std",   "RMSE %", "worst",  "rot",
-       "", "", "",      "rate",  "kHz",  "NEES", "5 to",   "wrong", "at",     "unsure", ""},
-      {"",       "losses", "%",   "ms", "mm", "mm",     "mm",   "mm", "depth", "%",  "mean",
-       "median", "p95",    "max", "Hz", "%",  "median", "95 %", "ms", "once",  "ms", "CPU"}};
+      {"", "", "cover", "first", "RMSE", "mean", "median", "std",   "RMSE %", "worst",  "rot", "",
+       "", "", "rate",  "kHz",   "NEES", "5 to", "inside", "wrong", "at",     "unsure", ""},
+      {"",    "losses", "%",  "ms", "mm",     "mm",   "mm",   "mm", "depth", "%",  "mean", "median",
+       "p95", "max",    "Hz", "%",  "median", "95 %", "95 %", "ms", "once",  "ms", "CPU"}};
   for (const TrackingBenchRow& row : block.rows) lines.push_back(RowCells(row));
   PrintTable(lines, "  ", out);
   for (const TrackingBenchRow& row : block.rows) PrintTargetChecks(row, out);

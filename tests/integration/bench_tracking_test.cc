@@ -31,7 +31,7 @@ TEST_F(CliTest, BenchTrackingWritesTableAndCsvAndKeepsItsRecordings) {
   const CliResult result = Run(Arguments(with_files));
   ASSERT_EQ(result.status, 0) << result.err;
   for (const char* text : {"constant-light: ", "640x480, 2 x 0.1 s", "\n  mixture ", "\n  static-mm ", "\n  oracle ",
-                           "worst runs: mixture: seed 1, path "}) {
+                           "worst runs: mixture: seed 1, path ", "  inside  "}) {
     EXPECT_THAT(result.out, HasSubstr(text));
   }
   const std::string csv = ReadFile(Path("tracking.csv"), 1 << 20).value_or("");
@@ -59,6 +59,11 @@ TEST_F(CliTest, BenchTrackingJsonHoldsSummariesTargetsAndRuns) {
   EXPECT_EQ(mixture["name"], "mixture");
   EXPECT_EQ(mixture["summary"]["runs"], 2);
   EXPECT_EQ(mixture["summary"]["losses"], 0);
+  EXPECT_GT(mixture["summary"]["nees_inside_95_ratio"], 0.5);
+  EXPECT_LE(mixture["summary"]["nees_inside_95_ratio"], 1.0);
+  EXPECT_EQ(mixture["targets"][6]["name"], "inside 95 %");
+  EXPECT_EQ(mixture["targets"][6]["low"], 90.0);
+  EXPECT_EQ(mixture["targets"][6]["high"], 99.0);
   ASSERT_EQ(mixture["runs"].size(), 2u);
   EXPECT_EQ(mixture["runs"][1]["path"], 2);
   EXPECT_EQ(mixture["targets"][0]["name"], "losses");

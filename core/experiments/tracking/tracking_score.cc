@@ -212,6 +212,8 @@ std::vector<TargetCheck> CheckTargets(const TrackingSummary& summary, const Trac
       {"rotation median", kDegreesPerRadian * mean.rotation_median_rad, 0.0, targets.rotation_median_deg, "deg"},
       {"rotation p95", kDegreesPerRadian * mean.rotation_p95_rad, 0.0, targets.rotation_p95_deg, "deg"},
       {"NEES median", summary.consistency.median, targets.nees_median_low, targets.nees_median_high, ""},
+      {"inside 95 %", 100.0 * summary.consistency.inside_95_ratio, 100.0 * targets.inside_95_ratio_low,
+       100.0 * targets.inside_95_ratio_high, "%"},
   };
   if (!std::isnan(overall.full_rate_ratio)) {
     checks.push_back({"1 kHz", 100.0 * overall.full_rate_ratio, 100.0, infinity, "%"});

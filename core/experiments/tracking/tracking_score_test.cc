@@ -130,7 +130,9 @@ TEST(TargetCheckTest, TheWorstRunMayHaveTwiceTheErrors) {
     score.evaluation.position_rmse_of_depth = position;
     score.evaluation.rotation_median_rad = rotation_deg * kDegree;
     score.evaluation.rotation_p95_rad = rotation_deg * kDegree;
-    score.nees = {5.0};
+    // The truth of one of twenty poses lies outside the 95 % ellipsoid, whose bound is 12.6.
+    score.nees.assign(19, 5.0);
+    score.nees.push_back(13.0);
     score.full_rate_ratio = 1.0;
     return score;
   };
@@ -151,10 +153,18 @@ TEST(TargetCheckTest, TheWorstRunMayHaveTwiceTheErrors) {
   TrackingScore lost = score_of(0.0005, 0.05);
   lost.losses = 1;
   lost.evaluation.coverage_ratio = 0.9;
-  lost.nees = {9.0, 9.0, 9.0};
+  lost.nees.assign(60, 9.0);
   EXPECT_EQ(missed({score_of(0.0005, 0.05), lost}),
             (std::set<std::string>{"losses", "coverage", "worst coverage", "NEES median"}));
   EXPECT_EQ(SummariseTracking({score_of(0.0005, 0.05), lost, score_of(0.9, 0.05)}).worst_run, 1);
+  // 87 % of the truths, or all of them, inside the 95 % ellipsoid.
+  TrackingScore confident = score_of(0.0005, 0.05);
+  confident.nees.assign(13, 5.0);
+  confident.nees.resize(15, 13.0);
+  EXPECT_EQ(missed({confident}), std::set<std::string>{"inside 95 %"});
+  TrackingScore cautious = score_of(0.0005, 0.05);
+  cautious.nees.assign(20, 5.0);
+  EXPECT_EQ(missed({cautious}), std::set<std::string>{"inside 95 %"});
 }
 
 }  // namespace
