@@ -35,7 +35,7 @@ struct LoadCounts {
   uint64_t reconnections = 0;
   uint64_t watched_poses = 0;
   uint64_t unwatched_poses = 0;  // poses that a watcher was too slow for
-  // From the time at which the chunk that completes a window was to be sent until its pose has arrived.
+  // Time from when the chunk that completes a window was to be sent until its pose has arrived.
   server::LatencyHistogram latency;
   int64_t max_latency_us = 0;
   int64_t longest_pause_us = 0;      // between two poses of a session

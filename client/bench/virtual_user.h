@@ -88,7 +88,7 @@ class VirtualUser {
     std::optional<Time> began_at;  // the sensor's time zero
     std::optional<Time> away_since;
     size_t servers_without = 0;  // servers that do not have the session, one after the other
-    // Of the last pose. Its window ends half-way to the next pose.
+    // Times of the last pose. Its window ends half-way to the next pose.
     int64_t last_t_us = -1;
     Time last_arrival{};
     SessionPause pause;  // since the begin of the measurement
@@ -132,7 +132,7 @@ class VirtualUser {
   std::unique_ptr<Call> call_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<Stream> stream_ ABSL_GUARDED_BY(mutex_);
   Position session_ ABSL_GUARDED_BY(mutex_);
-  // Of the stream.
+  // State of the stream.
   bool is_writing_ ABSL_GUARDED_BY(mutex_) = false;
   bool is_shutting_down_ ABSL_GUARDED_BY(mutex_) = false;  // the server, by its GoAway
   bool is_complete_ ABSL_GUARDED_BY(mutex_) = false;       // nothing more is written

@@ -48,7 +48,7 @@ class RecordedEvents {
     absl::Status status;  // the error at which reading ended
   };
   Progress progress() const;
-  // Of the events so far.
+  // Counts of the events so far.
   EventCounts counts() const;
   // Calls `on_progress`, on another thread, after each piece of the recording that was read. No call follows the
   // destruction of the returned handle.

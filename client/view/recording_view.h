@@ -49,8 +49,8 @@ class RecordingView : public PageView {
   void AddTracks();
   void Run(const std::stop_token& stop);
   Work NextWork(const std::stop_token& stop);
-  // When the next image is due: now or earlier for one that was requested, later for a tick; nullopt: not before a
-  // change.
+  // Returns when the next image is due: now or earlier for one that was requested, later for a tick; nullopt: not
+  // before a change.
   std::optional<Clock::time_point> NextDue() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Sets the instant of a tick, and when the next one is due.
   void AdvancePlay(Work& work) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

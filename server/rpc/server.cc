@@ -44,7 +44,7 @@
 namespace evpose::server {
 namespace {
 
-// For calls in progress; main() calls Shutdown() earlier, with the timeout of the drain.
+// Time for calls in progress; main() calls Shutdown() earlier, with the timeout of the drain.
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
 // Time after the deadline for sending the last status of a stream, and for calls in progress, such as the loading of an
 // uploaded model.

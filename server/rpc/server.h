@@ -159,7 +159,7 @@ class Server {
   virtual int port() const = 0;  // 0 without a socket
   virtual std::shared_ptr<grpc::Channel> InProcessChannel() = 0;
 
-  // For the operator; may be called at any time from any thread.
+  // These are for the operator; they may be called at any time from any thread.
   virtual const ServerMetrics& metrics() const = 0;
   virtual ServerState state() const = 0;
   // ServerState::load_ratio of the latest measurement, at most LoadMonitor::kPeriod ago. Takes no lock.

@@ -23,9 +23,9 @@ absl::Status CheckDuration(absl::string_view field, absl::Duration duration) {
 
 namespace {
 
-// Where the server listens and how many threads it has.
+// Checks where the server listens and how many threads it has.
 absl::Status CheckServing(const ServerOptions& options) {
-  // Above the cores of any machine, and above the work that a store and preparations can do at a time.
+  // These are above the cores of any machine, and above the work that a store and preparations can do at a time.
   constexpr int kMaxWorkers = 1024;
   constexpr int kMaxSlowThreads = 64;
   if (!options.listen_address.empty()) {

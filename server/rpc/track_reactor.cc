@@ -64,7 +64,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void OnReadDone(bool ok) override {
     const bool is_attach = ok && request_.has_attach() && session_ == nullptr;
-    // Without the lock: only the reading side uses the request. This also computes the checksum of its payload.
+    // The lock is not held: only the reading side uses the request. This also computes the checksum of its payload.
     const absl::Status handled = OrOutOfMemory([this, ok, is_attach] {
       if (is_attach) return StartAttach(request_.attach()), absl::OkStatus();
       return ok ? HandleRequest() : HandleHalfClose();
@@ -95,7 +95,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void OnDone() override {
     {
-      // With the lock: an attach that was too late may still be running on another thread.
+      // The lock is held: an attach that was too late may still be running on another thread.
       const std::lock_guard lock(mutex_);
       if (session_ != nullptr) session_->log().StreamEnded(origin_, stream_, failure_);
     }
@@ -204,7 +204,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
                }));
   }
 
-  // Under one lock: events in between find a stream that has not attached yet.
+  // All is done under one lock: events in between find a stream that has not attached yet.
   void OnAttached(const v1::TrackRequest::Attach& attach, absl::StatusOr<Joined> joined) {
     const std::lock_guard lock(mutex_);
     attach_ = attach;
@@ -233,7 +233,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   absl::StatusOr<Joined> Join(const v1::TrackRequest::Attach& attach, std::shared_ptr<Session> session) {
     EVPOSE_RETURN_IF_ERROR(services_.sessions.CheckNotDraining());
-    // Without the lock: Attach notifies the stream that this one fences, and that stream takes its own lock.
+    // The lock is not held: Attach notifies the stream that this one fences, and that stream takes its own lock.
     EVPOSE_ASSIGN_OR_RETURN(Attachment attachment, session->Attach(attach.resume_token(), attach.last_pose_seq(),
                                                                    weak_from_this(), origin_, attach.first_seq()));
     return Joined{std::move(session), std::move(attachment)};
@@ -476,7 +476,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);  // until the stream attaches, then while it is held
   std::unique_ptr<grpc::Alarm> idle_alarm_ ABSL_GUARDED_BY(mutex_);
   StreamSilence silence_ ABSL_GUARDED_BY(mutex_);
-  // To be sent:
+  // Messages that wait to be sent:
   v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);
   std::optional<Attachment> attachment_ ABSL_GUARDED_BY(mutex_);
   std::optional<absl::Duration> go_away_ ABSL_GUARDED_BY(mutex_);

@@ -98,7 +98,7 @@ class Hypotheses {
  private:
   static constexpr size_t kMaxRejected = 16;  // bounds the memory; the oldest is removed first
 
-  // Where a hypothesis comes from: a search or a given pose, or AddRival() with its kind or prior. It does not change.
+  // The origin of a hypothesis: a search or a given pose, or AddRival() with its kind or prior. It does not change.
   enum class Origin { kSearch, kRival, kUnlikelyRival, kTiltedRival };
 
   size_t MaxEntries() const { return 2 * static_cast<size_t>(context_.options.initialization.max_candidates); }

@@ -38,7 +38,7 @@ class MotionAdaptation {
   // show together that the object accelerates more than the reduced densities allow (README, section 5).
   void Add(const Innovation& innovation);
 
-  // Of the squares of the densities, in [kMinRatio, 1].
+  // Ratio of the squares of the densities, in [kMinRatio, 1].
   double ratio() const { return is_limited() ? limit_ : ratio_; }
 
   // The densities are at most a factor of 30 below those of the options.

@@ -60,7 +60,7 @@ class ObjectTracker {
   TrackState state() const;
   InitializationReport initialization() const;
   uint32_t losses() const { return losses_; }
-  // As Tracker::Outline().
+  // Does what Tracker::Outline() describes.
   bool Outline(ObjectOutline& outline) const;
 
   // To be called between windows. LoadState() requires the same object, camera and options; after a failure

@@ -22,7 +22,7 @@ std::string_view InitializationStatusName(InitializationStatus status) {
 }
 
 InitializationStatus MostFrequentResult(const SearchCounts& searches) {
-  // In the order of the steps of a search.
+  // The results have the order of the steps of a search.
   const std::pair<uint64_t, InitializationStatus> results[] = {
       {searches.no_signal, InitializationStatus::kWaitingForEvents},
       {searches.too_small, InitializationStatus::kTooSmall},

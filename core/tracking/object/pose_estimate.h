@@ -14,7 +14,7 @@
 
 namespace evpose {
 
-// In the order of the numbers of the API. The states are described in core/tracking/README.md, section 3.
+// The states, in the order of the numbers of the API. They are described in core/tracking/README.md, section 3.
 enum class TrackState { kInitializing, kTracking, kDegraded, kLost, kAmbiguous };
 inline constexpr int kNumTrackStates = 5;
 std::string_view TrackStateName(TrackState state);  // "INITIALIZING", "TRACKING", "DEGRADED", "LOST", "AMBIGUOUS"

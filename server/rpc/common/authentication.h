@@ -74,7 +74,7 @@ void PostCall(WorkerPool& pool, const std::string& tenant, SlowCallReactor* reac
   if (!posted.ok()) reactor->Finish(ToGrpcStatus(posted));
 }
 
-// As FinishUnary(), but runs `handler` with PostCall().
+// Does the same as FinishUnary(), but runs `handler` with PostCall().
 template <typename Handler>
 grpc::ServerUnaryReactor* PostUnary(Authenticator& authenticator, WorkerPool& pool,
                                     grpc::CallbackServerContext* context, Handler handler) {

@@ -100,7 +100,7 @@ class StreamGate {
   // SESSION_ENDED).
   absl::StatusOr<bool> IsNext(uint64_t seq) const;
   void Accept() { ++next_seq_; }  // the item with next_seq
-  // As IsNext; accepts the chunk when it is the next item, and counts its bytes in both cases.
+  // Returns IsNext(); accepts the chunk when it is the next item, and counts its bytes in both cases.
   absl::StatusOr<bool> AcceptChunk(uint64_t seq, uint64_t bytes);
   // Returns false if the end was pushed before.
   bool AcceptEnd();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// For how long the client of a Track stream has been silent (ServerOptions::stream_idle_timeout).
+// The time for which the client of a Track stream has been silent (ServerOptions::stream_idle_timeout).
 #pragma once
 
 #include <algorithm>

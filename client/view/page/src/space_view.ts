@@ -272,7 +272,7 @@ export class SpaceView {
     const halfAngle = (this.eye.fov / 2) * (Math.PI / 180);
     // Camera and object are beside each other: the width of the view needs room for both, the height for less.
     const distance = Math.max(0.65 * radius, (1.1 * radius) / this.eye.aspect) / Math.tan(halfAngle);
-    // From the camera frame to that of the renderer.
+    // The point is converted from the camera frame to that of the renderer.
     this.controls.target.set(focus.x / 2, -focus.y / 2, -focus.z / 2);
     this.eye.position.set(0.8, 0.45, 0.4).normalize().multiplyScalar(distance).add(this.controls.target);
     this.eye.near = radius / 200;
