@@ -117,7 +117,7 @@ Json ToJson(const Outcome& outcome, const LoadArguments& arguments) {
   const auto ms_of = [&](double fraction) {
     return 1e-3 * static_cast<double>(std::min(counts.latency.Percentile(fraction), counts.max_latency_us));
   };
-  const std::vector<double> reconnected = counts.SortedPauses_s(true);
+  const std::vector<double> reconnected = counts.SortedPausesS(true);
   Json servers = Json::array();
   for (size_t i = 0; i < outcome.uses.size(); ++i) {
     const auto& [before, after] = outcome.uses[i];
@@ -144,7 +144,7 @@ Json ToJson(const Outcome& outcome, const LoadArguments& arguments) {
           {"latency_p99_ms", ms_of(0.99)},
           {"latency_max_ms", 1e-3 * static_cast<double>(counts.max_latency_us)},
           {"longest_pause_s", 1e-6 * static_cast<double>(counts.longest_pause_us)},
-          {"pauses", PausesToJson(counts.SortedPauses_s(false))},
+          {"pauses", PausesToJson(counts.SortedPausesS(false))},
           {"reconnections", counts.reconnections},
           {"reconnected_pauses", PausesToJson(reconnected)},
           {"reconnected_pauses_s", reconnected},
@@ -253,7 +253,7 @@ CommandRunner AddBenchLoadCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--watch-hz", arguments->watch_hz, "Most poses per second for a watcher", CLI::Range(0.1, 1e4))
       ->type_name("HZ");
   AddOption(app, "--chunk-ms", arguments->chunk_ms, "Period of the chunks of events",
-            CLI::Range(1.0, 1e-3 * static_cast<double>(LoadRecording::kMaxChunk_us)))
+            CLI::Range(1.0, 1e-3 * static_cast<double>(LoadRecording::kMaxChunkUs)))
       ->type_name("MILLISECONDS");
   AddNames(app, "--metrics", arguments->metrics,
            "Addresses of the servers' pages (--metrics-listen), for their processor time and memory")

@@ -20,7 +20,7 @@ server::LatencyHistogram Sum(const server::LatencyHistogram& a, const server::La
 
 }  // namespace
 
-int64_t WindowDue_us(int64_t t_us, int64_t next_t_us, int64_t chunk_us) {
+int64_t WindowDueUs(int64_t t_us, int64_t next_t_us, int64_t chunk_us) {
   return ((t_us + next_t_us) / 2 / chunk_us + 1) * chunk_us;
 }
 
@@ -47,7 +47,7 @@ void LoadCounts::Add(const LoadCounts& other) {
   pauses.insert(pauses.end(), other.pauses.begin(), other.pauses.end());
 }
 
-std::vector<double> LoadCounts::SortedPauses_s(bool only_reconnected) const {
+std::vector<double> LoadCounts::SortedPausesS(bool only_reconnected) const {
   std::vector<double> sorted;
   for (const SessionPause& pause : pauses) {
     if (pause.has_reconnected || !only_reconnected) sorted.push_back(1e-6 * static_cast<double>(pause.longest_us));

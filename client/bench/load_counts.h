@@ -14,7 +14,7 @@ namespace evpose::client {
 
 // The time on the sensor's clock at which the chunk is complete that completes the window of the pose at `t_us`. Poses
 // belong to the middles of adjacent windows: the window ends half-way to the next pose.
-int64_t WindowDue_us(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
+int64_t WindowDueUs(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
 
 // The longest time between two poses of a session that has ended.
 struct SessionPause {
@@ -45,7 +45,7 @@ struct LoadCounts {
   // Adds another user's counts.
   void Add(const LoadCounts& other);
   // The longest pauses of all sessions, or of those that have reconnected, in seconds and in increasing order.
-  std::vector<double> SortedPauses_s(bool only_reconnected) const;
+  std::vector<double> SortedPausesS(bool only_reconnected) const;
   // Replaces the numbers of events and poses by those between two moments, for rates.
   void LimitTo(const LoadCounts& begin, const LoadCounts& end);
   // No pose was lost, and no session failed or is unfinished.

@@ -9,9 +9,9 @@ namespace {
 
 TEST(LoadCountsTest, AWindowIsDueWithTheChunkAfterItsEnd) {
   // The window of the first pose ends at 10 ms. An event at 10 ms is in the chunk from 10 to 11 ms.
-  EXPECT_EQ(WindowDue_us(5'000, 15'000, 1'000), 11'000);
-  EXPECT_EQ(WindowDue_us(5'000, 14'998, 1'000), 10'000);
-  EXPECT_EQ(WindowDue_us(5'000, 15'000, 20'000), 20'000);
+  EXPECT_EQ(WindowDueUs(5'000, 15'000, 1'000), 11'000);
+  EXPECT_EQ(WindowDueUs(5'000, 14'998, 1'000), 10'000);
+  EXPECT_EQ(WindowDueUs(5'000, 15'000, 20'000), 20'000);
 }
 
 TEST(LoadCountsTest, PercentilesAreThoseOfAllUsers) {
@@ -34,8 +34,8 @@ TEST(LoadCountsTest, PausesAreThoseOfAllSessionsOrOfThoseThatHaveReconnected) {
   LoadCounts sum;
   sum.Add(first);
   sum.Add(second);
-  EXPECT_THAT(sum.SortedPauses_s(false), testing::ElementsAre(0.02, 1.5, 3.0));
-  EXPECT_THAT(sum.SortedPauses_s(true), testing::ElementsAre(1.5, 3.0));
+  EXPECT_THAT(sum.SortedPausesS(false), testing::ElementsAre(0.02, 1.5, 3.0));
+  EXPECT_THAT(sum.SortedPausesS(true), testing::ElementsAre(1.5, 3.0));
 }
 
 TEST(LoadCountsTest, EventsAndPosesAreThoseOfTheTestAndLossesThoseOfTheRun) {

@@ -15,9 +15,9 @@
 namespace evpose::client {
 namespace {
 
-constexpr int64_t kTimeHighUnit_us = 4096;
+constexpr int64_t kTimeHighUnitUs = 4096;
 constexpr uint16_t kTimeHighType = 0x8;  // in the highest four bits of a word
-constexpr double kLeastSimulated_s = 0.25;
+constexpr double kLeastSimulatedS = 0.25;
 
 // The slowest scene that has at least this rate: time is stretched, never compressed, so that the object does not move
 // faster than the tracker can follow.
@@ -60,17 +60,17 @@ absl::StatusOr<LoadRecording> LoadRecording::Make(double rate_hz, int64_t chunk_
     return absl::InvalidArgumentError(
         absl::StrCat("rate: ", rate_hz, " events per second; ", kMinRateHz, " to ", kMaxRateHz));
   }
-  if (chunk_us < 1000 || chunk_us > kMaxChunk_us) {
-    return absl::InvalidArgumentError(absl::StrCat("chunk: ", chunk_us, " us; 1000 to ", kMaxChunk_us));
+  if (chunk_us < 1000 || chunk_us > kMaxChunkUs) {
+    return absl::InvalidArgumentError(absl::StrCat("chunk: ", chunk_us, " us; 1000 to ", kMaxChunkUs));
   }
   LoadRecording recording;
   recording.chunk_us_ = chunk_us;
   // The period is a multiple of both the chunk and the unit of TIME_HIGH.
-  const int64_t unit_us = std::lcm(chunk_us, kTimeHighUnit_us);
+  const int64_t unit_us = std::lcm(chunk_us, kTimeHighUnitUs);
   const auto [name, scene_rate_hz] = SceneFor(rate_hz);
   const double half_unit_s = 0.5e-6 * static_cast<double>(unit_us) * rate_hz / scene_rate_hz;
   // The rates of the scenes vary with the motion: some more events than half of the shortest period needs.
-  const double simulated_s = std::max(kLeastSimulated_s, 1.3 * half_unit_s);
+  const double simulated_s = std::max(kLeastSimulatedS, 1.3 * half_unit_s);
   EVPOSE_ASSIGN_OR_RETURN(recording.scene_, MakeSpeedRecording(name, std::llround(1e6 * simulated_s), on_progress));
   const std::vector<Event> events = std::move(recording.scene_.events);
   recording.scene_.events.clear();
@@ -114,7 +114,7 @@ std::string LoadRecording::Payload(uint64_t number) const {
   std::string payload(reinterpret_cast<const char*>(bytes_.data()) + chunk.begin, chunk.end - chunk.begin);
   const uint64_t repetition = number / chunks_.size();
   if (repetition == 0) return payload;
-  const uint64_t later = repetition * static_cast<uint64_t>(period_us() / kTimeHighUnit_us);
+  const uint64_t later = repetition * static_cast<uint64_t>(period_us() / kTimeHighUnitUs);
   for (size_t i = chunk.highs_begin; i < chunk.highs_end; ++i) {
     char* const bytes = payload.data() + (highs_[i] - chunk.begin);
     uint16_t word = 0;  // little-endian, as this machine

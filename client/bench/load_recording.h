@@ -24,7 +24,7 @@ class LoadRecording {
  public:
   static constexpr double kMinRateHz = 1e3;
   static constexpr double kMaxRateHz = 1e7;  // of the fastest scene that a tracker follows without a lamp that flickers
-  static constexpr int64_t kMaxChunk_us = 20'000;
+  static constexpr int64_t kMaxChunkUs = 20'000;
 
   // Simulates at least a quarter of a second at `rate_hz` events per second, and encodes it in chunks of `chunk_us` of
   // sensor time. `on_progress` is called with the finished share and may be null. Errors: INVALID_ARGUMENT for a rate

@@ -15,7 +15,7 @@ namespace {
 constexpr std::chrono::seconds kCallTimeout{60};    // as long as the client library waits for a call
 constexpr std::chrono::seconds kAttachTimeout{10};  // a slower attach counts as a failure
 // Poses farther apart do not belong to adjacent windows, which last for 20 ms at most.
-constexpr int64_t kMaxWindow_us = 40'000;
+constexpr int64_t kMaxWindowUs = 40'000;
 
 std::string ReasonName(const absl::Status& status) {
   const std::string reason = GetDetails(status).reason;
@@ -255,8 +255,8 @@ void VirtualUser::HandlePose(const v1::Pose& pose) {
   if (last_t_us < 0) return;
   session_.pause.longest_us = std::max(session_.pause.longest_us, MicrosecondsOf(arrival - last_arrival));
   counts_.longest_pause_us = std::max(counts_.longest_pause_us, session_.pause.longest_us);
-  if (pose.t_us() - last_t_us > kMaxWindow_us) return;
-  const int64_t due_us = WindowDue_us(last_t_us, pose.t_us(), target_.recording.chunk_us());
+  if (pose.t_us() - last_t_us > kMaxWindowUs) return;
+  const int64_t due_us = WindowDueUs(last_t_us, pose.t_us(), target_.recording.chunk_us());
   const int64_t latency_us = MicrosecondsOf(last_arrival - *session_.began_at) - due_us;
   counts_.AddLatency(std::max<int64_t>(latency_us, 0));
 }

@@ -18,7 +18,7 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kPieceEvents = 16384;  // converted at a time: 256 KiB, which stays in the cache
-constexpr double kMaxTime_us = 9e18;    // below the range of int64_t
+constexpr double kMaxTimeUs = 9e18;     // below the range of int64_t
 
 // A column of numbers: a field of the items of an array.
 struct ArrayColumn {
@@ -59,7 +59,7 @@ int64_t ScaledTime(const NpyNumber& number, int exponent) {
   }
   const double t_us = exponent < 0 ? number.floating / factor : number.floating * factor;
   // An impossible time is left out by the reader of the source.
-  return std::abs(t_us) < kMaxTime_us ? std::llround(t_us) : std::numeric_limits<int64_t>::min();
+  return std::abs(t_us) < kMaxTimeUs ? std::llround(t_us) : std::numeric_limits<int64_t>::min();
 }
 
 int64_t Address(const NpyNumber& number) {

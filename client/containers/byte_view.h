@@ -15,17 +15,17 @@ class ByteView {
   explicit ByteView(std::string_view bytes) : bytes_(bytes) {}
 
   // False after a field that lies beyond the end; every field is then 0 or empty.
-  bool ok() const { return ok_; }
+  bool ok() const { return is_ok_; }
   std::string_view rest() const { return bytes_; }
 
   template <typename Number>
   Number Take() {
     const std::string_view field = TakeBytes(sizeof(Number));
-    return ok_ ? LoadLittleEndian<Number>(reinterpret_cast<const uint8_t*>(field.data())) : Number{0};
+    return is_ok_ ? LoadLittleEndian<Number>(reinterpret_cast<const uint8_t*>(field.data())) : Number{0};
   }
   std::string_view TakeBytes(uint64_t size) {
-    ok_ = ok_ && size <= bytes_.size();
-    if (!ok_) return {};
+    is_ok_ = is_ok_ && size <= bytes_.size();
+    if (!is_ok_) return {};
     const std::string_view field = bytes_.substr(0, size);
     bytes_.remove_prefix(size);
     return field;
@@ -35,7 +35,7 @@ class ByteView {
 
  private:
   std::string_view bytes_;
-  bool ok_ = true;
+  bool is_ok_ = true;
 };
 
 }  // namespace evpose::client

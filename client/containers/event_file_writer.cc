@@ -173,9 +173,9 @@ class Hdf5Checker final : public EventFileChecker {
  public:
   absl::Status Check(absl::Span<const Event> events, absl::Span<const evpose::Trigger> /*triggers*/) override {
     for (const Event& event : events) {
-      if (event.x > kEcfMaxCoordinate_px || event.y > kEcfMaxCoordinate_px) {
+      if (event.x > kEcfMaxCoordinatePx || event.y > kEcfMaxCoordinatePx) {
         return absl::InvalidArgumentError(absl::StrCat("event ", num_checked_, " at x ", event.x, ", y ", event.y,
-                                                       " lies beyond column or row ", kEcfMaxCoordinate_px));
+                                                       " lies beyond column or row ", kEcfMaxCoordinatePx));
       }
       ++num_checked_;
     }
@@ -187,7 +187,7 @@ class Hdf5Checker final : public EventFileChecker {
 };
 
 absl::StatusOr<std::unique_ptr<EventFileChecker>> CheckHdf5(const EventFileHeader& header) {
-  if (header.geometry.width_px <= kEcfMaxCoordinate_px + 1 && header.geometry.height_px <= kEcfMaxCoordinate_px + 1) {
+  if (header.geometry.width_px <= kEcfMaxCoordinatePx + 1 && header.geometry.height_px <= kEcfMaxCoordinatePx + 1) {
     return std::make_unique<Hdf5Checker>();
   }
   return absl::InvalidArgumentError(absl::StrCat("a sensor of ", header.geometry.width_px, "x",

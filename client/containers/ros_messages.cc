@@ -12,25 +12,25 @@ constexpr int64_t kNanosecondsPerSecond = 1'000'000'000;
 class CdrReader {
  public:
   explicit CdrReader(std::string_view message) {
-    ok_ = message.size() >= kEncapsulationBytes && message[0] == 0 && (message[1] == 0 || message[1] == 1);
-    if (!ok_) return;
+    is_ok_ = message.size() >= kEncapsulationBytes && message[0] == 0 && (message[1] == 0 || message[1] == 1);
+    if (!is_ok_) return;
     is_little_ = message[1] == 1;
     bytes_ = message.substr(kEncapsulationBytes);
   }
 
-  bool ok() const { return ok_; }
+  bool ok() const { return is_ok_; }
 
   template <typename Number>
   Number Take() {
     position_ += (sizeof(Number) - position_ % sizeof(Number)) % sizeof(Number);
     const std::string_view field = TakeBytes(sizeof(Number));
-    if (!ok_) return 0;
+    if (!is_ok_) return 0;
     const auto* const bytes = reinterpret_cast<const uint8_t*>(field.data());
     return is_little_ ? LoadLittleEndian<Number>(bytes) : LoadBigEndian<Number>(bytes);
   }
   std::string_view TakeBytes(size_t size) {
-    ok_ = ok_ && position_ <= bytes_.size() && size <= bytes_.size() - position_;
-    if (!ok_) return {};
+    is_ok_ = is_ok_ && position_ <= bytes_.size() && size <= bytes_.size() - position_;
+    if (!is_ok_) return {};
     const std::string_view field = bytes_.substr(position_, size);
     position_ += size;
     return field;
@@ -40,7 +40,7 @@ class CdrReader {
     const std::string_view text = TakeBytes(Take<uint32_t>());
     return text.substr(0, text.find('\0'));
   }
-  int64_t TakeTime_ns() {
+  int64_t TakeTimeNs() {
     const auto seconds = Take<int32_t>();
     return seconds * kNanosecondsPerSecond + Take<uint32_t>();
   }
@@ -49,7 +49,7 @@ class CdrReader {
   std::string_view bytes_;
   size_t position_ = 0;
   bool is_little_ = true;
-  bool ok_ = false;
+  bool is_ok_ = false;
 };
 
 }  // namespace
@@ -57,7 +57,7 @@ class CdrReader {
 std::optional<EventPacket> ParseEventPacket(std::string_view message) {
   CdrReader reader(message);
   EventPacket packet;
-  reader.TakeTime_ns();
+  reader.TakeTimeNs();
   reader.TakeString();  // frame_id
   packet.height = reader.Take<uint32_t>();
   packet.width = reader.Take<uint32_t>();
@@ -73,7 +73,7 @@ std::optional<EventPacket> ParseEventPacket(std::string_view message) {
 std::optional<EventArray> ParseEventArray(std::string_view message, std::vector<SourceEvent>& events) {
   CdrReader reader(message);
   EventArray array;
-  reader.TakeTime_ns();
+  reader.TakeTimeNs();
   reader.TakeString();  // frame_id
   array.height = reader.Take<uint32_t>();
   array.width = reader.Take<uint32_t>();
@@ -83,7 +83,7 @@ std::optional<EventArray> ParseEventArray(std::string_view message, std::vector<
     SourceEvent event;
     event.x = reader.Take<uint16_t>();
     event.y = reader.Take<uint16_t>();
-    event.t_us = (reader.TakeTime_ns() + 500) / 1000;
+    event.t_us = (reader.TakeTimeNs() + 500) / 1000;
     event.is_on = reader.Take<uint8_t>() != 0;
     if (!reader.ok()) {
       array.num_missing = count - i;

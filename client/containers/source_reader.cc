@@ -13,9 +13,9 @@
 namespace evpose::client {
 namespace {
 
-constexpr int kFlat64Addresses = 1 << 14;                // of rows and of columns
-constexpr int64_t kClockRange_us = int64_t{1} << 32;     // of FLAT64
-constexpr int64_t kMaxStep_us = (int64_t{1} << 31) - 1;  // largest step in time that a decoder does not take for a wrap
+constexpr int kFlat64Addresses = 1 << 14;               // of rows and of columns
+constexpr int64_t kClockRangeUs = int64_t{1} << 32;     // of FLAT64
+constexpr int64_t kMaxStepUs = (int64_t{1} << 31) - 1;  // largest step in time that a decoder does not take for a wrap
 // Bounds the memory for the triggers before the first event: 8 million.
 constexpr size_t kMaxBytesBeforeEvent = size_t{64} << 20;
 constexpr SensorGeometry kUnknownSensor = {2048, 2048};  // as for FLAT64 without a geometry
@@ -125,11 +125,11 @@ class SourceReader final : public RecordingReader {
       ++num_outside_;
       return false;
     }
-    if (event.t_us < -kMaxStateTime_us || event.t_us > kMaxStateTime_us) {
+    if (event.t_us < -kMaxStateTimeUs || event.t_us > kMaxStateTimeUs) {
       ++num_without_time_;
       return false;
     }
-    const bool fits_clock = event.t_us >= 0 && event.t_us < kClockRange_us;
+    const bool fits_clock = event.t_us >= 0 && event.t_us < kClockRangeUs;
     if (last_us_ < 0 && !fits_clock && is_trigger) {
       ++num_early_triggers_;
       return false;
@@ -140,7 +140,7 @@ class SourceReader final : public RecordingReader {
       ++num_early_;
       return false;
     }
-    if (last_us_ >= 0 && std::abs(t_us - last_us_) > kMaxStep_us) {
+    if (last_us_ >= 0 && std::abs(t_us - last_us_) > kMaxStepUs) {
       ++num_jumps_;
       return false;
     }
@@ -222,7 +222,7 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> MakeSourceReader(const std::str
   EVPOSE_ASSIGN_OR_RETURN(const bool has_events, reader->Start());
   // The sum of the offset that the file states and the time of its first event, each within the range.
   const int64_t offset_us = reader->header().time_offset_us;
-  if (has_events && std::abs(offset_us) <= kMaxStateTime_us) return reader;
+  if (has_events && std::abs(offset_us) <= kMaxStateTimeUs) return reader;
   if (has_events) {
     return absl::InvalidArgumentError(
         absl::StrCat(name, ": its time offset of ", offset_us, " us is beyond the range of 36 thousand years"));

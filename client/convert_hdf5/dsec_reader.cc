@@ -53,7 +53,7 @@ class DsecReader final : public Hdf5Reader {
     }
     for (size_t i = 0; i < count; ++i) {
       const auto [x, y, p, t] = std::array{numbers_[0][i], numbers_[1][i], numbers_[2][i], numbers_[3][i]};
-      if (x < 0 || x > UINT16_MAX || y < 0 || y > UINT16_MAX || t < 0 || t > kMaxStateTime_us) {
+      if (x < 0 || x > UINT16_MAX || y < 0 || y > UINT16_MAX || t < 0 || t > kMaxStateTimeUs) {
         ++losses_.invalid;
         continue;
       }

@@ -43,7 +43,7 @@ std::string FilterAdvice(H5Z_filter_t filter) {
 
 bool ToEvent(const CdRow& row, Event& event) {
   event = {row.t, row.x, row.y, static_cast<uint8_t>(row.p > 0 ? 1 : 0)};
-  return row.t >= 0 && row.t <= kMaxStateTime_us;
+  return row.t >= 0 && row.t <= kMaxStateTimeUs;
 }
 
 bool Hdf5Column::Exists(const Hdf5Handle& file, const std::string& path) {

@@ -28,7 +28,7 @@ std::string NamesInRoot(const Hdf5Handle& file) {
 absl::StatusOr<std::unique_ptr<Hdf5Reader>> Hdf5Reader::Open(const std::string& path) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Hdf5Reader> reader, OpenShape(path));
   const int64_t offset_us = reader->header().time_offset_us;
-  if (offset_us >= -kMaxStateTime_us && offset_us <= kMaxStateTime_us) return reader;
+  if (offset_us >= -kMaxStateTimeUs && offset_us <= kMaxStateTimeUs) return reader;
   return absl::InvalidArgumentError(
       absl::StrCat("states a time offset of ", offset_us, " us, which is beyond the range of 36 thousand years"));
 }

@@ -89,7 +89,7 @@ TEST_F(Hdf5ReaderTest, ATimeOffsetBeyondTheRangeIsAnError) {
     for (const char* column : {"/events/x", "/events/y", "/events/p", "/events/t"}) {
       file.Write<uint16_t>(column, H5T_NATIVE_UINT16, {1});
     }
-    file.WriteScalar("/t_offset", kMaxStateTime_us + 1);
+    file.WriteScalar("/t_offset", kMaxStateTimeUs + 1);
   }
   EXPECT_THAT(ReadHdf5(path()).status().message(), HasSubstr("states a time offset of 1152921504606846977 us"));
   {

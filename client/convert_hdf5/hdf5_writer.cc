@@ -16,11 +16,11 @@ namespace {
 
 // The values of OpenEB's writer.
 constexpr hsize_t kChunkRows = 16384;
-constexpr int64_t kIndexPeriod_us = 2000;
+constexpr int64_t kIndexPeriodUs = 2000;
 constexpr char kFormatVersion[] = "1.0";
 
 // The index has a row for each period, also of a gap: 43 million rows for a day.
-constexpr int64_t kMaxGap_us = int64_t{24} * 3600 * 1000000;
+constexpr int64_t kMaxGapUs = int64_t{24} * 3600 * 1000000;
 
 Hdf5Handle MakeDataset(const Hdf5Handle& file, const std::string& path, const Hdf5Handle& type, bool is_compressed) {
   const hsize_t size = 0, max_size = H5S_UNLIMITED;
@@ -47,7 +47,7 @@ bool AppendRows(const Hdf5Handle& dataset, const Hdf5Handle& type, const void* r
 bool PeriodIndex::Add(int64_t t_us, size_t max_rows, std::vector<IndexRow>& rows) {
   if (num_events_ == 0) first_us_ = t_us;
   const int64_t since_first_us = t_us - first_us_;
-  for (; since_first_us >= num_rows_ * kIndexPeriod_us; ++num_rows_) {
+  for (; since_first_us >= num_rows_ * kIndexPeriodUs; ++num_rows_) {
     if (rows.size() >= max_rows) return false;
     if (num_events_ != current_.id) before_ = current_;
     rows.push_back(before_);
@@ -67,10 +67,10 @@ absl::StatusOr<std::unique_ptr<Hdf5Writer>> Hdf5Writer::Create(const std::string
   if (std::filesystem::exists(path, error) && !std::filesystem::is_regular_file(path, error)) {
     return absl::InvalidArgumentError(absl::StrCat(path, ": is no regular file; HDF5 cannot be written to a stream"));
   }
-  constexpr int kMaxSize_px = kEcfMaxCoordinate_px + 1;
-  if (header.geometry.width_px > kMaxSize_px || header.geometry.height_px > kMaxSize_px) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": ECF holds events of sensors of up to ", kMaxSize_px, "x",
-                                                   kMaxSize_px, " pixels, not of ", header.geometry.width_px, "x",
+  constexpr int kMaxSizePx = kEcfMaxCoordinatePx + 1;
+  if (header.geometry.width_px > kMaxSizePx || header.geometry.height_px > kMaxSizePx) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": ECF holds events of sensors of up to ", kMaxSizePx, "x",
+                                                   kMaxSizePx, " pixels, not of ", header.geometry.width_px, "x",
                                                    header.geometry.height_px, "; write CSV or DAT"));
   }
   const std::string temporary_path = absl::StrCat(path, ".partial");
@@ -124,7 +124,7 @@ absl::Status Hdf5Writer::Fail() {
 }
 
 absl::Status Hdf5Writer::AddIndex(int64_t t_us, Table& table) {
-  if (table.last_us >= 0 && t_us - table.last_us > kMaxGap_us) {
+  if (table.last_us >= 0 && t_us - table.last_us > kMaxGapUs) {
     return absl::InvalidArgumentError(absl::StrCat(path_, ": between ", table.last_us, " us and ", t_us,
                                                    " us nothing happens for more than a day; convert the parts "
                                                    "before and after it with --start and --duration"));

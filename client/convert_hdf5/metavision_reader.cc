@@ -74,7 +74,7 @@ class MetavisionReader final : public Hdf5Reader {
       const TriggerRow& row = trigger_rows_[trigger_];
       if (row.t > until_us) return;
       ++trigger_;
-      if (row.t < 0 || row.t > kMaxStateTime_us || row.id < 0 || row.id > 255) {
+      if (row.t < 0 || row.t > kMaxStateTimeUs || row.id < 0 || row.id > 255) {
         ++losses_.invalid;
       } else {
         triggers.push_back({row.t, static_cast<uint8_t>(row.id), static_cast<uint8_t>(row.p > 0 ? 1 : 0)});

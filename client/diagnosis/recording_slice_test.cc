@@ -11,14 +11,14 @@ namespace evpose::client {
 namespace {
 
 constexpr SensorGeometry kVga = {640, 480};
-constexpr int64_t kBegin_us = 16'000'000;  // EVT3's clock wraps 0.78 s later
+constexpr int64_t kBeginUs = 16'000'000;  // EVT3's clock wraps 0.78 s later
 
 // A recording with an event in each 0.1 ms for `duration_us`.
 std::vector<Event> Events(int64_t duration_us) {
   std::vector<Event> events;
   for (int64_t t_us = 0; t_us < duration_us; t_us += 100) {
     const auto number = static_cast<uint16_t>(t_us / 100);
-    events.push_back({kBegin_us + t_us, static_cast<uint16_t>(number % 640), static_cast<uint16_t>(number % 480),
+    events.push_back({kBeginUs + t_us, static_cast<uint16_t>(number % 640), static_cast<uint16_t>(number % 480),
                       static_cast<uint8_t>(number % 2)});
   }
   return events;
@@ -64,14 +64,14 @@ TEST_P(RecordingSliceTest, LaterPartHasTheEventsOfTheRecording) {
   const auto slice = Slice(file, {.start_s = 1.0, .duration_s = 0.1});
   ASSERT_TRUE(slice.ok()) << slice.status();
   EXPECT_FALSE(slice->is_cut);
-  EXPECT_NEAR(static_cast<double>(slice->begin_us), kBegin_us + 1e6, 2000.0);
-  EXPECT_NEAR(static_cast<double>(slice->end_us), kBegin_us + 1.1e6, 2000.0);
+  EXPECT_NEAR(static_cast<double>(slice->begin_us), kBeginUs + 1e6, 2000.0);
+  EXPECT_NEAR(static_cast<double>(slice->end_us), kBeginUs + 1.1e6, 2000.0);
   const auto reader = OpenSlice(slice->file);
   ASSERT_TRUE(reader.ok());
   const std::vector<Event> part = ReadEvents(slice->file);
   ASSERT_GT(part.size(), 900u);
   const int64_t first_us = part.front().t_us + (*reader)->header().time_offset_us;
-  const auto first = static_cast<size_t>((first_us - kBegin_us) / 100);
+  const auto first = static_cast<size_t>((first_us - kBeginUs) / 100);
   ASSERT_LE(first + part.size(), events.size());
   for (size_t i = 0; i < part.size(); ++i) {
     Event event = part[i];

@@ -48,7 +48,7 @@ constexpr double kLargeError = 0.05;
 constexpr int kPosesPerOutlier = 20;
 // Two fits have the same offset if their offsets differ by less than this, seconds. It is half of the interval over
 // which time_offset.cc measures the motion.
-constexpr double kSameOffset_s = 0.05;
+constexpr double kSameOffsetS = 0.05;
 // Another offset or mount whose residuals are not larger by this factor is reported.
 constexpr double kClearRatio = 1.5;
 
@@ -358,7 +358,7 @@ void AddAlternatives(const std::vector<HandEyeFit>& fits, HandEye& result) {
       continue;
     }
     const double apart_s = std::abs(fit.state.time_offset_s - best.state.time_offset_s);
-    if (apart_s < kSameOffset_s || ratio >= kClearRatio) continue;
+    if (apart_s < kSameOffsetS || ratio >= kClearRatio) continue;
     result.warnings.push_back(absl::StrFormat(
         "a time offset of %.3f s fits nearly as well (residuals larger by a factor of %.2f): is the motion periodic?",
         fit.state.time_offset_s, ratio));

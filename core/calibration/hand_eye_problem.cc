@@ -12,9 +12,9 @@ namespace evpose {
 namespace {
 
 // Rotations of relative motions near a half turn have an axis of unknown sign.
-constexpr double kMaxMotionAngle_rad = 2.5;
+constexpr double kMaxMotionAngleRad = 2.5;
 // Below this root mean square of the relative rotations, radians, the translations determine the rotation of `left`.
-constexpr double kMinMotionAngle_rad = 0.02;
+constexpr double kMinMotionAngleRad = 0.02;
 constexpr int kReweightings = 5;  // reduce the weight of outliers; the result is only a start
 
 // A relative motion of both trajectories: camera = left * reference * left^-1.
@@ -29,7 +29,7 @@ struct RelativeMotion {
 std::vector<RelativeMotion> RelativeMotions(const std::vector<HandEyePair>& pairs) {
   std::vector<RelativeMotion> motions;
   const size_t n = pairs.size();
-  // Over several times: a large rotation determines the axis better than a small one, but above kMaxMotionAngle_rad it
+  // Over several times: a large rotation determines the axis better than a small one, but above kMaxMotionAngleRad it
   // is not used.
   for (const size_t lag : {n / 16, n / 8, n / 4, n / 2}) {
     for (size_t i = 0; lag > 0 && i + lag < n; ++i) {
@@ -39,7 +39,7 @@ std::vector<RelativeMotion> RelativeMotions(const std::vector<HandEyePair>& pair
       motion.camera_rotation = LogSo3(motion.camera.rotation);
       motion.reference_rotation = LogSo3(motion.reference.rotation);
       const double larger = std::max(motion.camera_rotation.norm(), motion.reference_rotation.norm());
-      if (larger <= kMaxMotionAngle_rad) motions.push_back(motion);
+      if (larger <= kMaxMotionAngleRad) motions.push_back(motion);
     }
   }
   return motions;
@@ -67,7 +67,7 @@ void Reweight(std::vector<RelativeMotion>& motions, const Residual& residual) {
 Eigen::Matrix3d LeftRotation(std::vector<RelativeMotion>& motions) {
   double sum2 = 0.0;
   for (const RelativeMotion& motion : motions) sum2 += motion.reference_rotation.squaredNorm();
-  const bool turns = sum2 >= kMinMotionAngle_rad * kMinMotionAngle_rad * static_cast<double>(motions.size());
+  const bool turns = sum2 >= kMinMotionAngleRad * kMinMotionAngleRad * static_cast<double>(motions.size());
   const auto to = [turns](const RelativeMotion& m) -> Eigen::Vector3d {
     return turns ? m.camera_rotation : m.camera.translation_m;
   };

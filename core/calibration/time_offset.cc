@@ -16,12 +16,12 @@ constexpr double kMaxProducts = 2e8;
 // Number of samples of a trajectory; bounds the memory. One time that is far from all others, such as 0 before times
 // since 1970, would give a billion.
 constexpr double kMaxSamples = 1e6;
-constexpr double kMinStep_s = 0.005;
+constexpr double kMinStepS = 0.005;
 // The time within which the motion is measured: long against the noise of single poses, short against the changes of a
 // robot's speed.
-constexpr double kMinSpan_s = 0.1;
+constexpr double kMinSpanS = 0.1;
 // Rotations below this root mean square, radians, within the span are noise: then distances are compared.
-constexpr double kMinRotation_rad = 0.005;
+constexpr double kMinRotationRad = 0.005;
 // Fewer pairs of samples may have a high correlation by chance.
 constexpr int64_t kMinPairs = 10;
 
@@ -109,13 +109,13 @@ std::vector<OffsetCandidate> FindTimeOffsets(const Trajectory& estimate, const T
   if (estimate.size() < 2 || reference.size() < 2) return {};
   const double longer_s = std::max(Seconds(estimate), Seconds(reference));
   const double step_s =
-      std::max({kMinStep_s, std::sqrt(Seconds(estimate) * Seconds(reference) / kMaxProducts), longer_s / kMaxSamples});
+      std::max({kMinStepS, std::sqrt(Seconds(estimate) * Seconds(reference) / kMaxProducts), longer_s / kMaxSamples});
   const double median_s = 1e-6 * static_cast<double>(std::max(MedianIntervalUs(estimate), MedianIntervalUs(reference)));
   const int64_t step_us = std::llround(step_s * 1e6);
-  const int64_t span_us = std::llround(std::max({kMinSpan_s, 2.0 * step_s, 2.0 * median_s}) * 1e6);
+  const int64_t span_us = std::llround(std::max({kMinSpanS, 2.0 * step_s, 2.0 * median_s}) * 1e6);
   const Speeds e = SpeedsOf(estimate, step_us, span_us);
   const Speeds r = SpeedsOf(reference, step_us, span_us);
-  const bool turns = std::min(RootMeanSquare(e.rotation_rad), RootMeanSquare(r.rotation_rad)) >= kMinRotation_rad;
+  const bool turns = std::min(RootMeanSquare(e.rotation_rad), RootMeanSquare(r.rotation_rad)) >= kMinRotationRad;
   const std::vector<double>& a = turns ? e.rotation_rad : e.distance_m;
   const std::vector<double>& b = turns ? r.rotation_rad : r.distance_m;
   const auto is_known = [](double value) { return !std::isnan(value); };

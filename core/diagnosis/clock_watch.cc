@@ -25,7 +25,7 @@ void ClockWatch::Add(absl::Span<const Event> events) {
     if (!has_event_) {
       has_event_ = true;
       t_us_ = event.t_us;
-      slot_ = event.t_us / kSlot_us;
+      slot_ = event.t_us / kSlotUs;
     }
     const int64_t step_us = event.t_us - t_us_;
     if (step_us < 0) {
@@ -34,13 +34,13 @@ void ClockWatch::Add(absl::Span<const Event> events) {
         result_.largest_step_back_at_us = event.t_us;
       }
       // Events slightly out of order do not move the clock; after a jump it continues from there.
-      if (-step_us < kMinGap_us) continue;
+      if (-step_us < kMinGapUs) continue;
       recent_.fill(0);
       has_open_ = false;
-      slot_ = event.t_us / kSlot_us;
+      slot_ = event.t_us / kSlotUs;
     }
     if (step_us > 0) AddStep(step_us);
-    if (step_us >= kMinGap_us) {
+    if (step_us >= kMinGapUs) {
       if (has_open_) AddGap();
       has_open_ = true;
       open_ = {t_us_, step_us, 0.0};
@@ -48,13 +48,13 @@ void ClockWatch::Add(absl::Span<const Event> events) {
       after_ = 0.0;
     }
     if (has_open_) {
-      if (event.t_us - open_.begin_us - open_.duration_us < kSlots * kSlot_us) {
+      if (event.t_us - open_.begin_us - open_.duration_us < kSlots * kSlotUs) {
         after_ += 1.0;
       } else {
         AddGap();
       }
     }
-    const int64_t slot = event.t_us / kSlot_us;
+    const int64_t slot = event.t_us / kSlotUs;
     for (int64_t s = slot - slot_ >= kSlots ? slot - kSlots + 1 : slot_ + 1; s <= slot; ++s) {
       recent_[static_cast<size_t>((s % kSlots + kSlots) % kSlots)] = 0;
     }
@@ -67,7 +67,7 @@ void ClockWatch::Add(absl::Span<const Event> events) {
 void ClockWatch::AddGap() {
   has_open_ = false;
   open_.expected_events =
-      std::min(before_, after_) * static_cast<double>(open_.duration_us) / static_cast<double>(kSlots * kSlot_us);
+      std::min(before_, after_) * static_cast<double>(open_.duration_us) / static_cast<double>(kSlots * kSlotUs);
   if (open_.expected_events < kMinExpectedEvents) return;
   ++result_.num_gaps;
   std::vector<Gap>& gaps = result_.gaps;
@@ -85,7 +85,7 @@ void ClockWatch::AddStep(int64_t step_us) {
   stride_ *= 2;
 }
 
-int64_t ClockWatch::TimeStep_us() const {
+int64_t ClockWatch::TimeStepUs() const {
   if (steps_.size() < kMinStepSamples) return 0;
   std::vector<int64_t> steps = steps_;
   const int64_t least_us = UpperQuantile(steps, 1.0 - kMinMultiples);
@@ -105,7 +105,7 @@ int64_t ClockWatch::TimeStep_us() const {
 ClockWatch::Result ClockWatch::Measure() const {
   ClockWatch copy = *this;
   if (copy.has_open_) copy.AddGap();
-  copy.result_.time_step_us = copy.TimeStep_us();
+  copy.result_.time_step_us = copy.TimeStepUs();
   return copy.result_;
 }
 

@@ -37,17 +37,17 @@ class ClockWatch {
 
   // Shortest time without events that is examined, microseconds: the time over which the rates before and after it are
   // measured.
-  static constexpr int64_t kMinGap_us = 10'000;
+  static constexpr int64_t kMinGapUs = 10'000;
 
  private:
   static constexpr int kSlots = 10;  // milliseconds before and after a gap
-  static constexpr int64_t kSlot_us = 1000;
+  static constexpr int64_t kSlotUs = 1000;
   // Bounds memory: when the list is full, every other step is removed, and half as many are added from then on.
   static constexpr size_t kMaxSteps = 8192;
 
   void AddStep(int64_t step_us);
   void AddGap();
-  int64_t TimeStep_us() const;
+  int64_t TimeStepUs() const;
 
   bool has_event_ = false;
   int64_t t_us_ = 0;

@@ -45,7 +45,7 @@ int EventNeighbours::BinOf(int64_t age_us) {
   return std::min(kStepsPerOctave * octave + static_cast<int>(scaled & 3), kNumBins);
 }
 
-double EventNeighbours::LowerEdge_us(int bin) {
+double EventNeighbours::LowerEdgeUs(int bin) {
   return std::ldexp(1.0 + (bin % kStepsPerOctave) / static_cast<double>(kStepsPerOctave), bin / kStepsPerOctave);
 }
 
@@ -72,7 +72,7 @@ double EventNeighbours::NoiseShare(int64_t duration_us) const {
   double older = least;  // events with an age above the lower edge of the bin
   for (int bin = 1; bin <= kNumBins; ++bin) {
     older -= static_cast<double>(ages_[static_cast<size_t>(bin - 1)]);
-    const double chance_per_event = 8.0 * LowerEdge_us(bin) / pixel_us;
+    const double chance_per_event = 8.0 * LowerEdgeUs(bin) / pixel_us;
     // `least` is not below the noise, so that the smaller solution is the right one up to here.
     if (chance_per_event * least > kMaxChanceNeighbours && bin > kMinBins) break;
     const double noise = SolveNoise(older, chance_per_event);

@@ -29,7 +29,7 @@ class EventNeighbours {
   static constexpr int kStepsPerOctave = 4;              // bins of the ages, logarithmic: a step is at most a quarter
   static constexpr int kNumBins = 30 * kStepsPerOctave;  // to 2^30 us
   static int BinOf(int64_t age_us);
-  static double LowerEdge_us(int bin);
+  static double LowerEdgeUs(int bin);
 
   const SensorGeometry geometry_;
   const size_t stride_;

@@ -36,14 +36,14 @@ void FlickerSpectrum::Add(absl::Span<const Event> events) {
       has_begun_ = true;
       begin_us_ = event.t_us;
     }
-    if (event.t_us < begin_us_ + begin_bin_ * kBin_us) {
+    if (event.t_us < begin_us_ + begin_bin_ * kBinUs) {
       // Slightly out of order events are left out; after a jump back a new segment begins.
-      if (event.t_us >= begin_us_ + (begin_bin_ - kBins) * kBin_us) continue;
+      if (event.t_us >= begin_us_ + (begin_bin_ - kBins) * kBinUs) continue;
       begin_us_ = event.t_us;
       begin_bin_ = 0;
       std::fill(bins_.begin(), bins_.end(), Counts());
     }
-    const int64_t bin = (event.t_us - begin_us_) / kBin_us;
+    const int64_t bin = (event.t_us - begin_us_) / kBinUs;
     if (bin >= begin_bin_ + kBins) Advance(bin);
     const int part = event.y * kSide / geometry_.height_px * kSide + event.x * kSide / geometry_.width_px;
     Counts& counts = bins_[static_cast<size_t>(bin - begin_bin_)];
@@ -117,7 +117,7 @@ FlickerSpectrum::Result FlickerSpectrum::Measure(const DiagnosisOptions& options
   // An exponentially distributed power exceeds its median by this factor with the probability of a false alarm at one
   // of the frequencies. The mean over several segments does so more rarely.
   const double least = std::log(kFrequencies / options.false_alarm_probability) / std::numbers::ln2;
-  const double step_hz = 1e6 / (kBins * static_cast<double>(kBin_us));
+  const double step_hz = 1e6 / (kBins * static_cast<double>(kBinUs));
   for (int k = 1; k + 1 < kFrequencies; ++k) {
     const auto index = static_cast<size_t>(k);
     const double power = common_power_[index];

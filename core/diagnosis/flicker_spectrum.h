@@ -39,8 +39,8 @@ class FlickerSpectrum {
   // part.
   static constexpr int kSide = 8;
   static constexpr int kParts = kSide * kSide;
-  static constexpr int64_t kBin_us = 500;  // spectrum up to 1 kHz
-  static constexpr int kBins = 512;        // of a segment: 3.9 Hz
+  static constexpr int64_t kBinUs = 500;  // spectrum up to 1 kHz
+  static constexpr int kBins = 512;       // of a segment: 3.9 Hz
   static constexpr int kFrequencies = kBins / 2;
   struct Counts {
     std::array<int32_t, kParts> sum = {};         // of ON and OFF events

@@ -30,13 +30,13 @@ void MotionSamples::Add(absl::Span<const Event> events) {
       has_event_ = true;
       last_us_ = event.t_us;
       next_sample_us_ = event.t_us + sample_period_us_;
-      slice_end_us_ = event.t_us + kSlice_us;
+      slice_end_us_ = event.t_us + kSliceUs;
     }
     // The selector requires the order of time. After a jump back, the samples continue from there.
-    if (event.t_us < last_us_ - kSlice_us || event.t_us > last_us_ + 10 * kMemory_us) {
+    if (event.t_us < last_us_ - kSliceUs || event.t_us > last_us_ + 10 * kMemoryUs) {
       latest_.clear();
       next_sample_us_ = event.t_us + sample_period_us_;
-      slice_end_us_ = event.t_us + kSlice_us;
+      slice_end_us_ = event.t_us + kSliceUs;
       slice_events_ = 0.0;
       last_us_ = event.t_us;
     }
@@ -52,7 +52,7 @@ void MotionSamples::Add(absl::Span<const Event> events) {
 void MotionSamples::Sample() {
   next_sample_us_ = last_us_ + sample_period_us_;
   const auto begin = std::partition_point(
-      latest_.begin(), latest_.end(), [this](const PixelEvent& event) { return event.t_us < last_us_ - kMemory_us; });
+      latest_.begin(), latest_.end(), [this](const PixelEvent& event) { return event.t_us < last_us_ - kMemoryUs; });
   const size_t count = std::min<size_t>(static_cast<size_t>(latest_.end() - begin), kMaxEvents);
   const absl::Span<const PixelEvent> events(latest_.data() + (latest_.size() - count), count);
   speeds_px_per_s_.push_back(selector_.Select(events).speed_px_per_s);
@@ -66,11 +66,11 @@ void MotionSamples::Sample() {
 void MotionSamples::CloseSlice() {
   if (slice_events_ > largest_) {
     largest_ = slice_events_;
-    busiest_us_ = slice_end_us_ - kSlice_us;
+    busiest_us_ = slice_end_us_ - kSliceUs;
   }
   if (num_slices_++ % slice_stride_ == 0) slices_.push_back(slice_events_);
   slice_events_ = 0.0;
-  slice_end_us_ += kSlice_us;
+  slice_end_us_ += kSliceUs;
   if (slices_.size() < kMaxSlices) return;
   Halve(slices_);
   slice_stride_ *= 2;
@@ -80,10 +80,10 @@ MotionSamples::Result MotionSamples::Measure() const {
   MotionSamples copy = *this;
   if (copy.speeds_px_per_s_.empty() && !copy.latest_.empty()) copy.Sample();
   if (copy.slices_.empty() && !copy.latest_.empty()) {
-    const int64_t duration_us = std::max<int64_t>(1, kSlice_us - (slice_end_us_ - last_us_));
-    copy.slices_.push_back(slice_events_ * kSlice_us / static_cast<double>(duration_us));
+    const int64_t duration_us = std::max<int64_t>(1, kSliceUs - (slice_end_us_ - last_us_));
+    copy.slices_.push_back(slice_events_ * kSliceUs / static_cast<double>(duration_us));
     copy.largest_ = copy.slices_.front();
-    copy.busiest_us_ = slice_end_us_ - kSlice_us;
+    copy.busiest_us_ = slice_end_us_ - kSliceUs;
   }
   Result result;
   result.num_samples = static_cast<int>(copy.speeds_px_per_s_.size());

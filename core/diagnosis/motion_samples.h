@@ -34,14 +34,14 @@ class MotionSamples {
 
   // Microseconds of a slice of the event rate: the maximum duration of a window (WindowOptions::max_duration_us), which
   // decides whether anything seems to move.
-  static constexpr int64_t kSlice_us = 20'000;
+  static constexpr int64_t kSliceUs = 20'000;
 
  private:
   static constexpr size_t kMaxEvents = 50'000;  // those that the speed is measured from
   // Microseconds of events from which the speed is measured, as in a search (StretchOptions::max_slow_duration_us). The
   // two limits below bound memory and time: when a list is full, every other value is removed, and later ones are taken
   // half as often.
-  static constexpr int64_t kMemory_us = 1'000'000;
+  static constexpr int64_t kMemoryUs = 1'000'000;
   static constexpr size_t kMaxSamples = 64;
   static constexpr size_t kMaxSlices = 8192;
 

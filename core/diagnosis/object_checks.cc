@@ -19,7 +19,7 @@ constexpr struct {
 } kUnits[] = {{"millimetres", 1e-3}, {"centimetres", 1e-2}, {"inches", 0.0254}, {"feet", 0.3048}, {"kilometres", 1e3}};
 
 // The distance that an unknown unit is chosen for.
-constexpr Range kLikelyDistance_m = {0.1, 10.0};
+constexpr Range kLikelyDistanceM = {0.1, 10.0};
 
 std::string SizeText(int width_px, int height_px) { return absl::StrCat(width_px, "x", height_px); }
 
@@ -84,7 +84,7 @@ Finding CheckScale(double diameter_m, double scale, const CameraModel& camera, d
   finding.remedy = "check the unit of the model file, and --scale";
   for (const auto& [name, factor] : kUnits) {
     if (!options.usual_diameter_m.Contains(factor * diameter_m)) continue;
-    if (extent_px > 0.0 && !kLikelyDistance_m.Contains(factor * distance_m)) continue;
+    if (extent_px > 0.0 && !kLikelyDistanceM.Contains(factor * distance_m)) continue;
     finding.remedy = absl::StrFormat("the file is probably in %s: --scale %.6g", name, factor * scale);
     break;
   }

@@ -9,9 +9,9 @@ namespace {
 
 // An event of an edge has a neighbour within the time in which an edge at 50 px/s moves by a pixel; slower ones have
 // neighbours along themselves.
-constexpr int64_t kMaxNeighbourAge_us = 20'000;
+constexpr int64_t kMaxNeighbourAgeUs = 20'000;
 // Two events of a pixel that are further apart belong to two edges.
-constexpr int64_t kMaxInterval_us = 50'000;
+constexpr int64_t kMaxIntervalUs = 50'000;
 
 // The plane t(x, y) of the begins of the runs around a pixel, among 5 x 5 pixels: over more of them an edge may be
 // curved, and with fewer than kMinPlanePixels the residuals say little about its three unknowns.
@@ -49,9 +49,9 @@ PixelRuns::PixelRuns(SensorGeometry geometry)
 void PixelRuns::Add(absl::Span<const Event> events, absl::Span<const int64_t> ages_us) {
   for (size_t k = 0; k < events.size(); ++k) {
     const Event& event = events[k];
-    if (ages_us[k] > kMaxNeighbourAge_us) continue;
+    if (ages_us[k] > kMaxNeighbourAgeUs) continue;
     Pixel& pixel = pixels_[static_cast<size_t>(event.y) * static_cast<size_t>(geometry_.width_px) + event.x];
-    const bool is_new_passage = pixel.polarity != event.polarity || event.t_us - pixel.last_us > kMaxInterval_us;
+    const bool is_new_passage = pixel.polarity != event.polarity || event.t_us - pixel.last_us > kMaxIntervalUs;
     if (is_new_passage) {
       if (pixel.length >= kMinPassageEvents) MeasurePassage(event.x, event.y);
       pixel.begin_us[event.polarity] = event.t_us;
@@ -74,7 +74,7 @@ void PixelRuns::MeasurePassage(int x, int y) {
   for (int v = std::max(0, y - kPlaneRadius); v <= std::min(geometry_.height_px - 1, y + kPlaneRadius); ++v) {
     for (int u = std::max(0, x - kPlaneRadius); u <= std::min(geometry_.width_px - 1, x + kPlaneRadius); ++u) {
       const double t = 1e-6 * static_cast<double>(at(u, v).begin_us[centre.polarity] - begin_us);
-      if (std::abs(t) > 1e-6 * kMaxInterval_us * kPlaneRadius) continue;
+      if (std::abs(t) > 1e-6 * kMaxIntervalUs * kPlaneRadius) continue;
       const double du = u - x, dv = v - y;
       n += 1.0;
       su += du, sv += dv, st += t;

@@ -145,7 +145,7 @@ Finding RecordingDiagnosis::CheckTimeSteps(const ClockWatch::Result& clock) cons
 
 Finding RecordingDiagnosis::CheckEventRate(const MotionSamples::Result& motion, const Shares& shares) const {
   Finding finding = Named("event-rate");
-  constexpr double kSlicesPerSecond = 1e6 / MotionSamples::kSlice_us;
+  constexpr double kSlicesPerSecond = 1e6 / MotionSamples::kSliceUs;
   const double rate = motion.busy_events_in_20_ms * kSlicesPerSecond;
   SetVerdict(rate, options_.event_rate_per_s, "events/s", finding);
   finding.text =
@@ -225,7 +225,7 @@ Finding RecordingDiagnosis::CheckHotPixels() const {
   for (const PixelCounts::HotPixel& pixel : hot) hot_events += static_cast<double>(pixel.events);
   // Lower bound of the denominator: the least number of events for tracking, so that the share is not large only
   // because nothing moves.
-  const double needed = options_.min_events_in_20_ms * static_cast<double>(duration_us()) / MotionSamples::kSlice_us;
+  const double needed = options_.min_events_in_20_ms * static_cast<double>(duration_us()) / MotionSamples::kSliceUs;
   const double share = hot_events / std::max(static_cast<double>(num_events()), needed);
   SetVerdict(share, options_.hot_share, "share of the events", finding);
   finding.text = absl::StrFormat("%s, with %s of the events", Counted(hot.size(), "hot pixel"), Percent(share));

@@ -77,7 +77,7 @@ std::vector<Finding> RecordingDiagnosis::FewEvents() const {
     findings.push_back(NotChecked(check, reason));
   }
   const double seconds = 1e-6 * static_cast<double>(duration_us());
-  const double least = options_.min_events_in_20_ms * 1e6 / MotionSamples::kSlice_us;
+  const double least = options_.min_events_in_20_ms * 1e6 / MotionSamples::kSliceUs;
   const double rate = static_cast<double>(num_events()) / std::max(seconds, 1e-6);
   if (num_events() == 0 || rate >= least) return findings;
   Finding& finding = findings[2];

@@ -128,11 +128,11 @@ Clock ClockAt(auto... fields) {
 TEST(DecoderStateTest, ClocksDoNotWrapBeyondTheLargestTimeOfAState) {
   const uint64_t none = 0;
   const int64_t zero = 0;
-  int64_t near_us = kMaxStateTime_us - 4 * Evt3Clock::kRange_us;
+  int64_t near_us = kMaxStateTimeUs - 4 * Evt3Clock::kRangeUs;
   auto evt3 = ClockAt<Evt3Clock>(near_us, zero, none, none, true);
-  near_us = kMaxStateTime_us - 4 * Evt2Clock::kRange_us;
+  near_us = kMaxStateTimeUs - 4 * Evt2Clock::kRangeUs;
   auto evt2 = ClockAt<Evt2Clock>(near_us, near_us, near_us, none, none, true);
-  near_us = kMaxStateTime_us - 4 * Clock32::kRange_us;
+  near_us = kMaxStateTimeUs - 4 * Clock32::kRangeUs;
   auto clock32 = ClockAt<Clock32>(near_us, none, none, true);
   for (int i = 0; i < 20; ++i) {
     for (const bool is_high : {true, false}) {
@@ -142,7 +142,7 @@ TEST(DecoderStateTest, ClocksDoNotWrapBeyondTheLargestTimeOfAState) {
       evt2.SetLow(63);
       for (uint32_t quarter = 0; quarter < 4; ++quarter) clock32.Set(quarter << 30);
       EXPECT_TRUE(SaveAndLoad(evt3).ok() && SaveAndLoad(evt2).ok() && SaveAndLoad(clock32).ok()) << i;
-      EXPECT_LT(std::max({evt3.now_us(), evt2.now_us(), clock32.now_us()}), kMaxStateTime_us - (1 << 23));
+      EXPECT_LT(std::max({evt3.now_us(), evt2.now_us(), clock32.now_us()}), kMaxStateTimeUs - (1 << 23));
     }
   }
   EXPECT_EQ(evt3.wraps(), 2u);

@@ -281,13 +281,13 @@ TEST(DatDecoderTest, EventsAndEdges) {
 // The time after these words, and after further ones that follow a loss.
 template <typename Word>
 std::vector<int64_t> ScannedTimes(Encoding encoding, const std::vector<Word>& before, const std::vector<Word>& after) {
-  constexpr int64_t kUnlimited_us = int64_t{1} << 50;
+  constexpr int64_t kUnlimitedUs = int64_t{1} << 50;
   TimeScanner scanner(encoding);
   std::vector<int64_t> times;
   for (const std::vector<Word>& words : {before, after}) {
     if (&words != &before) scanner.ResetAfterLoss();
     const std::vector<uint8_t> bytes = BytesOf(words);
-    for (size_t i = 0; i < words.size(); ++i) scanner.Scan(bytes.data() + i * sizeof(Word), 1, kUnlimited_us);
+    for (size_t i = 0; i < words.size(); ++i) scanner.Scan(bytes.data() + i * sizeof(Word), 1, kUnlimitedUs);
     times.push_back(scanner.now_us());
   }
   return times;

@@ -13,7 +13,7 @@
 namespace evpose {
 
 // Largest absolute sensor time in a saved state, 36 thousand years: sums and differences of such times do not overflow.
-inline constexpr int64_t kMaxStateTime_us = int64_t{1} << 60;
+inline constexpr int64_t kMaxStateTimeUs = int64_t{1} << 60;
 
 // A contrast-detection event. The time is that of the sensor clock, unwrapped, in microseconds; x points right, y down,
 // (0, 0) is the centre of the top-left pixel.

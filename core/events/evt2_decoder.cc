@@ -49,12 +49,12 @@ class Evt2Decoder final : public WordDecoder {
   // Decodes the run that begins at word `index`, if any, and moves `index`. Returns the index of the word, at most
   // `count`, at which to look for the next run (RunPause).
   size_t DecodeRun(const uint8_t* words, size_t count, size_t& index, Evt2Clock& clock, Event*& cursor) {
-    constexpr int64_t kMaxLow_us = 63;  // the 6 low bits of the time in an event word
+    constexpr int64_t kMaxLowUs = 63;  // the 6 low bits of the time in an event word
     if (runs_ == nullptr) return count;
     Evt2Run run = {width_, height_, clock.base_us(), sink_.mark_due_us(), clock.now_us() - clock.base_us()};
     size_t num_words = 0;
     // A loaded state may have any times.
-    const bool is_of_base = run.low_us >= 0 && run.low_us <= kMaxLow_us && (run.base_us & kMaxLow_us) == 0;
+    const bool is_of_base = run.low_us >= 0 && run.low_us <= kMaxLowUs && (run.base_us & kMaxLowUs) == 0;
     if (has_time_ && is_of_base) {
       num_words = runs_(words + sizeof(Word) * index, count - index, run, cursor, sink_.limit());
       clock.SetLow(run.low_us);

@@ -22,7 +22,7 @@ class Evt2Encoder final : public WordEncoder {
   void EncodeChecked(absl::Span<const Event> events, std::vector<uint8_t>& out) override {
     while (!events.empty()) {
       const Event& first = events.front();
-      if (first.t_us / kTimeWordPeriod_us != t_us_ / kTimeWordPeriod_us || t_us_ < 0) WriteTime(first.t_us, out);
+      if (first.t_us / kTimeWordPeriodUs != t_us_ / kTimeWordPeriodUs || t_us_ < 0) WriteTime(first.t_us, out);
       t_us_ = first.t_us;
       const size_t length = kVectors ? VectorRunLength(events) : 1;
       const uint32_t x = kVectors ? first.x / kVectorPixels * kVectorPixels : first.x;

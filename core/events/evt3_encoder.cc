@@ -58,7 +58,7 @@ class Evt3Encoder final : public WordEncoder {
       written += kMaxHighStep;
       Append(evt3::kTimeHigh, static_cast<uint32_t>(written & 0xfff), out);
     }
-    if (t_us_ < 0 || t_us / kTimeWordPeriod_us != t_us_ / kTimeWordPeriod_us) {
+    if (t_us_ < 0 || t_us / kTimeWordPeriodUs != t_us_ / kTimeWordPeriodUs) {
       Append(evt3::kTimeHigh, static_cast<uint32_t>(high & 0xfff), out);
     }
     Append(evt3::kTimeLow, static_cast<uint32_t>(t_us & 0xfff), out);

@@ -71,7 +71,7 @@ class EventSink {
   // Restarts the millisecond of time marks: the clock has started or stepped back.
   void RestartMarks(const Event* cursor, int64_t now_us) {
     events_at_mark_ = num_events_ + static_cast<uint64_t>(cursor - begin_);
-    mark_due_us_ = now_us + kMarkPeriod_us;
+    mark_due_us_ = now_us + kMarkPeriodUs;
   }
 
   // The earliest time of the next time mark.
@@ -91,11 +91,11 @@ class EventSink {
     Event* const flushed = Flush(cursor);
     if (num_events_ > events_at_mark_) {
       events_at_mark_ = num_events_;
-      mark_due_us_ = last_event_us_ + kMarkPeriod_us;
+      mark_due_us_ = last_event_us_ + kMarkPeriodUs;
     }
     if (now_us >= mark_due_us_) {
       out_->time_marks.push_back({num_written(), now_us});
-      mark_due_us_ = now_us + kMarkPeriod_us;
+      mark_due_us_ = now_us + kMarkPeriodUs;
     }
     return flushed;
   }
@@ -105,12 +105,12 @@ class EventSink {
   // Only between calls, when all events are flushed.
   static void VisitState(auto& archive, auto& self) {
     auto& [out, room, begin, limit, num_events, events_at_mark, last_event_us, mark_due_us] = self;
-    archive(num_events, events_at_mark, InRange(last_event_us, -kMaxStateTime_us, kMaxStateTime_us),
-            InRange(mark_due_us, -kMaxStateTime_us, kMaxStateTime_us));
+    archive(num_events, events_at_mark, InRange(last_event_us, -kMaxStateTimeUs, kMaxStateTimeUs),
+            InRange(mark_due_us, -kMaxStateTimeUs, kMaxStateTimeUs));
   }
 
  private:
-  static constexpr int64_t kMarkPeriod_us = 1000;  // event.h
+  static constexpr int64_t kMarkPeriodUs = 1000;  // event.h
 
   size_t num_written() const { return static_cast<size_t>(begin_ - out_->events.data()); }
 

@@ -14,7 +14,7 @@
 namespace evpose {
 
 // The period of TIME_HIGH of a camera, so that a reader that starts in the middle soon has the time.
-inline constexpr int64_t kTimeWordPeriod_us = 16;
+inline constexpr int64_t kTimeWordPeriodUs = 16;
 // The times that an encoder accepts. A gap above 30 days is a mistake, such as two mixed clocks; the limit also bounds
 // the number of words for a gap.
 struct TimeLimits {

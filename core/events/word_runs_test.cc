@@ -13,8 +13,8 @@
 namespace evpose {
 namespace {
 
-constexpr uint32_t kWidth_px = 640;
-constexpr uint32_t kHeight_px = 480;
+constexpr uint32_t kWidthPx = 640;
+constexpr uint32_t kHeightPx = 480;
 
 // The scalar rules of one word: false if it is not plain; else updates `run` and `events` and returns true.
 bool Step(uint16_t word, Evt3Run& run, std::vector<Event>& events) {
@@ -147,7 +147,7 @@ class RandomWords {
 };
 
 Evt3Run RandomRun(Random& random, Evt3Run) {
-  Evt3Run run = {kWidth_px, kHeight_px, static_cast<int64_t>(random.UniformInt(1 << 20)) << 12};
+  Evt3Run run = {kWidthPx, kHeightPx, static_cast<int64_t>(random.UniformInt(1 << 20)) << 12};
   if (random.UniformInt(4) == 0) run.width_px = run.height_px = 1 << 11;
   run.low_us = static_cast<int64_t>(random.UniformInt(0x1000));
   run.mark_due_us = run.base_us + run.low_us + 1 + static_cast<int64_t>(random.UniformInt(1000));
@@ -156,7 +156,7 @@ Evt3Run RandomRun(Random& random, Evt3Run) {
 }
 
 Evt2Run RandomRun(Random& random, Evt2Run) {
-  Evt2Run run = {kWidth_px, kHeight_px, static_cast<int64_t>(random.UniformInt(uint64_t{1} << 40)) << 6};
+  Evt2Run run = {kWidthPx, kHeightPx, static_cast<int64_t>(random.UniformInt(uint64_t{1} << 40)) << 6};
   if (random.UniformInt(4) == 0) run.width_px = run.height_px = 1 << 11;
   run.low_us = static_cast<int64_t>(random.UniformInt(64));
   run.mark_due_us = run.base_us + static_cast<int64_t>(random.UniformInt(1000));

@@ -62,7 +62,7 @@ struct MotionState {
 
   static void VisitState(auto& archive, auto& self) {
     auto& [t_us, camera_from_object, twist, covariance] = self;
-    archive(InRange(t_us, -kMaxStateTime_us, kMaxStateTime_us), camera_from_object, Finite(twist), Finite(covariance));
+    archive(InRange(t_us, -kMaxStateTimeUs, kMaxStateTimeUs), camera_from_object, Finite(twist), Finite(covariance));
     constexpr double kMax = 1e9;  // m, m/s and rad/s: no real motion, and its squares do not overflow
     archive.Check(camera_from_object.translation_m.cwiseAbs().maxCoeff() < kMax && twist.cwiseAbs().maxCoeff() < kMax,
                   "a pose or twist is larger than 1e9");

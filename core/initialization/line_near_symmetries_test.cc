@@ -13,7 +13,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kRadius_m = 0.2;
+constexpr double kRadiusM = 0.2;
 
 void AddBox(const Vector3d& centre, const Vector3d& size, std::vector<ModelLine>& lines) {
   for (int corner = 0; corner < 8; ++corner) {
@@ -41,7 +41,7 @@ std::vector<Matrix3d> Rotations() {
 }
 
 TEST(FindLineNearSymmetries, AreTheHalfTurnsOfABoxWithAMast) {
-  const std::vector<RigidTransform> near_symmetries = FindLineNearSymmetries(BoxWithMast(0.2), Rotations(), kRadius_m);
+  const std::vector<RigidTransform> near_symmetries = FindLineNearSymmetries(BoxWithMast(0.2), Rotations(), kRadiusM);
   ASSERT_EQ(near_symmetries.size(), 3u);
   const Vector3d centre(0.5, -0.3, 0.1);
   for (const RigidTransform& near_symmetry : near_symmetries) {
@@ -58,7 +58,7 @@ TEST(FindLineNearSymmetries, LessThanHalfOfTheLinesIsNotEnough) {
     z_m += 0.02 + 0.001 * i * i;
     lines.push_back({{0.8, -0.3, z_m}, {0.8 + 0.2 + 0.013 * i, -0.3, z_m}, {}});
   }
-  EXPECT_TRUE(FindLineNearSymmetries(lines, Rotations(), 2.0 * kRadius_m).empty());
+  EXPECT_TRUE(FindLineNearSymmetries(lines, Rotations(), 2.0 * kRadiusM).empty());
 }
 
 TEST(FindLineNearSymmetries, AnEdgeInTwoPartsIsTheEdge) {
@@ -68,12 +68,12 @@ TEST(FindLineNearSymmetries, AnEdgeInTwoPartsIsTheEdge) {
     lines.push_back({middle, lines[i].p2, {}});
     lines[i].p2 = middle;
   }
-  EXPECT_EQ(FindLineNearSymmetries(lines, Rotations(), kRadius_m).size(), 3u);
+  EXPECT_EQ(FindLineNearSymmetries(lines, Rotations(), kRadiusM).size(), 3u);
 }
 
 TEST(FindLineNearSymmetries, TheIdentityIsNone) {
-  EXPECT_TRUE(FindLineNearSymmetries(BoxWithMast(0.2), std::vector<Matrix3d>{Matrix3d::Identity()}, kRadius_m).empty());
-  EXPECT_TRUE(FindLineNearSymmetries({}, std::vector<Matrix3d>{Rotations().back()}, kRadius_m).empty());
+  EXPECT_TRUE(FindLineNearSymmetries(BoxWithMast(0.2), std::vector<Matrix3d>{Matrix3d::Identity()}, kRadiusM).empty());
+  EXPECT_TRUE(FindLineNearSymmetries({}, std::vector<Matrix3d>{Rotations().back()}, kRadiusM).empty());
 }
 
 }  // namespace

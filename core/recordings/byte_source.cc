@@ -18,7 +18,7 @@ namespace {
 
 // Time between two reads at the end of a growing file, or two calls of `stop`. A user does not notice it, and it is
 // long compared with a system call.
-constexpr int kWait_ms = 10;
+constexpr int kWaitMs = 10;
 constexpr size_t kPeekReadBytes = 4096;  // more than a camera's header
 
 }  // namespace
@@ -94,13 +94,13 @@ absl::StatusOr<size_t> ByteSource::ReadDescriptor(absl::Span<uint8_t> buffer) {
     }
     EVPOSE_RETURN_IF_ERROR(CheckNotShrunk());
     if (MustStop()) return 0;
-    poll(nullptr, 0, kWait_ms);
+    poll(nullptr, 0, kWaitMs);
   }
 }
 
 bool ByteSource::WaitForData() {
   pollfd events = {descriptor_, POLLIN, 0};
-  for (int wait_ms = 0;; wait_ms = kWait_ms) {
+  for (int wait_ms = 0;; wait_ms = kWaitMs) {
     const int num_ready = poll(&events, 1, wait_ms);
     // A signal (EINTR) counts as a timeout: a read now would block without a call of `stop`. Another error is
     // reported by the read that follows.
@@ -110,8 +110,8 @@ bool ByteSource::WaitForData() {
 }
 
 bool ByteSource::MustStop() {
-  stopped_ = stopped_ || (options_.stop && options_.stop());
-  return stopped_;
+  is_stopped_ = is_stopped_ || (options_.stop && options_.stop());
+  return is_stopped_;
 }
 
 absl::Status ByteSource::CheckUnchanged() const {

@@ -54,7 +54,7 @@ class ByteSource {
 
   const std::string& name() const { return name_; }  // for errors
   const RecordingReaderOptions& options() const { return options_; }
-  bool was_stopped() const { return stopped_; }
+  bool was_stopped() const { return is_stopped_; }
   // Whether a path leads to the same bytes again, as for a regular file that was opened by its name.
   bool can_be_reopened() const { return is_regular_ && descriptor_ != 0; }
   // Size of the file when it was opened; -1 if unknown (a pipe, a growing file).
@@ -78,7 +78,7 @@ class ByteSource {
   const RecordingReaderOptions options_;
   struct stat opened_ = {};  // the file when it was opened
   bool is_regular_ = false;
-  bool stopped_ = false;
+  bool is_stopped_ = false;
   std::string peeked_;  // read, but not returned by Read()
   int64_t offset_ = 0;
 };

@@ -57,7 +57,7 @@ std::vector<EventChunkBytes> ChunksOf(RecordingReader& reader, const ChunkerOpti
 }
 
 // The events of the recordings below: 30 us apart, up to eight events at one time.
-constexpr int64_t kMaxPause_us = int64_t{8} * 30;
+constexpr int64_t kMaxPauseUs = int64_t{8} * 30;
 
 std::vector<uint8_t> Recording(Encoding encoding, int64_t first_us, int64_t step_us, size_t count) {
   Random random(11);
@@ -121,9 +121,9 @@ TEST_P(ChunkerTest, TimesEqualTheDecodersAndDurationsAreKept) {
       decoder->Decode(chunk.bytes, out);
       if (out.events.empty()) continue;  // time words before the first event
       ASSERT_GE(chunk.t_last_us, out.events.back().t_us);
-      ASSERT_LT(chunk.t_last_us, out.events.back().t_us + kMaxPause_us);
+      ASSERT_LT(chunk.t_last_us, out.events.back().t_us + kMaxPauseUs);
       // The duration, and the time until the next time word.
-      ASSERT_LE(chunk.t_last_us, t_begin_us + 1000 + 64 + kMaxPause_us);
+      ASSERT_LE(chunk.t_last_us, t_begin_us + 1000 + 64 + kMaxPauseUs);
       t_begin_us = chunk.t_last_us;
     }
     EXPECT_GE(out.events.back().t_us, first_us + 30000);

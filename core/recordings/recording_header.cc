@@ -190,9 +190,9 @@ class HeaderReader {
 
   absl::Status ReadTimeOffset(absl::string_view value, int line) {
     int64_t offset_us = 0;
-    if (!absl::SimpleAtoi(value, &offset_us) || offset_us < -kMaxStateTime_us || offset_us > kMaxStateTime_us) {
+    if (!absl::SimpleAtoi(value, &offset_us) || offset_us < -kMaxStateTimeUs || offset_us > kMaxStateTimeUs) {
       return LineError(line, absl::StrCat("the time offset ", Quoted(value), " is not a number of microseconds within ",
-                                          kMaxStateTime_us));
+                                          kMaxStateTimeUs));
     }
     return SetOnce("the time offset", offset_us, line, time_offset_us_);
   }

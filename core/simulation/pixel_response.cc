@@ -18,7 +18,7 @@ constexpr double kMaxLogStep = 0.15;
 // Difference of output and input, in logarithm, of a settled pixel: 0.4 % of a usual threshold.
 constexpr double kSettled = 1e-3;
 // Accuracy of the time of a crossing, microseconds. Times are rounded to whole microseconds later.
-constexpr double kTimeTolerance_us = 1e-4;
+constexpr double kTimeToleranceUs = 1e-4;
 // Bisection halves the interval in each iteration: 60 reduce any step of a recording to the tolerance.
 constexpr int kMaxSolverIterations = 60;
 
@@ -86,13 +86,13 @@ struct Course {
     if (decay == 0.0) return std::clamp((target - level) / slope, low, high);
     const bool rising = At(high) > At(low);
     double u = 0.5 * (low + high);
-    for (int i = 0; i < kMaxSolverIterations && high - low > kTimeTolerance_us; ++i) {
+    for (int i = 0; i < kMaxSolverIterations && high - low > kTimeToleranceUs; ++i) {
       const double e = decay * DeterministicExp(-u / tau);
       const double f = level + slope * u + e - target;
       ((f > 0.0) == rising ? high : low) = u;
       const double step = f / (slope - e / tau);
       const double newton = u - step;
-      if (std::abs(step) < kTimeTolerance_us && newton > low && newton < high) return newton;
+      if (std::abs(step) < kTimeToleranceUs && newton > low && newton < high) return newton;
       u = newton > low && newton < high ? newton : 0.5 * (low + high);
     }
     return u;

@@ -173,14 +173,14 @@ TEST(Tracker, PublishedCovarianceIsConsistentForIndependentEvents) {
 }
 
 TEST(Tracker, TheCovarianceContainsAnUnknownLatency) {
-  constexpr int64_t kLatency_us = 1000;
+  constexpr int64_t kLatencyUs = 1000;
   const Motion motion = Tumble(3.0);
   std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, {.duration_us = 100'000});
-  for (Event& event : events) event.t_us += kLatency_us;
+  for (Event& event : events) event.t_us += kLatencyUs;
   const auto median_nees = [&](double uncertainty) {
     TrackerOptions options = WithoutInitialization();
     options.sensor.uncertainty = uncertainty;
-    options.systematic = {.edge_bias_ratio = 0.0, .lag_px = 0.0, .latency_us = kLatency_us};
+    options.systematic = {.edge_bias_ratio = 0.0, .lag_px = 0.0, .latency_us = kLatencyUs};
     std::vector<double> nees;
     for (const PoseEstimate& estimate : Track(events, motion(0.0), options).estimates) {
       const Vector6d error = Difference(motion(estimate.t_us * 1e-6), estimate.camera_from_object);

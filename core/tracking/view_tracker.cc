@@ -23,7 +23,7 @@ constexpr double kTakeOverCosine = 0.015;
 // Time, microseconds, for the events to support the pose in the new view, before it is tried again with a later pose.
 // At ordinary event rates a right pose is confirmed sooner; after this time the predicted pose is too old.
 constexpr int64_t kConfirmUs = 200'000;
-constexpr int64_t kNever = -kMaxStateTime_us;  // its difference from any time of an event does not overflow
+constexpr int64_t kNever = -kMaxStateTimeUs;  // its difference from any time of an event does not overflow
 
 struct View {
   LensView lens;
@@ -167,8 +167,7 @@ class ViewedObject {
  private:
   static void VisitState(auto& archive, auto& self) {
     archive(self.reporting_view_, self.past_losses_, AtMost(self.scope_, SearchScope::kReportingView), self.latest_,
-            InRange(self.published_us_, kNever, kMaxStateTime_us),
-            InRange(self.candidate_us_, kNever, kMaxStateTime_us));
+            InRange(self.published_us_, kNever, kMaxStateTimeUs), InRange(self.candidate_us_, kNever, kMaxStateTimeUs));
   }
 
   double CosineTo(size_t view, const RigidTransform& camera_from_object) const {

@@ -54,20 +54,20 @@ EventWindower::EventWindower(const WindowOptions& options, SensorGeometry sensor
 void EventWindower::Add(absl::Span<const Event> events, OnWindow on_window) {
   while (!events.empty()) {
     const int64_t t_us = events.front().t_us;
-    if (!started_) Start(t_us);
+    if (!has_started_) Start(t_us);
     if (t_us >= boundary_us_) CloseUntil(t_us, on_window);
     events.remove_prefix(AddBatch(events));
   }
 }
 
 void EventWindower::AdvanceTime(int64_t t_us, OnWindow on_window) {
-  if (!started_) Start(t_us);
+  if (!has_started_) Start(t_us);
   if (t_us >= boundary_us_) CloseUntil(t_us, on_window);
   now_us_ = std::max(now_us_, t_us);
 }
 
 EventGap EventWindower::Skip(absl::Span<const Event> events, int64_t t_us) {
-  if (!started_) Start(events.empty() ? t_us : events.front().t_us);
+  if (!has_started_) Start(events.empty() ? t_us : events.front().t_us);
   now_us_ = std::max(now_us_, t_us);
   for (const Event& event : events) {
     now_us_ = std::max(now_us_, event.t_us);
@@ -86,12 +86,12 @@ void EventWindower::SetImageSpeed(double speed_px_per_s) {
 }
 
 void EventWindower::Finish(OnWindow on_window) {
-  if (!started_ || count_ == 0) return;
+  if (!has_started_ || count_ == 0) return;
   Close(std::max(now_us_, begin_us_) + 1, on_window);
 }
 
 void EventWindower::Start(int64_t t_us) {
-  started_ = true;
+  has_started_ = true;
   now_us_ = t_us;
   Open(t_us);
 }
@@ -201,10 +201,10 @@ void EventWindower::HalveSample() {
 void EventWindower::VisitState(auto& archive, auto& self) {
   auto& [options, interval_us, started, now_us, begin_us, boundary_us, stream_index, count, sample_masks, history, kept,
          indices, num_kept] = self;
-  constexpr int64_t kMax_us = kMaxStateTime_us;
+  constexpr int64_t kMaxUs = kMaxStateTimeUs;
   archive(InRange(interval_us, options.min_interval_us, options.interval_us), started,
-          InRange(begin_us, -kMax_us, kMax_us), InRange(now_us, -kMax_us, kMax_us),
-          InRange(boundary_us, -kMax_us, kMax_us), stream_index, count, sample_masks[0], sample_masks[1], history);
+          InRange(begin_us, -kMaxUs, kMaxUs), InRange(now_us, -kMaxUs, kMaxUs), InRange(boundary_us, -kMaxUs, kMaxUs),
+          stream_index, count, sample_masks[0], sample_masks[1], history);
   if (started) {
     // Finish() leaves the time just before the next window.
     archive.Check(now_us >= begin_us - 1 && now_us < boundary_us, "the time lies outside the open window");

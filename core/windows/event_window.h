@@ -113,7 +113,7 @@ class EventWindower {
 
   // The latest time of the stream so far; 0 before the first event or clock mark.
   int64_t now_us() const { return now_us_; }
-  bool has_started() const { return started_; }
+  bool has_started() const { return has_started_; }
 
   // LoadState() requires the options and the sensor of the saved windower. After a failure (reader.status()) the object
   // must not be used.
@@ -139,7 +139,7 @@ class EventWindower {
 
   const WindowOptions options_;
   int64_t interval_us_;
-  bool started_ = false;
+  bool has_started_ = false;
   int64_t now_us_ = 0;
   int64_t begin_us_ = 0;
   int64_t boundary_us_ = 0;  // the next interval boundary

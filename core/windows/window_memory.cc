@@ -52,20 +52,20 @@ void WindowMemory::SaveState(StateWriter& writer) const {
 
 void WindowMemory::LoadState(StateReader& reader) {
   // 18 minutes: a window with events is far shorter, and detectors count microseconds in 32 bits.
-  constexpr int64_t kMaxDuration_us = int64_t{1} << 30;
+  constexpr int64_t kMaxDurationUs = int64_t{1} << 30;
   constexpr double kMaxEventsPerSample = 1e18;  // products with numbers of events stay finite
   Clear();
   size_t count = 0;
   reader.Count(count);
   for (size_t i = 0; i < count && reader.ok(); ++i) {
-    const int64_t earliest_us = windows_.empty() ? -kMaxStateTime_us : windows_.back().window.t_end_us;
+    const int64_t earliest_us = windows_.empty() ? -kMaxStateTimeUs : windows_.back().window.t_end_us;
     auto& [window, events] = windows_.emplace_back();
-    reader(InRange(window.t_begin_us, earliest_us, kMaxStateTime_us));
-    reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTime_us), window.num_events, window.closed_on_time,
+    reader(InRange(window.t_begin_us, earliest_us, kMaxStateTimeUs));
+    reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTimeUs), window.num_events, window.closed_on_time,
            InRange(window.events_per_sample[0], 1.0, kMaxEventsPerSample),
            InRange(window.events_per_sample[1], 1.0, kMaxEventsPerSample));
     LoadWindowEvents(reader, window.t_begin_us, window.t_end_us, max_window_events_, events);
-    reader.Check(events.empty() || window.t_end_us - window.t_begin_us <= kMaxDuration_us,
+    reader.Check(events.empty() || window.t_end_us - window.t_begin_us <= kMaxDurationUs,
                  "a window with events is too long");
     reader.Check(events.size() <= window.num_events, "a window keeps more events than it had");
     num_events_ += events.size();

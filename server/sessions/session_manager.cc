@@ -402,12 +402,12 @@ SessionSums SessionManager::CloseRemoved(const Entry& entry, const char* reason)
 
 void SessionManager::Drain() {
   const std::lock_guard lock(mutex_);
-  draining_ = true;
+  is_draining_ = true;
 }
 
 absl::Status SessionManager::CheckNotDraining() const {
   const std::lock_guard lock(mutex_);
-  if (!draining_) return absl::OkStatus();
+  if (!is_draining_) return absl::OkStatus();
   return WithReason(absl::UnavailableError("the server is shutting down: no new sessions and streams"), v1::DRAINING);
 }
 

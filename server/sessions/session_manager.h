@@ -191,7 +191,7 @@ class SessionManager {
   std::map<std::pair<std::string, std::string>, std::weak_ptr<SessionMirror>> mirrors_
       ABSL_GUARDED_BY(mutex_);  // by tenant and name; replicas without watchers are removed by the next search
   std::map<std::string, std::weak_ptr<std::mutex>> resume_mutexes_ ABSL_GUARDED_BY(mutex_);  // by tenant
-  bool draining_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_draining_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 }  // namespace evpose::server

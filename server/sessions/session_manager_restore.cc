@@ -30,7 +30,7 @@ bool SessionManager::IsWaiting(const std::string& tenant, const std::string& nam
 absl::Status SessionManager::RestoreRequest(const Request& request) {
   {
     const std::lock_guard lock(mutex_);
-    if (draining_ || request.second.empty() || waiting_.empty()) return absl::OkStatus();
+    if (is_draining_ || request.second.empty() || waiting_.empty()) return absl::OkStatus();
   }
   const auto record = store_.FindRequest(request.first, request.second);
   if (record.ok()) RestoreIfWaiting(request.first, record->name);

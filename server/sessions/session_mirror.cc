@@ -41,7 +41,7 @@ SessionMirror::~SessionMirror() {
 
 WatchView SessionMirror::Watch() const {
   const std::lock_guard lock(mutex_);
-  return {.status = status_, .ended = ended_, .last_pose_seq = pose_log_->last_pose_seq()};
+  return {.status = status_, .ended = has_ended_, .last_pose_seq = pose_log_->last_pose_seq()};
 }
 
 std::vector<StoredPose> SessionMirror::ReadPoses(uint64_t after_pose_seq, size_t max_poses) const {
@@ -55,7 +55,7 @@ SessionHealth SessionMirror::health() const {
 }
 
 void SessionMirror::Schedule() {
-  if (status_.ok() && !ended_) timer_->Arm(period_);
+  if (status_.ok() && !has_ended_) timer_->Arm(period_);
 }
 
 void SessionMirror::OnTimer() {
@@ -90,10 +90,10 @@ bool SessionMirror::Update(absl::StatusOr<SessionFactory::Stored> stored) {
   }
   if (!stored.ok()) return !status_.ok();
   health_ = std::move(stored->info.snapshot.health);
-  ended_ = stored->info.snapshot.state == SessionState::kEnded;
+  has_ended_ = stored->info.snapshot.state == SessionState::kEnded;
   const uint64_t lost_from_seq = stored->lifecycle.lost_from_seq;
   if (lost_from_seq > 0) status_ = ItemsLost(name_, lost_from_seq);
-  if (stored->poses.empty()) return ended_ || !status_.ok();
+  if (stored->poses.empty()) return has_ended_ || !status_.ok();
   const uint64_t first = stored->poses.front().pose_seq;
   const bool is_first = pose_log_->first_pose_seq() > pose_log_->last_pose_seq();
   if (is_first || first > pose_log_->last_pose_seq() + 1) pose_log_ = std::make_unique<PoseLog>(capacity_, first);

@@ -64,7 +64,7 @@ class SessionMirror : public WatchedSession, public std::enable_shared_from_this
   std::unique_ptr<PoseLog> pose_log_ ABSL_GUARDED_BY(mutex_);  // replaced after a gap: poses deleted before a read
   SessionHealth health_ ABSL_GUARDED_BY(mutex_);
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
-  bool ended_ ABSL_GUARDED_BY(mutex_) = false;
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
   std::unique_ptr<ReusableTimer> timer_ ABSL_GUARDED_BY(mutex_);
 };
 

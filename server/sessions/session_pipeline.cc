@@ -183,7 +183,7 @@ PipelineState SessionPipeline::SaveState() const {
 }
 
 absl::Status SessionPipeline::LoadPosition(const StreamPosition& position) {
-  const auto in_range = [](int64_t t_us) { return t_us >= -kMaxStateTime_us && t_us <= kMaxStateTime_us; };
+  const auto in_range = [](int64_t t_us) { return t_us >= -kMaxStateTimeUs && t_us <= kMaxStateTimeUs; };
   if (!in_range(position.first_t_us) || !in_range(position.now_us) || !in_range(position.slice_end_us)) {
     return absl::DataLossError("the position in the stream is damaged: a time is outside its range");
   }

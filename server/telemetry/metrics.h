@@ -78,11 +78,11 @@ class DurationHistogram {
 
   // Inclusive upper bounds of the buckets; one more bucket has the longer durations. They range from the decoding of a
   // small chunk to a latency at which a pose is no longer useful.
-  static constexpr std::array<int64_t, 19> kUpperBounds_us = {
+  static constexpr std::array<int64_t, 19> kUpperBoundsUs = {
       10,     25,     50,      100,     250,     500,       1000,      2500,      5000,      10'000,
       25'000, 50'000, 100'000, 250'000, 500'000, 1'000'000, 2'500'000, 5'000'000, 10'000'000};
 
-  static constexpr size_t kNumBuckets = kUpperBounds_us.size() + 1;
+  static constexpr size_t kNumBuckets = kUpperBoundsUs.size() + 1;
 
   void Add(Duration duration) {
     counts_[BucketOf(duration)].Add();
@@ -108,9 +108,9 @@ class DurationHistogram {
  private:
   static size_t BucketOf(Duration duration) {
     const auto bucket =
-        std::lower_bound(kUpperBounds_us.begin(), kUpperBounds_us.end(), duration,
+        std::lower_bound(kUpperBoundsUs.begin(), kUpperBoundsUs.end(), duration,
                          [](int64_t bound_us, Duration value) { return std::chrono::microseconds(bound_us) < value; });
-    return static_cast<size_t>(bucket - kUpperBounds_us.begin());
+    return static_cast<size_t>(bucket - kUpperBoundsUs.begin());
   }
 
   std::array<Counter, kNumBuckets> counts_;

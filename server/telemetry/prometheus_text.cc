@@ -86,11 +86,11 @@ class Families {
     const DurationHistogram::Reading reading = histogram.Read();
     ClientMetric metric;
     metric.histogram.sample_sum = reading.sum_s;
-    constexpr auto& kBounds_us = DurationHistogram::kUpperBounds_us;
+    constexpr auto& kBoundsUs = DurationHistogram::kUpperBoundsUs;
     for (size_t i = 0; i < reading.counts.size(); ++i) {
       metric.histogram.sample_count += reading.counts[i];
       const double bound_s =
-          i < kBounds_us.size() ? static_cast<double>(kBounds_us[i]) / 1e6 : std::numeric_limits<double>::infinity();
+          i < kBoundsUs.size() ? static_cast<double>(kBoundsUs[i]) / 1e6 : std::numeric_limits<double>::infinity();
       metric.histogram.bucket.push_back({metric.histogram.sample_count, bound_s});
     }
     families_.back().metric.push_back(std::move(metric));

@@ -54,13 +54,13 @@ TEST(AllocationCounterTest, CountsEveryWay) {
 
 class TrackingAllocations : public ::testing::TestWithParam<const char*> {
  protected:
-  static constexpr int64_t kWarmUp_us = 150'000;
-  static constexpr int64_t kDuration_us = 500'000;
+  static constexpr int64_t kWarmUpUs = 150'000;
+  static constexpr int64_t kDurationUs = 500'000;
   static constexpr size_t kPieceBytes = size_t{16} * 1024;
 };
 
 TEST_P(TrackingAllocations, NoneForAWindow) {
-  const SpeedRecording recording = MakeSpeedRecording(std::string(GetParam()), kDuration_us).value();
+  const SpeedRecording recording = MakeSpeedRecording(std::string(GetParam()), kDurationUs).value();
   const std::vector<uint8_t> bytes = EncodeRecording(recording, Encoding::kEvt3).value();
   const auto decoder = MakeEventDecoder(Encoding::kEvt3, recording.geometry).value();
   // A rival is a new track with tables of its own.
@@ -68,11 +68,11 @@ TEST_P(TrackingAllocations, NoneForAWindow) {
   options.initialization.tilt_view_rad = 3.0;
   const auto tracker =
       Tracker::Create(recording.model, recording.camera, options, recording.initial_camera_from_object).value();
-  const int64_t warm_us = recording.events.front().t_us + kWarmUp_us;
+  const int64_t warm_us = recording.events.front().t_us + kWarmUpUs;
   DecodedEvents decoded;
   // More than the number of windows.
   std::vector<PoseEstimate> poses;
-  poses.reserve(2 * kDuration_us / WindowOptions().min_interval_us);
+  poses.reserve(2 * kDurationUs / WindowOptions().min_interval_us);
   std::unique_ptr<AllocationCounter> counter;
   size_t warm_poses = 0;
   const absl::Span<const uint8_t> all = bytes;

@@ -12,12 +12,12 @@
 
 namespace evpose::bench {
 
-constexpr int64_t kBenchmarkDuration_us = 50'000;
+constexpr int64_t kBenchmarkDurationUs = 50'000;
 
 inline const SpeedRecording& RecordingOf(const std::string& scene) {
   static std::map<std::string, SpeedRecording>* const all = new std::map<std::string, SpeedRecording>();
   const auto [found, is_new] = all->try_emplace(scene);
-  if (is_new) found->second = MakeSpeedRecording(scene, kBenchmarkDuration_us).value();
+  if (is_new) found->second = MakeSpeedRecording(scene, kBenchmarkDurationUs).value();
   return found->second;
 }
 

@@ -43,7 +43,7 @@ void CheckCuts(const Maker& make, absl::Span<const uint8_t> bytes, size_t piece_
   EVPOSE_FUZZ_REQUIRE(whole.counts == pieces.counts);
   EVPOSE_FUZZ_REQUIRE(whole.counts.cd_events == whole.out.events.size());
   for (const Event& event : whole.out.events) {
-    EVPOSE_FUZZ_REQUIRE(event.t_us >= 0 && event.t_us <= kMaxStateTime_us && event.polarity <= 1);
+    EVPOSE_FUZZ_REQUIRE(event.t_us >= 0 && event.t_us <= kMaxStateTimeUs && event.polarity <= 1);
   }
 }
 

@@ -35,7 +35,7 @@ using ::testing::HasSubstr;
 
 // A rate that every machine reaches.
 constexpr double kRateHz = 5000.0;
-constexpr int64_t kChunk_us = 10'000;
+constexpr int64_t kChunkUs = 10'000;
 
 class BenchLoadTest : public CliTest {
  protected:
@@ -49,7 +49,7 @@ class BenchLoadTest : public CliTest {
   // A test that lasts until `is_enough(counts before the test, counts now)`, however slow the machine is.
   template <typename Enough>
   static absl::StatusOr<LoadResult> RunUntil(const std::string& address, LoadOptions options, const Enough& is_enough) {
-    const auto recording = client::LoadRecording::Make(kRateHz, kChunk_us);
+    const auto recording = client::LoadRecording::Make(kRateHz, kChunkUs);
     if (!recording.ok()) return recording.status();
     const auto client = Client::Connect(address);
     if (!client.ok()) return client.status();
@@ -177,14 +177,14 @@ TEST_F(BenchLoadTest, ReportsThePausesOfSessionsThatReconnect) {
   ASSERT_TRUE(result.ok()) << result.status();
   const LoadCounts& counts = result->counts;
   EXPECT_TRUE(counts.IsComplete());
-  EXPECT_EQ(counts.SortedPauses_s(false).size(), 2u);
-  const std::vector<double> pauses_s = counts.SortedPauses_s(true);
+  EXPECT_EQ(counts.SortedPausesS(false).size(), 2u);
+  const std::vector<double> pauses_s = counts.SortedPausesS(true);
   ASSERT_EQ(pauses_s.size(), 2u);
   EXPECT_EQ(pauses_s.back(), 1e-6 * static_cast<double>(counts.longest_pause_us));
 }
 
 TEST_F(BenchLoadTest, GivesUpWhenTheServersAreAway) {
-  const auto recording = client::LoadRecording::Make(kRateHz, kChunk_us);
+  const auto recording = client::LoadRecording::Make(kRateHz, kChunkUs);
   ASSERT_TRUE(recording.ok()) << recording.status();
   const ClosedPort closed;
   LoadOptions options;

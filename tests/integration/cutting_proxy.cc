@@ -14,7 +14,7 @@
 namespace evpose {
 namespace {
 
-constexpr int kLook_ms = 20;  // interval of checks whether the proxy is to end
+constexpr int kLookMs = 20;  // interval of checks whether the proxy is to end
 
 sockaddr_in Loopback(int port) {
   sockaddr_in address = {};
@@ -76,7 +76,7 @@ uint64_t CuttingProxy::TakeLimit() {
 void CuttingProxy::Accept() {
   while (!is_stopped_) {
     pollfd waiting = {listener_, POLLIN, 0};
-    if (poll(&waiting, 1, kLook_ms) <= 0) continue;
+    if (poll(&waiting, 1, kLookMs) <= 0) continue;
     const int client = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
     if (client < 0) continue;
     if (target_port_ == 0) {
@@ -98,7 +98,7 @@ void CuttingProxy::Serve(int client) {
   while (is_open && !is_stopped_) {
     const uint64_t held = hold_after_;
     pollfd sides[2] = {{num_sent < held ? client : -1, POLLIN, 0}, {server, POLLIN, 0}};
-    if (poll(sides, 2, kLook_ms) <= 0) continue;
+    if (poll(sides, 2, kLookMs) <= 0) continue;
     for (int i = 0; i < 2 && is_open; ++i) {
       if (sides[i].revents == 0) continue;
       const size_t room = i == 0 ? std::min<uint64_t>({sizeof(buffer), left, held - num_sent}) : sizeof(buffer);

@@ -18,7 +18,7 @@ using ::testing::StartsWith;
 
 class RobotTest : public CliTest {
  protected:
-  static constexpr double kOffset_s = 1234.5;
+  static constexpr double kOffsetS = 1234.5;
 
   RigidTransform BaseFromTool(double t_s) const {
     const auto wave = [t_s](double hz, double phase) { return std::sin(2.0 * M_PI * hz * t_s + phase); };
@@ -36,7 +36,7 @@ class RobotTest : public CliTest {
         return tool;
       };
       const RigidTransform tool = base_from_tool(1e-6 * static_cast<double>(t_us));
-      robot.push_back({t_us + std::llround(kOffset_s * 1e6), tool});
+      robot.push_back({t_us + std::llround(kOffsetS * 1e6), tool});
       if (i >= 200 && i < 2800)
         poses.push_back({t_us + 1700, camera_from_base_ * base_from_tool(t_us * 1e-6 + 1.7e-3) * tool_from_object_});
     }
@@ -55,7 +55,7 @@ TEST_F(RobotTest, HandEyeCalibrationIsAWorldFromCamera) {
   ASSERT_EQ(result.status, 0) << result.err;
   const nlohmann::json json = result.Json();
   EXPECT_EQ(json["mount"], "beside");
-  EXPECT_NEAR(json["time_offset_s"].get<double>(), kOffset_s, 1e-4);
+  EXPECT_NEAR(json["time_offset_s"].get<double>(), kOffsetS, 1e-4);
   EXPECT_TRUE(json.contains("tool_from_object"));
   EXPECT_TRUE(json["warnings"].empty()) << json["warnings"];
   const auto mount = ReadTransformFile(Path("mount.yaml"));
@@ -92,7 +92,7 @@ TEST_F(RobotTest, EvaluateAlignsAReferenceOfTheRobot) {
   EXPECT_LT(row["position_rmse_m"].get<double>(), 2e-4);
   EXPECT_LT(row["rotation_mean_deg"].get<double>(), 0.02);
   EXPECT_EQ(row["alignment"]["truth_of"], "object");
-  EXPECT_NEAR(row["alignment"]["time_offset_s"].get<double>(), kOffset_s, 1e-4);
+  EXPECT_NEAR(row["alignment"]["time_offset_s"].get<double>(), kOffsetS, 1e-4);
   const CliResult table = Run(evaluate);
   EXPECT_THAT(table.out, AllOf(HasSubstr("clock of the truth - clock of the sensor 1234."), HasSubstr(" +- "),
                                HasSubstr("constant errors of the pose are not in the errors above")));

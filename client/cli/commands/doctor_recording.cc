@@ -115,7 +115,7 @@ double RecordingExamination::busy_bytes_per_s() const {
   const auto events = static_cast<double>(facts_.counts.cd_events);
   if (events == 0.0) return 0.0;
   const double bytes_per_event = static_cast<double>(facts_.data_bytes) / events;
-  return diagnosis_->motion().busy_events_in_20_ms * 1e6 / MotionSamples::kSlice_us * bytes_per_event;
+  return diagnosis_->motion().busy_events_in_20_ms * 1e6 / MotionSamples::kSliceUs * bytes_per_event;
 }
 
 }  // namespace evpose::client

@@ -258,13 +258,13 @@ void SessionRun::PrintLine(const std::string& text) {
 
 void SessionRun::WritePose(const Pose& pose) {
   Pose written = pose;
-  written.t_us -= TimeZero_us();
-  if (written.latest_loss) written.latest_loss->t_us -= TimeZero_us();
+  written.t_us -= TimeZeroUs();
+  if (written.latest_loss) written.latest_loss->t_us -= TimeZeroUs();
   poses_->Write(written);
 }
 
 void SessionRun::WriteState(const StateChange& change) {
-  const int64_t t_us = change.t_us - TimeZero_us();
+  const int64_t t_us = change.t_us - TimeZeroUs();
   for (PoseRecorder* const recorder : poses_->recorders()) {
     recorder->AddState(change.object_id, t_us, change.state);
   }
@@ -307,7 +307,7 @@ void SessionRun::Observe(Client& client) {
   SessionObserverOptions options;
   options.camera = FromCore(inputs_.camera);
   options.event_cell_px = arguments_.recording_options.event_cell_px;
-  options.time_zero_us = [this] { return TimeZero_us(); };
+  options.time_zero_us = [this] { return TimeZeroUs(); };
   options.records_first_states = is_resumed();
   options.print = [this](const std::string& text) { PrintLine(text); };
   observer_ = std::make_unique<SessionObserver>(client, record_.position.session, poses_->recorders(), options);

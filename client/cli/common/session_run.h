@@ -68,7 +68,7 @@ class SessionRun {
   absl::Status CommitOutputs();
   absl::Status KeepPosition(const TrackPosition& position, bool has_new_token);
   // Sensor time at which the clock of the pose files is 0.
-  int64_t TimeZero_us() const { return arguments_.has_metavision_zero ? inputs_.metavision_zero_us->load() : 0; }
+  int64_t TimeZeroUs() const { return arguments_.has_metavision_zero ? inputs_.metavision_zero_us->load() : 0; }
   void WritePose(const Pose& pose);
   void WriteState(const StateChange& change);
   TrackCallbacks MakeCallbacks();

@@ -97,9 +97,9 @@ class Aedat3Decoder final : public AedatDecoder {
         ++counts_.invalid_events;
         continue;
       }
-      // Both numbers have 31 bits, so the time is below 2^62, but it may exceed kMaxStateTime_us.
+      // Both numbers have 31 bits, so the time is below 2^62, but it may exceed kMaxStateTimeUs.
       const int64_t t_us = packet_.time_overflow << 31 | time;
-      if (t_us > kMaxStateTime_us) {
+      if (t_us > kMaxStateTimeUs) {
         ++counts_.invalid_events;
       } else if (packet_.type == kSpecialPacket) {
         AppendSpecial(bits >> 1 & 127, t_us, out);

@@ -118,7 +118,7 @@ class Aedat4Decoder final : public AedatDecoder {
     for (size_t i = 0; i < elements.count; ++i) {
       const uint8_t* const event = buffer.data() + elements.begin + i * kEventBytes;
       const auto t_us = LoadLittleEndian<int64_t>(event);
-      if (t_us < 0 || t_us > kMaxStateTime_us) {
+      if (t_us < 0 || t_us > kMaxStateTimeUs) {
         ++counts_.invalid_events;
         continue;
       }
@@ -137,7 +137,7 @@ class Aedat4Decoder final : public AedatDecoder {
       EVPOSE_ASSIGN_OR_RETURN(const int64_t t_us, trigger.Number<int64_t>(kTriggerTimeField, 0));
       EVPOSE_ASSIGN_OR_RETURN(const int8_t source, trigger.Number<int8_t>(kTriggerSourceField, 0));
       const bool is_external = source == kExternalRising || source == kExternalFalling;
-      if (t_us < 0 || t_us > kMaxStateTime_us) {
+      if (t_us < 0 || t_us > kMaxStateTimeUs) {
         ++counts_.invalid_events;
       } else if (is_external || source == kGeneratorRising || source == kGeneratorFalling) {
         const bool is_rising = source == kExternalRising || source == kGeneratorRising;

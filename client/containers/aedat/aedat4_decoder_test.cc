@@ -15,12 +15,12 @@ using ::testing::ElementsAreArray;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
-constexpr int64_t kUnixTime_us = 1'600'000'000'000'000;
+constexpr int64_t kUnixTimeUs = 1'600'000'000'000'000;
 
 std::vector<Event> ManyEvents(size_t count) {
   std::vector<Event> events;
   for (size_t i = 0; i < count; ++i) {
-    events.push_back({kUnixTime_us + static_cast<int64_t>(i / 3), static_cast<uint16_t>(i * 7 % 346),
+    events.push_back({kUnixTimeUs + static_cast<int64_t>(i / 3), static_cast<uint16_t>(i * 7 % 346),
                       static_cast<uint16_t>(i * 11 % 260), static_cast<uint8_t>(i % 2)});
   }
   return events;
@@ -36,10 +36,10 @@ class Aedat4Test : public testing::TestWithParam<Aedat4File::Frames> {};
 TEST_P(Aedat4Test, DecodesTheFirstCamera) {
   Aedat4File file(GetParam());
   const std::vector<Event> events = ManyEvents(20'000);
-  file.AddTriggers(2, {{kUnixTime_us, 1}, {kUnixTime_us + 5, 2}, {kUnixTime_us + 6, 4}, {kUnixTime_us + 7, 6}});
+  file.AddTriggers(2, {{kUnixTimeUs, 1}, {kUnixTimeUs + 5, 2}, {kUnixTimeUs + 6, 4}, {kUnixTimeUs + 7, 6}});
   file.AddEvents(0, events);
-  file.AddEvents(3, {{kUnixTime_us, 1, 2, 1}});
-  file.AddEvents(0, {{kUnixTime_us + 9000, 345, 259, 1}, {kUnixTime_us + 9000, 346, 0, 1}, {-5, 0, 0, 0}});
+  file.AddEvents(3, {{kUnixTimeUs, 1, 2, 1}});
+  file.AddEvents(0, {{kUnixTimeUs + 9000, 345, 259, 1}, {kUnixTimeUs + 9000, 346, 0, 1}, {-5, 0, 0, 0}});
   const Aedat4Header header = ParseAedat4Header(file.bytes(), true).value().value();
   EXPECT_EQ(header.geometry, (SensorGeometry{346, 260}));
   EXPECT_EQ(header.source, "A");
@@ -47,9 +47,9 @@ TEST_P(Aedat4Test, DecodesTheFirstCamera) {
   const DecodedAedat decoded = DecodeFile(file.bytes());
   ASSERT_THAT(decoded.events, SizeIs(events.size() + 1));
   EXPECT_THAT(absl::MakeConstSpan(decoded.events).first(events.size()), ElementsAreArray(events));
-  EXPECT_EQ(decoded.events.back(), (Event{kUnixTime_us + 9000, 345, 259, 1}));
-  EXPECT_THAT(decoded.triggers, ElementsAre(Trigger{kUnixTime_us, 0, 1}, Trigger{kUnixTime_us + 5, 0, 0},
-                                            Trigger{kUnixTime_us + 6, 1, 1}));
+  EXPECT_EQ(decoded.events.back(), (Event{kUnixTimeUs + 9000, 345, 259, 1}));
+  EXPECT_THAT(decoded.triggers,
+              ElementsAre(Trigger{kUnixTimeUs, 0, 1}, Trigger{kUnixTimeUs + 5, 0, 0}, Trigger{kUnixTimeUs + 6, 1, 1}));
   EXPECT_EQ(decoded.counts, (AedatCounts{.cd_events = 20'001,
                                          .triggers = 3,
                                          .other_records = 1,
@@ -66,9 +66,9 @@ TEST_P(Aedat4Test, ADamagedPacketIsSkippedAndCounted) {
   // The identifier of the FlatBuffer, or the mark of the frame.
   const size_t damaged = begin + 8 + (GetParam() == Aedat4File::Frames::kNone ? 8 : 0);
   file.bytes()[damaged] ^= 0xff;
-  file.AddEvents(0, {{kUnixTime_us, 1, 2, 1}});
+  file.AddEvents(0, {{kUnixTimeUs, 1, 2, 1}});
   const DecodedAedat decoded = DecodeFile(file.bytes());
-  EXPECT_THAT(decoded.events, ElementsAre(Event{kUnixTime_us, 1, 2, 1}));
+  EXPECT_THAT(decoded.events, ElementsAre(Event{kUnixTimeUs, 1, 2, 1}));
   EXPECT_EQ(decoded.counts, (AedatCounts{.cd_events = 1, .damaged_packets = 1}));
 }
 
@@ -112,7 +112,7 @@ TEST(Aedat4DecoderTest, TheTableBehindThePacketsIsNoData) {
 
 TEST(Aedat4DecoderTest, ACallEndsAfterAPacketOfManyEvents) {
   Aedat4File file(Aedat4File::Frames::kZstd);
-  const std::vector<Event> events(200'000, Event{kUnixTime_us, 1, 2, 1});
+  const std::vector<Event> events(200'000, Event{kUnixTimeUs, 1, 2, 1});
   for (int i = 0; i < 3; ++i) file.AddEvents(0, events);
   const Aedat4Header header = ParseAedat4Header(file.bytes(), true).value().value();
   const std::unique_ptr<AedatDecoder> decoder = MakeAedat4Decoder(header);

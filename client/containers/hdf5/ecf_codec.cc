@@ -70,7 +70,7 @@ absl::Status DecodeTimes(ChunkReader& reader, absl::Span<Event> events) {
     if (run == LongRun(kTimeRunBits)) run = reader.Read<uint16_t>();
     t_us += step_us + (byte >> kTimeRunBits);
     if (!reader.is_complete() || run > events.size() - i) return reader.Damaged("more times than events");
-    if (t_us > static_cast<uint64_t>(kMaxStateTime_us)) return reader.Damaged("a time is out of range");
+    if (t_us > static_cast<uint64_t>(kMaxStateTimeUs)) return reader.Damaged("a time is out of range");
     for (const size_t end = i + run; i < end; ++i) events[i].t_us = static_cast<int64_t>(t_us);
   }
   return absl::OkStatus();
@@ -134,13 +134,13 @@ absl::Status DecodePacked(ChunkReader& reader, absl::Span<Event> events, const A
 }
 
 void AssignXp(Event& event, uint32_t value) {
-  event.x = value >> 1 & kEcfMaxCoordinate_px;
+  event.x = value >> 1 & kEcfMaxCoordinatePx;
   event.polarity = value & 1;
 }
 
 void AssignYxp(Event& event, uint32_t value) {
   AssignXp(event, value);
-  event.y = value >> 12 & kEcfMaxCoordinate_px;
+  event.y = value >> 12 & kEcfMaxCoordinatePx;
 }
 
 absl::Status DecodeAddresses(ChunkReader& reader, uint32_t layout, absl::Span<Event> events) {
@@ -216,13 +216,13 @@ absl::Status CheckEncodable(absl::Span<const Event> events) {
   }
   for (size_t i = 0; i < events.size(); ++i) {
     const Event& event = events[i];
-    if (event.x <= kEcfMaxCoordinate_px && event.y <= kEcfMaxCoordinate_px && event.polarity <= 1 && event.t_us >= 0 &&
-        event.t_us <= kMaxStateTime_us) {
+    if (event.x <= kEcfMaxCoordinatePx && event.y <= kEcfMaxCoordinatePx && event.polarity <= 1 && event.t_us >= 0 &&
+        event.t_us <= kMaxStateTimeUs) {
       continue;
     }
     return absl::InvalidArgumentError(absl::StrCat("event ", i, " of a chunk (x ", event.x, ", y ", event.y, ", t ",
                                                    event.t_us, " us, polarity ", event.polarity,
-                                                   ") does not fit ECF: x and y are at most ", kEcfMaxCoordinate_px));
+                                                   ") does not fit ECF: x and y are at most ", kEcfMaxCoordinatePx));
   }
   return absl::OkStatus();
 }

@@ -13,9 +13,9 @@
 
 namespace evpose::client {
 
-inline constexpr unsigned kEcfFilter = 0x8ECF;          // its number among the filters of HDF5
-inline constexpr size_t kEcfMaxEvents = 65535;          // number of events in a chunk
-inline constexpr uint16_t kEcfMaxCoordinate_px = 2047;  // x and y have 11 bits
+inline constexpr unsigned kEcfFilter = 0x8ECF;         // its number among the filters of HDF5
+inline constexpr size_t kEcfMaxEvents = 65535;         // number of events in a chunk
+inline constexpr uint16_t kEcfMaxCoordinatePx = 2047;  // x and y have 11 bits
 
 // Appends the events of a chunk. Errors: DATA_LOSS with the byte at which a chunk is damaged; nothing is appended then.
 absl::Status DecodeEcfChunk(absl::Span<const uint8_t> chunk, EventVector& events);

@@ -12,7 +12,7 @@ constexpr size_t kPipeTriggerBytes = 10;
 constexpr size_t kFixedHeaderBytes = 16;  // before the name of the format
 constexpr size_t kMaxContentBytes = kMaxPipeElements * kPipeEventBytes;
 constexpr size_t kMaxNameBytes = 256;  // a name of a format has some 30 bytes
-constexpr int kMaxSize_px = 1 << 16;   // coordinates have 16 bits
+constexpr int kMaxSizePx = 1 << 16;    // coordinates have 16 bits
 
 void AppendRecordHeader(PipeRecordKind kind, size_t content_bytes, std::vector<uint8_t>& out) {
   out.push_back(static_cast<uint8_t>(kind));
@@ -23,10 +23,10 @@ bool ParseHeader(absl::Span<const uint8_t> content, PipeHeader& header) {
   if (content.size() < kFixedHeaderBytes || content.size() > kFixedHeaderBytes + kMaxNameBytes) return false;
   const auto width = LoadLittleEndian<uint32_t>(content.data());
   const auto height = LoadLittleEndian<uint32_t>(content.data() + 4);
-  if (width > kMaxSize_px || height > kMaxSize_px) return false;
+  if (width > kMaxSizePx || height > kMaxSizePx) return false;
   header.geometry = {static_cast<int>(width), static_cast<int>(height)};
   header.time_offset_us = LoadLittleEndian<int64_t>(content.data() + 8);
-  if (header.time_offset_us < -kMaxStateTime_us || header.time_offset_us > kMaxStateTime_us) return false;
+  if (header.time_offset_us < -kMaxStateTimeUs || header.time_offset_us > kMaxStateTimeUs) return false;
   header.format.assign(content.begin() + kFixedHeaderBytes, content.end());
   return true;
 }
@@ -38,7 +38,7 @@ bool ParseEvents(absl::Span<const uint8_t> content, std::vector<Event>& events) 
     const uint8_t* const bytes = content.data();
     const Event event = {LoadLittleEndian<int64_t>(bytes), LoadLittleEndian<uint16_t>(bytes + 8),
                          LoadLittleEndian<uint16_t>(bytes + 10), bytes[12]};
-    if (event.t_us < 0 || event.t_us > kMaxStateTime_us || event.polarity > 1) return false;
+    if (event.t_us < 0 || event.t_us > kMaxStateTimeUs || event.polarity > 1) return false;
     events.push_back(event);
   }
   return true;
@@ -49,7 +49,7 @@ bool ParseTriggers(absl::Span<const uint8_t> content, std::vector<Trigger>& trig
   triggers.clear();
   for (; !content.empty(); content.remove_prefix(kPipeTriggerBytes)) {
     const Trigger trigger = {LoadLittleEndian<int64_t>(content.data()), content[8], content[9]};
-    if (trigger.t_us < 0 || trigger.t_us > kMaxStateTime_us || trigger.polarity > 1) return false;
+    if (trigger.t_us < 0 || trigger.t_us > kMaxStateTimeUs || trigger.polarity > 1) return false;
     triggers.push_back(trigger);
   }
   return true;

@@ -58,7 +58,7 @@ TEST(EventPipeTest, DamagedRecordsAreErrors) {
     absl::Span<const uint8_t> rest = bytes;
     return std::string(TakePipeRecord(rest, record).status().message());
   };
-  for (const int64_t offset_us : {kMaxStateTime_us + 1, -kMaxStateTime_us - 1}) {
+  for (const int64_t offset_us : {kMaxStateTimeUs + 1, -kMaxStateTimeUs - 1}) {
     std::vector<uint8_t> header;
     AppendPipeHeader({"", {1280, 720}, offset_us}, header);
     EXPECT_THAT(error(header), HasSubstr("is damaged"));

@@ -31,7 +31,7 @@ EventFeed::EventFeed(ChunkSource source, const FeedOptions& options, std::unique
   // Chunks in the spool of an earlier process are not read again; the events between the two processes are lost.
   point_ = outbox_->state().last;
   is_after_gap_ = is_after_gap_ || point_.seq > 0;
-  if (is_after_gap_) latest_us_ = kMaxStateTime_us;
+  if (is_after_gap_) latest_us_ = kMaxStateTimeUs;
 }
 
 EventFeed::~EventFeed() { Stop(); }
@@ -42,7 +42,7 @@ void EventFeed::Start(uint64_t max_piece_bytes) {
   thread_ = std::jthread([this] { Run(); });
 }
 
-int64_t EventFeed::LatestTime(uint64_t seq) const { return read_seq_ < seq ? kMaxStateTime_us : latest_us_.load(); }
+int64_t EventFeed::LatestTime(uint64_t seq) const { return read_seq_ < seq ? kMaxStateTimeUs : latest_us_.load(); }
 
 void EventFeed::Stop() {
   stop_.request_stop();
@@ -73,7 +73,7 @@ void EventFeed::Run() {
 absl::Status EventFeed::Add(const EventChunk& chunk) {
   for (const PoseReset& reset : chunk.resets) EVPOSE_RETURN_IF_ERROR(AddReset(reset));
   if (chunk.bytes.empty()) return absl::OkStatus();
-  latest_us_ = std::max(latest_us_.load(), chunk.t_last_us < 0 ? kMaxStateTime_us : chunk.t_last_us);
+  latest_us_ = std::max(latest_us_.load(), chunk.t_last_us < 0 ? kMaxStateTimeUs : chunk.t_last_us);
   const bool is_skipped = point_.seq < options_.skip.seq;
   if (!is_skipped && !pacer_.Wait(chunk.t_last_us, stop_.get_token())) return absl::CancelledError("stopped");
   const std::optional<absl::Time> due = is_skipped ? std::nullopt : DueTime(chunk.t_last_us);

@@ -56,7 +56,7 @@ class EventFeed {
   void Stop();
 
   uint64_t max_piece_bytes() const { return max_piece_bytes_; }  // 0 before Start()
-  // The latest sensor time of the chunks read so far, microseconds; kMaxStateTime_us if the source does not state it,
+  // The latest sensor time of the chunks read so far, microseconds; kMaxStateTimeUs if the source does not state it,
   // if chunks were not read by this process, or if fewer than `seq` pieces have been read.
   int64_t LatestTime(uint64_t seq) const;
   // Returns for how long the oldest piece after `processed_seq` should have been processed: according to the rate, or

@@ -16,7 +16,7 @@ namespace evpose::client {
 namespace {
 
 // How far a pose may be beyond the time that the source states for its chunks, which is exact for recordings.
-constexpr int64_t kTimeTolerance_us = 1'000'000;
+constexpr int64_t kTimeToleranceUs = 1'000'000;
 
 }  // namespace
 
@@ -156,7 +156,7 @@ std::string StreamAttempt::ProtocolViolation(const Pose& pose) {
     return absl::StrCat("the session has no object \"", absl::CHexEscape(pose.object_id.substr(0, 100)), "\"");
   }
   const int64_t latest_us = feed_.LatestTime(first_processed_seq_);
-  if (pose.t_us < 0 || pose.t_us > latest_us + kTimeTolerance_us) {
+  if (pose.t_us < 0 || pose.t_us > latest_us + kTimeToleranceUs) {
     return absl::StrCat("its time, ", pose.t_us, " us, is not one of the events");
   }
   const auto [last, is_first] = last_t_us_.try_emplace(pose.object_id, pose.t_us);

@@ -38,7 +38,7 @@ class ClutterShare {
 };
 
 void ClutterShare::VisitState(auto& archive, auto& self) {
-  archive(InRange(self.ratio_, 0.0, 1.0), InRange(self.updated_us_, -kMaxStateTime_us, kMaxStateTime_us));
+  archive(InRange(self.ratio_, 0.0, 1.0), InRange(self.updated_us_, -kMaxStateTimeUs, kMaxStateTimeUs));
 }
 
 }  // namespace evpose

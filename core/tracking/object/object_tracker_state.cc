@@ -14,15 +14,15 @@ void ObjectTracker::VisitState(auto& archive, auto& self) {
   auto& [context, reference_rotation, memory, initializer, report, losses, last_tracked, last_published_us, given,
          search_schedule, hypotheses, followed_since_us, phase, acquisition, now_us, others, published_others,
          other_objects, past_states, rival_generator, turned_faces, tilt_test, rival_schedule] = self;
-  constexpr int64_t kMax_us = kMaxStateTime_us;
+  constexpr int64_t kMaxUs = kMaxStateTimeUs;
   archive(memory);
   VisitAcquisition(archive, acquisition);
   archive(report, losses, last_tracked, last_published_us);
   VisitGivenPose(archive, given);
-  archive(search_schedule, hypotheses, InRange(followed_since_us, -kMax_us, kMax_us),
+  archive(search_schedule, hypotheses, InRange(followed_since_us, -kMaxUs, kMaxUs),
           AtMost(phase, ObjectPhase::kPublishedCompeting), past_states, turned_faces, tilt_test, rival_schedule);
   bool is_published = IsPublished(phase);  // not used; it keeps the format of earlier versions
-  archive(is_published, InRange(now_us, -kMax_us, kMax_us));
+  archive(is_published, InRange(now_us, -kMaxUs, kMaxUs));
 }
 
 // Stored as the state of the API, of which only two are possible.
@@ -62,7 +62,7 @@ bool ObjectTracker::IsConsistent() const {
   if ((phase_ == ObjectPhase::kSearching) != hypotheses_.empty()) return false;
   if (given_ && phase_ != ObjectPhase::kSearching) return false;
   const int64_t given_at_us = given_ ? given_->at_us.value_or(0) : 0;
-  if (given_at_us < -kMaxStateTime_us || given_at_us > kMaxStateTime_us) return false;
+  if (given_at_us < -kMaxStateTimeUs || given_at_us > kMaxStateTimeUs) return false;
   const int num_curves = context_.edges->num_curves();
   return std::all_of(past_states_.begin(), past_states_.end(), [num_curves](const PastState& state) {
     const auto num_lines = static_cast<int>(state.lines.size());

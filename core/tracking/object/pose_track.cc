@@ -464,12 +464,12 @@ void PoseTrack::VisitState(auto& archive, auto& self) {
   auto& [context, visible_edges, all_lines, associator, estimator, health, determination, activity, flash, adaptation,
          phase, motion, signal, deficit_counts, num_contradictions, followed_since_us, coverage, supported_at_us,
          unsupported_since_us, loss_cause, last] = self;
-  constexpr int64_t kMax_us = kMaxStateTime_us;
+  constexpr int64_t kMaxUs = kMaxStateTimeUs;
   constexpr int kMaxContradictions = 1 << 20;  // more than any track collects before it is rejected
   archive(visible_edges, associator.background(), *estimator, health, AtMost(phase, TrackPhase::kLost), motion, signal,
-          AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMax_us, kMax_us),
-          AtMost(coverage, TestCoverage::kMost), InRange(supported_at_us, -kMax_us, kMax_us),
-          InRange(unsupported_since_us, -kMax_us, kMax_us));
+          AtMost(num_contradictions, kMaxContradictions), InRange(followed_since_us, -kMaxUs, kMaxUs),
+          AtMost(coverage, TestCoverage::kMost), InRange(supported_at_us, -kMaxUs, kMaxUs),
+          InRange(unsupported_since_us, -kMaxUs, kMaxUs));
   archive(associator.near_events());
   for (auto& counts : deficit_counts) archive(counts);
   archive(activity, flash, adaptation);

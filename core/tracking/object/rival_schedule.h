@@ -44,8 +44,8 @@ class RivalSchedule {
 
  private:
   static void VisitState(auto& archive, auto& self) {
-    constexpr int64_t kMax_us = kMaxStateTime_us;
-    archive(InRange(self.next_us_, -kMax_us, kMax_us), AtMost(self.rounds_left_, self.options_.num_rival_rounds),
+    constexpr int64_t kMaxUs = kMaxStateTimeUs;
+    archive(InRange(self.next_us_, -kMaxUs, kMaxUs), AtMost(self.rounds_left_, self.options_.num_rival_rounds),
             AtMost(self.next_rival_, RivalGenerator::kMaxRivals), AtMost(self.prior_, RivalPrior::kUnlikely));
   }
 

@@ -109,9 +109,9 @@ TEST(RivalScheduleTest, RefusesAStateThatCannotBeSaved) {
     reader(schedule);
     return reader.Finish().ok();
   };
-  EXPECT_TRUE(is_read(kMaxStateTime_us, 2, RivalGenerator::kMaxRivals, 1));
-  EXPECT_FALSE(is_read(kMaxStateTime_us + 1, 0, 0, 0));
-  EXPECT_FALSE(is_read(-kMaxStateTime_us - 1, 0, 0, 0));
+  EXPECT_TRUE(is_read(kMaxStateTimeUs, 2, RivalGenerator::kMaxRivals, 1));
+  EXPECT_FALSE(is_read(kMaxStateTimeUs + 1, 0, 0, 0));
+  EXPECT_FALSE(is_read(-kMaxStateTimeUs - 1, 0, 0, 0));
   EXPECT_FALSE(is_read(0, 3, 0, 0)) << "more than num_rival_rounds";
   EXPECT_FALSE(is_read(0, -1, 0, 0));
   EXPECT_FALSE(is_read(0, 0, RivalGenerator::kMaxRivals + 1, 0));

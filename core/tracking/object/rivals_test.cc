@@ -57,12 +57,12 @@ TEST(RivalsTest, TheMirroredNormalIsReflectedAtThePlaneOfTheImage) {
 
 TEST(RivalsTest, TheMirroredStateMovesAsTheMirrorImageDoes) {
   // The mirrored pose of a later state is the later state of the mirrored pose.
-  constexpr double kStep_s = 1e-5;
+  constexpr double kStepS = 1e-5;
   const MotionState state = InclinedFace(0.1, 0.5);
   MotionState later = state;
-  later.camera_from_object = Perturb(state.camera_from_object, kStep_s * state.twist);
+  later.camera_from_object = Perturb(state.camera_from_object, kStepS * state.twist);
   const MotionState mirrored = Mirror(state);
-  const Vector6d moved = Difference(Mirror(later).camera_from_object, mirrored.camera_from_object) / kStep_s;
+  const Vector6d moved = Difference(Mirror(later).camera_from_object, mirrored.camera_from_object) / kStepS;
   // The turn about the normal itself is that of the state.
   const Vector3d turn = Vector3d(moved.tail<3>()) - mirrored.twist.tail<3>();
   EXPECT_LT(turn.cross(NormalOf(mirrored)).norm(), 1e-3);
@@ -80,9 +80,9 @@ TEST(RivalsTest, AMovedStateMovesAsTheObjectDoes) {
   const MotionState state = InclinedFace(0.3, 1.0);
   const RigidTransform motion = MakePose({0.02, 0.01, -0.03}, {0.0, 0.0, 3.0});
   const MotionState moved = MovedState(state, motion, kCamera.fx_px, InitialPoseOptions());
-  constexpr double kStep_s = 1e-6;
-  const RigidTransform later = Perturb(state.camera_from_object, kStep_s * state.twist) * motion;
-  EXPECT_LT((Difference(later, moved.camera_from_object) / kStep_s - moved.twist).norm(), 1e-5);
+  constexpr double kStepS = 1e-6;
+  const RigidTransform later = Perturb(state.camera_from_object, kStepS * state.twist) * motion;
+  EXPECT_LT((Difference(later, moved.camera_from_object) / kStepS - moved.twist).norm(), 1e-5);
 }
 
 class TurnedFaceTest : public ::testing::Test {
@@ -90,9 +90,9 @@ class TurnedFaceTest : public ::testing::Test {
   // The camera is that far above the plane of the upper cap, by angle.
   std::optional<size_t> Update(double angle_rad) { return Update(angle_rad, detector_); }
   static std::optional<size_t> Update(double angle_rad, TurnedFaceDetector& detector) {
-    constexpr double kDistance_m = 0.6;
-    const Vector3d cap(0.0, 0.0, kHalfHeight_m);
-    const Vector3d eye = cap + kDistance_m * Vector3d(std::cos(angle_rad), 0.0, std::sin(angle_rad));
+    constexpr double kDistanceM = 0.6;
+    const Vector3d cap(0.0, 0.0, kHalfHeightM);
+    const Vector3d eye = cap + kDistanceM * Vector3d(std::cos(angle_rad), 0.0, std::sin(angle_rad));
     RigidTransform object_from_camera;
     const Vector3d forward = (cap - eye).normalized(), right = Vector3d(0, 1, 0);
     object_from_camera.rotation << right, forward.cross(right), forward;
@@ -100,8 +100,8 @@ class TurnedFaceTest : public ::testing::Test {
     return detector.Update(object_from_camera.Inverse(), kCamera.fx_px);
   }
 
-  static constexpr double kHalfHeight_m = 0.05;
-  const ObjectModel cylinder_ = CylinderModel(kHalfHeight_m, 0.04, 64);
+  static constexpr double kHalfHeightM = 0.05;
+  const ObjectModel cylinder_ = CylinderModel(kHalfHeightM, 0.04, 64);
   const ModelEdges edges_{cylinder_, TrackerOptions().visibility, {}};
   TurnedFaceDetector detector_{edges_, 0.012};
 };
@@ -213,18 +213,18 @@ TEST(RivalGeneratorTest, TheHalfTurnOfPaintedLinesIsAboutTheirCentre) {
 }
 
 TEST(RivalGeneratorTest, ATiltedRivalIsTurnedAboutAnAxisAcrossTheRay) {
-  constexpr double kTilt_rad = 0.17;
+  constexpr double kTiltRad = 0.17;
   ObjectModel plate = PlateWithHoles(0.04, 0.02, 0.005, 64, {-0.09, 0.0, 0.09});
   const RivalGenerator generator(plate);
   const MotionState state = InclinedFace(0.5, 1.0);
   const std::vector<MotionState> rivals =
-      generator.TiltedRivalsOf(state, kTilt_rad, kCamera.fx_px, InitialPoseOptions(), 0.02);
+      generator.TiltedRivalsOf(state, kTiltRad, kCamera.fx_px, InitialPoseOptions(), 0.02);
   ASSERT_EQ(rivals.size(), 4u);
   const Vector3d centre = state.camera_from_object * generator.centroid();
   Vector3d sum = Vector3d::Zero();
   for (const MotionState& rival : rivals) {
     const Vector3d turn = LogSo3(rival.camera_from_object.rotation * state.camera_from_object.rotation.transpose());
-    EXPECT_NEAR(turn.norm(), kTilt_rad, 1e-12);
+    EXPECT_NEAR(turn.norm(), kTiltRad, 1e-12);
     EXPECT_NEAR(turn.dot(centre.normalized()), 0.0, 1e-12);
     EXPECT_LT((rival.camera_from_object * generator.centroid() - centre).norm(), 1e-12);
     sum += turn;

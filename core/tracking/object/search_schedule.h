@@ -43,8 +43,8 @@ class SearchSchedule {
 
  private:
   static void VisitState(auto& archive, auto& self) {
-    constexpr int64_t kMax_us = kMaxStateTime_us;
-    archive(InRange(self.next_us_, -kMax_us, kMax_us), AtMost(self.interval_us_, kMax_us),
+    constexpr int64_t kMaxUs = kMaxStateTimeUs;
+    archive(InRange(self.next_us_, -kMaxUs, kMaxUs), AtMost(self.interval_us_, kMaxUs),
             AtMost(self.repeats_left_, self.options_.num_repeats));
   }
 

@@ -138,11 +138,11 @@ TEST(SearchScheduleTest, RefusesAStateThatCannotBeSaved) {
     reader(schedule);
     return reader.Finish().ok();
   };
-  EXPECT_TRUE(is_read(-kMaxStateTime_us, 0, 0));
-  EXPECT_FALSE(is_read(-kMaxStateTime_us - 1, 0, 0));
-  EXPECT_FALSE(is_read(kMaxStateTime_us + 1, 0, 0));
+  EXPECT_TRUE(is_read(-kMaxStateTimeUs, 0, 0));
+  EXPECT_FALSE(is_read(-kMaxStateTimeUs - 1, 0, 0));
+  EXPECT_FALSE(is_read(kMaxStateTimeUs + 1, 0, 0));
   EXPECT_FALSE(is_read(0, -1, 0));
-  EXPECT_FALSE(is_read(0, kMaxStateTime_us + 1, 0));
+  EXPECT_FALSE(is_read(0, kMaxStateTimeUs + 1, 0));
   EXPECT_FALSE(is_read(0, 0, -1));
   EXPECT_FALSE(is_read(0, 0, 3)) << "more than num_repeats";
 }

@@ -32,7 +32,7 @@ class JobThread {
   void Push(Job job) {
     {
       std::unique_lock lock(mutex_);
-      if (closed_) {
+      if (is_closed_) {
         lock.unlock();
         return job.done(StoreClosedError());
       }
@@ -45,7 +45,7 @@ class JobThread {
   void Close() {
     {
       const std::lock_guard lock(mutex_);
-      closed_ = true;
+      is_closed_ = true;
     }
     changed_.notify_one();
     if (thread_.joinable()) thread_.join();
@@ -63,14 +63,14 @@ class JobThread {
   // Blocks until a job is queued or the queue is closed. An empty result means that the queue is closed and drained.
   std::vector<Job> TakeAll() {
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return closed_ || !waiting_.empty(); });
+    changed_.wait(lock, [this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { return is_closed_ || !waiting_.empty(); });
     return std::exchange(waiting_, {});
   }
 
   const std::function<void(std::vector<Job>)> process_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  bool closed_ ABSL_GUARDED_BY(mutex_) = false;
+  bool is_closed_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<Job> waiting_ ABSL_GUARDED_BY(mutex_);
   std::thread thread_;  // the last member, because it uses the others
 };

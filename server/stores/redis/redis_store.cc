@@ -32,7 +32,7 @@ std::string TenantOfOwner(const std::string& owner) { return owner.substr(0, own
 // The state that the leases share with their store. It lives until the last lease is destroyed.
 struct Shared {
   explicit Shared(const RedisStoreOptions& store_options) : options(store_options), groups(GroupsOf(store_options)) {}
-  std::string SafetyTtl_ms() const { return std::to_string(absl::ToInt64Milliseconds(options.safety_ttl)); }
+  std::string SafetyTtlMs() const { return std::to_string(absl::ToInt64Milliseconds(options.safety_ttl)); }
   static std::vector<RedisGroupOptions> GroupsOf(const RedisStoreOptions& options) {
     if (!options.groups.empty()) return options.groups;
     return {{.name = "", .client = options.client}};
@@ -72,7 +72,7 @@ class RedisLease : public CheckedLease {
                                           std::to_string(place.next_pose_seq),
                                           std::to_string(commit.first_pose_seq_kept),
                                           std::move(ended_at_us),
-                                          shared_->SafetyTtl_ms(),
+                                          shared_->SafetyTtlMs(),
                                           std::to_string(shared_->options.max_segments)};
     arguments.push_back(std::move(checkpoint));  // a list in braces would be copied, and this one is large
     arguments.insert(arguments.end(), {std::move(lifecycle), token().holder, std::to_string(place.last_ok)});
@@ -178,7 +178,7 @@ class RedisStore : public Store {
       return shared_->groups.Call(
           OnSession(kRedisCreate, record.name,
                     {record.name, EncodeRecord(record), AddChecksum(LifecycleOf(record.name), lifecycle),
-                     shared_->SafetyTtl_ms(), token.holder, record.tenant, record.request_id},
+                     shared_->SafetyTtlMs(), token.holder, record.tenant, record.request_id},
                     Acknowledgement::kReplica));
     };
     EVPOSE_ASSIGN_OR_RETURN(RedisReply reply, create());
@@ -400,7 +400,7 @@ class RedisStore : public Store {
     EVPOSE_ASSIGN_OR_RETURN(
         const RedisReply reply,
         shared_->groups.Call(OnSession(kRedisRead, name,
-                                       {holder.empty() ? "0" : "1", shared_->SafetyTtl_ms(),
+                                       {holder.empty() ? "0" : "1", shared_->SafetyTtlMs(),
                                         std::to_string(after_pose_seq), std::to_string(after_pose_seq + 1), holder},
                                        holder.empty() ? Acknowledgement::kMaster : Acknowledgement::kReplica)));
     return ParseRedisSession(name, after_pose_seq, reply.get());

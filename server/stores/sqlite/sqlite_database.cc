@@ -10,7 +10,7 @@ namespace evpose::server {
 namespace {
 
 // Maximum wait for a lock: a process that copies or inspects the file locks it for a moment.
-constexpr int kBusyTimeout_ms = 5000;
+constexpr int kBusyTimeoutMs = 5000;
 
 absl::Status MakeError(const std::string& path, int extended_code, const char* words) {
   const std::string message = absl::StrCat(path, ": ", words);
@@ -57,7 +57,7 @@ absl::StatusOr<std::unique_ptr<SqliteDatabase>> SqliteDatabase::Connect(const st
     return error;
   }
   sqlite3_extended_result_codes(connection, 1);
-  sqlite3_busy_timeout(connection, kBusyTimeout_ms);
+  sqlite3_busy_timeout(connection, kBusyTimeoutMs);
   // The file may be damaged or malicious: no code in its schema is executed, and the structure of its pages is checked.
   sqlite3_db_config(connection, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
   sqlite3_db_config(connection, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr);
