@@ -64,7 +64,9 @@ copy_ccache() {
   local cache
   cache=$(ccache --get-config cache_dir 2>/dev/null) && [[ -d $cache ]] || return 0
   mkdir "$1"
-  (cd "$cache" && find . -type f -mmin -240 -print0 | tar --create --null --files-from -) | tar --extract --directory "$1"
+  # Builds that run beside this one have files in tmp/, and may remove old objects.
+  (cd "$cache" && find . -path ./tmp -prune -o -type f -mmin -240 -print0 | tar --create --ignore-failed-read --null --files-from -) |
+    tar --extract --directory "$1"
 }
 
 # build_image NAME TAG DOCKER_BUILD_ARGUMENTS...: builds in the background, with its output in $work/build-NAME.
