@@ -32,8 +32,9 @@ void SetGeometry(const DisplayGeometry& geometry, v1::ModelGeometry& out) {
 // Loads and simplifies the model on the threads for the preparation of models, in the turn of its tenant.
 class GeometryReactor : public grpc::ServerUnaryReactor {
  public:
-  GeometryReactor(ModelRegistry& models, const v1::GetModelGeometryRequest& request, v1::ModelGeometry& response)
-      : models_(models), request_(request), response_(response) {}
+  GeometryReactor(ModelRegistry& models, MemoryBudget& memory, const v1::GetModelGeometryRequest& request,
+                  v1::ModelGeometry& response)
+      : models_(models), memory_(memory), request_(request), response_(response) {}
 
   void Start(SlowExecutor& preparations, const absl::StatusOr<Caller>& caller) {
     if (!caller.ok()) return Finish(ToGrpcStatus(caller.status()));
@@ -71,7 +72,8 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
       EVPOSE_RETURN_IF_ERROR(use.status());
       model = use->model;
     }
-    if (cancellation_->is_cancelled()) return absl::CancelledError("the client cancelled");
+    EVPOSE_RETURN_IF_ERROR(cancellation_->status());
+    EVPOSE_ASSIGN_OR_RETURN(const MemoryCharge charge, memory_.Charge(tenant, {}, MemoryOfModels({model})));
     DisplayLimits limits;
     if (request_.max_faces() != 0) limits.max_faces = request_.max_faces();
     SetGeometry(MakeDisplayGeometry(*model, limits), response_);
@@ -79,6 +81,7 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
   }
 
   ModelRegistry& models_;
+  MemoryBudget& memory_;
   const v1::GetModelGeometryRequest& request_;
   v1::ModelGeometry& response_;
   const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
@@ -86,11 +89,11 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
 
 }  // namespace
 
-grpc::ServerUnaryReactor* StartGetModelGeometry(ModelRegistry& models, SlowExecutor& preparations,
+grpc::ServerUnaryReactor* StartGetModelGeometry(ModelRegistry& models, SlowExecutor& preparations, MemoryBudget& memory,
                                                 const absl::StatusOr<Caller>& caller,
                                                 const v1::GetModelGeometryRequest& request,
                                                 v1::ModelGeometry& response) {
-  auto* const reactor = new GeometryReactor(models, request, response);
+  auto* const reactor = new GeometryReactor(models, memory, request, response);
   reactor->Start(preparations, caller);
   return reactor;
 }

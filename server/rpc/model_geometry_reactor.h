@@ -10,12 +10,13 @@
 #include "server/auth/authenticator.h"
 #include "server/models/model_registry.h"
 #include "server/runtime/slow_executor.h"
+#include "server/sessions/memory/memory_budget.h"
 
 namespace evpose::server {
 
 // Starts the reactor of a call by `caller`, or the error for one that is not admitted. The geometry is made by
-// `preparations`. The reactor deletes itself when the call has ended.
-grpc::ServerUnaryReactor* StartGetModelGeometry(ModelRegistry& models, SlowExecutor& preparations,
+// `preparations`; the model is charged to `memory` meanwhile. The reactor deletes itself when the call has ended.
+grpc::ServerUnaryReactor* StartGetModelGeometry(ModelRegistry& models, SlowExecutor& preparations, MemoryBudget& memory,
                                                 const absl::StatusOr<Caller>& caller,
                                                 const v1::GetModelGeometryRequest& request,
                                                 v1::ModelGeometry& response);

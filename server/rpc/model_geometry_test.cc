@@ -60,6 +60,22 @@ TEST_F(ModelGeometryTest, RequestsThatCannotBeServedReceiveAnError) {
   EXPECT_EQ(Describe(Geometry("", 0, &geometry)), "NOT_FOUND MODEL_NOT_FOUND");
 }
 
+TEST_F(ModelGeometryTest, TheModelCountsAgainstTheMemoryOfSessions) {
+  v1::ModelGeometry geometry;
+  EXPECT_EQ(Describe(Geometry(UploadCube(), 0, &geometry)), "OK");
+  EXPECT_EQ(server_->state().session_memory_bytes, 0u) << "only meanwhile";
+  CreateSession();
+  ServerOptions options = Options();
+  options.max_session_memory = server_->state().session_memory_bytes + 1000;
+  Connect(options);
+  CreateSession();
+  EXPECT_EQ(Describe(Geometry(UploadCube(), 0, &geometry)), "OK") << "the session was charged with this model";
+  v1::Model other;
+  ASSERT_EQ(Describe(Upload(UploadRequests(std::string(kCubeObj) + "# another\n"), &other)), "OK");
+  EXPECT_EQ(Describe(Geometry(other.name(), 0, &geometry)), "RESOURCE_EXHAUSTED SESSION_MEMORY");
+  EXPECT_EQ(server_->state().session_memory_bytes, options.max_session_memory - 1000);
+}
+
 TEST_F(ModelGeometryTest, AModelCanBeDeletedAfterwards) {
   const std::string cube = UploadCube();
   v1::ModelGeometry geometry;
@@ -114,7 +130,7 @@ class GeometryReactorTest : public ::testing::Test, public v1::ModelService::Cal
   }
   grpc::ServerUnaryReactor* GetModelGeometry(grpc::CallbackServerContext*, const v1::GetModelGeometryRequest* request,
                                              v1::ModelGeometry* response) override {
-    auto* const reactor = StartGetModelGeometry(*models_, preparations_, Caller(), *request, *response);
+    auto* const reactor = StartGetModelGeometry(*models_, preparations_, *memory_, Caller(), *request, *response);
     started_.set_value(reactor);
     return reactor;
   }
@@ -129,6 +145,7 @@ class GeometryReactorTest : public ::testing::Test, public v1::ModelService::Cal
   boost::asio::io_context threads_;
   SlowExecutor preparations_{threads_.get_executor(), 1};
   WatchedStore store_{MakeMemoryStore()};
+  std::shared_ptr<MemoryBudget> memory_ = MemoryBudget::Create({});
   std::unique_ptr<ModelRegistry> models_;
   std::string name_;
   std::unique_ptr<grpc::Server> server_;

@@ -325,7 +325,7 @@ grpc::ServerUnaryReactor* ModelServiceImpl::ListModels(grpc::CallbackServerConte
 grpc::ServerUnaryReactor* ModelServiceImpl::GetModelGeometry(grpc::CallbackServerContext* context,
                                                              const v1::GetModelGeometryRequest* request,
                                                              v1::ModelGeometry* response) {
-  return StartGetModelGeometry(services_.models, services_.pool.preparations(),
+  return StartGetModelGeometry(services_.models, services_.pool.preparations(), *services_.sessions.options().memory,
                                Authenticate(services_.authenticator, *context), *request, *response);
 }
 

@@ -86,13 +86,17 @@ absl::Status SessionNotFound(absl::string_view name) {
       v1::SESSION_NOT_FOUND, {{"session", Shortened(name)}});
 }
 
-absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::string& tenant,
-                                                                 const SessionConfig& config) const {
+absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::string& tenant, const SessionConfig& config,
+                                                                 bool are_charged) const {
   Models models;
   for (const ObjectConfig& object : config.objects) {
     EVPOSE_ASSIGN_OR_RETURN(ModelUse use, models_.UseStored(tenant, object.model));
     if (const absl::Status status = CheckIsTrackable(*use.model); !status.ok()) {
       return InvalidField(absl::StrCat("config.objects[", models.models.size(), "].model"), status.message());
+    }
+    if (are_charged) {
+      EVPOSE_ASSIGN_OR_RETURN(MemoryCharge charge, options_.memory->Charge(tenant, {}, MemoryOfModels({use.model})));
+      models.charges.push_back(std::move(charge));
     }
     models.models.push_back(std::move(use.model));
     models.uses.push_back(std::move(use.use));
@@ -118,7 +122,7 @@ SessionMemory SessionFactory::MemoryOf(const SessionConfig& config,
 
 absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::string& tenant, const SessionConfig& config,
                                                                  const std::string& request_id) const {
-  absl::StatusOr<Models> models = UseModels(tenant, config);
+  absl::StatusOr<Models> models = UseModels(tenant, config, /*are_charged=*/true);
   if (!models.ok()) return absl::IsDataLoss(models.status()) ? FromStore(models.status()) : models.status();
   EVPOSE_ASSIGN_OR_RETURN(MemoryCharge charge, options_.memory->Charge(tenant, MemoryOf(config, models->models),
                                                                        MemoryOfModels(models->models)));
@@ -175,7 +179,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   EVPOSE_ASSIGN_OR_RETURN(parts.beginning, DecodeBeginning(stored, parts.config.objects.size()));
   parts.stored_poses = std::move(stored.poses);
   const bool has_ended = parts.beginning.checkpoint.ended;
-  auto models = UseModels(stored.record.tenant, parts.config);
+  auto models = UseModels(stored.record.tenant, parts.config, /*are_charged=*/false);
   // An ended session is readable without its models.
   const std::vector<std::shared_ptr<const ObjectModel>> used = models.ok() ? models->models : Models().models;
   SessionMemory memory = MemoryOf(parts.config, used);

@@ -66,8 +66,10 @@ class SessionFactory {
   struct Models {
     std::vector<std::shared_ptr<const ObjectModel>> models;
     std::vector<std::shared_ptr<const void>> uses;
+    std::vector<MemoryCharge> charges;  // of each model
   };
-  absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config) const;
+  // If the models are charged, each one is before the next one is loaded.
+  absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config, bool are_charged) const;
   absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
   Session::Parts MakeParts(const std::string& name, const std::string& tenant) const;
   SessionMemory MemoryOf(const SessionConfig& config,

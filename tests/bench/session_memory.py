@@ -4,7 +4,8 @@
 
 For each case it starts evpose-server, replays a recording of noise through it, and prints in MB: the memory that the server charges for
 the session, the growth of its resident memory when the session has been created, and the growth of its peak. With --check, status 1 if
-a peak exceeds its charge or, with the cube, the goal of the case. Needs a release build and python3-numpy; about a minute of processor time per case.
+a peak exceeds its charge or, with the cube, the goal of the case. Last, a session with 16 large models of which only some fit into the
+memory of sessions is refused; its charge is the limit. Needs a release build and python3-numpy; about a minute of processor time per case.
 
 Example: tests/bench/session_memory.py --bin build/release --check
 """
@@ -18,6 +19,7 @@ import tempfile
 import time
 import typing
 
+import model_preparation
 import numpy
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
@@ -62,6 +64,10 @@ CASES = [
     Case("1280 x 720, rational lens, 1 object", 1280, 720, RATIONAL),
     Case("1280 x 720, fisheye, 1 object", 1280, 720, FISHEYE),
 ]
+# Its models together take several times the limit.
+REFUSED = "16 models that do not fit, refused"
+REFUSED_LIMIT_MB = 150
+REFUSED_TRIANGLES = 50_000
 MIN_EVENTS = 2_000_000  # a small sensor has several events per pixel, so that the search's memory of events is full
 
 
@@ -77,7 +83,7 @@ def write_noise(path, width, height):
         words.astype("<u8").tofile(file)
 
 
-def replay(evpose, server, recording, folder, case, model):
+def replay(evpose, server, recording, folder, case, models):
     lens = case.lens
     camera = os.path.join(folder, "camera.yaml")
     with open(camera, "w", encoding="ascii") as file:
@@ -85,8 +91,8 @@ def replay(evpose, server, recording, folder, case, model):
                                  model=lens.model, num_coefficients=len(lens.coefficients),
                                  coefficients=", ".join(str(number) for number in lens.coefficients)))
     command = [evpose, "replay", recording, "--camera", camera, "--server", server.address]
-    for i in range(case.num_objects):
-        command += ["--object", f"object{i}={model}"]
+    for i, path in enumerate(models):
+        command += ["--object", f"object{i}={path}"]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
@@ -100,14 +106,14 @@ def measure(binaries, store, case, model):
         write_noise(recording, 64, 64)
         cube = os.path.join(folder, "cube.obj")
         pathlib.Path(cube).write_bytes(cube_obj(-0.1, 0.1))
-        warm_up = replay(evpose, server, recording, folder, Case("", 64, 64), cube)
+        warm_up = replay(evpose, server, recording, folder, Case("", 64, 64), [cube])
         warm_up.communicate()
         write_noise(recording, case.width, case.height)
         before_mb = server.resident_bytes() / 1e6
         with open(f"/proc/{server.process.pid}/clear_refs", "w", encoding="ascii") as file:
             file.write("5")  # the peak begins anew
         charged_mb = created_mb = 0.0
-        client = replay(evpose, server, recording, folder, case, model or cube)
+        client = replay(evpose, server, recording, folder, case, case.num_objects * [model or cube])
         while client.poll() is None:
             charged_mb = max(charged_mb, server.metric("evpose_session_memory_bytes") / 1e6)
             now_mb = server.resident_bytes() / 1e6
@@ -119,6 +125,31 @@ def measure(binaries, store, case, model):
         if client.returncode != 0 and "no pose was found" not in errors:  # which is expected in noise
             sys.exit(f"{case.name}: {errors.strip()}")
         return charged_mb, created_mb, server.peak_bytes() / 1e6 - before_mb
+
+
+def measure_refused(binaries):
+    """Sessions with 16 large models that do not fit: the limit and the peak, in MB, of a server that has loaded none of them."""
+    evpose = os.path.join(binaries, "client/cli/evpose")
+    program = os.path.join(binaries, "server/evpose-server")
+    options = ["--max-session-memory", str(REFUSED_LIMIT_MB * 1_000_000), "--log-level", "error"]
+    with tempfile.TemporaryDirectory() as folder, Server(program, *options, store="sqlite") as server:
+        recording = os.path.join(folder, "noise.dat")
+        write_noise(recording, 64, 64)
+        models = [os.path.join(folder, f"{i}.stl") for i in range(16)]
+        for i, path in enumerate(models):
+            model_preparation.blob(REFUSED_TRIANGLES + 1000 * i, path)
+
+        def attempt():
+            errors = replay(evpose, server, recording, folder, Case("", 64, 64), models).communicate()[1]
+            if "the session may need" not in errors:
+                sys.exit(f"a session with 16 models is not refused for its memory: {errors.strip()}")
+
+        attempt()  # uploads the models
+        server.terminate()
+        server.start()
+        before_mb = server.resident_bytes() / 1e6
+        attempt()
+        return server.peak_bytes() / 1e6 - before_mb
 
 
 def main():
@@ -137,8 +168,13 @@ def main():
         charged_mb, created_mb, peak_mb = measure(arguments.bin, arguments.store, case, arguments.model)
         print(f"| {case.name} | {charged_mb:.0f} | {created_mb:.0f} | {peak_mb:.0f} | {goal_mb or '-'} |", flush=True)
         failures += peak_mb > charged_mb or (goal_mb > 0 and peak_mb > goal_mb)
+    if re.search(arguments.only, REFUSED):
+        peak_mb = measure_refused(arguments.bin)
+        goal_mb = 2 * REFUSED_LIMIT_MB
+        print(f"| {REFUSED} | {REFUSED_LIMIT_MB} | - | {peak_mb:.0f} | {goal_mb} |", flush=True)
+        failures += peak_mb > goal_mb
     if arguments.check and failures:
-        sys.exit(f"{failures} of {len(cases)} sessions take more than they are charged, or than their goal")
+        sys.exit(f"{failures} sessions take more than they are charged, or than their goal")
 
 
 if __name__ == "__main__":
