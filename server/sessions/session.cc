@@ -226,7 +226,7 @@ void Session::Detach(uint64_t stream) {
 
 void Session::HalfClose(uint64_t stream) {
   const std::lock_guard lock(mutex_);
-  half_closed_stream_ = stream;
+  gate_.HalfClose(stream);
   Schedule();
 }
 
@@ -366,7 +366,7 @@ CheckpointPolicy::Counters Session::MakeCounters() const {
           .processing_us = report_.health().processing_us,
           .is_working = queue_.is_working(),
           .has_waiting = queue_.has_items(),
-          .is_attached = gate_.is_attached() && gate_.stream() != half_closed_stream_};
+          .may_receive = gate_.may_receive()};
 }
 
 void Session::Schedule() {

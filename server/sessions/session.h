@@ -189,8 +189,6 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   TokenRequests token_requests_ ABSL_GUARDED_BY(mutex_);
   std::weak_ptr<SessionListener> stream_listener_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::shared_ptr<const void>> model_uses_ ABSL_GUARDED_BY(mutex_);
-  // The latest stream that its client has half-closed; 0: none.
-  uint64_t half_closed_stream_ ABSL_GUARDED_BY(mutex_) = 0;
   bool is_scheduled_ ABSL_GUARDED_BY(mutex_) = false;  // Run has been posted
 };
 

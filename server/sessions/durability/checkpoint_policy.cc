@@ -15,7 +15,7 @@ bool CheckpointPolicy::IsDue(const Counters& now, const Progress& store) const {
   // One item may produce more poses than may wait: these poses are then written without a state.
   if (now.is_working) return new_poses >= kMaxUncommittedPoses;
   if (!HasProgress(now)) return false;
-  if (now.has_ended || is_flushing_ || (!now.is_attached && !now.has_waiting)) return true;
+  if (now.has_ended || is_flushing_ || (!now.may_receive && !now.has_waiting)) return true;
   if (new_poses >= kMaxUncommittedPoses) return true;
   const int64_t work_us = now.processing_us - last_.processing_us;
   if (work_us < kCheckpointCostFactor * last_.cost_us) return false;

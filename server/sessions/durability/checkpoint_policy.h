@@ -34,7 +34,7 @@ class CheckpointPolicy {
     int64_t processing_us = 0;  // processing time so far
     bool is_working = false;    // an item is being processed
     bool has_waiting = false;   // further items wait
-    bool is_attached = false;   // a stream is attached, and its client has not half-closed it
+    bool may_receive = false;   // a stream is attached, and its client has not half-closed it
   };
   // Contents of a checkpoint.
   struct Checkpoint {

@@ -15,7 +15,7 @@ CheckpointPolicy SomePolicy() {
 }
 // One item later, with a stream, and more items waiting.
 Counters OneItemLater() {
-  return {.processed_seq = 11, .poses = 501, .processing_us = 1'000'100, .has_waiting = true, .is_attached = true};
+  return {.processed_seq = 11, .poses = 501, .processing_us = 1'000'100, .has_waiting = true, .may_receive = true};
 }
 
 TEST(CheckpointPolicyTest, IsDueAfterEnoughWorkOrPoses) {
@@ -53,7 +53,7 @@ TEST(CheckpointPolicyTest, IsDueWhenTheSessionRests) {
   Counters idle = OneItemLater();
   idle.has_waiting = false;
   EXPECT_FALSE(policy.IsDue(idle, Progress())) << "the stream may send more";
-  idle.is_attached = false;
+  idle.may_receive = false;
   EXPECT_TRUE(policy.IsDue(idle, Progress()));
   idle.has_waiting = true;
   EXPECT_FALSE(policy.IsDue(idle, Progress()));
@@ -81,7 +81,7 @@ TEST(CheckpointPolicyTest, IsDueAtTheEndAndOnRequest) {
 TEST(CheckpointPolicyTest, OneAtATimeAndBetweenItems) {
   const CheckpointPolicy policy = SomePolicy();
   Counters now = OneItemLater();
-  now.is_attached = false;
+  now.may_receive = false;
   now.has_waiting = false;
   ASSERT_TRUE(policy.IsDue(now, Progress()));
   EXPECT_FALSE(policy.IsDue(now, {.has_waiting = true}));

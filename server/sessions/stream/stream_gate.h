@@ -80,6 +80,12 @@ class StreamGate {
   uint64_t Attach(std::string new_token, std::string token_digest, uint64_t queued_bytes, uint64_t sent_pose_seq);
   // Returns false if this stream is not attached.
   bool Detach(uint64_t stream, absl::Time now);
+  // The client of the stream sends no more items. Without effect unless the stream is the latest one.
+  void HalfClose(uint64_t stream) {
+    if (stream == stream_) half_closed_stream_ = stream;
+  }
+  // Whether a stream is attached whose client has not half-closed it.
+  bool may_receive() const { return is_attached() && half_closed_stream_ != stream_; }
   // Reports that the store has the lifecycle record with this number and all before.
   void OnLifecyclePersisted(uint64_t number);
   // Closes the gate with `status`, which is not OK. Returns true for the first call; later calls have no effect and
@@ -121,7 +127,8 @@ class StreamGate {
   GateState state_;
   absl::Status closed_;
   uint64_t stream_ = 0;
-  absl::Time detached_at_;  // time of the last detachment
+  uint64_t half_closed_stream_ = 0;  // the latest that its client has half-closed; 0: none
+  absl::Time detached_at_;           // time of the last detachment
   std::string resume_token_;
   std::string token_digest_;
   std::string previous_token_digest_;  // empty: no longer valid

@@ -125,6 +125,22 @@ TEST_F(StreamGateTest, AStreamFencesTheOneBefore) {
   EXPECT_TRUE(gate_.is_attached());
 }
 
+TEST_F(StreamGateTest, ReceivesUntilTheClientOfTheLatestStreamHalfClosesIt) {
+  EXPECT_FALSE(gate_.may_receive()) << "no stream";
+  Attach(gate_);
+  EXPECT_TRUE(gate_.may_receive());
+  gate_.HalfClose(1);
+  EXPECT_FALSE(gate_.may_receive());
+  EXPECT_TRUE(gate_.is_attached());
+  Attach(gate_, "second", "third");
+  EXPECT_TRUE(gate_.may_receive()) << "another stream";
+  gate_.HalfClose(1);
+  EXPECT_TRUE(gate_.may_receive()) << "the stream before";
+  gate_.HalfClose(2);
+  gate_.HalfClose(1);
+  EXPECT_FALSE(gate_.may_receive()) << "the stream before changes nothing";
+}
+
 TEST_F(StreamGateTest, ThePreviousTokenIsGoodUntilTheStreamSends) {
   const uint64_t stream = Attach(gate_);
   EXPECT_EQ(gate_.resume_token(), "second");
