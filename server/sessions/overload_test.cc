@@ -105,7 +105,7 @@ class LiveTest : public testing::Test {
 
   void Start(const SessionConfig& config, int64_t tracking_us_per_event) {
     load_.tracking_us_per_event = tracking_us_per_event;
-    Session::Parts parts;
+    SessionParts parts;
     parts.name = "sessions/live";
     parts.config = config;
     parts.limits = {.credit_bytes = kCreditBytes,
@@ -341,7 +341,7 @@ class WorkerFairnessTest : public ::testing::Test {
       slices_.push_back(index);
       on_slice_();
     };
-    Session::Parts parts;
+    SessionParts parts;
     parts.name = "sessions/" + std::to_string(index);
     parts.config = SomeConfig();
     parts.limits.writes_checkpoints = false;

@@ -39,7 +39,7 @@ StreamGate::Options GateOptions(const SessionConfig& config, const SessionLimits
 
 }  // namespace
 
-Session::Session(Parts parts, WorkerPool& pool)
+Session::Session(SessionParts parts, WorkerPool& pool)
     : memory_charge_(std::move(parts.memory_charge)),
       log_(std::make_shared<SessionLog>(std::move(parts.name), parts.tenant)),
       config_(std::move(parts.config)),
@@ -71,7 +71,7 @@ Session::Session(Parts parts, WorkerPool& pool)
 // orders the destruction after the calls of the other threads.
 Session::~Session() { const std::lock_guard lock(mutex_); }
 
-std::shared_ptr<Session> Session::Start(Parts parts, WorkerPool& pool) {
+std::shared_ptr<Session> Session::Start(SessionParts parts, WorkerPool& pool) {
   const std::shared_ptr<Session> session(new Session(std::move(parts), pool));
   session->committer_->SetListener([weak = session->weak_from_this()] {
     const auto self = weak.lock();

@@ -3,9 +3,7 @@
 // One session: the composition of its parts (README.md), their lock and their turns.
 #pragma once
 
-#include <chrono>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -27,6 +25,7 @@
 #include "server/sessions/durability/segment_sizes.h"
 #include "server/sessions/durability/session_committer.h"
 #include "server/sessions/session_limits.h"
+#include "server/sessions/session_parts.h"
 #include "server/sessions/session_pipeline.h"
 #include "server/sessions/session_report.h"
 #include "server/sessions/session_worker.h"
@@ -46,27 +45,7 @@ namespace evpose::server {
 // Thread-safe.
 class Session : public WatchedSession, public std::enable_shared_from_this<Session> {
  public:
-  struct Clocks {
-    std::function<absl::Time()> wall;                                     // for expiry
-    std::function<SteadyTime()> steady = std::chrono::steady_clock::now;  // for measured durations and for max_lag
-  };
-  struct Parts {
-    std::string name;
-    std::string tenant;
-    SessionConfig config;
-    SessionLimits limits;
-    std::vector<std::shared_ptr<const void>> model_uses;  // released when the session closes
-    std::shared_ptr<const void> memory_charge;  // for everything except the pipeline, which has a charge of its own
-    std::unique_ptr<SessionPipeline> pipeline;  // in the state of the beginning's checkpoint; null when it has ended
-    SessionBeginning beginning;
-    std::vector<PoseSegment> stored_poses;  // the segments of a resumed session; of these only the sizes are used
-    std::unique_ptr<SessionLease> lease;
-    std::string resume_token;  // of a new session; empty for a resumed one: the store has only its digest
-    absl::Time create_time;
-    Clocks clocks;
-    std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
-  };
-  static std::shared_ptr<Session> Start(Parts parts, WorkerPool& pool);
+  static std::shared_ptr<Session> Start(SessionParts parts, WorkerPool& pool);
   ~Session() override;
 
   const std::string& name() const { return log_->session(); }
@@ -129,7 +108,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   bool IsFlushed() const;
 
  private:
-  Session(Parts parts, WorkerPool& pool);
+  Session(SessionParts parts, WorkerPool& pool);
 
   void Enqueue(uint64_t stream, std::variant<EventChunk, PoseReset, EndOfInput> what)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
@@ -169,7 +148,7 @@ class Session : public WatchedSession, public std::enable_shared_from_this<Sessi
   const SessionConfig config_;
   const SessionLimits limits_;
   const absl::Time create_time_;
-  const Clocks clocks_;
+  const SessionClocks clocks_;
   const std::shared_ptr<ServerMetrics> metrics_;
   const std::shared_ptr<SessionCommitter> committer_;
   const std::shared_ptr<Watchers> watchers_;

@@ -41,7 +41,7 @@ class SessionCheckpointTest : public testing::Test {
   std::shared_ptr<Session> Start(SessionBeginning beginning, std::unique_ptr<SessionLease> lease,
                                  const std::optional<PipelineState>& state,
                                  std::vector<PoseSegment> stored_poses = {}) {
-    Session::Parts parts;
+    SessionParts parts;
     parts.name = kName;
     parts.config = SomeConfig(objects_);
     parts.limits = {.pose_log_capacity = 100'000,

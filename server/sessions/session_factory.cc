@@ -104,7 +104,7 @@ absl::StatusOr<SessionFactory::Models> SessionFactory::UseModels(const std::stri
   return models;
 }
 
-Session::Parts SessionFactory::MakeParts(const std::string& name, const std::string& tenant) const {
+SessionParts SessionFactory::MakeParts(const std::string& name, const std::string& tenant) const {
   return {.name = name,
           .tenant = tenant,
           .limits = options_.limits,
@@ -127,7 +127,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::MakeNew(const std::stri
   EVPOSE_ASSIGN_OR_RETURN(MemoryCharge charge, options_.memory->Charge(tenant, MemoryOf(config, models->models),
                                                                        MemoryOfModels(models->models)));
   EVPOSE_ASSIGN_OR_RETURN(const std::string name, store_.NewSessionName(tenant, request_id));
-  Session::Parts parts = MakeParts(name, tenant);
+  SessionParts parts = MakeParts(name, tenant);
   EVPOSE_ASSIGN_OR_RETURN(parts.pipeline, SlowExecutor::OrCancelled([&] {
                             return SessionPipeline::Create(config, models->models, options_.make_tracker);
                           }));
@@ -174,7 +174,7 @@ absl::StatusOr<SessionFactory::Resumed> SessionFactory::Resume(absl::string_view
 
 absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession stored,
                                                                  std::unique_ptr<SessionLease> lease) const {
-  Session::Parts parts = MakeParts(stored.record.name, stored.record.tenant);
+  SessionParts parts = MakeParts(stored.record.name, stored.record.tenant);
   EVPOSE_ASSIGN_OR_RETURN(parts.config, DecodeConfig(stored.record.config));
   EVPOSE_ASSIGN_OR_RETURN(parts.beginning, DecodeBeginning(stored, parts.config.objects.size()));
   parts.stored_poses = std::move(stored.poses);

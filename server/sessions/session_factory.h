@@ -26,7 +26,7 @@ class SessionFactory {
   struct Options {
     SessionLimits limits;
     TrackerFactory make_tracker;
-    Session::Clocks clocks;
+    SessionClocks clocks;
     std::shared_ptr<ServerMetrics> metrics;
     std::shared_ptr<MemoryBudget> memory;
   };
@@ -71,7 +71,7 @@ class SessionFactory {
   // If the models are charged, each one is before the next one is loaded.
   absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config, bool are_charged) const;
   absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
-  Session::Parts MakeParts(const std::string& name, const std::string& tenant) const;
+  SessionParts MakeParts(const std::string& name, const std::string& tenant) const;
   SessionMemory MemoryOf(const SessionConfig& config,
                          const std::vector<std::shared_ptr<const ObjectModel>>& models) const;
   // Returns a pipeline in the state of the checkpoint of `beginning`. If the state of the tracker is unreadable, the

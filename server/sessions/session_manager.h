@@ -49,7 +49,7 @@ class SessionManager {
     // that the replays of one tenant do not refuse the others. May be null; must outlive this object.
     const LoadMonitor* load = nullptr;
     std::function<absl::Time()> now;                                          // for expiry only, never for results
-    std::function<SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as Session::Clocks::steady
+    std::function<SteadyTime()> steady_now = std::chrono::steady_clock::now;  // as SessionClocks::steady
     std::shared_ptr<ServerMetrics> metrics = std::make_shared<ServerMetrics>();
     std::shared_ptr<MemoryBudget> memory = MemoryBudget::Create({});  // unlimited
   };

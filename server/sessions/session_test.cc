@@ -18,7 +18,7 @@ namespace {
 class SessionTest : public testing::Test {
  protected:
   SessionTest() {
-    Session::Parts parts;
+    SessionParts parts;
     parts.name = "sessions/test";
     parts.config = SomeConfig({"cube", "box"});
     parts.limits = {.credit_bytes = 4096,
