@@ -220,6 +220,14 @@ LoadMonitor::Options LoadOptions(const ServerOptions& options, const std::shared
 
 double RatioOf(double value, double limit) { return limit > 0.0 ? value / limit : 0.0; }
 
+// The life of a server, in order: it never returns to an earlier stage.
+enum class ServerStage {
+  kServing,
+  kAnnounced,  // its health is NOT_SERVING, so that clients and balancers choose other servers
+  kDraining,   // it accepts no new sessions and streams, and the present streams are told to leave
+  kShutDown,   // Shutdown() has been called
+};
+
 class ServerImpl : public Server, public Drainer {
  public:
   ServerImpl(const ServerOptions& options, TrackerFactory make_tracker, Access access, std::unique_ptr<Store> store,
@@ -328,14 +336,16 @@ class ServerImpl : public Server, public Drainer {
     state.load_ratio = MakeLoadRatio();
     state.process_cpu_s = ProcessCpuSeconds();
     state.process_resident_bytes = ProcessResidentBytes();
-    if (is_announced_) state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
+    if (stage_ >= ServerStage::kAnnounced) {
+      state.readiness.Update(absl::UnavailableError("the server is about to shut down"));
+    }
     return state;
   }
 
   double load_ratio() const override { return load_ratio_; }
 
   void AnnounceShutdown() override {
-    is_announced_ = true;
+    Enter(ServerStage::kAnnounced);
     if (server_ != nullptr) SetHealth(false);
   }
 
@@ -344,11 +354,11 @@ class ServerImpl : public Server, public Drainer {
   }
 
   void Shutdown(absl::Duration deadline) override {
-    if (is_shut_down_) return;
-    is_shut_down_ = true;
+    if (stage_ == ServerStage::kShutDown) return;
     deadline = std::min(deadline, kLongestDuration);
     const absl::Time end = absl::Now() + deadline - std::min(3 * kCallGrace, deadline / 2);
     BeginShutdown(deadline);
+    Enter(ServerStage::kShutDown);
     if (server_ != nullptr) streams_.WaitForTracks(end);
     sessions_.FlushAll(absl::Now() + kCallGrace);
     const absl::Status leaving = WithReason(absl::UnavailableError("the server has shut down"), v1::DRAINING);
@@ -382,7 +392,7 @@ class ServerImpl : public Server, public Drainer {
   absl::Status OpenSocket(const ServerOptions& options, grpc::ServerBuilder& builder) {
     EVPOSE_ASSIGN_OR_RETURN(const ListenAddress address, ParseListenAddress(options.listen_address));
     const auto on_stalled = [this, call = options.on_stalled] {
-      if (is_shutting_down_) return;
+      if (stage_ >= ServerStage::kDraining) return;
       AnnounceShutdown();  // health is NOT_SERVING for clients that are connected already
       if (call != nullptr) call();
     };
@@ -403,15 +413,25 @@ class ServerImpl : public Server, public Drainer {
     grpc_entrance_->HandleNewConnection(&connection);
   }
 
-  // After AnnounceShutdown() the health stays NOT_SERVING, independent of the store.
+  // Enters the stage unless the server is in it or in a later one already. Returns whether the stage has changed. No
+  // other function changes the stage.
+  bool Enter(ServerStage stage) {
+    ServerStage now = stage_;
+    while (now < stage) {
+      if (stage_.compare_exchange_weak(now, stage)) return true;
+    }
+    return false;
+  }
+
+  // From kAnnounced on the health stays NOT_SERVING, independent of the store.
   void SetHealth(bool serves) {
     const std::lock_guard lock(health_mutex_);
-    server_->GetHealthCheckService()->SetServingStatus(serves && !is_announced_);
+    server_->GetHealthCheckService()->SetServingStatus(serves && stage_ == ServerStage::kServing);
   }
 
   // Starts draining. Returns false if it has started before.
   bool BeginShutdown(absl::Duration deadline) {
-    if (is_shutting_down_.exchange(true)) return false;
+    if (!Enter(ServerStage::kDraining)) return false;
     sessions_.Drain();
     store_check_.Stop();
     if (server_ != nullptr) {
@@ -446,9 +466,7 @@ class ServerImpl : public Server, public Drainer {
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> grpc_entrance_;
   std::unique_ptr<ConnectionAcceptor> acceptor_;  // null without a socket
   std::mutex health_mutex_;
-  std::atomic<bool> is_announced_ = false;
-  std::atomic<bool> is_shutting_down_ = false;
-  bool is_shut_down_ = false;
+  std::atomic<ServerStage> stage_ = ServerStage::kServing;
 };
 
 }  // namespace
