@@ -104,6 +104,23 @@ Json PausesToJson(const std::vector<double>& sorted_s) {
   return {{"sessions", sorted_s.size()}, {"p50_s", at(0.5)}, {"p99_s", at(0.99)}, {"max_s", at(1.0)}};
 }
 
+Json OrNull(const std::optional<double>& value) { return value.has_value() ? Json(*value) : Json(); }
+
+// Null if the store does not report its processor time.
+Json StoreCpu_s(const ServerUse& before, const ServerUse& after) {
+  if (!before.store_cpu_s.has_value() || !after.store_cpu_s.has_value()) return Json();
+  return *after.store_cpu_s - *before.store_cpu_s;
+}
+
+std::string StoreText(const ServerUse& before, const ServerUse& after) {
+  const Json cpu_s = StoreCpu_s(before, after);
+  std::string text = cpu_s.is_null() ? "no CPU of its own" : absl::StrFormat("CPU %.2f s", cpu_s.get<double>());
+  if (before.store_mb.has_value() && after.store_mb.has_value()) {
+    absl::StrAppendFormat(&text, ", %.1f MB before, %.1f MB after", *before.store_mb, *after.store_mb);
+  }
+  return text;
+}
+
 std::string PausesText(const Json& pauses) {
   if (pauses["sessions"] == 0) return "0 sessions";
   const auto seconds = [&pauses](const char* name) { return pauses[name].get<double>(); };
@@ -126,7 +143,10 @@ Json ToJson(const Outcome& outcome, const LoadArguments& arguments) {
                        {"resident_mb_before", before.resident_mb},
                        {"resident_mb_after", after.resident_mb},
                        {"load_ratio_before", before.load_ratio},
-                       {"load_ratio_after", after.load_ratio}});
+                       {"load_ratio_after", after.load_ratio},
+                       {"store_cpu_s", StoreCpu_s(before, after)},
+                       {"store_mb_before", OrNull(before.store_mb)},
+                       {"store_mb_after", OrNull(after.store_mb)}});
   }
   return {{"sessions", arguments.sessions},
           {"rate_events_per_s", arguments.rate_hz},
@@ -192,6 +212,7 @@ void Print(const Outcome& outcome, const LoadArguments& arguments, std::ostream&
     row("server", absl::StrFormat("%s: CPU %.2f s, memory %.1f MB before, %.1f MB after, load %.2f before, %.2f after",
                                   arguments.metrics[i], after.cpu_s - before.cpu_s, before.resident_mb,
                                   after.resident_mb, before.load_ratio, after.load_ratio));
+    row("its store", StoreText(before, after));
   }
 }
 
@@ -255,8 +276,9 @@ CommandRunner AddBenchLoadCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--chunk-ms", arguments->chunk_ms, "Period of the chunks of events",
             CLI::Range(1.0, 1e-3 * static_cast<double>(LoadRecording::kMaxChunkUs)))
       ->type_name("MILLISECONDS");
-  AddNames(app, "--metrics", arguments->metrics,
-           "Addresses of the servers' pages (--metrics-listen), for their processor time and memory")
+  AddNames(
+      app, "--metrics", arguments->metrics,
+      "Addresses of the servers' pages (--metrics-listen), for the processor time and the memory of servers and store")
       ->type_name("HOST:PORT,...");
   AddJson(app, arguments->is_json)->group(kOutputGroup);
   arguments->server.AddTo(app, true);

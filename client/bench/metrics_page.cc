@@ -72,6 +72,8 @@ absl::StatusOr<ServerUse> ReadServerUse(const std::string& address) {
     EVPOSE_ASSIGN_OR_RETURN(use.resident_mb, MetricValue(page, "evpose_process_resident_bytes"));
     use.resident_mb /= 1 << 20;
     EVPOSE_ASSIGN_OR_RETURN(use.load_ratio, MetricValue(page, "evpose_load_ratio"));
+    if (const auto cpu_s = MetricValue(page, "evpose_store_cpu_seconds_total"); cpu_s.ok()) use.store_cpu_s = *cpu_s;
+    if (const auto bytes = MetricValue(page, "evpose_store_bytes"); bytes.ok()) use.store_mb = *bytes / (1 << 20);
     return use;
   };
   absl::StatusOr<ServerUse> use = read();

@@ -3,6 +3,7 @@
 // Reads the page /metrics of a server.
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -14,6 +15,9 @@ struct ServerUse {
   double cpu_s = 0.0;        // processor time of the process since its start
   double resident_mb = 0.0;  // 1 MB is 2^20 bytes
   double load_ratio = 0.0;   // evpose_load_ratio
+  // Of the store, at its last check by the server, which is a second old. Absent if the store does not report it.
+  std::optional<double> store_cpu_s;  // processor time since its start
+  std::optional<double> store_mb;     // memory in use, or bytes of the file
 };
 
 // `address` is HOST:PORT of --metrics-listen, or http://HOST:PORT/metrics. Errors: INVALID_ARGUMENT for another

@@ -325,6 +325,7 @@ class ServerImpl : public Server, public Drainer {
     if (const std::optional<StoreUsage> usage = store_check_.usage(); usage.has_value()) {
       state.store_bytes = usage->bytes;
       if (usage->max_bytes != 0) state.store_max_bytes = usage->max_bytes;
+      state.store_cpu_s = usage->cpu_s;
     }
     state.unreplicated_commits = store_->unreplicated_commits();
     state.store_groups = store_->Groups();

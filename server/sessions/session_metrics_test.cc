@@ -106,6 +106,10 @@ TEST_F(SessionMetricsTest, CountersEqualTheHealthOfTheSession) {
   EXPECT_EQ(NumIn(metrics_->decode_time), 3u) << "one for each chunk of at most 16 KiB";
   EXPECT_EQ(NumIn(metrics_->track_time), 4u) << "the end, too";
   EXPECT_GE(NumIn(metrics_->checkpoint_time), 3u);
+  const StoredSession stored = store_->ReadSession(session->name()).value();
+  EXPECT_EQ(metrics_->commit_bytes[CommitPart::kPoses].value(), SizeBytes(stored.poses)) << "each pose is written once";
+  EXPECT_GE(metrics_->commit_bytes[CommitPart::kCheckpoint].value(), stored.checkpoint.size());
+  EXPECT_GE(metrics_->commit_bytes[CommitPart::kLifecycle].value(), stored.lifecycle.size());
   EXPECT_EQ(metrics_->all_skipped_events(), 0u);
 }
 

@@ -143,6 +143,9 @@ enum class ConnectionRefusal { kMaxConnections, kMaxPerPeer, kDescriptors };
 // Reasons for which the store has not accepted a checkpoint.
 enum class CheckpointFailure { kStoreUnavailable, kStoreFull, kFenced, kStoreFailed, kRolledBack };
 
+// The parts of a commit (SessionCommit).
+enum class CommitPart { kCheckpoint, kPoses, kLifecycle };
+
 // Sums over all sessions since the process started. Events and poses that are processed again after a restart or a move
 // count again.
 struct ServerMetrics {
@@ -171,6 +174,7 @@ struct ServerMetrics {
 
   DurationHistogram checkpoint_time;  // from the serialization until the checkpoint is durable
   OneFor<CheckpointFailure, 5> checkpoint_failures;
+  OneFor<CommitPart, 3> commit_bytes;  // of the commits that are durable
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
   OneFor<QuotaLimit, 11> quota_refusals;
@@ -202,6 +206,7 @@ struct ServerState {
   // Absent for a store that does not report it, before the first check, and without a limit.
   std::optional<uint64_t> store_bytes;
   std::optional<uint64_t> store_max_bytes;
+  std::optional<double> store_cpu_s;     // absent unless the store is a process of its own that reports it
   uint64_t unreplicated_commits = 0;     // Store::unreplicated_commits()
   std::vector<StoreGroup> store_groups;  // Store::Groups()
   size_t connections = 0;

@@ -33,6 +33,7 @@ using Labels = std::vector<ClientMetric::Label>;
 constexpr std::array kDropReasons = {"lag", "memory", "reader"};
 constexpr std::array kAuthenticationFailures = {"no_token", "bad_token", "bad_certificate"};
 constexpr std::array kCheckpointFailures = {"store_away", "store_full", "fenced", "store_failed", "rolled_back"};
+constexpr std::array kCommitParts = {"checkpoint", "poses", "lifecycle"};
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",           "max_model_store_bytes",
                                      "tenant_sessions", "tenant_model_bytes",    "tenant_watchers",
                                      "session_memory",  "tenant_session_memory", "tenant_streams",
@@ -129,6 +130,8 @@ void AddStoreGroups(const std::vector<StoreGroup>& groups, Families& families) {
         if (!group.usage.has_value() || group.usage->max_bytes == 0) return std::nullopt;
         return static_cast<double>(group.usage->max_bytes);
       });
+  add("evpose_store_group_cpu_seconds_total", MetricType::Counter, "Processor time of the group's master.",
+      [](const StoreGroup& group) -> Known { return group.usage.has_value() ? group.usage->cpu_s : std::nullopt; });
   add("evpose_store_group_commits_total", MetricType::Counter, "Commits that the group has completed.",
       [](const StoreGroup& group) -> Known { return static_cast<double>(group.commits); });
   add("evpose_store_group_commit_seconds_total", MetricType::Counter, "The sum of the durations of these commits.",
@@ -146,6 +149,11 @@ void AddStore(const ServerState& state, Families& families) {
                          state.store_bytes);
   families.AddKnownGauge("evpose_store_max_bytes", "Limit of evpose_store_bytes: maxmemory, or --store-max-bytes.",
                          state.store_max_bytes);
+  if (state.store_cpu_s.has_value()) {
+    families.Begin("evpose_store_cpu_seconds_total", MetricType::Counter,
+                   "Processor time of Redis (the masters of all groups), at the last check of the store.");
+    families.Value(*state.store_cpu_s);
+  }
   families.Begin("evpose_store_unreplicated_commits_total", MetricType::Counter,
                  "Commits that Redis has executed and no replica has acknowledged in time; they are repeated. 0 if the "
                  "store waits for no replica.");
@@ -308,6 +316,11 @@ void AddCalls(const ServerMetrics& metrics, Families& families) {
       "the session was closed; fenced: another server has taken the session; rolled_back: the store has lost earlier "
       "writes.",
       "reason", kCheckpointFailures, metrics.checkpoint_failures);
+  families.AddByKind(
+      "evpose_commit_bytes_total",
+      "Bytes of the commits that are durable: the state of the session with its tracker (checkpoint), its "
+      "new poses, and the record of its owner (lifecycle).",
+      "part", kCommitParts, metrics.commit_bytes);
   families.AddCounter("evpose_event_images_total", "Images of events that were sent to their readers.",
                       metrics.event_images);
   families.AddCounter("evpose_event_images_skipped_total",

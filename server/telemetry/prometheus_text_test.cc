@@ -103,6 +103,9 @@ class CounterSeries {
           "evpose_checkpoint_failures_total{reason=\"rolled_back\"}");
     Count(metrics_.checkpoint_failures[CheckpointFailure::kStoreFailed],
           "evpose_checkpoint_failures_total{reason=\"store_failed\"}");
+    Count(metrics_.commit_bytes[CommitPart::kCheckpoint], "evpose_commit_bytes_total{part=\"checkpoint\"}");
+    Count(metrics_.commit_bytes[CommitPart::kPoses], "evpose_commit_bytes_total{part=\"poses\"}");
+    Count(metrics_.commit_bytes[CommitPart::kLifecycle], "evpose_commit_bytes_total{part=\"lifecycle\"}");
     Count(metrics_.quota_delays, "evpose_quota_delays_total");
     Count(metrics_.overload_refusals, "evpose_overload_refusals_total");
     Count(metrics_.event_images, "evpose_event_images_total");
@@ -287,6 +290,9 @@ TEST(PrometheusTextTest, GaugesShowTheState) {
   EXPECT_EQ(parsed.At("evpose_store_bytes"), 12.0);
   EXPECT_EQ(parsed.At("evpose_store_unreplicated_commits_total"), 16.0);
   EXPECT_EQ(parsed.types.count("evpose_store_max_bytes"), 0u) << "there is no limit";
+  EXPECT_EQ(parsed.types.count("evpose_store_cpu_seconds_total"), 0u) << "the store reports none";
+  state.store_cpu_s = 1.25;
+  EXPECT_EQ(ParseMetrics(PrometheusText(ServerMetrics(), state, kBuild)).At("evpose_store_cpu_seconds_total"), 1.25);
   EXPECT_THAT(text, testing::Not(testing::HasSubstr("secret")));
 }
 
@@ -294,7 +300,7 @@ TEST(PrometheusTextTest, AStoreWithSeveralGroupsHasTheirState) {
   ServerState state;
   state.store_groups = {{.name = "a",
                          .health = absl::OkStatus(),
-                         .usage = StoreUsage{.bytes = 5, .max_bytes = 10},
+                         .usage = StoreUsage{.bytes = 5, .max_bytes = 10, .cpu_s = 2.5},
                          .parts = 128,
                          .commits = 3,
                          .commit_s = 0.5,
@@ -307,6 +313,7 @@ TEST(PrometheusTextTest, AStoreWithSeveralGroupsHasTheirState) {
   EXPECT_EQ(parsed.At("evpose_store_group_buckets{group=\"a\"}"), 128.0);
   EXPECT_EQ(parsed.At("evpose_store_group_bytes{group=\"a\"}"), 5.0);
   EXPECT_EQ(parsed.At("evpose_store_group_max_bytes{group=\"a\"}"), 10.0);
+  EXPECT_EQ(parsed.At("evpose_store_group_cpu_seconds_total{group=\"a\"}"), 2.5);
   EXPECT_EQ(parsed.At("evpose_store_group_commits_total{group=\"a\"}"), 3.0);
   EXPECT_EQ(parsed.At("evpose_store_group_commit_seconds_total{group=\"a\"}"), 0.5);
   EXPECT_EQ(parsed.At("evpose_store_group_unreplicated_commits_total{group=\"a\"}"), 2.0);

@@ -20,6 +20,7 @@
 #include "core/base/closed_port_testing.h"
 #include "core/events/decoder.h"
 #include "evpose/client.h"
+#include "server/stores/redis/redis_testing.h"
 #include "tests/integration/cli_fixture.h"
 #include "tests/integration/cutting_proxy.h"
 #include "tests/integration/running_server_testing.h"
@@ -93,11 +94,31 @@ TEST_F(BenchLoadTest, CountsSessionsAndRefusals) {
   EXPECT_EQ(json["servers"][0]["metrics"], server.metrics_address());
   EXPECT_GT(json["servers"][0]["cpu_s"], 0.0) << "at least that of the page before";
   EXPECT_GT(json["servers"][0]["resident_mb_before"], 1.0);
+  EXPECT_TRUE(json["servers"][0]["store_cpu_s"].is_null()) << "the store is in the server";
+  EXPECT_GT(json["servers"][0]["store_mb_after"], 0.0);
   EXPECT_GE(json["servers"][0]["load_ratio_before"], 1.0) << "two of two sessions";
   EXPECT_GE(json["servers"][0]["load_ratio_after"], 1.0) << "the sessions end after the page is read";
   const auto client = Client::Connect(server.address());
   ASSERT_TRUE(client.ok()) << client.status();
   EXPECT_EQ((*client)->ListSessions()->size(), 0u) << "the bench deletes its sessions";
+}
+
+TEST_F(BenchLoadTest, ReportsTheUseOfRedis) {
+  const server::RedisServer redis;
+  const RunningServer server(WithMetrics({"--store", redis.url()}));
+  const auto run = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"--sessions", "1",         "--minutes",
+                                          "0.05",       "--metrics", server.metrics_address()};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return RunCommand(server.address(), arguments);
+  };
+  const CliResult result = run({"--json"});
+  ASSERT_EQ(result.status, 0) << result.err;
+  const nlohmann::json use = result.Json()["servers"][0];
+  EXPECT_GT(use["store_cpu_s"], 0.0);
+  EXPECT_GT(use["store_mb_before"], 0.0);
+  EXPECT_GT(use["store_mb_after"], 0.0);
+  EXPECT_THAT(run({}).out, HasSubstr("\nits store              CPU "));
 }
 
 TEST_F(BenchLoadTest, CountsEventsAndPosesOfTheTest) {

@@ -141,7 +141,16 @@ void SessionCommitter::Record(const absl::Status& status) {
   }
 }
 
+void SessionCommitter::CountBytes() {
+  const SessionCommit& commit = in_flight_.commit;
+  OneFor<CommitPart, 3>& bytes = metrics_->commit_bytes;
+  if (commit.checkpoint.has_value()) bytes[CommitPart::kCheckpoint].Add(commit.checkpoint->size());
+  if (commit.lifecycle.has_value()) bytes[CommitPart::kLifecycle].Add(commit.lifecycle->size());
+  bytes[CommitPart::kPoses].Add(SizeBytes(commit.poses));
+}
+
 void SessionCommitter::RecordDone() {
+  CountBytes();
   if (in_flight_.has_checkpoint) RecordDuration();
   if (progress_.is_store_unavailable) RunUnlessOutOfMemory([this] { log_->StoreBack(); });
   progress_.is_store_unavailable = false;

@@ -99,6 +99,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
   void Record(const absl::Status& status);
   // The records may not be known as written or as waiting.
   void EndOutOfMemory(const absl::Status& status);
+  void CountBytes() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RecordDone() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RecordDuration() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);  // of a checkpoint that is durable
   void RetryLater() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

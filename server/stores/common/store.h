@@ -160,6 +160,8 @@ class SessionLease {
 struct StoreUsage {
   uint64_t bytes = 0;
   uint64_t max_bytes = 0;  // 0: no limit
+  // Processor time of the store's process since its start, if the store has one of its own and reports it.
+  std::optional<double> cpu_s;
 };
 
 // One of several groups of servers among which a store divides the sessions.
@@ -196,7 +198,8 @@ class Store {
   // Returns OK when the store responds; if it has several groups, when one of them does.
   virtual absl::Status CheckHealth() = 0;
 
-  // The bytes in use, in the fullest group if there are several; nullopt if the store does not report it.
+  // The bytes in use, in the fullest group if there are several, and the processor time, of all groups; nullopt if the
+  // store does not report them.
   virtual std::optional<StoreUsage> Usage() { return std::nullopt; }
 
   // The groups of the store, in the order of their names; empty for a store that does not divide its sessions. Does not

@@ -44,6 +44,22 @@ absl::StatusOr<RedisReply> Receive(const RedisBucketCall& call,
   return text == "here" ? std::move(reply) : RedisElsewhereError(text);
 }
 
+// Reads the sections `memory` and `cpu` of INFO. The processor time is that of the server itself, with its threads.
+StoreUsage UsageOf(const std::string& info) {
+  StoreUsage usage;
+  double user_s = 0.0, system_s = 0.0;
+  int num_times = 0;
+  for (const absl::string_view line : absl::StrSplit(info, "\r\n")) {
+    const std::pair<absl::string_view, absl::string_view> field = absl::StrSplit(line, absl::MaxSplits(':', 1));
+    if (field.first == "used_memory") (void)absl::SimpleAtoi(field.second, &usage.bytes);
+    if (field.first == "maxmemory") (void)absl::SimpleAtoi(field.second, &usage.max_bytes);
+    if (field.first == "used_cpu_user") num_times += absl::SimpleAtod(field.second, &user_s) ? 1 : 0;
+    if (field.first == "used_cpu_sys") num_times += absl::SimpleAtod(field.second, &system_s) ? 1 : 0;
+  }
+  if (num_times == 2) usage.cpu_s = user_s + system_s;
+  return usage;
+}
+
 }  // namespace
 
 RedisBucketCall ReadBucket(int bucket, RedisCommand command) {
@@ -257,19 +273,17 @@ std::vector<StoreGroup> RedisGroups::groups() const {
 // nullopt also for a user who may not call INFO.
 std::vector<std::optional<StoreUsage>> RedisGroups::Usages() {
   std::vector<std::future<absl::StatusOr<RedisReply>>> replies;
-  for (const auto& group : groups_) replies.push_back(group->client.Start({"INFO", "memory"}));
+  // Two commands, because versions before Redis 7 accept only one section.
+  for (const auto& group : groups_) {
+    replies.push_back(group->client.Start({"INFO", "memory"}));
+    replies.push_back(group->client.Start({"INFO", "cpu"}));
+  }
   std::vector<std::optional<StoreUsage>> usages;
-  for (auto& future : replies) {
+  for (size_t i = 0; i < groups_.size(); ++i) {
     std::optional<StoreUsage>& usage = usages.emplace_back();
-    const absl::StatusOr<RedisReply> reply = future.get();
-    if (!reply.ok()) continue;
-    usage.emplace();
-    const std::string text = RedisText(reply->get());
-    for (const absl::string_view line : absl::StrSplit(text, "\r\n")) {
-      const std::pair<absl::string_view, absl::string_view> field = absl::StrSplit(line, absl::MaxSplits(':', 1));
-      if (field.first == "used_memory") (void)absl::SimpleAtoi(field.second, &usage->bytes);
-      if (field.first == "maxmemory") (void)absl::SimpleAtoi(field.second, &usage->max_bytes);
-    }
+    const absl::StatusOr<RedisReply> memory = replies[2 * i].get();
+    const absl::StatusOr<RedisReply> cpu = replies[2 * i + 1].get();
+    if (memory.ok() && cpu.ok()) usage = UsageOf(absl::StrCat(RedisText(memory->get()), RedisText(cpu->get())));
   }
   const std::lock_guard lock(mutex_);
   return usages_ = std::move(usages);

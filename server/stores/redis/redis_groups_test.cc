@@ -113,6 +113,11 @@ TEST_F(RedisGroupsTest, SessionsAreDivided) {
   EXPECT_EQ(groups[0].name + groups[1].name, "ab");
   EXPECT_EQ(groups[0].parts, 128u);
   EXPECT_GT(store->Usage()->bytes, 0u);
+  const std::optional<StoreUsage> usage = store->Usage();
+  const std::vector<StoreGroup> used = store->Groups();
+  EXPECT_GT(used[0].usage->cpu_s, 0.0);
+  EXPECT_GT(used[1].usage->cpu_s, 0.0);
+  EXPECT_EQ(usage->cpu_s, *used[0].usage->cpu_s + *used[1].usage->cpu_s);
   EXPECT_TRUE(store->Groups()[1].usage.has_value());
 }
 

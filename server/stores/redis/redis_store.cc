@@ -141,9 +141,14 @@ class RedisStore : public Store {
 
   std::optional<StoreUsage> Usage() override {
     std::optional<StoreUsage> fullest;
+    double cpu_s = 0.0;
+    bool knows_cpu = true;
     for (const std::optional<StoreUsage>& usage : shared_->groups.Usages()) {
       if (usage.has_value() && (!fullest.has_value() || IsFuller(*usage, *fullest))) fullest = usage;
+      knows_cpu = knows_cpu && usage.has_value() && usage->cpu_s.has_value();
+      if (knows_cpu) cpu_s += *usage->cpu_s;
     }
+    if (fullest.has_value()) fullest->cpu_s = knows_cpu ? std::optional(cpu_s) : std::nullopt;
     return fullest;
   }
 
