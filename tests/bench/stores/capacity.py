@@ -185,20 +185,21 @@ def print_cells(camera, options):
     print(f"A camera needs {camera.mean_cores():.2f} cores on average, at most {max(camera.cores()):.2f}.")
     print("A Redis group has room for " + ", ".join(f"{count} sessions by its {reason}" for reason, count in limits.items()) + ".\n")
     print("Delayed or waiting: mean / worst of the runs.\n")
-    print("| servers | cameras | for each server | load | delayed or waiting | after the loss of one server | after the loss of a zone |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
+    print("| servers | cameras | for each server | for each core | load | delayed or waiting | after the loss of one server | after the loss of "
+          "a zone |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     best = 0, 1
     for count in options.servers:
         servers = Servers(count, options.cores, options.max_sessions, options.max_load, options.balance == "haproxy")
         cameras = min(most_cameras(servers, camera, options), *limits.values())
         if cameras == 0:
-            print(f"| {count} | 0 | | | | | |")
+            print(f"| {count} | 0 | | | | | | |")
             continue
         before, after_zone = bad_shares(servers, camera, cameras, options, num_lost(servers)).T
         _, after_one = bad_shares(servers, camera, cameras, options, 1).T
         parts = " | ".join(f"{part.mean():.2%} / {part.max():.1%}" for part in (before, after_one, after_zone))
         load = cameras * camera.mean_cores() / (count * options.cores)
-        print(f"| {count} | {cameras} | {cameras / count:.1f} | {load:.0%} | {parts} |")
+        print(f"| {count} | {cameras} | {cameras / count:.1f} | {cameras / (count * options.cores):.2f} | {load:.0%} | {parts} |")
         best = max(best, (cameras, count), key=lambda cell: cell[0] / (cell[1] + REDIS_NODES))
     return best
 
@@ -240,7 +241,7 @@ def parse(arguments=None):
     redis = parser.add_argument_group("Redis")
     redis.add_argument("--redis-gb", type=float, default=1.88, help="of a node for sessions (default: 1.88, 2 GiB less the backlog)")
     redis.add_argument("--session-mb", type=float, default=3.2, help="of a session with a full log of poses (default: 3.2)")
-    redis.add_argument("--redis-core", type=float, default=0.0032, help="of the core of Redis, for each session (default: 0.0032)")
+    redis.add_argument("--redis-core", type=float, default=0.0015, help="of the core of Redis, for each session (default: 0.0015)")
     redis.add_argument("--redis-load", type=float, default=0.7, help="of that core, at most (default: 0.7)")
     redis.add_argument("--written-mb-s", type=float, default=0.15, help="by a session at 1000 poses per second (default: 0.15)")
     redis.add_argument("--network-gbit-s", type=float, default=10, help="that the master can send (default: 10)")

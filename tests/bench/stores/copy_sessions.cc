@@ -3,24 +3,18 @@
 // copy_sessions STORE DATA_DIR SESSION COUNT: copies a stored session under COUNT new names, to measure full stores.
 // STORE as --store of evpose-server; DATA_DIR is used by "sqlite". The copies have the tenant of the session, and no
 // request_id. No server may have opened the store in DATA_DIR.
-#include <algorithm>
-#include <atomic>
 #include <cstdio>
 #include <cstdlib>
 #include <future>
 #include <string>
-#include <thread>
-#include <vector>
 
 #include "absl/strings/numbers.h"
 #include "core/base/status_macros.h"
 #include "server/stores/open_store.h"
+#include "tests/bench/stores/in_parallel.h"
 
 namespace evpose::server {
 namespace {
-
-// SQLite writes the waiting sessions of all threads in one transaction.
-constexpr int kThreads = 64;
 
 absl::Status Copy(Store& store, StoredSession session) {
   EVPOSE_ASSIGN_OR_RETURN(session.record.name, store.NewSessionName(session.record.tenant, /*request_id=*/""));
@@ -37,18 +31,7 @@ absl::Status Copy(Store& store, StoredSession session) {
 absl::Status Run(const StoreOptions& options, const std::string& name, int count) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Store> store, OpenStore(options));
   EVPOSE_ASSIGN_OR_RETURN(const StoredSession session, store->ReadSession(name));
-  std::atomic<int> num_left = count;
-  std::vector<std::future<absl::Status>> copies;
-  for (int i = 0; i < kThreads; ++i) {
-    copies.push_back(std::async(std::launch::async, [&] {
-      absl::Status status;
-      while (status.ok() && num_left.fetch_sub(1) > 0) status = Copy(*store, session);
-      return status;
-    }));
-  }
-  absl::Status status;
-  for (auto& copied : copies) status.Update(copied.get());
-  return status;
+  return InParallel(static_cast<size_t>(count), [&](size_t) { return Copy(*store, session); });
 }
 
 }  // namespace
