@@ -107,13 +107,13 @@ Json PausesToJson(const std::vector<double>& sorted_s) {
 Json OrNull(const std::optional<double>& value) { return value.has_value() ? Json(*value) : Json(); }
 
 // Null if the store does not report its processor time.
-Json StoreCpu_s(const ServerUse& before, const ServerUse& after) {
+Json StoreCpuS(const ServerUse& before, const ServerUse& after) {
   if (!before.store_cpu_s.has_value() || !after.store_cpu_s.has_value()) return Json();
   return *after.store_cpu_s - *before.store_cpu_s;
 }
 
 std::string StoreText(const ServerUse& before, const ServerUse& after) {
-  const Json cpu_s = StoreCpu_s(before, after);
+  const Json cpu_s = StoreCpuS(before, after);
   std::string text = cpu_s.is_null() ? "no CPU of its own" : absl::StrFormat("CPU %.2f s", cpu_s.get<double>());
   if (before.store_mb.has_value() && after.store_mb.has_value()) {
     absl::StrAppendFormat(&text, ", %.1f MB before, %.1f MB after", *before.store_mb, *after.store_mb);
@@ -144,7 +144,7 @@ Json ToJson(const Outcome& outcome, const LoadArguments& arguments) {
                        {"resident_mb_after", after.resident_mb},
                        {"load_ratio_before", before.load_ratio},
                        {"load_ratio_after", after.load_ratio},
-                       {"store_cpu_s", StoreCpu_s(before, after)},
+                       {"store_cpu_s", StoreCpuS(before, after)},
                        {"store_mb_before", OrNull(before.store_mb)},
                        {"store_mb_after", OrNull(after.store_mb)}});
   }

@@ -278,7 +278,7 @@ TEST_F(StoreErrorsTest, AnotherServerFencesTheStreamAndTheWatchers) {
   CreatedSession moved = session;
   moved.set_resume_token(attached.resume_token());
   const auto elsewhere = Attached(moved);
-  ASSERT_TRUE(track->Events(2, Flat64(SomeEvents(11, 1200, 1))));  // enough for a checkpoint
+  (void)track->Events(2, Flat64(SomeEvents(11, 1200, 1)));  // enough for a checkpoint, unless one was fenced already
   EXPECT_EQ(Describe(track->Finish()), "ABORTED FENCED");
   EXPECT_EQ(watchers.Errors(), "ABORTED FENCED, ABORTED FENCED");
 }

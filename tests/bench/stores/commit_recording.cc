@@ -82,8 +82,8 @@ absl::StatusOr<std::unique_ptr<SessionLease>> RecordingStore::CreateSession(cons
 }
 
 absl::StatusOr<SessionRecording> RecordSession(double rate_hz, double seconds) {
-  constexpr int64_t kChunk_us = 1000;
-  EVPOSE_ASSIGN_OR_RETURN(const auto input, client::LoadRecording::Make(rate_hz, kChunk_us));
+  constexpr int64_t kChunkUs = 1000;
+  EVPOSE_ASSIGN_OR_RETURN(const auto input, client::LoadRecording::Make(rate_hz, kChunkUs));
   const auto recorder = std::make_shared<CommitRecorder>();
   ServerOptions options;
   options.listen_address = "127.0.0.1:0";
