@@ -83,7 +83,7 @@ TEST(AdviseOnTest, EveryStatusThatAStreamCanEndWith) {
            Case{Code::kDataLoss, {"CRC_MISMATCH"}, RetryAdvice::kTryAgain},
            Case{Code::kDataLoss, {}, RetryAdvice::kGiveUp},
            Case{Code::kResourceExhausted, {"STORE_FULL"}, RetryAdvice::kGiveUp},
-           Case{Code::kResourceExhausted, {"TOO_MANY", "", absl::Seconds(1)}, RetryAdvice::kTryAgain},
+           Case{Code::kResourceExhausted, {"TOO_MANY", "", "", absl::Seconds(1)}, RetryAdvice::kTryAgain},
            Case{Code::kNotFound, {"SESSION_NOT_FOUND"}, RetryAdvice::kTryOtherServer},
            Case{Code::kNotFound, {"SESSION_DELETED"}, RetryAdvice::kGiveUp},
            Case{Code::kPermissionDenied, {"WRONG_TOKEN"}, RetryAdvice::kTryOtherToken},
@@ -149,7 +149,7 @@ TEST_F(RepeatCallTest, ErrorsThatAreFinalAreReturned) {
 
 TEST_F(RepeatCallTest, WaitsForAsLongAsTheServerAsks) {
   const absl::Time begin = clock_.Now();
-  EXPECT_TRUE(Repeat(absl::StatusCode::kResourceExhausted, {"TOO_MANY_STREAMS", "", absl::Seconds(5)}).ok());
+  EXPECT_TRUE(Repeat(absl::StatusCode::kResourceExhausted, {"TOO_MANY_STREAMS", "", "", absl::Seconds(5)}).ok());
   EXPECT_EQ(clock_.Now() - begin, absl::Seconds(4 * 5));
 }
 
