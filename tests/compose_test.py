@@ -72,6 +72,20 @@ def check_images():
             check(not open_ports or service == "haproxy", service, "of", name, "is published without a proxy")
 
 
+def check_environment():
+    """Checks that the servers log as in Kubernetes, and that the bound of their load is a variable."""
+    pods = (ROOT / "deploy/kubernetes/base/kustomization.yaml").read_text()
+    log_format = re.search(r"EVPOSE_LOG_FORMAT=(\w+)", pods)[1]
+    for name in ("compose.yaml", "compose.cluster.yaml", "compose.sentinel.yaml"):
+        servers = {service: document for service, document in services(name).items() if service.startswith("server")}
+        check(servers, name, "has no server")
+        for service, document in servers.items():
+            environment = document["environment"]
+            check(environment["EVPOSE_LOG_FORMAT"] == log_format, service, "of", name, "logs as", environment["EVPOSE_LOG_FORMAT"])
+            is_one = service == "server"
+            check(is_one or environment["EVPOSE_MAX_LOAD"] == "${EVPOSE_MAX_LOAD:-0}", service, "of", name, "has no bound of its load")
+
+
 def check_view():
     """Checks that the page of evpose view is published on the loopback address alone, under the port that it listens on, which browsers
     name in the header Host, and only if its profile is chosen."""
@@ -108,6 +122,7 @@ def check_sentinels():
 
 def main():
     check_versions()
+    check_environment()
     check_images()
     check_view()
     check_memory("compose.yaml")
