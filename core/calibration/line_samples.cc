@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/calibration/event_displacement.h"
 #include "core/numerics/statistics.h"
@@ -82,14 +83,14 @@ void LineSampler::AddPieces(const TrackedLine& line, double pieces_per_line, con
   }
 }
 
-bool LineSampler::AddCompanion(const Piece& other, Piece& piece) const {
+bool LineSampler::AddCompanion(const Piece& other, double min_gate_px, Piece& piece) const {
   constexpr double kMaxTurn = 0.1;      // sine of the angle: 2 px over a piece of 20 px
   constexpr double kSamePlacePx = 1.0;  // successive pieces of one line have nearly the same distance
   const double across = other.normal.dot(piece.normal);
   const double turn = other.along.dot(piece.normal);
   if (std::abs(turn) > kMaxTurn || std::abs(across) < 0.5) return false;
   const double distance_px = other.normal.dot(other.middle - piece.middle) / across;
-  if (std::abs(distance_px) >= 3.0 * options_.min_gate_px) return false;
+  if (std::abs(distance_px) >= 3.0 * min_gate_px) return false;
   const double along_px = piece.along.dot(other.middle - piece.middle);
   // Beyond its end there are no events of the other one.
   if (std::abs(along_px) > other.half_px + piece.half_px) return true;
@@ -100,11 +101,11 @@ bool LineSampler::AddCompanion(const Piece& other, Piece& piece) const {
   return true;
 }
 
-void LineSampler::SetGates() {
+void LineSampler::SetGates(double min_gate_px) {
   for (Piece& piece : pieces_) {
     double clear_px = 3.0 * options_.gate_px;
     for (const Piece& other : pieces_) {
-      if (other.line == piece.line || AddCompanion(other, piece)) continue;
+      if (other.line == piece.line || AddCompanion(other, min_gate_px, piece)) continue;
       // A farther piece cannot be within the clearance.
       if ((other.middle - piece.middle).norm() > clear_px + piece.half_px + other.half_px) continue;
       for (const Vector2d& point : {piece.begin, piece.middle, piece.end}) {
@@ -112,9 +113,9 @@ void LineSampler::SetGates() {
       }
       clear_px = std::min(clear_px, DistanceToSegment(other.middle, piece.begin, piece.end));
     }
-    piece.gate_px = piece.companions_px.empty() ? clear_px / 3.0 : std::min(clear_px / 3.0, options_.min_gate_px);
+    piece.gate_px = piece.companions_px.empty() ? clear_px / 3.0 : std::min(clear_px / 3.0, min_gate_px);
     const bool is_used =
-        piece.gate_px >= options_.min_gate_px && std::abs(piece.normal_speed_px_s) >= options_.min_speed_px_per_s;
+        piece.gate_px >= min_gate_px && std::abs(piece.normal_speed_px_s) >= options_.min_speed_px_per_s;
     if (!is_used) piece.gate_px = 0.0;
   }
 }
@@ -136,14 +137,14 @@ void LineSampler::EnterCells(int index) {
   }
 }
 
-void LineSampler::MakePieces(double pieces_per_line, const CalibrationInterval& interval) {
+void LineSampler::MakePieces(const Cut& cut, const CalibrationInterval& interval) {
   for (const int cell : used_cells_) cells_[cell].clear();
   used_cells_.clear();
   pieces_.clear();
   for (const TrackedLine& line : visible_.At(interval.camera_from_object)) {
-    if (!line.is_element) AddPieces(line, pieces_per_line, interval);
+    if (!line.is_element) AddPieces(line, cut.pieces_per_line, interval);
   }
-  SetGates();
+  SetGates(cut.min_gate_px);
   for (size_t i = 0; i < pieces_.size(); ++i) {
     if (pieces_[i].gate_px > 0.0) EnterCells(static_cast<int>(i));
   }
@@ -208,22 +209,26 @@ void LineSampler::Finish(Piece& piece, double min_events, int index, std::vector
 }
 
 void LineSampler::Sample(const CalibrationInterval& interval, int index, std::vector<LineSample>& samples) {
-  const size_t first = samples.size();
-  SampleWith(kMinPieces, options_.min_events, interval, index, samples);
-  if (static_cast<int>(samples.size() - first) >= options_.min_samples) return;
-  samples.resize(first);
-  SampleWith(kMinPiecesIfSparse, options_.min_events_if_sparse, interval, index, samples);
+  std::vector<LineSample> most = SampleWith({kMinPieces, options_.min_events, options_.min_gate_px}, interval, index);
+  if (static_cast<int>(most.size()) < options_.min_samples) {
+    for (const Cut& cut : {Cut{kMinPiecesIfSparse, options_.min_events_if_sparse, options_.min_gate_px},
+                           Cut{kMinPieces, options_.min_events_if_sparse, options_.min_gate_if_sparse_px}}) {
+      std::vector<LineSample> sparse = SampleWith(cut, interval, index);
+      if (sparse.size() > most.size()) most = std::move(sparse);
+    }
+  }
+  samples.insert(samples.end(), most.begin(), most.end());
 }
 
-void LineSampler::SampleWith(double pieces_per_line, double min_events, const CalibrationInterval& interval, int index,
-                             std::vector<LineSample>& samples) {
-  MakePieces(pieces_per_line, interval);
+std::vector<LineSample> LineSampler::SampleWith(const Cut& cut, const CalibrationInterval& interval, int index) {
+  MakePieces(cut, interval);
   for (const Event& event : interval.events) {
     AddEvent(event, 1e-6 * static_cast<double>(event.t_us - interval.t_us));
   }
-  const size_t first = samples.size();
-  for (Piece& piece : pieces_) Finish(piece, min_events, index, samples);
-  SetDensities(1e-6 * static_cast<double>(interval.duration_us), absl::MakeSpan(samples).subspan(first));
+  std::vector<LineSample> samples;
+  for (Piece& piece : pieces_) Finish(piece, cut.min_events, index, samples);
+  SetDensities(1e-6 * static_cast<double>(interval.duration_us), absl::MakeSpan(samples));
+  return samples;
 }
 
 void LineSampler::SetDensities(double duration_s, absl::Span<LineSample> samples) const {

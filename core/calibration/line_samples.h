@@ -60,10 +60,12 @@ struct LineSampleOptions {
   double min_piece_px = 6.0;
   // Smallest number of events of a piece, for their mean.
   double min_events = 12.0;
-  // Intervals with so few events that they have less than `min_samples` samples otherwise are divided into pieces of at
-  // least a third of their line, with at least `min_events_if_sparse` events.
+  // For intervals that have less than `min_samples` otherwise, of a small sensor or a fast motion: this number of
+  // events, and either pieces that are at least a third of their line, or this distance from the expected position, at
+  // which the events of a line 4.5 px away are two standard deviations outside. What gives the most samples is used.
   int min_samples = 24;
   double min_events_if_sparse = 6.0;
+  double min_gate_if_sparse_px = 1.5;
   // Smallest normal speed, px/s: a slower line has too few events to be distinguished from noise.
   double min_speed_px_per_s = 20.0;
   // Correlated events that count as one, and error of the model of an edge, pixels, as in sensor_calibration.h.
@@ -100,14 +102,20 @@ class LineSampler {
     double polarity[2] = {0.0, 0.0};
   };
 
-  void SampleWith(double pieces_per_line, double min_events, const CalibrationInterval& interval, int index,
-                  std::vector<LineSample>& samples);
-  void MakePieces(double pieces_per_line, const CalibrationInterval& interval);
+  // How the lines of an interval are measured.
+  struct Cut {
+    double pieces_per_line = 0.0;  // at least, except of short lines
+    double min_events = 0.0;
+    double min_gate_px = 0.0;
+  };
+
+  std::vector<LineSample> SampleWith(const Cut& cut, const CalibrationInterval& interval, int index);
+  void MakePieces(const Cut& cut, const CalibrationInterval& interval);
   void AddPieces(const TrackedLine& line, double pieces_per_line, const CalibrationInterval& interval);
   bool ProjectPoint(const RigidTransform& pose, const Eigen::Vector3d& point, Eigen::Vector2d& pixel) const;
-  void SetGates();
+  void SetGates(double min_gate_px);
   // True if `other` is so near and parallel to `piece` that it is measured together with it: among its companions.
-  bool AddCompanion(const Piece& other, Piece& piece) const;
+  bool AddCompanion(const Piece& other, double min_gate_px, Piece& piece) const;
   void EnterCells(int index);
   void AddEvent(const Event& event, double tau_s);
   void Finish(Piece& piece, double min_events, int index, std::vector<LineSample>& samples) const;
