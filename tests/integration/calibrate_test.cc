@@ -93,6 +93,14 @@ TEST_F(CliTest, CalibrateFindsTheCameraFromTheTargetAlone) {
   const CliResult replayed = Run({"replay", Path("r1/recording.raw"), "--model", Path("target.obj"), "--camera",
                                   Path("camera.yaml"), "--sensor", Path("profile.yaml"), "--json"});
   EXPECT_EQ(replayed.status, 0) << replayed.err;
+  // A first guess of 75.7 degrees is that of a focal length of 412 px, which is 20 % too short.
+  const CliResult guessed =
+      Run({"calibrate", Path("r1/recording.raw"), Path("r2/recording.raw"), Path("r3/recording.raw"), "--model",
+           Path("target.obj"), "--fov", "75.7", "--camera-out", Path("guessed.yaml"), "--json"});
+  ASSERT_EQ(guessed.status, 0) << guessed.err;
+  const nlohmann::json from_guess = guessed.Json()["camera"]["parameters"]["fx_px"];
+  EXPECT_LT(from_guess["standard_error"], 1.5);
+  EXPECT_NEAR(from_guess["value"], 515.0, 4.0 * from_guess["standard_error"].get<double>());
 }
 
 TEST_F(CliTest, CalibrateFitsTheProfileToTrackedPoses) {
@@ -106,6 +114,53 @@ TEST_F(CliTest, CalibrateFitsTheProfileToTrackedPoses) {
   EXPECT_TRUE(result.Json()["latency_us"]["standard_error"].is_null());
   EXPECT_NEAR(result.Json()["blur_px"]["value"], 0.47, 0.2);
   EXPECT_THAT(ReadText("profile.yaml"), HasSubstr("blur_px"));
+  // The same events in a format of other programs.
+  ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("cube/recording.csv")}).status, 0);
+  const CliResult foreign = Run({"calibrate", Path("cube/recording.csv"), "--model", Path("cube/model.obj"), "--camera",
+                                 Path("cube/camera.yaml"), "-o", Path("foreign.yaml")});
+  ASSERT_EQ(foreign.status, 0) << foreign.err;
+  EXPECT_EQ(ReadText("foreign.yaml"), ReadText("profile.yaml"));
+}
+
+// The target is 85 px wide on a small sensor: its lines are long enough for the camera, and too few pass alone for a
+// profile.
+TEST_F(CliTest, CalibrateKeepsTheCameraIfTheProfileIsNotDetermined) {
+  WriteText("small.yaml",
+            "image_width: 240\nimage_height: 180\ncamera_name: small\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+            "  data: [200, 0, 119.5, 0, 200, 89.5, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n"
+            "  rows: 1\n  cols: 5\n  data: [0, 0, 0, 0, 0]\n");
+  ASSERT_EQ(Run({"target", "-o", Path("target.pdf")}).status, 0);
+  const CliResult simulated =
+      Run({"simulate", "--model", Path("target.obj"), "--front", "--camera", Path("small.yaml"), "--distance", "0.8",
+           "--speed", "3", "--duration", "2", "--noise", "0.02", "-o", Path("small")});
+  ASSERT_EQ(simulated.status, 0) << simulated.err;
+  const CliResult result = Run({"calibrate", Path("small/recording.raw"), "--model", Path("target.obj"), "--fov", "62",
+                                "--camera-out", Path("camera.yaml"), "-o", Path("profile.yaml")});
+  EXPECT_EQ(result.status, 1);
+  EXPECT_THAT(result.err, HasSubstr("too little data to fit a sensor profile"));
+  EXPECT_THAT(result.err, HasSubstr("; the camera is estimated and written to " + Path("camera.yaml")));
+  EXPECT_THAT(ReadText("camera.yaml"), HasSubstr("camera_matrix"));
+  EXPECT_TRUE(FilesBeginning("profile").empty());
+}
+
+// --model and --camera take one file or one for each recording, so that the recordings may stand behind them.
+TEST_F(CliTest, CalibrateTakesRecordingsBeforeOrAfterTheOptions) {
+  SimulateCube(0.02);
+  const std::string recording = Path("cube/recording.raw"), model = Path("cube/model.obj");
+  const std::string camera = Path("cube/camera.yaml"), out = Path("out.yaml");
+  const auto error = [&](std::vector<std::string> arguments, int status) {
+    arguments.insert(arguments.begin(), "calibrate");
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, status) << result.err;
+    return result.err;
+  };
+  const std::string too_short = "too little data to fit a sensor profile";
+  EXPECT_THAT(error({"--camera", camera, "--model", model, recording, "-o", out}, 1), HasSubstr(too_short));
+  EXPECT_THAT(error({"--model", model, "-o", out, "--camera", camera, recording}, 1), HasSubstr(too_short));
+  EXPECT_THAT(error({"--model", model, recording, recording, "--camera", camera, "-o", out}, 1), HasSubstr(too_short));
+  EXPECT_THAT(error({"--model", model, recording, "--camera-out", out}, 1), HasSubstr("record longer"));
+  EXPECT_THAT(error({"--camera", camera, "--model", model, "-o", out}, 2), HasSubstr("give RECORDINGS"));
+  EXPECT_THAT(error({"--hand-eye", Path("cube/truth.tum"), "-o", out}, 2), HasSubstr("give RECORDINGS"));
 }
 
 TEST_F(CliTest, CalibrateRefusesOptionsThatDoNotBelongTogether) {

@@ -69,6 +69,18 @@ const std::string& Of(const std::vector<std::string>& values, size_t i) {
   return values.size() == 1 ? values.front() : values[i];
 }
 
+// --model and --camera take all files that follow them. If no recording stands before them, the first of these files is
+// the value of the option, and the others are the recordings, as in `--camera FILE --model FILE RECORDINGS`.
+void TakeRecordings(CalibrateArguments& arguments) {
+  if (!arguments.recordings.empty()) return;
+  for (std::vector<std::string>* values : {&arguments.models, &arguments.cameras}) {
+    if (values->size() < 2) continue;
+    arguments.recordings.assign(values->begin() + 1, values->end());
+    values->resize(1);
+    return;
+  }
+}
+
 absl::Status CheckCounts(const CalibrateArguments& arguments) {
   const size_t wanted = arguments.recordings.size();
   if (!arguments.truths.empty() && arguments.truths.size() != wanted) {
@@ -329,7 +341,14 @@ void PrintWarnings(const std::vector<std::string>& warnings, CliContext& context
   for (const std::string& warning : warnings) context.err << "evpose calibrate: warning: " << warning << "\n";
 }
 
+// Adds to the error of a profile that the camera is written already.
+absl::Status AfterTheCamera(const absl::Status& error, const std::string& camera_out) {
+  return absl::Status(error.code(), absl::StrCat(error.message(), "; the camera is estimated and written to ",
+                                                 camera_out, ", only the profile is not"));
+}
+
 absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& context) {
+  if (arguments.recordings.empty()) return UsageError("give RECORDINGS, which is required");
   if (!arguments.hand_eye.reference.empty()) {
     if (arguments.recordings.size() != 1) return UsageError("--hand-eye: give one file of evpose's poses");
     if (arguments.out.empty()) return UsageError("-o is required: the file for the pose of the camera");
@@ -355,7 +374,9 @@ absl::Status RunCalibrate(const CalibrateArguments& arguments, CliContext& conte
   std::optional<ProfileResult> profile;
   if (profile_file) {
     const std::optional<CameraModel> estimated = camera ? std::optional<CameraModel>(camera->camera) : std::nullopt;
-    EVPOSE_ASSIGN_OR_RETURN(profile, FitProfile(context, arguments, estimated, start, progress));
+    absl::StatusOr<ProfileResult> fitted = FitProfile(context, arguments, estimated, start, progress);
+    if (!fitted.ok() && camera) return AfterTheCamera(fitted.status(), arguments.camera_out);
+    EVPOSE_ASSIGN_OR_RETURN(profile, std::move(fitted));
     EVPOSE_RETURN_IF_ERROR(WriteProfile(*profile, profile_file, picture));
     progress.Clear();
     PrintWarnings(profile->calibration.warnings, context);
@@ -421,8 +442,7 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
   app.option_defaults()->group(kInputGroup);
   app.add_option("recordings", arguments->recordings,
                  absl::StrCat("Recordings of one sensor and lens: ", kRecordingFormats))
-      ->type_name("FILE")
-      ->required();
+      ->type_name("FILE");
   app.add_option("--model", arguments->models,
                  absl::StrCat("Model of the object, one for all recordings or one for each: ", kModelFormats))
       ->type_name("FILE");
@@ -455,7 +475,10 @@ CommandRunner AddCalibrateCommand(CLI::App& app, CliContext& context) {
       "  evpose simulate --object cube --duration 2 --motion bursts --out cube\n"
       "  evpose calibrate cube/recording.raw --truth cube/truth.tum --model cube/model.obj --camera cube/camera.yaml "
       "--out sensor.yaml --picture residuals.png");
-  return [arguments, &context] { return RunCalibrate(*arguments, context); };
+  return [arguments, &context] {
+    TakeRecordings(*arguments);
+    return RunCalibrate(*arguments, context);
+  };
 }
 
 }  // namespace evpose::client
