@@ -76,14 +76,15 @@ class TablesTest(unittest.TestCase):
 
     def test_refused_profiles_are_named_below_the_cameras(self):
         poses = {"given_px": 0.3, "given_poses": 9, "own_px": None, "own_poses": 0, "ratio": None}
-        refused = {"recording": "a", "guess": "profile", "error": "evpose calibrate: too little data", **poses}
+        error = "evpose calibrate: /d/a/recording.raw: too little data; record more"
+        refused = {"recording": "a", "guess": "profile", "error": error, **poses}
         camera = {"recording": "a", "guess": 0.8, "error": None, "parameters": {"fx_px": {"value": 200.0, "standard_error": None}},
                   "not_determined": ["fx_px"], **poses, "own_px": 0.33, "own_poses": 8, "ratio": 1.1}
         text = cameras.real_cameras([camera, refused])
         line = cells(text)
         self.assertEqual((line["error of the first guess"], line["fx, px"], line["ratio"]), ("-20 %", "200.0 +- -", "1.10"))
         self.assertTrue(text.endswith("\n\n- a: too little data"))
-        self.assertEqual(cells(cameras.real_cameras([{**refused, "guess": 1.2}]))["not determined"], "evpose calibrate: too little data")
+        self.assertEqual(cells(cameras.real_cameras([{**refused, "guess": 1.2}]))["not determined"], "too little data")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tables of real recordings and of calibrated cameras, for results.py. Each function takes the rows of a command with --json."""
 import json
+import re
 
 from result_tables.markdown import table
 
@@ -12,6 +13,11 @@ def read(output):
 
 def cell(value, decimals, factor=1.0):
     return "-" if value is None else f"{factor * value:.{decimals}f}"
+
+
+def reason(error):
+    """The cause of an error of `evpose calibrate`, without the path of the recording and the remedy."""
+    return re.sub(r"^\S*/\S+: ", "", error.removeprefix("evpose calibrate: ")).split(";")[0]
 
 
 def replays(rows):
@@ -28,14 +34,14 @@ def real_cameras(rows):
     for row in rows:
         is_profile = row["guess"] == "profile"
         if is_profile and row["error"]:
-            refused.append(f"- {row['recording']}: {row['error'].removeprefix('evpose calibrate: ')}")
+            refused.append(f"- {row['recording']}: {reason(row['error'])}")
             continue
         focal = row.get("parameters", {}).get("fx_px", {})
         error = cell(focal.get("standard_error"), 1)
         lines.append([row["recording"], "profile" if is_profile else f"{100 * (row['guess'] - 1):+.0f} %",
                       "-" if not focal else f"{focal['value']:.1f} +- {error}", cell(row["given_px"], 2), cell(row["own_px"], 2),
                       cell(row["ratio"], 2), f"{row['given_poses']}, {row['own_poses']}",
-                      row["error"] or ", ".join(row.get("not_determined", []))])
+                      reason(row["error"]) if row["error"] else ", ".join(row.get("not_determined", []))])
     text = table(["recording", "error of the first guess", "fx, px", "given camera, px", "own camera, px", "ratio",
                   "poses while TRACKING", "not determined"], lines)
     return text + (f"\n\nNo profile could be fitted:\n\n{chr(10).join(refused)}" if refused else "")
