@@ -7,6 +7,7 @@
 #include <limits>
 #include <new>
 
+#include "core/base/paced_yields.h"
 #include "core/base/yields_testing.h"
 #include "core/numerics/random.h"
 
@@ -195,6 +196,18 @@ TEST(StateIoTest, SmallNumbersAreShort) {
   endless.Varint(read);
   EXPECT_EQ(endless.Finish().code(), absl::StatusCode::kDataLoss);
   EXPECT_EQ(read, 0u);
+}
+
+TEST(PacedYieldsTest, AYieldPointFollowsSoManySteps) {
+  PacedYields yields(100);
+  const auto add = [&yields](std::initializer_list<size_t> steps) {
+    return CountYields([&] {
+      for (const size_t count : steps) yields.Add(count);
+    });
+  };
+  EXPECT_EQ(add({50, 49}), 0u);
+  EXPECT_EQ(add({1}), 1u);
+  EXPECT_EQ(add({99, 300, 99, 2}), 2u) << "one body is never divided";
 }
 
 TEST(StateIoTest, LargeStatesHaveYieldPoints) {

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "core/base/check_range.h"
+#include "core/base/paced_yields.h"
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 #include "core/estimation/event_deficit.h"
@@ -31,6 +32,9 @@ Matrix12d SymmetricInverse(const Matrix12d& matrix) {
   for (int k = 0; k < 12; ++k) inverse.col(k) = factors.solve(Vector12d::Unit(k));
   return 0.5 * (inverse + inverse.transpose());
 }
+
+// Lines whose equations take about 0.1 ms.
+constexpr size_t kLinesBetweenYields = 128;
 
 class MixtureEstimator : public WindowEstimator {
  public:
@@ -285,6 +289,7 @@ class MixtureEstimator : public WindowEstimator {
   }
   void CompleteLines(const MotionState& state, const WindowInput& input) {
     ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(window_.lines));
+    YieldPoint();
     learned_.edge_bias.Correct(input.lines, absl::MakeSpan(window_.lines));
     for (size_t k = 0; k < window_.lines.size(); ++k) window_.lines[k].a_expected.z() -= window_.flicker_biases_px[k];
   }
@@ -323,9 +328,10 @@ class MixtureEstimator : public WindowEstimator {
       return information == Information::kObserved ? window_.sums[k].ObservedRatio(sigma_px) * event_scale
                                                    : event_scale;
     };
+    PacedYields yields(kLinesBetweenYields);
     ForEachArc(input.lines, window_.lines, [&](size_t first, size_t end) {
-      YieldPoint(first);
       AddEquations(input.lines, window_.lines, first, end, displacement_px, scale_of, hessian, gradient);
+      yields.Add(end - first);
     });
     CountForDeficit(camera_, input, window_.lines, window_.sums, state.twist, window_.noise_per_px,
                     options_.min_events_per_px2, window_.deficit_counts);
@@ -372,9 +378,10 @@ class MixtureEstimator : public WindowEstimator {
         window_.moved_lines.back().a_dot.setZero();
       }
       Vector12d gradient = Vector12d::Zero();
+      PacedYields yields(kLinesBetweenYields);
       ForEachArc(input.lines, window_.lines, [&](size_t first, size_t end) {
-        YieldPoint(first);
         AddEquations(input.lines, window_.moved_lines, first, end, displacement_px, scale_of, unused, gradient);
+        yields.Add(end - first);
       });
       return gradient;
     };
@@ -427,7 +434,10 @@ class MixtureEstimator : public WindowEstimator {
   // fitted to them.
   double Background(const WindowInput& input, double gate_px) const {
     double area_px2 = 0.0;
-    for (size_t k = 0; k < window_.lines.size(); ++k) area_px2 += GateAreaPx2(input.cells, window_.lines, k, gate_px);
+    for (size_t k = 0; k < window_.lines.size(); ++k) {
+      YieldPoint(k);
+      area_px2 += GateAreaPx2(input.cells, window_.lines, k, gate_px);
+    }
     return input.background_per_px2 * area_px2 * input.sampling.observations_per_background_event;
   }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "core/base/paced_yields.h"
 #include "core/numerics/reusable_vector.h"
 #include "core/numerics/target_clones.h"
 
@@ -12,6 +13,10 @@ namespace {
 
 // Smaller weights count as zero: they do not affect the sums and only cost numerical range.
 constexpr float kLeastWeight = 1e-4f;
+
+// Vectors of events, and places of shared events, that take about 0.1 ms. What is computed once for a group takes as
+// long as so many vectors.
+constexpr size_t kLanesBetweenYields = 4096, kPlacesBetweenYields = 4096, kLanesOfGroup = 8;
 
 }  // namespace
 
@@ -123,7 +128,9 @@ EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, ab
   const Lanes inlier_ratio = AllLanes(1.0 - density.outlier_ratio);
   AssignDefaults(lines.size(), sums);
   AssignDefaults(events.num_shared_lanes(), events.max_lanes(), terms_);
+  PacedYields yields(kLanesBetweenYields);
   for (const LineGroup& group : events.groups()) {
+    yields.Add(kLanesOfGroup + group.events.size());
     if (!group.is_shared || !lines[group.line].in_view()) continue;
     const GroupTerms of_group = terms_of(group);
     for (size_t i = 0; i < group.events.size(); ++i) terms_[group.first + i] = of_group.Of(group.events[i]);
@@ -131,6 +138,7 @@ EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, ab
   ShareEvents(events, density);
   MixtureTotals totals;
   for (const LineGroup& group : events.groups()) {
+    yields.Add(kLanesOfGroup + group.events.size());
     if (!lines[group.line].in_view()) continue;
     const GroupTerms of_group = terms_of(group);
     GroupSums of_events;
@@ -154,7 +162,9 @@ void MixturePass::ShareEvents(const LineEvents& events, const MixtureDensity& de
   const auto inlier_ratio = static_cast<float>(1.0 - density.outlier_ratio);
   AssignDefaults(terms_.size(), events.max_lanes(), inverse_);
   AssignDefaults(terms_.size(), events.max_lanes(), is_nearest_);
+  PacedYields yields(kPlacesBetweenYields);
   for (const LineEvents::Shared& event : events.shared()) {
+    yields.Add(event.Places().size());
     // The nearest two lines whose gates contain the event.
     constexpr uint32_t kNone = std::numeric_limits<uint32_t>::max();
     constexpr float kFar = std::numeric_limits<float>::infinity();

@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "core/association/observation_testing.h"
+#include "core/base/yields_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 
@@ -116,6 +117,18 @@ class MixturePassTest : public ::testing::TestWithParam<int> {
 };
 
 INSTANTIATE_TEST_SUITE_P(Windows, MixturePassTest, ::testing::Range(1, 6));
+
+TEST_P(MixturePassTest, ManyEventsHaveYieldPoints) {
+  std::vector<Observation> many;
+  for (int i = 0; i < 40; ++i) many.insert(many.end(), events_.begin(), events_.end());
+  const LineEvents sorted(many, lines_.size());
+  MixturePass pass;
+  std::vector<MixtureLine> sums;
+  const size_t count = CountYields([&] { pass.Accumulate(sorted, lines_, density_, densities_, sums); });
+  // Each of these events has at least two places, and takes some 50 ns.
+  EXPECT_GE(count, 2 * sorted.shared().size() / 4096);
+  EXPECT_GE(count, 10u);
+}
 
 TEST_P(MixturePassTest, EqualsAPlainLoop) {
   MixturePass pass;

@@ -69,6 +69,26 @@ def grid(side):
     return (_rows("v", vertices) + _rows("f", faces)).encode()
 
 
+def blob(rings):
+    """A closed smooth body of 4 * rings^2 triangles: its contours are computed for every view."""
+    theta = numpy.arange(1, rings) * (numpy.pi / rings)
+    phi = numpy.arange(2 * rings) * (numpy.pi / rings)
+    radius = 0.1 + 0.01 * numpy.sin(3 * theta)[:, None] * numpy.cos(2 * phi)
+    body = numpy.stack([radius * numpy.sin(theta)[:, None] * numpy.cos(phi), radius * numpy.sin(theta)[:, None] * numpy.sin(phi),
+                        radius * numpy.cos(theta)[:, None] * numpy.ones(phi.size)], axis=-1)
+    vertices = numpy.vstack([body.reshape(-1, 3), [[0, 0, 0.1], [0, 0, -0.1]]]).round(7)
+    here = numpy.arange(1, body[..., 0].size + 1).reshape(rings - 1, -1)
+    beside = numpy.roll(here, -1, axis=1)
+    top, bottom = here.size + 1, here.size + 2
+    faces = numpy.vstack([
+        numpy.column_stack([here[:-1].ravel(), here[1:].ravel(), beside[1:].ravel()]),
+        numpy.column_stack([here[:-1].ravel(), beside[1:].ravel(), beside[:-1].ravel()]),
+        numpy.column_stack([numpy.full(phi.size, top), here[0], beside[0]]),
+        numpy.column_stack([numpy.full(phi.size, bottom), beside[-1], here[-1]]),
+    ])
+    return (_rows("v", vertices) + _rows("f", faces)).encode()
+
+
 # Files that must be refused with INVALID_ARGUMENT, whatever else they cost.
 MALFORMED = {
     "empty": b"",

@@ -14,7 +14,7 @@ import grpc
 import server
 from api import EVT3, client, failure_of
 from camera import Camera, assert_same_poses, assert_undisturbed, camera_model, chunks, create, initial_pose, recording
-from hostile_models import CUBE, tangle
+from hostile_models import CUBE, blob, tangle
 
 PIECE_BYTES = 1 << 18
 
@@ -89,7 +89,19 @@ class FairTimeTest(server.AdversaryTest):
 
     def test_beside_sessions_with_an_expensive_model(self):
         mallory = client(self, self.running, "mallory")
-        model = self.most_expensive_model(mallory)
+        self.check("beside two sessions with an expensive model", self.runs_beside_two(mallory, self.most_expensive_model(mallory)))
+        self.check_turns("an expensive model")
+
+    def test_turns_of_a_search_and_of_a_curved_model(self):
+        """The poses and the duration of every turn, also while the camera's first pose is searched for."""
+        (alone,) = Camera(self.running, "alice", is_pose_given=False).runs()
+        mallory = client(self, self.running, "mallory")
+        runs = self.runs_beside_two(mallory, mallory.upload(blob(100)).name, is_pose_given=False)
+        self.assertEqual({run.digest for run in runs}, {alone.digest})
+        self.check_turns("a search and a curved model")
+
+    def runs_beside_two(self, mallory, model, is_pose_given=True):
+        """Tracks the recording beside two sessions of mallory with up to 16 objects of the model each."""
         stop = threading.Event()
         before = self.running.metric("evpose_received_bytes_total")
         with concurrent.futures.ThreadPoolExecutor() as pool:
@@ -97,14 +109,16 @@ class FairTimeTest(server.AdversaryTest):
             try:
                 server.poll(lambda: self.running.metric("evpose_received_bytes_total") > before + 100_000
                             or any(future.done() for future in sending), "expensive sessions")
-                runs = Camera(self.running, "alice").runs()
+                runs = Camera(self.running, "alice", is_pose_given=is_pose_given).runs()
             finally:
                 stop.set()
             for future in sending:
                 future.result()
-        self.check("beside two sessions with an expensive model", runs)
+        return runs
+
+    def check_turns(self, what):
         num_turns, num_short = self.running.metrics(("evpose_turn_seconds_count",), ("evpose_turn_seconds_bucket", 'le="0.005"'))
-        server.figures["turns of at most 5 ms, with an expensive model"] = f"{num_short:.0f} of {num_turns:.0f}"
+        server.figures[f"turns of at most 5 ms, with {what}"] = f"{num_short:.0f} of {num_turns:.0f}"
         self.assertGreater(self.running.metric("evpose_checkpoint_duration_seconds_count"), 0)
         self.assertGreater(num_turns, 0)
         self.assertEqual(num_short, num_turns)
