@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Memory: what a session takes is charged before it takes it, and what cannot be had fails one call."""
 
+import pathlib
+import re
+import subprocess
 import unittest
 
 import grpc
@@ -9,7 +12,7 @@ import numpy
 
 import server
 from api import LARGEST, client, failure_of, refusal
-from hostile_models import CUBE
+from hostile_models import CUBE, padded_cube
 
 LIMIT_BYTES = 400 << 20
 # Memory of the server besides sessions: buffers of gRPC, pages that malloc keeps.
@@ -143,6 +146,56 @@ class SessionMemoryTest(MemoryTest):
             send_all(again, session, noise(256))
         self.assertLess(running.peak_bytes(), LIMIT_BYTES + 2 * SLACK_BYTES)
         self.assertEqual(refusal(again.create, model, camera=LARGEST).reason, "SESSION_MEMORY")
+
+
+class LeftMemoryTest(MemoryTest):
+    """Calls of all kinds while the server may take only some megabytes more than it has."""
+
+    def test_the_server_survives_with_little_memory_left(self):
+        num_exhausted = 0
+        for left in (40 << 20, 1 << 30):
+            with self.subTest(left=f"{left >> 20} MiB"):
+                num_exhausted += self.exhaust(left)
+        self.assertGreater(num_exhausted, 0, "no call was refused for want of memory")
+
+    def exhaust(self, left):
+        """Limits the address space of a server that has answered each kind of call. Returns how many calls failed for want of memory."""
+        running = self.serve("--max-session-memory", str(1 << 40))
+        api = client(self, running, timeout_s=server.PATIENCE_S)
+        cube = api.upload(CUBE).name
+        small = noise(2048)
+        send_all(api, api.create(cube), small)
+        pid = running.process.pid
+        size_bytes = int(re.search(r"VmSize:\s+(\d+) kB", pathlib.Path(f"/proc/{pid}/status").read_text())[1]) << 10
+        self.limit(pid, size_bytes + left)
+        reasons = []
+        created = []
+
+        def attempt(call):
+            try:
+                return call()
+            except grpc.RpcError as error:
+                reasons.append(failure_of(error).reason)
+                self.assertIsNone(running.process.poll(), f"ended with {left} bytes left: {running.log()[-1000:]}")
+                return None
+
+        for number in range(8):
+            attempt(lambda number=number: api.upload(padded_cube(8 << 20, number)))
+            session = attempt(lambda number=number: api.create(cube, camera={**LARGEST, "fx_px": 3000 + number}, num_objects=16))
+            if session is not None:
+                created.append(session)
+                attempt(lambda session=session: send_all(api, session, small))
+                attempt(lambda session=session: next(api.watch("WatchHealth", session=session.session.name)))
+            attempt(lambda: api("GetModelGeometry", name=cube))
+        self.limit(pid, "unlimited")
+        for session in created:
+            api("DeleteSession", name=session.session.name, allow_missing=True)
+        send_all(api, api.create(cube), small)
+        self.assertEqual(running.terminate(), 0)
+        return reasons.count("OUT_OF_MEMORY")
+
+    def limit(self, pid, size):
+        subprocess.run(["prlimit", f"--pid={pid}", f"--as={size}:"], check=True)
 
 
 class StreamMemoryTest(MemoryTest):
