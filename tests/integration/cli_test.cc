@@ -147,8 +147,7 @@ TEST_F(CliTest, ErrorsOfAModelNameItsFile) {
   };
   const CliResult prose = replay("prose.obj");
   EXPECT_EQ(prose.status, 1);
-  EXPECT_THAT(prose.err, HasSubstr(Path("prose.obj") +
-                                   ": server in this process: the model file has no line and no face: export"));
+  EXPECT_THAT(prose.err, HasSubstr(Path("prose.obj") + ": the model file has no line and no face: export"));
   const CliResult empty = replay("empty.obj");
   EXPECT_EQ(empty.status, 1);
   EXPECT_THAT(empty.err, HasSubstr(Path("empty.obj") + ": the model file is empty\n"));
