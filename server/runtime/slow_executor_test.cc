@@ -4,6 +4,7 @@
 #include <array>
 #include <boost/asio/io_context.hpp>
 
+#include "absl/status/statusor.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/runtime/errors.h"
