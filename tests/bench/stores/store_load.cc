@@ -88,6 +88,7 @@ absl::Status Run(const Arguments& arguments) {
 }  // namespace
 }  // namespace evpose::server
 
+// NOLINTNEXTLINE(bugprone-exception-escape): an exception ends the program
 int main(int argc, char** argv) {
   evpose::server::Arguments arguments;
   CLI::App app("Writes the recorded commits of a session to a store under many names.");
