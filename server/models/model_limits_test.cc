@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/models/model_limits.h"
 
-#include <new>
 #include <string>
 
 #include "absl/status/status.h"
@@ -64,21 +63,12 @@ TEST(ModelLimitsTest, UploadsAreCounted) {
 TEST(ModelLimitsTest, WithoutMemoryNothingIsCounted) {
   ModelLimits limits({.max_model_bytes = 100, .max_store_bytes = 100, .max_uploads = 1});
   const std::string tenant = "a name that does not fit into the string itself";
-  int num_failed = 0;
-  bool has_failed = true;
-  for (int number = 0; has_failed; ++number) {
-    has_failed = FailsAllocation(number, [&] {
-      try {
-        const auto upload = limits.BeginUpload(tenant).value();
-        upload->Add(100).IgnoreError();
-      } catch (const std::bad_alloc&) {
-        ++num_failed;
-      }
-    });
-    const auto upload = limits.BeginUpload(tenant);
-    ASSERT_TRUE(upload.ok()) << number;
-    EXPECT_TRUE(upload.value()->Add(100).ok()) << number;
-  }
+  const auto upload = [&] { limits.BeginUpload(tenant).value()->Add(100).IgnoreError(); };
+  const int num_failed = FailEachAllocation(upload, [&](int number) {
+    const auto next = limits.BeginUpload(tenant);
+    ASSERT_TRUE(next.ok()) << number;
+    EXPECT_TRUE(next.value()->Add(100).ok()) << number;
+  });
   EXPECT_GT(num_failed, 1);
 }
 

@@ -42,6 +42,13 @@ inline v1::UploadModelRequest UploadHeader(uint64_t size_bytes) {
   return request;
 }
 
+// Writes the header of a file of this size, and all of its bytes but one. Returns whether the stream was open.
+inline bool WriteAllButOneByte(grpc::ClientWriter<v1::UploadModelRequest>& upload, uint64_t size_bytes) {
+  v1::UploadModelRequest most;
+  most.set_chunk(std::string(size_bytes - 1, ' '));
+  return upload.Write(UploadHeader(size_bytes)) && upload.Write(most);
+}
+
 // The messages that upload an OBJ file.
 inline std::vector<v1::UploadModelRequest> UploadRequests(const std::string& file) {
   std::vector<v1::UploadModelRequest> requests = {UploadHeader(file.size()), v1::UploadModelRequest()};

@@ -64,10 +64,7 @@ TEST_F(UploadTest, TheEndOfTheServerEndsAnUploadUnderWay) {
   grpc::ClientContext context;
   v1::Model model, other;
   const auto upload = models_->UploadModel(&context, &model);
-  ASSERT_TRUE(upload->Write(UploadHeader(options.max_model_bytes)));
-  v1::UploadModelRequest most;
-  most.set_chunk(std::string(options.max_model_bytes - 1, ' '));
-  ASSERT_TRUE(upload->Write(most));
+  ASSERT_TRUE(WriteAllButOneByte(*upload, options.max_model_bytes));
   ASSERT_TRUE(
       Poll([&] { return Describe(Upload({UploadHeader(2)}, &other)) == "RESOURCE_EXHAUSTED MODEL_STORE_FULL"; }));
   auto end = std::async(std::launch::async, [&upload] { return Describe(upload->Finish()); });

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstddef>
+#include <new>
 
 namespace evpose::server {
 
@@ -25,6 +26,25 @@ bool FailsAllocation(int successes, const Function& function) {
   const bool has_failed = failing.successes_before < 0;
   failing.successes_before = -1;
   return has_failed;
+}
+
+// Calls `function()` once for each of its allocations, which then fails, and at the end while none fails; calls
+// `check(number)` after each call. Returns the number of calls that std::bad_alloc ended.
+template <typename Function, typename Check>
+int FailEachAllocation(const Function& function, const Check& check) {
+  int num_ended = 0;
+  bool has_failed = true;
+  for (int number = 0; has_failed; ++number) {
+    has_failed = FailsAllocation(number, [&] {
+      try {
+        function();
+      } catch (const std::bad_alloc&) {
+        ++num_ended;
+      }
+    });
+    check(number);
+  }
+  return num_ended;
 }
 
 }  // namespace evpose::server

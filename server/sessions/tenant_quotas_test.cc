@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <new>
 #include <string>
 #include <vector>
 
@@ -74,18 +73,8 @@ TEST_F(TenantQuotasTest, StreamsOfTheServer) {
 TEST_F(TenantQuotasTest, WithoutMemoryNothingIsCounted) {
   TenantQuotas quotas(Options());
   const std::string tenant = "a name that does not fit into the string itself";
-  int num_failed = 0;
-  bool has_failed = true;
-  for (int number = 0; has_failed; ++number) {
-    has_failed = FailsAllocation(number, [&] {
-      try {
-        quotas.AddStream(tenant).IgnoreError();
-      } catch (const std::bad_alloc&) {
-        ++num_failed;
-      }
-    });
-    EXPECT_TRUE(quotas.AddStream(tenant).ok()) << number;
-  }
+  const int num_failed = FailEachAllocation([&] { quotas.AddStream(tenant).IgnoreError(); },
+                                            [&](int number) { EXPECT_TRUE(quotas.AddStream(tenant).ok()) << number; });
   EXPECT_GT(num_failed, 1);
 }
 

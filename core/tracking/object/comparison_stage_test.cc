@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "core/tracking/object/saved_state_testing.h"
+
 namespace evpose {
 namespace {
 
@@ -28,12 +30,6 @@ TEST(ComparisonStageTest, EveryTransitionIsThatOfTheTable) {
           << stage << ", input " << input;
     }
   }
-}
-
-std::string Saved(const ComparisonProgress& progress) {
-  StateWriter writer;
-  writer(progress);
-  return writer.Take();
 }
 
 TEST(ComparisonProgressTest, ARivalIsRefinedForEightWindowsAndComparedForEightMore) {
@@ -70,9 +66,7 @@ TEST(ComparisonProgressTest, IsSavedAsTheWindowsUntilItIsUndecided) {
     const std::string bytes = Saved(progress);
     EXPECT_EQ(bytes, std::string({static_cast<char>(left), 0, 0, 0}));
     ComparisonProgress loaded;
-    StateReader reader(bytes);
-    reader(loaded);
-    ASSERT_TRUE(reader.Finish().ok()) << left;
+    ASSERT_TRUE(IsRestored(bytes, loaded)) << left;
     // It continues identically.
     for (ComparisonProgress original = progress; original.stage() != Stage::kUndecided;) {
       EXPECT_EQ(loaded.stage(), original.stage()) << left;

@@ -5,6 +5,8 @@
 
 #include <string>
 
+#include "core/tracking/object/saved_state_testing.h"
+
 namespace evpose {
 namespace {
 
@@ -19,12 +21,6 @@ void ExpectGroup(const RivalSchedule::Group& group, int begin, int end, RivalPri
   EXPECT_EQ(group.begin, begin);
   EXPECT_EQ(group.end, end);
   EXPECT_EQ(group.prior, prior);
-}
-
-std::string Saved(const RivalSchedule& schedule) {
-  StateWriter writer;
-  writer(schedule);
-  return writer.Take();
 }
 
 TEST(RivalScheduleTest, NothingIsDueBeforeAPoseIsPublished) {
@@ -88,26 +84,17 @@ TEST(RivalScheduleTest, IsSavedAsTimeRoundsNextRivalAndPrior) {
   RivalSchedule schedule(options), loaded(options);
   schedule.StartRounds(500, RivalPrior::kUnlikely);
   schedule.NextGroup(500, 7);
-  StateWriter fields;
-  fields(int64_t{500}, int32_t{2}, int32_t{3}, int32_t{1});
   const std::string bytes = Saved(schedule);
-  EXPECT_EQ(bytes, fields.Take());
-  StateReader reader(bytes);
-  reader(loaded);
-  ASSERT_TRUE(reader.Finish().ok());
+  EXPECT_EQ(bytes, Saved(int64_t{500}, int32_t{2}, int32_t{3}, int32_t{1}));
+  ASSERT_TRUE(IsRestored(bytes, loaded));
   EXPECT_EQ(Saved(loaded), bytes);
 }
 
 TEST(RivalScheduleTest, RefusesAStateThatCannotBeSaved) {
   const InitializationOptions options = RivalOptions();
   const auto is_read = [&](int64_t next_us, int32_t rounds, int32_t next_rival, int32_t prior) {
-    StateWriter fields;
-    fields(next_us, rounds, next_rival, prior);
-    const std::string bytes = fields.Take();
     RivalSchedule schedule(options);
-    StateReader reader(bytes);
-    reader(schedule);
-    return reader.Finish().ok();
+    return IsRestored(Saved(next_us, rounds, next_rival, prior), schedule);
   };
   EXPECT_TRUE(is_read(kMaxStateTimeUs, 2, RivalGenerator::kMaxRivals, 1));
   EXPECT_FALSE(is_read(kMaxStateTimeUs + 1, 0, 0, 0));

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "core/tracking/object/saved_state_testing.h"
+
 namespace evpose {
 namespace {
 
@@ -24,12 +26,6 @@ int64_t Wait(const SearchSchedule& schedule, int64_t t_us) {
   int64_t wait_us = 0;
   while (!schedule.IsDue(t_us + wait_us)) ++wait_us;
   return wait_us;
-}
-
-std::string Saved(const SearchSchedule& schedule) {
-  StateWriter writer;
-  writer(schedule);
-  return writer.Take();
 }
 
 TEST(SearchScheduleTest, TheFirstSearchIsDueAtOnce) {
@@ -117,26 +113,17 @@ TEST(SearchScheduleTest, IsSavedAsTimeIntervalAndRepeats) {
   const InitializationOptions options = SearchOptions();
   SearchSchedule schedule(options), loaded(options);
   schedule.OnPublication(1000, false);
-  StateWriter fields;
-  fields(int64_t{6000}, int64_t{5000}, int32_t{2});
   const std::string bytes = Saved(schedule);
-  EXPECT_EQ(bytes, fields.Take());
-  StateReader reader(bytes);
-  reader(loaded);
-  ASSERT_TRUE(reader.Finish().ok());
+  EXPECT_EQ(bytes, Saved(int64_t{6000}, int64_t{5000}, int32_t{2}));
+  ASSERT_TRUE(IsRestored(bytes, loaded));
   EXPECT_EQ(Saved(loaded), bytes);
 }
 
 TEST(SearchScheduleTest, RefusesAStateThatCannotBeSaved) {
   const InitializationOptions options = SearchOptions();
   const auto is_read = [&](int64_t next_us, int64_t interval_us, int32_t repeats) {
-    StateWriter fields;
-    fields(next_us, interval_us, repeats);
-    const std::string bytes = fields.Take();
     SearchSchedule schedule(options);
-    StateReader reader(bytes);
-    reader(schedule);
-    return reader.Finish().ok();
+    return IsRestored(Saved(next_us, interval_us, repeats), schedule);
   };
   EXPECT_TRUE(is_read(-kMaxStateTimeUs, 0, 0));
   EXPECT_FALSE(is_read(-kMaxStateTimeUs - 1, 0, 0));
