@@ -104,8 +104,6 @@ Json PausesToJson(const std::vector<double>& sorted_s) {
   return {{"sessions", sorted_s.size()}, {"p50_s", at(0.5)}, {"p99_s", at(0.99)}, {"max_s", at(1.0)}};
 }
 
-Json OrNull(const std::optional<double>& value) { return value.has_value() ? Json(*value) : Json(); }
-
 // Null if the store does not report its processor time.
 Json StoreCpuS(const ServerUse& before, const ServerUse& after) {
   if (!before.store_cpu_s.has_value() || !after.store_cpu_s.has_value()) return Json();

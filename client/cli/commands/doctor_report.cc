@@ -17,8 +17,6 @@ std::string LimitText(double limit, const std::string& unit) {
   return absl::StrFormat(" (limit %.4g %s)", is_large ? 1e-6 * limit : limit, is_large ? "Mev/s" : unit);
 }
 
-Json OrNull(const std::optional<double>& number) { return number ? Json(*number) : Json(nullptr); }
-
 }  // namespace
 
 std::string DoctorReport::Names(Verdict verdict) const {

@@ -31,6 +31,9 @@ namespace evpose::client {
 // JSON objects that keep the order in which their keys were set.
 using Json = nlohmann::ordered_json;
 
+// null in the place of a number that is not known.
+inline Json OrNull(const std::optional<double>& number) { return number ? Json(*number) : Json(nullptr); }
+
 // Runs a command after its arguments have been parsed.
 using CommandRunner = std::function<absl::Status()>;
 using CommandRunners = std::vector<std::pair<CLI::App*, CommandRunner>>;
@@ -79,7 +82,7 @@ CLI::Option* AddJson(CLI::App& app, bool& is_json,
 CLI::Option* AddNames(CLI::App& app, const std::string& name, std::vector<std::string>& names,
                       const std::string& description);
 
-// Rewords the status of a model upload, whose details name fields of the API, for the owner of the file.
+// Returns the error of a model upload with the path of the file in the place of the API's field.
 absl::Status ModelError(const std::string& path, const absl::Status& status);
 
 // Whether the text has the form sessions/ID.
