@@ -91,7 +91,7 @@ const char kTrackingTableHelp[] =
     "  kHz         share of the 10 ms intervals with more than 0.3 Mev/s in which poses come at 1 kHz\n"
     "  NEES        normalised estimation error squared of the published covariance: median, and 5 and 95 % quantiles;\n"
     "              of a consistent covariance 5.3, and 1.6 to 12.6\n"
-    "  inside      share of the poses whose truth lies inside the 95 % ellipsoid of the published covariance, %\n"
+    "  inside      share of the poses with the true pose inside the 95 % ellipsoid of their covariance, %\n"
     "  wrong       time in ms for which TRACKING was reported while the pose was not good: total, and longest\n"
     "  unsure      time in ms for which a good pose was reported as DEGRADED\n"
     "  CPU         processor time per sensor time\n"

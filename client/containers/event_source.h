@@ -61,11 +61,12 @@ using SourceOpener = std::function<absl::StatusOr<std::unique_ptr<EventSource>>(
 // A recording with the events of a source as FLAT64.
 //
 // Times: if the first event's time fits the clock of FLAT64 (32 bits of microseconds), the times are those of the file.
-// Otherwise (times since 1970) they are relative to the first event, whose time is the header's time_offset_us. Order:
-// that of the file; steps back in time remain, because all consumers of events accept them. An event that FLAT64 cannot
-// hold is left out and counted. Its time is negative, is not a number or differs from that of the previous event by
-// more than 35 minutes (half the clock's range), or its row or column is negative or above 16383. Triggers are words of
-// FLAT64. If the times of a recording are shifted, the triggers before the first event are left out and counted.
+// Otherwise, as for times since 1970, they are relative to the first event, and the header's time_offset_us is the time
+// of that event.
+// Order: that of the file; steps back in time remain, because all consumers of events accept them. An event that FLAT64
+// cannot hold is left out and counted. Its time is negative, is not a number or differs from that of the previous event
+// by more than 35 minutes (half the clock's range), or its row or column is negative or above 16383. Triggers are words
+// of FLAT64. If the times of a recording are shifted, the triggers before the first event are left out and counted.
 // Sensor: the size that the file states; else `geometry`, that of the caller's camera; else, if `can_reopen`, that of
 // the smallest known sensor that contains all events, for which all events are read once; else 2048 x 2048. In the
 // latter two cases the header's geometry_is_stated and geometry_is_known are false. Errors: those of `open` and of

@@ -38,7 +38,7 @@ void NoteScale(double metres_per_unit, std::vector<std::string>& notices) {
       "the file states its unit, in which it was read: --scale %g scales the object in addition", metres_per_unit));
 }
 
-// Adds a notice if the size is implausible, for a scene whose file does not state its unit.
+// Adds a notice if the size is implausible. It is called if the file does not state the unit of its numbers.
 void NoteSize(double metres_per_unit, Scene& scene) {
   RawMesh in_metres;
   for (const Eigen::Vector3d& point : scene.mesh.points) in_metres.points.push_back(metres_per_unit * point);

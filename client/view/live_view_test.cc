@@ -219,7 +219,7 @@ TEST_F(LiveViewTest, ASessionThatDoesNotExistIsANoticeAndTheList) {
   EXPECT_EQ(view_->Handle(SeekRequest{0}).code(), absl::StatusCode::kInvalidArgument);
 }
 
-// A server on whose models the first calls fail, because its connection to the store was interrupted.
+// A server that fails the first calls for its models, because its connection to the store was interrupted.
 class InterruptedServer final : private v1::ModelService::Service, private v1::SessionService::Service {
  public:
   explicit InterruptedServer(bool knows_model) : knows_model_(knows_model) {

@@ -7,12 +7,13 @@
 
 namespace evpose {
 
-// Yield points of a loop whose bodies take different numbers of steps: one for each `steps_between` steps.
+// The yield points of a loop in which each iteration takes a different number of steps: there is one after every
+// `steps_between` steps, at the end of an iteration.
 class PacedYields {
  public:
   explicit PacedYields(size_t steps_between) : steps_between_(steps_between) {}
 
-  // After a body of so many steps.
+  // To be called at the end of an iteration, with its number of steps.
   void Add(size_t steps) {
     steps_ += steps;
     if (steps_ < steps_between_) return;

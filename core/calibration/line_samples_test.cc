@@ -16,7 +16,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// A cube whose sides are about 30 px long, on a small sensor, and the events while it moves by 2 px.
+// A cube with sides of about 30 px in the image of a small sensor, and its events during a motion of 2 px.
 class SmallCube {
  public:
   SmallCube()

@@ -33,7 +33,7 @@ Matrix12d SymmetricInverse(const Matrix12d& matrix) {
   return 0.5 * (inverse + inverse.transpose());
 }
 
-// Lines whose equations take about 0.1 ms.
+// Number of lines between two yield points; their equations take about 0.1 ms.
 constexpr size_t kLinesBetweenYields = 128;
 
 class MixtureEstimator : public WindowEstimator {

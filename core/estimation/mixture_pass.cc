@@ -14,8 +14,8 @@ namespace {
 // Smaller weights count as zero: they do not affect the sums and only cost numerical range.
 constexpr float kLeastWeight = 1e-4f;
 
-// Vectors of events, and places of shared events, that take about 0.1 ms. What is computed once for a group takes as
-// long as so many vectors.
+// Numbers of vectors of events and of places of shared events between two yield points, each about 0.1 ms of work.
+// The factors that are computed once for a group take as long as kLanesOfGroup vectors.
 constexpr size_t kLanesBetweenYields = 4096, kPlacesBetweenYields = 4096, kLanesOfGroup = 8;
 
 }  // namespace

@@ -34,7 +34,7 @@ struct Consistency {
   double median = 0.0;
   double p5 = 0.0;
   double p95 = 0.0;
-  double inside_95_ratio = 0.0;  // share of the poses whose truth lies inside the 95 % ellipsoid; NaN likewise
+  double inside_95_ratio = 0.0;  // share of poses with the truth inside the 95 % ellipsoid; NaN likewise
 };
 // Summarises the values of NormalisedErrorSquared(), in any order; NaN counts as a pose without covariance.
 // `num_degrees_of_freedom` is that of NumObservable().

@@ -20,7 +20,7 @@ struct TrackingTargets {
   double rotation_median_deg = 0.08;
   double rotation_p95_deg = 0.25;
   // Bounds for the median of the normalised estimation error squared (NEES), six degrees of freedom, and for the share
-  // of the poses whose truth lies inside the 95 % ellipsoid. A consistent covariance has 5.3 and 0.95.
+  // of the poses with the truth inside the 95 % ellipsoid. A consistent covariance has 5.3 and 0.95.
   double nees_median_low = 3.0;
   double nees_median_high = 8.0;
   double inside_95_ratio_low = 0.90;

@@ -130,7 +130,7 @@ TEST(TargetCheckTest, TheWorstRunMayHaveTwiceTheErrors) {
     score.evaluation.position_rmse_of_depth = position;
     score.evaluation.rotation_median_rad = rotation_deg * kDegree;
     score.evaluation.rotation_p95_rad = rotation_deg * kDegree;
-    // The truth of one of twenty poses lies outside the 95 % ellipsoid, whose bound is 12.6.
+    // One of twenty poses has the true pose outside the 95 % ellipsoid, where the NEES is above 12.6.
     score.nees.assign(19, 5.0);
     score.nees.push_back(13.0);
     score.full_rate_ratio = 1.0;

@@ -57,8 +57,8 @@ class EdgeDistanceMap {
   const std::vector<MapEdge>& edges() const { return edges_; }
   double edge_weight() const { return edge_weight_; }  // sum over the edges
 
-  // Nearness of the nearest edge whose direction is in the bin or a neighbouring one, times 255: 1 in its cell, 0 at
-  // kReach and beyond. 0 outside the map.
+  // Returns 255 in the cell of an edge with a direction in the bin or in a neighbouring one, and less in cells farther
+  // from the nearest such edge: 0 from kReach on, and outside the map.
   int Nearness(int bin, int x, int y) const { return IsInside(x, y) ? nearness_[bin][Place(x, y)] : 0; }
   // Index into edges() of this edge, or kNoEdge.
   uint16_t Nearest(int bin, int x, int y) const { return IsInside(x, y) ? nearest_[bin][Place(x, y)] : kNoEdge; }

@@ -64,7 +64,7 @@ class RedisServer {
   absl::Status TryStart(const std::vector<std::string>& options = {});
   void Signal(int signal) const { process_.Signal(signal); }
 
-  // Those of one moment.
+  // Returns all keys with their values, read in one script, so that they belong to the same instant.
   RedisContents Contents() const;
   // Replaces all keys, as a replica does that had missed the last writes and became the master.
   void Replace(const RedisContents& contents) const;
