@@ -20,7 +20,7 @@ import sys
 import tempfile
 import threading
 
-from redis_group import RedisGroup
+from local_redis_group import RedisGroup
 
 
 class LargestMemory:

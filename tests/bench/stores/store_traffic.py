@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 
-from redis_group import RedisGroup
+from local_redis_group import RedisGroup
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[2]))
 from processes import Server  # noqa: E402
