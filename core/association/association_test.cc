@@ -54,8 +54,8 @@ TEST(TileGrid, FindsTheSameLinesAsASearchOfAllLines) {
   Random random(2);
   int found = 0;
   for (int i = 0; i < 20'000; ++i) {
-    const Observation event =
-        ObservationAt(camera, random.Uniform(-20, 660), random.Uniform(-20, 500), random.Uniform(-1e-3, 1e-3), grid);
+    const double u_px = random.Uniform(-20, 660), v_px = random.Uniform(-20, 500);
+    const Observation event = ObservationAt(camera, u_px, v_px, random.Uniform(-1e-3, 1e-3), grid);
     ASSERT_NE(grid.TileOf(event.u_px, event.v_px), TileGrid::kNoTile);
     const NearLines near = FindNearLines(event, lines.data(), kGatePx, 2.0);
     const NearLines reference = FindNearLines(event, all, lines.data(), kGatePx, 2.0);

@@ -18,7 +18,8 @@ class BackgroundTest : public ::testing::Test {
   void Add(double per_s, double left, double top, double right, double bottom, double events_per_sample = 1.0) {
     const uint32_t count = random_.Poisson(per_s * kWindowS);
     for (uint32_t i = 0; i < count; ++i) {
-      const uint32_t tile = grid_.TileOf(random_.Uniform(left, right), random_.Uniform(top, bottom));
+      const double u_px = random_.Uniform(left, right), v_px = random_.Uniform(top, bottom);
+      const uint32_t tile = grid_.TileOf(u_px, v_px);
       if (grid_.Lines(tile).empty()) background_.Count(tile, events_per_sample);
     }
   }

@@ -45,12 +45,12 @@ MadeSamples Make(double tilt_rad, uint64_t seed) {
     for (int i = 0; i < kPerBlock; ++i) {
       CalibrationInterval interval;
       interval.t_us = 500'000 * block + 100'000 * i;
-      const Vector3d turn(random.Uniform(-tilt_rad, tilt_rad), random.Uniform(-tilt_rad, tilt_rad),
-                          random.Uniform(-1.0, 1.0));
+      const Vector3d turn{random.Uniform(-tilt_rad, tilt_rad), random.Uniform(-tilt_rad, tilt_rad),
+                          random.Uniform(-1.0, 1.0)};
       interval.camera_from_object.rotation = ExpSo3(turn) * Vector3d(1.0, -1.0, -1.0).asDiagonal().toDenseMatrix();
       const double depth_m = random.Uniform(0.6, 1.2);
       interval.camera_from_object.translation_m =
-          depth_m * Vector3d(random.Uniform(-0.4, 0.4), random.Uniform(-0.2, 0.2), 1.0);
+          depth_m * Vector3d{random.Uniform(-0.4, 0.4), random.Uniform(-0.2, 0.2), 1.0};
       const int index = static_cast<int>(made.intervals.size());
       for (size_t k = 0; k < model->lines.size(); ++k) {
         const ModelLine& line = model->lines[k];

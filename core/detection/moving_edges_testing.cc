@@ -39,9 +39,10 @@ std::vector<PixelEvent> MakeEdgeEvents(const std::vector<MovingEdge>& edges, con
   }
   const uint32_t clutter = random.Poisson(options.clutter_per_px2 * options.width_px * options.height_px);
   for (uint32_t k = 0; k < clutter; ++k) {
-    add(random.Uniform(0.0, options.duration_s),
-        {random.Uniform(0.0, options.width_px - 1.0), random.Uniform(0.0, options.height_px - 1.0)},
-        static_cast<uint8_t>(random.UniformInt(2)));
+    const double t = random.Uniform(0.0, options.duration_s);
+    const Eigen::Vector2d pixel{random.Uniform(0.0, options.width_px - 1.0),
+                                random.Uniform(0.0, options.height_px - 1.0)};
+    add(t, pixel, static_cast<uint8_t>(random.UniformInt(2)));
   }
   std::stable_sort(events.begin(), events.end(),
                    [](const PixelEvent& a, const PixelEvent& b) { return a.t_us < b.t_us; });

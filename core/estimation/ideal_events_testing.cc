@@ -181,9 +181,9 @@ std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& 
     }
     const uint32_t clutter = random.Poisson(options.clutter_per_s * kStepUs * 1e-6);
     for (uint32_t i = 0; i < clutter; ++i) {
-      const Eigen::Vector2d pixel(random.Uniform(0, camera.width_px - 1), random.Uniform(0, camera.height_px - 1));
-      AddPixel(camera, pixel, stamp_us + static_cast<int64_t>(random.UniformInt(kStepUs)),
-               static_cast<uint8_t>(random.UniformInt(2)), events);
+      const Eigen::Vector2d pixel{random.Uniform(0, camera.width_px - 1), random.Uniform(0, camera.height_px - 1)};
+      const int64_t clutter_us = stamp_us + static_cast<int64_t>(random.UniformInt(kStepUs));
+      AddPixel(camera, pixel, clutter_us, static_cast<uint8_t>(random.UniformInt(2)), events);
     }
     std::stable_sort(events.begin() + static_cast<std::ptrdiff_t>(first), events.end(),
                      [](const Event& a, const Event& b) { return a.t_us < b.t_us; });

@@ -109,7 +109,7 @@ TEST(LineSums, ADisplacementIsMarginalised) {
   Eigen::Matrix<double, 14, 14> joint = Eigen::Matrix<double, 14, 14>::Zero();
   Eigen::Matrix<double, 14, 1> joint_gradient = Eigen::Matrix<double, 14, 1>::Zero();
   for (int i = 0; i < 200; ++i) {
-    const Eigen::Vector3d bearing(random.Uniform(-0.2, 0.2), random.Uniform(-0.2, 0.2), 1.0);
+    const Eigen::Vector3d bearing{random.Uniform(-0.2, 0.2), random.Uniform(-0.2, 0.2), 1.0};
     const double tau_s = random.Uniform(-5e-3, 5e-3);
     const double weight = random.Uniform();
     sums.Add(bearing.x(), bearing.y(), tau_s, weight);

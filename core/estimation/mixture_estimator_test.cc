@@ -44,6 +44,17 @@ class MixtureTest : public ::testing::Test {
     CountForDeficit(camera_, input, lines_, sums_, state_.twist, noise_per_px, 0.15, deficit_counts_);
     return AddEventDeficit(camera_, lines_, deficit_counts_, past, state_.twist, 1.0, hessian, gradient);
   }
+  // Events that are spread evenly over a rectangle.
+  std::vector<Observation> EvenEvents(int count, double left_px, double right_px, double top_px, double bottom_px,
+                                      uint64_t seed) const {
+    Random random(seed);
+    std::vector<Observation> events;
+    for (int i = 0; i < count; ++i) {
+      const double du_px = random.Uniform(left_px, right_px);
+      events.push_back(At(du_px, random.Uniform(top_px, bottom_px)));
+    }
+    return events;
+  }
   static double Weight(const MixtureLine& line) { return line.sums.weight(); }
 
   const CameraModel camera_ = MakeCamera(1280, 720, 1000.0);
@@ -147,9 +158,7 @@ TEST_F(MixtureTest, AnEventDeficitBrakesTheTwist) {
 
 TEST_F(MixtureTest, BackgroundEventsDoNotSupportTheMotion) {
   // The background events near the lines are as many as their motion should produce.
-  std::vector<Observation> events;
-  Random random(5);
-  for (int i = 0; i < 600; ++i) events.push_back(At(random.Uniform(-8.0, 11.0), random.Uniform(-50.0, 50.0)));
+  const std::vector<Observation> events = EvenEvents(600, -8.0, 11.0, -50.0, 50.0, 5);
   Accumulate(events, {0.8, 0.3, 6.0});
   const double explained = (Weight(sums_[0]) + Weight(sums_[1])) / 200.0;
   const auto gradient_with = [&](double noise_per_px) {
@@ -163,10 +172,8 @@ TEST_F(MixtureTest, BackgroundEventsDoNotSupportTheMotion) {
 }
 
 TEST_F(MixtureTest, AnOccludedLineDoesNotBrakeWhileOthersHaveEvents) {
-  std::vector<Observation> events;
-  Random random(4);
   // Line 0 sweeps 200 px^2 in 10 ms and produces 2 events per px^2; line 1 produces none.
-  for (int i = 0; i < 400; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, 48.0)));
+  const std::vector<Observation> events = EvenEvents(400, -1.0, 0.0, -48.0, 48.0, 4);
   Accumulate(events, {0.5, 0.1, 6.0});
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
@@ -177,9 +184,7 @@ TEST_F(MixtureTest, AnOccludedLineDoesNotBrakeWhileOthersHaveEvents) {
 
 TEST_F(MixtureTest, EventsAtOnePlaceDoNotSupportTheOtherLines) {
   // All events lie on one half of one line, twenty times as many as both lines should produce.
-  std::vector<Observation> events;
-  Random random(6);
-  for (int i = 0; i < 1200; ++i) events.push_back(At(random.Uniform(-1.0, 0.0), random.Uniform(-48.0, -2.0)));
+  const std::vector<Observation> events = EvenEvents(1200, -1.0, 0.0, -48.0, -2.0, 6);
   Accumulate(events, {0.5, 0.1, 6.0});
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();

@@ -95,7 +95,7 @@ class MixturePassTest : public ::testing::TestWithParam<int> {
   void AddEvent() {
     const ImageLine& line = lines_[in_view_[random_.UniformInt(in_view_.size())]];
     const Eigen::Vector2d pixel =
-        line.PointAt(random_.Uniform(-0.05, 1.05)) + Eigen::Vector2d(3.0 * random_.Normal(), 3.0 * random_.Normal());
+        line.PointAt(random_.Uniform(-0.05, 1.05)) + Eigen::Vector2d{3.0 * random_.Normal(), 3.0 * random_.Normal()};
     Observation event = testing::ObservationAt(camera_, pixel);
     event.tau_s = random_.Uniform(-1e-3, 1e-3);
     event.polarity = static_cast<uint8_t>(random_.UniformInt(2));

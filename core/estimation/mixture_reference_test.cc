@@ -90,7 +90,7 @@ class MixtureReference : public ::testing::TestWithParam<int> {
   MixtureReference() : grid_(camera_) {
     Random random(GetParam());
     const auto normal = [&](double scale) {
-      return Eigen::Vector3d(scale * random.Normal(), scale * random.Normal(), scale * random.Normal());
+      return Eigen::Vector3d{scale * random.Normal(), scale * random.Normal(), scale * random.Normal()};
     };
     MotionState truth;
     truth.camera_from_object = testing::MakePose(Eigen::Vector3d(0.0, 0.0, 0.8) + normal(0.05), normal(1.0));
@@ -121,7 +121,7 @@ class MixtureReference : public ::testing::TestWithParam<int> {
     const Eigen::Vector2d normal(-line.direction.y(), line.direction.x());
     const double moved_px = -tau_s * BearingOf(camera_, pixel).dot(line.a_dot);
     pixel += (moved_px + kSigmaPx * random.Normal()) * -normal;
-    if (random.Uniform() < 0.2) pixel += Eigen::Vector2d(random.Uniform(-8.0, 8.0), random.Uniform(-8.0, 8.0));
+    if (random.Uniform() < 0.2) pixel += Eigen::Vector2d{random.Uniform(-8.0, 8.0), random.Uniform(-8.0, 8.0)};
     Observation event = testing::ObservationAt(camera_, pixel);
     event.tau_s = tau_s;
     if (grid_.GiveLines(event)) events_.push_back(event);

@@ -111,7 +111,7 @@ TEST(ProjectedLineTest, DistanceIsInPixels) {
         ProjectLine(camera, {ExpSo3(random.Point(2.0)), {0, 0, 1.5}}, random.Point(0.5), random.Point(0.5));
     ASSERT_TRUE(line);
     const Eigen::Vector2d direction = (line->p2_px - line->p1_px).normalized();
-    const Eigen::Vector2d pixel(random.Uniform(0, 1280), random.Uniform(0, 720));
+    const Eigen::Vector2d pixel{random.Uniform(0, 1280), random.Uniform(0, 720)};
     const Eigen::Vector3d bearing((pixel.x() - camera.cx_px) / camera.fx_px, (pixel.y() - camera.cy_px) / camera.fy_px,
                                   1);
     const Eigen::Vector2d offset = pixel - line->p1_px;

@@ -54,7 +54,7 @@ ObjectModel Wires(int count, uint64_t seed) {
   Random random(seed);
   ObjectModel model;
   const auto point = [&] {
-    return Vector3d(random.Uniform(-0.1, 0.1), random.Uniform(-0.1, 0.1), random.Uniform(-0.1, 0.1));
+    return Vector3d{random.Uniform(-0.1, 0.1), random.Uniform(-0.1, 0.1), random.Uniform(-0.1, 0.1)};
   };
   for (int i = 0; i < count; ++i) {
     const Vector3d p1 = point(), p2 = point();
@@ -195,7 +195,7 @@ TEST(PoseSearchTest, ClutterGivesNoPose) {
   for (int trial = 0; trial < 30; ++trial) {
     std::vector<ImageSegment> segments;
     for (int i = 0; i < 10; ++i) {
-      const Vector2d middle(random.Uniform(400.0, 800.0), random.Uniform(200.0, 500.0));
+      const Vector2d middle{random.Uniform(400.0, 800.0), random.Uniform(200.0, 500.0)};
       const double angle_rad = random.Uniform(0.0, M_PI);
       const Vector2d half = random.Uniform(30.0, 100.0) * Vector2d(std::cos(angle_rad), std::sin(angle_rad));
       segments.push_back({middle - half, middle + half});

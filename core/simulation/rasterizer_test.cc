@@ -66,9 +66,9 @@ TEST(CoverageRasterizerTest, TrianglesEqualSuperSampling) {
 TEST(CoverageRasterizerTest, CoverageIsTheExactArea) {
   Random random(5);
   for (int trial = 0; trial < 200; ++trial) {
-    const Vector2d a(random.Uniform(0, kWidth - 1), random.Uniform(0, kHeight - 1));
-    const Vector2d b(random.Uniform(0, kWidth - 1), random.Uniform(0, kHeight - 1));
-    const Vector2d c(random.Uniform(0, kWidth - 1), random.Uniform(0, kHeight - 1));
+    const Vector2d a{random.Uniform(0, kWidth - 1), random.Uniform(0, kHeight - 1)};
+    const Vector2d b{random.Uniform(0, kWidth - 1), random.Uniform(0, kHeight - 1)};
+    const Vector2d c{random.Uniform(0, kWidth - 1), random.Uniform(0, kHeight - 1)};
     const std::vector<float> picture = Rasterize({a, b, c});
     const double sum = std::accumulate(picture.begin(), picture.end(), 0.0);
     EXPECT_NEAR(sum, -0.5 * Side(a, b, c), 1e-4);  // counter-clockwise on the screen is positive

@@ -28,7 +28,7 @@ TEST(DrivingRecording, NoCubeIsReported) {
     RigidTransform pose;
     const double depth_m = random.Uniform(0.25, 2.0);
     pose.translation_m = {random.Uniform(-0.5, 0.5) * depth_m, random.Uniform(-0.3, 0.3) * depth_m, depth_m};
-    pose.rotation = Eigen::Quaterniond(random.Normal(), random.Normal(), random.Normal(), random.Normal())
+    pose.rotation = Eigen::Quaterniond{random.Normal(), random.Normal(), random.Normal(), random.Normal()}
                         .normalized()
                         .toRotationMatrix();
     TrackerOptions options;

@@ -387,7 +387,7 @@ TEST(Tracker, WrongFirstPosesAreNeverReported) {
   const std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
   Random random(9);
   for (int k = 0; k < 30; ++k) {
-    const Eigen::Vector3d rotation(random.Uniform(-1.5, 1.5), random.Uniform(-1.5, 1.5), random.Uniform(-1.5, 1.5));
+    const Eigen::Vector3d rotation{random.Uniform(-1.5, 1.5), random.Uniform(-1.5, 1.5), random.Uniform(-1.5, 1.5)};
     const RigidTransform wrong =
         MakePose({random.Uniform(-0.15, 0.15), random.Uniform(-0.1, 0.1), random.Uniform(0.4, 1.0)}, rotation);
     const TrackRun run = Track(events, wrong);

@@ -11,7 +11,7 @@ namespace evpose {
 
 // Unit vector, uniformly distributed over the sphere.
 inline Eigen::Vector3d RandomUnit(Random& random) {
-  return Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal()).normalized();
+  return Eigen::Vector3d{random.Normal(), random.Normal(), random.Normal()}.normalized();
 }
 
 }  // namespace evpose

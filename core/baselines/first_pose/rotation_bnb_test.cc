@@ -20,7 +20,7 @@ using Directions = std::vector<Eigen::Vector3d>;
 using ::testing::HasSubstr;
 
 Eigen::Matrix3d RandomRotation(Random& random) {
-  Eigen::Quaterniond q(random.Normal(), random.Normal(), random.Normal(), random.Normal());
+  Eigen::Quaterniond q{random.Normal(), random.Normal(), random.Normal(), random.Normal()};
   return q.normalized().toRotationMatrix();
 }
 

@@ -19,9 +19,9 @@ Scene MakeScene(uint64_t seed, bool is_planar, double noise_px) {
   Random random(seed);
   scene.pose = {ExpSo3({random.Normal(), random.Normal(), random.Normal()}), {0.1, -0.05, 1.0}};
   for (int i = 0; i < 8; ++i) {
-    const Eigen::Vector3d point(random.Uniform(-0.1, 0.1), random.Uniform(-0.1, 0.1),
-                                is_planar ? 0.0 : random.Uniform(-0.1, 0.1));
-    const Eigen::Vector2d noise(noise_px * random.Normal(), noise_px * random.Normal());
+    const Eigen::Vector3d point{random.Uniform(-0.1, 0.1), random.Uniform(-0.1, 0.1),
+                                is_planar ? 0.0 : random.Uniform(-0.1, 0.1)};
+    const Eigen::Vector2d noise{noise_px * random.Normal(), noise_px * random.Normal()};
     scene.matches.push_back({point, scene.camera.Project(scene.pose * point) + noise});
   }
   return scene;

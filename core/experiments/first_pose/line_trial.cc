@@ -138,8 +138,8 @@ class Generator : public LineTrialGenerator {
     for (const ImageSegment& segment : trial.segments) box.extend(segment.p1_px).extend(segment.p2_px);
     const Eigen::Vector2d margin = kSpuriousMargin * box.sizes();
     for (int i = 0; i < options_.num_spurious; ++i) {
-      const Eigen::Vector2d middle(random.Uniform(box.min().x() - margin.x(), box.max().x() + margin.x()),
-                                   random.Uniform(box.min().y() - margin.y(), box.max().y() + margin.y()));
+      const Eigen::Vector2d middle{random.Uniform(box.min().x() - margin.x(), box.max().x() + margin.x()),
+                                   random.Uniform(box.min().y() - margin.y(), box.max().y() + margin.y())};
       const double half_px = 0.5 * trial.segments[random.UniformInt(num_real)].length_px();
       const double angle_rad = random.Uniform(0.0, 2.0 * M_PI);
       const Eigen::Vector2d half(half_px * std::cos(angle_rad), half_px * std::sin(angle_rad));
