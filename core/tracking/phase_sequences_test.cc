@@ -86,7 +86,8 @@ ObjectToTrack ObjectAt(const std::shared_ptr<const ObjectModel>& model, const Mo
 
 // Whether the object passes through these phases, one directly after the other.
 bool PassesThrough(const PhaseSequence& sequence, const std::vector<Phase>& phases) {
-  return !std::ranges::search(sequence.phases, phases).empty();
+  const auto& all = sequence.phases;
+  return std::search(all.begin(), all.end(), phases.begin(), phases.end()) != all.end();
 }
 
 // The cube of most tests.
