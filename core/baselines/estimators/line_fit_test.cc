@@ -48,7 +48,7 @@ Trial MakeTrial(uint64_t seed, double sigma_px, double outlier_ratio, int events
   for (int k = 0; k < kNumLines; ++k) {
     Eigen::Vector3d ends[2];
     for (Eigen::Vector3d& end : ends) {
-      const Eigen::Vector2d pixel{random.Uniform(0.0, 640.0), random.Uniform(0.0, 480.0)};
+      const Eigen::Vector2d pixel(random.Uniform(0.0, 640.0), random.Uniform(0.0, 480.0));
       end = random.Uniform(5.0, 10.0) * BearingOf(trial.camera, pixel);
     }
     trial.lines.push_back({object_from_camera * ends[0], object_from_camera * ends[1]});

@@ -170,12 +170,20 @@ std::vector<Eigen::Matrix3d> SolveP3l(const std::array<Eigen::Vector3d, 3>& norm
   const P3lConstraint first(frame, normals[order[1]], directions[order[1]]);
   const P3lConstraint second(frame, normals[order[2]], directions[order[2]]);
   const P3lPolynomial polynomial = EliminateBeta(first, second);
+  // Double roots that rounding has separated are accepted; the caller selects among the rotations. Where the two
+  // equations of beta are nearly dependent, beta can be wrong by any angle: such a rotation is no solution.
+  constexpr double kMaxCosine = 1e-2;
+  const auto is_solution = [&](const Eigen::Matrix3d& rotation) {
+    double worst = 0.0;
+    for (int i = 0; i < 3; ++i) worst = std::max(worst, std::abs(normals[i].dot(rotation * directions[i])));
+    return worst < kMaxCosine;
+  };
   std::vector<Eigen::Matrix3d> rotations;
-  // Double roots that rounding has separated are accepted; the caller selects among the rotations.
   for (const double t : RealRoots(polynomial.coefficients, 1e-3)) {
     const double alpha = 2.0 * std::atan(t);
     for (const double beta : SolveBeta(first, second, alpha, polynomial.is_perpendicular)) {
-      rotations.push_back(frame.Rotation(alpha, beta));
+      const Eigen::Matrix3d rotation = frame.Rotation(alpha, beta);
+      if (is_solution(rotation)) rotations.push_back(rotation);
     }
   }
   return rotations;
