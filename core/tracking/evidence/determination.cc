@@ -17,7 +17,10 @@ void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<con
   ForEachCurve(tracked, [&](size_t first, size_t end) {
     YieldPoint();
     const CurveResult& result = results[tracked[first].curve];
-    if (result.kind == CurveResult::Kind::kOpen && result.events >= 0.5 * result.expected) return;
+    const bool is_decided =
+        result.kind == CurveResult::Kind::kSupported || result.kind == CurveResult::Kind::kContradicted;
+    const bool has_events = result.events >= 0.5 * result.expected;
+    if (!is_decided && has_events && result.support_ratio == 0.0) return;
     double length_px = 0.0;
     Matrix6d by_length = Matrix6d::Zero();
     for (size_t k = first; k < end; ++k) {
@@ -26,10 +29,13 @@ void Determination::Sum(const RigidTransform& camera_from_object, absl::Span<con
       AddInformation(camera_, lines[k], lines[k].length_px, motions, by_length);
     }
     if (!(length_px > 0.0)) return;
-    expected_ += result.expected / length_px * by_length;
-    if (result.kind != CurveResult::Kind::kSupported) return;
-    supported_ += result.expected / length_px * by_length;
-    of_curves_.push_back(result.events / length_px / options_.dispersion * by_length);
+    // The pooled test does not tell on which of its curves the events are: each counts with the events of its own.
+    const double share = result.support_ratio * result.expected;
+    const double supported = is_decided ? share : std::min(share, result.events);
+    supported_ += supported / length_px * by_length;
+    expected_ += (!is_decided && has_events ? supported : result.expected) / length_px * by_length;
+    if (!(result.support_ratio > 0.0)) return;
+    of_curves_.push_back(result.support_ratio * result.events / length_px / options_.dispersion * by_length);
     information_ += of_curves_.back();
   });
 }

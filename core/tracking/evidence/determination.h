@@ -30,8 +30,8 @@ class Determination {
   bool IsKept() const;
   // Whether they do so without any single one of them, because another edge nearby can support one curve of a wrong
   // pose. They must also have this share of the information that all curves should give, by their expected events; with
-  // a smaller share, they must do so within sure_uncertainty_px. Curves that are not decided count if they have less
-  // than half of their expected events.
+  // a smaller share, they must do so within sure_uncertainty_px. Of curves that have no decision of their own, only those
+  // with less than half of their expected events reduce that share.
   bool IsConfirmed(double support_ratio) const;
 
  private:
@@ -42,8 +42,8 @@ class Determination {
   const BoundingSphere& sphere_;
   const HealthOptions& options_;
   Eigen::Matrix3Xd free_rotations_;
-  Matrix6d information_ = Matrix6d::Zero();  // information of the events observed on the supported curves
-  Matrix6d supported_ = Matrix6d::Zero();    // information of the events expected on the supported curves
+  Matrix6d information_ = Matrix6d::Zero();  // information of the events observed on the supported share of the curves
+  Matrix6d supported_ = Matrix6d::Zero();    // information of the events expected on that share
   Matrix6d expected_ = Matrix6d::Zero();     // information of the events expected on all curves
   std::vector<Matrix6d> of_curves_;          // the parts of information_
 };

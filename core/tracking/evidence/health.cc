@@ -431,6 +431,7 @@ void TrackHealth::AddCurve(size_t k, double accepted_noise_ratio, CurveSums& sum
     sums.decided_lines += line.lines;
     sums.supported_length += length_px;
     curve.kind = CurveResult::Kind::kSupported;
+    curve.support_ratio = 1.0;
     return;
   }
   if (HasPower(line, accepted_noise_ratio)) {
@@ -438,6 +439,7 @@ void TrackHealth::AddCurve(size_t k, double accepted_noise_ratio, CurveSums& sum
     sums.contradicting_length += length_px;
     curve.kind = CurveResult::Kind::kContradicted;
   } else {
+    curve.kind = CurveResult::Kind::kPooled;
     sums.pooled.Add(line);
     sums.pooled_length += length_px;
     sums.pooled_lines += line.lines;
@@ -455,6 +457,9 @@ HealthResult TrackHealth::Evaluate(const TestThresholds& thresholds) {
   }
   const double pooled_share = PooledShare(sums.pooled, accepted_noise_ratio);
   sums.supported_length += pooled_share * sums.pooled_length;
+  for (CurveResult& curve : curve_results_) {
+    if (curve.kind == CurveResult::Kind::kPooled) curve.support_ratio = pooled_share;
+  }
   const double decided_length = sums.supported_length + sums.contradicting_length;
   const double decided_ratio = decided_length > 0.0 ? sums.supported_length / decided_length : 0.0;
   const double length_px = sums.total.length_px;

@@ -41,11 +41,17 @@ struct HealthResult {
 
 // Result for one straight line or curve.
 struct CurveResult {
-  enum class Kind : uint8_t { kOpen, kSupported, kContradicted };
+  enum class Kind : uint8_t {
+    kOpen,          // not testable
+    kPooled,        // testable, and decided only together with the other pooled curves
+    kSupported,     // its own events support it
+    kContradicted,  // its own test has power and no support
+  };
   Kind kind = Kind::kOpen;
   // The events of the last memory_us beyond those of clutter, and LineStatistics::expected of the same time.
   double events = 0.0;
   double expected = 0.0;
+  double support_ratio = 0.0;  // share that is supported: 1 for kSupported; for kPooled that of the pooled test
 };
 
 // Events of a window near the lines, compared with those of uniform clutter and of the right pose: equation (2) of the
