@@ -11,6 +11,10 @@ namespace evpose::client {
 
 Eigen::Quaterniond Transform::Quaternion() const { return ToCore(*this).Quaternion(); }
 
+Transform Pose::At(int64_t at_us) const {
+  return FromCore(Perturb(ToCore(camera_from_object), 1e-6 * static_cast<double>(at_us - t_us) * twist));
+}
+
 absl::Status PoseReset::Validate() const {
   if (object_id.empty()) return absl::InvalidArgumentError("object_id is empty");
   if (!camera_from_object.translation_m.allFinite() || !camera_from_object.rotation.allFinite()) {

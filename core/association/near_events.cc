@@ -73,11 +73,8 @@ EventSampling NearEvents::Find(const EventWindow& window, const TileGrid& grid, 
 }
 
 void NearEvents::UpdateUsualEvents(const ByPolarity& near_events) {
-  // Decay per window: a memory of 33 windows, at one window per millisecond three periods of the light of a lamp on
-  // 50 Hz mains, so that both polarities are averaged.
-  constexpr double kKeep = 0.97;
   for (int polarity = 0; polarity < 2; ++polarity) {
-    usual_events_[polarity] = std::max(kFewEvents, kKeep * usual_events_[polarity]) + near_events[polarity];
+    usual_events_[polarity] = std::max(kFewEvents, keep_ * usual_events_[polarity]) + near_events[polarity];
   }
 }
 

@@ -35,9 +35,10 @@ struct EventSampling {
 // rates of both polarities, and its memory.
 class NearEvents {
  public:
-  // `undistortion` must be that of `camera` and outlive the object.
-  NearEvents(const CameraModel& camera, const UndistortionTable& undistortion)
-      : camera_(camera), undistortion_(undistortion) {}
+  // `undistortion` must be that of `camera` and outlive the object. `windows_per_ms` is WindowOptions::
+  // intervals_per_usual().
+  NearEvents(const CameraModel& camera, const UndistortionTable& undistortion, int64_t windows_per_ms)
+      : camera_(camera), undistortion_(undistortion), keep_(1.0 - kForgetPerMs / static_cast<double>(windows_per_ms)) {}
 
   // Stores the events of the window that lie in tiles with lines, and counts the others in `background`. At most
   // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities. While the brightness of
@@ -70,13 +71,16 @@ class NearEvents {
   }
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [camera, undistortion, events, observations, usual_events] = self;
+    auto& [camera, undistortion, keep, events, observations, usual_events] = self;
     constexpr double kMax = 1e18;  // events; keeps sums and ratios finite
     archive(InRange(usual_events[0], kFewEvents, kMax), InRange(usual_events[1], kFewEvents, kMax));
   }
 
  private:
   static constexpr double kFewEvents = 1.0;  // events; lower bound that keeps the ratio of the polarities finite
+  // Decay of the usual events in 1 ms: a memory of 33 ms, three periods of the light of a lamp on 50 Hz mains, so that
+  // both polarities are averaged.
+  static constexpr double kForgetPerMs = 0.03;
   struct NearEvent {
     uint32_t index;  // into the window's events
     uint32_t tile : 31;
@@ -91,6 +95,7 @@ class NearEvents {
 
   const CameraModel camera_;
   const UndistortionTable& undistortion_;
+  const double keep_;  // factor of the usual events per window
   std::vector<NearEvent> events_;
   std::vector<Observation> observations_;
   ByPolarity usual_events_ = {kFewEvents, kFewEvents};  // exponentially weighted sums over the past windows

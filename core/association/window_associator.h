@@ -35,9 +35,12 @@ struct AssociatedEvents {
 // windows must come in order.
 class WindowAssociator {
  public:
-  // `tables` are those of `camera` and must outlive the associator.
-  WindowAssociator(const CameraModel& camera, const CameraTables& tables)
-      : camera_(camera), grid_(camera), background_(camera), near_events_(camera, tables.undistortion) {}
+  // `tables` are those of `camera` and must outlive the associator. `windows_per_ms`: see NearEvents.
+  WindowAssociator(const CameraModel& camera, const CameraTables& tables, int64_t windows_per_ms = 1)
+      : camera_(camera),
+        grid_(camera),
+        background_(camera),
+        near_events_(camera, tables.undistortion, windows_per_ms) {}
 
   // Returns the events of `window` within reach_px of a line at their own times, at most `max_events` of them.
   // `lines` are the image lines at `t_us`, the middle of the window. `others_per_px(observation)` returns

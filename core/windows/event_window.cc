@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "absl/strings/str_cat.h"
 #include "core/base/check_range.h"
@@ -22,6 +23,13 @@ constexpr size_t kBatch = 256;
 constexpr auto PolarityOf = [](const Event& event) -> size_t { return event.polarity != 0 ? 1 : 0; };
 
 }  // namespace
+
+WindowOptions WindowOptions::WithPoseRate(double pose_rate_hz) {
+  WindowOptions options;
+  options.interval_us = static_cast<int64_t>(std::round(1e6 / pose_rate_hz));
+  options.min_interval_us = std::min(options.min_interval_us, options.interval_us);
+  return options;
+}
 
 absl::Status WindowOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckPositive("interval_us", static_cast<double>(interval_us)));

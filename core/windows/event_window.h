@@ -25,6 +25,7 @@
 // 5. Windows do not overlap. Each event is used once, because the motion prior already carries its information.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -43,9 +44,11 @@ namespace evpose {
 // max_events by tests/bench/event_rate.sh at 42 to 104 million events per second (core/experiments/RESULTS.md,
 // Tracking).
 struct WindowOptions {
+  // The pose period for which the constants that count windows were chosen, microseconds.
+  static constexpr int64_t kUsualIntervalUs = 1000;
   // Length of an interval, microseconds: the pose period at normal event rates (1 kHz), and the minimum duration of a
   // window at any event rate unless the image moves fast.
-  int64_t interval_us = 1000;
+  int64_t interval_us = kUsualIntervalUs;
   // Length of an interval for the fastest image motion, microseconds. Half of it brought no measurable improvement.
   int64_t min_interval_us = 500;
   // Maximum image motion in an interval, pixels. At 3 px per window the rotation error is a tenth larger.
@@ -63,6 +66,12 @@ struct WindowOptions {
   // A longer time without events, microseconds, becomes one window instead of many. This bounds the work that a wrong
   // time stamp can cause.
   int64_t max_gap_us = 10'000'000;
+
+  // The options for this number of poses per second, from 1 to 1'000'000, at event rates that give each interval
+  // min_events.
+  static WindowOptions WithPoseRate(double pose_rate_hz);
+  // The number of intervals in kUsualIntervalUs, at least 1: the factor of constants that count windows.
+  int64_t intervals_per_usual() const { return std::max<int64_t>(1, kUsualIntervalUs / interval_us); }
 
   // Error: INVALID_ARGUMENT naming the field that is wrong.
   absl::Status Validate() const;

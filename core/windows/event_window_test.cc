@@ -117,6 +117,21 @@ TEST(EventWindower, AbovePointThreeMillionEventsPerSecondThereIsAWindowEveryMill
   EXPECT_GE(recorder.windows().size(), 198u);
 }
 
+TEST(WindowOptions, APoseRateDeterminesTheIntervals) {
+  EXPECT_EQ(WindowOptions::WithPoseRate(1000.0).interval_us, WindowOptions().interval_us);
+  EXPECT_EQ(WindowOptions::WithPoseRate(1000.0).min_interval_us, WindowOptions().min_interval_us);
+  EXPECT_EQ(WindowOptions().intervals_per_usual(), 1);
+  const WindowOptions options = WindowOptions::WithPoseRate(10'000.0);
+  EXPECT_TRUE(options.Validate().ok()) << options.Validate();
+  EXPECT_EQ(options.intervals_per_usual(), 10);
+  Recorder recorder(options);
+  std::vector<Event> events;
+  for (int64_t t_us = 0; t_us < 100'000; ++t_us) events.push_back({t_us, 5, 7, 1});
+  recorder.Add(events);  // 150 in two intervals
+  EXPECT_EQ(recorder.windows().size(), 499u);
+  for (const SeenWindow& window : recorder.windows()) EXPECT_EQ(window.t_end_us - window.t_begin_us, 200);
+}
+
 TEST(EventWindower, ClosesOnTimeWithoutMotionAndReportsIt) {
   Recorder recorder(SmallOptions());
   recorder.Add(Regular(0, 1, 1));

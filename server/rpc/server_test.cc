@@ -24,6 +24,7 @@ TEST_F(ServerTest, CreatesAndDescribesASession) {
   EXPECT_THAT(created.name(), testing::MatchesRegex("sessions/[0-9a-f]{32}"));
   EXPECT_EQ(created.resume_token().size(), 32u);
   EXPECT_EQ(created.config().tracker().estimator(), v1::ESTIMATOR_MIXTURE) << "the effective configuration";
+  EXPECT_EQ(created.config().tracker().pose_rate_hz(), 1000.0);
   EXPECT_EQ(created.config().camera().distortion_size(), 5);
   EXPECT_EQ(created.config().objects(0).reference_rotation().w(), 1.0);
   EXPECT_EQ(created.state(), v1::SESSION_STATE_DETACHED);
@@ -75,6 +76,9 @@ TEST_F(ServerTest, NamesTheFieldOfABadConfiguration) {
       {"config.tracker.sensor", [](auto& config) { config.mutable_tracker()->mutable_sensor()->set_blur_px(-1.0); }},
       {"config.tracker.sensor",
        [](auto& config) { config.mutable_tracker()->mutable_sensor()->set_latency_us(std::nan("")); }},
+      {"config.tracker.pose_rate_hz", [](auto& config) { config.mutable_tracker()->set_pose_rate_hz(999.0); }},
+      {"config.tracker.pose_rate_hz", [](auto& config) { config.mutable_tracker()->set_pose_rate_hz(10'001.0); }},
+      {"config.tracker.pose_rate_hz", [](auto& config) { config.mutable_tracker()->set_pose_rate_hz(std::nan("")); }},
       {"config.overload_policy", [](auto& config) { config.set_overload_policy(static_cast<v1::OverloadPolicy>(99)); }},
       {"config.max_lag", [](auto& config) { config.mutable_max_lag()->set_seconds(1); }},  // with BLOCK
       {"config.max_lag",

@@ -55,6 +55,8 @@ std::string ConfigurationDigest(const SessionConfig& config,
   const SensorProfile& sensor = config.sensor;
   writer(sensor.pixel_noise_px, sensor.blur_px, sensor.contrast_threshold, sensor.refractory_us, sensor.latency_us,
          sensor.uncertainty);
+  // For the same reason the usual rate is left out.
+  if (config.pose_rate_hz != kDefaultPoseRateHz) writer(config.pose_rate_hz);
   for (const ObjectConfig& object : config.objects) {
     writer(object.initial_camera_from_object, object.reference_rotation);
   }

@@ -35,6 +35,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const SessionConfig& config
   TrackerOptions options;
   options.estimator_factory = EstimatorFactoryOf(config.estimator);
   options.sensor = config.sensor;
+  options.windows = WindowOptions::WithPoseRate(config.pose_rate_hz);
   std::vector<ObjectToTrack> objects;
   for (size_t i = 0; i < models.size(); ++i) {
     const ObjectConfig& object = config.objects[i];

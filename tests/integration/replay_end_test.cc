@@ -45,6 +45,23 @@ TEST_F(ReplayEndTest, WithoutAPoseAnEarlierFileStays) {
   EXPECT_TRUE(std::filesystem::exists(Path("first.tum"))) << "without an earlier file, an empty one is written";
 }
 
+TEST_F(ReplayEndTest, APoseRateGivesMorePoses) {
+  const CliResult simulated =
+      Run({"simulate", "--object", "cube", "--duration", "0.05", "--speed", "4", "--out", Path("cube")});
+  ASSERT_EQ(simulated.status, 0) << simulated.err;
+  const auto num_poses = [this](const std::string& rate) {
+    const CliResult result = Run(ReplayArguments("rate.csv", {"--pose-rate", rate, "--json"}));
+    EXPECT_EQ(result.status, 0) << result.err;
+    return result.Json()["poses"].get<double>();
+  };
+  const double usual = num_poses("1000");
+  EXPECT_GT(usual, 40.0);
+  EXPECT_GT(num_poses("4000"), 2.0 * usual);
+  const CliResult beyond = Run(ReplayArguments("rate.csv", {"--pose-rate", "10001"}));
+  EXPECT_EQ(beyond.status, 2);
+  EXPECT_THAT(beyond.err, HasSubstr("--pose-rate"));
+}
+
 TEST_F(ReplayEndTest, TheFileOfAnObjectWithoutAPoseStaysBesideThatOfAnotherObject) {
   SimulateCube(0.05);
   for (const char* const extension : {".tum", ".csv", ".jsonl", ".mcap"}) {

@@ -285,6 +285,7 @@ absl::StatusOr<SessionConfig> UploadModels(const CliContext& context, Client& cl
   SessionConfig config = {.encoding = FromCore(inputs.reader->header().encoding), .camera = FromCore(inputs.camera)};
   EVPOSE_ASSIGN_OR_RETURN(config.estimator, EstimatorByName(arguments.estimator));
   config.sensor = FromCore(inputs.sensor);
+  config.pose_rate_hz = arguments.pose_rate_hz;
   report.models.clear();
   for (const InputObject& input : inputs.objects) {
     absl::StatusOr<ModelInfo> model = UploadModel(context, client, input.model_path, input.model);
@@ -356,6 +357,12 @@ void RunArguments::AddOutputs(CLI::App& app, const std::string& epoch_default) {
 
 void RunArguments::AddTracking(CLI::App& app) {
   app.option_defaults()->group(kTrackingGroup);
+  AddOption(app, "--pose-rate", pose_rate_hz,
+            "Poses per second of each object. A pose needs 150 events, so that 10000 poses need 1.5 million events per "
+            "second; with fewer events there are fewer poses. Poses at a higher rate are as accurate, and their "
+            "processing takes longer",
+            CLI::Range(1000.0, 10'000.0))
+      ->type_name("HZ");
   app.add_option("--init-pose", init_poses,
                  "Pose camera_from_object at the first event, \"tx ty tz qx qy qz qw\"; without it, the object is "
                  "searched for. With --object: \"ID=tx ...\", once for each object with a known pose")

@@ -35,6 +35,7 @@ struct RunArguments {
   std::string clock_log;                 // empty: none
   std::vector<std::string> init_poses;
   std::vector<std::string> reset_poses;  // "T_US [ID=]POSE"
+  double pose_rate_hz = SessionConfig().pose_rate_hz;
   std::string estimator = "mixture";
   size_t chunk_bytes = 0;
   ModelReadingArguments reading;

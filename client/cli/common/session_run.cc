@@ -51,6 +51,7 @@ std::map<std::string, std::string> Identify(const RunArguments& arguments, const
   identity["--out"] = absolute(arguments.out);
   identity["--epoch"] = arguments.recording_options.epoch;
   identity["--clock-log"] = absolute(arguments.clock_log);
+  identity["--pose-rate"] = absl::StrCat(arguments.pose_rate_hz);
   identity["--estimator"] = arguments.estimator;
   identity["--scale"] = absl::StrCat(arguments.reading.metres_per_unit);
   identity["--crease-angle"] = absl::StrCat(arguments.reading.crease_angle_deg);

@@ -156,6 +156,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& message) {
   config.camera = FromProto(message.camera());
   config.estimator = FromProto(message.tracker().estimator(), PoseEstimator::kMixture);
   config.sensor = FromProto(message.tracker().sensor());
+  if (message.tracker().has_pose_rate_hz()) config.pose_rate_hz = message.tracker().pose_rate_hz();
   config.overload_policy = FromProto(message.overload_policy(), OverloadPolicy::kBlock);
   if (message.has_max_lag()) config.max_lag = FromProto(message.max_lag());
   for (const v1::TrackedObject& object : message.objects()) {
@@ -257,6 +258,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   *message.mutable_camera() = ToProto(config.camera);
   message.mutable_tracker()->set_estimator(static_cast<v1::Estimator>(config.estimator));
   *message.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
+  message.mutable_tracker()->set_pose_rate_hz(config.pose_rate_hz);
   message.set_overload_policy(static_cast<v1::OverloadPolicy>(config.overload_policy));
   if (config.max_lag) *message.mutable_max_lag() = ToProto(*config.max_lag);
   for (const TrackedObject& object : config.objects) {

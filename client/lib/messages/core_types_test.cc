@@ -58,6 +58,23 @@ TEST(CoreTypesTest, ServersOfferAllEstimatorsButThoseOfTheReleasedCode) {
   EXPECT_EQ(FromCore(Estimator::kStaticMm), PoseEstimator::kStaticMm);
 }
 
+TEST(CoreTypesTest, APoseAtAnotherTimeFollowsItsTwist) {
+  Pose pose;
+  pose.t_us = 1'000'000;
+  pose.camera_from_object.translation_m = {0.1, -0.2, 1.5};
+  pose.camera_from_object.rotation = Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  pose.twist << 2.0, 0.0, -1.0, 0.0, 0.0, 10.0;
+  const Transform same = pose.At(pose.t_us);
+  EXPECT_EQ(same.translation_m, pose.camera_from_object.translation_m);
+  EXPECT_TRUE(same.rotation.isApprox(pose.camera_from_object.rotation, 1e-15));
+  for (const double dt_s : {0.01, -0.02}) {
+    const Transform other = pose.At(pose.t_us + static_cast<int64_t>(1e6 * dt_s));
+    EXPECT_TRUE(other.translation_m.isApprox(Eigen::Vector3d(0.1 + 2.0 * dt_s, -0.2, 1.5 - dt_s), 1e-14)) << dt_s;
+    const Eigen::Matrix3d turn = Eigen::AngleAxisd(10.0 * dt_s, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    EXPECT_TRUE(other.rotation.isApprox(turn * pose.camera_from_object.rotation, 1e-14)) << dt_s;
+  }
+}
+
 TEST(CoreTypesTest, StatesHaveTheNamesOfTheApi) {
   EXPECT_EQ(TrackStateName(TrackState::kUnknown), "UNKNOWN");
   EXPECT_EQ(TrackStateName(TrackState::kInitializing), "INITIALIZING");

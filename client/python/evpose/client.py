@@ -140,7 +140,8 @@ class Client:
 
     def create_session(self, objects: Objects, camera: Camera, encoding: Encoding = Encoding.FLAT64, *,
                        overload: Overload = Overload.BLOCK, max_lag_s: Optional[float] = None, estimator: Estimator = Estimator.MIXTURE,
-                       sensor: SensorProfile = SensorProfile(), request_id: str = "", max_wait_s: float = 30.0) -> Session:
+                       sensor: SensorProfile = SensorProfile(), pose_rate_hz: float = 1000.0, request_id: str = "",
+                       max_wait_s: float = 30.0) -> Session:
         """Creates a session that tracks one model, or several TrackedObject, in events of this encoding (Recording.encoding; FLAT64
         for arrays). Calls with the same `request_id` return the same session, so that a call without a response can be repeated;
         without one, each call creates a session.
@@ -158,7 +159,7 @@ class Client:
         if not isinstance(camera, Camera):
             raise InvalidArgumentError(f"camera: {camera!r} is no Camera; read_camera(path) reads one")
         encoding = to_enum(encoding, Encoding, "encoding")
-        config = SessionConfig(encoding, camera, _tracked_objects(objects), overload, max_lag_s, estimator, sensor)
+        config = SessionConfig(encoding, camera, _tracked_objects(objects), overload, max_lag_s, estimator, sensor, pose_rate_hz)
         request = session_service_pb2.CreateSessionRequest(config=config.to_proto(), request_id=request_id or uuid.uuid4().hex)
 
         def create(endpoint: Endpoint, timeout_s: float) -> Any:

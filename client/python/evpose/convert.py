@@ -124,7 +124,8 @@ def config_from_message(message: Any) -> Optional[SessionConfig]:
             max_lag_s=seconds(message.max_lag) if message.HasField("max_lag") else None, estimator=Estimator(message.tracker.estimator),
             sensor=SensorProfile(
                 pixel_noise_px=sensor.pixel_noise_px, blur_px=sensor.blur_px, contrast_threshold=sensor.contrast_threshold,
-                refractory_us=sensor.refractory_us, latency_us=sensor.latency_us, uncertainty=sensor.uncertainty))
+                refractory_us=sensor.refractory_us, latency_us=sensor.latency_us, uncertainty=sensor.uncertainty),
+            pose_rate_hz=message.tracker.pose_rate_hz if message.tracker.HasField("pose_rate_hz") else 1000.0)
     except ValueError:
         return None
 

@@ -133,6 +133,18 @@ class Transform:
         m[:3, 3] = self.translation_m
         return m
 
+    def perturbed(self, tangent: npt.ArrayLike) -> Transform:
+        """Returns the transform after a perturbation [tx ty tz rx ry rz] on the left, m and rad: the rotation vector turns the source
+        about its origin, in the target frame. Raises InvalidArgumentError."""
+        xi = _vector(tangent, 6, "tangent")
+        angle = float(np.linalg.norm(xi[3:]))
+        half_sinc = 0.5 if angle == 0.0 else math.sin(0.5 * angle) / angle
+        x, y, z, w = (*(half_sinc * xi[3:]), math.cos(0.5 * angle))
+        qx, qy, qz, qw = self.quaternion_xyzw
+        turned = [w * qx + x * qw + y * qz - z * qy, w * qy - x * qz + y * qw + z * qx,
+                  w * qz + x * qy - y * qx + z * qw, w * qw - x * qx - y * qy - z * qz]
+        return Transform.from_quaternion(self.translation_m + xi[:3], turned)
+
     def to_proto(self) -> Any:
         """Returns the transform as a message of the API. Raises InvalidArgumentError."""
         x, y, z = _vector(self.translation_m, 3, "translation_m").tolist()

@@ -91,6 +91,11 @@ class Pose:
         """The pose as a transform: x_camera = camera_from_object * x_object."""
         return Transform(self.translation_m, self.quaternion_xyzw)
 
+    def at(self, t_us: int) -> Transform:
+        """Returns camera_from_object at another sensor time, microseconds, if the twist is constant in between. The acceleration a of
+        the object adds an error of a dt^2 / 2."""
+        return self.camera_from_object.perturbed(1e-6 * (t_us - self.t_us) * self.twist)
+
 
 def _twist(message: Any) -> list[float]:
     linear, angular = message.twist.linear_m_per_s, message.twist.angular_rad_per_s

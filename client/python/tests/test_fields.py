@@ -129,7 +129,7 @@ def full_config():
     tracked = evpose.TrackedObject("models/1", "left", transform, np.array([0.5, 0.5, 0.5, 0.5]))
     camera = evpose.Camera(640, 480, 600.5, 601.0, 319.5, 239.5, (1e-3, 2e-3, 3e-3, 4e-3), "fisheye")
     return SessionConfig(evpose.Encoding.EVT21, camera, (tracked,), evpose.Overload.LATEST, 0.025, evpose.Estimator.STATIC_S,
-                         evpose.SensorProfile(0.5, 0.25, 0.125, 100.0, 30.0, 0.5))
+                         evpose.SensorProfile(0.5, 0.25, 0.125, 100.0, 30.0, 0.5), 2500.0)
 
 
 def a_model():

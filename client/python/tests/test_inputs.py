@@ -327,6 +327,25 @@ class TransformTest(InputTest):
         quarter = evpose.Transform.from_quaternion([0, 0, 0], [0, 0, np.sqrt(0.5), np.sqrt(0.5)])  # about z: x becomes y
         np.testing.assert_allclose(quarter.rotation @ [1, 0, 0], [0, 1, 0], atol=1e-15)
 
+    def test_perturbations(self):
+        start = evpose.Transform.from_quaternion([0.1, -0.2, 1.5], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
+        same = start.perturbed(np.zeros(6))
+        np.testing.assert_array_equal(same.translation_m, start.translation_m)
+        np.testing.assert_allclose(same.quaternion_xyzw, start.quaternion_xyzw, atol=1e-15)
+        for angle in (1e-9, 0.1, -3.0):
+            turned = start.perturbed([0.02, 0, -0.01, 0, 0, angle])
+            np.testing.assert_allclose(turned.translation_m, [0.12, -0.2, 1.49], atol=1e-15)
+            c, s = np.cos(angle), np.sin(angle)
+            np.testing.assert_allclose(turned.rotation, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ start.rotation, atol=1e-14)
+        self.assertIn("tangent", self.refused(evpose.InvalidArgumentError, start.perturbed, np.zeros(5)))
+
+    def test_the_pose_at_another_time_follows_its_twist(self):
+        pose = evpose.Pose(1, "object", 1_000_000, np.array([0.1, -0.2, 1.5]), np.array([0, 0, 0, 1.0]), np.eye(6),
+                           np.array([2.0, 0, -1.0, 0, 0, 10.0]), evpose.TrackState.TRACKING, 1, 1.0, 0.5, 0.001, ())
+        later = pose.at(1_010_000)
+        np.testing.assert_allclose(later.translation_m, [0.12, -0.2, 1.49], atol=1e-15)
+        np.testing.assert_allclose(later.quaternion_xyzw, [0, 0, np.sin(0.05), np.cos(0.05)], atol=1e-15)
+
     def test_wrong_transforms(self):
         make = evpose.Transform.from_quaternion
         for t, q, words in (([0, 0], [0, 0, 0, 1], "3 numbers"), ([0, 0, 0], [0, 0, 0, 1.1], "its norm is 1.1"),

@@ -36,7 +36,7 @@ ComparisonStage NextStage(ComparisonStage stage, ComparisonInput input) {
 
 void ComparisonProgress::Enter(ComparisonInput input) {
   stage_ = NextStage(stage_, input);
-  windows_left_ = WindowsOf(stage_);
+  windows_left_ = windows_factor_ * WindowsOf(stage_);
 }
 
 void ComparisonProgress::OnWindow() {
@@ -48,19 +48,20 @@ void ComparisonProgress::SaveState(StateWriter& writer) const {
   int until_undecided = windows_left_;
   for (ComparisonStage stage = stage_; stage != ComparisonStage::kUndecided;) {
     stage = NextStage(stage, ComparisonInput::kLastWindow);
-    until_undecided += WindowsOf(stage);
+    until_undecided += windows_factor_ * WindowsOf(stage);
   }
   writer(until_undecided);
 }
 
 void ComparisonProgress::LoadState(StateReader& reader) {
   int until_undecided = 0;
-  reader(AtMost(until_undecided, kSettlingWindows + kComparedWindows));
+  const int all_windows = windows_factor_ * (kSettlingWindows + kComparedWindows);
+  reader(AtMost(until_undecided, all_windows));
   stage_ = ComparisonStage::kUndecided;
   windows_left_ = 0;
   if (!reader.ok() || until_undecided == 0) return;
   Enter(ComparisonInput::kRival);
-  for (int windows = kSettlingWindows + kComparedWindows; windows > until_undecided; --windows) OnWindow();
+  for (int windows = all_windows; windows > until_undecided; --windows) OnWindow();
 }
 
 }  // namespace evpose

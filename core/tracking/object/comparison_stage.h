@@ -30,6 +30,10 @@ ComparisonStage NextStage(ComparisonStage stage, ComparisonInput input);
 // undecided, because none of them takes precedence.
 class ComparisonProgress {
  public:
+  // `windows_factor`: of the numbers of windows below, for windows that are shorter than 1 ms
+  // (WindowOptions::intervals_per_usual()).
+  explicit ComparisonProgress(int windows_factor = 1) : windows_factor_(windows_factor) {}
+
   // Windows of kStarted. Before, a rival that explains less than half of what the first hypothesis explains is not
   // removed: the refinement of a right rival may still have to bring its lines to the events. Not validated separately.
   static constexpr int kStartedWindows = 3;
@@ -54,6 +58,7 @@ class ComparisonProgress {
   void LoadState(StateReader& reader);
 
  private:
+  int windows_factor_;
   ComparisonStage stage_ = ComparisonStage::kUndecided;
   int windows_left_ = 0;  // in the stage; 0 in kUndecided, which has no end
 };

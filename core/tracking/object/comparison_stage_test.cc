@@ -78,6 +78,20 @@ TEST(ComparisonProgressTest, IsSavedAsTheWindowsUntilItIsUndecided) {
   }
 }
 
+TEST(ComparisonProgressTest, AFactorMultipliesTheWindowsOfEachStage) {
+  constexpr int kFactor = 10;
+  ComparisonProgress progress(kFactor);
+  progress.Enter(ComparisonInput::kRival);
+  for (int window = 0; window < 16 * kFactor; ++window) {
+    EXPECT_EQ(progress.is_settled(), window >= 8 * kFactor) << window;
+    ComparisonProgress loaded(kFactor);
+    ASSERT_TRUE(IsRestored(Saved(progress), loaded)) << window;
+    EXPECT_EQ(loaded.stage(), progress.stage()) << window;
+    progress.OnWindow();
+  }
+  EXPECT_EQ(progress.stage(), Stage::kUndecided);
+}
+
 TEST(ComparisonProgressTest, RefusesMoreWindowsThanThereAre) {
   for (const std::string& bytes : {std::string({17, 0, 0, 0}), std::string({-1, -1, -1, -1})}) {
     ComparisonProgress progress;

@@ -45,17 +45,21 @@ double ErrorShare(const PoseTrack::Nearness& event) { return event.kind == EdgeK
 
 }  // namespace
 
+Hypotheses::Entry Hypotheses::EntryAt(const MotionState& state) const {
+  Entry entry;
+  entry.track = std::make_unique<PoseTrack>(context_, state);
+  entry.progress = ComparisonProgress(static_cast<int>(context_.options.windows.intervals_per_usual()));
+  return entry;
+}
+
 void Hypotheses::Add(const MotionState& start) {
   if (entries_.empty()) clutter_ = ClutterShare();  // it was measured with other poses
-  Entry entry;
-  entry.track = std::make_unique<PoseTrack>(context_, start);
-  Append(std::move(entry));
+  Append(EntryAt(start));
 }
 
 const PoseTrack* Hypotheses::AddRival(const MotionState& state, RivalKind kind, RivalPrior prior) {
   if (is_full()) return nullptr;
-  Entry entry;
-  entry.track = std::make_unique<PoseTrack>(context_, state);
+  Entry entry = EntryAt(state);
   if (kind == RivalKind::kSameEdges) {
     // Copies the statistics of the first hypothesis through its saved state.
     StateWriter writer;

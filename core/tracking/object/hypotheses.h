@@ -116,6 +116,7 @@ class Hypotheses {
     static void VisitState(auto& archive, auto& self);
   };
 
+  Entry EntryAt(const MotionState& state) const;
   void Compare(const EventWindow& window, const OtherObjects* others);
   // Returns the weights of the compared events of a window (README, section 2), and updates clutter_.
   ByPolarity WeighEvents(int64_t t_us);

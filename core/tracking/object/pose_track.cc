@@ -45,7 +45,7 @@ bool IsBetter(const WindowFit& second, const WindowFit& first, absl::Span<const 
 PoseTrack::PoseTrack(const TrackContext& context, const MotionState& start)
     : context_(context),
       visible_edges_(context.camera, *context.edges),
-      associator_(context.camera, *context.tables),
+      associator_(context.camera, *context.tables, context.options.windows.intervals_per_usual()),
       estimator_(context.options.MakeEstimator(context.camera)),
       health_(context.options.health, context.options.mixture.min_events_per_px2, context.edges->num_curves()),
       determination_(context.camera, *context.model, context.sphere, context.options.health),
@@ -195,16 +195,16 @@ PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const OtherO
 }
 
 void PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input) {
-  constexpr double kForget = 0.05;  // the running mean covers about 20 windows, 20 to 100 ms
+  constexpr double kForgetPerMs = 0.05;  // the running mean covers about 20 windows of 1 ms or more
   adaptation_.Limit(1.0);
   MotionState predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   input = Gather(window, others, predicted, 1.0);
   last_.fit.Clear();
   last_.is_flash = false;
   if (input.lines.empty()) return;
-  // A window longer than one interval has few events (WindowOptions::min_events), so that its estimate depends on the
-  // prior.
-  const bool is_sparse = window.t_end_us - window.t_begin_us > context_.options.windows.interval_us;
+  // A window longer than the usual interval has few events (WindowOptions::min_events), so that its estimate depends on
+  // the prior.
+  const bool is_sparse = window.t_end_us - window.t_begin_us > WindowOptions::kUsualIntervalUs;
   if (is_sparse && LimitMotion(input)) {
     predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   }
@@ -232,7 +232,7 @@ void PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others,
   }
   estimator_->Accept(last_.fit, input);
   if (HasSignal(last_.fit)) {
-    signal_.usual_explained_ratio += (signal_.usual_explained_ratio == 0.0 ? 1.0 : kForget) *
+    signal_.usual_explained_ratio += (signal_.usual_explained_ratio == 0.0 ? 1.0 : PerWindow(kForgetPerMs)) *
                                      (last_.fit.explained_signal_ratio() - signal_.usual_explained_ratio);
   }
 }
@@ -300,12 +300,13 @@ bool PoseTrack::IsFlash(const EventWindow& window, const WindowInput& input) {
 }
 
 bool PoseTrack::IsOnlyBackground(const WindowFit& fit) {
-  // Fading factor; the sums cover about 20 windows. The events of a slow object are within the fluctuation of the noise
-  // in 1 ms, but exceed it in 20 ms.
-  constexpr double kKeep = 0.95;
+  // The sums cover about 20 windows of 1 ms or more. The events of a slow object are within the fluctuation of the
+  // noise in 1 ms, but exceed it in 20 ms.
+  constexpr double kForgetPerMs = 0.05;
+  const double keep = 1.0 - PerWindow(kForgetPerMs);
   const HealthOptions& health = context_.options.health;
-  signal_.recent_signal = kKeep * signal_.recent_signal + fit.num_gated - fit.num_background;
-  signal_.recent_background = kKeep * signal_.recent_background + fit.num_background;
+  signal_.recent_signal = keep * signal_.recent_signal + fit.num_gated - fit.num_background;
+  signal_.recent_background = keep * signal_.recent_background + fit.num_background;
   const double chance = health.significance_sigma * std::sqrt(signal_.recent_background * health.dispersion);
   return signal_.recent_signal < chance && !HasSignal(fit);
 }

@@ -143,6 +143,10 @@ class PoseTrack {
   bool IsSlow(const WindowInput& input) const;
   // Whether there are significantly more events near the lines than the background rate explains.
   bool HasSignal(const WindowFit& fit) const;
+  // The share of a window in a running mean that forgets this share in a window of 1 ms or more.
+  double PerWindow(double per_ms) const {
+    return per_ms / static_cast<double>(context_.options.windows.intervals_per_usual());
+  }
   // Whether there is no such excess over the last windows either. It adds this window to the running sums and is
   // therefore to be called once per window.
   bool IsOnlyBackground(const WindowFit& fit);

@@ -185,6 +185,7 @@ v1::SessionConfig ToProto(const SessionConfig& config) {
   }
   out.mutable_tracker()->set_estimator(ToProto(config.estimator));
   *out.mutable_tracker()->mutable_sensor() = ToProto(config.sensor);
+  out.mutable_tracker()->set_pose_rate_hz(config.pose_rate_hz);
   out.set_overload_policy(EnumNumber<v1::OverloadPolicy>(config.overload_policy));
   if (config.max_lag.has_value()) *out.mutable_max_lag() = server::ToProto(*config.max_lag);
   return out;
@@ -228,6 +229,7 @@ absl::StatusOr<SessionConfig> FromProto(const v1::SessionConfig& config) {
   EVPOSE_ASSIGN_OR_RETURN(out.encoding, EnumFromProto<Encoding>("config.encoding", config.encoding()));
   EVPOSE_ASSIGN_OR_RETURN(out.estimator, FieldFromProto(config.tracker().estimator()));
   out.sensor = FieldFromProto(config.tracker().sensor());
+  if (config.tracker().has_pose_rate_hz()) out.pose_rate_hz = config.tracker().pose_rate_hz();
   if (config.overload_policy() != v1::OVERLOAD_POLICY_UNSPECIFIED) {
     EVPOSE_ASSIGN_OR_RETURN(out.overload_policy,
                             EnumFromProto<OverloadPolicy>("config.overload_policy", config.overload_policy()));

@@ -258,13 +258,14 @@ void FromStored(const pb::StreamPosition& stored, RecordCheck& check, StreamPosi
 }  // namespace
 
 std::string EncodeConfig(const SessionConfig& config) {
-  const auto& [encoding, camera, objects, estimator, sensor, overload_policy, max_lag] = config;
+  const auto& [encoding, camera, objects, estimator, sensor, pose_rate_hz, overload_policy, max_lag] = config;
   pb::SessionConfig stored;
   stored.set_encoding(EnumNumber<pb::Encoding>(encoding));
   ToStored(camera, *stored.mutable_camera());
   for (const ObjectConfig& object : objects) ToStored(object, *stored.add_objects());
   stored.set_estimator(NameOf(estimator));
   ToStored(sensor, *stored.mutable_sensor());
+  stored.set_pose_rate_hz(pose_rate_hz);
   stored.set_overload_policy(EnumNumber<pb::OverloadPolicy>(overload_policy));
   if (max_lag.has_value()) stored.set_max_lag_ns(absl::ToInt64Nanoseconds(*max_lag));
   return SerializeRecord(stored);
@@ -281,6 +282,7 @@ absl::StatusOr<SessionConfig> DecodeConfig(absl::string_view bytes) {
   for (const pb::TrackedObject& object : stored.objects()) FromStored(object, check, config.objects.emplace_back());
   FromStored(stored.estimator(), check, config.estimator);
   FromStored(stored.sensor(), config.sensor);
+  if (stored.has_pose_rate_hz()) config.pose_rate_hz = stored.pose_rate_hz();
   EnumFromStored(stored.overload_policy(), check, config.overload_policy);
   if (stored.has_max_lag_ns()) config.max_lag = absl::Nanoseconds(stored.max_lag_ns());
   if (const absl::Status valid = config.Validate(); !valid.ok()) check.Require(false, valid.message());

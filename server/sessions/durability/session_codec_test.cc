@@ -24,6 +24,7 @@ SessionConfig AFullConfig() {
   config.estimator = Estimator::kReleasedMm;
   config.sensor.name = "mine";
   config.sensor.blur_px = 0.1;
+  config.pose_rate_hz = 2500.5;
   config.overload_policy = OverloadPolicy::kLatest;
   config.max_lag = absl::Microseconds(12'345);
   return config;

@@ -39,6 +39,10 @@ absl::Status SessionConfig::Validate() const {
   if (const absl::Status status = sensor.Validate(); !status.ok()) {
     return InvalidField("config.tracker.sensor", status.message());
   }
+  if (!(pose_rate_hz >= kMinPoseRateHz && pose_rate_hz <= kMaxPoseRateHz)) {
+    return InvalidField("config.tracker.pose_rate_hz",
+                        absl::StrCat("is ", pose_rate_hz, "; ", kMinPoseRateHz, " to ", kMaxPoseRateHz));
+  }
   EVPOSE_RETURN_IF_ERROR(ValidateMaxLag(overload_policy, max_lag));
   if (objects.empty() || objects.size() > kMaxObjects) {
     return InvalidField("config.objects",

@@ -35,6 +35,10 @@ struct ObjectConfig {
 enum class OverloadPolicy { kBlock, kLatest };
 // Default of SessionConfig::max_lag, documented in the API.
 inline constexpr absl::Duration kDefaultMaxLag = absl::Milliseconds(20);
+// TrackerConfig::pose_rate_hz: the default and the limits of the API.
+inline constexpr double kDefaultPoseRateHz = 1000.0;
+inline constexpr double kMinPoseRateHz = 1000.0;
+inline constexpr double kMaxPoseRateHz = 10'000.0;
 
 struct SessionConfig {
   Encoding encoding = Encoding::kEvt3;
@@ -42,6 +46,7 @@ struct SessionConfig {
   std::vector<ObjectConfig> objects;
   Estimator estimator = Estimator::kMixture;
   SensorProfile sensor;
+  double pose_rate_hz = kDefaultPoseRateHz;
   OverloadPolicy overload_policy = OverloadPolicy::kBlock;
   std::optional<absl::Duration> max_lag;  // required with kLatest, forbidden with kBlock
 

@@ -162,6 +162,9 @@ struct SessionConfig {
   std::vector<TrackedObject> objects;
   PoseEstimator estimator = PoseEstimator::kMixture;
   SensorParameters sensor;
+  // 1000 to 10,000. Poses per second of each object, while there are 150 events for each. The processor time of the
+  // server per second grows with it.
+  double pose_rate_hz = 1000.0;
   OverloadPolicy overload_policy = OverloadPolicy::kBlock;
   std::optional<absl::Duration> max_lag;  // kLatest only; absent: the server's default, which CreateSession returns
 };
@@ -261,6 +264,10 @@ struct Pose {
   absl::Duration latency;
   std::vector<PoseAlternative> alternatives;  // kAmbiguous only: at most 4, the most likely one first
   std::optional<Loss> latest_loss;            // of the object, before this pose; absent before its first loss
+
+  // camera_from_object at another sensor time, microseconds, if the twist is constant in between. The acceleration a of
+  // the object adds an error of a dt^2 / 2.
+  Transform At(int64_t at_us) const;
 };
 
 // A pose given by the caller; tracking of the object restarts from it.
