@@ -30,8 +30,8 @@ class Determination {
   bool IsKept() const;
   // Whether they do so without any single one of them, because another edge nearby can support one curve of a wrong
   // pose. They must also have this share of the information that all curves should give, by their expected events; with
-  // a smaller share, they must do so within sure_uncertainty_px. Of curves that have no decision of their own, only those
-  // with less than half of their expected events reduce that share.
+  // a smaller share, they must do so within sure_uncertainty_px. Of curves that have no decision of their own, only
+  // those with less than half of their expected events reduce that share.
   bool IsConfirmed(double support_ratio) const;
 
  private:

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/tracking/evidence/health.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,6 +14,11 @@
 
 namespace evpose {
 namespace {
+
+using ::testing::AllOf;
+using ::testing::Each;
+using ::testing::Ge;
+using ::testing::SizeIs;
 
 using Kind = HealthResult::Kind;
 
@@ -262,11 +268,16 @@ class DenseLinesTest : public ::testing::Test {
       events_.clear();
       result = health.Test({kKeep, 2, 10'000});
     }
+    pooled_ratios_.clear();
+    for (const CurveResult& curve : health.curve_results()) {
+      if (curve.kind == CurveResult::Kind::kPooled) pooled_ratios_.push_back(curve.support_ratio);
+    }
     return result;
   }
 
   const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);
   const HealthOptions options_;
+  std::vector<double> pooled_ratios_;  // CurveResult::support_ratio of the pooled curves of the last Judge()
   std::vector<TrackedLine> tracked_;
   std::vector<ImageLine> lines_;
   TileGrid grid_{camera_};
@@ -291,7 +302,9 @@ TEST_F(DenseLinesTest, LinesWithoutPowerOfTheirOwnSupportAPoseTogether) {
   const HealthResult right = Judge(110, 0.0, 1.0, 1);
   EXPECT_EQ(right.kind, Kind::kSupported);
   EXPECT_GE(right.support_ratio, HealthOptions().confirm_support_ratio);
+  EXPECT_THAT(pooled_ratios_, AllOf(SizeIs(Ge(3)), Each(Ge(HealthOptions().confirm_support_ratio))));
   EXPECT_NE(Judge(110, 0.5 * kSpacingPx, 1.0, 1).kind, Kind::kSupported);
+  EXPECT_THAT(pooled_ratios_, AllOf(SizeIs(Ge(3)), Each(0.0)));
 }
 
 // A circle of elements, 60 px in radius, as one curve.
