@@ -135,6 +135,11 @@ class CreaseFinder {
     return use.is_forward ? std::array{from, to} : std::array{to, from};
   }
 
+  static bool AreWithin(const std::array<Eigen::Vector3d, 2>& a, const std::array<Eigen::Vector3d, 2>& b,
+                        double angle) {
+    return AngleBetween(a[0], b[0]) < angle && AngleBetween(a[1], b[1]) < angle;
+  }
+
   // Whether the normals differ by more than the angle at both ends of the edge.
   static bool Differ(const std::array<Eigen::Vector3d, 2>& a, const std::array<Eigen::Vector3d, 2>& b, double angle) {
     return AngleBetween(a[0], b[0]) > angle && AngleBetween(a[1], b[1]) > angle;
@@ -142,12 +147,15 @@ class CreaseFinder {
 
   EdgeClass ClassifyExact(absl::Span<const EdgeUse> uses) const {
     const SmoothSurface& exact = mesh_.exact_surface;
+    const auto a = NormalsAt(uses[0], exact.normals), b = NormalsAt(uses[1], exact.normals);
     if (const ExactSegment* segment = FindExactSegment(exact_segments_, uses[0].low, uses[0].high)) {
-      return mesh_.exact_edges[segment->edge].is_smooth ? EdgeClass::kSmooth : EdgeClass::kCrease;
+      if (mesh_.exact_edges[segment->edge].is_smooth) return EdgeClass::kSmooth;
+      // The file may not join the face that continues the surface: it is that of another part, or the edge is stated as
+      // the end of a surface.
+      return AreWithin(a, b, kMinStatedJump) ? EdgeClass::kSmooth : EdgeClass::kCrease;
     }
     if (exact.region_of[uses[0].triangle] == exact.region_of[uses[1].triangle]) return EdgeClass::kSmooth;
-    const bool jumps = Differ(NormalsAt(uses[0], exact.normals), NormalsAt(uses[1], exact.normals), kMinStatedJump);
-    return jumps ? EdgeClass::kCrease : EdgeClass::kSmooth;
+    return Differ(a, b, kMinStatedJump) ? EdgeClass::kCrease : EdgeClass::kSmooth;
   }
 
   // nullopt if the normals of the file do not decide: they are missing, those of the facets, or equal at an edge that
@@ -157,13 +165,13 @@ class CreaseFinder {
     for (const auto& normals : {a, b}) {
       if (normals[0].isZero(0.0) || normals[1].isZero(0.0)) return std::nullopt;
     }
-    if (AngleBetween(a[0], b[0]) < kSameStated && AngleBetween(a[1], b[1]) < kSameStated) {
+    if (AreWithin(a, b, kSameStated)) {
       if (turn < kMaxStep) return EdgeClass::kSmooth;
       return std::nullopt;
     }
     const auto are_of_facet = [this](const EdgeUse& use, const std::array<Eigen::Vector3d, 2>& normals) {
       const Eigen::Vector3d& facet = graph_.normal(use.triangle);
-      return AngleBetween(normals[0], facet) < kSameStated && AngleBetween(normals[1], facet) < kSameStated;
+      return AreWithin(normals, {facet, facet}, kSameStated);
     };
     if (are_of_facet(uses[0], a) && are_of_facet(uses[1], b)) return std::nullopt;
     if (Differ(a, b, kMinStatedJump)) return EdgeClass::kCrease;

@@ -63,6 +63,34 @@ void AlignCornerNormals(RawMesh& mesh) {
   }
 }
 
+// Turns exact normals to the outer side of their triangles, with what a file derives from them: the axis of a plane,
+// and whether a shape is convex. The normals of a face may be turned as a whole, because programs derive them and the
+// winding from the same side.
+void AlignExactSurface(RawMesh& mesh) {
+  SmoothSurface& exact = mesh.exact_surface;
+  std::vector<double> outward_m2(exact.regions.size());  // area, weighted with the cosine of normal and triangle
+  for (size_t t = 0; t < exact.region_of.size(); ++t) {
+    const auto& [i, j, k] = mesh.triangles[t];
+    const Eigen::Vector3d area_m2 = (mesh.points[j] - mesh.points[i]).cross(mesh.points[k] - mesh.points[i]);
+    for (const Eigen::Vector3f& normal : exact.normals[t]) {
+      outward_m2[exact.region_of[t]] += area_m2.dot(normal.cast<double>());
+    }
+  }
+  for (size_t t = 0; t < exact.region_of.size(); ++t) {
+    if (outward_m2[exact.region_of[t]] >= 0.0) continue;
+    for (Eigen::Vector3f& normal : exact.normals[t]) normal = -normal;
+  }
+  for (size_t r = 0; r < exact.regions.size(); ++r) {
+    SurfaceRegion& region = exact.regions[r];
+    if (outward_m2[r] >= 0.0 || region.shape == RegionShape::kFree) continue;
+    if (region.is_flat()) {
+      region.axis = -region.axis;
+    } else {
+      region.is_convex = !region.is_convex;
+    }
+  }
+}
+
 // `thing` in the singular, `what` happened to it.
 void AddNoticeOf(size_t count, absl::string_view thing, absl::string_view what, std::vector<std::string>& notices) {
   if (count > 0) notices.push_back(absl::StrCat(Counted(count, thing), " ", what));
@@ -123,6 +151,7 @@ RepairReport RepairMesh(RawMesh& mesh) {
     if (!overlaps.is_complete) break;
   }
   AlignCornerNormals(mesh);
+  AlignExactSurface(mesh);
   return report;
 }
 

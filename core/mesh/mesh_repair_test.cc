@@ -171,6 +171,36 @@ TEST(RepairMeshTest, OpenAndOneSidedSurfacesAreReported) {
   EXPECT_THAT(NoticesOf(report), ElementsAre(HasSubstr("Moebius strip")));
 }
 
+// Programs derive the normals, the winding and whether a shape is convex from the same side of a face.
+TEST(RepairMeshTest, FacesThatAreTurnedInsideOutGetOutwardNormals) {
+  RawMesh mesh = UnitBox();
+  for (size_t side = 0; side < 6; ++side) {
+    SurfaceRegion& region = mesh.exact_surface.regions.emplace_back();
+    const double sign = side % 2 == 0 ? 1.0 : -1.0;  // the planes 0 and 1 and the cylinders 2 and 3 are turned
+    region.shape = std::array{RegionShape::kPlane, RegionShape::kCylinder, RegionShape::kFree}[side / 2];
+    region.axis = sign * Vector3d::Unit(static_cast<Eigen::Index>(side / 2));
+    region.is_convex = side < 2;
+    for (size_t t = 2 * side; t < 2 * side + 2; ++t) {
+      if (side < 4) std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
+      const Eigen::Vector3f normal = AreaVector(mesh, mesh.triangles[t]).normalized().cast<float>();
+      mesh.exact_surface.region_of.push_back(static_cast<uint32_t>(side));
+      mesh.exact_surface.normals.push_back({normal, normal, normal});
+    }
+  }
+  EXPECT_EQ(RepairMesh(mesh).turned_triangles, 8u);
+  for (size_t t = 0; t < 12; ++t) {
+    for (const Eigen::Vector3f& normal : mesh.exact_surface.normals[t]) {
+      EXPECT_NEAR(normal.cast<double>().dot(AreaVector(mesh, mesh.triangles[t])), 0.5, 1e-6) << t;
+    }
+  }
+  const std::vector<SurfaceRegion>& regions = mesh.exact_surface.regions;
+  EXPECT_EQ(regions[0].axis, -Vector3d::UnitX());
+  EXPECT_EQ(regions[1].axis, Vector3d::UnitX());
+  EXPECT_TRUE(regions[0].is_convex);
+  EXPECT_TRUE(regions[2].is_convex && regions[3].is_convex) << "they were stated as walls of holes";
+  EXPECT_EQ(regions[2].axis, Vector3d::UnitY()) << "the sign of an axis of a cylinder has no meaning";
+}
+
 TEST(RepairMeshTest, NormalsAndRegionsStayWithTheirTriangles) {
   std::mt19937 random(3);
   RawMesh mesh;

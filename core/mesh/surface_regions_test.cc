@@ -309,6 +309,19 @@ TEST(SurfaceRegionsTest, ExactFacesAreRegionsAndMeetInCreasesOrSmoothly) {
   EXPECT_EQ(CountOf(found.surface, RegionShape::kCylinder), 2u);
 }
 
+// Where another face continues the one at whose end the edge is stated.
+TEST(SurfaceRegionsTest, AStatedEdgeIsNoneIfTheFacesBesideItContinueEachOther) {
+  RawMesh mesh = ClosedCylinder(32);
+  mesh.exact_surface = Find(mesh).surface;
+  for (const auto& [i, j, k] : mesh.triangles) {
+    for (const auto& [from, to] : {std::array{i, j}, {j, k}, {k, i}})
+      mesh.exact_edges.emplace_back().points = {from, to};
+  }
+  EXPECT_THAT(Find(mesh).edges, SizeIs(64)) << "the rims";
+  for (ExactEdge& edge : mesh.exact_edges) edge.is_smooth = true;
+  EXPECT_THAT(Find(mesh).edges, SizeIs(0));
+}
+
 TEST(SurfaceRegionsTest, CoveredEdgesAreNone) {
   RawMesh sheet = Sheet(1, 0.0);
   EXPECT_THAT(Find(sheet).edges, SizeIs(4));
