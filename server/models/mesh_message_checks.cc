@@ -158,8 +158,8 @@ absl::Status CheckEdges(const v1::Mesh& mesh, size_t max_triangles) {
   const size_t max_points = 3 * max_triangles;
   if (mesh.edges_size() == 0) return absl::OkStatus();
   if (mesh.faces_size() == 0) return FieldError("edges", "are given without faces");
-  EVPOSE_RETURN_IF_ERROR(
-      CheckCount("edges", mesh.edges_size(), static_cast<size_t>(mesh.triangles_size() / 3), "edges"));
+  // Each has a side of a triangle, at least.
+  EVPOSE_RETURN_IF_ERROR(CheckCount("edges", mesh.edges_size(), static_cast<size_t>(mesh.triangles_size()), "edges"));
   size_t num_points = 0;
   for (int i = 0; i < mesh.edges_size(); ++i) {
     const v1::MeshEdge& edge = mesh.edges(i);

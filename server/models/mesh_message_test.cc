@@ -156,7 +156,10 @@ TEST(MeshMessageTest, ErrorsNameTheFieldAndTheIndex) {
          m.clear_faces();
          m.clear_triangle_faces();
        }},
-      {"Mesh.edges: has 5 edges; at most 4", [](v1::Mesh& m) { m.add_edges(), m.add_edges(); }},
+      {"Mesh.edges: has 13 edges; at most 12",
+       [](v1::Mesh& m) {
+         while (m.edges_size() < 13) m.add_edges();
+       }},
       {"Mesh.edges[0]: its curve is missing", [](v1::Mesh& m) { m.mutable_edges(0)->clear_curve(); }},
       {"Mesh.edges[0]: its curve is missing", [](v1::Mesh& m) { m.mutable_edges(0)->set_curve(v1::MeshCurve(9)); }},
       {"Mesh.edges[2]: has less than two points", [](v1::Mesh& m) { m.mutable_edges(2)->clear_points(); }},
