@@ -49,8 +49,9 @@ absl::Status Convert(const std::string& input, const std::string& output) {
     return absl::InvalidArgumentError(output + ": is the file to read, which would be overwritten: give another name");
   }
   const int standard_output = RedirectReports();
-  EVPOSE_ASSIGN_OR_RETURN(const evpose::RawMesh mesh, evpose::client::ReadStep(input));
-  const std::string message = evpose::server::EncodeMesh(mesh);
+  EVPOSE_ASSIGN_OR_RETURN(const evpose::client::StepModel model, evpose::client::ReadStep(input));
+  for (const std::string& notice : model.notices) std::cerr << "notice: " << notice << '\n';
+  const std::string message = evpose::server::EncodeMesh(model.mesh);
   return output.empty() ? WriteAll(standard_output, message) : evpose::WriteFile(output, message);
 }
 

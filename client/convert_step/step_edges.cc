@@ -8,8 +8,10 @@
 #include <Poly_PolygonOnTriangulation.hxx>
 #include <Poly_Triangulation.hxx>
 #include <TopExp.hxx>
+#include <TopExp_Explorer.hxx>
 #include <TopLoc_Location.hxx>
 #include <TopTools_IndexedDataMapOfShapeListOfShape.hxx>
+#include <TopTools_IndexedMapOfShape.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
 #include <TopoDS_Face.hxx>
@@ -20,6 +22,7 @@
 #include <vector>
 
 #include "client/convert_step/face_surface.h"
+#include "client/convert_step/step_shape.h"
 #include "core/numerics/statistics.h"
 
 namespace evpose::client {
@@ -31,6 +34,8 @@ namespace {
 constexpr double kMaxSmoothAngle = 10.0 * std::numbers::pi / 180.0;
 // Pieces of one segment of a free curve. Those of the triangulation turn by 0.3 rad at most.
 constexpr double kMaxPieces = 16.0;
+// Largest distance between a node of an edge and its circle, relative to the radius; a fifth of what a server accepts.
+constexpr double kMaxFromCircle = 0.002;
 
 Eigen::Vector3d Vector(const gp_Pnt& point) { return {point.X(), point.Y(), point.Z()}; }
 Eigen::Vector3d Vector(const gp_Dir& direction) { return {direction.X(), direction.Y(), direction.Z()}; }
@@ -62,13 +67,34 @@ std::vector<Eigen::Vector3d> NormalsAlong(const EdgeInFace& at) {
   return normals;
 }
 
-// Whether two faces continue each other at their common edge.
-bool AreSmooth(const EdgeInFace& a, const EdgeInFace& b) {
+// The number of faces that each edge bounds in its own direction, less that of the faces that it bounds in the other.
+// It is zero if the outer sides of the two faces at the edge continue each other.
+TopTools_DataMapOfShapeInteger DirectionSums(const TopoDS_Shape& shape) {
+  TopTools_DataMapOfShapeInteger sums;
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  for (int f = 1; f <= faces.Extent(); ++f) {
+    for (TopExp_Explorer edges(faces(f), TopAbs_EDGE); edges.More(); edges.Next()) {
+      const int direction = edges.Current().Orientation() == TopAbs_REVERSED ? -1 : 1;
+      if (int* sum = sums.ChangeSeek(edges.Current())) {
+        *sum += direction;
+      } else {
+        sums.Bind(edges.Current(), direction);
+      }
+    }
+  }
+  return sums;
+}
+
+// Whether two faces continue each other at their common edge. `are_opposite`: the outer side of one continues the inner
+// side of the other, as in a surface of which some faces are turned.
+bool AreSmooth(const EdgeInFace& a, const EdgeInFace& b, bool are_opposite) {
   const std::vector<Eigen::Vector3d> of_a = NormalsAlong(a), of_b = NormalsAlong(b);
   std::vector<double> cosines;
   for (size_t i = 0; i < std::min(of_a.size(), of_b.size()); ++i) {
     // A surface has no normal at a pole.
-    if (!of_a[i].isZero(0.0) && !of_b[i].isZero(0.0)) cosines.push_back(of_a[i].dot(of_b[i]));
+    if (!of_a[i].isZero(0.0) && !of_b[i].isZero(0.0))
+      cosines.push_back((are_opposite ? -1.0 : 1.0) * of_a[i].dot(of_b[i]));
   }
   if (cosines.empty()) return false;
   return UpperMedian(cosines) > std::cos(kMaxSmoothAngle);
@@ -82,6 +108,19 @@ ExactEdge DescribeCurve(const BRepAdaptor_Curve& curve, double scale) {
   edge.shape = ExactEdge::Shape::kCircle;
   edge.circle = {scale * Vector(circle.Location()), Vector(circle.Axis().Direction()), scale * circle.Radius()};
   return edge;
+}
+
+// Whether the nodes of an edge are on a circle. The ends may be as far from it as the tolerance of the vertices.
+bool IsOnCircle(const EdgeCircle& circle, const Poly_PolygonOnTriangulation& polygon, int first, const RawMesh& mesh) {
+  for (int i = 1; i <= polygon.NbNodes(); ++i) {
+    // In single precision, as in the message.
+    const Eigen::Vector3d point =
+        mesh.points[static_cast<size_t>(first + polygon.Node(i) - 1)].cast<float>().cast<double>();
+    const double height = circle.axis.dot(point - circle.centre);
+    const double across = (point - circle.centre - height * circle.axis).norm() - circle.radius_m;
+    if (!(std::hypot(height, across) <= kMaxFromCircle * circle.radius_m)) return false;
+  }
+  return true;
 }
 
 // Appends points of a curve between two parameters.
@@ -101,24 +140,24 @@ void AppendBetween(const BRepAdaptor_Curve& curve, double from, double to, doubl
 
 void AppendEdges(const TopoDS_Shape& shape, const TopTools_DataMapOfShapeInteger& first_points, double scale,
                  double deflection, RawMesh& mesh) {
-  TopTools_IndexedDataMapOfShapeListOfShape faces_of;
-  TopExp::MapShapesAndUniqueAncestors(shape, TopAbs_EDGE, TopAbs_FACE, faces_of);
+  const TopTools_IndexedDataMapOfShapeListOfShape faces_of = FacesOfEdges(shape);
+  const TopTools_DataMapOfShapeInteger directions = DirectionSums(shape);
   for (int e = 1; e <= faces_of.Extent(); ++e) {
     const TopoDS_Edge& edge = TopoDS::Edge(faces_of.FindKey(e));
     if (BRep_Tool::Degenerated(edge)) continue;  // a pole
     std::vector<EdgeInFace> at;
-    bool is_seam = false;
-    for (const TopoDS_Shape& face : faces_of(e)) {
-      at.push_back(Locate(edge, TopoDS::Face(face)));
-      is_seam |= BRep_Tool::IsClosed(edge, at.back().face);
-    }
-    if (is_seam || at.empty() || at.size() > 2) continue;
-    if (std::any_of(at.begin(), at.end(), [](const EdgeInFace& in) { return in.polygon.IsNull(); })) continue;
+    for (const TopoDS_Shape& face : faces_of(e)) at.push_back(Locate(edge, TopoDS::Face(face)));
+    if (IsSeam(edge, faces_of(e))) continue;
+    std::erase_if(at, [](const EdgeInFace& in) { return in.polygon.IsNull(); });  // faces without triangles
+    if (at.empty() || at.size() > 2) continue;
     const BRepAdaptor_Curve curve(edge);
     ExactEdge exact = DescribeCurve(curve, scale);
-    exact.is_smooth = at.size() == 2 && AreSmooth(at[0], at[1]);
+    exact.is_smooth = at.size() == 2 && AreSmooth(at[0], at[1], directions.Find(edge) != 0);
     const Poly_PolygonOnTriangulation& polygon = *at[0].polygon;
     const int first = first_points.Find(at[0].face);
+    if (exact.shape == ExactEdge::Shape::kCircle && !IsOnCircle(exact.circle, polygon, first, mesh)) {
+      exact.shape = ExactEdge::Shape::kFree;
+    }
     for (int i = 1; i <= polygon.NbNodes(); ++i) {
       if (i > 1 && exact.shape == ExactEdge::Shape::kFree && polygon.HasParameters()) {
         AppendBetween(curve, polygon.Parameter(i - 1), polygon.Parameter(i), scale, deflection, exact, mesh);

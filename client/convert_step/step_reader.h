@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -26,9 +27,14 @@ struct StepOptions {
   absl::Status Validate() const;
 };
 
-// Returns the faces and edges of a file in metres, with their exact normals, shapes and curves. Errors:
-// INVALID_ARGUMENT for a file that cannot be read or has no face, for more triangles than the options allow, and for
-// invalid options.
-absl::StatusOr<RawMesh> ReadStep(const std::string& path, const StepOptions& options = {});
+struct StepModel {
+  RawMesh mesh;
+  std::vector<std::string> notices;  // what is missing, and what was repaired
+};
+
+// Returns the faces and edges of a file in metres, with their exact normals, shapes and curves. Errors: those of
+// CheckIsFile(); INVALID_ARGUMENT for a file that cannot be read or has no face, for more triangles than the options
+// allow, and for invalid options.
+absl::StatusOr<StepModel> ReadStep(const std::string& path, const StepOptions& options = {});
 
 }  // namespace evpose::client

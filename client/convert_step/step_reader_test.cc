@@ -10,10 +10,6 @@
 #include <BRepPrimAPI_MakeSphere.hxx>
 #include <BRepPrimAPI_MakeTorus.hxx>
 #include <Eigen/Geometry>
-#include <IGESControl_Writer.hxx>
-#include <Interface_Static.hxx>
-#include <STEPControl_Controller.hxx>
-#include <STEPControl_Writer.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
@@ -22,9 +18,9 @@
 #include <cmath>
 #include <map>
 
+#include "client/convert_step/step_files_testing.h"
 #include "client/model_intake/step_conversion.h"
 #include "core/base/output_file.h"
-#include "core/base/temporary_directory_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/models/mesh_message.h"
@@ -33,21 +29,7 @@
 namespace evpose::client {
 namespace {
 
-class StepReaderTest : public testing::Test {
- protected:
-  // Writes a shape in millimetres as a STEP file of this unit.
-  std::string Write(const TopoDS_Shape& shape, const char* unit = "MM") {
-    STEPControl_Controller::Init();  // defines the parameters
-    Interface_Static::SetCVal("write.step.unit", unit);
-    STEPControl_Writer writer;
-    EXPECT_EQ(writer.Transfer(shape, STEPControl_AsIs), IFSelect_RetDone);
-    const std::string path = directory_.File("part.step");
-    EXPECT_EQ(writer.Write(path.c_str()), IFSelect_RetDone);
-    return path;
-  }
-
-  const TemporaryDirectory directory_;
-};
+class StepReaderTest : public StepFilesTest {};
 
 std::map<RegionShape, int> CountShapes(const RawMesh& mesh) {
   std::map<RegionShape, int> counts;
@@ -74,7 +56,7 @@ void ExpectOutward(const RawMesh& mesh) {
 
 TEST_F(StepReaderTest, ACylinderHasItsExactShapeInMetresInEveryUnit) {
   for (const char* unit : {"MM", "INCH", "M"}) {
-    const auto mesh = ReadStep(Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape(), unit));
+    const auto mesh = ReadMesh(Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape(), unit));
     ASSERT_TRUE(mesh.ok()) << mesh.status();
     EXPECT_EQ(CountShapes(*mesh), (std::map<RegionShape, int>{{RegionShape::kPlane, 2}, {RegionShape::kCylinder, 1}}));
     for (const SurfaceRegion& region : mesh->exact_surface.regions) {
@@ -92,7 +74,7 @@ TEST_F(StepReaderTest, ACylinderHasItsExactShapeInMetresInEveryUnit) {
 }
 
 TEST_F(StepReaderTest, ConesSpheresAndFreeSurfacesHaveOutwardNormalsAlsoAtTheirPoles) {
-  const auto cone = ReadStep(Write(BRepPrimAPI_MakeCone(10.0, 0.0, 20.0).Shape()));
+  const auto cone = ReadMesh(Write(BRepPrimAPI_MakeCone(10.0, 0.0, 20.0).Shape()));
   ASSERT_TRUE(cone.ok()) << cone.status();
   ExpectOutward(*cone);
   for (const SurfaceRegion& region : cone->exact_surface.regions) {
@@ -101,19 +83,19 @@ TEST_F(StepReaderTest, ConesSpheresAndFreeSurfacesHaveOutwardNormalsAlsoAtTheirP
     EXPECT_NEAR(region.axis.z(), -1.0, 1e-12);
     EXPECT_NEAR(region.half_angle_rad, std::atan(0.5), 1e-9);
   }
-  const auto sphere = ReadStep(Write(BRepPrimAPI_MakeSphere(gp_Pnt(1, 2, 3), 10.0).Shape()));
+  const auto sphere = ReadMesh(Write(BRepPrimAPI_MakeSphere(gp_Pnt(1, 2, 3), 10.0).Shape()));
   ASSERT_TRUE(sphere.ok()) << sphere.status();
   ExpectOutward(*sphere);
   ASSERT_EQ(CountShapes(*sphere), (std::map<RegionShape, int>{{RegionShape::kSphere, 1}}));
   EXPECT_LT((sphere->exact_surface.regions[0].point - Eigen::Vector3d(1e-3, 2e-3, 3e-3)).norm(), 1e-9);
-  const auto torus = ReadStep(Write(BRepPrimAPI_MakeTorus(10.0, 3.0).Shape()));
+  const auto torus = ReadMesh(Write(BRepPrimAPI_MakeTorus(10.0, 3.0).Shape()));
   ASSERT_TRUE(torus.ok()) << torus.status();
   ExpectOutward(*torus);
   EXPECT_EQ(CountShapes(*torus), (std::map<RegionShape, int>{{RegionShape::kFree, 1}}));
 }
 
 TEST_F(StepReaderTest, EdgesAreExactCirclesAndLinesWithoutSeams) {
-  const auto mesh = ReadStep(Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape()));
+  const auto mesh = ReadMesh(Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape()));
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   ASSERT_EQ(mesh->exact_edges.size(), 2u);
   for (const ExactEdge& edge : mesh->exact_edges) {
@@ -123,7 +105,7 @@ TEST_F(StepReaderTest, EdgesAreExactCirclesAndLinesWithoutSeams) {
     EXPECT_NEAR(edge.circle.radius_m, 0.01, 1e-12);
     EXPECT_LT(edge.circle.centre.head<2>().norm(), 1e-12);
   }
-  const auto box = ReadStep(Write(BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()));
+  const auto box = ReadMesh(Write(BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()));
   ASSERT_TRUE(box.ok()) << box.status();
   EXPECT_EQ(box->exact_edges.size(), 12u);
   for (const ExactEdge& edge : box->exact_edges) EXPECT_EQ(edge.shape, ExactEdge::Shape::kLine);
@@ -140,16 +122,14 @@ TEST_F(StepReaderTest, FilletsHaveSmoothEdgesAndTheModelHasNone) {
     BRepAdaptor_Curve(edge).D0(1.0, end);
     if (std::abs(end.Z() - begin.Z()) > 0.5) fillet.Add(4.0, edge);
   }
-  const auto mesh = ReadStep(Write(fillet.Shape()));
+  const auto mesh = ReadMesh(Write(fillet.Shape()));
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   std::map<std::pair<ExactEdge::Shape, bool>, int> counts;
   for (const ExactEdge& edge : mesh->exact_edges) ++counts[{edge.shape, edge.is_smooth}];
   EXPECT_EQ(counts, (std::map<std::pair<ExactEdge::Shape, bool>, int>{{{ExactEdge::Shape::kLine, false}, 8},
                                                                       {{ExactEdge::Shape::kLine, true}, 8},
                                                                       {{ExactEdge::Shape::kCircle, false}, 8}}));
-  const std::string bytes = server::EncodeMesh(*mesh);
-  const auto model =
-      server::ParseModelFile({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, ModelFormat::kMesh, {});
+  const auto model = Prepare(*mesh);
   ASSERT_TRUE(model.ok()) << model.status();
   EXPECT_EQ(model->lines.size(), 8u);
   ASSERT_EQ(model->curves.size(), 8u);
@@ -165,7 +145,7 @@ TEST_F(StepReaderTest, CurvesOtherThanCirclesAreSampled) {
   // Two cylinders of different radii meet in a curve that is no circle.
   const TopoDS_Shape along_z = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, -30), gp_Dir(0, 0, 1)), 10.0, 60.0).Shape();
   const TopoDS_Shape along_x = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0)), 6.0, 40.0).Shape();
-  const auto mesh = ReadStep(Write(BRepAlgoAPI_Fuse(along_z, along_x).Shape()));
+  const auto mesh = ReadMesh(Write(BRepAlgoAPI_Fuse(along_z, along_x).Shape()));
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   int num_free = 0;
   for (const ExactEdge& edge : mesh->exact_edges) {
@@ -185,12 +165,8 @@ TEST_F(StepReaderTest, CurvesOtherThanCirclesAreSampled) {
 }
 
 TEST_F(StepReaderTest, IgesFilesAreReadLikewise) {
-  IGESControl_Writer writer("MM", 1);  // 1: faces of solids
-  ASSERT_TRUE(writer.AddShape(BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()));
-  writer.ComputeModel();
-  const std::string path = directory_.File("part.igs");
-  ASSERT_TRUE(writer.Write(path.c_str()));
-  const auto mesh = ReadStep(path);
+  const std::string path = WriteIges(BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape(), IgesFaces::kOfSolids);
+  const auto mesh = ReadMesh(path);
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_EQ(mesh->triangles.size(), 12u);
   ExpectOutward(*mesh);
@@ -207,14 +183,15 @@ TEST_F(StepReaderTest, BadFilesAndTooManyTrianglesAreErrors) {
     ASSERT_TRUE(WriteFile(path, bytes.substr(0, size)).ok());
     EXPECT_EQ(ReadStep(path).status().code(), absl::StatusCode::kInvalidArgument) << size;
   }
-  EXPECT_EQ(ReadStep(directory_.File("none.step")).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(ReadStep(directory_.File("none.step")).status().code(), absl::StatusCode::kNotFound);
 }
 
 TEST_F(StepReaderTest, TheProgramPrintsTheMeshOrItsError) {
   const std::string path = Write(BRepPrimAPI_MakeCylinder(10.0, 30.0).Shape());
   const auto printed = RunConverter(EVPOSE_CONVERT_STEP, path);
   ASSERT_TRUE(printed.ok()) << printed.status();
-  EXPECT_TRUE(*printed == server::EncodeMesh(*ReadStep(path)));
+  EXPECT_TRUE(printed->mesh == server::EncodeMesh(ReadStep(path)->mesh));
+  EXPECT_THAT(printed->notices, testing::IsEmpty());
   ASSERT_TRUE(WriteFile(path, "prose\n").ok());
   EXPECT_THAT(std::string(RunConverter(EVPOSE_CONVERT_STEP, path).status().message()),
               testing::StartsWith("cannot be read"));
@@ -236,13 +213,11 @@ double DistanceFrom(const EdgeCircle& circle, const EdgeCurve& curve) {
 }
 
 TEST_F(StepReaderTest, APublicPartIsRead) {
-  const auto mesh = ReadStep(FindTestData("cad/featuretype.STEP"));
+  const auto mesh = ReadMesh(FindTestData("cad/featuretype.STEP"));
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_GT(CountShapes(*mesh)[RegionShape::kCylinder], 10);
   ExpectOutward(*mesh);
-  const std::string bytes = server::EncodeMesh(*mesh);
-  const auto model =
-      server::ParseModelFile({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, ModelFormat::kMesh, {});
+  const auto model = Prepare(*mesh);
   ASSERT_TRUE(model.ok()) << model.status();
   // Each circle is a curve of the model, within the sagitta of the segments of curves.
   size_t num_circles = 0;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/model_intake/model_intake.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
+#include <iterator>
 #include <optional>
 #include <utility>
 
@@ -81,19 +83,39 @@ absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, double metres_per
   return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene->mesh), std::move(scene->notices)};
 }
 
+constexpr const char* kStepExtensions[] = {".step", ".stp", ".igs", ".iges"};
+constexpr std::pair<const char*, SceneFormat> kSceneExtensions[] = {{".gltf", SceneFormat::kGltf},
+                                                                    {".glb", SceneFormat::kGlb},
+                                                                    {".dae", SceneFormat::kDae},
+                                                                    {".off", SceneFormat::kOff},
+                                                                    {".3mf", SceneFormat::k3mf}};
+
+std::string ExtensionOf(const std::string& path) {
+  return absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
+}
+
+bool IsStep(const std::string& extension) {
+  return std::find(std::begin(kStepExtensions), std::end(kStepExtensions), extension) != std::end(kStepExtensions);
+}
+
+std::optional<SceneFormat> SceneFormatOf(const std::string& extension) {
+  for (const auto& [name, format] : kSceneExtensions) {
+    if (extension == name) return format;
+  }
+  return std::nullopt;
+}
+
 absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres_per_unit) {
   EVPOSE_RETURN_IF_ERROR(CheckIsFile(path));
-  const std::string extension = absl::AsciiStrToLower(std::filesystem::path(path).extension().string());
-  if (extension == ".step" || extension == ".stp" || extension == ".igs" || extension == ".iges") {
-    EVPOSE_ASSIGN_OR_RETURN(std::string mesh, ConvertStep(path));
-    ModelFile file{evpose::ModelFormat::kMesh, std::move(mesh), {}};
+  const std::string extension = ExtensionOf(path);
+  if (IsStep(extension)) {
+    EVPOSE_ASSIGN_OR_RETURN(ConvertedModel model, ConvertStep(path));
+    ModelFile file{evpose::ModelFormat::kMesh, std::move(model.mesh), std::move(model.notices)};
     NoteScale(metres_per_unit, file.notices);
     return file;
   }
-  for (const auto& [name, format] : {std::pair(".gltf", SceneFormat::kGltf), std::pair(".glb", SceneFormat::kGlb),
-                                     std::pair(".dae", SceneFormat::kDae), std::pair(".off", SceneFormat::kOff),
-                                     std::pair(".3mf", SceneFormat::k3mf)}) {
-    if (extension == name) return ConvertScene(path, format, metres_per_unit);
+  if (const std::optional<SceneFormat> format = SceneFormatOf(extension)) {
+    return ConvertScene(path, *format, metres_per_unit);
   }
   const absl::StatusOr<evpose::ModelFormat> format = evpose::ModelFormatFromPath(path);
   if (!format.ok()) {
@@ -108,6 +130,11 @@ absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres
 }
 
 }  // namespace
+
+bool IsModelFile(const std::string& path) {
+  const std::string extension = ExtensionOf(path);
+  return IsStep(extension) || SceneFormatOf(extension).has_value() || ModelFormatFromPath(path).ok();
+}
 
 absl::StatusOr<ModelFile> ReadModelFile(const std::string& path, double metres_per_unit) {
   absl::StatusOr<ModelFile> file = ReadKnownFormat(path, metres_per_unit);

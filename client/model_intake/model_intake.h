@@ -15,6 +15,9 @@ namespace evpose::client {
 // The formats, for descriptions of options.
 inline constexpr char kModelFormats[] = "OBJ, PLY, STL, glTF, GLB, DAE, OFF, 3MF, STEP or IGES";
 
+// Whether the extension of the name is that of one of these formats.
+bool IsModelFile(const std::string& path);
+
 struct ModelFile {
   evpose::ModelFormat format = evpose::ModelFormat::kObj;
   std::string bytes;                 // in that format

@@ -4,18 +4,25 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 
 namespace evpose::client {
 
-// Returns the file as a serialized Mesh. Errors: FAILED_PRECONDITION, naming the package, if evpose-convert-step is not
-// installed; those of RunConverter().
-absl::StatusOr<std::string> ConvertStep(const std::string& path);
+struct ConvertedModel {
+  std::string mesh;                  // a serialized Mesh
+  std::vector<std::string> notices;  // what is missing, and what was repaired
+};
 
-// Runs `program`, which prints a serialized Mesh of the file `path`. Errors: INVALID_ARGUMENT with the last line that
+// Errors: FAILED_PRECONDITION, naming the package, if evpose-convert-step is not
+// installed; those of RunConverter().
+absl::StatusOr<ConvertedModel> ConvertStep(const std::string& path);
+
+// Runs `program`, which prints a serialized Mesh of the file `path`, and notices as lines of standard error that begin
+// with "notice: ". Errors: INVALID_ARGUMENT with the last line that
 // the program has written to standard error, if it ends with another status than 0; INTERNAL if it cannot be started or
 // crashes.
-absl::StatusOr<std::string> RunConverter(const std::string& program, const std::string& path);
+absl::StatusOr<ConvertedModel> RunConverter(const std::string& program, const std::string& path);
 
 }  // namespace evpose::client

@@ -16,7 +16,7 @@ namespace {
 class RunConverterTest : public testing::Test {
  protected:
   // Runs a program in place of evpose-convert-step.
-  absl::StatusOr<std::string> Run(const std::string& commands) {
+  absl::StatusOr<ConvertedModel> Run(const std::string& commands) {
     const std::string path = directory_.File("evpose-convert-step");
     std::ofstream(path) << "#!/bin/sh\n" << commands << "\n";
     chmod(path.c_str(), 0700);
@@ -27,9 +27,10 @@ class RunConverterTest : public testing::Test {
 };
 
 TEST_F(RunConverterTest, ReturnsWhatTheProgramPrints) {
-  const auto printed = Run("printf '%s\\n' \"$1\"; printf 'report\\n' >&2");
+  const auto printed = Run("printf '%s\\n' \"$1\"; printf 'report\\nnotice: 1 face is missing\\n' >&2");
   ASSERT_TRUE(printed.ok()) << printed.status();
-  EXPECT_EQ(*printed, "part of a machine.step\n");
+  EXPECT_EQ(printed->mesh, "part of a machine.step\n");
+  EXPECT_THAT(printed->notices, testing::ElementsAre("1 face is missing"));
 }
 
 TEST_F(RunConverterTest, AFailureHasTheLastLineOfTheProgram) {

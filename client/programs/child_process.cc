@@ -21,7 +21,7 @@
 namespace evpose::client {
 namespace {
 
-// Number of bytes that are read from the end of the program's standard error, to find its last line.
+// Number of bytes that are read from the end of the program's standard error.
 constexpr off_t kMaxErrorBytes = off_t{64} * 1024;
 
 // The last line that is not empty, without the name of the program at its beginning.
@@ -115,11 +115,13 @@ absl::Status ChildProcess::Wait() {
   while (waitpid(pid_, &status, 0) < 0 && errno == EINTR) continue;
   pid_ = -1;
   if (WIFEXITED(status) && WEXITSTATUS(status) != 0) {
-    end_ = absl::InvalidArgumentError(LastLine(EndOfFile(errors_), name_));
+    end_ = absl::InvalidArgumentError(LastLine(ErrorText(), name_));
   } else if (!WIFEXITED(status)) {
     end_ = absl::InternalError(absl::StrCat(name_, " was ended by signal ", WTERMSIG(status)));
   }
   return end_;
 }
+
+std::string ChildProcess::ErrorText() const { return EndOfFile(errors_); }
 
 }  // namespace evpose::client

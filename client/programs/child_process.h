@@ -38,6 +38,9 @@ class ChildProcess {
   // without its name, if its exit status is not 0; INTERNAL if it crashed. Later calls return the same.
   absl::Status Wait();
 
+  // What it has written to its standard error: at most the last 64 KiB.
+  std::string ErrorText() const;
+
  private:
   ChildProcess(std::string name, pid_t pid, int channel, int errors)
       : name_(std::move(name)), pid_(pid), channel_(channel), errors_(errors) {}
