@@ -15,6 +15,7 @@
 #include "client/bench/bench_first_pose_output.h"
 #include "client/bench/bench_models_output.h"
 #include "client/cli/console/progress.h"
+#include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/simulation/simulator.h"
@@ -70,7 +71,7 @@ absl::StatusOr<std::vector<BenchModel>> FindFiles(const fs::path& directory, dou
   std::vector<BenchModel> models;
   for (fs::directory_iterator entry(directory, error), end; !error && entry != end; entry.increment(error)) {
     const fs::path& path = entry->path();
-    if (!ModelFormatFromPath(path.string()).ok()) continue;
+    if (!IsModelFile(path.string())) continue;
     models.push_back({path.filename().string(), path.string(), metres_per_unit, ""});
   }
   if (error) return absl::NotFoundError(absl::StrCat(directory.string(), ": ", error.message()));
@@ -133,6 +134,7 @@ absl::Status RunFirstPoses(const ModelsArguments& arguments, const ModelBenchOpt
 absl::Status RunModels(const ModelsArguments& arguments, CliContext& context) {
   ModelBenchOptions options = arguments.options;
   options.duration_us = std::llround(arguments.duration_s * 1e6);
+  options.load_model = LoadModelFile;
   EVPOSE_ASSIGN_OR_RETURN(options.models, FindModels(arguments));
   EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
   if (arguments.is_first_pose) return RunFirstPoses(arguments, options, context);
@@ -160,8 +162,9 @@ absl::Status RunModels(const ModelsArguments& arguments, CliContext& context) {
 CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<ModelsArguments>();
   app.option_defaults()->group(kInputGroup);
-  app.add_option("--models", arguments->directory,
-                 "Directory of tests/bench/models/generate.py, or with any model files (OBJ, PLY, STL)")
+  app.add_option(
+         "--models", arguments->directory,
+         absl::StrCat("Directory of tests/bench/models/generate.py, or with any model files (", kModelFormats, ")"))
       ->type_name("DIR")
       ->required();
   AddNames(app, "--names", arguments->names, "Run only these models");

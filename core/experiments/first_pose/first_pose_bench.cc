@@ -151,12 +151,13 @@ absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& op
                                                  const ModelBenchProgress& on_progress) {
   FirstPoseBenchRow row;
   row.model = bench_model;
-  const auto tracked = LoadBenchModel(bench_model.path, bench_model.metres_per_unit);
+  const auto tracked = LoadBenchModel(options.bench, bench_model.path, bench_model.metres_per_unit);
   if (!tracked.ok()) {
     row.error = std::string(tracked.status().message());
     return row;
   }
-  EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered, LoadRenderedModel(bench_model, *tracked));
+  EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered,
+                          LoadRenderedModel(options.bench, bench_model, *tracked));
   std::shared_ptr<const SearchModel> search_model;
   if (IsSearchable(**tracked)) {
     EVPOSE_ASSIGN_OR_RETURN(search_model, MakeSearchModel(*tracked));

@@ -167,9 +167,10 @@ void Summarise(ModelBenchRow& row) {
 }
 
 // Prepares a model and sets what is known without a recording.
-absl::StatusOr<std::shared_ptr<const ObjectModel>> Prepare(ModelBenchRow& row) {
+absl::StatusOr<std::shared_ptr<const ObjectModel>> Prepare(const ModelBenchOptions& options, ModelBenchRow& row) {
   absl::StatusOr<std::shared_ptr<const ObjectModel>> model;
-  row.preparation_s = ProcessorSecondsOf([&] { model = LoadBenchModel(row.model.path, row.model.metres_per_unit); });
+  row.preparation_s =
+      ProcessorSecondsOf([&] { model = LoadBenchModel(options, row.model.path, row.model.metres_per_unit); });
   if (!model.ok()) return model;
   row.diameter_m = (*model)->diameter_m;
   row.triangles = (*model)->triangles.size();
@@ -185,12 +186,13 @@ absl::StatusOr<ModelBenchRow> RunModel(const ModelBenchOptions& options, const B
                                        const ModelBenchProgress& on_progress) {
   ModelBenchRow row;
   row.model = bench_model;
-  const absl::StatusOr<std::shared_ptr<const ObjectModel>> tracked = Prepare(row);
+  const absl::StatusOr<std::shared_ptr<const ObjectModel>> tracked = Prepare(options, row);
   if (!tracked.ok()) {
     row.error = std::string(tracked.status().message());
     return row;
   }
-  EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered, LoadRenderedModel(bench_model, *tracked));
+  EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered,
+                          LoadRenderedModel(options, bench_model, *tracked));
   for (int i = 0; i < options.num_seeds; ++i) {
     const std::string text = absl::StrFormat("%s, seed %d", bench_model.name, i + 1);
     const auto on_run = [&](double ratio) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "core/experiments/tracking/tracking_score.h"
 #include "core/models/object_model.h"
 #include "core/tracking/object/pose_estimate.h"
@@ -36,6 +37,9 @@ struct ModelBenchOptions {
   // Directory of the recordings, with a subdirectory for each run, to use them again. Empty: none is stored.
   std::string recordings;
   TrackerOptions tracker;
+  // Reads a model file; the client's loader reads more formats.
+  std::function<absl::StatusOr<ObjectModel>(const std::string& path, const ModelOptions& options)> load_model =
+      LoadObjectModel;
 
   // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;

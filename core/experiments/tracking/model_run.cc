@@ -9,17 +9,19 @@
 
 namespace evpose {
 
-absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const std::string& path, double metres_per_unit) {
-  ModelOptions options;
-  options.metres_per_unit = metres_per_unit;
-  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, LoadObjectModel(path, options));
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const ModelBenchOptions& options,
+                                                                  const std::string& path, double metres_per_unit) {
+  ModelOptions model_options;
+  model_options.metres_per_unit = metres_per_unit;
+  EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, options.load_model(path, model_options));
   return std::make_shared<const ObjectModel>(std::move(model));
 }
 
-absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadRenderedModel(const BenchModel& bench_model,
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadRenderedModel(const ModelBenchOptions& options,
+                                                                     const BenchModel& bench_model,
                                                                      std::shared_ptr<const ObjectModel> tracked) {
   if (bench_model.reference_path.empty()) return tracked;
-  return LoadBenchModel(bench_model.reference_path, 1.0);
+  return LoadBenchModel(options, bench_model.reference_path, 1.0);
 }
 
 absl::StatusOr<ModelRunInputs> MakeModelRun(const ModelBenchOptions& options, const BenchModel& bench_model,

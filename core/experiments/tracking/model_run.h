@@ -23,11 +23,13 @@ struct ModelRunInputs {
   std::string directory;  // directory of the recording (tracking_recordings.h); empty: it is not stored
 };
 
-// Errors: those of LoadObjectModel().
-absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const std::string& path, double metres_per_unit);
+// Errors: those of `options.load_model`.
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const ModelBenchOptions& options,
+                                                                  const std::string& path, double metres_per_unit);
 // Returns the reference of `bench_model`, which is rendered; `tracked` if it has none. Errors: those of
-// LoadObjectModel().
-absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadRenderedModel(const BenchModel& bench_model,
+// `options.load_model`.
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadRenderedModel(const ModelBenchOptions& options,
+                                                                     const BenchModel& bench_model,
                                                                      std::shared_ptr<const ObjectModel> tracked);
 
 // `tracked` is the model of `bench_model`, `rendered` its reference. Errors: those of ModelSimulationPreset() and
