@@ -11,8 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from evpose.convert import latest_loss, seconds
+from evpose.errors import InvalidArgumentError
 from evpose.geometry import Matrix, Transform, quaternion_from_message, transform_from_message
 from evpose.types import TrackState
+
+# A pose that competes with the reported one (Alternative).
+ALTERNATIVE_DTYPE = np.dtype([
+    ("translation_m", np.float64, (3,)),
+    ("quaternion_xyzw", np.float64, (4,)),
+    ("log_likelihood_ratio", np.float64),
+])
+_MAX_ALTERNATIVES = 4  # Pose.alternatives in proto/evpose/v1/session.proto
 
 # One row for each pose. Transforms are camera_from_object; `object` is the index in Session.object_ids.
 POSE_DTYPE = np.dtype([
@@ -29,10 +38,11 @@ POSE_DTYPE = np.dtype([
     ("residual_rms_px", np.float32),
     ("latency_s", np.float64),
     ("num_alternatives", np.uint8),
+    ("alternatives", ALTERNATIVE_DTYPE, (_MAX_ALTERNATIVES,)),  # the first num_alternatives; the others are zero
 ])
 
-# The states with a pose. A pose of a state that is unknown is not confirmed.
-CONFIRMED = frozenset((TrackState.TRACKING, TrackState.DEGRADED, TrackState.AMBIGUOUS))
+# The known states in which the server sends poses; it may send those of a state that is unknown here. AMBIGUOUS poses are not confirmed.
+WITH_POSE = frozenset((TrackState.TRACKING, TrackState.DEGRADED, TrackState.AMBIGUOUS))
 
 _UPPER = np.triu_indices(6)
 # The position in the upper triangle, row by row, of each element of the symmetric matrix.
@@ -137,24 +147,37 @@ def poses_from_messages(messages: Iterable[Any], object_ids: Sequence[str]) -> n
     """Converts messages without defect() to an array of POSE_DTYPE, shape (n,)."""
     index = {object_id: i for i, object_id in enumerate(object_ids)}
     rows = []
+    alternatives = []  # (row, its alternatives)
     for m in messages:
         t = m.camera_from_object.translation_m
         rows.append((m.pose_seq, index[m.object_id], m.t_us, (t.x, t.y, t.z), quaternion_from_message(m.camera_from_object.rotation),
                      m.covariance.upper_triangle[:], _twist(m), TrackState(m.state), m.num_events, m.explained_ratio,
-                     m.residual_rms_px, seconds(m.latency), len(m.alternatives)))
+                     m.residual_rms_px, seconds(m.latency), min(len(m.alternatives), _MAX_ALTERNATIVES)))
+        if m.alternatives:
+            alternatives.append((len(rows) - 1, m.alternatives[:_MAX_ALTERNATIVES]))
     poses = np.zeros(len(rows), dtype=POSE_DTYPE)
     if rows:
         for name, column in zip(POSE_DTYPE.names or (), zip(*rows)):
             values = np.array(column)
             poses[name] = values[:, _FROM_UPPER] if name == "covariance" else values
+    for row, others in alternatives:
+        for i, other in enumerate(others):
+            t = other.camera_from_object.translation_m
+            poses["alternatives"][row, i] = ((t.x, t.y, t.z), quaternion_from_message(other.camera_from_object.rotation),
+                                             other.log_likelihood_ratio)
     return poses
 
 
 def write_tum(path: Union[str, pathlib.Path], poses: npt.NDArray[Any]) -> None:
     """Writes the rows of an array of POSE_DTYPE as TUM: timestamp (seconds of the sensor's clock) tx ty tz qx qy qz qw. As in the
-    files of `evpose replay`, poses that are AMBIGUOUS are left out. Raises OSError."""
+    files of `evpose replay`, poses that are AMBIGUOUS are left out. Raises InvalidArgumentError, without a change of the file, if there
+    are poses and all of them are AMBIGUOUS; OSError."""
+    is_written = poses["state"] != TrackState.AMBIGUOUS
+    if len(poses) > 0 and not is_written.any():
+        raise InvalidArgumentError(f"{path}: every pose is AMBIGUOUS, and a TUM file has none of them; save the array instead, "
+                                   "for example with numpy.save, which keeps the alternatives")
     with open(path, "w", encoding="ascii") as file:
-        for pose in poses[poses["state"] != TrackState.AMBIGUOUS]:
+        for pose in poses[is_written]:
             numbers = (*pose["translation_m"].tolist(), *pose["quaternion_xyzw"].tolist())
             whole_s, micros = divmod(int(pose["t_us"]), 1_000_000)
             file.write(f"{whole_s}.{micros:06d} " + " ".join(f"{number:.17g}" for number in numbers) + "\n")

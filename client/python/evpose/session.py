@@ -12,7 +12,7 @@ from evpose.convert import health_from_message, session_from_message
 from evpose.errors import EvposeError, FailedPreconditionError, InternalError, InvalidArgumentError
 from evpose.events import Encoding
 from evpose.files import to_duration_ns, to_number
-from evpose.poses import CONFIRMED, Pose, defect, pose_from_message
+from evpose.poses import WITH_POSE, Pose, defect, pose_from_message
 from evpose.recordings import Recording
 from evpose.stream.attempt import SERVICE, TrackPosition
 from evpose.stream.feed import EventFeed, EventSource
@@ -170,7 +170,7 @@ class PoseWatch:
                 if why:
                     raise InternalError(f"{self._request.session}: pose {message.pose_seq}: {why}")
                 self._request.after_pose_seq = message.pose_seq
-                if message.state in CONFIRMED:
+                if message.state in WITH_POSE:
                     yield pose_from_message(message)
 
     def __iter__(self) -> PoseWatch:

@@ -302,7 +302,7 @@ class ObjectHealth:
     latest_loss_t_us          sensor time, microseconds; None before the first loss
     latest_loss_cause         such as "OUT_OF_VIEW"; "" before the first loss
     searches                  since the start or the latest loss
-    followed_poses            poses that are tested, compared with each other, or reported
+    followed_poses            the first pose, which is tested or reported, and those that are compared with it
     """
 
     object_id: str

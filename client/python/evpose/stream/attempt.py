@@ -16,7 +16,7 @@ from evpose.channel import Endpoint
 from evpose.convert import notice_from_message, seconds
 from evpose.errors import (DataLossError, DeadlineExceededError, EvposeError, FailedPreconditionError, InternalError,
                            InvalidArgumentError, from_call)
-from evpose.poses import CONFIRMED, defect
+from evpose.poses import WITH_POSE, defect
 from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import Chunk, FeedPoint
 from evpose.tracing import StreamTrace
@@ -236,7 +236,7 @@ class StreamAttempt:
                             break
                         if response.pose.pose_seq > self._position.last_pose_seq:
                             self._position.last_pose_seq = response.pose.pose_seq
-                            if response.pose.state in CONFIRMED:
+                            if response.pose.state in WITH_POSE:
                                 yield response.pose
                     elif not self._handle(kind, response):
                         break
