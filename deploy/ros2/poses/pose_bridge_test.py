@@ -5,6 +5,7 @@ they are serialized. The follower and the node, against evpose-server; the node 
 
 import ast
 import dataclasses
+import json
 import pathlib
 import signal
 import sys
@@ -20,10 +21,11 @@ import genpy
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistStamped
-from pose_messages import (ERROR, OK, WARN, ClockOffset, diagnostics, is_published, name_in_ros, pose_message, transform_message,
-                           twist_message)
+from pose_messages import (ERROR, OK, WARN, ClockOffset, StateChanges, diagnostics, is_published, name_in_ros, pose_message, state_message,
+                           transform_message, twist_message)
 from ros_testing import FakeRos, sent
 from session_follower import SessionFollower, choose_session
+from std_msgs.msg import String
 
 STAMP = genpy.Time(12, 345)
 
@@ -47,6 +49,14 @@ def make_health(**fields):
         reattaches=0, event_rate_hz=1e6, pose_rate_hz=0.0, real_time_ratio=0.5, queue_age_s=0.0, latency_p50_s=None, latency_p99_s=None,
         skipped_events=0, skipped_us=0, falls_behind=False, objects=(), cpu_s_per_s=0.0, max_cpu_s_per_s=0.0)
     return dataclasses.replace(health, **fields)
+
+
+def make_object(**fields):
+    lost = evpose.ObjectHealth(
+        object_id="part", state=evpose.TrackState.LOST, losses=2, explained_ratio=0.25, initialization="TOO_FEW_LINES",
+        initialization_attempts=7, detail="too few lines", latest_loss_t_us=5000, latest_loss_cause="CONTRADICTED",
+        searches=NO_SEARCHES, followed_poses=0)
+    return dataclasses.replace(lost, **fields)
 
 
 class MessageTest(unittest.TestCase):
@@ -86,15 +96,47 @@ class MessageTest(unittest.TestCase):
         published = {state for state in evpose.TrackState if is_published(make_pose(state))}
         self.assertEqual(published, {evpose.TrackState.TRACKING, evpose.TrackState.DEGRADED})
 
+    def test_the_state_of_every_pose_is_published(self):
+        fields = ["pose_seq", "object_id", "t_us", "state", "num_events", "explained_ratio", "residual_rms_px", "lost_at_us", "loss_cause"]
+        for state in (evpose.TrackState.TRACKING, evpose.TrackState.DEGRADED, evpose.TrackState.UNKNOWN):
+            text = json.loads(sent(state_message(String, make_pose(state))).data)
+            self.assertEqual(list(text), fields)
+            self.assertEqual((text["object_id"], text["t_us"], text["state"]), ("part", 5000, state.name))
+            self.assertEqual((text["lost_at_us"], text["loss_cause"]), (None, None))
+        lost = dataclasses.replace(make_pose(), latest_loss_t_us=4000, latest_loss_cause="CONTRADICTED")
+        text = json.loads(state_message(String, lost).data)
+        self.assertEqual((text["lost_at_us"], text["loss_cause"]), (4000, "CONTRADICTED"))
+
+    def test_the_state_of_an_ambiguous_pose_has_the_pose_and_its_alternatives(self):
+        other = evpose.Transform.from_quaternion([0.1, 0.2, 1.5], [0.5, 0.5, 0.5, 0.5])
+        pose = dataclasses.replace(make_pose(evpose.TrackState.AMBIGUOUS), alternatives=(evpose.Alternative(other, -1.5),))
+        text = json.loads(sent(state_message(String, pose)).data)
+        self.assertEqual((text["state"], text["transform"]), ("AMBIGUOUS", "camera_from_object"))
+        self.assertEqual((text["translation_m"], text["quaternion_xyzw"]), (pose.translation_m.tolist(), pose.quaternion_xyzw.tolist()))
+        self.assertEqual(text["covariance_upper"], pose.covariance[np.triu_indices(6)].tolist())
+        self.assertEqual(text["twist"], pose.twist.tolist())
+        self.assertEqual(text["alternatives"], [{"translation_m": [0.1, 0.2, 1.5], "quaternion_xyzw": [0.5, 0.5, 0.5, 0.5],
+                                                 "log_likelihood_ratio": -1.5}])
+
+    def test_changes_of_state_are_published_once(self):
+        changes = StateChanges()
+
+        def changed(t_us, *states):
+            objects = [make_object(object_id=name, state=state) for name, state in zip(("part", "other"), states)]
+            return [(object_id, json.loads(sent(message).data))
+                    for object_id, message in changes.messages(String, make_health(t_us=t_us, objects=tuple(objects)))]
+
+        tracking, lost = evpose.TrackState.TRACKING, evpose.TrackState.LOST
+        self.assertEqual([object_id for object_id, _ in changed(1, tracking, tracking)], ["part", "other"])
+        self.assertEqual(changed(2, tracking, tracking), [])
+        self.assertEqual(changed(3, tracking, lost), [("other", {"object_id": "other", "t_us": 3, "state": "LOST"})])
+
     def test_names(self):
         for text, name in (("part", "part"), ("left-hand 2", "left_hand_2"), ("7", "_7"), ("", "_"), ("Ä/b", "__b")):
             self.assertEqual(name_in_ros(text), name)
 
     def test_diagnostics(self):
-        lost = evpose.ObjectHealth(
-            object_id="part", state=evpose.TrackState.LOST, losses=2, explained_ratio=0.25, initialization="TOO_FEW_LINES",
-            initialization_attempts=7, detail="too few lines", latest_loss_t_us=5000, latest_loss_cause="CONTRADICTED",
-            searches=NO_SEARCHES, followed_poses=0)
+        lost = make_object()
         objects = (lost, dataclasses.replace(lost, object_id="other", state=evpose.TrackState.TRACKING, detail=""),
                    dataclasses.replace(lost, object_id="third", state=evpose.TrackState.AMBIGUOUS))
         health = make_health(dropped_events=3, latency_p99_s=0.002, falls_behind=True, objects=objects)
@@ -223,6 +265,9 @@ class NodeTest(SceneTest):
         self.assertEqual(len(published["evpose/object/twist"]), len(confirmed))
         self.assertEqual({each.child_frame_id for each in published["/tf"]}, {"seen_object"})
         self.assertEqual(len(published["/tf"]), len(confirmed))
+        states = [json.loads(each.data) for each in published["evpose/object/state"]]
+        self.assertEqual([each["pose_seq"] for each in states if "pose_seq" in each], [pose.seq for pose in poses])
+        self.assertEqual([each["state"] for each in states if "pose_seq" not in each][-1], "TRACKING")
         self.assertEqual(published["/diagnostics"][-1].status[0].hardware_id, session.name)
         self.assertEqual(published["/diagnostics"][-1].status[1].message, "TRACKING")
 
@@ -248,7 +293,7 @@ class NodeTest(SceneTest):
         self.addCleanup(follows.set)
 
         def publish(topic, message):
-            if topic != "/diagnostics":
+            if topic == "evpose/object/pose":
                 raise ZeroDivisionError("of a publisher")
 
         def feed():

@@ -2,6 +2,7 @@
 """Poses and health of evpose as messages of ROS. It needs no ROS: the caller passes the classes of the messages and the stamp."""
 
 import collections
+import json
 import re
 
 import evpose
@@ -36,7 +37,7 @@ class ClockOffset:
 
 
 def is_published(pose):
-    """Whether a pose is published as a pose; with other states the diagnostics alone report the object."""
+    """Whether a pose is published as a pose; with other states the topic of the state alone has it."""
     return pose.state in _PUBLISHED
 
 
@@ -88,6 +89,48 @@ def transform_message(make, pose, stamp, frame, child_frame):
     _set_vector(message.transform.translation, pose.translation_m)
     _set_quaternion(message.transform.rotation, pose.quaternion_xyzw)
     return message
+
+
+def state_message(make, pose):
+    """Returns a std_msgs/String: the state of a pose as a JSON object, with the fields of a JSON line of `evpose replay`. The pose itself
+    and its alternatives are in it only if the state is AMBIGUOUS; else the topic of the poses has it."""
+    is_ambiguous = pose.state == evpose.TrackState.AMBIGUOUS
+    fields = {"pose_seq": pose.seq, "object_id": pose.object_id, "t_us": pose.t_us}
+    if is_ambiguous:
+        fields.update(transform="camera_from_object", **_transform_fields(pose.camera_from_object))
+    fields.update(state=pose.state.name, num_events=pose.num_events, explained_ratio=pose.explained_ratio,
+                  residual_rms_px=pose.residual_rms_px)
+    if is_ambiguous:
+        fields.update(
+            twist=pose.twist.tolist(), covariance_upper=[pose.covariance[row, column] for row in range(6) for column in range(row, 6)],
+            alternatives=[{**_transform_fields(each.camera_from_object), "log_likelihood_ratio": each.log_likelihood_ratio}
+                          for each in pose.alternatives])
+    fields.update(lost_at_us=pose.latest_loss_t_us, loss_cause=pose.latest_loss_cause or None)
+    return _text(make, fields)
+
+
+def _transform_fields(transform):
+    return {"translation_m": transform.translation_m.tolist(), "quaternion_xyzw": transform.quaternion_xyzw.tolist()}
+
+
+def _text(make, fields):
+    message = make()
+    message.data = json.dumps(fields)
+    return message
+
+
+class StateChanges:
+    """Finds the changes of the objects' states in successive healths: they also report states without a pose, such as LOST."""
+
+    def __init__(self):
+        self._states = {}
+
+    def messages(self, make, health):
+        """Returns [(object_id, std_msgs/String)] for the objects whose states differ from those of the last call; at first, all."""
+        changed = [each for each in health.objects if self._states.get(each.object_id) != each.state]
+        self._states.update((each.object_id, each.state) for each in changed)
+        return [(each.object_id, _text(make, {"object_id": each.object_id, "t_us": health.t_us, "state": each.state.name}))
+                for each in changed]
 
 
 def diagnostics(make_array, make_status, make_value, health, session, stamp):

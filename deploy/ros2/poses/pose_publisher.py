@@ -14,10 +14,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, TwistStamped
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from std_msgs.msg import String
 from tf2_ros import TransformBroadcaster
 
 import evpose
-from pose_messages import ClockOffset, diagnostics, is_published, name_in_ros, pose_message, transform_message, twist_message
+from pose_messages import (ClockOffset, StateChanges, diagnostics, is_published, name_in_ros, pose_message, state_message,
+                           transform_message, twist_message)
 from session_follower import SessionFollower, choose_session
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
@@ -37,12 +39,17 @@ class PosePublisher(Node):
         self._settings = {name: self.declare_parameter(name, value).value for name, value in _PARAMETERS.items()}
         self._offset = ClockOffset()
         self._outputs = {}
+        self._states = {}  # publishers, by object
+        self._state_changes = StateChanges()
         self._broadcaster = TransformBroadcaster(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._client = connect(self._settings)
         session = choose_session(self._client, self._settings["session"])
         self._session_name = session.name
         self._follower = SessionFollower(session)
+        for object_id in session.object_ids:
+            # Reliable, unlike the poses: a state that is not repeated must not be lost.
+            self._states[object_id] = self.create_publisher(String, self._topic(object_id, "state"), 10)
 
     def work(self):
         """Publishes until the session has ended or stop() is called. Raises evpose.EvposeError."""
@@ -81,6 +88,7 @@ class PosePublisher(Node):
         epoch_ns = settings["epoch_ns"]
         # The offset is kept also for poses that are not published.
         stamp_ns = epoch_ns + 1000 * pose.t_us if epoch_ns >= 0 else self._offset.stamp_ns(pose.t_us, arrival_ns)
+        self._states[pose.object_id].publish(state_message(String, pose))
         if not is_published(pose):
             return
         stamp, frame = stamp_of(stamp_ns), settings["camera_frame"]
@@ -92,12 +100,18 @@ class PosePublisher(Node):
 
     def _outputs_of(self, object_id):
         if object_id not in self._outputs:
-            topic = f"evpose/{name_in_ros(object_id)}"
-            self._outputs[object_id] = (self.create_publisher(PoseWithCovarianceStamped, topic + "/pose", qos_profile_sensor_data),
-                                           self.create_publisher(TwistStamped, topic + "/twist", qos_profile_sensor_data))
+            self._outputs[object_id] = tuple(
+                self.create_publisher(kind, self._topic(object_id, what), qos_profile_sensor_data)
+                for kind, what in ((PoseWithCovarianceStamped, "pose"), (TwistStamped, "twist")))
         return self._outputs[object_id]
 
+    @staticmethod
+    def _topic(object_id, what):
+        return f"evpose/{name_in_ros(object_id)}/{what}"
+
     def _publish_health(self, health):
+        for object_id, message in self._state_changes.messages(String, health):
+            self._states[object_id].publish(message)
         stamp = stamp_of(self.get_clock().now().nanoseconds)
         self._diagnostics.publish(diagnostics(DiagnosticArray, DiagnosticStatus, KeyValue, health, self._session_name, stamp))
 
