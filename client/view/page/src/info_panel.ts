@@ -96,6 +96,9 @@ export class InfoPanel {
     });
     rows.push(["speed", `${fixed(value(COLUMN.speed), 3)} m/s`, `${fixed(value(COLUMN.turnRate) * DEGREES, 0)} °/s`]);
     rows.push(["explained", `${fixed(100 * value(COLUMN.explained), 0)} %`, `${seconds(value(COLUMN.t))} s`]);
+    track.alternativesAt(row).forEach(({ p, llr }, i) => {
+      rows.push([`alternative ${i + 1}`, `log ratio ${fixed(llr, 1)}`, `at ${p.map((x) => fixed(x, 3)).join(", ")} m`]);
+    });
     if (track.health?.detail && track.stateAt(instantUs) !== "tracking") rows.push(["detail", track.health.detail]);
     fillValues(this.pose, rows);
   }

@@ -180,9 +180,9 @@ export class SpaceView {
   private place(model: ObjectModel, track: ObjectTrack, instantUs: number): void {
     const row = track.rowAt(instantUs);
     model.group.visible = row >= 0;
-    const isNewest = row === track.poses.length - 1;
+    const alternatives = row >= 0 && track.stateAt(instantUs) === "ambiguous" ? track.alternativesAt(row) : [];
     model.alternatives.forEach((lines, i) => {
-      const alternative = isNewest && track.stateAt(instantUs) === "ambiguous" ? track.alternatives[i] : undefined;
+      const alternative = alternatives[i];
       lines.visible = alternative !== undefined;
       if (!alternative) return;
       lines.position.set(...alternative.p);

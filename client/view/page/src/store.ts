@@ -82,13 +82,14 @@ export class ObjectTrack {
   readonly poses: Series;
   readonly truth: Series;
   readonly log = new StateLog();
-  alternatives: Alternative[] = [];
   health: ObjectHealth | null = null;
   /** Position of the first pose, m. */
   origin: [number, number, number] | null = null;
   /** Poses that are further apart have a gap between them. */
   gapUs = LIVE_GAP_US;
   private readonly rotation = new ContinuousRotation();
+  /** Of the ambiguous poses among `poses`, by their times, which increase. */
+  private readonly alternatives = new Map<number, readonly Alternative[]>();
 
   constructor(
     readonly info: SceneObject,
@@ -112,8 +113,26 @@ export class ObjectTrack {
         pose.t_us, pose.seq, STATES.indexOf(state), ...pose.p, ...pose.q, ...this.rotation.next(pose.q), ...six(pose.sigma),
         pose.v ? Math.hypot(...pose.v) : NaN, pose.w ? Math.hypot(...pose.w) : NaN, pose.explained ?? NaN, ...six(pose.cov3),
       ]);
-      this.alternatives = (pose.alternatives ?? []).slice(0, 4);
+      this.keepAlternatives(pose, last);
       this.log.add(pose.t_us, state, "");
+    }
+  }
+
+  /** The poses that compete with the pose of a row; empty unless it is ambiguous. */
+  alternativesAt(row: number): readonly Alternative[] {
+    return this.alternatives.get(this.poses.at(COLUMN.t, row)) ?? [];
+  }
+
+  /** `lastUs`: time of the pose before. */
+  private keepAlternatives(pose: Pose, lastUs: number): void {
+    for (const t of pose.t_us <= lastUs ? [...this.alternatives.keys()] : []) {
+      if (t >= pose.t_us) this.alternatives.delete(t); // the pose replaces those from its time on
+    }
+    if (pose.alternatives && pose.alternatives.length > 0) this.alternatives.set(pose.t_us, pose.alternatives.slice(0, 4));
+    const oldest = this.poses.at(COLUMN.t, 0);
+    for (const t of this.alternatives.keys()) {
+      if (t >= oldest) break;
+      this.alternatives.delete(t);
     }
   }
 

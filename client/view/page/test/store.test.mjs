@@ -59,6 +59,21 @@ test("a loss that the gateway reported is not replaced by a gap", () => {
   assert.deepEqual(track.log.changes.map(({ state }) => state), ["tracking", "lost", "tracking"]);
 });
 
+test("each ambiguous pose keeps its alternatives as long as the pose itself", () => {
+  const alternative = (llr) => ({ p: [0, 0, 2], q: [1, 0, 0, 0], llr });
+  const ambiguous = (t_us, ...ratios) => ({ ...pose(t_us, "ambiguous"), alternatives: ratios.map(alternative) });
+  const ratiosAt = (track, t_us) => track.alternativesAt(track.rowAt(t_us)).map(({ llr }) => llr);
+  const track = new ObjectTrack(INFO, 0, false);
+  track.addPoses([ambiguous(1000, -1), pose(2000), ambiguous(3000, -2, -3, -4, -5, -6), pose(4000)]);
+  assert.deepEqual([1000, 2000, 3000, 4000].map((t) => ratiosAt(track, t)), [[-1], [], [-2, -3, -4, -5], []]);
+  // A session that continues earlier replaces the poses from there on.
+  track.addPoses([pose(2500), pose(3000)]);
+  assert.deepEqual([1000, 3000].map((t) => ratiosAt(track, t)), [[-1], []]);
+  for (let i = 4; i <= 5000; ++i) track.addPoses([ambiguous(1000 * i, -i)]);
+  assert.equal(track.alternatives.size, track.poses.length);
+  assert.deepEqual(ratiosAt(track, 5_000_000), [-5000]);
+});
+
 test("a pose of an unknown state is shown as without state", () => {
   const track = new ObjectTrack(INFO, 0, false);
   track.addPoses([pose(1000, "dreaming")]);
