@@ -91,7 +91,7 @@ TEST_F(EndReportTest, AnAmbiguousPlateHasItsAlternativesInEachFormatThatHasState
   EXPECT_EQ(replay.Json()["state"], "AMBIGUOUS");
   EXPECT_EQ(replay.Json()["initialization"], "AMBIGUOUS");
   EXPECT_GE(replay.Json()["followed_poses"], 2);
-  EXPECT_THAT(std::string(replay.Json()["detail"]), ContainsRegex("^[2-9] poses explain the events"));
+  EXPECT_THAT(std::string(replay.Json()["detail"]), ContainsRegex("^[2-9] poses are compatible with the events"));
   EXPECT_GT(replay.Json()["ambiguous_poses"], 20);
   EXPECT_EQ(replay.Json()["ambiguous_poses"], replay.Json()["poses"]);
   EXPECT_THAT(ReadText("poses.csv"), HasSubstr(",AMBIGUOUS,"));
@@ -106,7 +106,7 @@ TEST_F(EndReportTest, AnAmbiguousPlateHasItsAlternativesInEachFormatThatHasState
   const CliResult tum = Replay("poses.tum", {});
   EXPECT_EQ(tum.status, 1);
   EXPECT_THAT(tum.err, HasSubstr("every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl"));
-  EXPECT_THAT(tum.out, ContainsRegex("\nAMBIGUOUS: [2-9] poses explain the events equally well"));
+  EXPECT_THAT(tum.out, ContainsRegex("\nAMBIGUOUS: [2-9] poses are compatible with the events"));
   EXPECT_THAT(tum.out, HasSubstr("are AMBIGUOUS: a .tum file does not have them"));
   EXPECT_EQ(ReadText("poses.tum"), "");
   WriteText("poses.tum", "earlier\n");

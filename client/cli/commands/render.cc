@@ -105,8 +105,8 @@ std::string DescribeNoPose(const RenderArguments& arguments, const RenderInputs&
   if (inputs.ambiguous_us.empty()) return absl::StrCat(arguments.poses, " has no pose");
   return absl::StrCat(arguments.poses, ": all its poses, ",
                       FormatTimeSpan({inputs.ambiguous_us.front(), inputs.ambiguous_us.back()}),
-                      ", are AMBIGUOUS, and none is drawn: each is one of several that explain the events equally "
-                      "well; evpose view shows them");
+                      ", are AMBIGUOUS, and none is drawn: each is one of several that are compatible with the "
+                      "events; evpose view shows them");
 }
 
 double Seconds(int64_t t_us) { return static_cast<double>(t_us) * 1e-6; }

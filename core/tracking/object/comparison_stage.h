@@ -48,6 +48,9 @@ class ComparisonProgress {
   // Whether the refinement has ended, so that the hypothesis takes part in the comparisons.
   bool is_settled() const { return stage_ == ComparisonStage::kCompared || stage_ == ComparisonStage::kUndecided; }
 
+  // Whether it also took part in the comparison of the last window.
+  bool has_been_compared() const { return is_settled() && windows_left_ < kComparedWindows; }
+
   // Applies the transition function. No other function changes the stage.
   void Enter(ComparisonInput input);
   // To be called at the end of each window with several hypotheses.

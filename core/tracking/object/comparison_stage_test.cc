@@ -39,6 +39,7 @@ TEST(ComparisonProgressTest, ARivalIsRefinedForEightWindowsAndComparedForEightMo
   for (int window = 0; window < 18; ++window) {
     stages.push_back(progress.stage());
     EXPECT_EQ(progress.is_settled(), window >= 8) << window;
+    EXPECT_EQ(progress.has_been_compared(), window >= 9) << window;
     progress.OnWindow();
   }
   std::vector<Stage> expected(3, Stage::kStarted);
@@ -54,6 +55,7 @@ TEST(ComparisonProgressTest, APoseOfALaterSearchIsComparedFromTheStart) {
   progress.Enter(ComparisonInput::kLaterSearch);
   for (int window = 0; window < 8; ++window) {
     EXPECT_EQ(progress.stage(), Stage::kCompared) << window;
+    EXPECT_EQ(progress.has_been_compared(), window > 0) << window;
     progress.OnWindow();
   }
   EXPECT_EQ(progress.stage(), Stage::kUndecided);

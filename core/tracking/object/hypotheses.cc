@@ -248,9 +248,20 @@ double Hypotheses::LogLikelihoodRatio(size_t i, size_t j) const {
 PoseAlternatives Hypotheses::Alternatives() const {
   PoseAlternatives alternatives;
   for (size_t i = 1; i < entries_.size(); ++i) {
+    if (!IsComparedWithFirst(i)) continue;
     alternatives.Add({entries_[i].track->motion().camera_from_object, LogLikelihoodRatio(i, 0)});
   }
   return alternatives;
+}
+
+size_t Hypotheses::NumCompared() const {
+  size_t count = entries_.empty() ? 0 : 1;
+  for (size_t i = 1; i < entries_.size(); ++i) count += IsComparedWithFirst(i) ? 1 : 0;
+  return count;
+}
+
+bool Hypotheses::IsComparedWithFirst(size_t i) const {
+  return entries_.front().progress.has_been_compared() && entries_[i].progress.has_been_compared();
 }
 
 void Hypotheses::DropIf(absl::FunctionRef<bool(const PoseTrack&)> is_wrong, LossCause cause) {

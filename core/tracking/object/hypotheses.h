@@ -36,9 +36,9 @@ class Hypotheses {
   // removed once it has converged to the first hypothesis.
   enum class RivalKind { kSameEdges, kOtherEdges, kTilted };
   const PoseTrack* AddRival(const MotionState& state, RivalKind kind, RivalPrior prior = RivalPrior::kEqual);
-  // Has(): the hypothesis has not been removed. HasSettled(): in addition its refinement has ended, so that it takes
-  // part in the comparisons.
+  // Whether the hypothesis is still followed.
   bool Has(const PoseTrack* track) const;
+  // Whether it is still followed and its refinement has ended, so that it takes part in the comparisons.
   bool HasSettled(const PoseTrack* track) const;
   // Moves the hypotheses of `others` here; they are compared with the present ones from the next window on. At most
   // twice InitializationOptions::max_candidates are kept, the earliest ones. Poses that are followed already, or that
@@ -84,9 +84,11 @@ class Hypotheses {
   const PoseTrack& first() const { return *entries_.front().track; }
   // Estimate of the first hypothesis for the last window; nullopt while it is tentative. Requires !empty().
   const std::optional<PoseEstimate>& estimate() const { return entries_.front().estimate; }
-  // The other hypotheses at the last window, with their likelihoods relative to the first one (README, equation (4)).
-  // Requires !empty().
+  // The hypotheses that were compared with the first one in the last window, with their likelihoods relative to it
+  // (README, equation (4)). Rivals whose refinement has not ended are left out: nothing is known of their likelihood.
   PoseAlternatives Alternatives() const;
+  // The first hypothesis and those that were compared with it in the last window; 0 if there are no hypotheses.
+  size_t NumCompared() const;
   // Why the hypothesis that was the first one was removed; to be read after the call that removed it.
   LossCause first_removed_because() const { return first_removed_because_; }
 
@@ -122,6 +124,8 @@ class Hypotheses {
   ByPolarity WeighEvents(int64_t t_us);
   // Adds the differences of the scores of the compared events to the comparisons of both.
   void CompareScores(size_t i, size_t j, const ByPolarity& weights);
+  // Whether entry i and the first one were compared in the last window.
+  bool IsComparedWithFirst(size_t i) const;
   // Standard deviations by which entry i is better supported than entry j.
   double Preference(size_t i, size_t j) const;
   // Natural logarithm of the likelihood of entry i divided by that of entry j.

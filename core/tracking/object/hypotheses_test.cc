@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/functional/function_ref.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/tracking/tracking_testing.h"
 
@@ -38,8 +39,11 @@ MotionState Start(const TrackContext& context, const RigidTransform& pose) {
   return state;
 }
 
-// Processes the events of the cube that starts at kStart with the hypotheses.
-std::optional<PoseEstimate> FollowCube(const TrackContext& context, Hypotheses& hypotheses, int64_t duration_us) {
+// Processes the events of the cube that starts at kStart with the hypotheses, and calls `after_window` after each
+// window.
+std::optional<PoseEstimate> FollowCube(
+    const TrackContext& context, Hypotheses& hypotheses, int64_t duration_us,
+    absl::FunctionRef<void()> after_window = [] {}) {
   IdealEventOptions options;
   options.duration_us = duration_us;
   const std::vector<Event> events =
@@ -49,6 +53,7 @@ std::optional<PoseEstimate> FollowCube(const TrackContext& context, Hypotheses& 
   windower.Add(events, [&](const EventWindow& window) {
     hypotheses.OnWindow(window);
     last = hypotheses.empty() ? std::nullopt : hypotheses.estimate();
+    after_window();
   });
   return last;
 }
@@ -146,6 +151,28 @@ TEST(Hypotheses, AlternativesHaveTheirLikelihoodRelativeToTheFirstOne) {
   }
   EXPECT_LT(ratio[1], 0.0);
   EXPECT_EQ(ratio[0], -ratio[1]);
+}
+
+TEST(Hypotheses, ARivalIsNoAlternativeBeforeItIsCompared) {
+  TrackContext context = MakeContext();
+  context.options.initialization.decision_sigma = 1e6;
+  context.options.initialization.merge_rad = 0.0;
+  Hypotheses hypotheses(context);
+  EXPECT_EQ(hypotheses.NumCompared(), 0u);
+  hypotheses.Add(Start(context, kStart));
+  hypotheses.Add(Start(context, kStart));
+  hypotheses.AddRival(Start(context, MakePose({0.02, -0.01, 0.6}, {0.5, 0.5, 0.2})),
+                      Hypotheses::RivalKind::kOtherEdges);
+  int num_windows = 0;
+  FollowCube(context, hypotheses, 20'000, [&] {
+    ++num_windows;
+    ASSERT_EQ(hypotheses.size(), 3u) << num_windows;
+    // It is refined in its first eight windows; the ninth is the first one of its comparison.
+    const size_t num_rivals = num_windows > ComparisonProgress::kSettlingWindows ? 1 : 0;
+    EXPECT_EQ(hypotheses.Alternatives().size(), 1 + num_rivals) << num_windows;
+    EXPECT_EQ(hypotheses.NumCompared(), 2 + num_rivals) << num_windows;
+  });
+  EXPECT_GT(num_windows, ComparisonProgress::kSettlingWindows + 2);
 }
 
 TEST(Hypotheses, UnsupportedPosesAreRemoved) {

@@ -106,7 +106,7 @@ TrackState ObjectTracker::state() const {
 
 InitializationReport ObjectTracker::initialization() const {
   InitializationReport report = report_;
-  report.num_poses = static_cast<int>(hypotheses_.size());
+  report.num_poses = static_cast<int>(hypotheses_.NumCompared());
   return report;
 }
 

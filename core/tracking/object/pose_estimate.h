@@ -72,7 +72,7 @@ struct InitializationReport {
   int num_lines = 0;      // detected by the latest search
   SearchCounts searches;
   int extent_px = 0;  // extent of the region of the events (EventExtentPx) in the latest search without enough lines
-  int num_poses = 0;  // poses that are being followed: tested, compared, or published
+  int num_poses = 0;  // the first pose, and those that are compared with it
   LossCause loss_cause = LossCause::kNone;  // cause of the latest loss
   int64_t lost_at_us = 0;                   // its sensor time
 
@@ -144,7 +144,7 @@ struct PoseEstimate {
   uint32_t num_events = 0;       // events in the gates of the lines, without downsampling
   float explained_ratio = 0.0f;  // share of the gated events that the lines explain
   float residual_rms_px = 0.0f;
-  PoseAlternatives alternatives;  // empty unless the state is kAmbiguous
+  PoseAlternatives alternatives;  // empty unless the state is kAmbiguous and other poses have been compared
   // The object's latest loss before this pose, as in InitializationReport. Set when the pose is published.
   LossCause loss_cause = LossCause::kNone;
   int64_t lost_at_us = 0;

@@ -61,7 +61,8 @@ std::string ExplainStatus(const InitializationReport& report) {
     case InitializationStatus::kVerifying:
       return "the events have not confirmed the first pose yet";
     case InitializationStatus::kAmbiguous:
-      return absl::StrCat(report.num_poses, " poses explain the events equally well");
+      if (report.num_poses < 2) return "another pose may explain the events, and its comparison has not begun yet";
+      return absl::StrCat(report.num_poses, " poses are compatible with the events");
     case InitializationStatus::kNotSearchable:
       return "no edge of the model is visible from any side; give the initial pose, or reset the pose";
   }
@@ -75,7 +76,7 @@ absl::string_view ExplainLoss(LossCause cause) {
     case LossCause::kContradicted:
       return "the events contradicted the pose";
     case LossCause::kUncertain:
-      return "there were too few events for too long";
+      return "the events did not determine the pose any more";
     case LossCause::kOutOfView:
       return "the object left the image";
     case LossCause::kBetterPose:

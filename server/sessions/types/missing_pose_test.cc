@@ -46,7 +46,9 @@ TEST(MissingPoseTest, AnAmbiguousObjectHasTheNumberOfPoses) {
   ObjectHealth object = Without(InitializationStatus::kAmbiguous);
   object.state = TrackState::kAmbiguous;
   object.initialization.num_poses = 2;
-  EXPECT_EQ(ExplainMissingPose(object), "2 poses explain the events equally well");
+  EXPECT_EQ(ExplainMissingPose(object), "2 poses are compatible with the events");
+  object.initialization.num_poses = 1;
+  EXPECT_EQ(ExplainMissingPose(object), "another pose may explain the events, and its comparison has not begun yet");
 }
 
 TEST(MissingPoseTest, ALostObjectHasTimeAndCause) {
@@ -56,6 +58,10 @@ TEST(MissingPoseTest, ALostObjectHasTimeAndCause) {
   object.initialization.lost_at_us = 2'500'000;
   EXPECT_THAT(ExplainMissingPose(object),
               HasSubstr("lost at 2.500000 s because the object left the image; since then: too few lines"));
+  // The cause of a window without a usable fit, too, which may have many events.
+  object.initialization.loss_cause = LossCause::kUncertain;
+  EXPECT_THAT(ExplainMissingPose(object), HasSubstr("because the events did not determine the pose any more; since"));
+  object.initialization.loss_cause = LossCause::kOutOfView;
   object.initialization.status = InitializationStatus::kNotSupported;
   EXPECT_EQ(ExplainMissingPose(object), "lost at 2.500000 s because the object left the image");
 }

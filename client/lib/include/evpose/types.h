@@ -196,7 +196,7 @@ struct ObjectHealth {
   std::string detail;
   std::optional<Loss> latest_loss;
   SearchCounts searches;
-  uint32_t followed_poses = 0;  // poses that are tested, compared with each other, or reported
+  uint32_t followed_poses = 0;  // the first pose, tested or reported, and those that are compared with it
 };
 
 // Processor seconds per second, averaged with a time constant of one second. A limit of 0 means none.
