@@ -178,7 +178,7 @@ TEST(TrackerCurves, AFaceThatPassesTheEdgeOnViewKeepsItsInclination) {
   }
 }
 
-TEST(TrackerCurves, AContourWithoutEventsDoesNotBrakeTheObject) {
+TEST(TrackerCurves, AContourWithoutEventsDoesNotReduceTheSpeed) {
   const auto model = ModelOf(Shape::kTorus);
   const Motion motion = ConstantTwist(kRoundStart, Twist(0.3, 0.1, 0.0, 0.3, 0.2, 0.0));
   IdealEventOptions options;

@@ -120,7 +120,7 @@ TEST(TrackerInitialization, IsLostWhenTheObjectVanishesAndTracksWhenItIsBackElse
   tracker->AddEvents(CubeEvents(0, 100'000), estimates);
   ASSERT_EQ(tracker->state(), TrackState::kTracking);
 
-  // A flood of unrelated events for a moment, and then only noise for a second.
+  // Many unrelated events for 60 ms, and then only noise for a second.
   tracker->AddEvents(Noise(5e6, 100'000, 60'000), estimates);
   EXPECT_EQ(tracker->state(), TrackState::kLost);
   EXPECT_EQ(tracker->initialization().loss_cause, LossCause::kContradicted);
@@ -397,12 +397,12 @@ TEST(TrackerInitialization, WorksWithoutRepeatedSearches) {
 
 TEST(TrackerInitialization, FindsTheCubeInDenseNoise) {
   const auto cube = Cube();
-  IdealEventOptions flood;
-  flood.duration_us = 60'000;
-  flood.events_per_px2 = 20.0;
-  flood.clutter_per_s = 3e6;
+  IdealEventOptions options;
+  options.duration_us = 60'000;
+  options.events_per_px2 = 20.0;
+  options.clutter_per_s = 3e6;
   const Motion motion = ConstantTwist(kStart, kTwist);
-  const std::vector<Event> events = MakeIdealEvents(*cube, kCamera, motion, flood);
+  const std::vector<Event> events = MakeIdealEvents(*cube, kCamera, motion, options);
   auto tracker = MakeTracker(IdealSensor(), cube);
   std::vector<PoseEstimate> estimates;
   tracker->AddEvents(events, estimates);

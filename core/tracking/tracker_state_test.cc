@@ -163,7 +163,7 @@ Scene OneCube(int64_t duration_us, const Motion& motion, bool with_pose) {
   return scene;
 }
 
-// Found, lost in a flood of events in which windows are downsampled, absent, and back.
+// Found, lost in so many events that windows are downsampled, absent, and back.
 Scene FoundLostAndFoundAgain() {
   Scene scene = OneCube(70'000, Tumbling(), false);
   Append(Noise(5e6, 70'000, 60'000), scene.events);

@@ -254,8 +254,8 @@ TEST(Tracker, AStillObjectIsHeldInDenseNoise) {
   options.clutter_per_s = 6.0 * 640 * 480;
   const Motion motion = StopAndGo();
   std::vector<Event> events = MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
-  const std::vector<Event> flood = Noise(60.0 * 640 * 480, 300'000, 50'000, 3);
-  events.insert(events.end(), flood.begin(), flood.end());
+  const std::vector<Event> noise = Noise(60.0 * 640 * 480, 300'000, 50'000, 3);
+  events.insert(events.end(), noise.begin(), noise.end());
   std::stable_sort(events.begin(), events.end(), [](const Event& a, const Event& b) { return a.t_us < b.t_us; });
   const TrackRun run = Track(events, kStart);
   EXPECT_EQ(run.tracker->losses(), 0u);
@@ -291,7 +291,7 @@ std::vector<Event> SweepingEdge(double speed_px_per_s, double tilt_ratio, int64_
   return events;
 }
 
-TEST(Tracker, AnObjectAtRestIsNotDraggedByAnEdgeThatPasses) {
+TEST(Tracker, AnObjectAtRestDoesNotFollowAnEdgeThatPasses) {
   const Motion motion = StopAndGo();
   IdealEventOptions options;
   options.duration_us = 700'000;
@@ -329,7 +329,7 @@ TEST(Tracker, AFaintObjectThatTurnsBackSlowlyIsFollowed) {
   EXPECT_LT(mean_rmse, 8e-4);
 }
 
-TEST(Tracker, AFloodIsBoundedAndTracked) {
+TEST(Tracker, AHighEventRateIsDownsampledAndTracked) {
   const Motion motion = ConstantTwist(kStart, Twist(0.4, 0.2, 0.0, 0.5, 0.5, 0.5));
   IdealEventOptions options;
   options.duration_us = 60'000;

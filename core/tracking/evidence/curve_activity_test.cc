@@ -47,7 +47,7 @@ TEST_F(CurveActivityTest, AContourMustHaveShownEvents) {
   EXPECT_EQ(activity_.Of(tracked_[1]), Expectation::kEvents) << "elements of a curve share it";
 }
 
-TEST_F(CurveActivityTest, AContourThatMovesWithoutEventsIsSilent) {
+TEST_F(CurveActivityTest, AContourThatMovesWithoutEventsIsNotExpectedToHaveAny) {
   Add(0.0, 2);
   EXPECT_EQ(activity_.Of(tracked_[0]), Expectation::kPerhaps);
   Add(0.0, 4);

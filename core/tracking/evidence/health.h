@@ -82,21 +82,7 @@ class TrackHealth {
   // Adds the counts of a window.
   void AddWindow(const CameraModel& camera, const WindowInput& input, absl::Span<const ImageLine> lines,
                  const WindowFit& fit);
-  // Tests the counts since the last result.
-  //
-  //   kSupported     supported length / testable length >= confirm_support_ratio, with min_lines supported ones; at
-  //                  most max_missing_sectors sectors of the outline lack their events, and displaced length / testable
-  //                  length <= max_displaced_ratio
-  //   kDoubtful      the same with more such sectors or more displaced length; or supported length / testable length
-  //                  >= keep_support_ratio with as many lines, and supported length / decided length <
-  //                  confirm_support_ratio
-  //   kUnsupported   supported length / decided length < keep_support_ratio, or fewer than min_lines supported lines,
-  //                  of at least as many decided ones; or all lines together have power and no support
-  //   kFewEvents     no more events than the background explains, as for an object at rest, or no other result in 1 s
-  //   kOpen          too few events so far; counting continues
-  //
-  // A line is testable if its events have enough information, and decided if it is supported or if the right
-  // pose would reach power_sigma.
+  // Tests the counts since the last result (core/tracking/README.md, section 1, has the conditions of each result).
   //
   // kSupported is returned as soon as the counts reach it, kDoubtful and kUnsupported only after
   // `min_contradiction_us`, because flicker and clutter dilute the events of the object. Every result but kOpen resets

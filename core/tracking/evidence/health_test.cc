@@ -93,7 +93,7 @@ TEST_F(HealthTest, APoseIsSupportedAtOnce) {
   EXPECT_EQ(result.supported_lines, kNumLines);
 }
 
-TEST_F(HealthTest, HalfOfAPoseIsDoubtfulAfterThePatience) {
+TEST_F(HealthTest, HalfOfAPoseIsDoubtfulAfterTheTimeOfAContradiction) {
   for (int i = 0; i < 4; ++i) EXPECT_EQ(WindowWithOwn(5).kind, Kind::kOpen) << i;
   const HealthResult result = WindowWithOwn(5);
   EXPECT_EQ(result.kind, Kind::kDoubtful);
@@ -211,21 +211,21 @@ TEST_F(HealthTest, ACrossingEdgeIsPresentOnAPartOfTheLines) {
 }
 
 TEST_F(HealthTest, AnObjectAtRestStaysQuietInDenseNoise) {
-  const auto flood = [&] {
-    constexpr double kFloodPerPx2 = 30.0 * kWindowS;
+  const auto add_noise = [&] {
+    constexpr double kNoisePerPx2 = 30.0 * kWindowS;
     HealthResult result;
     for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) {
-      for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kFloodPerPx2 * 1600.0)), 8.0);
-      CloseWindow(kFloodPerPx2);
+      for (int k = 0; k < kNumLines; ++k) AddEvents(k, static_cast<int>(random_.Poisson(kNoisePerPx2 * 1600.0)), 8.0);
+      CloseWindow(kNoisePerPx2);
       result = TestNow();
     }
     return result.kind;
   };
   // In motion the object would produce events of its own.
   EXPECT_EQ(WindowWithOwn(kNumLines).kind, Kind::kSupported);
-  EXPECT_EQ(flood(), Kind::kUnsupported);
+  EXPECT_EQ(add_noise(), Kind::kUnsupported);
   for (int i = 0; i < 20 && TestNow().kind == Kind::kOpen; ++i) CloseWindow();
-  EXPECT_EQ(flood(), Kind::kFewEvents);
+  EXPECT_EQ(add_noise(), Kind::kFewEvents);
 }
 
 // Lines 5 px apart, as the grooves of a puzzle cube in a small image: the gates of three lines overlap everywhere.
@@ -376,12 +376,12 @@ TEST_F(RingHealthTest, EventsAtJointsAreCountedOnce) {
   EXPECT_GT(Judge(400, 1.0).sigma, 0.95 * 400 * 0.75 / std::sqrt(400 * 0.25 * 0.75 * options_.dispersion));
 }
 
-TEST_F(RingHealthTest, ASilentCurveIsNotTestable) {
+TEST_F(RingHealthTest, ACurveWithoutExpectedEventsIsNotTestable) {
   // A background that explains all events in the gates: 700 events in a ring of 60 px.
   constexpr double kBackground = 700.0 / (60.0 * 2.0 * M_PI * 60.0);
   EXPECT_GT(Judge(700, 30.0, kBackground).testable_lines, 0) << "the motion should have produced events";
-  const std::vector<Expectation> silent(kElements, Expectation::kNothing);
-  EXPECT_EQ(Judge(700, 30.0, kBackground, silent).testable_lines, 0);
+  const std::vector<Expectation> no_events(kElements, Expectation::kNothing);
+  EXPECT_EQ(Judge(700, 30.0, kBackground, no_events).testable_lines, 0);
 }
 
 }  // namespace
