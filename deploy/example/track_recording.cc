@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Sends a recording through a server and prints a line for each pose: sensor time in microseconds, position in metres.
+// Sends a recording through a server and prints a line for each pose: sensor time in microseconds, position in metres,
+// state. An AMBIGUOUS pose is one of several that are compatible with the events.
 //   track_recording RECORDING.raw MODEL.obj CAMERA.yaml HOST:PORT
 #include <cstdlib>
 #include <iostream>
@@ -30,7 +31,8 @@ int main(int argc, char** argv) {
 
   client::TrackCallbacks callbacks;
   callbacks.on_pose = [](const client::Pose& pose) {
-    std::cout << pose.t_us << " " << pose.camera_from_object.translation_m.transpose() << "\n";
+    std::cout << pose.t_us << " " << pose.camera_from_object.translation_m.transpose() << " "
+              << client::TrackStateName(pose.state) << "\n";
   };
   const auto summary = Require(connection->Track(
       session, [&recording] { return recording->Next(); }, callbacks));
