@@ -37,7 +37,7 @@ FirstPoseFigures FiguresOf(const FirstPoseBenchRow& row) {
   std::vector<double> times_ms, computes_ms, searches_ms;
   for (const FirstPoseStart& start : row.starts) {
     figures.found += start.is_found() ? 1 : 0;
-    figures.wrong += start.longest_wrong_us > 0 ? 1 : 0;
+    figures.wrong += start.wrong_at_us >= 0 ? 1 : 0;
     figures.longest_wrong_ms = std::max(figures.longest_wrong_ms, 1e-3 * static_cast<double>(start.longest_wrong_us));
     if (start.right_us < 0) continue;
     times_ms.push_back(1e-3 * static_cast<double>(start.right_us - std::max<int64_t>(0, start.moved_us)));

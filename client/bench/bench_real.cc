@@ -15,16 +15,14 @@
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/experiments/tracking/real_bench.h"
+#include "core/experiments/tracking/real_check.h"
 
 namespace evpose::client {
 namespace {
 
-// Longest time for which TRACKING may be reported with a wrong pose, under --check: until the tests of a pose that is
-// wrong have been significant.
-constexpr double kMaxWrongS = 0.03;
-
 struct RealArguments {
   RealBenchOptions options;  // without the duration and the parts
+  RealLimits limits;         // of --check
   double duration_s = 2.0;
   std::string parts = "all";
   std::string out;
@@ -48,6 +46,7 @@ constexpr char kRealTableHelp[] =
     "  longest   longest time for which TRACKING was reported with a wrong pose, ms\n"
     "  right     share of the time with a right pose in any state\n"
     "  doubtful  share of the time with poses in another state than TRACKING\n"
+    "  ambig     the part of it with AMBIGUOUS poses\n"
     "  median, p95   error of the poses, px: median of the runs, and 95 % of the worst run\n"
     "  CPU       processor time per sensor time\n"
     "Then each object is searched for in the whole of each recording that does not show it, on a sensor of the same\n"
@@ -55,15 +54,15 @@ constexpr char kRealTableHelp[] =
 
 constexpr char kRealHeader[] =
     "recording                 start      found  wrong     wait ms:  median  longest  compute ms  longest wrong ms  "
-    "right %  doubtful %  losses   error px: median    p95   CPU\n";
+    "right %  doubtful %  ambig %  losses   error px: median    p95   CPU\n";
 
 void PrintRuns(const std::string& name, const char* start, const std::vector<RealRun>& runs, std::ostream& out) {
   const RealSummary s = SummariseRealRuns(runs);
-  out << absl::StrFormat("%-24s  %-9s %6s %6d %17s %8s %11s %17.0f %8.1f %11.1f %7d %18s %6s %5s\n", name, start,
+  out << absl::StrFormat("%-24s  %-9s %6s %6d %17s %8s %11s %17.0f %8.1f %11.1f %8.1f %7d %18s %6s %5s\n", name, start,
                          absl::StrCat(s.num_found, "/", runs.size()), s.num_wrong, Cell(1e3 * s.median_wait_s, 1),
                          Cell(1e3 * s.worst_wait_s, 1), Cell(1e3 * s.median_compute_s, 1), 1e3 * s.longest_wrong_s,
-                         100.0 * s.right_ratio, 100.0 * s.doubtful_ratio, s.losses, Cell(s.median_error_px, 2),
-                         Cell(s.p95_error_px, 2), Cell(s.compute_ratio, 2));
+                         100.0 * s.right_ratio, 100.0 * s.doubtful_ratio, 100.0 * s.ambiguous_ratio, s.losses,
+                         Cell(s.median_error_px, 2), Cell(s.p95_error_px, 2), Cell(s.compute_ratio, 2));
   out.flush();
 }
 
@@ -94,6 +93,8 @@ Json RunJson(const RealRun& run) {
           {"first_wrong", run.is_first_wrong},
           {"right_ratio", run.right_ratio},
           {"doubtful_ratio", run.doubtful_ratio},
+          {"ambiguous_ratio", run.ambiguous_ratio},
+          {"motion_px", run.motion_px},
           {"tracking_s", run.tracking_s},
           {"wrong_tracking_s", run.wrong_s},
           {"longest_wrong_tracking_s", run.longest_wrong_s},
@@ -114,6 +115,7 @@ Json RunsJson(const std::vector<RealRun>& runs) {
                {"longest_wrong_tracking_s", s.longest_wrong_s},
                {"right_ratio", s.right_ratio},
                {"doubtful_ratio", s.doubtful_ratio},
+               {"ambiguous_ratio", s.ambiguous_ratio},
                {"losses", s.losses},
                {"median_error_px", s.median_error_px},
                {"p95_error_px", s.p95_error_px},
@@ -141,22 +143,13 @@ Json ResultsJson(const RealResults& results, const RealBenchOptions& options) {
 }
 
 // Error: FAILED_PRECONDITION with the first result that --check does not permit.
-absl::Status CheckResults(const RealResults& results) {
-  for (const RealBenchRow& row : results.rows) {
-    for (const std::vector<RealRun>* runs : {&row.searched, &row.given}) {
-      const RealSummary summary = SummariseRealRuns(*runs);
-      if (summary.longest_wrong_s <= kMaxWrongS) continue;
-      return absl::FailedPreconditionError(
-          absl::StrFormat("--check: %s is TRACKING with a wrong pose for %.0f ms; at most %.0f ms are permitted",
-                          row.recording, 1e3 * summary.longest_wrong_s, 1e3 * kMaxWrongS));
-    }
-  }
-  for (const ForeignBenchRow& row : results.foreign) {
-    if (!row.run.is_found()) continue;
-    return absl::FailedPreconditionError(
-        absl::StrFormat("--check: %s is TRACKING in %s, which does not show it", row.object, row.recording));
-  }
-  return absl::OkStatus();
+absl::Status CheckResults(const RealResults& results, const RealArguments& arguments) {
+  RealLimits limits = arguments.limits;
+  limits.min_motion_px = arguments.options.bound_px;
+  absl::Status status;
+  for (const RealBenchRow& row : results.rows) status.Update(CheckRealRow(row, limits));
+  for (const ForeignBenchRow& row : results.foreign) status.Update(CheckForeignRow(row));
+  return status.ok() ? status : absl::Status(status.code(), absl::StrCat("--check: ", status.message()));
 }
 
 absl::Status RunReal(const RealArguments& arguments, CliContext& context) {
@@ -185,7 +178,7 @@ absl::Status RunReal(const RealArguments& arguments, CliContext& context) {
   progress.Clear();
   if (options.has_foreign) PrintForeign(results.foreign, context.out);
   EVPOSE_RETURN_IF_ERROR(FinishOutput(json, ResultsJson(results, options).dump(2) + "\n"));
-  return arguments.is_checked ? CheckResults(results) : absl::OkStatus();
+  return arguments.is_checked ? CheckResults(results, arguments) : absl::OkStatus();
 }
 
 }  // namespace
@@ -210,9 +203,21 @@ CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context) {
       ->type_name("PIXELS");
   app.option_defaults()->group(kOutputGroup);
   AddOutputFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete");
-  app.add_flag("--check", arguments->is_checked,
-               "End with status 1 if TRACKING was reported for more than 30 ms with a wrong pose, or for an absent "
-               "object");
+  CLI::Option* const check =
+      app.add_flag("--check", arguments->is_checked,
+                   "End with status 1 if TRACKING was reported for more than 30 ms with a wrong pose of an object that "
+                   "moves (by more than --bound-px in the run), with any wrong pose of an object at rest, or for an "
+                   "absent object; or if a figure is below --min-found or --min-right");
+  AddOption(app, "--min-found", arguments->limits.min_found_ratio,
+            "Under --check: least share of the starts without a prior, of those in which the object moves, from which "
+            "it is found with a right first pose",
+            CLI::Range(0.0, 1.0))
+      ->needs(check);
+  AddOption(app, "--min-right", arguments->limits.min_right_ratio,
+            "Under --check: least share of the time with a right pose, from the reference pose on, while the object "
+            "moves",
+            CLI::Range(0.0, 1.0))
+      ->needs(check);
   app.footer(absl::StrCat(kRealTableHelp,
                           "\nExample:\n"
                           "  evpose simulate --object cube --camera vga --duration 0.2 --out recordings/cube\n"

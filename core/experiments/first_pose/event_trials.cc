@@ -13,7 +13,7 @@
 #include "core/baselines/first_pose/lsd_detector.h"
 #include "core/events/events_between.h"
 #include "core/experiments/first_pose/pose_comparison.h"
-#include "core/experiments/first_pose/wrong_interval.h"
+#include "core/experiments/tracking/wrong_time.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/visibility.h"
 #include "core/numerics/random.h"
@@ -108,11 +108,11 @@ class Recording {
 };
 
 // Passes the events of [begin_us, end_us), delayed by `delay_us`, to the tracker in steps. Calls `on_pose` with the end
-// of the step, each TRACKING pose of these events, and whether it is right. Returns the longest interval in which wrong
-// poses were reported without a break.
+// of the step, each TRACKING pose of these events, and whether it is right. Returns the longest time with wrong ones
+// (WrongTime).
 int64_t Follow(const Recording& recording, int64_t begin_us, int64_t end_us, int64_t delay_us, Tracker& tracker,
                const std::function<void(int64_t, const PoseEstimate&, bool)>& on_pose) {
-  WrongInterval wrong;
+  WrongTime wrong;
   for (int64_t t_us = begin_us; t_us < end_us; t_us += kStepUs) {
     const absl::Span<const Event> step = recording.Between(t_us, t_us + kStepUs);
     std::vector<Event> events(step.begin(), step.end());
@@ -120,12 +120,15 @@ int64_t Follow(const Recording& recording, int64_t begin_us, int64_t end_us, int
     std::vector<PoseEstimate> estimates;
     tracker.AddEvents(events, estimates);
     for (const PoseEstimate& estimate : estimates) {
-      if (estimate.state != TrackState::kTracking || estimate.t_us < delay_us) continue;
+      if (estimate.t_us < delay_us) continue;
+      const bool is_tracking = estimate.state == TrackState::kTracking;
       const bool is_right = recording.IsRight(estimate.t_us - delay_us, estimate.camera_from_object);
-      wrong.Add(estimate.t_us, !is_right);
+      wrong.Add(estimate.t_us, is_tracking && !is_right);
+      if (!is_tracking) continue;
       on_pose(t_us + kStepUs, estimate, is_right);
     }
   }
+  wrong.Finish(end_us + delay_us);
   return wrong.longest_us();
 }
 

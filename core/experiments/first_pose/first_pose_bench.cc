@@ -11,9 +11,9 @@
 #include "absl/strings/str_format.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/experiments/first_pose/wrong_interval.h"
 #include "core/experiments/speed/measured_time.h"
 #include "core/experiments/tracking/model_run.h"
+#include "core/experiments/tracking/wrong_time.h"
 #include "core/initialization/check_lines.h"
 #include "core/initialization/search_model.h"
 #include "core/initialization/templates/template_search.h"
@@ -96,7 +96,7 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
   FirstPoseStart start;
   start.t_start_us = start_us;
   start.moved_us = MovedAfter(run, start_us);
-  WrongInterval wrong;
+  WrongTime wrong;
   ReportedStates states;
   for (int64_t t_us = start_us; t_us < start_us + options.watch_us; t_us += kStartStepUs) {
     std::vector<PoseEstimate> estimates;
@@ -119,6 +119,7 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
       }
     }
   }
+  wrong.Finish(start_us + options.watch_us);
   start.longest_wrong_us = wrong.longest_us();
   start.searches = tracker->initialization().attempts;
   if (!options.explains) return start;

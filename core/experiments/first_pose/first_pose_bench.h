@@ -50,7 +50,7 @@ struct FirstPoseStart {
   // Microseconds from the start until a point of the object has moved by 2 px in the image; -1: it never does.
   int64_t moved_us = -1;
   int64_t right_us = -1;         // until a right pose is reported as TRACKING; -1: never
-  int64_t longest_wrong_us = 0;  // time in which wrong poses are reported as TRACKING
+  int64_t longest_wrong_us = 0;  // longest time with wrong poses as TRACKING (WrongTime)
   // The largest errors of these poses, each by itself, and the sensor time of the first one; -1: none is wrong.
   int64_t wrong_at_us = -1;
   PoseError wrong;

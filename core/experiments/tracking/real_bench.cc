@@ -214,6 +214,7 @@ RealSummary SummariseRealRuns(const std::vector<RealRun>& runs) {
     summary.longest_wrong_s = std::max(summary.longest_wrong_s, run.longest_wrong_s);
     summary.right_ratio += run.right_ratio / static_cast<double>(runs.size());
     summary.doubtful_ratio += run.doubtful_ratio / static_cast<double>(runs.size());
+    summary.ambiguous_ratio += run.ambiguous_ratio / static_cast<double>(runs.size());
     summary.losses += run.losses;
     summary.num_wrong += run.is_first_wrong ? 1 : 0;
     compute_s += run.compute_s;

@@ -46,6 +46,7 @@ struct RealSummary {
   double longest_wrong_s = 0.0;   // the longest of all runs
   double right_ratio = 0.0;       // mean
   double doubtful_ratio = 0.0;    // mean
+  double ambiguous_ratio = 0.0;   // mean
   uint64_t losses = 0;            // sum
   double median_error_px = 0.0;   // median of the medians
   double p95_error_px = 0.0;      // the worst

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/evaluation/evaluate.h"
+#include "core/experiments/tracking/wrong_time.h"
 #include "core/models/continuous_symmetry.h"
 #include "core/numerics/statistics.h"
 
@@ -13,6 +14,18 @@ namespace {
 
 // Number of points of a model without lines at which the error is measured: more do not change its mean.
 constexpr size_t kMaxPoints = 512;
+
+// Largest distance in the image between the first pose of the reference in the time span and the others.
+double MotionPx(const Trajectory& reference, int64_t begin_us, int64_t end_us, const ReprojectionError& error) {
+  const RigidTransform* first = nullptr;
+  double motion_px = 0.0;
+  for (const StampedPose& pose : reference) {
+    if (pose.t_us < begin_us || pose.t_us > end_us) continue;
+    if (first == nullptr) first = &pose.camera_from_object;
+    motion_px = std::max(motion_px, error.Px(*first, pose.camera_from_object).value_or(0.0));
+  }
+  return motion_px;
+}
 
 }  // namespace
 
@@ -46,7 +59,8 @@ void ScoreRealPoses(absl::Span<const PoseEstimate> poses, const Trajectory* refe
                     double bound_px, RealRun& run) {
   const int64_t max_gap_us = EvaluationOptions().max_gap_us;
   const int64_t end_us = run.start_us + std::llround(1e6 * run.duration_s);
-  double right_s = 0.0, doubtful_s = 0.0, wrong_stretch_s = 0.0;
+  double right_s = 0.0, doubtful_s = 0.0, ambiguous_s = 0.0;
+  WrongTime wrong;
   std::vector<double> errors_px;
   for (size_t i = 0; i < poses.size(); ++i) {
     const PoseEstimate& pose = poses[i];
@@ -68,15 +82,16 @@ void ScoreRealPoses(absl::Span<const PoseEstimate> poses, const Trajectory* refe
     const bool is_right = error_px <= bound_px;
     right_s += is_right ? span_s : 0.0;
     (is_tracking ? run.tracking_s : doubtful_s) += span_s;
-    const bool is_wrong = is_tracking && !is_right;
-    run.wrong_s += is_wrong ? span_s : 0.0;
-    // A wrong time ends with a pose that is right or not TRACKING, or with a gap.
-    wrong_stretch_s = is_wrong ? wrong_stretch_s + span_s : 0.0;
-    run.longest_wrong_s = std::max(run.longest_wrong_s, wrong_stretch_s);
-    if (next_us - pose.t_us > max_gap_us) wrong_stretch_s = 0.0;
+    ambiguous_s += pose.state == TrackState::kAmbiguous ? span_s : 0.0;
+    wrong.Add(pose.t_us, is_tracking && !is_right);
   }
+  wrong.Finish(end_us);
+  run.wrong_s = 1e-6 * static_cast<double>(wrong.total_us());
+  run.longest_wrong_s = 1e-6 * static_cast<double>(wrong.longest_us());
   run.right_ratio = run.duration_s > 0.0 ? right_s / run.duration_s : 0.0;
   run.doubtful_ratio = run.duration_s > 0.0 ? doubtful_s / run.duration_s : 0.0;
+  run.ambiguous_ratio = run.duration_s > 0.0 ? ambiguous_s / run.duration_s : 0.0;
+  if (reference != nullptr) run.motion_px = MotionPx(*reference, run.start_us, end_us, *error);
   if (errors_px.empty()) return;
   std::sort(errors_px.begin(), errors_px.end());
   run.median_error_px = InterpolatedQuantile(errors_px, 0.5);

@@ -46,16 +46,21 @@ struct RealRun {
   // Error of the first pose while TRACKING; NaN without one within the reference's time span.
   double first_error_px = std::numeric_limits<double>::quiet_NaN();
   bool is_first_wrong = false;  // whether it is wrong
-  // Share of the run for which a right pose was reported, in any state, and for which poses were reported with another
-  // state than TRACKING.
+  // Share of the run for which a right pose was reported, in any state; for which poses were reported with another
+  // state than TRACKING; and for which that state was AMBIGUOUS.
   double right_ratio = 0.0;
   double doubtful_ratio = 0.0;
+  double ambiguous_ratio = 0.0;
   double tracking_s = 0.0;  // time for which TRACKING was reported
   double wrong_s = 0.0;     // time for which TRACKING was reported with a wrong pose, and the longest such time
   double longest_wrong_s = 0.0;
   double median_error_px = std::numeric_limits<double>::quiet_NaN();  // median error of all reported poses
   double p95_error_px = std::numeric_limits<double>::quiet_NaN();
   uint64_t losses = 0;
+
+  // Largest distance in the image between the reference at the first and at another of its poses in the run; 0 without
+  // a reference.
+  double motion_px = 0.0;
 
   bool is_found() const { return wait_s == wait_s; }
 };

@@ -86,6 +86,18 @@ TEST_F(RealScoreTest, TimesAreCountedByStateAndError) {
   EXPECT_NEAR(run_.median_error_px, 5.0, 1e-9);
 }
 
+TEST_F(RealScoreTest, AmbiguousPosesArePartOfTheDoubtfulOnes) {
+  Score({At(10'000, 1.0, TrackState::kAmbiguous), At(25'000, 1.0, TrackState::kDegraded), At(35'000, 1.0)});
+  EXPECT_NEAR(run_.ambiguous_ratio, 0.15, 1e-9);
+  EXPECT_NEAR(run_.doubtful_ratio, 0.25, 1e-9);
+}
+
+TEST_F(RealScoreTest, MotionIsThatOfTheReferenceWithinTheRun) {
+  reference_ = {{-10'000, Pose(20.0)}, {0, Pose(0.0)}, {50'000, Pose(4.0)}, {90'000, Pose(1.0)}, {200'000, Pose(30.0)}};
+  Score({});
+  EXPECT_NEAR(run_.motion_px, 4.0, 1e-9);
+}
+
 TEST_F(RealScoreTest, GapEndsAWrongTime) {
   Score({At(0, 5.0), At(40'000, 5.0), At(50'000, 5.0)});
   EXPECT_TRUE(run_.is_first_wrong);

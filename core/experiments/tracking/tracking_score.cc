@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "core/base/status_macros.h"
+#include "core/experiments/tracking/wrong_time.h"
 #include "core/geometry/trajectory.h"
 #include "core/numerics/math.h"
 
@@ -53,7 +54,7 @@ Trajectory PosesOf(const TrackingOutput& output) {
 // Returns the poses that TrajectoryErrors used, in its order.
 void ScoreHealth(const TrackingOutput& output, int64_t end_us, int64_t max_gap_us, TrackingScore& score) {
   size_t next = 0;
-  double wrong_stretch_s = 0.0;
+  WrongTime wrong(max_gap_us);
   for (size_t i = 0; i < score.errors.size(); ++i) {
     const TrajectoryError& error = score.errors[i];
     while (output.poses[next].t_us != error.t_us) ++next;
@@ -61,16 +62,13 @@ void ScoreHealth(const TrackingOutput& output, int64_t end_us, int64_t max_gap_u
     const int64_t until_us = i + 1 < score.errors.size() ? score.errors[i + 1].t_us : end_us;
     const double span_s = 1e-6 * static_cast<double>(std::min(until_us - error.t_us, max_gap_us));
     const bool is_tracking = pose.state == TrackState::kTracking;
-    if (is_tracking && !error.is_good) {
-      score.wrong_tracking_s += span_s;
-      wrong_stretch_s += span_s;
-      score.longest_wrong_tracking_s = std::max(score.longest_wrong_tracking_s, wrong_stretch_s);
-    } else {
-      wrong_stretch_s = 0.0;
-    }
+    wrong.Add(error.t_us, is_tracking && !error.is_good);
     if (!is_tracking && error.is_good) score.right_untracked_s += span_s;
     score.nees.push_back(NormalisedErrorSquared(error.true_pose, pose.camera_from_object, pose.covariance));
   }
+  wrong.Finish(end_us);
+  score.wrong_tracking_s = 1e-6 * static_cast<double>(wrong.total_us());
+  score.longest_wrong_tracking_s = 1e-6 * static_cast<double>(wrong.longest_us());
 }
 
 double MeanOver(const std::vector<TrackingScore>& scores, const auto& value) {
