@@ -15,6 +15,7 @@
 #include "core/models/object_model.h"
 #include "core/recordings/recording_writer.h"
 #include "tests/integration/cli_fixture.h"
+#include "tests/integration/local_server_testing.h"
 
 namespace evpose {
 namespace {
@@ -77,15 +78,22 @@ Vector6d TwistOf(double vx, double vy, double vz, double wx, double wy, double w
 }
 
 // At a large distance the two tilts of a plate have the same image, also under translation.
-TEST_F(EndReportTest, AnAmbiguousPlateHasItsAlternativesInEachFormatThatHasStates) {
-  const std::vector<Eigen::Vector3d> corners = {
-      {-0.2, -0.12, 0.0}, {0.2, -0.15, 0.0}, {0.13, 0.12, 0.0}, {-0.1, 0.17, 0.0}};
-  ObjectModel plate;
-  plate.vertices = corners;
-  for (size_t k = 0; k < 4; ++k) plate.lines.push_back({corners[k], corners[(k + 1) % 4], {}});
-  const CameraModel camera = MakeCamera(640, 480, 120'000.0);
-  Record(plate, camera, ConstantTwist(MakePose({0.0, 0.0, 200.0}, {0.6, 0.3, 0.2}), TwistOf(0.3, 0.2, 0, 0, 0, 0)),
-         {.duration_us = 300'000});
+class AmbiguousPlateTest : public EndReportTest {
+ protected:
+  void SetUp() override {
+    EndReportTest::SetUp();
+    const std::vector<Eigen::Vector3d> corners = {
+        {-0.2, -0.12, 0.0}, {0.2, -0.15, 0.0}, {0.13, 0.12, 0.0}, {-0.1, 0.17, 0.0}};
+    ObjectModel plate;
+    plate.vertices = corners;
+    for (size_t k = 0; k < 4; ++k) plate.lines.push_back({corners[k], corners[(k + 1) % 4], {}});
+    const CameraModel camera = MakeCamera(640, 480, 120'000.0);
+    Record(plate, camera, ConstantTwist(MakePose({0.0, 0.0, 200.0}, {0.6, 0.3, 0.2}), TwistOf(0.3, 0.2, 0, 0, 0, 0)),
+           {.duration_us = 300'000});
+  }
+};
+
+TEST_F(AmbiguousPlateTest, HasItsAlternativesInEachFormatThatHasStates) {
   const CliResult replay = Replay("poses.csv");
   ASSERT_EQ(replay.status, 0) << replay.err;
   EXPECT_EQ(replay.Json()["state"], "AMBIGUOUS");
@@ -121,6 +129,29 @@ TEST_F(EndReportTest, AnAmbiguousPlateHasItsAlternativesInEachFormatThatHasState
   EXPECT_EQ(row["losses"], 0);
   EXPECT_EQ(row["coverage_ratio"], 0.0);
   EXPECT_GT(row["ambiguous_ratio"], 0.1);
+}
+
+TEST_F(AmbiguousPlateTest, WatchingItsPosesAsTumIsAFailure) {
+  const LocalServer server = StartLocalServer();
+  const CliResult replay = Replay("poses.jsonl", {"--json", "--server", server.address, "--keep-session"});
+  ASSERT_EQ(replay.status, 0) << replay.err;
+  const std::vector<std::string> arguments = {"watch", replay.Json()["session"], "--server", server.address};
+  const auto watch = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), arguments.begin(), arguments.end());
+    return Run(more);
+  };
+  const CliResult printed = watch({});
+  EXPECT_EQ(printed.status, 1);
+  EXPECT_EQ(printed.out, "");
+  EXPECT_THAT(printed.err, HasSubstr(": every pose is AMBIGUOUS, and TUM has none of them: use --json\n"));
+  const CliResult file = watch({"--out", Path("watched.tum")});
+  EXPECT_EQ(file.status, 1);
+  EXPECT_THAT(file.err, HasSubstr(": every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl"));
+  const CliResult json = watch({"--json"});
+  EXPECT_EQ(json.status, 0) << json.err;
+  EXPECT_EQ(json.out, ReadText("poses.jsonl"));
+  EXPECT_EQ(watch({"--out", Path("watched.jsonl")}).status, 0);
+  EXPECT_EQ(ReadText("watched.jsonl"), ReadText("poses.jsonl"));
 }
 
 TEST_F(EndReportTest, AnObjectThatIsTooSmall) {

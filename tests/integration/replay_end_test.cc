@@ -76,7 +76,8 @@ TEST_F(ReplayEndTest, TheFileOfAnObjectWithoutAPoseStaysBesideThatOfAnotherObjec
                                                 "--out",       Path(std::string("poses-{object}") + extension),
                                                 "--json"};
     const CliResult result = Run(arguments);
-    EXPECT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.status, 1);
+    EXPECT_THAT(result.err, HasSubstr("recording.raw: no pose of other was found; the report has the reason"));
     EXPECT_EQ(result.Json()["files"], nlohmann::json({Path(found)}));
     EXPECT_EQ(result.Json()["kept_files"], nlohmann::json({Path(other)}));
     EXPECT_NE(ReadText(found), "earlier\n");

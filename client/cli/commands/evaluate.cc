@@ -49,7 +49,7 @@ struct Row {
   Evaluation evaluation;
   std::optional<Consistency> consistency;  // present for an estimate with covariances
   int nees_degrees_of_freedom = 6;
-  size_t num_ambiguous = 0;  // AMBIGUOUS poses of a CSV
+  size_t num_ambiguous = 0;  // AMBIGUOUS poses of a .csv or .jsonl file
   std::optional<HandEye> alignment;
   std::optional<double> surface_distance_m;  // with a model that has faces, and at least one pose
 };
@@ -274,7 +274,8 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "Columns of the table:\n"
       "  cover    share of the truth's duration with a pose within 5 % of the depth and 10 deg of the truth\n"
-      "  ambig    share with AMBIGUOUS poses of a CSV (TUM has none), which count as neither tracked nor lost and are\n"
+      "  ambig    share with AMBIGUOUS poses of a .csv or .jsonl file (TUM has none), which count as neither tracked "
+      "nor lost and are\n"
       "           left out of the errors\n"
       "  reproj   mean distance in the image of the ends of the model's lines from their true places\n"
       "  surface  mean distance of the object's surface from that at the true pose (ADD-S): 0 for all poses that look\n"

@@ -191,11 +191,25 @@ class PoseOutput {
       if (files_) {
         files_->Write(pose);
       } else {
-        context_->out << PoseLine(format_, pose, frame_);
+        const std::string line = PoseLine(format_, pose, frame_);
+        has_printed_ = has_printed_ || !line.empty();
+        context_->out << line;
       }
     }
     context_->out.flush();
     return static_cast<bool>(context_->out);
+  }
+  // NOT_FOUND if no pose was written.
+  absl::Status CheckNotEmpty(const std::string& session) const {
+    if (!files_) {
+      if (has_printed_) return absl::OkStatus();
+      return absl::NotFoundError(
+          absl::StrCat(session, ": every pose is AMBIGUOUS, and TUM has none of them: use --json"));
+    }
+    for (const auto& [id, num_poses] : files_->num_poses()) {
+      if (num_poses > 0) return absl::OkStatus();
+    }
+    return absl::NotFoundError(absl::StrCat(session, ": ", kOnlyAmbiguousPoses));
   }
   std::vector<PoseRecorder*> recorders() const { return files_ ? files_->recorders() : std::vector<PoseRecorder*>(); }
   absl::Status Commit() {
@@ -214,6 +228,7 @@ class PoseOutput {
   PoseFormat format_ = PoseFormat::kTum;
   PoseFrame frame_;
   std::optional<PoseFiles> files_;
+  bool has_printed_ = false;  // a pose, on standard output
 };
 
 absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
@@ -262,6 +277,8 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
     if (!has_poses) {
       status = absl::NotFoundError(absl::StrCat(arguments.session, ": the session has ended without a ",
                                                 options.after_pose_seq > 0 ? "later pose" : "pose", states.Shown()));
+    } else {
+      status = output.CheckNotEmpty(arguments.session);
     }
   }
   observer.Stop();
@@ -308,7 +325,8 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
       "inverse of this, from the first event on: the processing time of a second of events.\n\n"
       "Exit status:\n"
       "  0  Poses were printed, or an interrupt has ended the command\n"
-      "  1  Failure, or the session has ended without a pose; the reason is on standard error\n"
+      "  1  Failure, or the session has ended without a pose, or, for TUM, with AMBIGUOUS poses only; the reason is on "
+      "standard error\n"
       "  2  Wrong usage\n\n"
       "Example:\n"
       "  session=$(evpose sessions list --server 127.0.0.1:50051 | sed 's/ .*//;q')\n"

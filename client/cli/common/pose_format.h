@@ -68,6 +68,10 @@ struct PoseFrameArguments {
 // kMcap is no text: PoseRecorder writes it.
 enum class PoseFormat { kTum, kCsv, kJsonLines, kMcap };
 
+// Why a file has no pose although there are poses.
+inline constexpr char kOnlyAmbiguousPoses[] =
+    "every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl files";
+
 // The formats of files of poses, for the help of the options that take one.
 inline constexpr char kPoseFormats[] = ".tum, .csv, .jsonl, or .mcap for ROS 2, Foxglove and Lichtblick";
 

@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "client/cli/common/pace_meter.h"
 #include "client/cli/common/recording_input.h"
 #include "core/base/counted.h"
@@ -14,6 +15,12 @@ namespace {
 
 std::string Milliseconds(const std::optional<absl::Duration>& duration) {
   return duration ? absl::StrFormat("%.2f ms", absl::ToDoubleMilliseconds(*duration)) : "-";
+}
+
+// Appends a loss that differs from the last one, if there is room for it.
+void AddLoss(const std::optional<Loss>& loss, size_t max_size, std::vector<Loss>& losses) {
+  if (!loss || losses.size() >= max_size || (!losses.empty() && losses.back() == *loss)) return;
+  losses.push_back(*loss);
 }
 
 }  // namespace
@@ -30,9 +37,27 @@ void ReplayReport::Add(const Notice& notice) {
 }
 
 void ReplayReport::Add(const Pose& pose) {
-  if (pose.state == TrackState::kTracking) ++tracking_poses_;
-  if (pose.state == TrackState::kDegraded) ++degraded_poses_;
-  if (pose.state == TrackState::kAmbiguous) ++ambiguous_poses_;
+  Received& received = received_[pose.object_id];
+  ++received.poses;
+  if (pose.state == TrackState::kTracking) ++received.tracking_poses;
+  if (pose.state == TrackState::kDegraded) ++received.degraded_poses;
+  if (pose.state == TrackState::kAmbiguous) ++received.ambiguous_poses;
+  AddLoss(pose.latest_loss, kMaxLosses, received.losses);
+}
+
+uint64_t ReplayReport::Total(uint64_t Received::*number) const {
+  uint64_t sum = 0;
+  for (const auto& [object_id, received] : received_) sum += received.*number;
+  return sum;
+}
+
+std::vector<std::string> ReplayReport::ObjectsWithoutPose() const {
+  std::vector<std::string> object_ids;
+  if (!KnowsAllPoses()) return object_ids;
+  for (const ObjectHealth& object : summary.health.objects) {
+    if (!received_.contains(object.object_id)) object_ids.push_back(object.object_id);
+  }
+  return object_ids;
 }
 
 bool ReplayReport::HasOnlyFilesWithoutPose() const {
@@ -66,6 +91,28 @@ std::string ReplayReport::WhyNoPose(const ObjectHealth& object) const {
   return "";
 }
 
+std::vector<Loss> ReplayReport::LossesOf(const ObjectHealth& object) const {
+  const auto received = received_.find(object.object_id);
+  std::vector<Loss> losses = received != received_.end() ? received->second.losses : std::vector<Loss>();
+  AddLoss(object.latest_loss, kMaxLosses + 1, losses);  // no pose may have followed it
+  return losses;
+}
+
+std::string ReplayReport::DescribeLosses(const ObjectHealth& object) const {
+  constexpr size_t kMaxPrinted = 5;
+  const std::vector<Loss> losses = LossesOf(object);
+  // The reason for the missing pose has the only loss.
+  if (losses.empty() || (losses.size() == 1 && object.state == TrackState::kLost)) return "";
+  std::vector<std::string> parts;
+  for (size_t i = 0; i < std::min(losses.size(), kMaxPrinted); ++i) {
+    parts.push_back(
+        absl::StrFormat("at %.6f s (%s)", 1e-6 * static_cast<double>(losses[i].t_us), LossCauseName(losses[i].cause)));
+  }
+  std::string line = absl::StrCat("lost ", Counted(object.losses, "time"), ": ", absl::StrJoin(parts, ", "));
+  if (object.losses > parts.size()) absl::StrAppend(&line, ", and ", object.losses - parts.size(), " more");
+  return line;
+}
+
 uint32_t ReplayReport::Losses() const {
   uint32_t losses = 0;
   for (const ObjectHealth& object : summary.health.objects) losses += object.losses;
@@ -77,6 +124,10 @@ Json ReplayReport::ObjectsJson() const {
   for (size_t i = 0; i < summary.health.objects.size(); ++i) {
     const ObjectHealth& object = summary.health.objects[i];
     Json json = ObjectJson(object);
+    json["all_losses"] = Json::array();
+    for (const Loss& loss : LossesOf(object)) {
+      json["all_losses"].push_back({{"t_us", loss.t_us}, {"cause", LossCauseName(loss.cause)}});
+    }
     json["model_notices"] = i < models.size() ? models[i].notices : std::vector<std::string>();
     json["symmetries"] = i < models.size() ? models[i].num_symmetries : 1;
     json["continuous_symmetry"] = i < models.size() ? SymmetryJson(models[i].continuous_symmetry) : Json(nullptr);
@@ -143,11 +194,15 @@ void ReplayReport::PrintObjects(std::ostream& stream) const {
     if (models.size() > 1) {
       stream << object.object_id << ": " << TrackStateName(object.state) << "  losses " << object.losses << "\n";
     }
+    if (const std::string losses = DescribeLosses(object); !losses.empty()) {
+      stream << NameOf(object.object_id) << losses << "\n";
+    }
     if (const std::string why = WhyNoPose(object); !why.empty()) stream << NameOf(object.object_id) << why << "\n";
   }
-  // A run that was continued knows the states of its own poses only.
-  if (degraded_poses_ > 0 && degraded_poses_ + ambiguous_poses_ == summary.poses) {
-    stream << "no pose is TRACKING, " << degraded_poses_
+  if (!KnowsAllPoses()) return;
+  for (const auto& [object_id, received] : received_) {
+    if (received.degraded_poses == 0 || received.tracking_poses > 0) continue;
+    stream << NameOf(object_id) << "no pose is TRACKING, " << received.degraded_poses
            << " are DEGRADED: the events have not confirmed a pose; are the "
            << "model, its scale and the camera the right ones?\n";
   }
@@ -160,8 +215,9 @@ void ReplayReport::PrintFiles(std::ostream& stream) const {
     if (file.num_poses > 0 && transform != kCameraFromObject) stream << ", " << transform;
     stream << "\n";
   }
-  if (ambiguous_poses_ == 0) return;
-  stream << Counted(ambiguous_poses_, "pose") << (ambiguous_poses_ == 1 ? " is" : " are")
+  const uint64_t ambiguous = Total(&Received::ambiguous_poses);
+  if (ambiguous == 0) return;
+  stream << Counted(ambiguous, "pose") << (ambiguous == 1 ? " is" : " are")
          << " AMBIGUOUS: a .tum file does not have them, .csv and .jsonl files have them with their alternatives\n";
 }
 
@@ -208,9 +264,9 @@ Json ReplayReport::ToJson() const {
                {"trace_id", trace_id},
                {"events", health.decoded_events},
                {"poses", summary.poses},
-               {"tracking_poses", tracking_poses_},
-               {"degraded_poses", degraded_poses_},
-               {"ambiguous_poses", ambiguous_poses_},
+               {"tracking_poses", Total(&Received::tracking_poses)},
+               {"degraded_poses", Total(&Received::degraded_poses)},
+               {"ambiguous_poses", Total(&Received::ambiguous_poses)},
                {"losses", Losses()},
                {"objects", ObjectsJson()}};
   // For a single object, its fields are also those of the report.

@@ -53,6 +53,9 @@ struct ReplayReport {
   Json ToJson() const;
   // Whether poses were found, but no file has one, because all are AMBIGUOUS.
   bool HasOnlyFilesWithoutPose() const;
+  // IDs of the objects of which no pose was found; none if poses were received that an earlier process, or nobody,
+  // knows.
+  std::vector<std::string> ObjectsWithoutPose() const;
   // Whether there is a file that an earlier run has written, and this run has not.
   bool KeepsOlderFiles() const;
 
@@ -63,17 +66,32 @@ struct ReplayReport {
   void PrintFiles(std::ostream& stream) const;
   // Returns a line about an object that has no confirmed pose at the end; empty if it has one.
   std::string WhyNoPose(const ObjectHealth& object) const;
+  // Returns a line with the times and the causes of the losses of an object; empty if another line has them.
+  std::string DescribeLosses(const ObjectHealth& object) const;
+  // The losses of an object, by time, as far as this process knows them.
+  std::vector<Loss> LossesOf(const ObjectHealth& object) const;
   // Returns the prefix of a line about one of several objects; empty for a single object.
   std::string NameOf(const std::string& object_id) const;
   uint32_t Losses() const;  // sum over all objects
   Json ObjectsJson() const;
   double MegaEventsPerSecond() const;
 
-  // Poses by state, received by this process.
-  uint64_t tracking_poses_ = 0;
-  uint64_t degraded_poses_ = 0;
-  uint64_t ambiguous_poses_ = 0;
-  uint64_t triggers_ = 0;  // received by this process, including those that a notice only counts
+  // What this process has received of an object.
+  struct Received {
+    uint64_t poses = 0;
+    uint64_t tracking_poses = 0;
+    uint64_t degraded_poses = 0;
+    uint64_t ambiguous_poses = 0;
+    std::vector<Loss> losses;  // the first kMaxLosses of them
+  };
+  static constexpr size_t kMaxLosses = 1000;  // bounds the memory of a stream that lasts for months
+  // The sum of a number over all objects.
+  uint64_t Total(uint64_t Received::*number) const;
+  // Whether this process has received all poses; one that was continued knows its own poses only.
+  bool KnowsAllPoses() const { return Total(&Received::poses) == summary.poses; }
+
+  std::map<std::string, Received> received_;  // by object
+  uint64_t triggers_ = 0;                     // received by this process, including those that a notice only counts
   uint64_t decode_faults_ = 0;
   std::string first_decode_fault_;
   std::vector<TrackingRestarted> restarts_;  // one for each server that could not read the state of the tracker

@@ -81,6 +81,73 @@ TEST(ReplayReportTest, GivesTheReasonForEachObjectWithoutAConfirmedPose) {
   EXPECT_THAT(Printed(report), Not(HasSubstr("the reason")));
 }
 
+TEST(ReplayReportTest, ListsTheLossesOfAnObjectThatWasFoundAgain) {
+  ReplayReport report;
+  ObjectHealth object;
+  object.object_id = "object";
+  object.state = TrackState::kTracking;
+  const auto print = [&] {
+    report.summary.health.objects = {object};
+    return Printed(report);
+  };
+  Pose pose;
+  pose.object_id = "object";
+  report.Add(pose);
+  EXPECT_THAT(print(), Not(HasSubstr("lost")));
+  for (const int64_t t_us : {2'500'000, 2'500'000, 4'000'000}) {
+    pose.latest_loss = {t_us, LossCause::kOutOfView};
+    report.Add(pose);
+  }
+  object.losses = 2;
+  object.latest_loss = pose.latest_loss;
+  EXPECT_THAT(print(), HasSubstr("lost 2 times: at 2.500000 s (OUT_OF_VIEW), at 4.000000 s (OUT_OF_VIEW)\n"));
+  // No pose follows the last one.
+  object.losses = 3;
+  object.latest_loss = {5'000'000, LossCause::kContradicted};
+  object.state = TrackState::kLost;
+  EXPECT_THAT(print(), HasSubstr("at 4.000000 s (OUT_OF_VIEW), at 5.000000 s (CONTRADICTED)\n"));
+  EXPECT_EQ(report.ToJson()["all_losses"].size(), 3u);
+  EXPECT_EQ(report.ToJson()["all_losses"][2], Json({{"t_us", 5'000'000}, {"cause", "CONTRADICTED"}}));
+  object.losses = 10;
+  for (const int64_t t_us : {5'000'000, 6'000'000, 7'000'000, 8'000'000}) {
+    pose.latest_loss = {t_us, LossCause::kUncertain};
+    report.Add(pose);
+  }
+  EXPECT_THAT(print(), HasSubstr("at 7.000000 s (UNCERTAIN), and 5 more\n"));
+}
+
+TEST(ReplayReportTest, TheOnlyLossIsInTheReasonForTheMissingPose) {
+  ReplayReport report;
+  ObjectHealth object;
+  object.state = TrackState::kLost;
+  object.losses = 1;
+  object.detail = "lost at 2.500000 s because of something";
+  object.latest_loss = {2'500'000, LossCause::kOutOfView};
+  report.summary.health.objects = {object};
+  EXPECT_THAT(Printed(report), Not(HasSubstr("lost 1 time")));
+  EXPECT_EQ(report.ToJson()["all_losses"].size(), 1u);
+}
+
+TEST(ReplayReportTest, NamesTheObjectsWithoutAPose) {
+  ReplayReport report;
+  report.models = {{.object_id = "left"}, {.object_id = "right"}};
+  report.summary.health.objects = {{.object_id = "left"}, {.object_id = "right"}};
+  Pose pose;
+  pose.object_id = "right";
+  pose.state = TrackState::kDegraded;
+  report.Add(pose);
+  report.summary.poses = 1;
+  EXPECT_EQ(report.ObjectsWithoutPose(), std::vector<std::string>{"left"});
+  EXPECT_THAT(Printed(report), HasSubstr("right: no pose is TRACKING, 1 are DEGRADED"));
+  report.summary.poses = 2;
+  EXPECT_TRUE(report.ObjectsWithoutPose().empty()) << "an earlier process may have received a pose of it";
+  pose.object_id = "left";
+  pose.state = TrackState::kTracking;
+  report.Add(pose);
+  EXPECT_TRUE(report.ObjectsWithoutPose().empty());
+  EXPECT_THAT(Printed(report), HasSubstr("right: no pose is TRACKING")) << "the poses of left confirm nothing of right";
+}
+
 TEST(ReplayReportTest, CountsTriggersAndPrintsTheClocks) {
   ReplayReport report;
   EXPECT_THAT(Printed(report), Not(HasSubstr("triggers")));

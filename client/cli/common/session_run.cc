@@ -427,9 +427,12 @@ absl::Status SessionRun::FinalStatus() const {
                                             report_.KeepsOlderFiles() ? "; earlier pose files stay as they were" : ""));
   }
   if (report_.HasOnlyFilesWithoutPose()) {
-    return absl::NotFoundError(absl::StrCat(
-        arguments_.recording, ": every pose is AMBIGUOUS, and a .tum file has none of them: write .csv or .jsonl files",
-        report_.KeepsOlderFiles() ? "; earlier pose files stay as they were" : ""));
+    return absl::NotFoundError(absl::StrCat(arguments_.recording, ": ", kOnlyAmbiguousPoses,
+                                            report_.KeepsOlderFiles() ? "; earlier pose files stay as they were" : ""));
+  }
+  if (const std::vector<std::string> missing = report_.ObjectsWithoutPose(); !missing.empty()) {
+    return absl::NotFoundError(absl::StrCat(arguments_.recording, ": no pose of ", absl::StrJoin(missing, ", "),
+                                            " was found; the report has the reason"));
   }
   if (summary.lost_poses == 0) return absl::OkStatus();
   return absl::DataLossError(absl::StrCat(summary.lost_poses,
