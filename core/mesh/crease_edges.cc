@@ -33,8 +33,10 @@ constexpr double kMaxSagitta = 0.004;
 constexpr double kMaxStep = 40.0 * kRadiansPerDegree;
 // Edges that turn by less are diagonals of flat or nearly flat quadrilaterals.
 constexpr double kLeastTurn = 0.3 * kRadiansPerDegree;
-// Jump of exact normals and of normals in the file at a crease, and the largest difference of equal ones.
+// Jump of exact normals and of normals in the file at a crease, and the largest difference of equal ones. A crease
+// angle outside this range replaces the jump.
 constexpr double kMinStatedJump = 10.0 * kRadiansPerDegree, kSameStated = 1.0 * kRadiansPerDegree;
+constexpr double kMaxCreaseForStatedJump = 30.0 * kRadiansPerDegree;
 // A crease shorter than this, relative to the diameter, of which an end meets no other edge is noise of the mesh.
 constexpr double kMinDeadEnd = 0.02;
 // Largest turn, as a cosine, between a crease and the edge that continues it: 60 degrees.
@@ -58,6 +60,13 @@ bool HaveSmoothWings(const RawMesh& mesh, absl::Span<const EdgeUse> uses, double
   return has_opposite;
 }
 
+// The jump of stated normals from which an edge is a crease. Such normals have no tessellation, so that the default of
+// the crease angle, which allows for one, would miss creases; another angle is what the user wants to see.
+double StatedJump(double crease_rad) {
+  const bool is_chosen = crease_rad < kMinStatedJump || crease_rad > kMaxCreaseForStatedJump;
+  return is_chosen ? crease_rad : kMinStatedJump;
+}
+
 class CreaseFinder {
  public:
   CreaseFinder(const FacetGraph& graph, const CreaseOptions& options, double diameter_m)
@@ -65,6 +74,7 @@ class CreaseFinder {
         mesh_(graph.mesh()),
         crease_rad_(options.crease_angle_deg * kRadiansPerDegree),
         crease_cosine_(DeterministicSinCos(crease_rad_).cos),
+        stated_jump_rad_(StatedJump(crease_rad_)),
         is_smooth_(options.is_smooth),
         diameter_m_(diameter_m),
         exact_segments_(ExactSegments(graph.mesh())) {}
@@ -149,13 +159,16 @@ class CreaseFinder {
     const SmoothSurface& exact = mesh_.exact_surface;
     const auto a = NormalsAt(uses[0], exact.normals), b = NormalsAt(uses[1], exact.normals);
     if (const ExactSegment* segment = FindExactSegment(exact_segments_, uses[0].low, uses[0].high)) {
-      if (mesh_.exact_edges[segment->edge].is_smooth) return EdgeClass::kSmooth;
-      // The file may not join the face that continues the surface: it is that of another part, or the edge is stated as
-      // the end of a surface.
-      return AreWithin(a, b, kMinStatedJump) ? EdgeClass::kSmooth : EdgeClass::kCrease;
+      if (stated_jump_rad_ == kMinStatedJump) {
+        if (mesh_.exact_edges[segment->edge].is_smooth) return EdgeClass::kSmooth;
+        // The file may not join the face that continues the surface: it is that of another part, or the edge is stated
+        // as the end of a surface.
+        return AreWithin(a, b, kMinStatedJump) ? EdgeClass::kSmooth : EdgeClass::kCrease;
+      }
+    } else if (exact.region_of[uses[0].triangle] == exact.region_of[uses[1].triangle]) {
+      return EdgeClass::kSmooth;
     }
-    if (exact.region_of[uses[0].triangle] == exact.region_of[uses[1].triangle]) return EdgeClass::kSmooth;
-    return Differ(a, b, kMinStatedJump) ? EdgeClass::kCrease : EdgeClass::kSmooth;
+    return Differ(a, b, stated_jump_rad_) ? EdgeClass::kCrease : EdgeClass::kSmooth;
   }
 
   // nullopt if the normals of the file do not decide: they are missing, those of the facets, or equal at an edge that
@@ -174,7 +187,7 @@ class CreaseFinder {
       return AreWithin(normals, {facet, facet}, kSameStated);
     };
     if (are_of_facet(uses[0], a) && are_of_facet(uses[1], b)) return std::nullopt;
-    if (Differ(a, b, kMinStatedJump)) return EdgeClass::kCrease;
+    if (Differ(a, b, stated_jump_rad_)) return EdgeClass::kCrease;
     return std::nullopt;
   }
 
@@ -303,6 +316,7 @@ class CreaseFinder {
   const RawMesh& mesh_;
   const double crease_rad_;
   const double crease_cosine_;
+  const double stated_jump_rad_;
   const bool is_smooth_;
   const double diameter_m_;
   const std::vector<ExactSegment> exact_segments_;

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <numbers>
 #include <random>
+#include <tuple>
 
 #include "core/mesh/facet_graph.h"
 
@@ -262,6 +263,20 @@ TEST(SurfaceRegionsTest, ShortCreaseThatEndsInNothingIsDropped) {
   EXPECT_EQ(NumCreases(sheet), 2u);
 }
 
+// Two sheets that meet at a fold of 20 degrees.
+RawMesh Fold() {
+  RawMesh fold;
+  fold.points = {{0, -1, -0.18}, {1, -1, -0.18}, {0, 0, 0}, {1, 0, 0}, {0, 1, -0.18}, {1, 1, -0.18}};
+  fold.triangles = {{0, 1, 3}, {0, 3, 2}, {2, 3, 5}, {2, 5, 4}};
+  return fold;
+}
+
+// Normals of its corners with this y component, outward from the fold.
+std::vector<std::array<Eigen::Vector3f, 3>> NormalsOfFold(float y) {
+  const Eigen::Vector3f left = Eigen::Vector3f(0, -y, 1).normalized(), right = Eigen::Vector3f(0, y, 1).normalized();
+  return {{left, left, left}, {left, left, left}, {right, right, right}, {right, right, right}};
+}
+
 TEST(SurfaceRegionsTest, NormalsOfTheFileDecide) {
   RawMesh cylinder = ClosedCylinder(48);
   const SurfaceEdges found = Find(cylinder);
@@ -269,13 +284,9 @@ TEST(SurfaceRegionsTest, NormalsOfTheFileDecide) {
   cylinder.corner_normals = found.surface.normals;
   EXPECT_THAT(Find(cylinder).edges, SizeIs(96));
   // A fold of 20 degrees between sheets whose normals are split, and not those of their facets, is a crease.
-  RawMesh fold = BoxMesh({1, 1, 1});
-  fold.points = {{0, -1, -0.18}, {1, -1, -0.18}, {0, 0, 0}, {1, 0, 0}, {0, 1, -0.18}, {1, 1, -0.18}};
-  fold.triangles = {{0, 1, 3}, {0, 3, 2}, {2, 3, 5}, {2, 5, 4}};
+  RawMesh fold = Fold();
   EXPECT_THAT(Find(fold).edges, SizeIs(6)) << "boundaries";
-  const Eigen::Vector3f left = Eigen::Vector3f(0, -0.12f, 1).normalized(),
-                        right = Eigen::Vector3f(0, 0.12f, 1).normalized();
-  fold.corner_normals = {{left, left, left}, {left, left, left}, {right, right, right}, {right, right, right}};
+  fold.corner_normals = NormalsOfFold(0.12f);
   EXPECT_THAT(Find(fold).edges, SizeIs(7));
   // One normal for each vertex of a box says nothing.
   RawMesh box = BoxMesh({1, 1, 1});
@@ -286,6 +297,27 @@ TEST(SurfaceRegionsTest, NormalsOfTheFileDecide) {
     }
   }
   EXPECT_THAT(Find(box).edges, SizeIs(12));
+}
+
+TEST(SurfaceRegionsTest, ACreaseAngleOutsideTheUsualRangeAppliesToStatedNormals) {
+  // The normals jump by 13.7 and by 6 degrees; y, crease angle, number of creases.
+  using Case = std::tuple<float, double, size_t>;
+  for (const auto& [y, angle_deg, num_creases] : {Case(0.12f, 30.0, 1), Case(0.12f, 10.0, 1), Case(0.12f, 31.0, 0),
+                                                  Case(0.052f, 30.0, 0), Case(0.052f, 10.0, 0), Case(0.052f, 5.0, 1)}) {
+    RawMesh fold = Fold();
+    fold.exact_surface.regions.resize(2);
+    fold.exact_surface.region_of = {0, 0, 1, 1};
+    fold.exact_surface.normals = NormalsOfFold(y);
+    const CreaseOptions options = {.crease_angle_deg = angle_deg};
+    EXPECT_THAT(Find(fold, options).edges, SizeIs(6 + num_creases)) << y << " " << angle_deg;
+    // What the file says of the edge itself holds for the usual range.
+    fold.exact_edges = {{.shape = ExactEdge::Shape::kLine, .is_smooth = y < 0.1f, .points = {2, 3}}};
+    EXPECT_THAT(Find(fold, options).edges, SizeIs(6 + num_creases)) << y << " " << angle_deg;
+    if (y < 0.1f) continue;  // the turn of the facets decides where the normals do not jump
+    RawMesh stated = Fold();
+    stated.corner_normals = NormalsOfFold(y);
+    EXPECT_THAT(Find(stated, options).edges, SizeIs(6 + num_creases)) << y << " " << angle_deg;
+  }
 }
 
 TEST(SurfaceRegionsTest, ExactFacesAreRegionsAndMeetInCreasesOrSmoothly) {

@@ -28,9 +28,12 @@ void ModelReadingArguments::AddTo(CLI::App& app, CLI::Option* model) {
             "is applied first",
             AboveZero())
             ->type_name("FACTOR"),
-        AddOption(app, "--crease-angle", crease_angle_deg,
-                  "Smallest angle between two faces of the model whose common side is an edge of the object",
-                  CLI::Range(0.1, 179.9))
+        AddOption(
+            app, "--crease-angle", crease_angle_deg,
+            "Smallest angle between two faces of the model whose common side is an edge of the object. If the file "
+            "states normals or is a STEP or IGES file, that angle is 10 degrees, unless this one is below 10 or "
+            "above 30",
+            CLI::Range(0.1, 179.9))
             ->type_name("DEGREES"),
         AddOption(app, "--surface", surface,
                   "Whether the faces of the model approximate a smooth surface (smooth) or the object itself has them "
