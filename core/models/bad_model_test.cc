@@ -98,7 +98,20 @@ INSTANTIATE_TEST_SUITE_P(
         BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_FACE, "element vertex: needs the properties x, y and z"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "property list uchar int a\nend_header\n",
                  "has a list"},
-        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element edge 1\nend_header\n", "element edge: only"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element edge 1\nend_header\n",
+                 "element edge: has no property"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element tristrips 1\nend_header\n",
+                 "element tristrips: triangle strips are not read; export the model as faces"},
+        BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element vertex 1\n" EVPOSE_PLY_XYZ "end_header\n",
+                 "element vertex: only one is read"},
+        BadModel{ModelFormat::kPly, "ply\nformat ascii 1.0\n" EVPOSE_PLY_FACE, "element face: must follow"},
+        BadModel{ModelFormat::kPly,
+                 EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element face 1\nproperty list uchar int vertex_index\n" EVPOSE_PLY_FACE,
+                 "element face: only one is read"},
+        BadModel{ModelFormat::kPly,
+                 EVPOSE_PLY_TOP EVPOSE_PLY_XYZ
+                 "element edge 3\nproperty int vertex1\nend_header\n0 0 0\n1 0 0\n1 1 0\n1\n",
+                 "the file ends before"},
         BadModel{ModelFormat::kPly, EVPOSE_PLY_TOP EVPOSE_PLY_XYZ "element face 1\nproperty int a\nend_header\n",
                  "needs the list vertex_indices"},
         BadModel{ModelFormat::kPly,
@@ -146,11 +159,79 @@ TEST(BadModelTest, IncompleteBinaryStl) {
   }
 }
 
-TEST(BadModelTest, BinaryStlWithNan) {
-  std::string stl = BinaryStl(MustParse(Cube()));
+// The binary STL with a coordinate of one facet that is not a number.
+std::string WithNan(std::string stl, size_t facet) {
   const float nan = std::nanf("");
-  std::memcpy(stl.data() + 84 + size_t{3} * 50 + 12 + 8, &nan, 4);
-  EXPECT_THAT(ErrorOf(stl, ModelFormat::kStl), HasSubstr("facet 4: a coordinate is not a finite number"));
+  std::memcpy(stl.data() + 84 + facet * 50 + 12 + 8, &nan, 4);
+  return stl;
+}
+
+TEST(BadModelTest, AFewFacetsOfABinaryStlMayNotBeFinite) {
+  const std::string small = BinaryStl(MustParse(Cube()));
+  EXPECT_THAT(ErrorOf(WithNan(small, 3), ModelFormat::kStl),
+              HasSubstr("1 facet with a coordinate that is not a finite number, the first one facet 4 of 12: the file "
+                        "is damaged; export it again"));
+  const ObjectModel prism = MustParse(Prism(40));
+  const std::string large = BinaryStl(prism);
+  const ObjectModel model = MustParse(WithNan(large, 155), ModelFormat::kStl);
+  EXPECT_EQ(model.triangles.size(), prism.triangles.size() - 1);
+  EXPECT_THAT(model.notices, ::testing::Contains("1 facet with a coordinate that is not a finite number dropped, the "
+                                                 "first one facet 156"));
+  EXPECT_THAT(ErrorOf(WithNan(WithNan(large, 9), 8), ModelFormat::kStl), HasSubstr("2 facets"));
+}
+
+TEST(BadModelTest, ByteOrderMarksAreSkippedOrNamed) {
+  const ObjectModel cube = MustParse(Cube());
+  for (const auto& [format, text] : {std::pair(ModelFormat::kObj, Cube()), std::pair(ModelFormat::kPly, AsciiPly()),
+                                     std::pair(ModelFormat::kStl, AsciiStl(cube))}) {
+    const ObjectModel expected = MustParse(text, format), model = MustParse("\xEF\xBB\xBF" + text, format);
+    EXPECT_EQ(model.vertices, expected.vertices);
+    EXPECT_EQ(model.triangles, expected.triangles);
+    for (const char* mark : {"\xFF\xFE", "\xFE\xFF"}) {
+      EXPECT_EQ(ErrorOf(mark + text, format), "the text is in UTF-16 or UTF-32; save the file as UTF-8 or ASCII");
+    }
+  }
+  EXPECT_THAT(MustParse("\xEF\xBB\xBF" + BinaryPly(true), ModelFormat::kPly).triangles, ::testing::SizeIs(12));
+  std::string binary = BinaryStl(cube);  // the first bytes are free text
+  binary.replace(0, 2, "\xFF\xFE");
+  EXPECT_THAT(MustParse(binary, ModelFormat::kStl).triangles, ::testing::SizeIs(12));
+}
+
+TEST(BadModelTest, OtherElementsOfAPlyAreSkipped) {
+  const std::string header =
+      "element edge 2\nproperty int vertex1\nproperty int vertex2\n"
+      "element material 1\nproperty list uchar float k\nend_header\n";
+  std::string text = AsciiPly();
+  text.replace(text.find("end_header\n"), 11, header);
+  const ObjectModel model = MustParse(text + "0 1\n1 2\n2 0.5 0.25\n", ModelFormat::kPly);
+  EXPECT_EQ(model.triangles, MustParse(AsciiPly(), ModelFormat::kPly).triangles);
+  EXPECT_THAT(model.notices,
+              ::testing::ElementsAre("2 PLY elements other than vertex and face not used: edge and others"));
+  for (const bool big_endian : {false, true}) {
+    std::string binary = BinaryPly(big_endian);
+    binary.replace(binary.find("end_header\n"), 11, header);
+    for (const int32_t end : {0, 1, 1, 2}) AppendBinary(end, big_endian, binary);
+    binary += '\2';
+    for (const float k : {0.5f, 0.25f}) AppendBinary(k, big_endian, binary);
+    EXPECT_THAT(MustParse(binary, ModelFormat::kPly).triangles, ::testing::SizeIs(12));
+    EXPECT_THAT(ErrorOf(binary.substr(0, binary.size() - 1), ModelFormat::kPly), HasSubstr("the file ends before"));
+  }
+}
+
+TEST(BadModelTest, WhatIsProbablyNotMeantIsNoticed) {
+  const auto notices = [](const std::string& text) { return MustParse(text).notices; };
+  const auto names = [](const char* what) { return ::testing::Contains(HasSubstr(what)); };
+  EXPECT_THAT(notices(absl::StrCat(Cube(), "l 1 2\n")),
+              names("the line elements (l) of the file, 1 m in all, are taken as all edges of the object: those of its "
+                    "faces, 12 m in all, are not used; remove the line elements"));
+  const ObjectModel whole = MustParse(Cube());
+  EXPECT_THAT(notices(ObjectModelToObj(whole)), ::testing::IsEmpty()) << "its line elements are all edges";
+  const std::string open = Cube().substr(0, Cube().rfind("f "));
+  EXPECT_THAT(notices(open), names("the surface is open: it ends at 4 edges of the mesh, which count as visible edges; "
+                                   "if the object is solid, export it as a closed body"));
+  EXPECT_THAT(notices("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"), ::testing::IsEmpty()) << "a sheet";
+  EXPECT_THAT(notices("v 0 2 0\nv 3 2 0\nv 3 1 0\nv 2 0 0\nv 2 4 0\nv 0 0 5\nf 1 2 3 4 5\nf 1 2 6\n"),
+              names("1 polygon not read completely, because the outline crosses itself"));
 }
 
 TEST(BadModelTest, Limits) {

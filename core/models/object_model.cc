@@ -47,21 +47,6 @@ constexpr double kSymmetryTolerance = 1e-3;
 // All pairs of more points would take longer than some milliseconds.
 constexpr size_t kMaxExactDiameterPoints = 2048;
 
-// The elements of the file in its order.
-absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options) {
-  switch (format) {
-    case ModelFormat::kObj:
-      return ReadObj(bytes, {options.max_triangles});
-    case ModelFormat::kPly:
-      return ReadPly(bytes, {options.max_triangles});
-    case ModelFormat::kStl:
-      return ReadStl(bytes, {options.max_triangles});
-    case ModelFormat::kMesh:
-      break;
-  }
-  return absl::InvalidArgumentError("the format is none of OBJ, PLY and STL");
-}
-
 absl::Status CheckExtent(const RawMesh& raw) {
   const double diagonal_m = BoundingBoxDiagonal(raw);
   double offset_m = 0.0;
@@ -158,6 +143,50 @@ void NoteJoints(const SurfaceEdges& surface, ObjectModel& model) {
       Counted(num_edges, "edge of the mesh", "edges of the mesh"), FormatLength(kJointGap * model.diameter_m)));
 }
 
+double TotalLength(const RawMesh& mesh, absl::Span<const std::array<uint32_t, 2>> lines) {
+  double length_m = 0.0;
+  for (const auto& [from, to] : lines) length_m += (mesh.points[to] - mesh.points[from]).norm();
+  return length_m;
+}
+
+// Line elements replace the edges of the surface. A file whose line elements are shorter than these edges may have them
+// for another purpose.
+void NoteReplacedEdges(const RawMesh& mesh, const SurfaceEdges& surface, std::vector<std::string>& notices) {
+  std::vector<std::array<uint32_t, 2>> edges;
+  for (const MeshEdge& edge : surface.edges) edges.push_back(edge.ends);
+  const double lines_m = TotalLength(mesh, mesh.lines), edges_m = TotalLength(mesh, edges);
+  if (lines_m > (1.0 - kSymmetryTolerance) * edges_m) return;
+  notices.push_back(absl::StrFormat(
+      "the line elements (l) of the file, %s in all, are taken as all edges of the object: those of its faces, %s in "
+      "all, are not used; remove the line elements if they are not the edges of the object",
+      FormatLength(lines_m), FormatLength(edges_m)));
+}
+
+// Whether all points lie in one plane, which no solid object does.
+bool IsSheet(const RawMesh& mesh, double diameter_m) {
+  constexpr double kFlatness = 1e-4;  // relative to the diameter
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const Eigen::Vector3d cross = (mesh.points[b] - mesh.points[a]).cross(mesh.points[c] - mesh.points[a]);
+    if (cross.squaredNorm() > normal.squaredNorm()) normal = cross;
+  }
+  normal.normalize();
+  return std::all_of(mesh.points.begin(), mesh.points.end(), [&](const Eigen::Vector3d& point) {
+    return std::abs(normal.dot(point - mesh.points[0])) <= kFlatness * diameter_m;
+  });
+}
+
+// Missing faces are the most frequent cause of edges that the object does not have.
+void NoteOpenSurface(const RawMesh& mesh, const SurfaceEdges& surface, ObjectModel& model) {
+  const auto num_ends = std::count_if(surface.edges.begin(), surface.edges.end(),
+                                      [](const MeshEdge& edge) { return edge.kind == EdgeKind::kBoundary; });
+  if (num_ends == 0 || IsSheet(mesh, model.diameter_m)) return;
+  model.notices.push_back(absl::StrFormat(
+      "the surface is open: it ends at %s, which count as visible edges; if the object is solid, export it as a closed "
+      "body",
+      Counted(static_cast<uint64_t>(num_ends), "edge of the mesh", "edges of the mesh")));
+}
+
 // The edges of the model: the line elements, and those of the surface unless the line elements are all.
 void FindEdges(const RawMesh& mesh, const SurfaceEdges& surface, const ModelOptions& options, ModelStepListener on_step,
                ObjectModel& model) {
@@ -165,7 +194,10 @@ void FindEdges(const RawMesh& mesh, const SurfaceEdges& surface, const ModelOpti
   if (!mesh.lines.empty()) AddPaintedEdges(mesh, options.is_smooth, model);
   if (mesh.lines.empty() || !mesh.lines_are_all) {
     NoteJoints(surface, model);
+    NoteOpenSurface(mesh, surface, model);
     AddSurfaceEdges(mesh, surface, model);
+  } else {
+    NoteReplacedEdges(mesh, surface, model.notices);
   }
   on_step("joining lines");
   MergeOverlapping(kCollinearTolerance * BoundingBoxDiagonal(mesh), model.lines, model.notices);
@@ -203,6 +235,7 @@ absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& op
         "the model file has no line and no face: export the faces of the object, or check that the file is complete");
   }
   ObjectModel model;
+  TakeNotices(mesh, model.notices);
   if (const size_t unused = DropUnusedPoints(mesh); unused > 0) {
     model.notices.push_back(absl::StrCat(Counted(unused, "point"), " that no face or line uses dropped"));
   }
@@ -268,6 +301,20 @@ absl::Status ModelOptions::CheckSize(size_t file_bytes) const {
   if (file_bytes <= max_bytes) return absl::OkStatus();
   return absl::InvalidArgumentError(
       absl::StrFormat("the model has %d bytes, more than the limit of %d", file_bytes, max_bytes));
+}
+
+absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options) {
+  switch (format) {
+    case ModelFormat::kObj:
+      return ReadObj(bytes, {options.max_triangles});
+    case ModelFormat::kPly:
+      return ReadPly(bytes, {options.max_triangles});
+    case ModelFormat::kStl:
+      return ReadStl(bytes, {options.max_triangles});
+    case ModelFormat::kMesh:
+      break;
+  }
+  return absl::InvalidArgumentError("the format is none of OBJ, PLY and STL");
 }
 
 absl::StatusOr<ObjectModel> ParseObjectModel(absl::Span<const uint8_t> bytes, ModelFormat format,

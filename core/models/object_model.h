@@ -74,6 +74,7 @@ struct ModelOptions {
   // Validated by surface_regions_test, which has a cylinder of 16 sides (a lower bound) and chamfers of 45 degrees (an
   // upper bound), and by tests/bench/models/compare_tessellations.py, which compares the edges of 29 shapes at three
   // tessellations.
+  // Where the file states normals or faces, their jump counts instead, from 10 degrees on (core/mesh/README.md, 8).
   double crease_angle_deg = 30.0;
   // Facets of curved regions approximate a smooth surface, as those of an exported CAD model do. False: the object has
   // these facets itself, as in a recording that was rendered from the mesh. Each edge of the mesh at which the surface
@@ -89,6 +90,9 @@ struct ModelOptions {
   // INVALID_ARGUMENT for a file that is empty or larger than `max_bytes`.
   absl::Status CheckSize(size_t file_bytes) const;
 };
+
+// The elements of an OBJ, PLY or STL file in its order and unit. Errors: those of the readers (model_readers.h).
+absl::StatusOr<RawMesh> ReadMesh(absl::Span<const uint8_t> bytes, ModelFormat format, const ModelOptions& options);
 
 // Reads a model file (formats: core/mesh/README.md, section 1). If an OBJ has line elements (`l`), they are the edges
 // of the model; else its edges are the creases and boundaries of the surface. Straight ones become lines, collinear

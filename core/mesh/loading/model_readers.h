@@ -2,7 +2,8 @@
 
 // Readers of model files. They accept any bytes: model files come from users over the network.
 // Errors of all, INVALID_ARGUMENT naming the line, or the facet or byte of binary data: malformed, cut off, a
-// coordinate that is not finite, an index out of range, more elements than the limits allow. No other file is opened.
+// coordinate that is not finite, an index out of range, more elements than the limits allow, text in UTF-16 or UTF-32.
+// A byte order mark of UTF-8 is skipped. No other file is opened.
 #pragma once
 
 #include <cstdint>
@@ -19,13 +20,14 @@ namespace evpose {
 absl::StatusOr<RawMesh> ReadObj(absl::Span<const uint8_t> bytes, const MeshLimits& limits);
 
 // PLY: ASCII with one line per instance, or binary of either byte order. An element `vertex` with x, y and z, then at
-// most one element `face` with a list vertex_indices (or vertex_index) of integers; no other element. The vertices may
-// have normals nx, ny, nz; other properties of the two are skipped. The mesh has all vertices of the file, in their
-// order.
+// most one element `face` with a list vertex_indices (or vertex_index) of integers. The vertices may have normals nx,
+// ny, nz; other properties of the two are skipped, and other elements, too, with a notice, except triangle strips. The
+// mesh has all vertices of the file, in their order.
 absl::StatusOr<RawMesh> ReadPly(absl::Span<const uint8_t> bytes, const MeshLimits& limits);
 
 // STL: binary when the size is the one that the facet count demands, else ASCII. Each facet has three points of its
-// own. Normals, attributes and names are ignored; the solids of an ASCII file become one mesh.
+// own. Up to one in a hundred facets of a binary file may have coordinates that are not finite: they are dropped, with
+// a notice. Normals, attributes and names are ignored; the solids of an ASCII file become one mesh.
 absl::StatusOr<RawMesh> ReadStl(absl::Span<const uint8_t> bytes, const MeshLimits& limits);
 
 }  // namespace evpose

@@ -191,7 +191,8 @@ class ObjReader {
 }  // namespace
 
 absl::StatusOr<RawMesh> ReadObj(absl::Span<const uint8_t> bytes, const MeshLimits& limits) {
-  return ObjReader(limits).Read(AsText(bytes));
+  EVPOSE_ASSIGN_OR_RETURN(const absl::string_view text, AsText(bytes));
+  return ObjReader(limits).Read(text);
 }
 
 }  // namespace evpose

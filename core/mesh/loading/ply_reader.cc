@@ -12,6 +12,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/counted.h"
 #include "core/base/quoted.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/model_readers.h"
@@ -131,19 +132,36 @@ absl::Status CheckFaceProperties(const std::vector<PlyProperty>& properties) {
   return PlyElementError("face", "needs the list vertex_indices, of integers, exactly once");
 }
 
-// One element `vertex`, then at most one `face`, and nothing else.
+bool IsUsed(const PlyElement& element) { return element.name == "vertex" || element.name == "face"; }
+
+void NoteUnusedElements(const PlyHeader& header, std::vector<std::string>& notices) {
+  std::vector<std::string> names;
+  for (const PlyElement& element : header.elements) {
+    if (!IsUsed(element) && element.count > 0) names.push_back(Escaped(element.name));
+  }
+  if (names.empty()) return;
+  notices.push_back(absl::StrCat(Counted(names.size(), "PLY element"), " other than vertex and face not used: ",
+                                 names.front(), names.size() > 1 ? " and others" : ""));
+}
+
+// One element `vertex`, then at most one `face`; others are skipped.
 absl::Status CheckPlyLayout(const PlyHeader& header) {
-  for (size_t i = 0; i < header.elements.size(); ++i) {
-    const PlyElement& element = header.elements[i];
-    if (i == 0 && element.name == "vertex") {
+  size_t vertex_elements = 0, face_elements = 0;
+  for (const PlyElement& element : header.elements) {
+    if (element.name == "vertex") {
+      if (++vertex_elements > 1) return PlyElementError("vertex", "only one is read");
       EVPOSE_RETURN_IF_ERROR(CheckVertexProperties(element.properties));
-    } else if (i == 1 && element.name == "face") {
+    } else if (element.name == "face") {
+      if (++face_elements > 1) return PlyElementError("face", "only one is read");
+      if (vertex_elements == 0) return PlyElementError("face", "must follow the element vertex");
       EVPOSE_RETURN_IF_ERROR(CheckFaceProperties(element.properties));
-    } else {
-      return PlyElementError(element.name, "only one vertex and then one face element are read; export those");
+    } else if (element.name == "tristrips") {
+      return PlyElementError("tristrips", "triangle strips are not read; export the model as faces");
+    } else if (element.properties.empty()) {
+      return PlyElementError(element.name, "has no property");  // and no size: any number of them would fit in the file
     }
   }
-  return header.elements.empty() ? PlyElementError("vertex", "missing") : absl::OkStatus();
+  return vertex_elements == 0 ? PlyElementError("vertex", "missing") : absl::OkStatus();
 }
 
 absl::StatusOr<PlyHeader> ReadPlyHeader(absl::string_view text) {
@@ -297,23 +315,40 @@ absl::Status ReadPlyFace(const std::vector<PlyProperty>& properties, absl::Span<
   return absl::OkStatus();
 }
 
+// Reads over the properties of one instance of an element that is not used.
+absl::Status SkipPlyInstance(const std::vector<PlyProperty>& properties, PlyBody& body) {
+  for (const PlyProperty& property : properties) {
+    double count = 1;
+    if (property.is_list()) {
+      EVPOSE_ASSIGN_OR_RETURN(count, body.Next(*property.count_type));
+    }
+    for (double i = 0; i < count; ++i) EVPOSE_RETURN_IF_ERROR(body.Next(*property.type).status());
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<RawMesh> ReadPly(absl::Span<const uint8_t> bytes, const MeshLimits& limits) {
-  EVPOSE_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(AsText(bytes)));
-  PlyBody body(header, AsText(bytes).substr(header.size_bytes));
+  EVPOSE_ASSIGN_OR_RETURN(const absl::string_view text, AsText(bytes));
+  EVPOSE_ASSIGN_OR_RETURN(const PlyHeader header, ReadPlyHeader(text));
+  PlyBody body(header, text.substr(header.size_bytes));
   ElementCounter counter(limits);
   RawMesh mesh;
+  NoteUnusedElements(header, mesh.notices);
   std::vector<Eigen::Vector3f> normals;
   std::vector<uint32_t> corners;
   for (const PlyElement& element : header.elements) {
     const bool has_normals = HasNormals(element.properties);
+    const bool is_used = IsUsed(element);
     for (int64_t i = 0; i < element.count; ++i) {
       EVPOSE_RETURN_IF_ERROR(body.BeginInstance());
       if (element.name == "vertex") {
         EVPOSE_ASSIGN_OR_RETURN(const PlyVertex vertex, ReadPlyVertex(element.properties, body));
         mesh.points.push_back(vertex.point);
         if (has_normals) normals.push_back(StatedNormal(vertex.normal));
+      } else if (!is_used) {
+        EVPOSE_RETURN_IF_ERROR(SkipPlyInstance(element.properties, body));
       } else {
         EVPOSE_RETURN_IF_ERROR(ReadPlyFace(element.properties, normals, body, counter, corners, mesh));
       }

@@ -2,6 +2,7 @@
 #include <bit>
 #include <iterator>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "absl/strings/ascii.h"
@@ -25,6 +26,10 @@ constexpr size_t kStlFacetBytes = 50;
 constexpr size_t kStlNormalBytes = 12;
 constexpr size_t kStlVertexBytes = 12;
 
+// Exporters write a few facets with NaN where their own surface is degenerate. More than one in this number of facets
+// is a damaged file.
+constexpr size_t kLeastFacetsPerInvalid = 100;
+
 // Adds the triangle of the three points appended last.
 void AppendFacet(RawMesh& mesh) {
   const uint32_t end = static_cast<uint32_t>(mesh.points.size());
@@ -34,17 +39,30 @@ void AppendFacet(RawMesh& mesh) {
 absl::StatusOr<RawMesh> ReadBinaryStl(absl::Span<const uint8_t> bytes, ElementCounter counter) {
   RawMesh mesh;
   const size_t facets = (bytes.size() - kStlHeaderBytes) / kStlFacetBytes;
+  size_t first_dropped = 0, dropped = 0;  // facets; the first from 1
   for (size_t facet = 0; facet < facets; ++facet) {
     const uint8_t* vertex = bytes.data() + kStlHeaderBytes + facet * kStlFacetBytes + kStlNormalBytes;
+    bool is_finite = true;
     for (int corner = 0; corner < 3; ++corner, vertex += kStlVertexBytes) {
       Eigen::Vector3d& point = mesh.points.emplace_back();
       for (Eigen::Index i = 0; i < 3; ++i) point[i] = std::bit_cast<float>(LoadLittleEndian<uint32_t>(vertex + 4 * i));
-      if (point.allFinite()) continue;
-      return absl::InvalidArgumentError(absl::StrFormat("facet %d: a coordinate is not a finite number", facet + 1));
+      is_finite = is_finite && point.allFinite();
     }
     EVPOSE_RETURN_IF_ERROR(counter.AddFace(3));
-    AppendFacet(mesh);
+    if (is_finite) {
+      AppendFacet(mesh);
+      continue;
+    }
+    mesh.points.resize(mesh.points.size() - 3);
+    if (dropped++ == 0) first_dropped = facet + 1;
   }
+  if (dropped == 0) return mesh;
+  const std::string what = absl::StrCat(Counted(dropped, "facet"), " with a coordinate that is not a finite number");
+  if (kLeastFacetsPerInvalid * dropped > facets) {
+    return absl::InvalidArgumentError(absl::StrFormat(
+        "%s, the first one facet %d of %d: the file is damaged; export it again", what, first_dropped, facets));
+  }
+  mesh.notices.push_back(absl::StrFormat("%s dropped, the first one facet %d", what, first_dropped));
   return mesh;
 }
 
@@ -107,15 +125,17 @@ absl::StatusOr<RawMesh> ReadStl(absl::Span<const uint8_t> bytes, const MeshLimit
       bytes.size() ==
           kStlHeaderBytes + kStlFacetBytes * static_cast<size_t>(LoadLittleEndian<uint32_t>(bytes.data() + 80));
   if (has_binary_size) return ReadBinaryStl(bytes, ElementCounter(limits));
+  EVPOSE_ASSIGN_OR_RETURN(const absl::string_view text, AsText(bytes));
   // Text has no zero byte; some binary files begin with 'solid', too.
-  if (bytes.size() >= kStlHeaderBytes && AsText(bytes).find('\0') != absl::string_view::npos) {
+  if (bytes.size() >= kStlHeaderBytes && text.find('\0') != absl::string_view::npos) {
     const uint64_t facets = LoadLittleEndian<uint32_t>(bytes.data() + 80);
     return absl::InvalidArgumentError(absl::StrFormat(
         "binary STL: the header states %s, which take %d bytes, but the file has %d: it is incomplete or no STL file",
         Counted(facets, "facet"), kStlHeaderBytes + kStlFacetBytes * facets, bytes.size()));
   }
-  if (absl::StartsWithIgnoreCase(absl::StripLeadingAsciiWhitespace(AsText(bytes)), "solid"))
-    return ReadAsciiStl(AsText(bytes), ElementCounter(limits));
+  if (absl::StartsWithIgnoreCase(absl::StripLeadingAsciiWhitespace(text), "solid")) {
+    return ReadAsciiStl(text, ElementCounter(limits));
+  }
   return absl::InvalidArgumentError(
       "not an STL file: it neither begins with 'solid' nor has the size that its binary header gives");
 }

@@ -3,12 +3,22 @@
 
 #include <cmath>
 
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "absl/strings/strip.h"
 #include "core/base/quoted.h"
 
 namespace evpose {
+
+absl::StatusOr<absl::string_view> AsText(absl::Span<const uint8_t> bytes) {
+  const absl::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  if (absl::StartsWith(text, "\xFF\xFE") || absl::StartsWith(text, "\xFE\xFF")) {
+    return absl::InvalidArgumentError("the text is in UTF-16 or UTF-32; save the file as UTF-8 or ASCII");
+  }
+  return absl::StripPrefix(text, "\xEF\xBB\xBF");
+}
 
 std::optional<absl::string_view> LineReader::Next() {
   if (offset_ >= text_.size()) return std::nullopt;

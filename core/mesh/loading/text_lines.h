@@ -16,9 +16,8 @@
 
 namespace evpose {
 
-inline absl::string_view AsText(absl::Span<const uint8_t> bytes) {
-  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
+// The bytes as text without the byte order mark of UTF-8. INVALID_ARGUMENT for those of UTF-16 and UTF-32.
+absl::StatusOr<absl::string_view> AsText(absl::Span<const uint8_t> bytes);
 
 // Returns a text line by line, without the line ends (\n, \r\n or \r).
 class LineReader {

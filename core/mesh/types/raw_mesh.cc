@@ -4,11 +4,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/counted.h"
 
 namespace evpose {
 namespace {
@@ -114,12 +116,25 @@ void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh, absl::Span
       failures = 0;
     } else {
       // Every simple polygon has an ear (Meisters, "Polygons have ears", 1975): this one crosses itself.
-      if (++failures == rest.size()) return;
+      if (++failures == rest.size()) {
+        ++mesh.cut_polygons;
+        return;
+      }
       ++at;
     }
     if (at == rest.size()) at = 0;
   }
   append(rest[0], rest[1], rest[2]);
+}
+
+void TakeNotices(RawMesh& mesh, std::vector<std::string>& notices) {
+  std::move(mesh.notices.begin(), mesh.notices.end(), std::back_inserter(notices));
+  mesh.notices.clear();
+  if (mesh.cut_polygons == 0) return;
+  notices.push_back(absl::StrCat(Counted(mesh.cut_polygons, "polygon"),
+                                 " not read completely, because the outline crosses itself: the surface has holes "
+                                 "there; export the model as triangles"));
+  mesh.cut_polygons = 0;
 }
 
 }  // namespace evpose

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -51,6 +52,10 @@ struct RawMesh {
   // Sides of triangles across which other triangles continue the plane, in the face of another body: no edges. Lower
   // index first, sorted. RepairMesh() finds them.
   std::vector<std::array<uint32_t, 2>> covered_edges;
+  // Polygons of which AppendPolygon() omitted parts.
+  size_t cut_polygons = 0;
+  // What of the file is not used, for the user.
+  std::vector<std::string> notices;
 };
 
 struct MeshLimits {
@@ -78,9 +83,13 @@ class ElementCounter {
 // Cuts a polygon of at least one corner, which are indices of `mesh.points`, into triangles with the winding of the
 // polygon and appends them (core/mesh/README.md, section 2). One or two corners, which exporters write for points and
 // lines, become a triangle without area. The polygon may be concave and should be nearly flat.
-// Parts of a polygon that crosses itself may be omitted. `normals` has the unit normal of each corner and is appended
-// to `mesh.corner_normals`; it is empty for all polygons of a mesh or for none.
+// Parts of a polygon that crosses itself may be omitted; it is then counted in `mesh.cut_polygons`. `normals` has the
+// unit normal of each corner and is appended to `mesh.corner_normals`; it is empty for all polygons of a mesh or for
+// none.
 void AppendPolygon(absl::Span<const uint32_t> corners, RawMesh& mesh, absl::Span<const Eigen::Vector3f> normals = {});
+
+// Moves `mesh.notices`, and one about `mesh.cut_polygons` if there are any, to the end of `notices`.
+void TakeNotices(RawMesh& mesh, std::vector<std::string>& notices);
 
 // The normal that a file states, as a unit vector; zero, which means none, unless its length is positive and finite:
 // exporters write NaN or zeros for faces without area.
