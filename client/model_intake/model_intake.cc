@@ -2,16 +2,21 @@
 #include "client/model_intake/model_intake.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <iterator>
 #include <optional>
+#include <system_error>
 #include <utility>
 
+#include "absl/container/flat_hash_map.h"
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/strip.h"
 #include "client/model_intake/scene_reader.h"
 #include "client/model_intake/step_conversion.h"
 #include "client/model_intake/texture_lines.h"
@@ -28,6 +33,10 @@ absl::Span<const uint8_t> AsBytes(const std::string& text) {
   return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
 }
 
+std::string Mebibytes(uint64_t bytes) {
+  return absl::StrFormat("%.3g MiB", std::ldexp(static_cast<double>(bytes), -20));
+}
+
 absl::Status AtPath(const std::string& path, const absl::Status& status) {
   if (status.ok() || absl::StartsWith(status.message(), path)) return status;
   return absl::Status(status.code(), absl::StrCat(path, ": ", status.message()));
@@ -41,46 +50,114 @@ void NoteScale(double metres_per_unit, std::vector<std::string>& notices) {
 }
 
 // Adds a notice if the size is implausible. It is called if the file does not state the unit of its numbers.
-void NoteSize(double metres_per_unit, Scene& scene) {
+void NoteSize(const RawMesh& mesh, double metres_per_unit, std::vector<std::string>& notices) {
   RawMesh in_metres;
-  for (const Eigen::Vector3d& point : scene.mesh.points) in_metres.points.push_back(metres_per_unit * point);
-  NoteImplausibleSize(in_metres, metres_per_unit, scene.notices);
+  for (const Eigen::Vector3d& point : mesh.points) in_metres.points.push_back(metres_per_unit * point);
+  NoteImplausibleSize(in_metres, metres_per_unit, notices);
 }
 
-absl::StatusOr<ModelFile> ConvertScene(const std::string& path, SceneFormat format, double metres_per_unit) {
+// The mesh as a file that a server accepts.
+absl::StatusOr<ModelFile> EncodeFile(const RawMesh& mesh, std::vector<std::string> notices, size_t max_bytes) {
+  ModelFile file{evpose::ModelFormat::kMesh, server::EncodeMesh(mesh), std::move(notices)};
+  if (file.bytes.size() <= max_bytes) return file;
+  return absl::InvalidArgumentError(absl::StrFormat("its mesh takes %s, but a server accepts %s: simplify the model",
+                                                    Mebibytes(file.bytes.size()), Mebibytes(max_bytes)));
+}
+
+absl::StatusOr<ModelFile> ConvertScene(const std::string& path, SceneFormat format, double metres_per_unit,
+                                       size_t max_bytes) {
   EVPOSE_ASSIGN_OR_RETURN(Scene scene, ReadScene(path, format, ModelOptions().max_triangles));
   if (format == SceneFormat::kOff) {
-    NoteSize(metres_per_unit, scene);
+    NoteSize(scene.mesh, metres_per_unit, scene.notices);
   } else {
     NoteScale(metres_per_unit, scene.notices);
   }
   EVPOSE_RETURN_IF_ERROR(AddTextureLines(scene));
-  return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene.mesh), std::move(scene.notices)};
+  return EncodeFile(scene.mesh, std::move(scene.notices), max_bytes);
 }
 
-// Replaces an OBJ by a mesh with the edges of its images, if it has any. Line elements are all lines of the object:
+// Whether an OBJ names materials, which may have images. If it has line elements, these are all lines of the object:
 // then images are not needed.
-absl::StatusOr<ModelFile> ReadObjFile(const std::string& path, double metres_per_unit, ModelFile file) {
-  bool has_materials = false, has_lines = false;
-  LineReader lines(file.bytes);
+bool MayHaveImages(absl::string_view text) {
+  bool has_materials = false;
+  LineReader lines(absl::StripPrefix(text, "\xEF\xBB\xBF"));
   std::vector<absl::string_view> words;
   while (const std::optional<absl::string_view> line = lines.Next()) {
     SplitWords(*line, words);
-    has_materials = has_materials || (!words.empty() && words[0] == "mtllib");
-    has_lines = has_lines || (!words.empty() && words[0] == "l");
+    if (words.empty()) continue;
+    if (words[0] == "l") return false;
+    has_materials = has_materials || words[0] == "mtllib";
   }
-  if (!has_materials || has_lines) return file;
+  return has_materials;
+}
+
+// Replaces an OBJ by a mesh with the edges of its images, if it has any.
+absl::StatusOr<ModelFile> AddImages(const std::string& path, double metres_per_unit, size_t max_bytes, ModelFile file) {
   // A file that the server can read is not refused because of its materials.
   absl::StatusOr<Scene> scene = ReadScene(path, SceneFormat::kObj, ModelOptions().max_triangles);
-  if (!scene.ok()) {
-    file.notices.push_back(absl::StrCat("the images of the model are not used: ", scene.status().message()));
+  const absl::Status status = scene.ok() ? AddTextureLines(*scene) : scene.status();
+  if (!status.ok()) {
+    file.notices.push_back(absl::StrCat("the images of the model are not used: ", status.message()));
     return file;
   }
-  EVPOSE_RETURN_IF_ERROR(AddTextureLines(*scene));
-  file.notices = scene->notices;
-  if (scene->mesh.lines.empty()) return file;
-  NoteSize(metres_per_unit, *scene);
-  return ModelFile{evpose::ModelFormat::kMesh, server::EncodeMesh(scene->mesh), std::move(scene->notices)};
+  if (scene->mesh.lines.empty()) {
+    file.notices.insert(file.notices.end(), scene->notices.begin(), scene->notices.end());
+    return file;
+  }
+  NoteSize(scene->mesh, metres_per_unit, scene->notices);
+  return EncodeFile(scene->mesh, std::move(scene->notices), max_bytes);
+}
+
+// Makes points in the same place one, in the order of their first one.
+void SharePoints(RawMesh& mesh) {
+  absl::flat_hash_map<std::array<double, 3>, uint32_t> numbers;
+  std::vector<uint32_t> number_of;
+  std::vector<Eigen::Vector3d> points;
+  for (const Eigen::Vector3d& point : mesh.points) {
+    const auto [found, is_new] = numbers.try_emplace({point.x(), point.y(), point.z()}, numbers.size());
+    if (is_new) points.push_back(point);
+    number_of.push_back(found->second);
+  }
+  for (auto& triangle : mesh.triangles) {
+    for (uint32_t& corner : triangle) corner = number_of[corner];
+  }
+  mesh.points = std::move(points);
+}
+
+// Converts a file that is larger than what a server accepts. Text takes up to ten times the space of the mesh in it.
+absl::StatusOr<ModelFile> ConvertLargeFile(const ModelFile& large, double metres_per_unit, size_t max_bytes) {
+  EVPOSE_ASSIGN_OR_RETURN(RawMesh mesh, evpose::ReadMesh(AsBytes(large.bytes), large.format, ModelOptions()));
+  if (!mesh.lines.empty()) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("has line elements (l) and %s, but such files are read up to %s: remove the line elements, or "
+                        "simplify the model",
+                        Mebibytes(large.bytes.size()), Mebibytes(max_bytes)));
+  }
+  SharePoints(mesh);
+  std::vector<std::string> notices;
+  TakeNotices(mesh, notices);
+  NoteSize(mesh, metres_per_unit, notices);
+  return EncodeFile(mesh, std::move(notices), max_bytes);
+}
+
+// OBJ, PLY and STL.
+absl::StatusOr<ModelFile> ReadServerFormat(const std::string& path, evpose::ModelFormat format, double metres_per_unit,
+                                           size_t max_bytes) {
+  std::error_code error;
+  if (const uintmax_t size = std::filesystem::file_size(path, error); !error && size > kMaxModelFileBytes) {
+    return absl::InvalidArgumentError(
+        absl::StrFormat("has %s, but at most %s are read: simplify the model, or export it as binary STL or PLY",
+                        Mebibytes(size), Mebibytes(kMaxModelFileBytes)));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(std::string bytes, ReadFile(path, kMaxModelFileBytes));
+  if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
+  const bool may_have_images = format == evpose::ModelFormat::kObj && MayHaveImages(bytes);
+  ModelFile file{format, std::move(bytes), {}};
+  if (file.bytes.size() > max_bytes) {
+    EVPOSE_ASSIGN_OR_RETURN(file, ConvertLargeFile(file, metres_per_unit, max_bytes));
+  }
+  if (!may_have_images) return file;
+  return AddImages(path, metres_per_unit, max_bytes, std::move(file));
 }
 
 constexpr const char* kStepExtensions[] = {".step", ".stp", ".igs", ".iges"};
@@ -105,7 +182,7 @@ std::optional<SceneFormat> SceneFormatOf(const std::string& extension) {
   return std::nullopt;
 }
 
-absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres_per_unit) {
+absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres_per_unit, size_t max_bytes) {
   EVPOSE_RETURN_IF_ERROR(CheckIsFile(path));
   const std::string extension = ExtensionOf(path);
   if (IsStep(extension)) {
@@ -115,7 +192,7 @@ absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres
     return file;
   }
   if (const std::optional<SceneFormat> format = SceneFormatOf(extension)) {
-    return ConvertScene(path, *format, metres_per_unit);
+    return ConvertScene(path, *format, metres_per_unit, max_bytes);
   }
   const absl::StatusOr<evpose::ModelFormat> format = evpose::ModelFormatFromPath(path);
   if (!format.ok()) {
@@ -123,10 +200,7 @@ absl::StatusOr<ModelFile> ReadKnownFormat(const std::string& path, double metres
         absl::StrCat("unknown model format; the name must end in .obj, .ply, .stl, .gltf, .glb, .dae, .off, .3mf, "
                      ".step, .stp, .iges or .igs"));
   }
-  EVPOSE_ASSIGN_OR_RETURN(std::string bytes, ReadFile(path, ModelOptions().max_bytes));
-  if (bytes.empty()) return absl::InvalidArgumentError("the model file is empty");
-  ModelFile file{*format, std::move(bytes), {}};
-  return *format == evpose::ModelFormat::kObj ? ReadObjFile(path, metres_per_unit, std::move(file)) : file;
+  return ReadServerFormat(path, *format, metres_per_unit, max_bytes);
 }
 
 }  // namespace
@@ -136,15 +210,15 @@ bool IsModelFile(const std::string& path) {
   return IsStep(extension) || SceneFormatOf(extension).has_value() || ModelFormatFromPath(path).ok();
 }
 
-absl::StatusOr<ModelFile> ReadModelFile(const std::string& path, double metres_per_unit) {
-  absl::StatusOr<ModelFile> file = ReadKnownFormat(path, metres_per_unit);
+absl::StatusOr<ModelFile> ReadModelFile(const std::string& path, double metres_per_unit, size_t max_bytes) {
+  absl::StatusOr<ModelFile> file = ReadKnownFormat(path, metres_per_unit, max_bytes);
   if (!file.ok()) return AtPath(path, file.status());
   return file;
 }
 
 absl::StatusOr<ObjectModel> LoadModelFile(const std::string& path, const ModelOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  EVPOSE_ASSIGN_OR_RETURN(const ModelFile file, ReadModelFile(path, options.metres_per_unit));
+  EVPOSE_ASSIGN_OR_RETURN(const ModelFile file, ReadModelFile(path, options.metres_per_unit, options.max_bytes));
   absl::StatusOr<ObjectModel> model = server::ParseModelFile(AsBytes(file.bytes), file.format, options);
   if (!model.ok()) return AtPath(path, model.status());
   model->notices.insert(model->notices.begin(), file.notices.begin(), file.notices.end());

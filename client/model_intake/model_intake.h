@@ -25,13 +25,15 @@ struct ModelFile {
 };
 
 // Reads a model file. The extension of its name determines the format. The bytes of OBJ, PLY and STL files are returned
-// unchanged, except for an OBJ with images: the edges of the images become lines. Other formats are converted to kMesh.
-// Units that the file states are converted to metres. Errors have the path: those of ReadFile(); INVALID_ARGUMENT for
-// an unknown extension, a file that is empty, malformed, of another format or too large, and an unknown unit;
-// FAILED_PRECONDITION if the program that converts the format is not installed. `metres_per_unit` is not applied: it is
-// for the notice about an implausible size of a converted file that states no unit (of OBJ, PLY and STL files
-// ParseModelFile() notices it).
-absl::StatusOr<ModelFile> ReadModelFile(const std::string& path, double metres_per_unit = 1.0);
+// unchanged, except for an OBJ with images, whose edges become lines, and for large files. Other formats are converted
+// to kMesh. Units that the file states are converted to metres. Errors have the path: those of ReadFile();
+// INVALID_ARGUMENT for an unknown extension, a file that is empty, malformed, of another format or too large, and an
+// unknown unit; FAILED_PRECONDITION if the program that converts the format is not installed. `metres_per_unit` is not
+// applied: it is for the notice about an implausible size of a converted file that states no unit (of OBJ, PLY and STL
+// files ParseModelFile() notices it). The bytes are at most `max_bytes`, what a server accepts: an OBJ, PLY or STL file
+// that is larger is converted to kMesh, which shares the points of its triangles.
+absl::StatusOr<ModelFile> ReadModelFile(const std::string& path, double metres_per_unit = 1.0,
+                                        size_t max_bytes = ModelOptions().max_bytes);
 
 // Returns the model that a server makes of the file with these options, with the notices of ReadModelFile() before its
 // own. Errors have the path: those of ReadModelFile() and of ParseModelFile().

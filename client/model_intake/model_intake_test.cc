@@ -98,7 +98,7 @@ TEST_P(BoxOfEachFormatTest, AnotherContentIsNamed) {
 
 INSTANTIATE_TEST_SUITE_P(Formats, BoxOfEachFormatTest,
                          testing::Values("box.off", "box.dae", "box.3mf", "box_inch.3mf", "label_box.gltf",
-                                         "label_box.glb"),
+                                         "label_box.glb", "label_box_draco.gltf"),
                          [](const auto& param) {
                            std::string name = param.param;
                            for (char& c : name) c = c == '.' ? '_' : c;

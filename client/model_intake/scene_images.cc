@@ -11,6 +11,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
+#include "client/model_intake/scene_files.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
@@ -41,7 +42,7 @@ absl::StatusOr<cv::Mat> LoadImage(const aiScene& scene, const std::filesystem::p
                                   const std::string& name) {
   const aiTexture* const embedded = scene.GetEmbeddedTexture(name.c_str());
   if (embedded != nullptr) return DecodeEmbedded(*embedded);
-  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile((directory / name).string(), kMaxImageBytes));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(FindSceneFile(directory, name).string(), kMaxImageBytes));
   return Decode(bytes.data(), bytes.size());
 }
 
@@ -57,7 +58,7 @@ bool IsMoved(const aiMaterial& material, aiTextureType type) {
 }  // namespace
 
 std::pair<int, unsigned> SceneImages::ImageOf(const aiMesh& mesh) {
-  if (mesh.mMaterialIndex >= scene_.mNumMaterials) return {-1, 0};
+  if (!are_read_ || mesh.mMaterialIndex >= scene_.mNumMaterials) return {-1, 0};
   const aiMaterial& material = *scene_.mMaterials[mesh.mMaterialIndex];
   for (const aiTextureType type : {aiTextureType_DIFFUSE, aiTextureType_BASE_COLOR}) {
     aiString name;

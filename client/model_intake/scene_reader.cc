@@ -14,17 +14,19 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/model_intake/gltf_contents.h"
+#include "client/model_intake/scene_files.h"
 #include "client/model_intake/scene_images.h"
 #include "client/model_intake/scene_units.h"
 #include "client/model_intake/three_mf_reader.h"
+#include "core/base/counted.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/mesh/mesh_repair.h"
 
 namespace evpose::client {
 namespace {
 
-// Larger than what a server accepts, because images, animations and XML take space that a mesh does not need.
-constexpr size_t kMaxFileBytes = size_t{512} << 20;
 // Nodes of a scene; an assembly has some thousand.
 constexpr size_t kMaxNodes = 1'000'000;
 
@@ -45,9 +47,10 @@ Eigen::Vector3d ToEigen(const aiVector3D& v) { return {v.x, v.y, v.z}; }
 // of the file.
 class SceneCollector {
  public:
-  SceneCollector(const aiScene& scene, size_t max_triangles)
+  SceneCollector(const aiScene& scene, size_t max_triangles, std::vector<std::string> notices)
       : scene_(scene), counter_({.max_triangles = max_triangles}) {
     out_.mesh.lines_are_all = false;
+    out_.notices = std::move(notices);
   }
 
   absl::StatusOr<Scene> Collect(SceneImages images) {
@@ -67,7 +70,9 @@ class SceneCollector {
     if (out_.mesh.triangles.empty() && out_.mesh.lines.empty()) {
       return absl::InvalidArgumentError("has no triangle and no line");
     }
+    NoteLines();
     FinishCorners();
+    TakeNotices(out_.mesh, out_.notices);
     out_.images = std::move(images).Take(out_.notices);
     return std::move(out_);
   }
@@ -112,12 +117,22 @@ class SceneCollector {
       }
       corners_.push_back(first + face.mIndices[i]);
     }
-    if (corners_.size() == 2) out_.mesh.lines.push_back({corners_[0], corners_[1]});
+    if (corners_.size() == 2) {
+      EVPOSE_RETURN_IF_ERROR(counter_.AddLines(1));
+      out_.mesh.lines.push_back({corners_[0], corners_[1]});
+    }
     if (corners_.size() < 3) return absl::OkStatus();  // points have no extent
     EVPOSE_RETURN_IF_ERROR(counter_.AddFace(corners_.size()));
     if (is_mirrored) std::reverse(corners_.begin(), corners_.end());
     AppendPolygon(corners_, out_.mesh);
     return absl::OkStatus();
+  }
+
+  void NoteLines() {
+    if (out_.mesh.lines.empty() || out_.mesh.triangles.empty()) return;
+    out_.notices.push_back(absl::StrCat(Counted(out_.mesh.lines.size(), "line"),
+                                        " of the file taken as visible edges that are drawn on the surface; export the "
+                                        "model without lines if nothing is drawn there"));
   }
 
   // Values of points become those of corners; then points that nothing uses are removed, because they would count as a
@@ -129,19 +144,7 @@ class SceneCollector {
       if (has_normals) out_.mesh.corner_normals.push_back({point_normals_[a], point_normals_[b], point_normals_[c]});
       out_.image_positions.push_back({point_positions_[a], point_positions_[b], point_positions_[c]});
     }
-    constexpr uint32_t kUnused = ~0u;
-    std::vector<uint32_t> index(out_.mesh.points.size(), kUnused);
-    std::vector<Eigen::Vector3d> used;
-    const auto use = [&](uint32_t& point) {
-      if (index[point] == kUnused) {
-        index[point] = static_cast<uint32_t>(used.size());
-        used.push_back(out_.mesh.points[point]);
-      }
-      point = index[point];
-    };
-    for (auto& triangle : out_.mesh.triangles) std::for_each(triangle.begin(), triangle.end(), use);
-    for (auto& line : out_.mesh.lines) std::for_each(line.begin(), line.end(), use);
-    out_.mesh.points = std::move(used);
+    DropUnusedPoints(out_.mesh);
   }
 
   const aiScene& scene_;
@@ -152,7 +155,8 @@ class SceneCollector {
   std::vector<Eigen::Vector2d> point_positions_;
 };
 
-const aiScene* Import(Assimp::Importer& importer, const std::string& path) {
+const aiScene* Import(Assimp::Importer& importer, const std::string& path, const std::string& contents) {
+  importer.SetIOHandler(new SceneFiles(path, contents));  // which the importer deletes
   // The axes stay those of the file, so that a pose refers to the coordinates of the CAD model. The unit of COLLADA is
   // applied by Assimp, as a scale of the root node.
   importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
@@ -163,18 +167,21 @@ const aiScene* Import(Assimp::Importer& importer, const std::string& path) {
 }  // namespace
 
 absl::StatusOr<Scene> ReadScene(const std::string& path, SceneFormat format, size_t max_triangles) {
-  {
-    EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(path, kMaxFileBytes));
-    EVPOSE_RETURN_IF_ERROR(CheckContents(contents, format));
+  EVPOSE_ASSIGN_OR_RETURN(const std::string contents, ReadFile(path, kMaxModelFileBytes));
+  EVPOSE_RETURN_IF_ERROR(CheckContents(contents, format));
+  GltfContents gltf;
+  if (format == SceneFormat::kGltf || format == SceneFormat::kGlb) {
+    EVPOSE_ASSIGN_OR_RETURN(gltf, CheckGltf(contents));
   }
   try {
     if (format == SceneFormat::k3mf) return Read3mf(path, max_triangles);
     Assimp::Importer importer;
-    const aiScene* const scene = Import(importer, path);
+    const aiScene* const scene = Import(importer, path, contents);
     if (scene == nullptr || scene->mRootNode == nullptr) {
       return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", importer.GetErrorString()));
     }
-    return SceneCollector(*scene, max_triangles).Collect(SceneImages(*scene, path));
+    return SceneCollector(*scene, max_triangles, std::move(gltf.notices))
+        .Collect(SceneImages(*scene, path, gltf.are_images_read));
   } catch (const std::exception& error) {  // exceptions of Assimp and OpenCV
     return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", error.what()));
   }

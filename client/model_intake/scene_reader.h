@@ -16,6 +16,9 @@
 
 namespace evpose::client {
 
+// Larger than what a server accepts, because images, animations, XML and text take space that a mesh does not need.
+inline constexpr size_t kMaxModelFileBytes = size_t{512} << 20;
+
 enum class SceneFormat { kObj, kGltf, kGlb, kDae, kOff, k3mf };
 
 struct Scene {

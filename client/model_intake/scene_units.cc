@@ -51,6 +51,9 @@ absl::Status CheckOffIsComplete(absl::string_view contents) {
   int64_t elements = 0;
   while (const std::optional<absl::string_view> line = lines.Next()) {
     SplitWords(line->substr(0, line->find('#')), words);
+    if (words.size() == 2 && absl::EndsWith(words[0], "OFF") && words[1] == "BINARY") {
+      return absl::InvalidArgumentError("is a binary OFF file, which is not read: export it as text, or as STL or PLY");
+    }
     if (counts.size() >= 2) {
       elements += words.empty() ? 0 : 1;
       continue;

@@ -35,6 +35,8 @@ TEST(SceneUnitsTest, AnOffFileHasAsManyLinesAsItStates) {
             "is cut off: it states 3 points and 1 faces, but has 3 lines for them");
   EXPECT_FALSE(CheckContents("OFF\n9223372036854775807 9223372036854775807 0\n", SceneFormat::kOff).ok());
   EXPECT_FALSE(CheckContents("OFF\n", SceneFormat::kOff).ok());
+  EXPECT_EQ(CheckContents("OFF BINARY\n" + std::string(100, '\0'), SceneFormat::kOff).message(),
+            "is a binary OFF file, which is not read: export it as text, or as STL or PLY");
 }
 
 }  // namespace

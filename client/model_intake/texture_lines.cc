@@ -238,10 +238,14 @@ absl::Status AddTextureLines(Scene& scene, const TextureLineOptions& options) {
   if (scene.images.empty()) return absl::OkStatus();
   std::vector<Piece> pieces;
   std::vector<double> contrasts;
-  for (int image = 0; image < static_cast<int>(scene.images.size()); ++image) {
-    if (!AppendPieces(scene, image, options.edges, pieces, contrasts)) {
-      scene.notices.push_back("an image repeats too often on too many triangles: only some of its edges are used");
+  try {
+    for (int image = 0; image < static_cast<int>(scene.images.size()); ++image) {
+      if (!AppendPieces(scene, image, options.edges, pieces, contrasts)) {
+        scene.notices.push_back("an image repeats too often on too many triangles: only some of its edges are used");
+      }
     }
+  } catch (const cv::Exception& error) {
+    return absl::InvalidArgumentError(absl::StrCat("the edges of an image cannot be found: ", error.what()));
   }
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& point : scene.mesh.points) box.extend(point);

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/model_intake/texture_lines.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
+#include <utility>
 
 #include "client/model_intake/model_intake.h"
 #include "client/model_intake/texture_edges.h"
@@ -99,6 +102,11 @@ TEST(TextureLinesTest, EdgesMoveToTheObjectAndImagesRepeat) {
   EXPECT_NEAR(Length(thrice.mesh), 3.0 * circumference, 0.06 * circumference);
 }
 
+TEST(TextureLinesTest, AnImageThatOpenCvCannotProcessIsAnError) {
+  Scene scene = Square(cv::Mat(64, 64, CV_64FC4, cv::Scalar(1)), 1.0);
+  EXPECT_THAT(std::string(AddTextureLines(scene).message()), HasSubstr("the edges of an image cannot be found: "));
+}
+
 TEST(TextureLinesTest, TheNumberOfLinesIsBounded) {
   Scene scene = Square(Disc(40.0), 1.0);
   ASSERT_TRUE(AddTextureLines(scene, {.max_lines = 5}).ok());
@@ -126,8 +134,13 @@ TEST_P(LabelTest, TheSquareOnTheBoxBecomesPaintedLines) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Formats, LabelTest, testing::Values("label_box.gltf", "label_box.glb", "label_box.obj"),
-                         [](const auto& param) { return std::string(param.param).substr(10); });
+INSTANTIATE_TEST_SUITE_P(Formats, LabelTest,
+                         testing::Values("label_box.gltf", "label_box.glb", "label_box.obj", "label_box_draco.gltf"),
+                         [](const auto& param) {
+                           std::string name = param.param;
+                           std::replace(name.begin(), name.end(), '.', '_');
+                           return name;
+                         });
 
 TEST(TextureLinesTest, AMissingImageIsANoticeAndTheModelIsReadWithout) {
   const TemporaryDirectory directory;
@@ -139,6 +152,27 @@ TEST(TextureLinesTest, AMissingImageIsANoticeAndTheModelIsReadWithout) {
     ASSERT_TRUE(model.ok()) << model.status();
     EXPECT_EQ(model->lines.size(), 12u);
     EXPECT_THAT(model->notices, Contains(HasSubstr("image label.png: its edges are not used")));
+  }
+}
+
+TEST(TextureLinesTest, ImagesThatCannotBeUsedAreNotices) {
+  using nlohmann::json;
+  const json box = json::parse(ReadFile(FindTestData("models/label_box.gltf"), 1u << 20).value());
+  json damaged = box, moved = box;
+  damaged["images"][0]["uri"] = "data:image/png;base64,AAAA";
+  moved["materials"][1]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"]["KHR_texture_transform"]["scale"] = {
+      2, 2};
+  moved["extensionsRequired"] = {"KHR_texture_transform"};
+  moved["extensionsUsed"] = {"KHR_texture_transform"};
+  const TemporaryDirectory directory;
+  std::filesystem::copy(FindTestData("models/label.png"), directory.File("label.png"));
+  for (const auto& [document, says] : {std::pair(damaged, "its edges are not used: it cannot be decoded"),
+                                       std::pair(moved, "because its material moves it on the surface")}) {
+    ASSERT_TRUE(WriteFile(directory.File("box.gltf"), document.dump()).ok());
+    const absl::StatusOr<ObjectModel> model = LoadModelFile(directory.File("box.gltf"));
+    ASSERT_TRUE(model.ok()) << model.status();
+    EXPECT_EQ(model->lines.size(), 12u);
+    EXPECT_THAT(model->notices, Contains(HasSubstr(says)));
   }
 }
 

@@ -12,8 +12,9 @@
 
 namespace evpose::client {
 
-// Reads the objects that the file builds, in metres. Errors: INVALID_ARGUMENT for a file that is no archive with a
-// model, malformed, too large, without a triangle, or with an unknown unit.
+// Reads the objects that the file builds, in metres, without supports. Errors: INVALID_ARGUMENT for a file that is no
+// archive with a model, malformed, too large, without a triangle, with an unknown unit, or with a required extension
+// that is not read.
 absl::StatusOr<Scene> Read3mf(const std::string& path, size_t max_triangles);
 
 }  // namespace evpose::client
