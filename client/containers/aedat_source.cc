@@ -52,6 +52,7 @@ class AedatSource final : public EventSource {
     add("events outside the sensor", counts.outside_sensor, Loss::kEvents);
     add("invalid events", counts.invalid_events, Loss::kEvents);
     add("damaged packets", counts.damaged_packets, Loss::kPieces);
+    add("packets of more than 64 MiB, which are not read", counts.oversized_packets, Loss::kPieces);
     add("bytes of incomplete or damaged data", counts.lost_bytes, Loss::kPieces);
     return parts;
   }

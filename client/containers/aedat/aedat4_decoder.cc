@@ -17,9 +17,6 @@ constexpr size_t kEventBytes = 16;            // t i64, x i16, y i16, on, three 
 constexpr size_t kPacketSizePrefixBytes = 4;  // FlatBuffers with a size prefix
 constexpr size_t kTableElementBytes = 4;      // of a vector of tables: the offset of one
 
-// 4 million events. DV cuts packets after 10 ms.
-constexpr size_t kMaxPacketBytes = size_t{64} << 20;
-
 // Events of a call of Decode() after which it begins no further packet: a packet of zeros is compressed to a few KiB,
 // so that the packets of one read would fill the memory. Usual packets have fewer events by far.
 constexpr size_t kEnoughEvents = size_t{1} << 17;
@@ -80,8 +77,8 @@ class Aedat4Decoder final : public AedatDecoder {
     }
     rest_of_packet_ = static_cast<size_t>(size);
     const bool is_wanted = stream_ == header_.event_stream || stream_ == header_.trigger_stream;
-    is_taken_ = is_wanted && rest_of_packet_ <= kMaxPacketBytes;
-    if (!is_taken_) ++(is_wanted ? counts_.damaged_packets : counts_.other_packets);
+    is_taken_ = is_wanted && rest_of_packet_ <= kMaxAedat4PacketBytes;
+    if (!is_taken_) ++(is_wanted ? counts_.oversized_packets : counts_.other_packets);
   }
 
   void TakePacket(absl::Span<const uint8_t>& bytes, DecodedEvents& out) {
@@ -91,7 +88,8 @@ class Aedat4Decoder final : public AedatDecoder {
     if (!is_taken_) return;
     packet_.insert(packet_.end(), data.begin(), data.end());
     if (rest_of_packet_ > 0) return;
-    if (!DecodePacket(packet_, out).ok()) ++counts_.damaged_packets;
+    const absl::Status status = DecodePacket(packet_, out);
+    if (!status.ok()) ++(absl::IsResourceExhausted(status) ? counts_.oversized_packets : counts_.damaged_packets);
     packet_.clear();
   }
 
@@ -99,7 +97,7 @@ class Aedat4Decoder final : public AedatDecoder {
     absl::Span<const uint8_t> content = packet;
     if (header_.compression.has_value()) {
       decompressor_.Clear();
-      EVPOSE_RETURN_IF_ERROR(decompressor_.Append(*header_.compression, packet, kMaxPacketBytes));
+      EVPOSE_RETURN_IF_ERROR(decompressor_.Append(*header_.compression, packet, kMaxAedat4PacketBytes));
       content = decompressor_.content();
     }
     if (content.size() < kPacketSizePrefixBytes ||

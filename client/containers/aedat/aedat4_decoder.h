@@ -16,6 +16,9 @@
 
 namespace evpose::client {
 
+// Most bytes of the content of a packet that is read: 4 million events. DV cuts packets after 10 ms.
+inline constexpr size_t kMaxAedat4PacketBytes = size_t{64} << 20;
+
 struct Aedat4Header {
   std::optional<FrameFormat> compression;  // each packet is one frame of this format; nullopt: not compressed
   int event_stream = 0;                    // the first stream of events

@@ -126,6 +126,20 @@ TEST(Aedat4DecoderTest, ACallEndsAfterAPacketOfManyEvents) {
   EXPECT_TRUE(rest.empty());
 }
 
+// The packets between two usual ones have one byte too many, in the file or in their content.
+TEST(Aedat4DecoderTest, PacketsAboveTheLimitAreSkippedAndCounted) {
+  for (const auto frames : {Aedat4File::Frames::kNone, Aedat4File::Frames::kLz4, Aedat4File::Frames::kZstd}) {
+    Aedat4File file(frames);
+    file.AddEvents(0, ManyEvents(3));
+    file.AddContent(0, std::vector<uint8_t>(kMaxAedat4PacketBytes + 1, 0));
+    file.AddEvents(0, ManyEvents(4));
+    EXPECT_EQ(DecodeFile(file.bytes()).counts, (AedatCounts{.cd_events = 7, .oversized_packets = 1}));
+  }
+  Aedat4File file(Aedat4File::Frames::kZstd);
+  file.AddContent(0, std::vector<uint8_t>(kMaxAedat4PacketBytes, 0));
+  EXPECT_EQ(DecodeFile(file.bytes()).counts, (AedatCounts{.damaged_packets = 1}));
+}
+
 TEST(Aedat4DecoderTest, ANegativeSizeEndsTheReading) {
   Aedat4File file(Aedat4File::Frames::kNone);
   file.AddBytes({0, 0, 0, 0, 0, 0, 0, 0x80});

@@ -73,6 +73,22 @@ class Aedat4File {
     AddPacket(stream, builder);
   }
 
+  // Adds a packet with this content.
+  void AddContent(int32_t stream, std::vector<uint8_t> content) {
+    if (frames_ == Frames::kLz4) {
+      std::vector<uint8_t> frame(LZ4F_compressFrameBound(content.size(), nullptr));
+      frame.resize(LZ4F_compressFrame(frame.data(), frame.size(), content.data(), content.size(), nullptr));
+      content = frame;
+    } else if (frames_ == Frames::kZstd) {
+      std::vector<uint8_t> frame(ZSTD_compressBound(content.size()));
+      frame.resize(ZSTD_compress(frame.data(), frame.size(), content.data(), content.size(), 1));
+      content = frame;
+    }
+    AppendLittleEndian(stream, bytes_);
+    AppendLittleEndian(static_cast<int32_t>(content.size()), bytes_);
+    AddBytes(content);
+  }
+
   void AddBytes(const std::vector<uint8_t>& bytes) { bytes_.insert(bytes_.end(), bytes.begin(), bytes.end()); }
   std::vector<uint8_t>& bytes() { return bytes_; }
 
@@ -91,19 +107,7 @@ class Aedat4File {
   }
 
   void AddPacket(int32_t stream, const flatbuffers::FlatBufferBuilder& builder) {
-    std::vector<uint8_t> content(builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize());
-    if (frames_ == Frames::kLz4) {
-      std::vector<uint8_t> frame(LZ4F_compressFrameBound(content.size(), nullptr));
-      frame.resize(LZ4F_compressFrame(frame.data(), frame.size(), content.data(), content.size(), nullptr));
-      content = frame;
-    } else if (frames_ == Frames::kZstd) {
-      std::vector<uint8_t> frame(ZSTD_compressBound(content.size()));
-      frame.resize(ZSTD_compress(frame.data(), frame.size(), content.data(), content.size(), 1));
-      content = frame;
-    }
-    AppendLittleEndian(stream, bytes_);
-    AppendLittleEndian(static_cast<int32_t>(content.size()), bytes_);
-    AddBytes(content);
+    AddContent(stream, {builder.GetBufferPointer(), builder.GetBufferPointer() + builder.GetSize()});
   }
 
   const Frames frames_;

@@ -25,7 +25,9 @@ struct AedatCounts {
   uint64_t outside_sensor = 0;   // events with an address beyond the sensor
   uint64_t invalid_events = 0;   // marked as invalid, or with a time that is negative or too large
   uint64_t damaged_packets = 0;  // packets that cannot be decoded
-  uint64_t lost_bytes = 0;       // bytes of an unfinished record at the end, or after a damaged header of a packet
+  // AEDAT 4.0: packets that are not read because their content has more than kMaxAedat4PacketBytes
+  uint64_t oversized_packets = 0;
+  uint64_t lost_bytes = 0;  // bytes of an unfinished record at the end, or after a damaged header of a packet
 
   friend bool operator==(const AedatCounts&, const AedatCounts&) = default;
 };

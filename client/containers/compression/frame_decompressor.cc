@@ -82,7 +82,9 @@ absl::Status FrameDecompressor::Append(FrameFormat format, absl::Span<const uint
     EVPOSE_ASSIGN_OR_RETURN(const bool is_complete, format == FrameFormat::kLz4
                                                         ? contexts_->Lz4(bytes, content_, size_)
                                                         : contexts_->Zstd(bytes, content_, size_));
-    if (size_ > max_bytes) return DamagedFrame(absl::StrCat("it has more than ", max_bytes, " bytes"));
+    if (size_ > max_bytes) {
+      return absl::ResourceExhaustedError(absl::StrCat("a compressed frame has more than ", max_bytes, " bytes"));
+    }
     if (is_complete) return absl::OkStatus();
     if (size_ == former_size && bytes.size() == former_rest && size_ < content_.size()) return DamagedFrame("it ends");
   }

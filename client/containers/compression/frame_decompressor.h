@@ -26,9 +26,9 @@ class FrameDecompressor {
   // Removes the content of former frames.
   void Clear() { size_ = 0; }
 
-  // Takes a frame from the front of `bytes` and appends its content. Errors: DATA_LOSS for a damaged or incomplete
-  // frame, if the content of all frames has more than `max_bytes`, or if a frame of Zstandard needs a window of more
-  // than `max_bytes` (as a power of two) and 8 MiB.
+  // Takes a frame from the front of `bytes` and appends its content. Errors: RESOURCE_EXHAUSTED if the content of all
+  // frames has more than `max_bytes`; DATA_LOSS for a damaged or incomplete frame, or if a frame of Zstandard needs a
+  // window of more than `max_bytes` (as a power of two) and 8 MiB.
   absl::Status Append(FrameFormat format, absl::Span<const uint8_t>& bytes, size_t max_bytes);
 
   // Valid until the next call of Append().
