@@ -16,7 +16,7 @@ from evpose.errors import (AbortedError, AlreadyExistsError, CancelledError, Dat
                            ResourceExhaustedError, UnauthenticatedError, UnavailableError, UnimplementedError)
 from evpose.events import EVENT_DTYPE, Encoding, FlatEncoder, events_to_bytes, make_events
 from evpose.geometry import Transform
-from evpose.poses import POSE_DTYPE, Alternative, Pose, write_tum
+from evpose.poses import POSE_DTYPE, Alternative, Pose, in_world, of_camera, write_tum
 from evpose.recordings import Recording
 from evpose.session import PoseWatch, Session
 from evpose.stream.attempt import TrackPosition
@@ -36,5 +36,5 @@ __all__ = [
     "PosesLost", "Recording", "ResourceExhaustedError", "RetainOptions", "RetryOptions", "SearchCounts", "SensorProfile", "ServerInfo", "Session", "SessionConfig",
     "SessionInfo", "StateChange", "StreamTrace", "Surface", "Tls", "Track", "TrackOptions", "TrackPosition", "TrackState", "TrackSummary", "TrackedObject",
     "TrackingRestarted", "Transform", "Trigger", "Triggers", "UnauthenticatedError", "UnavailableError", "UnimplementedError", "connect", "events_to_bytes",
-    "make_events", "read_camera", "read_sensor_profile", "write_tum",
+    "in_world", "make_events", "of_camera", "read_camera", "read_sensor_profile", "write_tum",
 ]

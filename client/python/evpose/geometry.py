@@ -145,6 +145,15 @@ class Transform:
                   w * qz + x * qy - y * qx + z * qw, w * qw - x * qx - y * qy - z * qz]
         return Transform.from_quaternion(self.translation_m + xi[:3], turned)
 
+    def __matmul__(self, other: Transform) -> Transform:
+        """world_from_camera @ camera_from_object is world_from_object."""
+        return Transform.from_matrix(self.matrix @ other.matrix)
+
+    def inverse(self) -> Transform:
+        """source_from_target."""
+        rotation = self.rotation.T
+        return Transform(-rotation @ self.translation_m, np.array(_quaternion_of_rows(rotation.tolist())))
+
     def to_proto(self) -> Any:
         """Returns the transform as a message of the API. Raises InvalidArgumentError."""
         x, y, z = _vector(self.translation_m, 3, "translation_m").tolist()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import pathlib
-from typing import Any, Iterable, Optional, Sequence, Union
+from typing import Any, Callable, Iterable, Optional, Sequence, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -105,6 +105,34 @@ class Pose:
         """Returns camera_from_object at another sensor time, microseconds, if the twist is constant in between. The acceleration a of
         the object adds an error of a dt^2 / 2."""
         return self.camera_from_object.perturbed(1e-6 * (t_us - self.t_us) * self.twist)
+
+
+def _converted(pose: Pose, convert: Callable[[Transform], Transform], jacobian: Matrix) -> Pose:
+    transform = convert(pose.camera_from_object)
+    covariance = jacobian @ pose.covariance @ jacobian.T
+    return dataclasses.replace(
+        pose, translation_m=transform.translation_m, quaternion_xyzw=transform.quaternion_xyzw,
+        covariance=0.5 * (covariance + covariance.T), twist=jacobian @ pose.twist,
+        alternatives=tuple(dataclasses.replace(each, camera_from_object=convert(each.camera_from_object)) for each in pose.alternatives))
+
+
+def in_world(pose: Pose, world_from_camera: Transform) -> Pose:
+    """Returns the pose in the frame in which a camera at rest has this pose, such as that of a robot: world_from_object, as
+    `evpose replay --world-from-camera` writes it. The covariance is of a perturbation on the left in that frame; the twist is the velocity
+    of the object's origin, and the rotation rate, in its axes. In the result, camera_from_object is world_from_object."""
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = jacobian[3:, 3:] = world_from_camera.rotation
+    return _converted(pose, lambda transform: world_from_camera @ transform, jacobian)
+
+
+def of_camera(pose: Pose) -> Pose:
+    """Returns the pose of a moving camera in the frame of an object at rest: object_from_camera, as `evpose replay --pose
+    object-from-camera` writes it, with its covariance and twist. In the result, camera_from_object is object_from_camera."""
+    rotation, t = pose.camera_from_object.rotation.T, pose.translation_m
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = jacobian[3:, 3:] = -rotation
+    jacobian[:3, 3:] = -rotation @ np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
+    return _converted(pose, Transform.inverse, jacobian)
 
 
 def _twist(message: Any) -> list[float]:
