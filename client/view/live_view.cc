@@ -24,8 +24,9 @@ double SizeOf(const ModelGeometry& geometry) {
 
 }  // namespace
 
-LiveView::LiveView(Client& client, const HelloMessage& hello, std::shared_ptr<PageOutbox> outbox)
-    : client_(client), server_(hello.source), outbox_(std::move(outbox)) {
+LiveView::LiveView(Client& client, const HelloMessage& hello, const PoseFrame& frame,
+                   std::shared_ptr<PageOutbox> outbox)
+    : client_(client), server_(hello.source), frame_(frame), outbox_(std::move(outbox)) {
   outbox_->Set(PageOutbox::Latest::kHello, ToText(hello));
   pending_.list = hello.session.empty();
   if (!hello.session.empty()) pending_.session = hello.session;
@@ -105,7 +106,7 @@ void LiveView::OpenSession(const std::string& name, const std::stop_token& stop)
   const Scene scene = MakeScene(*session, stop);
   if (stop.stop_requested()) return;
   outbox_->StartScene(scene);
-  watch_ = std::make_unique<SessionWatch>(client_, server_, name, outbox_, settings_);
+  watch_ = std::make_unique<SessionWatch>(client_, server_, name, frame_, outbox_, settings_);
   // Another thread, because the calls are repeated while the page makes requests.
   geometries_ = std::jthread(
       [this, config = session->config, scene](const std::stop_token& end) { SendGeometries(config, scene, end); });
@@ -119,7 +120,7 @@ absl::Status LiveView::Repeat(const std::stop_token& stop, const std::function<a
 }
 
 Scene LiveView::MakeScene(const Session& session, const std::stop_token& stop) {
-  Scene scene{.session = session.name, .camera = session.config.camera};
+  Scene scene{.session = session.name, .frame = frame_, .camera = session.config.camera};
   for (const TrackedObject& object : session.config.objects) {
     absl::StatusOr<ModelInfo> model;
     // A server that has not seen the model does not know it, although its store has the geometry.
@@ -165,7 +166,7 @@ void LiveView::NoteError(absl::string_view text) {
 
 std::unique_ptr<PageView> LiveSource::Open(std::shared_ptr<PageOutbox> outbox) {
   return std::make_unique<LiveView>(
-      client_, HelloMessage{.is_recording = false, .source = server_, .session = session_}, std::move(outbox));
+      client_, HelloMessage{.is_recording = false, .source = server_, .session = session_}, frame_, std::move(outbox));
 }
 
 }  // namespace evpose::client

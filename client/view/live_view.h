@@ -25,8 +25,8 @@ namespace evpose::client {
 class LiveView : public PageView {
  public:
   // `client` must outlive the view. Shows the session `hello.session` first, or the list of the sessions if it is
-  // empty.
-  LiveView(Client& client, const HelloMessage& hello, std::shared_ptr<PageOutbox> outbox);
+  // empty, with the poses in `frame`.
+  LiveView(Client& client, const HelloMessage& hello, const PoseFrame& frame, std::shared_ptr<PageOutbox> outbox);
   ~LiveView() override;
 
   absl::Status Handle(const PageRequest& request) override;
@@ -61,6 +61,7 @@ class LiveView : public PageView {
 
   Client& client_;
   const std::string server_;
+  const PoseFrame frame_;
   const std::shared_ptr<PageOutbox> outbox_;
   ImageSettings settings_;  // the thread's own
   std::mutex mutex_;
@@ -75,9 +76,9 @@ class LiveView : public PageView {
 class LiveSource : public ViewSource {
  public:
   // `client` must outlive the source. `server` is the address that pages display. Pages show `session` first, or the
-  // list of the sessions if it is empty.
-  LiveSource(Client& client, const std::string& server, const std::string& session)
-      : client_(client), server_(server), session_(session) {}
+  // list of the sessions if it is empty, with the poses in `frame`.
+  LiveSource(Client& client, const std::string& server, const std::string& session, const PoseFrame& frame = {})
+      : client_(client), server_(server), session_(session), frame_(frame) {}
 
   std::unique_ptr<PageView> Open(std::shared_ptr<PageOutbox> outbox) override;
 
@@ -85,6 +86,7 @@ class LiveSource : public ViewSource {
   Client& client_;
   const std::string server_;
   const std::string session_;
+  const PoseFrame frame_;
 };
 
 }  // namespace evpose::client

@@ -65,7 +65,7 @@ class LiveViewTest : public ::testing::Test {
     auto session = client_->CreateSession(config);
     ASSERT_TRUE(session.ok()) << session.status();
     session_ = *session;
-    source_ = std::make_unique<LiveSource>(*client_, address_, "");
+    source_ = std::make_unique<LiveSource>(*client_, address_, "", frame_);
   }
   void TearDown() override {
     view_.reset();
@@ -119,6 +119,7 @@ class LiveViewTest : public ::testing::Test {
   std::string address_;
   std::unique_ptr<Client> client_;
   Session session_;
+  const PoseFrame frame_ = PoseFrame::WorldFromObject({.translation_m = {0.0, 0.0, 100.0}}, "base");
   OutboxReader reader_;
   std::unique_ptr<LiveSource> source_;
   std::unique_ptr<PageView> view_;
@@ -142,6 +143,8 @@ TEST_F(LiveViewTest, ShowsASessionFromTheList) {
   EXPECT_EQ(scene["objects"][0]["model"], "cube.obj");
   EXPECT_NEAR(scene["objects"][0]["diameter_m"].get<double>(), 0.1 * std::sqrt(3.0), 1e-6);
   EXPECT_EQ(scene["recording"], nullptr);
+  EXPECT_EQ(scene["frame"]["transform"], "base_from_object");
+  EXPECT_EQ(scene["frame"]["camera"]["p"], nlohmann::json({0.0, 0.0, 100.0}));
   std::map<std::string, ReceivedMessage> messages;
   while (!messages.contains("geometry") || !messages.contains("poses") || !messages.contains("health") ||
          !messages.contains("state") || !messages.contains("image") || messages["image"].header["outlines"].empty()) {
@@ -152,6 +155,7 @@ TEST_F(LiveViewTest, ShowsASessionFromTheList) {
   }
   EXPECT_EQ(messages["geometry"].sections.at(1).size(), 12 * (3 * sizeof(uint32_t)));
   EXPECT_EQ(messages["poses"].header["object"], "cube");
+  EXPECT_NEAR(messages["poses"].header["poses"][0]["p"][2], 100.0 + CubePose(0.0).translation_m.z(), 0.1);
   EXPECT_GT(messages["image"].header["events"], 0);
   EXPECT_EQ(messages["image"].header["width"], kTestSensor.width_px / 2);
   EXPECT_EQ(messages["image"].header["outlines"][0]["object"], "cube");

@@ -51,6 +51,13 @@ inline ReceivedMessage ParseFrame(const std::string& bytes, bool is_binary) {
   return message;
 }
 
+// The numbers of a section.
+inline std::vector<float> Floats(const std::string& bytes) {
+  std::vector<float> floats(bytes.size() / sizeof(float));
+  std::memcpy(floats.data(), bytes.data(), bytes.size());
+  return floats;
+}
+
 struct HttpAnswer {
   unsigned status = 0;  // 0: the connection was closed without an answer
   std::map<std::string, std::string> headers;

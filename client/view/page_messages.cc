@@ -153,6 +153,16 @@ struct OutlineSections {
   std::vector<uint8_t> kinds;
 };
 
+Json FrameJson(const PoseFrame& frame) {
+  Json json = {{"name", frame.name()},
+               {"transform", frame.transform()},
+               {"pose_of", frame.is_of_camera() ? "camera" : "object"},
+               {"camera", nullptr}};
+  const auto world = frame.world_from_camera();
+  if (world) json["camera"] = {{"p", Position(world->second)}, {"q", Rotation(world->second.Quaternion())}};
+  return json;
+}
+
 OutlineSections SectionsOf(const ObjectOutline& outline) {
   OutlineSections sections;
   for (const ObjectOutline::Segment& each : outline.segments) {
@@ -167,8 +177,6 @@ Json OutlineJson(const ObjectOutline& outline, size_t num_segments, bool is_trut
   return {{"object", outline.object_id},
           {"state", StateName(outline.state)},
           {"t_us", outline.t_us},
-          {"p", Position(outline.camera_from_object)},
-          {"q", Rotation(outline.camera_from_object.Quaternion())},
           {"segments", num_segments},
           {"truth", is_truth}};
 }
@@ -220,6 +228,7 @@ std::string ToText(const HelloMessage& hello) {
 std::string ToText(const Scene& scene) {
   Json json = {{"type", "scene"},
                {"session", scene.session},
+               {"frame", FrameJson(scene.frame)},
                {"camera",
                 {{"width", scene.camera.width_px},
                  {"height", scene.camera.height_px},

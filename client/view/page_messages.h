@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "client/cli/common/pose_format.h"
 #include "client/cli/common/recording_input.h"
 #include "core/events/event_counts.h"
 #include "evpose/types.h"
@@ -65,6 +66,7 @@ struct SceneObject {
 };
 struct Scene {
   std::string session;  // empty for a recording
+  PoseFrame frame;      // of the poses that are sent
   Camera camera;
   std::vector<SceneObject> objects;
   std::optional<TimeSpan> recording;

@@ -22,7 +22,7 @@ constexpr size_t kPosesPerFrame = 256;  // as kPosesPerMessage of page_outbox.cc
 
 // Adds the poses of a file to those of its objects.
 absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::string>& object_ids,
-                             std::map<std::string, RecordedPoses>& poses) {
+                             const PoseFrame& frame, std::map<std::string, RecordedPoses>& poses) {
   std::optional<std::string> only_id;  // that the file uses
   PoseFileFacts facts;
   const auto add = [&](const Pose& pose, const Eigen::Quaterniond& rotation) -> absl::Status {
@@ -36,12 +36,12 @@ absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::str
   };
   // The transform of the file, which is the same for all its poses, is known after the last pose.
   EVPOSE_ASSIGN_OR_RETURN(facts, VisitPoses(path, [&](const FilePose& pose) { return add(pose, pose.quaternion); }));
-  if (facts.transform == kCameraFromObject) return absl::OkStatus();
-  EVPOSE_RETURN_IF_ERROR(AsCameraFromObject(Pose(), facts.transform, path).status());
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame to_camera, FrameToCamera(facts.transform, frame, path));
+  if (to_camera.is_default()) return absl::OkStatus();
   for (auto& [id, each] : poses) each = RecordedPoses();
   return VisitPoses(path,
-                    [&](const Pose& pose) -> absl::Status {
-                      EVPOSE_ASSIGN_OR_RETURN(const Pose of_camera, AsCameraFromObject(pose, facts.transform, path));
+                    [&](const Pose& pose) {
+                      const Pose of_camera = to_camera.Apply(pose);
                       return add(of_camera, of_camera.camera_from_object.Quaternion());
                     })
       .status();
@@ -97,7 +97,8 @@ void RecordedPoses::AppendLoss(size_t index, const Loss* loss,
   }
 }
 
-void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, PageOutbox::Prepared& frames) const {
+void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, const PoseFrame& frame,
+                                 PageOutbox::Prepared& frames) const {
   size_t num_states = 0;
   const auto add_state = [&](int64_t t_us, TrackState state, const std::string& reason) {
     if (num_states++ < kMaxStates) frames.push_back({StateText(object_id, t_us, state, reason)});
@@ -115,13 +116,18 @@ void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, Pa
   }
   for (size_t first = 0; first < sent_.size(); first += kPosesPerFrame) {
     const auto poses = absl::MakeConstSpan(sent_).subspan(first, kPosesPerFrame);
-    const auto rotations = absl::MakeConstSpan(sent_rotations_).subspan(first, kPosesPerFrame);
-    frames.push_back({PosesText(object_id, poses, is_truth, rotations)});
+    if (frame.is_default()) {
+      const auto rotations = absl::MakeConstSpan(sent_rotations_).subspan(first, kPosesPerFrame);
+      frames.push_back({PosesText(object_id, poses, is_truth, rotations)});
+    } else {
+      frames.push_back({PosesText(object_id, frame.Apply(poses), is_truth)});
+    }
   }
 }
 
 absl::StatusOr<std::map<std::string, RecordedPoses>> ReadRecordedPoses(const std::string& path,
-                                                                       const std::vector<std::string>& object_ids) {
+                                                                       const std::vector<std::string>& object_ids,
+                                                                       const PoseFrame& frame) {
   if (object_ids.size() > 1 && absl::EndsWith(path, ".tum") && !absl::StrContains(path, "{object}")) {
     return absl::InvalidArgumentError(
         absl::StrCat(path, ": a .tum file has the poses of one object: give the name of one for each object, such as ",
@@ -132,7 +138,7 @@ absl::StatusOr<std::map<std::string, RecordedPoses>> ReadRecordedPoses(const std
     const std::vector<std::string> ids = id.empty() ? object_ids : std::vector<std::string>{id};
     std::map<std::string, RecordedPoses> of_file;
     for (const std::string& each : ids) of_file[each];
-    EVPOSE_RETURN_IF_ERROR(ReadFileOfPoses(name, ids, of_file));
+    EVPOSE_RETURN_IF_ERROR(ReadFileOfPoses(name, ids, frame, of_file));
     poses.merge(of_file);
   }
   return poses;

@@ -11,6 +11,7 @@
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/statusor.h"
+#include "client/cli/common/pose_format.h"
 #include "client/view/page_outbox.h"
 #include "core/geometry/trajectory.h"
 
@@ -40,9 +41,10 @@ class RecordedPoses {
   // Precondition: there is a pose.
   TrackState StateAt(int64_t t_us) const;
 
-  // Appends the messages of the poses and, unless they are the truth, of the state changes. After a loss that the
-  // file states, and in gaps, the state is LOST.
-  void AppendFrames(const std::string& object_id, bool is_truth, PageOutbox::Prepared& frames) const;
+  // Appends the messages of the poses, in the frame that the page shows, and, unless they are the truth, of the state
+  // changes. After a loss that the file states, and in gaps, the state is LOST.
+  void AppendFrames(const std::string& object_id, bool is_truth, const PoseFrame& frame,
+                    PageOutbox::Prepared& frames) const;
 
  private:
   // The loss before the pose with this index.
@@ -63,11 +65,13 @@ class RecordedPoses {
   uint64_t stride_ = 1;
 };
 
-// Reads the poses camera_from_object of the objects, by ID, from a TUM, CSV or JSON lines file. If the path contains
+// Reads the poses of the objects, by ID, from a TUM, CSV or JSON lines file, and converts them to camera_from_object;
+// `frame` is that of --world-from-camera. If the path contains
 // "{object}", there is one file for each object. If the file has poses of a single ID and there is a single object,
-// they are those of this object whatever the ID. Errors name the path: those of VisitPoses() and AsCameraFromObject();
+// they are those of this object whatever the ID. Errors name the path: those of VisitPoses() and FrameToCamera();
 // INVALID_ARGUMENT for poses of an object that is not in `object_ids`.
 absl::StatusOr<std::map<std::string, RecordedPoses>> ReadRecordedPoses(const std::string& path,
-                                                                       const std::vector<std::string>& object_ids);
+                                                                       const std::vector<std::string>& object_ids,
+                                                                       const PoseFrame& frame = {});
 
 }  // namespace evpose::client

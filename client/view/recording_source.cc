@@ -30,7 +30,7 @@ void RecordingSource::PrepareFrames(const std::stop_token& stop) {
     for (const auto& [id, poses] : is_truth ? inputs_.truth : inputs_.poses) {
       if (stop.stop_requested()) return;
       PageOutbox::Prepared frames;
-      poses.AppendFrames(id, is_truth, frames);
+      poses.AppendFrames(id, is_truth, inputs_.frame, frames);
       frames_.Add(std::make_shared<const PageOutbox::Prepared>(std::move(frames)));
     }
   }
@@ -57,6 +57,7 @@ std::unique_ptr<PageView> RecordingSource::Open(std::shared_ptr<PageOutbox> outb
 
 Scene RecordingSource::scene() const {
   Scene scene;
+  scene.frame = inputs_.frame;
   scene.camera = FromCore(inputs_.camera);
   for (const RecordingObject& object : inputs_.objects) {
     scene.objects.push_back({object.id, object.model_name, object.model.diameter_m});

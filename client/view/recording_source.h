@@ -35,6 +35,7 @@ struct RecordingInputs {
   std::vector<RecordingObject> objects;
   std::map<std::string, RecordedPoses> poses;  // by object
   std::map<std::string, RecordedPoses> truth;  // empty: none
+  PoseFrame frame;                             // in which the page shows the poses
 };
 
 // Has everything that all pages share.

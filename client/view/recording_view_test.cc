@@ -65,17 +65,19 @@ class RecordingViewTest : public ::testing::Test {
     return poses;
   }
 
-  RecordingInputs Inputs(bool has_truth) {
+  // The poses are in a file in this frame, and the page shows them in it.
+  RecordingInputs Inputs(bool has_truth, const PoseFrame& frame = {}) {
     RecordingInputs inputs;
+    inputs.frame = frame;
     inputs.path = directory_.File("events.raw");
     inputs.camera = testing::MakeCamera(kTestSensor.width_px, kTestSensor.height_px, 600.0);
     inputs.objects.push_back({"object", "cube.obj", *testing::MakeCube(0.1)});
-    std::string text = PoseHeader(PoseFormat::kCsv), truth;
-    for (const Pose& pose : Poses()) text += PoseLine(PoseFormat::kCsv, pose);
+    std::string text = PoseHeader(PoseFormat::kCsv, frame), truth;
+    for (const Pose& pose : Poses()) text += PoseLine(PoseFormat::kCsv, pose, frame);
     for (int64_t t_us = kBeginUs; t_us < kEndUs; t_us += 20'000) truth += TumLine({t_us, PoseAt(t_us)}) + "\n";
     EXPECT_TRUE(WriteFile(directory_.File("poses.csv"), text).ok());
     EXPECT_TRUE(WriteFile(directory_.File("truth.tum"), truth).ok());
-    inputs.poses = *ReadRecordedPoses(directory_.File("poses.csv"), {"object"});
+    inputs.poses = *ReadRecordedPoses(directory_.File("poses.csv"), {"object"}, frame);
     if (has_truth) inputs.truth = *ReadRecordedPoses(directory_.File("truth.tum"), {"object"});
     return inputs;
   }
@@ -138,12 +140,45 @@ TEST_F(RecordingViewTest, BeginsWithTheSceneAndTheFirstPose) {
   EXPECT_EQ(messages["state"].at(1).header["reason"], "no pose for 0.060 s");
 }
 
+TEST_F(RecordingViewTest, PosesAreSentInTheChosenFrameAndOutlinesStayInTheImage) {
+  const RigidTransform mount{ExpSo3({-0.4, 0.2, 1.0}), {3.0, 2.0, 1.0}};
+  std::vector<ReceivedMessage> images;
+  for (const PoseFrame& frame :
+       {PoseFrame(), PoseFrame::WorldFromObject(mount, "base"), PoseFrame::ObjectFromCamera()}) {
+    view_.reset();
+    Open(Inputs(/*has_truth=*/true, frame));
+    const ReceivedMessage scene = reader_.ReadUntil("scene");
+    EXPECT_EQ(scene.header["frame"]["transform"], frame.transform());
+    for (const bool is_truth : {false, true}) {
+      const ReceivedMessage sent = reader_.ReadUntil("poses");
+      ASSERT_EQ(sent.header.contains("truth"), is_truth);
+      const nlohmann::json& first = sent.header["poses"][0];
+      Pose pose = Poses()[0];
+      pose.camera_from_object = FromCore(PoseAt(first["t_us"]));
+      const Pose expected = frame.Apply(pose);
+      for (int i = 0; i < 3; ++i) {
+        EXPECT_NEAR(first["p"][i], expected.camera_from_object.translation_m[i], 1e-9) << frame.transform();
+        if (!is_truth) EXPECT_NEAR(first["sigma"][i], std::sqrt(expected.covariance(i, i)), 1e-9);
+      }
+      EXPECT_NEAR(first["q"][0], expected.camera_from_object.Quaternion().w(), 1e-9);
+    }
+    images.push_back(Seek(kBeginUs + 150'000));
+  }
+  ASSERT_EQ(images[0].header["outlines"].size(), 2u);
+  for (const ReceivedMessage& image : images) {
+    EXPECT_EQ(image.header["outlines"], images[0].header["outlines"]);
+    const std::vector<float> ends = Floats(image.sections.at(1)), expected = Floats(images[0].sections.at(1));
+    ASSERT_EQ(ends.size(), expected.size());
+    for (size_t i = 0; i < ends.size(); ++i) EXPECT_NEAR(ends[i], expected[i], 1e-3);
+  }
+}
+
 // The state messages of the poses in a .csv file, as "time state reason".
 std::vector<std::string> StatesOf(const std::vector<Pose>& poses) {
   RecordedPoses recorded;
   for (const Pose& pose : poses) EXPECT_TRUE(recorded.Add(pose).ok());
   PageOutbox::Prepared frames;
-  recorded.AppendFrames("object", /*is_truth=*/false, frames);
+  recorded.AppendFrames("object", /*is_truth=*/false, PoseFrame(), frames);
   std::vector<std::string> states;
   for (const PageOutbox::Frame& frame : frames) {
     const nlohmann::json message = nlohmann::json::parse(frame.bytes);
@@ -422,7 +457,7 @@ TEST(RecordedPosesTest, PosesAreSentWithTheDigitsOfTheirFile) {
   const auto poses = ReadRecordedPoses(path, {"object"});
   ASSERT_TRUE(poses.ok()) << poses.status();
   PageOutbox::Prepared frames;
-  poses->at("object").AppendFrames("object", /*is_truth=*/true, frames);
+  poses->at("object").AppendFrames("object", /*is_truth=*/true, PoseFrame(), frames);
   ASSERT_EQ(frames.size(), 1u);
   const nlohmann::json sent = ParseFrame(frames[0].bytes, false).header["poses"];
   ASSERT_EQ(sent.size(), written.size());
@@ -444,7 +479,7 @@ TEST(RecordedPosesTest, ManyPosesAreThinnedForThePage) {
   EXPECT_FALSE(poses.Add(Pose()).ok()) << "its time does not increase";
   EXPECT_EQ(poses.trajectory().size(), static_cast<size_t>(kPoses));
   PageOutbox::Prepared frames;
-  poses.AppendFrames("object", /*is_truth=*/true, frames);
+  poses.AppendFrames("object", /*is_truth=*/true, PoseFrame(), frames);
   std::vector<int64_t> sent;
   for (const PageOutbox::Frame& frame : frames) {
     const ReceivedMessage message = ParseFrame(frame.bytes, false);

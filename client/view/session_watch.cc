@@ -20,8 +20,8 @@ std::string ConnectionLostText(const std::string& server, const absl::Status& st
 }
 
 SessionWatch::SessionWatch(Client& client, const std::string& server, const std::string& session,
-                           std::shared_ptr<PageOutbox> outbox, const ImageSettings& settings)
-    : client_(client), server_(server), session_(session), outbox_(std::move(outbox)) {
+                           const PoseFrame& frame, std::shared_ptr<PageOutbox> outbox, const ImageSettings& settings)
+    : client_(client), server_(server), session_(session), frame_(frame), outbox_(std::move(outbox)) {
   SetImages(settings);
   poses_ = std::jthread([this](const std::stop_token& stop) { WatchPoses(stop); });
   health_ = std::jthread([this](const std::stop_token& stop) { WatchHealth(stop); });
@@ -37,7 +37,7 @@ void SessionWatch::WatchPoses(const std::stop_token& stop) {
   options.max_rate_hz = kPoseRateHz;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t) {
     if (!poses.empty()) options.after_pose_seq = poses.back().seq;
-    outbox_->AddPoses(poses);
+    outbox_->AddPoses(frame_.Apply(poses));
   };
   // WatchHealth() reports the errors.
   const auto ignore = [](const absl::Status&) {};

@@ -22,8 +22,8 @@ std::string ConnectionLostText(const std::string& server, const absl::Status& st
 // does not know it. The page receives a notice when the connection is lost and when it is restored.
 class SessionWatch {
  public:
-  // `client` must outlive the object. `server` is its address for people.
-  SessionWatch(Client& client, const std::string& server, const std::string& session,
+  // `client` must outlive the object. `server` is its address for people, `frame` that of the poses that are sent.
+  SessionWatch(Client& client, const std::string& server, const std::string& session, const PoseFrame& frame,
                std::shared_ptr<PageOutbox> outbox, const ImageSettings& settings);
   // Cancels the calls of the threads and waits for the threads.
   ~SessionWatch() = default;
@@ -41,6 +41,7 @@ class SessionWatch {
   Client& client_;
   const std::string server_;
   const std::string session_;
+  const PoseFrame frame_;
   const std::shared_ptr<PageOutbox> outbox_;
   struct Shown {
     TrackState state = TrackState::kUnknown;

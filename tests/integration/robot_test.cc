@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <fstream>
 
 #include "core/geometry/trajectory.h"
 #include "core/geometry/transform_file.h"
@@ -131,6 +132,8 @@ TEST_F(RobotTest, WrongUsageIsNamed) {
   WriteText("other.tum", "# world_from_object, timestamp tx ty tz qx qy qz qw\n1 0 0 1 0 0 0 1\n");
   EXPECT_THAT(error({"evaluate", "--truth", robot, "--estimate", Path("other.tum")}, 1),
               HasSubstr("its poses are world_from_object"));
+  EXPECT_THAT(error({"evaluate", "--truth", Path("other.tum"), "--estimate", poses}, 1),
+              HasSubstr(Path("other.tum") + ": its poses are world_from_object; give"));
 }
 
 TEST_F(RobotTest, ReplayWritesTheFrameAndTheClock) {
@@ -155,6 +158,22 @@ TEST_F(RobotTest, ReplayWritesTheFrameAndTheClock) {
   EXPECT_THAT(log, StartsWith("kind,t_us,host_unix_us,input,rising\n"));
   EXPECT_THAT(log, AllOf(HasSubstr("\nchunk,16"), HasSubstr("\npose,16")));
 
+  // The commands that read poses need the same transform to return to the camera.
+  const std::vector<std::string> evaluate = {"evaluate", "--truth", Path("cube/truth.tum"), "--estimate",
+                                             Path("world.tum")};
+  const std::vector<std::string> render = {"render",  Path("cube/recording.raw"), "--poses",  Path("world.tum"),
+                                           "--model", Path("cube/model.obj"),     "--camera", Path("cube/camera.yaml"),
+                                           "--out",   Path("world.png")};
+  for (std::vector<std::string> command : {evaluate, render}) {
+    const CliResult refused = Run(command);
+    EXPECT_EQ(refused.status, 1);
+    EXPECT_THAT(refused.err, HasSubstr(Path("world.tum") + ": its poses are world_from_object; give"));
+    command.insert(command.end(), {"--world-from-camera", Path("mount.txt")});
+    const CliResult read = Run(command);
+    EXPECT_EQ(read.status, 0) << read.err;
+    EXPECT_EQ(read.err, "");
+  }
+
   const CliResult wrong = Run(ReplayArguments("world.tum", {"--world-from-camera", Path("cube/truth.tum")}));
   EXPECT_EQ(wrong.status, 1);
   EXPECT_THAT(wrong.err, HasSubstr(Path("cube/truth.tum") + ": has "));
@@ -162,6 +181,17 @@ TEST_F(RobotTest, ReplayWritesTheFrameAndTheClock) {
       Run(ReplayArguments("world.tum", {"--world-from-camera", Path("mount.txt"), "--pose", "object-from-camera"}))
           .status,
       2);
+}
+
+TEST_F(RobotTest, TriggersHaveTheSensorsTimeAndTheHosts) {
+  SimulateCube(0.05);
+  // A rising and a falling edge on input 1, after the last event: EXT_TRIGGER of EVT3.
+  std::ofstream(Path("cube/recording.raw"), std::ios::binary | std::ios::app) << "\x01\xa1" << '\0' << "\xa1";
+  const CliResult result = Run(ReplayArguments("poses.tum", {"--clock-log", Path("clock.csv")}));
+  ASSERT_EQ(result.status, 0) << result.err;
+  EXPECT_EQ(result.Json()["triggers"], 2);
+  EXPECT_THAT(ReadText("clock.csv"), ::testing::ContainsRegex("\ntrigger,160[0-9]{5},[0-9]{16},1,1\n"
+                                                              "trigger,160[0-9]{5},[0-9]{16},1,0\n"));
 }
 
 }  // namespace

@@ -50,6 +50,23 @@ TEST_F(ViewCommandTest, ARecordingWithoutPosesIsServedWithAWarning) {
   EXPECT_EQ(result.err, "evpose view: none.tum: has no pose: the events are shown alone\n");
 }
 
+TEST_F(ViewCommandTest, PosesInAWorldNeedItsTransform) {
+  SimulateCube(0.02);
+  WriteText("world.tum", "# base_from_object, timestamp tx ty tz qx qy qz qw\n16.01 0 0 1 0 0 0 1\n");
+  WriteText("mount.yaml", "frame_id: base\ntranslation: [1, 2, 3]\nrotation: [0, 0, 0, 1]\n");
+  const std::string view =
+      "evpose view cube/recording.raw --poses world.tum --model cube/model.obj --camera cube/camera.yaml";
+  const CliResult refused = RunShell(view);
+  EXPECT_EQ(refused.status, 1);
+  EXPECT_THAT(refused.err, HasSubstr("world.tum: its poses are base_from_object; give poses of a run without "));
+  const CliResult shown = ServeAndInterrupt(view + " --world-from-camera mount.yaml");
+  EXPECT_EQ(shown.status, 0) << shown.err;
+  EXPECT_THAT(shown.out, HasSubstr("http://127.0.0.1:"));
+  const CliResult missing = Run({"view", "--server", "127.0.0.1:1", "--world-from-camera", Path("none.yaml")});
+  EXPECT_EQ(missing.status, 1);
+  EXPECT_THAT(missing.err, HasSubstr("none.yaml"));
+}
+
 TEST_F(ViewCommandTest, PosesOfAnotherTimeAreReportedWithBothTimes) {
   SimulateCube(0.02);
   WriteText("other.tum", "100 0 0 1 0 0 0 1\n100.1 0 0 1 0 0 0 1\n");

@@ -401,6 +401,58 @@ class RecordingPage(PageTest):
         self.check_only_the_connection_broke()
 
 
+class PageInAnotherFrame(PageTest):
+    def setUp(self):
+        super().setUp()
+        self.wait_for_images()
+
+    def space(self):
+        """The frame of the 3D view, and the poses of the camera and of the selected object in it: x y z, qw qx qy qz."""
+        data = self.page.run("return {...document.getElementById('space').dataset}")
+        return data["frame"], [[float(x) for x in data[name].split()] for name in ("camera", "object")]
+
+    def stream(self):
+        numbers = [float(x) for x in f"{self.page.pose['p']} {self.page.pose['q']}".split()]
+        return numbers[:3] + [-x if numbers[3] < 0 else x for x in numbers[3:]]
+
+    def wait_for_poses(self, camera=None, thing=None):
+        """Waits until the 3D view has the poses of the camera and of the object; None: the pose of the stream."""
+        def is_close(pose, expected):
+            return len(pose) == 7 and all(abs(a - b) < 1e-9 for a, b in zip(pose, expected))
+
+        self.page.wait(
+            lambda: self.page.pose.get("tUs") and all(map(is_close, self.space()[1], (camera or self.stream(), thing or self.stream()))),
+            "the camera and the object at their places",
+        )
+
+    def text(self, element):
+        return self.page.run("return document.getElementById(arguments[0]).textContent", element)
+
+
+class PageInTheFrameOfAWorld(PageInAnotherFrame):
+    OPTIONS = ("--mode", "recording", "--objects", "2", "--frame", "base")
+
+    def test_shows_camera_and_objects_in_the_world(self):
+        for key in ("2", "1", "d"):
+            self.page.press(key)
+            self.wait_for_poses(camera=[0.2, -0.3, 1.1, 0.5, 0.5, -0.5, 0.5])
+        self.assertEqual(self.space()[0], "base")
+        self.assertEqual(self.text("pose-transform"), "base_from_object")
+        self.page.press("p")
+        self.page.wait(lambda: self.text("relative-button") == "base frame", "the plots of absolute positions")
+
+
+class PageInTheFrameOfAnObject(PageInAnotherFrame):
+    OPTIONS = ("--mode", "recording", "--objects", "2", "--frame", "object")
+
+    def test_shows_the_camera_in_the_frame_of_the_selected_object(self):
+        for key in ("2", "1"):
+            self.page.press(key)
+            self.wait_for_poses(thing=[0, 0, 0, 1, 0, 0, 0])
+        self.assertEqual(self.space()[0], "object")
+        self.assertEqual(self.text("pose-transform"), "object_from_camera")
+
+
 class PageWithoutWebGl(PageTest):
     BROWSER = ("--disable-3d-apis",)
 

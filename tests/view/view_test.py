@@ -109,6 +109,18 @@ class ViewTest(unittest.TestCase):
         self.addCleanup(gateway.stop)
         return gateway
 
+    def scrub(self, t_us, end_us=START_US + DURATION_S * 1e6):
+        self.page.run(
+            """const [low, high, t] = arguments;
+            const scrubber = document.getElementById('scrubber');
+            scrubber.value = Math.round(scrubber.max * (t - low) / (high - low));
+            for (const type of ['input', 'change']) scrubber.dispatchEvent(new Event(type));""",
+            START_US, end_us, t_us,
+        )
+        # The scrubber spans the times of the events and poses, which begin and end a few milliseconds within the simulated time.
+        self.page.wait(lambda: abs(int(self.page.data["imageTUs"]) - t_us) < 20000, f"about the instant {t_us}")
+        return int(self.page.data["imageTUs"])
+
     def assert_is_sent(self, shown):
         sent = next(pose for pose in self.poses if pose["pose_seq"] == shown["pose_seq"])
         self.assertEqual(shown, {name: sent[name] for name in shown})
@@ -139,18 +151,6 @@ class RecordingView(ViewTest):
         )
         self.page = self.open_page(self.gateway.url)
         self.page.wait(lambda: int(self.page.data.get("imageNumber", 0)) > 0, "the first image")
-
-    def scrub(self, t_us, end_us=START_US + DURATION_S * 1e6):
-        self.page.run(
-            """const [low, high, t] = arguments;
-            const scrubber = document.getElementById('scrubber');
-            scrubber.value = Math.round(scrubber.max * (t - low) / (high - low));
-            for (const type of ['input', 'change']) scrubber.dispatchEvent(new Event(type));""",
-            START_US, end_us, t_us,
-        )
-        # The scrubber spans the times of the events and poses, which begin and end a few milliseconds within the simulated time.
-        self.page.wait(lambda: abs(int(self.page.data["imageTUs"]) - t_us) < 20000, f"about the instant {t_us}")
-        return int(self.page.data["imageTUs"])
 
     def test_overlay_lies_on_the_events_and_poses_are_those_of_the_file(self):
         self.page.press("t")
@@ -249,6 +249,31 @@ class RecordingView(ViewTest):
         page = self.open_page(self.gateway.origin + "/#" + 32 * "0")
         page.wait_for_data(connection="refused")
         self.assertEqual(page.data.get("session"), None)
+
+
+class RecordingInAWorld(ViewTest):
+    def test_poses_and_camera_are_in_the_world_and_the_overlay_on_the_events(self):
+        position, rotation = [0.5, -1.0, 2.0], [0.5, -0.5, 0.5, 0.5]
+        mount, poses = f"{self.dir}/mount.yaml", f"{self.dir}/world.jsonl"
+        pathlib.Path(mount).write_text(json.dumps({"frame_id": "base", "translation": position, "rotation": rotation}), encoding="utf-8")
+        evpose("replay", self.recording, *self.inputs, "--world-from-camera", mount, "--out", poses)
+        self.page = self.open_page(self.serve_page(self.recording, *self.inputs, "--poses", poses, "--world-from-camera", mount).url)
+        self.page.wait(lambda: int(self.page.data.get("imageNumber", 0)) > 0, "the first image")
+        self.choose_window(self.page, "5 ms")
+        self.page.wait(lambda: int(self.page.data["imageToUs"]) - int(self.page.data["imageFromUs"]) <= 5001, "an image of 5 ms")
+        self.scrub(START_US + 0.5 * DURATION_S * 1e6)
+        shown = shown_pose(self.page)
+        written = next(pose for pose in read_poses(poses) if pose["pose_seq"] == shown["pose_seq"])
+        self.assertEqual(written["transform"], "base_from_object")
+        for name in ("translation_m", "quaternion_xyzw"):
+            for value, expected in zip(shown[name], written[name]):
+                self.assertAlmostEqual(value, expected, 12)
+        space = self.page.run("return {...document.getElementById('space').dataset}")
+        self.assertEqual(space["frame"], "base")
+        for value, expected in zip(map(float, space["camera"].split()), [*position, rotation[3], *rotation[:3]]):
+            self.assertAlmostEqual(value, expected, 12)
+        self.assert_overlay_lies_on_the_events(self.page)
+        self.assert_silent(self.page)
 
 
 class LossesOfARecording(ViewTest):

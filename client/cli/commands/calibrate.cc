@@ -19,7 +19,6 @@
 #include "client/cli/commands/commands.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_reader.h"
-#include "client/cli/common/pose_records.h"
 #include "client/cli/common/recording_input.h"
 #include "client/cli/console/progress.h"
 #include "client/containers/open_recording.h"
@@ -138,8 +137,7 @@ absl::StatusOr<Trajectory> PosesOf(const CalibrateArguments& arguments, size_t i
                                    const CameraModel& camera, const std::shared_ptr<const ObjectModel>& model,
                                    const SensorProfile& sensor, ProgressLine& progress) {
   if (!arguments.truths.empty()) {
-    EVPOSE_RETURN_IF_ERROR(RefuseMcap(arguments.truths[i], ".tum"));
-    EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTumTrajectory(arguments.truths[i]));
+    EVPOSE_ASSIGN_OR_RETURN(Trajectory truth, ReadTruePoses(arguments.truths[i]));
     if (truth.size() >= 2) return truth;
     return absl::InvalidArgumentError(absl::StrCat(arguments.truths[i], ": has fewer than two poses"));
   }

@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
@@ -17,7 +16,6 @@
 #include "client/cli/commands/evaluate_alignment.h"
 #include "client/cli/common/model_arguments.h"
 #include "client/cli/common/pose_reader.h"
-#include "client/cli/common/pose_records.h"
 #include "client/cli/common/table_cell.h"
 #include "client/cli/console/wait_message.h"
 #include "client/model_intake/model_intake.h"
@@ -38,6 +36,7 @@ struct EvaluateArguments {
   std::string model;
   std::string camera;
   AlignmentArguments alignment;
+  PoseFrameArguments frame;
   ModelReadingArguments reading;
   double max_gap_ms = 20.0;
   bool is_symmetric = false;
@@ -92,11 +91,10 @@ absl::StatusOr<std::optional<double>> MeanSurfaceDistance(const Trajectory& trut
 }
 
 absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments) {
-  EVPOSE_RETURN_IF_ERROR(RefuseMcap(arguments.truth, ".tum"));
-  if (absl::EndsWith(arguments.truth, ".csv") || absl::EndsWith(arguments.truth, ".jsonl")) {
-    return absl::InvalidArgumentError(absl::StrCat(arguments.truth, ": the true poses (--truth) are a TUM file"));
-  }
-  EVPOSE_ASSIGN_OR_RETURN(const Trajectory truth, ReadTumTrajectory(arguments.truth));
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
+  // The alignment finds out in which frame the truth is.
+  const std::optional<PoseFrame> truth_frame = arguments.alignment.is_rigid() ? std::nullopt : std::optional(frame);
+  EVPOSE_ASSIGN_OR_RETURN(const Trajectory truth, ReadTruePoses(arguments.truth, truth_frame));
   std::optional<ObjectModel> model;
   std::optional<CameraModel> camera;
   if (!arguments.model.empty()) {
@@ -117,7 +115,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
   std::vector<Row> rows;
   for (const std::string& text : arguments.estimates) {
     const auto [name, path] = SplitLabel(text);
-    EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadCameraPoses(path));
+    EVPOSE_ASSIGN_OR_RETURN(const ReadPoses estimate, ReadCameraPoses(path, frame));
     // An estimate without poses cannot be aligned, but has a row in the table.
     absl::StatusOr<std::optional<HandEye>> alignment = std::nullopt;
     if (!estimate.trajectory.empty()) alignment = arguments.alignment.Solve(truth, estimate.trajectory);
@@ -263,6 +261,7 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
           absl::StrCat("Model of the object, for the reprojection error: ", kModelFormats));
   AddFile(app, "--camera", arguments->camera, absl::StrCat(kCameraFiles, ", for the reprojection error"));
   arguments->reading.AddTo(app);
+  arguments->frame.AddForReading(app);
   arguments->alignment.AddTo(app);
   app.option_defaults()->group("Comparison");
   AddOption(app, "--max-gap-ms", arguments->max_gap_ms, "Longest time for which a pose counts towards the coverage",
@@ -283,7 +282,8 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       "  losses   how often a period that counts as covered has ended\n"
       "  NEES     normalised estimation error squared of a CSV with covariances; a consistent covariance of 6 degrees\n"
       "           of freedom has a median of 5.3, and quantiles at 5 % and 95 % of 1.6 and 12.6\n\n"
-      "Positions are compared in the frame of the camera, without alignment. --align rigid is for a truth in another "
+      "Poses are compared in the frame of the camera, without alignment; --world-from-camera converts files of "
+      "poses in another frame, whose name they state. --align rigid is for a truth in another "
       "frame, such as that of a motion capture system or of a robot, of the object or of the camera: it removes every "
       "constant error of the camera's pose and of the model's frame, and --time-offset auto every constant latency; "
       "errors that vary in time are not removed. A wrong scale also remains.\n\n"

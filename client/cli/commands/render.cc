@@ -50,6 +50,7 @@ struct RenderArguments {
   std::string camera;
   std::string out;
   ModelReadingArguments reading;
+  PoseFrameArguments frame;
   std::optional<double> at_s;
   double window_ms = 10.0;
   double fps = 30.0;
@@ -74,7 +75,8 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(context, arguments.model));
-  EVPOSE_ASSIGN_OR_RETURN(ReadPoses poses, ReadCameraPoses(arguments.poses));
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
+  EVPOSE_ASSIGN_OR_RETURN(ReadPoses poses, ReadCameraPoses(arguments.poses, frame));
   inputs.poses = std::move(poses.trajectory);
   inputs.ambiguous_us = std::move(poses.ambiguous_us);
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
@@ -328,6 +330,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
       ->required();
   AddFile(app, "--model", arguments->model, absl::StrCat("Model of the object: ", kModelFormats))->required();
   AddFile(app, "--camera", arguments->camera, kCameraFiles)->required();
+  arguments->frame.AddForReading(app);
   arguments->reading.AddTo(app);
   app.option_defaults()->group(kOutputGroup);
   AddOutputFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi) to write")->required();

@@ -97,7 +97,7 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const ServerHandle server, BeginSession(options.retry, run, arguments.track, context));
   if (pages == nullptr) return run.Track(*server.client, options);
   LiveSource source(*server.client, has_server ? arguments.track.server.address : "the server of evpose replay",
-                    run.position().session);
+                    run.position().session, inputs.frame);
   page.Serve(*pages, source, context.err, context.err);
   const absl::Status status = run.Track(*server.client, options);
   pages->End("the replay has ended");

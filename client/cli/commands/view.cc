@@ -37,6 +37,7 @@ struct ViewArguments {
   std::vector<std::string> objects;
   std::string camera;
   ModelReadingArguments reading;
+  PoseFrameArguments frame;
   ServerArguments server;
   PageArguments page;
 };
@@ -62,6 +63,7 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
                                    "\" is no session: with --server, give sessions/ID, as "
                                    "`evpose sessions list` prints it, or nothing"));
   }
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, arguments.page.Listen());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   if (!arguments.what.empty()) {
@@ -72,7 +74,7 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
     if (interrupt.stop().stop_requested()) return absl::OkStatus();
     EVPOSE_RETURN_IF_ERROR(SessionError(arguments.what, status));
   }
-  LiveSource source(*client, arguments.server.address, arguments.what);
+  LiveSource source(*client, arguments.server.address, arguments.what, frame);
   const std::unique_ptr<PageServer> ends_first = std::move(server);
   arguments.page.Serve(*ends_first, source, context.out, context.err);
   WaitForInterrupt(*ends_first, context);
@@ -102,17 +104,18 @@ absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, c
   inputs.path = arguments.what;
   EVPOSE_ASSIGN_OR_RETURN(const auto ids_and_models, ParseObjectModels(arguments.model, arguments.objects));
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
+  EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
   std::vector<std::string> ids;
   for (const auto& [id, path] : ids_and_models) ids.push_back(id);
   // Reading a long file of poses takes about as long as reading a large model, so that both are read at the same time.
   std::future<absl::StatusOr<PosesByObject>> poses =
-      std::async(std::launch::async, [&] { return ReadRecordedPoses(arguments.poses, ids); });
+      std::async(std::launch::async, [&] { return ReadRecordedPoses(arguments.poses, ids, inputs.frame); });
   for (const auto& [id, path] : ids_and_models) {
     EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, arguments.reading.LoadSilently(path));
     inputs.objects.push_back({id, std::filesystem::path(path).filename().string(), std::move(model)});
   }
   if (!arguments.truth.empty()) {
-    EVPOSE_ASSIGN_OR_RETURN(inputs.truth, ReadRecordedPoses(arguments.truth, ids));
+    EVPOSE_ASSIGN_OR_RETURN(inputs.truth, ReadRecordedPoses(arguments.truth, ids, inputs.frame));
   }
   EVPOSE_ASSIGN_OR_RETURN(inputs.poses, poses.get());
   EVPOSE_ASSIGN_OR_RETURN(
@@ -175,6 +178,7 @@ CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
   AddObjectModels(app, arguments->model, arguments->objects);
   AddFile(app, "--camera", arguments->camera, kCameraFiles);
   arguments->reading.AddTo(app);
+  arguments->frame.AddTo(app, "shown");
   arguments->page.AddTo(app);
   arguments->server.AddTo(app, false);
   for (const char* const name : {"--poses", "--truth", "--model", "--object", "--camera"}) {

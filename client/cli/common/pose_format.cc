@@ -129,6 +129,10 @@ std::string Text(const nlohmann::ordered_json& json) {
   return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
+constexpr char kWorldFromCameraHelp[] =
+    "Constant pose of the camera in the frame of a world or a robot: \"tx ty tz qx qy qz qw\", a 4x4 matrix, or YAML "
+    "with translation and rotation";
+
 constexpr char kHostEpoch[] = "host";
 
 // "SECONDS", at most nine decimals, before 2038, which is the range of stamps in ROS; nullopt for other texts.
@@ -362,6 +366,16 @@ PoseFrame PoseFrame::WorldFromObject(const RigidTransform& world_from_camera, co
   return frame;
 }
 
+PoseFrame PoseFrame::ToCamera() const {
+  // The inverse of an inverse is the pose itself, with its covariance and twist.
+  return kind_ == Kind::kWorld ? WorldFromObject(world_from_camera_.Inverse(), "camera") : *this;
+}
+
+std::string PoseFrame::name() const {
+  if (kind_ == Kind::kWorld) return world_;
+  return kind_ == Kind::kObject ? "object" : "camera";
+}
+
 std::string PoseFrame::FrameId(const std::string& object_id) const {
   if (kind_ == Kind::kCamera) return kCameraFrame;
   return kind_ == Kind::kWorld ? world_ : object_id;
@@ -398,26 +412,41 @@ Pose PoseFrame::Apply(const Pose& pose) const {
   return result;
 }
 
-void PoseFrameArguments::AddTo(CLI::App& app) {
+std::vector<Pose> PoseFrame::Apply(absl::Span<const Pose> poses) const {
+  std::vector<Pose> result;
+  for (const Pose& pose : poses) result.push_back(Apply(pose));
+  return result;
+}
+
+void PoseFrameArguments::AddTo(CLI::App& app, const std::string& verb) {
   CLI::Option* const world =
-      AddFile(app, "--world-from-camera", world_from_camera,
-              "Constant pose of the camera in the frame of a world or a robot: \"tx ty tz qx qy qz qw\", a 4x4 matrix, "
-              "or YAML with translation and rotation, in metres. Poses, covariances and twists are written in that "
-              "frame")
+      AddFile(
+          app, "--world-from-camera", world_from_camera,
+          absl::StrCat(kWorldFromCameraHelp, ", in metres. Poses, covariances and twists are ", verb, " in that frame"))
           ->group(kOutputGroup);
   AddOption(app, "--pose", pose,
-            "Transform that is written. object-from-camera is the pose of a moving camera in the frame of an object at "
-            "rest",
+            absl::StrCat("Transform that is ", verb,
+                         ". object-from-camera is the pose of a moving camera in the frame of an object at rest"),
             CLI::IsMember({"camera-from-object", "object-from-camera"}))
       ->excludes(world)
       ->group(kOutputGroup);
+}
+
+void PoseFrameArguments::AddForReading(CLI::App& app) {
+  AddFile(app, "--world-from-camera", world_from_camera,
+          absl::StrCat("For files of poses that were written with this option: ", kWorldFromCameraHelp));
 }
 
 absl::StatusOr<PoseFrame> PoseFrameArguments::Read() const {
   if (pose == "object-from-camera") return PoseFrame::ObjectFromCamera();
   if (world_from_camera.empty()) return PoseFrame();
   EVPOSE_ASSIGN_OR_RETURN(const NamedTransform world, ReadTransformFile(world_from_camera));
-  return PoseFrame::WorldFromObject(world.target_from_source, world.target.empty() ? "world" : world.target);
+  const std::string name = world.target.empty() ? "world" : world.target;
+  if (name != "camera" && name != kCameraFrame) return PoseFrame::WorldFromObject(world.target_from_source, name);
+  return absl::InvalidArgumentError(
+      absl::StrCat(world_from_camera, ": frame_id: ", name,
+                   " is the name of the camera's own frame: give the pose of the camera in the frame of the world or "
+                   "the robot, and the name of that frame"));
 }
 
 }  // namespace evpose::client

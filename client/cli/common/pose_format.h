@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 #include "client/cli/common/command.h"
 #include "client/mcap/pose_recorder.h"
 #include "core/base/output_file.h"
@@ -34,6 +35,12 @@ class PoseFrame {
   // Name of the transform that is written, for example "world_from_object".
   const std::string& transform() const { return transform_; }
   bool is_default() const { return kind_ == Kind::kCamera; }
+  // The frame whose Apply() turns poses with `transform()` into camera_from_object.
+  PoseFrame ToCamera() const;
+  // True if a pose is that of the camera in the frame of an object.
+  bool is_of_camera() const { return kind_ == Kind::kObject; }
+  // Name of the frame for people: "camera", "object" or the name of the world frame.
+  std::string name() const;
   // Name of the frame in which the pose of an object is written.
   std::string FrameId(const std::string& object_id) const;
   // The name of the world frame and the camera's pose in it; nullopt without a world frame.
@@ -44,6 +51,7 @@ class PoseFrame {
   // Returns the pose with all transforms, the covariance and the twist expressed as `transform()`
   // (core/geometry/README.md, section 5). Its field camera_from_object then holds that transform.
   Pose Apply(const Pose& pose) const;
+  std::vector<Pose> Apply(absl::Span<const Pose> poses) const;
 
  private:
   enum class Kind { kCamera, kObject, kWorld };
@@ -55,13 +63,16 @@ class PoseFrame {
   std::string transform_ = kCameraFromObject;
 };
 
-// --world-from-camera and --pose of the commands that write poses.
+// --world-from-camera and --pose.
 struct PoseFrameArguments {
   std::string world_from_camera;  // a file; empty: none
   std::string pose = "camera-from-object";
 
-  void AddTo(CLI::App& app);
-  // Errors: those of ReadTransformFile().
+  // For the commands that write or show poses; `verb` is "written" or "shown".
+  void AddTo(CLI::App& app, const std::string& verb = "written");
+  // --world-from-camera for the commands that only read files of poses.
+  void AddForReading(CLI::App& app);
+  // Errors: those of ReadTransformFile(), and INVALID_ARGUMENT for a world frame with the name of the camera's.
   absl::StatusOr<PoseFrame> Read() const;
 };
 

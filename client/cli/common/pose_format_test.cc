@@ -218,6 +218,19 @@ TEST(PoseFrameTest, TransformsPoseAndAlternatives) {
   EXPECT_EQ(PoseFrame().Apply(pose).twist, pose.twist);
 }
 
+TEST(PoseFrameTest, ToCameraRevertsTheFrame) {
+  Pose pose = SomeFramedPose();
+  pose.covariance.diagonal() << 1, 4, 9, 16, 25, 36;
+  std::vector<PoseFrame> frames = Frames();
+  frames.emplace_back();
+  for (const PoseFrame& frame : frames) {
+    const Pose back = frame.ToCamera().Apply(frame.Apply(pose));
+    EXPECT_LT(Difference(ToCore(back.camera_from_object), ToCore(pose.camera_from_object)).norm(), 1e-14);
+    EXPECT_LT((back.covariance - pose.covariance).norm(), 1e-12) << frame.transform();
+    EXPECT_LT((back.twist - pose.twist).norm(), 1e-14) << frame.transform();
+  }
+}
+
 // The covariance of many perturbed poses after the transform, and the derivative of the transformed pose along the
 // twist.
 TEST(PoseFrameTest, CovarianceAndTwistAreThoseOfTheWrittenTransform) {
@@ -262,6 +275,11 @@ TEST(PoseFrameTest, ArgumentsChooseTheFrame) {
   EXPECT_EQ((PoseFrameArguments{.world_from_camera = path}.Read()->transform()), "world_from_object");
   ASSERT_TRUE(WriteFile(path, "frame_id: base\ntranslation: [1, 2, 3]\nrotation: [0, 0, 0, 1]\n").ok());
   EXPECT_EQ((PoseFrameArguments{.world_from_camera = path}.Read()->transform()), "base_from_object");
+  for (const std::string name : {"camera", "evpose_camera"}) {
+    ASSERT_TRUE(WriteFile(path, "frame_id: " + name + "\ntranslation: [1, 2, 3]\nrotation: [0, 0, 0, 1]\n").ok());
+    EXPECT_THAT((PoseFrameArguments{.world_from_camera = path}.Read().status().message()),
+                HasSubstr(path + ": frame_id: " + name + " is the name of the camera's own frame"));
+  }
   ASSERT_TRUE(WriteFile(path, "1 2 3\n").ok());
   EXPECT_THAT((PoseFrameArguments{.world_from_camera = path}.Read().status().message()),
               HasSubstr(path + ": has 3 numbers"));

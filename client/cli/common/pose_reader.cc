@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "client/cli/common/pose_records.h"
 #include "client/lib/messages/core_types.h"
@@ -54,22 +55,30 @@ absl::StatusOr<ReadPoses> ReadPoseFile(const std::string& path) {
   return poses.Finish(facts);
 }
 
-absl::StatusOr<ReadPoses> ReadCameraPoses(const std::string& path) {
+absl::StatusOr<ReadPoses> ReadCameraPoses(const std::string& path, const PoseFrame& frame) {
   EVPOSE_ASSIGN_OR_RETURN(ReadPoses read, ReadPoseFile(path));
-  if (read.transform == kCameraFromObject) return read;
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame to_camera, FrameToCamera(read.transform, frame, path));
+  if (to_camera.is_default()) return read;
   for (size_t i = 0; i < read.trajectory.size(); ++i) {
     Pose pose;
     pose.t_us = read.trajectory[i].t_us;
     pose.camera_from_object = FromCore(read.trajectory[i].camera_from_object);
     if (!read.covariances.empty()) pose.covariance = read.covariances[i];
-    EVPOSE_ASSIGN_OR_RETURN(pose, AsCameraFromObject(pose, read.transform, path));
+    pose = to_camera.Apply(pose);
     read.trajectory[i].camera_from_object = ToCore(pose.camera_from_object);
     if (!read.covariances.empty()) read.covariances[i] = pose.covariance;
   }
-  // A file without poses of another transform is refused, too.
-  EVPOSE_RETURN_IF_ERROR(AsCameraFromObject(Pose(), read.transform, path).status());
   read.transform = kCameraFromObject;
   return read;
+}
+
+absl::StatusOr<Trajectory> ReadTruePoses(const std::string& path, const std::optional<PoseFrame>& frame) {
+  EVPOSE_RETURN_IF_ERROR(RefuseMcap(path, ".tum"));
+  if (absl::EndsWith(path, ".csv") || absl::EndsWith(path, ".jsonl")) {
+    return absl::InvalidArgumentError(absl::StrCat(path, ": the true poses (--truth) are a TUM file"));
+  }
+  EVPOSE_ASSIGN_OR_RETURN(ReadPoses read, frame ? ReadCameraPoses(path, *frame) : ReadPoseFile(path));
+  return std::move(read.trajectory);
 }
 
 }  // namespace evpose::client

@@ -3,6 +3,7 @@
 // Reads the files that PoseFiles writes.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,8 +24,11 @@ struct ReadPoses {
 // Reads a .csv, .jsonl or TUM file (VisitPoses()). Times must increase. Errors: those of VisitPoses(), and
 // INVALID_ARGUMENT for poses of several objects.
 absl::StatusOr<ReadPoses> ReadPoseFile(const std::string& path);
-// ReadPoseFile() for users of camera_from_object: object_from_camera is inverted, with its covariances. Additional
-// error: INVALID_ARGUMENT for another transform.
-absl::StatusOr<ReadPoses> ReadCameraPoses(const std::string& path);
+// ReadPoseFile() for users of camera_from_object: other transforms are converted, with their covariances. Additional
+// errors: those of FrameToCamera().
+absl::StatusOr<ReadPoses> ReadCameraPoses(const std::string& path, const PoseFrame& frame = {});
+// Reads true poses, a TUM file, as ReadCameraPoses() does. Without a frame, the poses stay in that of the file.
+// Additional error: INVALID_ARGUMENT for another format.
+absl::StatusOr<Trajectory> ReadTruePoses(const std::string& path, const std::optional<PoseFrame>& frame = PoseFrame());
 
 }  // namespace evpose::client

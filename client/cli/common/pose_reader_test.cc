@@ -85,7 +85,21 @@ TEST(PoseReaderTest, ReadsTheFrameOfTheFile) {
     ASSERT_TRUE(in_base.ok()) << in_base.status();
     EXPECT_EQ(in_base->transform, "base_from_object");
     EXPECT_LT(Difference(in_base->trajectory.at(0).camera_from_object, world_from_camera * expected).norm(), 1e-7);
-    EXPECT_THAT(ReadCameraPoses(path).status().message(), HasSubstr(path + ": its poses are base_from_object"));
+    EXPECT_THAT(ReadCameraPoses(path).status().message(),
+                HasSubstr(path + ": its poses are base_from_object; give poses of a run without --world-from-camera"));
+    EXPECT_THAT(ReadCameraPoses(path, PoseFrame::WorldFromObject(world_from_camera, "world")).status().message(),
+                HasSubstr(path + ": its poses are base_from_object, and not world_from_object; give"));
+    const auto of_camera = ReadCameraPoses(path, robot);
+    ASSERT_TRUE(of_camera.ok()) << of_camera.status();
+    EXPECT_LT(Difference(of_camera->trajectory.at(0).camera_from_object, expected).norm(), 1e-7);
+    if (format == PoseFormat::kCsv) {
+      EXPECT_LT((of_camera->covariances.at(0) - pose.covariance).norm(), 1e-12 * pose.covariance.norm());
+    } else {
+      EXPECT_EQ(ReadTruePoses(path, robot)->size(), 1u);
+      EXPECT_EQ(ReadTruePoses(path).status(), ReadCameraPoses(path).status());
+      EXPECT_EQ(ReadTruePoses(path, std::nullopt)->at(0).camera_from_object,
+                in_base->trajectory.at(0).camera_from_object);
+    }
 
     write(PoseFrame());
     EXPECT_EQ(ReadPoseFile(path)->transform, "camera_from_object");
@@ -267,7 +281,7 @@ TEST(PoseRecordsTest, TumHasNoObjectAndIsTracking) {
   EXPECT_EQ(read.t_us, 500'000);
   EXPECT_EQ(read.object_id, "");
   EXPECT_EQ(read.state, TrackState::kTracking);
-  EXPECT_EQ(AsCameraFromObject(read, facts->transform, path)->camera_from_object.translation_m,
+  EXPECT_EQ(FrameToCamera(facts->transform, {}, path)->Apply(read).camera_from_object.translation_m,
             Eigen::Vector3d(-1, -2, -3));
 }
 

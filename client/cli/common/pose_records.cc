@@ -422,12 +422,14 @@ absl::StatusOr<PoseFileFacts> VisitPoses(const std::string& path, PoseVisitor vi
   return PoseFileFacts{TransformOfTum(text)};
 }
 
-absl::StatusOr<Pose> AsCameraFromObject(const Pose& pose, const std::string& transform, const std::string& path) {
-  if (transform == kCameraFromObject) return pose;
-  // The inverse of the inverse, with its covariance and twist.
-  if (transform == kObjectFromCamera) return PoseFrame::ObjectFromCamera().Apply(pose);
-  return absl::InvalidArgumentError(
-      absl::StrCat(path, ": its poses are ", transform, "; give those of a run without --world-from-camera"));
+absl::StatusOr<PoseFrame> FrameToCamera(const std::string& transform, const PoseFrame& frame, const std::string& path) {
+  if (transform == kCameraFromObject) return PoseFrame();
+  if (transform == kObjectFromCamera) return PoseFrame::ObjectFromCamera().ToCamera();
+  if (transform == frame.transform()) return frame.ToCamera();
+  const std::string given = frame.world_from_camera() ? absl::StrCat(", and not ", frame.transform()) : "";
+  return absl::InvalidArgumentError(absl::StrCat(
+      path, ": its poses are ", transform, given,
+      "; give poses of a run without --world-from-camera, or the file of that option with which they were written"));
 }
 
 }  // namespace evpose::client

@@ -8,6 +8,7 @@
 #include "absl/functional/function_ref.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
+#include "client/cli/common/pose_format.h"
 #include "evpose/types.h"
 
 namespace evpose::client {
@@ -41,8 +42,9 @@ absl::StatusOr<PoseFileFacts> VisitCsvPoses(absl::string_view text, const std::s
 absl::StatusOr<PoseFileFacts> VisitJsonPoses(absl::string_view text, const std::string& name_for_errors,
                                              PoseVisitor visit);
 
-// Returns the pose as camera_from_object if `transform` is that or object_from_camera. Error: INVALID_ARGUMENT with
-// the path for another transform.
-absl::StatusOr<Pose> AsCameraFromObject(const Pose& pose, const std::string& transform, const std::string& path);
+// Returns the frame whose Apply() turns poses with this transform into camera_from_object. `frame` is that of
+// --world-from-camera. Error: INVALID_ARGUMENT with the path if the transform is neither that of `frame` nor
+// camera_from_object nor object_from_camera.
+absl::StatusOr<PoseFrame> FrameToCamera(const std::string& transform, const PoseFrame& frame, const std::string& path);
 
 }  // namespace evpose::client

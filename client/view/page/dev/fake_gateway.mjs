@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A gateway that plays a synthetic scene, for developing the page and for its tests (tests/view/page_test.py).
-//   node dev/fake_gateway.mjs [--mode live|recording] [--objects 1..3] [--list] [--gone] [--truth] [--noise EVENTS_PER_IMAGE] [--port PORT]
-// With --gone, the session of the address has ended before the page is opened.
+//   node dev/fake_gateway.mjs [--mode live|recording] [--objects 1..3] [--list] [--gone] [--truth] [--frame camera|base|object] [--noise EVENTS_PER_IMAGE] [--port PORT]
+// With --frame, the same numbers are poses in this frame. With --gone, the session of the address has ended before the page is opened.
 // It prints the address of the page. The tests ask it, by HTTP, for what it sent: /test/image, /test/pose, /test/figures; let
 // it send a text or a damaged message to all pages: /test/text, /test/damage; and let it close all connections: /test/drop.
 import { readFile } from "node:fs/promises";
@@ -20,6 +20,7 @@ const { values: options } = parseArgs({
     list: { type: "boolean", default: false },
     gone: { type: "boolean", default: false },
     truth: { type: "boolean", default: false },
+    frame: { type: "string", default: "camera" },
     noise: { type: "string", default: "1500" },
     port: { type: "string", default: "0" },
     dist: { type: "string", default: join(dirname(fileURLToPath(import.meta.url)), "../dist") },
@@ -34,6 +35,11 @@ const POSE_STEP_US = 2000;
 const MAX_OPEN_IMAGES = 2;
 const startedMs = performance.now();
 
+const FRAMES = {
+  camera: { name: "camera", transform: "camera_from_object", pose_of: "object", camera: null },
+  base: { name: "base", transform: "base_from_object", pose_of: "object", camera: { p: [0.2, -0.3, 1.1], q: [0.5, 0.5, -0.5, 0.5] } },
+  object: { name: "object", transform: "object_from_camera", pose_of: "camera", camera: null },
+};
 const FILES = { "/": ["index.html", "text/html"], "/app.js": ["app.js", "text/javascript"], "/app.css": ["app.css", "text/css"], "/licenses.txt": ["licenses.txt", "text/plain"] };
 const HEADERS = {
   "Content-Security-Policy":
@@ -128,7 +134,7 @@ class Viewer {
   sendScene() {
     this.peer.sendText({
       type: "scene", session: IS_LIVE ? this.session : "bench.raw", camera: CAMERA, objects: OBJECTS, recording: IS_LIVE ? null : RECORDING,
-      has_truth: options.truth,
+      has_truth: options.truth, frame: FRAMES[options.frame],
     });
     OBJECTS.forEach(({ id, diameter_m }, index) => {
       const { vertices, faces, edges } = geometry(index);
@@ -180,7 +186,7 @@ class Viewer {
     const sections = [];
     const addOutline = (index, pose, truth) => {
       const { segments, kinds } = outline(index, pose);
-      outlines.push({ object: OBJECTS[index].id, state: pose.state, t_us: pose.t_us, p: pose.p, q: pose.q, segments: kinds.length, truth });
+      outlines.push({ object: OBJECTS[index].id, state: pose.state, t_us: pose.t_us, segments: kinds.length, truth });
       sections.push(segments, kinds);
     };
     OBJECTS.forEach((_, index) => {

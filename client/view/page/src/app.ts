@@ -121,7 +121,7 @@ export class App implements Receiver {
     byId("relative-button", HTMLButtonElement).addEventListener("click", () => {
       this.toggleRelative();
     });
-    setText(byId("relative-button", HTMLElement), "from first pose");
+    this.nameFrame();
   }
 
   private commands(): Command[] {
@@ -141,7 +141,7 @@ export class App implements Receiver {
       { keys: ["1", "2", "3", "4", "5", "6", "7", "8", "9"], shown: ["1", "…", "9"], text: "select the object with this number", run: (key) => { this.selectNumber(Number(key)); } },
       { keys: ["o"], shown: ["o"], text: "edges of the objects on or off", run: () => { toggle("showOverlay"); } },
       { keys: ["t"], shown: ["t"], text: "truth on or off", run: () => { toggle("showTruth"); } },
-      { keys: ["p"], shown: ["p"], text: "plot positions from the first pose, or in the camera frame", run: () => { this.toggleRelative(); } },
+      { keys: ["p"], shown: ["p"], text: "plot positions from the first pose, or in the frame of the 3D view", run: () => { this.toggleRelative(); } },
       { keys: ["r"], shown: ["r"], text: "reset zoom and 3D view", run: () => { this.events.resetZoom(); this.space.resetView(); this.redraw(); } },
       { keys: ["l"], shown: ["l"], text: "live: list of the sessions", run: () => { this.showSessions(); } },
       { keys: ["d"], shown: ["d"], text: "light or dark", run: () => { this.theme.toggle(); } },
@@ -230,6 +230,7 @@ export class App implements Receiver {
     this.events.reset();
     this.space.reset();
     this.plots.reset();
+    this.nameFrame();
     this.data["session"] = scene.session;
     byId("chooser", HTMLElement).hidden = true;
     byId("viewer", HTMLElement).hidden = false;
@@ -272,8 +273,15 @@ export class App implements Receiver {
 
   private toggleRelative(): void {
     this.plots.isRelative = !this.plots.isRelative;
-    setText(byId("relative-button", HTMLElement), this.plots.isRelative ? "from first pose" : "camera frame");
+    this.nameFrame();
     this.redraw();
+  }
+
+  /** Names the frame of the poses where they are shown. */
+  private nameFrame(): void {
+    const { name, transform } = this.store.scene?.frame ?? { name: "camera", transform: "" };
+    setText(byId("relative-button", HTMLElement), this.plots.isRelative ? "from first pose" : `${name} frame`);
+    setText(byId("pose-transform", HTMLElement), transform);
   }
 
   private sendSettings(): void {

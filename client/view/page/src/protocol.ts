@@ -17,10 +17,10 @@ export interface Pose {
   t_us: number;
   seq: number;
   state: TrackState;
-  /** camera_from_object. */
+  /** Of the transform Frame.transform. */
   p: Vector3;
   q: Quaternion;
-  /** Standard deviations: translation (m), rotation (rad), in the tangent of the camera frame. */
+  /** Standard deviations: translation (m), rotation (rad), about the axes of the frame. */
   sigma?: number[];
   /** Upper triangle of the covariance of the position, m2. */
   cov3?: number[];
@@ -66,9 +66,22 @@ export interface Sessions {
   sessions: SessionRow[];
 }
 
+/** The frame of the poses. */
+export interface Frame {
+  /** "camera", "object" or the name of a world frame. */
+  name: string;
+  /** camera_from_object, object_from_camera, or that of the world such as base_from_object. */
+  transform: string;
+  /** Whose pose it is: "camera" for object_from_camera. */
+  pose_of: "object" | "camera";
+  /** The pose of the camera in a world frame. */
+  camera: { p: Vector3; q: Quaternion } | null;
+}
+
 export interface Scene {
   type: "scene";
   session: string;
+  frame: Frame;
   camera: Camera;
   objects: SceneObject[];
   recording: { from_us: number; to_us: number } | null;
@@ -162,8 +175,6 @@ export interface Outline {
   object: string;
   state: TrackState;
   t_us: number;
-  p: Vector3;
-  q: Quaternion;
   truth: boolean;
   /** x1, y1, x2, y2 of each segment. */
   segments: Float32Array;
@@ -248,8 +259,6 @@ function decodeOutline(header: Record<string, unknown>, sections: Sections): Out
     object: String(header["object"]),
     state: header["state"] as TrackState,
     t_us: number(header, "t_us"),
-    p: header["p"] as Vector3,
-    q: header["q"] as Quaternion,
     truth: header["truth"] === true,
     segments,
     kinds,

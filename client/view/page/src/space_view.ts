@@ -1,18 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 3D view, in the camera frame (x right, y down, z forward): frustum, objects, trails, uncertainty of the selected object.
+// The 3D view, in the frame of the poses: axes, frustum of the camera, objects, trails, uncertainty of the selected object.
 import {
-  AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, Line, LineBasicMaterial, LineDashedMaterial, LineSegments,
-  Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene as Scene3, SphereGeometry, Vector3, WebGLRenderer,
+  AmbientLight, Box3, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, Line, LineBasicMaterial, LineDashedMaterial,
+  LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, type Object3D, PerspectiveCamera, Quaternion as Rotation, Scene as Scene3,
+  SphereGeometry, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { BoxSize, byId, pixelRatio, setText } from "./dom";
+import { FrameAxes } from "./frame_axes";
 import { objectColour, type Palette } from "./palette";
-import type { Camera, Geometry } from "./protocol";
+import type { Camera, Geometry, Quaternion } from "./protocol";
 import { eigenSymmetric3 } from "./rotation";
+import type { Series } from "./ring";
 import { COLUMN, TRUTH_COLUMN, type ObjectTrack, type Store } from "./store";
 
 const TRAIL_POSES = 600;
 const MAX_ALTERNATIVES = 4;
+/** The view contains the origin of the frame unless it is farther from the camera than this many times the objects. */
+const MAX_ORIGIN_DISTANCE = 4;
 
 interface ObjectModel {
   group: Group;
@@ -37,8 +42,10 @@ export class SpaceView {
   private controls!: OrbitControls;
   private readonly eye = new PerspectiveCamera(40, 1, 0.001, 1000);
   private readonly scene = new Scene3();
-  /** Turns the camera frame (y down, z forward) into that of the renderer (y up, z towards the eye). */
+  /** Turns the frame of the poses into that of the renderer (y up, z towards the eye): y is down in the camera frame, and z is up in others. */
   private readonly root = new Group();
+  private readonly camera = new Group();
+  private readonly axes = new FrameAxes();
   private readonly light = new DirectionalLight(0xffffff, 2);
   private readonly ellipsoid = new Mesh(new SphereGeometry(1, 24, 16), new MeshBasicMaterial({ transparent: true, opacity: 0.35, depthTest: false }));
   private frustum: LineSegments<BufferGeometry, LineBasicMaterial> | null = null;
@@ -53,8 +60,7 @@ export class SpaceView {
     this.box = new BoxSize(this.node, requestDraw);
     this.works = this.start();
     if (!this.works) return;
-    this.root.rotation.x = Math.PI;
-    this.root.add(this.ellipsoid);
+    this.root.add(this.ellipsoid, this.camera, this.axes.group);
     this.scene.add(this.root, new AmbientLight(0xffffff, 1.2), this.light);
     this.controls = new OrbitControls(this.eye, this.renderer.domElement);
     this.controls.addEventListener("change", requestDraw);
@@ -88,7 +94,7 @@ export class SpaceView {
   setColours(colours: Palette): void {
     this.colours = colours;
     if (!this.works) return;
-    this.frustum?.material.color.set(colours.mutedText);
+    if (this.frustum) this.removeFrustum();  // It is drawn again, with the axes, in the new colours.
     for (const [id, model] of this.models) {
       const colour = objectColour(colours, this.store.objects.get(id)?.index ?? 0);
       model.surface.material.color.set(colour);
@@ -105,11 +111,22 @@ export class SpaceView {
     for (const model of this.models.values()) this.remove(model);
     this.models.clear();
     this.isViewSet = false;
-    if (this.frustum) {
-      this.root.remove(this.frustum);
-      this.frustum.geometry.dispose();
-      this.frustum.material.dispose();
-    }
+    this.removeFrustum();
+    this.root.rotation.x = this.isCameraFrame ? Math.PI : -Math.PI / 2;
+    this.root.updateMatrixWorld();
+  }
+
+  private get isCameraFrame(): boolean {
+    const frame = this.store.scene?.frame;
+    return !frame || (frame.pose_of === "object" && frame.camera === null);
+  }
+
+  private removeFrustum(): void {
+    this.axes.clear();
+    if (!this.frustum) return;
+    this.camera.remove(this.frustum);
+    this.frustum.geometry.dispose();
+    this.frustum.material.dispose();
     this.frustum = null;
   }
 
@@ -166,6 +183,7 @@ export class SpaceView {
       this.eye.aspect = width / height;
       this.eye.updateProjectionMatrix();
     }
+    this.placeCamera(instantUs);
     for (const [id, model] of this.models) {
       const track = this.store.objects.get(id);
       if (track) this.place(model, track, instantUs);
@@ -175,6 +193,39 @@ export class SpaceView {
     if (!this.isViewSet) this.resetView();
     this.light.position.copy(this.eye.position);
     this.renderer.render(this.scene, this.eye);
+    this.expose();
+  }
+
+  /** For tests: attributes that README.md lists. */
+  private expose(): void {
+    const numbers = (part: Object3D | undefined): string =>
+      part?.visible ? [...part.position.toArray(), part.quaternion.w, part.quaternion.x, part.quaternion.y, part.quaternion.z].join(" ") : "";
+    const { dataset } = this.node;
+    dataset["frame"] = this.store.scene?.frame.name ?? "";
+    dataset["camera"] = numbers(this.camera);
+    dataset["object"] = numbers(this.models.get(this.store.selected)?.group);
+  }
+
+  private placeCamera(instantUs: number): void {
+    const frame = this.store.scene?.frame;
+    this.camera.visible = true;
+    if (frame?.pose_of === "camera") {
+      const track = this.store.objects.get(this.store.selected);
+      const row = track?.rowAt(instantUs) ?? -1;
+      this.camera.visible = track !== undefined && row >= 0 && isSeen(track, instantUs);
+      if (track && row >= 0) setPose(this.camera, poseAt(track.poses, COLUMN.p, COLUMN.q, row));
+    } else if (frame?.camera) {
+      setPose(this.camera, poseOf(frame.camera.p, frame.camera.q));
+    } else {
+      setPose(this.camera, new Matrix4());
+    }
+  }
+
+  /** Places a part of an object at a pose of the stream. */
+  private put(part: Object3D, pose: Matrix4): void {
+    // The pose of the camera in the frame of an object gives the object in that of the selected one.
+    if (this.store.scene?.frame.pose_of === "camera") setPose(part, this.camera.matrix.clone().multiply(pose.invert()));
+    else setPose(part, pose);
   }
 
   private place(model: ObjectModel, track: ObjectTrack, instantUs: number): void {
@@ -183,17 +234,12 @@ export class SpaceView {
     const alternatives = row >= 0 && track.stateAt(instantUs) === "ambiguous" ? track.alternativesAt(row) : [];
     model.alternatives.forEach((lines, i) => {
       const alternative = alternatives[i];
-      lines.visible = alternative !== undefined;
-      if (!alternative) return;
-      lines.position.set(...alternative.p);
-      lines.quaternion.set(alternative.q[1], alternative.q[2], alternative.q[3], alternative.q[0]);
+      lines.visible = alternative !== undefined && this.camera.visible;
+      if (alternative) this.put(lines, poseOf(alternative.p, alternative.q));
     });
     if (row >= 0) {
-      const value = (column: number) => track.poses.at(column, row);
-      model.group.position.set(value(COLUMN.p), value(COLUMN.p + 1), value(COLUMN.p + 2));
-      model.group.quaternion.set(value(COLUMN.q + 1), value(COLUMN.q + 2), value(COLUMN.q + 3), value(COLUMN.q));
-      const state = track.stateAt(instantUs);
-      model.group.visible = state !== "lost" && state !== "initializing";
+      this.put(model.group, poseAt(track.poses, COLUMN.p, COLUMN.q, row));
+      model.group.visible = this.camera.visible && isSeen(track, instantUs);
     }
     this.placeTruth(model, track, instantUs);
     this.placeTrail(model, track, row);
@@ -201,11 +247,8 @@ export class SpaceView {
 
   private placeTruth(model: ObjectModel, track: ObjectTrack, instantUs: number): void {
     const row = track.truth.lastAt(instantUs);
-    model.truth.visible = row >= 0 && this.showTruth;
-    if (row < 0) return;
-    const value = (column: number) => track.truth.at(column, row);
-    model.truth.position.set(value(TRUTH_COLUMN.p), value(TRUTH_COLUMN.p + 1), value(TRUTH_COLUMN.p + 2));
-    model.truth.quaternion.set(value(TRUTH_COLUMN.q + 1), value(TRUTH_COLUMN.q + 2), value(TRUTH_COLUMN.q + 3), value(TRUTH_COLUMN.q));
+    model.truth.visible = row >= 0 && this.showTruth && this.camera.visible;
+    if (row >= 0) this.put(model.truth, poseAt(track.truth, TRUTH_COLUMN.p, TRUTH_COLUMN.q, row));
   }
 
   private placeTrail(model: ObjectModel, track: ObjectTrack, row: number): void {
@@ -216,26 +259,30 @@ export class SpaceView {
     }
     attribute.needsUpdate = true;
     model.trail.geometry.setDrawRange(0, row + 1 - first);
-    model.trail.visible = row >= 0;
+    // The trail of the camera is in the frame of one object.
+    model.trail.visible = row >= 0 && (this.store.scene?.frame.pose_of !== "camera" || track.info.id === this.store.selected);
   }
 
-  /** Position of the farthest object that is shown; zero if there is none. */
-  private focus(): Vector3 {
-    const farthest = new Vector3();
+  /** Position of the object that is shown and farthest from the camera; null if there is none. */
+  private focus(): Vector3 | null {
+    let farthest: Vector3 | null = null;
+    const distance = (position: Vector3) => position.distanceTo(this.camera.position);
     for (const { group } of this.models.values()) {
-      if (group.visible && group.position.lengthSq() > farthest.lengthSq()) farthest.copy(group.position);
+      if (group.visible && (farthest === null || distance(group.position) > distance(farthest))) farthest = group.position;
     }
     return farthest;
   }
 
   private drawFrustum(): void {
-    const camera = this.store.scene?.camera;
-    const distance = this.focus().length();
-    if (this.frustum || !camera || distance === 0) return;
+    const { scene } = this.store;
+    const focus = this.focus();
+    if (this.frustum || !scene || !focus) return;
+    const distance = focus.distanceTo(this.camera.position);
     const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(frustumLines(camera, 0.3 * distance), 3));
+    geometry.setAttribute("position", new BufferAttribute(frustumLines(scene.camera, 0.3 * distance), 3));
     this.frustum = new LineSegments(geometry, new LineBasicMaterial({ color: new Color(this.colours.mutedText) }));
-    this.root.add(this.frustum);
+    this.camera.add(this.frustum);
+    this.axes.draw(scene.frame.name, 0.15 * distance, this.colours);
   }
 
   private drawEllipsoid(instantUs: number): void {
@@ -255,31 +302,54 @@ export class SpaceView {
     const factor = largest > 0 ? 10 ** Math.max(0, Math.floor(Math.log10((0.6 * model.diameterM) / largest))) : 1;
     const scaled = axes.map((axis, i) => new Vector3(...axis).multiplyScalar(Math.max(factor * radii[i]!, 1e-6)));
     this.ellipsoid.matrixAutoUpdate = false;
-    this.ellipsoid.matrix.copy(new Matrix4().makeBasis(scaled[0]!, scaled[1]!, scaled[2]!).setPosition(model.group.position));
+    const position = new Vector3().setFromMatrixPosition(poseAt(track.poses, COLUMN.p, COLUMN.q, row));
+    this.ellipsoid.matrix.copy(new Matrix4().makeBasis(scaled[0]!, scaled[1]!, scaled[2]!).setPosition(position));
     this.ellipsoid.material.color.set(this.colours.states[track.stateAt(instantUs)].colour);
     setText(this.info, `2σ ellipsoid${factor > 1 ? ` × ${factor.toLocaleString("en")}` : ""}`);
   }
 
-  /** The eye is beside and above the camera; camera and farthest object fill the view. */
+  /** The eye is beside and above the camera; camera, farthest object and the origin of the frame fill the view. */
   resetView(): void {
     if (!this.works) return;
     const focus = this.focus();
-    this.isViewSet = focus.lengthSq() > 0;
-    if (!this.isViewSet) focus.set(0, 0, 1);
+    this.isViewSet = focus !== null;
+    const camera = this.camera.position;
+    const shown = new Box3().setFromPoints([camera, focus ?? camera.clone().add(new Vector3(0, 0, 1))]);
+    const origin = new Vector3();
+    if (focus && camera.length() < MAX_ORIGIN_DISTANCE * focus.distanceTo(camera)) shown.expandByPoint(origin);
     let diameter = 0;
     for (const model of this.models.values()) diameter = Math.max(diameter, model.diameterM);
-    const radius = 0.5 * focus.length() + 0.5 * diameter;
+    const radius = 0.5 * shown.getSize(new Vector3()).length() + 0.5 * diameter;
     const halfAngle = (this.eye.fov / 2) * (Math.PI / 180);
-    // Camera and object are beside each other: the width of the view needs room for both, the height for less.
-    const distance = Math.max(0.65 * radius, (1.1 * radius) / this.eye.aspect) / Math.tan(halfAngle);
-    // The point is converted from the camera frame to that of the renderer.
-    this.controls.target.set(focus.x / 2, -focus.y / 2, -focus.z / 2);
+    // In the camera frame, camera and object are beside each other: the width of the view needs room for both, the height for less.
+    const distance = Math.max((this.isCameraFrame ? 0.65 : 1.1) * radius, (1.1 * radius) / this.eye.aspect) / Math.tan(halfAngle);
+    this.controls.target.copy(this.root.localToWorld(shown.getCenter(new Vector3())));
     this.eye.position.set(0.8, 0.45, 0.4).normalize().multiplyScalar(distance).add(this.controls.target);
     this.eye.near = radius / 200;
     this.eye.far = radius * 100;
     this.eye.updateProjectionMatrix();
     this.controls.update();
   }
+}
+
+function isSeen(track: ObjectTrack, instantUs: number): boolean {
+  const state = track.stateAt(instantUs);
+  return state !== "lost" && state !== "initializing";
+}
+
+function poseOf(p: readonly number[], [w, x, y, z]: Quaternion): Matrix4 {
+  return new Matrix4().compose(new Vector3().fromArray(p), new Rotation(x, y, z, w), new Vector3(1, 1, 1));
+}
+
+/** The pose in a row of a series, whose columns begin at these. */
+function poseAt(series: Series, position: number, rotation: number, row: number): Matrix4 {
+  const values = (first: number, count: number) => Array.from({ length: count }, (_, i) => series.at(first + i, row));
+  return poseOf(values(position, 3), values(rotation, 4) as Quaternion);
+}
+
+function setPose(part: Object3D, pose: Matrix4): void {
+  pose.decompose(part.position, part.quaternion, part.scale);
+  part.updateMatrix();
 }
 
 function frustumLines(camera: Camera, depth: number): Float32Array {

@@ -21,7 +21,7 @@ function pack(header, sections) {
 
 // 3 x 3 cells: 3 bytes, so that the next section begins after padding.
 const CELLS = new Uint8Array([0b11100100, 0b00000001, 0b00000010]);
-const OUTLINE = { object: "cube", state: "tracking", t_us: 1500, p: [1, 2, 3], q: [1, 0, 0, 0], segments: 2, truth: false };
+const OUTLINE = { object: "cube", state: "tracking", t_us: 1500, segments: 2, truth: false };
 const HEADER = {
   type: "image", number: 7, t_us: 1500, from_us: 1000, to_us: 2000, cell_px: 2, width: 3, height: 3, events: 9, skipped: 4, encoding: "packed",
   outlines: [OUTLINE],
