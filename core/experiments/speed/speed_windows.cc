@@ -33,6 +33,7 @@ class WindowRecorder {
     met.t_end_us = window.t_end_us;
     met.num_events = window.num_events;
     met.events.assign(window.events.begin(), window.events.end());
+    met.events_per_sample = window.events_per_sample;
     met.predicted = Predict(track_->motion(), window.t_mid_us(), context_.options.motion);
     track_->OnWindow(window);
     met.lines.assign(track_->lines().begin(), track_->lines().end());
@@ -58,7 +59,15 @@ class WindowRecorder {
 
 }  // namespace
 
-EventWindow SpeedWindow::AsEventWindow() const { return {t_begin_us, t_end_us, events, num_events, false}; }
+EventWindow SpeedWindow::AsEventWindow() const {
+  EventWindow window;
+  window.t_begin_us = t_begin_us;
+  window.t_end_us = t_end_us;
+  window.events = events;
+  window.num_events = num_events;
+  window.events_per_sample = events_per_sample;
+  return window;
+}
 
 absl::StatusOr<SpeedWindows> MakeSpeedWindows(const SpeedRecording& recording) {
   SpeedWindows made;
@@ -98,6 +107,7 @@ WindowInput WindowAssociation::Associate(const SpeedWindow& window) {
   WindowInput input;
   input.lines = window.lines;
   ProjectLines(context_.camera, window.predicted, input.lines, image_lines_);
+  input.image_lines = image_lines_;
   const double spread_px = PredictedSpreadPx(context_.camera, window.predicted, image_lines_);
   const double reach_px = std::max(estimator_->ReachPx(spread_px, 1.0), TrackHealth::ReachPx(context_.options.health));
   static_cast<AssociatedEvents&>(input) =
@@ -115,8 +125,12 @@ std::vector<EstimationInput> MakeEstimationInputs(const TrackContext& context,
     made.predicted = windows[i].predicted;
     made.input = association.Associate(windows[i]);
     made.events.assign(made.input.events.begin(), made.input.events.end());
+    made.image_lines.assign(made.input.image_lines.begin(), made.input.image_lines.end());
+    made.cells.assign(made.input.cells.begin(), made.input.cells.end());
+    made.sorted.Sort(made.events, made.input.lines.size(), made.image_lines);
     made.input.events = made.events;
-    made.sorted.Sort(made.events, made.input.lines.size());
+    made.input.image_lines = made.image_lines;
+    made.input.cells = made.cells;
     made.input.sorted = &made.sorted;
   }
   return inputs;

@@ -22,8 +22,9 @@ struct SpeedWindow {
   int64_t t_end_us = 0;
   uint64_t num_events = 0;  // number of events before downsampling
   std::vector<WindowEvent> events;
-  MotionState predicted;           // predicted state for mid-window
-  std::vector<TrackedLine> lines;  // lines that are visible at the predicted pose
+  ByPolarity events_per_sample = {1.0, 1.0};  // as in EventWindow
+  MotionState predicted;                      // predicted state for mid-window
+  std::vector<TrackedLine> lines;             // lines that are visible at the predicted pose
 
   // Returns a view, valid as long as this object.
   EventWindow AsEventWindow() const;
@@ -45,7 +46,7 @@ class WindowAssociation {
  public:
   // `context` must outlive this object.
   explicit WindowAssociation(const TrackContext& context);
-  // The result is valid until the next call and as long as `window`.
+  // The result is valid until the next call, and as long as `window` and this object.
   WindowInput Associate(const SpeedWindow& window);
 
  private:
@@ -55,12 +56,14 @@ class WindowAssociation {
   std::vector<ImageLine> image_lines_;
 };
 
-// Input of an estimator for one window.
+// Input of an estimator for one window, with copies of what WindowAssociation overwrites in the next one.
 struct EstimationInput {
   MotionState predicted;
   std::vector<Observation> events;
+  std::vector<ImageLine> image_lines;
+  std::vector<LineCell> cells;
   LineEvents sorted;
-  WindowInput input;  // refers to `events` and to the lines of the SpeedWindow
+  WindowInput input;  // refers to the members above and to the lines of the SpeedWindow
 };
 // Returns one input for each window; `windows` must outlive the result.
 std::vector<EstimationInput> MakeEstimationInputs(const TrackContext& context, const std::vector<SpeedWindow>& windows);
