@@ -40,10 +40,10 @@ struct LineGroup {
 };
 
 // Computes the positions of a group's events relative to its line. The line may have moved since the events were
-// sorted.
+// sorted. Always inlined, so that the functions in numerics/target_clones.h use the instructions of their clones.
 class GroupLine {
  public:
-  GroupLine(const LineGroup& group, const ImageLine& line)
+  [[gnu::always_inline]] GroupLine(const LineGroup& group, const ImageLine& line)
       : a_(Across(line.a_expected, group)),
         a_dot_(Across(line.a_dot, group)),
         along_{AllLanes(line.direction.x()), AllLanes(line.direction.y()),
@@ -53,24 +53,29 @@ class GroupLine {
         length_px_(AllLanes(line.length_px)) {}
 
   // The same quantities as evpose::DistancePx() and evpose::AlongPx().
-  Lanes DistancePx(const EventLanes& event) const {
+  [[gnu::always_inline]] Lanes DistancePx(const EventLanes& event) const {
     return At(a_, event.bx, event.by) + event.tau_s * At(a_dot_, event.bx, event.by);
   }
-  Lanes AlongPx(const EventLanes& event) const { return At(along_, event.u_px, event.v_px) - event.tau_s * along_dot_; }
+  [[gnu::always_inline]] Lanes AlongPx(const EventLanes& event) const {
+    return At(along_, event.u_px, event.v_px) - event.tau_s * along_dot_;
+  }
   Lanes length_px() const { return length_px_; }
   // Returns the mask of the used lanes with |distance| <= gate_px and a position between the line's ends, as
   // ImageLine::Spans() without margins.
-  LaneMask IsGated(const EventLanes& event, Lanes distance_px, Lanes along_px, Lanes gate_px) const {
+  [[gnu::always_inline]] LaneMask IsGated(const EventLanes& event, Lanes distance_px, Lanes along_px,
+                                          Lanes gate_px) const {
     return (Abs(distance_px) <= gate_px) & (along_px + border_[0] * distance_px >= 0.0f) &
            (along_px + border_[1] * distance_px <= length_px_) & (event.is_event > 0.0f);
   }
 
  private:
   using Affine = std::array<Lanes, 3>;
-  static Affine Across(const Eigen::Vector3d& a, const LineGroup& group) {
+  [[gnu::always_inline]] static Affine Across(const Eigen::Vector3d& a, const LineGroup& group) {
     return {AllLanes(a.x()), AllLanes(a.y()), AllLanes(a.dot(group.origin.homogeneous()))};
   }
-  static Lanes At(const Affine& affine, Lanes x, Lanes y) { return affine[0] * x + affine[1] * y + affine[2]; }
+  [[gnu::always_inline]] static Lanes At(const Affine& affine, Lanes x, Lanes y) {
+    return affine[0] * x + affine[1] * y + affine[2];
+  }
 
   const Affine a_, a_dot_, along_;
   const Lanes along_dot_;

@@ -62,21 +62,28 @@ EdgeOffsets EdgeBias::ExpectedOffsets(const Profile& profile, int half) const {
   return ExpectedEdgeOffsets(sensor_, rates);
 }
 
-void EdgeBias::Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const {
-  size_t curve = profiles_.size();  // curve of `offsets`, which the elements of a curve share
-  std::array<EdgeOffsets, 2> offsets;
+void EdgeBias::FindOffsets(absl::Span<const TrackedLine> tracked, std::vector<HalfOffsets>& offsets) const {
+  offsets.clear();
+  ForEachCurve(tracked, [&](size_t first, size_t end) {
+    YieldPoint(first);
+    const auto index = static_cast<size_t>(tracked[first].curve);
+    HalfOffsets of_curve;
+    if (index < profiles_.size()) {
+      of_curve = {ExpectedOffsets(profiles_[index], 0), ExpectedOffsets(profiles_[index], 1)};
+    }
+    for (size_t k = first; k < end; ++k) offsets.push_back(of_curve);
+  });
+}
+
+void EdgeBias::Correct(absl::Span<const HalfOffsets> offsets, absl::Span<ImageLine> lines) const {
   for (size_t k = 0; k < lines.size(); ++k) {
     YieldPoint(k);
     ImageLine& line = lines[k];
-    const size_t index = static_cast<size_t>(tracked[k].curve);
     if (!line.in_view()) continue;
     // Late time stamps displace the events to an earlier position of the line.
     line.a_expected = line.a - 1e-6 * sensor_.latency_us * line.a_dot;
-    if (index >= profiles_.size()) continue;
-    if (index != curve) offsets = {ExpectedOffsets(profiles_[index], 0), ExpectedOffsets(profiles_[index], 1)};
-    curve = index;
-    const double first = offsets[0].At(MotionSign(NormalSpeedPxPerS(camera_, line, 0.25)));
-    const double last = offsets[1].At(MotionSign(NormalSpeedPxPerS(camera_, line, 0.75)));
+    const double first = offsets[k][0].At(MotionSign(NormalSpeedPxPerS(camera_, line, 0.25)));
+    const double last = offsets[k][1].At(MotionSign(NormalSpeedPxPerS(camera_, line, 0.75)));
     // The correction is linear along the line and therefore linear in the bearing: offset = at_begin + slope * along.
     const Eigen::Vector2d focal(camera_.fx_px, camera_.fy_px);
     const Eigen::Vector2d centre(camera_.cx_px, camera_.cy_px);

@@ -58,6 +58,7 @@ struct EdgeOffsets {
   double At(double motion) const { return 0.5 * ((1.0 + motion) * along_px + (1.0 - motion) * against_px); }
 };
 EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& rates);
+using HalfOffsets = std::array<EdgeOffsets, 2>;  // of the first and the second half of a line
 
 // Estimation of the contrast of the lines, which the correction of the edge bias requires. The constants of the sensor
 // are in its profile. Validated together with the constants of the profile by the position errors of `evpose bench
@@ -83,9 +84,12 @@ class EdgeBias {
   EdgeBias(const EdgeOptions& options, const SensorProfile& sensor, const CameraModel& camera)
       : options_(options), sensor_(sensor), camera_(camera) {}
 
-  // Sets ImageLine::a_expected of each line: the image line displaced to the expected position of its events. `tracked`
+  // Sets the expected offsets of each line. They change with Learn() only, whereas the lines are corrected several
+  // times in each window.
+  void FindOffsets(absl::Span<const TrackedLine> tracked, std::vector<HalfOffsets>& offsets) const;
+  // Sets ImageLine::a_expected of each line: the image line displaced to the expected position of its events. `offsets`
   // and `lines` have the same order and length.
-  void Correct(absl::Span<const TrackedLine> tracked, absl::Span<ImageLine> lines) const;
+  void Correct(absl::Span<const HalfOffsets> offsets, absl::Span<ImageLine> lines) const;
   // Updates the counts of each edge curve after a window was accepted; those of a curve with several elements are
   // summed. `counts` has one entry per line; `duration_s` is that of the window.
   void Learn(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines,

@@ -19,9 +19,14 @@ class EdgeBiasTest : public ::testing::Test {
     Project();
   }
   void Project() { ProjectLines(camera_, state_, tracked_, lines_); }
+  void Correct(const EdgeBias& bias) {
+    std::vector<HalfOffsets> offsets;
+    bias.FindOffsets(tracked_, offsets);
+    bias.Correct(offsets, absl::MakeSpan(lines_));
+  }
   // Expected distance of an event at the middle of the line, along the motion, pixels.
   double ExpectedAlongMotion(const EdgeBias& bias) {
-    bias.Correct(tracked_, absl::MakeSpan(lines_));
+    Correct(bias);
     const Eigen::Vector3d middle = BearingOf(camera_, lines_[0].PointAt(0.5));
     const double sign = -middle.dot(lines_[0].a_dot) > 0.0 ? 1.0 : -1.0;
     return sign * (lines_[0].a - lines_[0].a_expected).dot(middle);
@@ -88,7 +93,7 @@ TEST_F(EdgeBiasTest, EventsAfterAPolarityReversalLag) {
 TEST_F(EdgeBiasTest, ALineMayLagOnOneOfItsHalvesOnly) {
   EdgeBias bias(options_, sensor_, camera_);
   bias.Learn(tracked_, lines_, std::vector<EdgeCounts>{{{0.0, 700.0}, {100.0, 0.0}}}, 0.01);
-  bias.Correct(tracked_, absl::MakeSpan(lines_));
+  Correct(bias);
   const auto expected_px = [&](double fraction) {
     return (lines_[0].a - lines_[0].a_expected).dot(BearingOf(camera_, lines_[0].PointAt(fraction)));
   };
@@ -146,7 +151,7 @@ TEST_F(EdgeBiasTest, AtRestNothingIsLearnedAndNoLagIsExpected) {
   Project();
   Learn(bias, 5000.0, 0.0);
   const Eigen::Vector3d middle = BearingOf(camera_, lines_[0].PointAt(0.5));
-  bias.Correct(tracked_, absl::MakeSpan(lines_));
+  Correct(bias);
   // The shift towards the dark side, which does not depend on the direction, remains.
   const double contrast = 4.0 * sensor_.contrast_threshold;
   const double shift_px = 0.5 * (OnEventsPx(contrast, 0.0) - OffEventsPx(contrast, 0.0));

@@ -7,21 +7,6 @@
 
 namespace evpose {
 
-void LineSums::Add(const std::array<LaneProducts, 3>& sums, const Eigen::Vector2d& origin) {
-  const double ox = origin.x();
-  const double oy = origin.y();
-  for (int n = 0; n < 3; ++n) {
-    const LaneProducts& lanes = sums[n];
-    const double x = SumOf(lanes[3]);
-    const double y = SumOf(lanes[4]);
-    const double one = SumOf(lanes[5]);
-    Products products;
-    products << SumOf(lanes[0]) + ox * (2.0 * x + ox * one), SumOf(lanes[1]) + ox * y + oy * (x + ox * one),
-        SumOf(lanes[2]) + oy * (2.0 * y + oy * one), x + ox * one, y + oy * one, one;
-    sums_[n] += products;
-  }
-}
-
 Eigen::Matrix3d LineSums::Moment(int n) const {
   const Products& s = sums_[n];
   Eigen::Matrix3d moment;
@@ -59,16 +44,15 @@ void LineEquations::Marginalise(const LineDisplacement& displacement) {
   m11_ -= weighted1 * m10_basis.transpose();
 }
 
-void LineEquations::AddTo(Matrix12d& hessian, Vector12d& gradient) const {
-  const PoseRows pose_m0 = a_ * m00_ + b_ * m01_.transpose();
-  const PoseRows pose_m1 = a_ * m01_ + b_ * m11_;
-  const Matrix6d cross = pose_m1 * a_.transpose();
-  hessian.topLeftCorner<6, 6>() += pose_m0 * a_.transpose() + pose_m1 * b_.transpose();
-  hessian.topRightCorner<6, 6>() += cross;
-  hessian.bottomLeftCorner<6, 6>() += cross.transpose();
-  hessian.bottomRightCorner<6, 6>() += PoseRows(a_ * m11_) * a_.transpose();
+void LineEquations::AddTo(Matrix12d* hessian, Vector12d& gradient) const {
   gradient.head<6>() += a_ * d0_ + b_ * d1_;
   gradient.tail<6>() += a_ * d1_;
+  if (hessian == nullptr) return;
+  const PoseRows pose_m0 = a_ * m00_ + b_ * m01_.transpose();
+  const PoseRows pose_m1 = a_ * m01_ + b_ * m11_;
+  hessian->topLeftCorner<6, 6>() += pose_m0 * a_.transpose() + pose_m1 * b_.transpose();
+  hessian->bottomLeftCorner<6, 6>() += a_ * pose_m1.transpose();
+  hessian->bottomRightCorner<6, 6>() += PoseRows(a_ * m11_) * a_.transpose();
 }
 
 EVPOSE_CLONES void ArcEquations::Add(const CameraModel& camera, const LineSums& sums, const ImageLine& element,
@@ -109,7 +93,7 @@ EVPOSE_CLONES void ArcEquations::Add(const CameraModel& camera, const LineSums& 
   residual_ += in_arc.transpose() * Eigen::Vector2d(residual(0, 0), residual(0, 1));
 }
 
-EVPOSE_CLONES void ArcEquations::AddTo(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const {
+EVPOSE_CLONES void ArcEquations::AddTo(double sigma_px, Matrix12d* hessian, Vector12d& gradient) const {
   Eigen::Matrix2d inverse = Eigen::Matrix2d::Zero();
   if (sigma_px > 0.0) {
     Eigen::Matrix2d information = information_;
@@ -122,11 +106,11 @@ EVPOSE_CLONES void ArcEquations::AddTo(double sigma_px, Matrix12d& hessian, Vect
                                          by[0] * inverse(0, 1) + by[1] * inverse(1, 1)};
     const Row change = gradient_[row] - (weighted[0] * residual_[0] + weighted[1] * residual_[1]);
     for (int i = 0; i < 6; ++i) gradient[6 * row + i] += change[i];
-    for (int column = 0; column < 2; ++column) {
+    for (int column = 0; column <= row && hessian != nullptr; ++column) {
       const std::array<Row, 2>& other = by_displacement_[column];
       for (int k = 0; k < 6; ++k) {
         const Row sum = blocks_[row + column][k] - (weighted[0] * other[0][k] + weighted[1] * other[1][k]);
-        for (int i = 0; i < 6; ++i) hessian(6 * row + i, 6 * column + k) += sum[i];
+        for (int i = 0; i < 6; ++i) (*hessian)(6 * row + i, 6 * column + k) += sum[i];
       }
     }
   }

@@ -28,10 +28,25 @@ class LineSums {
     sums_[2] += first * tau_s;
   }
 
-  // Adds sums of w tau^n (x^2, x y, y^2, x, y, 1) that were accumulated in parallel over the lanes, with b = (x, y, 1)
-  // + (origin, 0).
-  using LaneProducts = std::array<Lanes, 6>;
-  void Add(const std::array<LaneProducts, 3>& sums, const Eigen::Vector2d& origin);
+  // Sums of w tau^n (x^2, x y, y^2, x, y, 1) that were accumulated in parallel over the lanes: the six for n = 0, then
+  // those for n = 1 and n = 2.
+  using LaneProducts = std::array<Lanes, 18>;
+  // Adds such sums, with b = (x, y, 1) + (origin, 0). Always inlined, for the clones of the passes.
+  [[gnu::always_inline]] void Add(const LaneProducts& lanes, const Eigen::Vector2d& origin) {
+    const std::array<double, 18> all = SumsOf(lanes);
+    const double ox = origin.x();
+    const double oy = origin.y();
+    for (int n = 0; n < 3; ++n) {
+      const double* const sums = &all[6 * n];
+      const double x = sums[3];
+      const double y = sums[4];
+      const double one = sums[5];
+      Products products;
+      products << sums[0] + ox * (2.0 * x + ox * one), sums[1] + ox * y + oy * (x + ox * one),
+          sums[2] + oy * (2.0 * y + oy * one), x + ox * one, y + oy * one, one;
+      sums_[n] += products;
+    }
+  }
 
   double weight() const { return sums_[0][5]; }
   Eigen::Matrix3d Moment(int n) const;
@@ -67,7 +82,9 @@ class LineEquations {
   // displacement, regardless of the number of events. Its motion within the window is not affected. To be called at
   // most once.
   void Marginalise(const LineDisplacement& displacement);
-  void AddTo(Matrix12d& hessian, Vector12d& gradient) const;
+  // Adds H to the lower triangle of `hessian`, which is all that a Cholesky decomposition reads, and g; only g if
+  // `hessian` is null.
+  void AddTo(Matrix12d* hessian, Vector12d& gradient) const;
 
  private:
   // A and B transposed, one row per parameter of the pose: stored in columns of six, which multiply with few
@@ -89,8 +106,8 @@ class ArcEquations {
   // to 1.
   void Add(const CameraModel& camera, const LineSums& sums, const ImageLine& element, double scale, double position,
            double half_length);
-  // `sigma_px` is that of LineDisplacement, for the ends of the arc; 0: no displacement.
-  void AddTo(double sigma_px, Matrix12d& hessian, Vector12d& gradient) const;
+  // As LineEquations::AddTo(). `sigma_px` is that of LineDisplacement, for the ends of the arc; 0: no displacement.
+  void AddTo(double sigma_px, Matrix12d* hessian, Vector12d& gradient) const;
 
  private:
   // One value for each parameter of the pose, and two unused ones: whole vector registers.

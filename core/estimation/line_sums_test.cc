@@ -20,6 +20,9 @@ using testing::MakePose;
 using Jet = ceres::Jet<double, 12>;
 using Vector3J = Eigen::Matrix<Jet, 3, 1>;
 
+// The symmetric matrix with this lower triangle.
+Matrix12d Whole(const Matrix12d& lower) { return lower.selfadjointView<Eigen::Lower>(); }
+
 struct TestEvent {
   double bx, by, tau_s, weight;
 };
@@ -71,7 +74,8 @@ TEST(LineSums, NormalEquationsEqualAutomaticDifferentiation) {
   }
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  LineEquations(sums, image[0], 1.0).AddTo(hessian, gradient);
+  LineEquations(sums, image[0], 1.0).AddTo(&hessian, gradient);
+  hessian = Whole(hessian);
 
   Matrix12d expected_hessian = Matrix12d::Zero();
   Vector12d expected_gradient = Vector12d::Zero();
@@ -130,10 +134,14 @@ TEST(LineSums, ADisplacementIsMarginalised) {
   Vector12d gradient = Vector12d::Zero();
   LineEquations equations(sums, line, kScale);
   Matrix12d before = Matrix12d::Zero();
-  equations.AddTo(before, gradient);
+  equations.AddTo(&before, gradient);
+  Vector12d gradient_alone = Vector12d::Zero();
+  equations.AddTo(nullptr, gradient_alone);
+  EXPECT_EQ(gradient_alone, gradient);
   gradient.setZero();
   equations.Marginalise(displacement);
-  equations.AddTo(hessian, gradient);
+  equations.AddTo(&hessian, gradient);
+  hessian = Whole(hessian);
   EXPECT_LT((hessian - expected).norm(), 1e-9 * expected.norm());
   EXPECT_LT((gradient - expected_gradient).norm(), 1e-9 * joint_gradient.norm());
   const double left = (hessian.topLeftCorner<6, 6>()).trace() / (before.topLeftCorner<6, 6>()).trace();
@@ -178,7 +186,11 @@ TEST(LineSums, ADisplacementOfAnArcIsMarginalisedOnce) {
   }
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
-  equations.AddTo(kSigmaPx, hessian, gradient);
+  equations.AddTo(kSigmaPx, &hessian, gradient);
+  hessian = Whole(hessian);
+  Vector12d gradient_alone = Vector12d::Zero();
+  equations.AddTo(kSigmaPx, nullptr, gradient_alone);
+  EXPECT_EQ(gradient_alone, gradient);
   joint.bottomRightCorner<2, 2>().diagonal().array() += 2.0 / (kSigmaPx * kSigmaPx);
   const Eigen::Matrix<double, 12, 2> cross = joint.topRightCorner<12, 2>();
   const Eigen::Matrix2d inverse = joint.bottomRightCorner<2, 2>().inverse();

@@ -172,6 +172,7 @@ class MixtureEstimator : public WindowEstimator {
     double moved_px = 0.0;       // by which the lines moved since all of them were projected
     std::vector<ImageLine> lines;
     std::vector<MixtureLine> sums;
+    std::vector<HalfOffsets> offsets;  // of the edge bias
     std::vector<EdgeCounts> counts;
     std::vector<LineCounts> line_counts;    // observations of each line in the last pass
     std::vector<double> flicker_biases_px;  // flicker bias of each of the lines, which are displaced by it
@@ -271,6 +272,7 @@ class MixtureEstimator : public WindowEstimator {
     for (const ImageLine& line : input.image_lines) window_.lines.push_back(line);
     if (input.image_lines.empty()) ProjectLines(camera_, predicted, input.lines, window_.lines);
     window_.moved_px = 0.0;
+    learned_.edge_bias.FindOffsets(input.lines, window_.offsets);
     CompleteLines(predicted, input);
   }
   // Moves the lines to `state` after a step of the pose that moves them by at most `step_px`.
@@ -290,7 +292,7 @@ class MixtureEstimator : public WindowEstimator {
   void CompleteLines(const MotionState& state, const WindowInput& input) {
     ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(window_.lines));
     YieldPoint();
-    learned_.edge_bias.Correct(input.lines, absl::MakeSpan(window_.lines));
+    learned_.edge_bias.Correct(window_.offsets, absl::MakeSpan(window_.lines));
     for (size_t k = 0; k < window_.lines.size(); ++k) window_.lines[k].a_expected.z() -= window_.flicker_biases_px[k];
   }
   // Moves `state` to the minimum for the weights of the last pass. Returns the largest movement of the middle of a
@@ -330,7 +332,7 @@ class MixtureEstimator : public WindowEstimator {
     };
     PacedYields yields(kLinesBetweenYields);
     ForEachArc(input.lines, window_.lines, [&](size_t first, size_t end) {
-      AddEquations(input.lines, window_.lines, first, end, displacement_px, scale_of, hessian, gradient);
+      AddEquations(input.lines, window_.lines, first, end, displacement_px, scale_of, &hessian, gradient);
       yields.Add(end - first);
     });
     CountForDeficit(camera_, input, window_.lines, window_.sums, state.twist, window_.noise_per_px,
@@ -338,10 +340,11 @@ class MixtureEstimator : public WindowEstimator {
     return AddEventDeficit(camera_, window_.lines, window_.deficit_counts, input.past_deficit_counts, state.twist,
                            1.0 / EventsPerInformation(), hessian, gradient);
   }
-  // Adds the equations of the lines [first, end) of an arc. `lines` are window_.lines, or a copy with other residuals.
+  // Adds the equations of the lines [first, end) of an arc, or their gradient alone where `hessian` is null. `lines`
+  // are window_.lines, or a copy with other residuals.
   template <typename ScaleOf>
   void AddEquations(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, size_t first, size_t end,
-                    double displacement_px, const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
+                    double displacement_px, const ScaleOf& scale_of, Matrix12d* hessian, Vector12d& gradient) const {
     if (tracked[first].is_element) {
       AddArc(tracked, lines, first, end, displacement_px, scale_of, hessian, gradient);
       return;
@@ -369,7 +372,6 @@ class MixtureEstimator : public WindowEstimator {
     const double event_scale = 1.0 / (sigma_px * sigma_px * EventsPerInformation());
     const double displacement_px = DisplacementPx(input.duration_s);
     const auto scale_of = [&](size_t k) { return window_.sums[k].ObservedRatio(sigma_px) * event_scale; };
-    Matrix12d unused = Matrix12d::Zero();
     const auto gradient_of = [&](auto displacement_of) {
       window_.moved_lines.clear();
       for (const ImageLine& line : window_.lines) {
@@ -380,7 +382,7 @@ class MixtureEstimator : public WindowEstimator {
       Vector12d gradient = Vector12d::Zero();
       PacedYields yields(kLinesBetweenYields);
       ForEachArc(input.lines, window_.lines, [&](size_t first, size_t end) {
-        AddEquations(input.lines, window_.moved_lines, first, end, displacement_px, scale_of, unused, gradient);
+        AddEquations(input.lines, window_.moved_lines, first, end, displacement_px, scale_of, nullptr, gradient);
         yields.Add(end - first);
       });
       return gradient;
@@ -400,7 +402,7 @@ class MixtureEstimator : public WindowEstimator {
   // (core/estimation/README.md, section 7).
   template <typename ScaleOf>
   void AddArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLine> lines, size_t first, size_t end,
-              double displacement_px, const ScaleOf& scale_of, Matrix12d& hessian, Vector12d& gradient) const {
+              double displacement_px, const ScaleOf& scale_of, Matrix12d* hessian, Vector12d& gradient) const {
     double arc_px = 0.0, narrow_px = 0.0;
     for (size_t k = first; k < end; ++k) arc_px += lines[k].length_px;
     ArcEquations equations;

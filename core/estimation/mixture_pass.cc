@@ -20,18 +20,21 @@ constexpr size_t kLanesBetweenYields = 4096, kPlacesBetweenYields = 4096, kLanes
 
 }  // namespace
 
+// The member functions of the two classes below are always inlined: a call from a clone of Accumulate() would use the
+// instructions of the oldest processor, and would leave and fetch the sums in memory for every vector of events.
+
 // Likelihoods of one line; the factors that all events of one polarity share are computed once.
 class MixturePass::GroupTerms {
  public:
-  GroupTerms(const LineGroup& group, const ImageLine& line, const MixtureDensity& density,
-             const LineDensities& densities)
+  [[gnu::always_inline]] GroupTerms(const LineGroup& group, const ImageLine& line, const MixtureDensity& density,
+                                    const LineDensities& densities)
       : line_(group, line),
         gate_px_(AllLanes(density.gate_px)),
         half_inverse_variance_(AllLanes(0.5 / (density.sigma_px * density.sigma_px))),
         peak_(AllLanes(densities.own[group.polarity] * density.Peak())),
         beside_{AllLanes(densities.beside[0][group.polarity]), AllLanes(densities.beside[1][group.polarity])} {}
 
-  Terms Of(const EventLanes& event) const {
+  [[gnu::always_inline]] Terms Of(const EventLanes& event) const {
     Terms terms;
     terms.distance_px = line_.DistancePx(event);
     terms.along_px = line_.AlongPx(event);
@@ -42,8 +45,10 @@ class MixturePass::GroupTerms {
     terms.outlier = Select(terms.distance_px > 0.0f, beside_[1], beside_[0]);
     return terms;
   }
-  LaneMask IsSecondHalf(const Terms& terms) const { return terms.along_px + terms.along_px >= line_.length_px(); }
-  LaneMask IsBeside(const Terms& terms) const {
+  [[gnu::always_inline]] LaneMask IsSecondHalf(const Terms& terms) const {
+    return terms.along_px + terms.along_px >= line_.length_px();
+  }
+  [[gnu::always_inline]] LaneMask IsBeside(const Terms& terms) const {
     return Abs(terms.distance_px) > static_cast<float>(LineCounts::kLateralRatio) * gate_px_;
   }
 
@@ -57,7 +62,7 @@ class MixturePass::GroupTerms {
 
 // Sums over the events of one group.
 struct MixturePass::GroupSums {
-  std::array<LineSums::LaneProducts, 3> products = {};
+  LineSums::LaneProducts products = {};
   Lanes num_gated = {};
   std::array<Lanes, 2> beside = {};       // clutter, by side
   std::array<Lanes, 2> half_weight = {};  // weight of the whole line, and of its second half
@@ -66,8 +71,8 @@ struct MixturePass::GroupSums {
   Lanes squares_px2 = {};
 
   // Adds one vector of events. Clutter is counted where `is_nearest` is true, so that each event counts once.
-  void Add(const EventLanes& event, const GroupTerms& group, const Terms& terms, Lanes inverse, Lanes inlier_ratio,
-           LaneMask is_nearest) {
+  [[gnu::always_inline]] void Add(const EventLanes& event, const GroupTerms& group, const Terms& terms, Lanes inverse,
+                                  Lanes inlier_ratio, LaneMask is_nearest) {
     const LaneMask is_counted = terms.is_gated & is_nearest;
     num_gated += Only(is_counted, 1.0f - inlier_ratio * event.others_per_px * inverse);
     const Lanes clutter = Only(is_counted & group.IsBeside(terms), terms.outlier * inverse);
@@ -88,30 +93,31 @@ struct MixturePass::GroupSums {
     AddProducts(event, weight);
   }
 
-  void AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const {
+  [[gnu::always_inline]] void AddTo(const LineGroup& group, MixtureLine& line, MixtureTotals& totals) const {
     line.sums.Add(products, group.origin);
-    const double weight = SumOf(half_weight[0]);
-    const double second_weight = SumOf(half_weight[1]);
-    const double second_reversals = SumOf(reversals[1]);
+    const auto [weight, second_weight, reversed, second_reversed, below, above, ambiguous, gated, squares] =
+        SumsOf(std::array<Lanes, 9>{half_weight[0], half_weight[1], reversals[0], reversals[1], beside[0], beside[1],
+                                    ambiguous_px2, num_gated, squares_px2});
     line.half_weight[0][group.polarity] += weight - second_weight;
     line.half_weight[1][group.polarity] += second_weight;
-    line.half_reversals[0][group.polarity] += SumOf(reversals[0]) - second_reversals;
-    line.half_reversals[1][group.polarity] += second_reversals;
-    for (int side = 0; side < 2; ++side) line.beside[side][group.polarity] += SumOf(beside[side]);
-    line.ambiguous_px2 += SumOf(ambiguous_px2);
-    totals.num_gated += SumOf(num_gated);
+    line.half_reversals[0][group.polarity] += reversed - second_reversed;
+    line.half_reversals[1][group.polarity] += second_reversed;
+    line.beside[0][group.polarity] += below;
+    line.beside[1][group.polarity] += above;
+    line.ambiguous_px2 += ambiguous;
+    totals.num_gated += gated;
     totals.weight += weight;
-    totals.weighted_squares_px2 += SumOf(squares_px2);
+    totals.weighted_squares_px2 += squares;
   }
 
  private:
-  void AddProducts(const EventLanes& event, Lanes weight) {
+  [[gnu::always_inline]] void AddProducts(const EventLanes& event, Lanes weight) {
     const Lanes wx = weight * event.bx;
     const Lanes wy = weight * event.by;
-    LineSums::LaneProducts power = {wx * event.bx, wx * event.by, wy * event.by, wx, wy, weight};
+    std::array<Lanes, 6> power = {wx * event.bx, wx * event.by, wy * event.by, wx, wy, weight};
     for (int n = 0; n < 3; ++n) {
       for (int i = 0; i < 6; ++i) {
-        products[n][i] += power[i];
+        products[6 * n + i] += power[i];
         power[i] *= event.tau_s;
       }
     }

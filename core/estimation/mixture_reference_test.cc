@@ -204,10 +204,11 @@ TEST_P(MixtureReference, MinimumAndCovarianceEqualCeresOverAllEvents) {
     Vector12d gradient = Vector12d::Zero();
     AddPriorEquations(state, predicted_, information, hessian, gradient);
     for (size_t k = 0; k < lines_.size(); ++k) {
-      LineEquations(sums[k].sums, lines_[k], kScale).AddTo(hessian, gradient);
+      LineEquations(sums[k].sums, lines_[k], kScale).AddTo(&hessian, gradient);
     }
     state = Plus(state, -hessian.ldlt().solve(gradient));
   }
+  hessian = Matrix12d(hessian.selfadjointView<Eigen::Lower>());  // only this triangle is computed
   const Vector12d found = Minus(state, predicted_);
   EXPECT_GT(found.norm(), 1e-3) << "there must be something to find";
   // The rounding of single precision, relative to the standard deviations.

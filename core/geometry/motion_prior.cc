@@ -93,10 +93,26 @@ void AddPriorEquations(const MotionState& state, const MotionState& predicted, c
                        Matrix12d& hessian, Vector12d& gradient) {
   const Vector12d x = Minus(state, predicted);
   // A perturbation dtheta of the state changes the rotational part of x by the inverse left Jacobian of x times dtheta.
-  Matrix12d jacobian = Matrix12d::Identity();
-  jacobian.block<3, 3>(3, 3) = LeftJacobianInverseSo3(x.segment<3>(3));
-  hessian += jacobian.transpose() * information * jacobian;
-  gradient += jacobian.transpose() * (information * x);
+  // The Jacobian J of the whole of x is the identity but for this block, so that the products with J change three rows
+  // and three columns only. They are sums of three terms in a fixed order, unlike the general product of this size.
+  const Eigen::Matrix3d jacobian = LeftJacobianInverseSo3(x.segment<3>(3));
+  Matrix12d product = information;
+  for (int k = 0; k < 3; ++k) {
+    product.row(3 + k) =
+        jacobian(0, k) * information.row(3) + jacobian(1, k) * information.row(4) + jacobian(2, k) * information.row(5);
+  }
+  hessian.leftCols<3>() += product.leftCols<3>();
+  hessian.rightCols<6>() += product.rightCols<6>();
+  for (int k = 0; k < 3; ++k) {
+    hessian.col(3 + k) +=
+        jacobian(0, k) * product.col(3) + jacobian(1, k) * product.col(4) + jacobian(2, k) * product.col(5);
+  }
+  const Vector12d residual = information * x;
+  gradient.head<3>() += residual.head<3>();
+  gradient.tail<6>() += residual.tail<6>();
+  for (int k = 0; k < 3; ++k) {
+    gradient[3 + k] += jacobian(0, k) * residual[3] + jacobian(2, k) * residual[5] + jacobian(1, k) * residual[4];
+  }
 }
 
 }  // namespace evpose

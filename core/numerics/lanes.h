@@ -4,7 +4,9 @@
 // a scalar, so that the bits are the same on every machine.
 #pragma once
 
+#include <array>
 #include <bit>
+#include <cstddef>
 #include <cstdint>
 
 namespace evpose {
@@ -33,6 +35,30 @@ inline Lanes Abs(Lanes lanes) { return std::bit_cast<Lanes>(std::bit_cast<LaneMa
 // The sum in double precision, in a fixed order.
 inline double SumOf(Lanes lanes) {
   return (static_cast<double>(lanes[0]) + lanes[1]) + (static_cast<double>(lanes[2]) + lanes[3]);
+}
+
+// SumOf() of each of several vectors, four at a time: their lanes are transposed, so that each addition works on the
+// sums of four vectors.
+template <size_t N>
+[[gnu::always_inline]] inline std::array<double, N> SumsOf(const std::array<Lanes, N>& all) {
+  using Doubles = double __attribute__((vector_size(32)));
+  std::array<double, N> sums;
+  size_t i = 0;
+  for (; i + 4 <= N; i += 4) {
+    const Lanes low01 = __builtin_shufflevector(all[i], all[i + 1], 0, 4, 1, 5);
+    const Lanes high01 = __builtin_shufflevector(all[i], all[i + 1], 2, 6, 3, 7);
+    const Lanes low23 = __builtin_shufflevector(all[i + 2], all[i + 3], 0, 4, 1, 5);
+    const Lanes high23 = __builtin_shufflevector(all[i + 2], all[i + 3], 2, 6, 3, 7);
+    const Lanes lane0 = __builtin_shufflevector(low01, low23, 0, 1, 4, 5);
+    const Lanes lane1 = __builtin_shufflevector(low01, low23, 2, 3, 6, 7);
+    const Lanes lane2 = __builtin_shufflevector(high01, high23, 0, 1, 4, 5);
+    const Lanes lane3 = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
+    const Doubles four = (__builtin_convertvector(lane0, Doubles) + __builtin_convertvector(lane1, Doubles)) +
+                         (__builtin_convertvector(lane2, Doubles) + __builtin_convertvector(lane3, Doubles));
+    for (size_t k = 0; k < 4; ++k) sums[i + k] = four[k];
+  }
+  for (; i < N; ++i) sums[i] = SumOf(all[i]);
+  return sums;
 }
 
 // exp(-x) for x >= 0, but not less than exp(-64); relative error below 8e-6 (core/numerics/README.md, section 1).

@@ -41,5 +41,18 @@ TEST(Lanes, MasksChooseByLane) {
   EXPECT_EQ(SumOf(a), 10.0);
 }
 
+// The order of the additions is the same as in SumOf(): another one gives other bits for lanes of different sizes.
+TEST(Lanes, SumsOfSeveralVectorsHaveTheBitsOfSumOf) {
+  std::array<Lanes, 11> all;
+  for (size_t i = 0; i < all.size(); ++i) {
+    for (int lane = 0; lane < kNumLanes; ++lane) {
+      const auto size = static_cast<float>(1 << (7 * ((lane + i) % kNumLanes)));
+      all[i][lane] = size * (1.0f + 0.1f * static_cast<float>(i)) / (3.0f + static_cast<float>(lane));
+    }
+  }
+  const std::array<double, 11> sums = SumsOf(all);
+  for (size_t i = 0; i < all.size(); ++i) EXPECT_EQ(sums[i], SumOf(all[i])) << i;
+}
+
 }  // namespace
 }  // namespace evpose
