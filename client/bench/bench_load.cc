@@ -161,7 +161,6 @@ Json ToJson(const Outcome& outcome, const LoadArguments& arguments) {
           {"latency_p90_ms", ms_of(0.9)},
           {"latency_p99_ms", ms_of(0.99)},
           {"latency_max_ms", 1e-3 * static_cast<double>(counts.max_latency_us)},
-          {"longest_pause_s", 1e-6 * static_cast<double>(counts.longest_pause_us)},
           {"pauses", PausesToJson(counts.SortedPausesS(false))},
           {"reconnections", counts.reconnections},
           {"reconnected_pauses", PausesToJson(reconnected)},

@@ -43,7 +43,6 @@ void LoadCounts::Add(const LoadCounts& other) {
   unwatched_poses += other.unwatched_poses;
   latency = Sum(latency, other.latency);
   max_latency_us = std::max(max_latency_us, other.max_latency_us);
-  longest_pause_us = std::max(longest_pause_us, other.longest_pause_us);
   pauses.insert(pauses.end(), other.pauses.begin(), other.pauses.end());
 }
 

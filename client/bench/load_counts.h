@@ -16,7 +16,8 @@ namespace evpose::client {
 // belong to the middles of adjacent windows: the window ends half-way to the next pose.
 int64_t WindowDueUs(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
 
-// The longest time between two poses of a session that has ended.
+// The longest time without a pose of a session that has ended: between two poses, or from its last pose to its end if
+// that was an error.
 struct SessionPause {
   int64_t longest_us = 0;
   bool has_reconnected = false;  // the session has attached again after an error
@@ -38,7 +39,6 @@ struct LoadCounts {
   // Time from when the chunk that completes a window was to be sent until its pose has arrived.
   server::LatencyHistogram latency;
   int64_t max_latency_us = 0;
-  int64_t longest_pause_us = 0;      // between two poses of a session
   std::vector<SessionPause> pauses;  // of each session that has received a pose
 
   void AddLatency(int64_t latency_us);

@@ -254,7 +254,6 @@ void VirtualUser::HandlePose(const v1::Pose& pose) {
   const Time last_arrival = std::exchange(session_.last_arrival, arrival);
   if (last_t_us < 0) return;
   session_.pause.longest_us = std::max(session_.pause.longest_us, MicrosecondsOf(arrival - last_arrival));
-  counts_.longest_pause_us = std::max(counts_.longest_pause_us, session_.pause.longest_us);
   if (pose.t_us() - last_t_us > kMaxWindowUs) return;
   const int64_t due_us = WindowDueUs(last_t_us, pose.t_us(), target_.recording.chunk_us());
   const int64_t latency_us = MicrosecondsOf(last_arrival - *session_.began_at) - due_us;
@@ -343,7 +342,7 @@ void VirtualUser::OnDeleted() {
 void VirtualUser::BeginMeasuring() {
   const std::lock_guard lock(mutex_);
   counts_.latency = server::LatencyHistogram();
-  counts_.max_latency_us = counts_.longest_pause_us = 0;
+  counts_.max_latency_us = 0;
   counts_.pauses.clear();
   session_.pause = SessionPause();
 }

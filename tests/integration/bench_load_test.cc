@@ -87,8 +87,8 @@ TEST_F(BenchLoadTest, CountsSessionsAndRefusals) {
   EXPECT_EQ(json["reconnected_pauses"]["sessions"], 0);
   EXPECT_TRUE(json["reconnected_pauses"]["p99_s"].is_null());
   EXPECT_LE(json["pauses"]["sessions"], json["created"]);
-  EXPECT_EQ(json["pauses"]["max_s"], json["longest_pause_s"]);
   EXPECT_LE(json["pauses"]["p50_s"], json["pauses"]["p99_s"]);
+  EXPECT_LE(json["pauses"]["p99_s"], json["pauses"]["max_s"]);
   EXPECT_GT(json["cpu_s"], 0.0);
   ASSERT_EQ(json["servers"].size(), 1u);
   EXPECT_EQ(json["servers"][0]["metrics"], server.metrics_address());
@@ -198,10 +198,8 @@ TEST_F(BenchLoadTest, ReportsThePausesOfSessionsThatReconnect) {
   ASSERT_TRUE(result.ok()) << result.status();
   const LoadCounts& counts = result->counts;
   EXPECT_TRUE(counts.IsComplete());
-  EXPECT_EQ(counts.SortedPausesS(false).size(), 2u);
-  const std::vector<double> pauses_s = counts.SortedPausesS(true);
-  ASSERT_EQ(pauses_s.size(), 2u);
-  EXPECT_EQ(pauses_s.back(), 1e-6 * static_cast<double>(counts.longest_pause_us));
+  EXPECT_EQ(counts.SortedPausesS(true).size(), 2u);
+  EXPECT_EQ(counts.SortedPausesS(true), counts.SortedPausesS(false));
 }
 
 TEST_F(BenchLoadTest, GivesUpWhenTheServersAreAway) {
