@@ -158,7 +158,9 @@ TEST_F(RecordingViewTest, PosesAreSentInTheChosenFrameAndOutlinesStayInTheImage)
       const Pose expected = frame.Apply(pose);
       for (int i = 0; i < 3; ++i) {
         EXPECT_NEAR(first["p"][i], expected.camera_from_object.translation_m[i], 1e-9) << frame.transform();
-        if (!is_truth) EXPECT_NEAR(first["sigma"][i], std::sqrt(expected.covariance(i, i)), 1e-9);
+        if (!is_truth) {
+          EXPECT_NEAR(first["sigma"][i], std::sqrt(expected.covariance(i, i)), 1e-9);
+        }
       }
       EXPECT_NEAR(first["q"][0], expected.camera_from_object.Quaternion().w(), 1e-9);
     }

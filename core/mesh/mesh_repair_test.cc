@@ -9,12 +9,15 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <numbers>
 #include <random>
 #include <string>
+#include <vector>
 
 #include "core/mesh/loading/model_readers.h"
 #include "core/mesh/mesh_topology.h"
 #include "core/mesh/meshes_testing.h"
+#include "core/mesh/surface_regions.h"
 #include "tests/data/test_data.h"
 
 namespace evpose {
@@ -350,6 +353,29 @@ TEST(NoteImplausibleSizeTest, NamesTheSizeAndTheProbableScale) {
   EXPECT_THAT(notices(0.006, 1.0), IsEmpty());
   EXPECT_THAT(notices(4.0, 1.0), IsEmpty());
   EXPECT_THAT(notices(123.4, 0.001), IsEmpty());
+}
+
+TEST(FindSurfaceTest, AFaceKeepsItsNormalAtTheBorderToAFillet) {
+  // A wide strip, a fillet of four narrow ones that turn by 15 degrees each, and another wide strip.
+  RawMesh mesh;
+  std::vector<Eigen::Vector2d> profile = {{-1.0, 0.0}, {0.0, 0.0}};
+  for (int i = 1; i <= 4; ++i) {
+    const double angle = (15.0 * i) * std::numbers::pi / 180.0;
+    profile.push_back(profile.back() + 0.02 * Eigen::Vector2d(std::cos(angle), -std::sin(angle)));
+  }
+  profile.push_back(profile.back() +
+                    Eigen::Vector2d(std::cos(75 * std::numbers::pi / 180), -std::sin(75 * std::numbers::pi / 180)));
+  for (const Eigen::Vector2d& p : profile) {
+    mesh.points.push_back({p.x(), 0.0, p.y()});
+    mesh.points.push_back({p.x(), 1.0, p.y()});
+  }
+  for (uint32_t i = 0; i + 3 < mesh.points.size(); i += 2) {
+    mesh.triangles.push_back({i, i + 2, i + 3});
+    mesh.triangles.push_back({i, i + 3, i + 1});
+  }
+  const SurfaceEdges found = FindSurface(mesh, {}, 2.0);
+  const Eigen::Vector3f& at_border = found.surface.normals[0][1];
+  EXPECT_GT(at_border.z(), std::cos(1.0 * std::numbers::pi / 180.0)) << at_border.transpose();
 }
 
 }  // namespace

@@ -486,28 +486,5 @@ TEST(SurfaceRegionsTest, PathCrossesTheUnfoldedSurface) {
   EXPECT_NEAR(length, 12 * 2 * std::sin(kPi / 12), 1e-9) << "back at the start";
 }
 
-TEST(FindSurfaceTest, AFaceKeepsItsNormalAtTheBorderToAFillet) {
-  // A wide strip, a fillet of four narrow ones that turn by 15 degrees each, and another wide strip.
-  RawMesh mesh;
-  std::vector<Eigen::Vector2d> profile = {{-1.0, 0.0}, {0.0, 0.0}};
-  for (int i = 1; i <= 4; ++i) {
-    const double angle = (15.0 * i) * kPi / 180.0;
-    profile.push_back(profile.back() + 0.02 * Eigen::Vector2d(std::cos(angle), -std::sin(angle)));
-  }
-  profile.push_back(profile.back() + Eigen::Vector2d(std::cos(75 * kPi / 180), -std::sin(75 * kPi / 180)));
-  for (const Eigen::Vector2d& p : profile) {
-    mesh.points.push_back({p.x(), 0.0, p.y()});
-    mesh.points.push_back({p.x(), 1.0, p.y()});
-  }
-  for (uint32_t i = 0; i + 3 < mesh.points.size(); i += 2) {
-    mesh.triangles.push_back({i, i + 2, i + 3});
-    mesh.triangles.push_back({i, i + 3, i + 1});
-  }
-  const FacetGraph graph(mesh);
-  const SurfaceEdges found = FindSurface(mesh, {}, 2.0);
-  const Eigen::Vector3f& at_border = found.surface.normals[0][1];
-  EXPECT_GT(at_border.z(), std::cos(1.0 * kPi / 180.0)) << at_border.transpose();
-}
-
 }  // namespace
 }  // namespace evpose
