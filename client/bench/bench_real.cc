@@ -212,11 +212,13 @@ CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context) {
             "Under --check: least share of the starts without a prior, of those in which the object moves, from which "
             "it is found with a right first pose",
             CLI::Range(0.0, 1.0))
+      ->type_name("RATIO")
       ->needs(check);
   AddOption(app, "--min-right", arguments->limits.min_right_ratio,
             "Under --check: least share of the time with a right pose, from the reference pose on, while the object "
             "moves",
             CLI::Range(0.0, 1.0))
+      ->type_name("RATIO")
       ->needs(check);
   app.footer(absl::StrCat(kRealTableHelp,
                           "\nExample:\n"

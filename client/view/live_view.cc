@@ -103,7 +103,7 @@ void LiveView::OpenSession(const std::string& name, const std::stop_token& stop)
     outbox_->Set(PageOutbox::Latest::kEnd, EndText(std::string(status.message())));
     return List(stop);
   }
-  const Scene scene = MakeScene(*session, stop);
+  const PageScene scene = MakeScene(*session, stop);
   if (stop.stop_requested()) return;
   outbox_->StartScene(scene);
   watch_ = std::make_unique<SessionWatch>(client_, server_, name, frame_, outbox_, settings_);
@@ -119,8 +119,8 @@ absl::Status LiveView::Repeat(const std::stop_token& stop, const std::function<a
   });
 }
 
-Scene LiveView::MakeScene(const Session& session, const std::stop_token& stop) {
-  Scene scene{.session = session.name, .frame = frame_, .camera = session.config.camera};
+PageScene LiveView::MakeScene(const Session& session, const std::stop_token& stop) {
+  PageScene scene{.session = session.name, .frame = frame_, .camera = session.config.camera};
   for (const TrackedObject& object : session.config.objects) {
     absl::StatusOr<ModelInfo> model;
     // A server that has not seen the model does not know it, although its store has the geometry.
@@ -135,7 +135,7 @@ Scene LiveView::MakeScene(const Session& session, const std::stop_token& stop) {
   return scene;
 }
 
-void LiveView::SendGeometries(const SessionConfig& config, const Scene& scene, const std::stop_token& stop) {
+void LiveView::SendGeometries(const SessionConfig& config, const PageScene& scene, const std::stop_token& stop) {
   for (size_t i = 0; i < scene.objects.size(); ++i) {
     SceneObject object = scene.objects[i];
     bool is_late = false;

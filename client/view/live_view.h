@@ -53,10 +53,10 @@ class LiveView : public PageView {
   // Repeats a call while an error may pass, and tells the page once that the connection is lost.
   absl::Status Repeat(const std::stop_token& stop, const std::function<absl::Status()>& call);
   // The name and the diameter of a model that the server does not know are its ID and 0.
-  Scene MakeScene(const Session& session, const std::stop_token& stop);
+  PageScene MakeScene(const Session& session, const std::stop_token& stop);
   // Sends the models for the 3D view, as soon as the server or its store has them. A diameter that is not known is
   // replaced by the size of the vertices.
-  void SendGeometries(const SessionConfig& config, const Scene& scene, const std::stop_token& stop);
+  void SendGeometries(const SessionConfig& config, const PageScene& scene, const std::stop_token& stop);
   void NoteError(absl::string_view text);
 
   Client& client_;

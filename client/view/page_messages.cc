@@ -225,7 +225,7 @@ std::string ToText(const HelloMessage& hello) {
                {"session", hello.session}});
 }
 
-std::string ToText(const Scene& scene) {
+std::string ToText(const PageScene& scene) {
   Json json = {{"type", "scene"},
                {"session", scene.session},
                {"frame", FrameJson(scene.frame)},

@@ -64,7 +64,7 @@ struct SceneObject {
   std::string model;  // a name for people
   double diameter_m = 0.0;
 };
-struct Scene {
+struct PageScene {
   std::string session;  // empty for a recording
   PoseFrame frame;      // of the poses that are sent
   Camera camera;
@@ -81,7 +81,7 @@ struct LinkCounts {
 enum class NoticeLevel { kInfo, kError };
 
 std::string ToText(const HelloMessage& hello);
-std::string ToText(const Scene& scene);
+std::string ToText(const PageScene& scene);
 std::string SessionsText(const std::vector<Session>& sessions);
 // `rotations` has the rotation of each pose as a unit quaternion; if it is empty, they are computed from the matrices
 // of the poses.

@@ -68,7 +68,7 @@ ObjectOutline SomeOutline(const std::string& id) {
 
 TEST(PageMessagesTest, ASceneNamesTheFrameOfThePoses) {
   const auto frame = [](const PoseFrame& of_poses) {
-    return nlohmann::json::parse(ToText(Scene{.frame = of_poses}))["frame"];
+    return nlohmann::json::parse(ToText(PageScene{.frame = of_poses}))["frame"];
   };
   EXPECT_EQ(frame({}), nlohmann::json::parse(R"({"name":"camera","transform":"camera_from_object","pose_of":"object",)"
                                              R"("camera":null})"));

@@ -39,7 +39,7 @@ void PageOutbox::SetHealth(SessionHealth health) {
   Update([&] { health_ = std::move(health); });
 }
 
-void PageOutbox::StartScene(const Scene& scene) {
+void PageOutbox::StartScene(const PageScene& scene) {
   Update([&] {
     latest_[Latest::kScene] = ToText(scene);
     latest_.erase(Latest::kRange);

@@ -44,7 +44,7 @@ class PageOutbox {
   void Set(Latest kind, std::string text);
   void SetHealth(SessionHealth health);
   // Begins another scene: messages of the former scene that wait are removed.
-  void StartScene(const Scene& scene);
+  void StartScene(const PageScene& scene);
   // Messages of the scene, sent after it and in this order: geometries and the poses of a recording. All pages share
   // them; the source that makes them bounds their size.
   using Prepared = std::vector<Frame>;

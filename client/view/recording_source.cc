@@ -55,8 +55,8 @@ std::unique_ptr<PageView> RecordingSource::Open(std::shared_ptr<PageOutbox> outb
   return std::make_unique<RecordingView>(*this, std::move(outbox));
 }
 
-Scene RecordingSource::scene() const {
-  Scene scene;
+PageScene RecordingSource::scene() const {
+  PageScene scene;
   scene.frame = inputs_.frame;
   scene.camera = FromCore(inputs_.camera);
   for (const RecordingObject& object : inputs_.objects) {

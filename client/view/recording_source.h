@@ -51,7 +51,7 @@ class RecordingSource : public ViewSource {
   RecordedEvents& events() const { return *events_; }
   const std::vector<std::unique_ptr<const ModelEdges>>& edges() const { return edges_; }  // of the objects
   const std::vector<int64_t>& pose_times_us() const { return pose_times_us_; }            // of all objects, in order
-  Scene scene() const;
+  PageScene scene() const;
   // Sends the poses and geometries to a page: those that are prepared now, and the others when they are.
   void SendFrames(const std::shared_ptr<PageOutbox>& outbox) const { frames_.SendTo(outbox); }
 

@@ -201,7 +201,7 @@ TEST_F(CliTest, TheReportNamesTheFilesOfPoses) {
         "--out",    Path("poses-{object}.tum")};
     arguments.insert(arguments.end(), more.begin(), more.end());
     const CliResult result = Run(arguments);
-    EXPECT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.status, 1) << "only one of them is in view: " << result.err;
     return result;
   };
   EXPECT_THAT(replay({}).out,

@@ -144,7 +144,8 @@ TEST_F(ReplayTest, SeveralObjectsHavePosesOfTheirOwn) {
     return all;
   };
   const CliResult replay = Run(arguments("{object}.tum"));
-  ASSERT_EQ(replay.status, 0) << replay.err;
+  ASSERT_EQ(replay.status, 1) << replay.err;
+  EXPECT_THAT(replay.err, HasSubstr("no pose of missing was found"));
   const nlohmann::json report = replay.Json();
   ASSERT_EQ(report["objects"].size(), 2u);
   EXPECT_EQ(report["objects"][0]["object_id"], "near");
