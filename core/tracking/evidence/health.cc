@@ -457,10 +457,12 @@ HealthResult TrackHealth::Evaluate(const TestThresholds& thresholds) {
   }
   const double pooled_share = PooledShare(sums.pooled, accepted_noise_ratio);
   sums.supported_length += pooled_share * sums.pooled_length;
-  for (CurveResult& curve : curve_results_) {
-    const bool is_supported =
-        curve.kind == CurveResult::Kind::kPooled && pooled_share >= options_.confirm_support_ratio;
-    if (is_supported) curve.support_ratio = pooled_share;
+  // While enough lines are supported by tests of their own, only these determine the motions.
+  const bool are_pooled_needed = sums.supported_lines < options_.confirm_lines;
+  if (are_pooled_needed && pooled_share >= options_.confirm_support_ratio) {
+    for (CurveResult& curve : curve_results_) {
+      if (curve.kind == CurveResult::Kind::kPooled) curve.support_ratio = pooled_share;
+    }
   }
   const double decided_length = sums.supported_length + sums.contradicting_length;
   const double decided_ratio = decided_length > 0.0 ? sums.supported_length / decided_length : 0.0;

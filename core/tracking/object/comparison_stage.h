@@ -49,7 +49,7 @@ class ComparisonProgress {
   bool is_settled() const { return stage_ == ComparisonStage::kCompared || stage_ == ComparisonStage::kUndecided; }
 
   // Whether it also took part in the comparison of the last window.
-  bool has_been_compared() const { return is_settled() && windows_left_ < kComparedWindows; }
+  bool has_been_compared() const { return is_settled() && windows_left_ < windows_factor_ * kComparedWindows; }
 
   // Applies the transition function. No other function changes the stage.
   void Enter(ComparisonInput input);
