@@ -17,8 +17,8 @@ namespace evpose {
 
 class Determination {
  public:
-  // All must outlive it. `sphere`: that of the model.
-  Determination(const CameraModel& camera, const ObjectModel& model, const BoundingSphere& sphere,
+  // `camera`, `model` and `options` must outlive it. `sphere`: that of the model.
+  Determination(const CameraModel& camera, const ObjectModel& model, BoundingSphere sphere,
                 const HealthOptions& options)
       : camera_(camera), model_(model), sphere_(sphere), options_(options) {}
 
@@ -39,7 +39,7 @@ class Determination {
 
   const CameraModel& camera_;
   const ObjectModel& model_;
-  const BoundingSphere& sphere_;
+  const BoundingSphere sphere_;
   const HealthOptions& options_;
   Eigen::Matrix3Xd free_rotations_;
   Matrix6d information_ = Matrix6d::Zero();  // information of the events observed on the supported share of the curves
