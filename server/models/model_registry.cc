@@ -263,6 +263,9 @@ absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, abs
   absl::StatusOr<ModelUse> use = FindStored(key, record);
   if (!use.ok()) return for_caller(use.status());
   if (use->model != nullptr) return use;
+  const auto loading = loading_.LockKey(key);  // sessions that begin at the same time load it once
+  use = Use(tenant, name);
+  if (!use.ok() || use->model != nullptr) return use;
   if (!record.has_value()) {
     absl::StatusOr<ModelRecord> stored = store_.ReadModel(tenant, name);
     if (absl::IsNotFound(stored.status())) {
@@ -276,11 +279,7 @@ absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, abs
   if (!loaded.ok()) return for_caller(loaded.status());
   use->model = *std::move(loaded);
   const std::lock_guard lock(mutex_);
-  // Another session may have loaded the model meanwhile.
-  if (const auto found = models_.find(key); found != models_.end()) {
-    if (auto first = found->second.model.lock(); first != nullptr) use->model = std::move(first);
-    found->second.model = use->model;
-  }
+  if (const auto found = models_.find(key); found != models_.end()) found->second.model = use->model;
   return use;
 }
 

@@ -23,6 +23,7 @@
 #include "core/models/object_model.h"
 #include "server/models/model_limits.h"
 #include "server/models/model_preparer.h"
+#include "server/runtime/keyed_mutexes.h"
 #include "server/runtime/slow_executor.h"
 #include "server/stores/common/store.h"
 
@@ -150,6 +151,7 @@ class ModelRegistry {
   Store& store_;
   // Held during calls of the store about one model, so that store and models_ stay consistent. Locked before mutex_,
   // which is never held while waiting.
+  KeyedMutexes<Key> loading_;  // are locked before store_mutex_
   std::mutex store_mutex_;
   mutable std::mutex mutex_;
   std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);

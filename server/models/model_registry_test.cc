@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/models/model_registry.h"
 
+#include <atomic>
 #include <boost/asio/io_context.hpp>
+#include <functional>
+#include <memory>
+#include <thread>
+#include <utility>
 
 #include "core/models/cube_files_testing.h"
 #include "evpose/storage/v1/model.pb.h"
@@ -20,10 +25,12 @@ class CountingPreparer : public ModelPreparer {
   absl::StatusOr<std::string> Prepare(const std::vector<uint8_t>& file, ModelFormat format, const ModelOptions& options,
                                       const Cancellation& cancellation) const override {
     ++count;
+    if (while_preparing) std::exchange(while_preparing, nullptr)();
     if (!next.ok()) return next;
     return MakeModelPreparer()->Prepare(file, format, options, cancellation);
   }
-  mutable int count = 0;
+  mutable std::atomic<int> count = 0;
+  mutable std::function<void()> while_preparing;  // for the next preparation
   absl::Status next;
 };
 
@@ -123,6 +130,30 @@ TEST_F(ModelRegistryTest, AModelOfAnotherVersionIsPreparedOnceMore) {
   EXPECT_EQ(preparer_->count, 2);
   EXPECT_TRUE(Open()->UseStored("lab", name).ok());
   EXPECT_EQ(preparer_->count, 2) << "the store has the new result";
+}
+
+TEST_F(ModelRegistryTest, SessionsThatBeginAtTheSameTimeLoadTheirModelOnce) {
+  ModelRecord record = store_->ReadModel("lab", Open()->Upload("lab", {}, "", CubeFile())->name).value();
+  record.summary.clear();  // of another version
+  ASSERT_TRUE(store_->PutModel(record).ok());
+  const auto registry = Open();
+  const auto use = [&] { return registry->UseStored("lab", record.name).value().model; };
+  std::shared_ptr<const ObjectModel> second;
+  std::thread other;
+  std::atomic<bool> has_begun = false;
+  preparer_->count = 0;
+  preparer_->while_preparing = [&] {
+    other = std::thread([&] {
+      has_begun = true;
+      second = use();
+    });
+    while (!has_begun) std::this_thread::yield();
+    for (int turn = 0; turn < 20; ++turn) std::this_thread::yield();  // the other one needs the model meanwhile
+  };
+  const auto first = use();
+  other.join();
+  EXPECT_EQ(second, first);
+  EXPECT_EQ(preparer_->count, 1);
 }
 
 TEST_F(ModelRegistryTest, AFailedPreparationLeavesNothing) {

@@ -3,8 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <barrier>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "absl/status/status.h"
 
@@ -57,6 +60,35 @@ TEST_F(WeakCacheTest, ManyThreadsGetTheSame) {
   for (auto& value : got) threads.emplace_back([&] { value = Get(1); });
   for (std::thread& thread : threads) thread.join();
   for (const auto& value : got) EXPECT_EQ(value, got.front());
+}
+
+TEST_F(WeakCacheTest, ManyThreadsCreateTheValueOnce) {
+  constexpr int kThreads = 8;
+  std::atomic<int> num_begun = 0, num_made = 0;
+  std::barrier all_have_it(kThreads);
+  std::vector<std::thread> threads;
+  for (int i = 0; i < kThreads; ++i) {
+    threads.emplace_back([&] {
+      ++num_begun;
+      const auto value = shared_.Get(1, [&] {
+        ++num_made;
+        while (num_begun < kThreads) std::this_thread::yield();
+        for (int turn = 0; turn < 20; ++turn) std::this_thread::yield();  // the others call Get() meanwhile
+        return Made(std::make_shared<const std::string>("1"));
+      });
+      all_have_it.arrive_and_wait();  // nobody releases the value before
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(num_made, 1);
+}
+
+TEST_F(WeakCacheTest, WhileAValueIsCreatedOthersAreAvailable) {
+  const auto first = shared_.Get(1, [&] {
+    EXPECT_EQ(*Get(2), "2");
+    return Made(std::make_shared<const std::string>("1"));
+  });
+  EXPECT_EQ(**first, "1");
 }
 
 }  // namespace
