@@ -173,7 +173,7 @@ TEST_F(ModelRegistryTest, TheCallAndTheEndOfTheServerEndPreparationsForSessions)
   ASSERT_TRUE(store_->PutModel({.name = name, .tenant = "lab", .bytes = CubeFile()}).ok());
   const auto models = Open();
   boost::asio::io_context threads;
-  SlowExecutor slow(threads.get_executor(), 1);
+  SlowExecutor slow(threads.get_executor(), {.running = 1});
   const auto use = [&](const std::shared_ptr<Cancellation>& cancellation, const std::function<void()>& meanwhile) {
     absl::Status used;
     slow.Post(

@@ -217,7 +217,7 @@ constexpr int kOtherThreads = 34;
 absl::Status CheckThreads(const ServerOptions& options) {
   const int cores = static_cast<int>(std::thread::hardware_concurrency());
   const int workers = options.worker_threads > 0 ? options.worker_threads : cores;
-  return CheckThreadsCanBeMade(workers + 2 * options.slow_threads + kOtherThreads);
+  return CheckThreadsCanBeMade(workers + 3 * options.slow_threads + kOtherThreads);
 }
 
 void LogTenantLimits(const ServerOptions::TenantLimits& limits) {

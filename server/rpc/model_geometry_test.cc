@@ -143,7 +143,7 @@ class GeometryReactorTest : public ::testing::Test, public v1::ModelService::Cal
   }
 
   boost::asio::io_context threads_;
-  SlowExecutor preparations_{threads_.get_executor(), 1};
+  SlowExecutor preparations_{threads_.get_executor(), {.running = 1}};
   WatchedStore store_{MakeMemoryStore()};
   std::shared_ptr<MemoryBudget> memory_ = MemoryBudget::Create({});
   std::unique_ptr<ModelRegistry> models_;

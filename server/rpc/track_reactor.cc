@@ -187,12 +187,12 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     PostResume(attach);
   }
 
-  // If memory is exhausted, this throws: both callers have a guard, and end the stream.
+  // Many attach when a server is lost. Throws if memory is exhausted: both callers have a guard, and end the stream.
   void PostResume(const v1::TrackRequest::Attach& attach) {
     const auto resume = [self = shared_from_this(), attach](const absl::Status& admitted) {
       self->ResumeAndAttach(attach, admitted);
     };
-    services_.pool.slow().Post(caller_->tenant, resume, cancellation_);
+    services_.pool.slow().Post(caller_->tenant, resume, cancellation_, Overlap::kAny);
   }
 
   void ResumeAndAttach(const v1::TrackRequest::Attach& attach, const absl::Status& admitted) {

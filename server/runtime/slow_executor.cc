@@ -3,6 +3,7 @@
 
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <boost/asio/post.hpp>
 
 #include "server/runtime/errors.h"
@@ -40,19 +41,20 @@ const Cancellation& SlowExecutor::Running() {
 
 void SlowExecutor::RunningItem::Yield() {
   if (cancellation_->is_cancelled()) throw Ended();
-  if (has_left_place_) return;
+  if (place_ != Place::kRunning) return;
   const auto now = std::chrono::steady_clock::now();
   if (now < long_at_) return;
-  has_left_place_ = executor_.LeavePlace();
+  if (executor_.LeavePlace()) place_ = Place::kLong;
   long_at_ = now + kLongItem;
 }
 
-void SlowExecutor::Post(const std::string& tenant, Work work, std::shared_ptr<Cancellation> cancellation) {
+void SlowExecutor::Post(const std::string& tenant, Work work, std::shared_ptr<Cancellation> cancellation,
+                        Overlap overlap) {
   const std::lock_guard lock(mutex_);
-  Item item = {std::move(work), std::move(cancellation)};
-  if (is_stopped_) return Reject(std::move(item));
+  Item item = {std::move(work), std::move(cancellation), overlap};
+  if (is_stopped_) return Reject(std::move(item.work));
   Queue& queue = queues_[tenant];
-  if (queue.waiting.empty() && !queue.has_thread) queue.turn = ++last_turn_;
+  if (queue.waiting.empty() && queue.running.empty()) queue.turn = ++last_turn_;
   queue.waiting.push_back(std::move(item));
   Dispatch();
 }
@@ -67,43 +69,66 @@ void SlowExecutor::Stop() {
   const std::lock_guard lock(mutex_);
   is_stopped_ = true;
   for (auto& [tenant, queue] : queues_) {
-    if (queue.running != nullptr) queue.running->CancelByServer();
-    for (Item& item : queue.waiting) Reject(std::move(item));
+    for (Item& item : queue.running) {
+      item.cancellation->CancelByServer();
+      if (item.work != nullptr) Reject(std::exchange(item.work, nullptr));  // no thread has begun it
+    }
+    for (Item& item : queue.waiting) Reject(std::move(item.work));
     queue.waiting.clear();
   }
 }
 
-SlowExecutor::Queues::iterator SlowExecutor::FindNext() {
+SlowExecutor::Items::iterator SlowExecutor::FirstOverlapping(Queue& queue) {
+  return std::find_if(queue.waiting.begin(), queue.waiting.end(),
+                      [](const Item& item) { return item.overlap == Overlap::kAny; });
+}
+
+SlowExecutor::Queues::iterator SlowExecutor::FindNext(Place place) {
   auto next = queues_.end();
   for (auto queue = queues_.begin(); queue != queues_.end(); ++queue) {
-    if (queue->second.has_thread || queue->second.waiting.empty()) continue;
-    if (next == queues_.end() || queue->second.turn < next->second.turn) next = queue;
+    const bool has_item = place == Place::kRunning ? !queue->second.has_thread && !queue->second.waiting.empty()
+                                                   : FirstOverlapping(queue->second) != queue->second.waiting.end();
+    if (has_item && (next == queues_.end() || queue->second.turn < next->second.turn)) next = queue;
   }
   return next;
 }
 
 void SlowExecutor::Dispatch() {
-  while (num_running_ < max_running_) {
-    const auto next = FindNext();
+  while (used_.running < places_.running) {
+    const auto next = FindNext(Place::kRunning);
+    if (next == queues_.end()) break;
+    if (!Start(next, next->second.waiting.begin(), Place::kRunning)) return;
+  }
+  // While a tenant waits for a place, no other one gets a second.
+  if (FindNext(Place::kRunning) != queues_.end()) return;
+  while (used_.overlapping < places_.overlapping) {
+    const auto next = FindNext(Place::kOverlapping);
     if (next == queues_.end()) return;
-    const absl::Status posted = OrOutOfMemory([this, next] {
-      boost::asio::post(threads_, [this, next] { Run(next); });
-      return absl::OkStatus();
-    });
-    if (!posted.ok()) return;
-    next->second.has_thread = true;
-    ++num_running_;
+    if (!Start(next, FirstOverlapping(next->second), Place::kOverlapping)) return;
   }
 }
 
-SlowExecutor::Item SlowExecutor::TakeItem(Queues::iterator queue) {
+bool SlowExecutor::Start(Queues::iterator queue, Items::iterator item, Place place) {
+  const absl::Status posted = OrOutOfMemory([this, queue, item, place] {
+    boost::asio::post(threads_, [this, queue, item, place] { Run(queue, item, place); });
+    return absl::OkStatus();
+  });
+  if (!posted.ok()) return false;
+  queue->second.running.splice(queue->second.running.end(), queue->second.waiting, item);
+  queue->second.has_thread |= place == Place::kRunning;
+  queue->second.turn = ++last_turn_;
+  ++NumIn(place);
+  return true;
+}
+
+int& SlowExecutor::NumIn(Place place) {
+  if (place == Place::kRunning) return used_.running;
+  return place == Place::kLong ? used_.long_items : used_.overlapping;
+}
+
+SlowExecutor::Work SlowExecutor::TakeWork(Items::iterator item) {
   const std::lock_guard lock(mutex_);
-  std::deque<Item>& waiting = queue->second.waiting;
-  if (waiting.empty()) return {};
-  Item item = std::move(waiting.front());
-  waiting.pop_front();
-  queue->second.running = item.cancellation;
-  return item;
+  return std::exchange(item->work, nullptr);
 }
 
 absl::Status SlowExecutor::Admission(const Item& item) {
@@ -113,35 +138,35 @@ absl::Status SlowExecutor::Admission(const Item& item) {
 
 bool SlowExecutor::LeavePlace() {
   const std::lock_guard lock(mutex_);
-  if (num_long_ == max_long_) return false;
-  ++num_long_;
-  --num_running_;
+  if (used_.long_items == places_.long_items) return false;
+  ++used_.long_items;
+  --used_.running;
   Dispatch();
   return true;
 }
 
-void SlowExecutor::Run(Queues::iterator queue) {
+void SlowExecutor::Run(Queues::iterator queue, Items::iterator item, Place place) {
   setpriority(PRIO_PROCESS, 0, kNice);  // the priority of this thread; raising the number is always permitted
-  bool has_left_place = false;
-  if (Item item = TakeItem(queue); item.work != nullptr) {
-    const RunningItem running(*this, item.cancellation);
-    RunUnlessOutOfMemory([this, &item] { item.work(Admission(item)); });
-    has_left_place = running.has_left_place();
+  Place last_place = place;
+  if (Work work = TakeWork(item); work != nullptr) {
+    const RunningItem running(*this, item->cancellation, place);
+    RunUnlessOutOfMemory([this, &work, item] { work(Admission(*item)); });
+    last_place = running.place();
   }  // what the work holds is released before the next item of the tenant
   const std::lock_guard lock(mutex_);
-  --(has_left_place ? num_long_ : num_running_);
-  queue->second.running.reset();
-  queue->second.has_thread = false;
+  --NumIn(last_place);
+  queue->second.running.erase(item);
+  if (place == Place::kRunning) queue->second.has_thread = false;
   queue->second.turn = ++last_turn_;
-  if (queue->second.waiting.empty()) queues_.erase(queue);
+  if (queue->second.waiting.empty() && queue->second.running.empty()) queues_.erase(queue);
   Dispatch();
 }
 
 // Calls the work on a thread of the executor, because the caller of Post() or Stop() may hold a lock that the work
 // takes.
-void SlowExecutor::Reject(Item item) {
+void SlowExecutor::Reject(Work work) {
   boost::asio::post(threads_,
-                    [work = std::move(item.work)]() mutable { RunUnlessOutOfMemory([&work] { work(HasStopped()); }); });
+                    [work = std::move(work)]() mutable { RunUnlessOutOfMemory([&work] { work(HasStopped()); }); });
 }
 
 }  // namespace evpose::server

@@ -9,8 +9,8 @@
 #include <boost/asio/any_io_executor.hpp>
 #include <chrono>
 #include <cstdint>
-#include <deque>
 #include <exception>
+#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -39,10 +39,24 @@ class Cancellation {
   std::atomic<Cause> cause_ = Cause::kNone;
 };
 
+// Whether an item may run at the same time as other items of its tenant.
+enum class Overlap {
+  kNone,  // the item begins when the items that were posted before it have ended or overlap it
+  kAny,   // the item may overlap them: begin before those that wait, and run beside those that run
+};
+
 // One queue for each tenant, which runs in order and one item at a time; the queues take turns. Because a tenant has at
-// most one running item, it leaves the other threads to the other tenants. Thread-safe.
+// most one running item, it leaves the other threads to the other tenants. Items with Overlap::kAny have further
+// threads, on which they begin only while no item of another tenant waits for its first thread. Thread-safe.
 class SlowExecutor {
  public:
+  // Numbers of items that run at a time.
+  struct Places {
+    int running = 1;      // at most one for each tenant
+    int long_items = 0;   // beside them: those that compute for long in OrCancelled(), so that they delay no others
+    int overlapping = 0;  // beside them: those with Overlap::kAny
+  };
+
   // Is called exactly once, on a thread of the executor, unless the executor is destroyed before. `admitted`:
   //   OK                      the turn of the item has come
   //   CANCELLED               the turn of the item has come, but the item was cancelled
@@ -51,16 +65,15 @@ class SlowExecutor {
   // report even then guards itself (out_of_memory.h).
   using Work = absl::AnyInvocable<void(const absl::Status& admitted)>;
 
-  // Runs at most `max_running` items at a time on `threads`, which must outlive this object. Beside them, up to
-  // `max_long` items that compute for long in OrCancelled() go on, so that they do not delay the others.
-  SlowExecutor(boost::asio::any_io_executor threads, int max_running, int max_long = 0)
-      : threads_(std::move(threads)), max_running_(max_running), max_long_(max_long) {}
+  // Runs the items on `threads`, which must outlive this object and should be as many as the places.
+  SlowExecutor(boost::asio::any_io_executor threads, Places places) : threads_(std::move(threads)), places_(places) {}
   // Locks, so that ThreadSanitizer sees that all calls precede the destruction.
   ~SlowExecutor() { const std::lock_guard lock(mutex_); }
 
   // Throws std::bad_alloc if there is no memory for the item, which is then not called.
   void Post(const std::string& tenant, Work work,
-            std::shared_ptr<Cancellation> cancellation = std::make_shared<Cancellation>());
+            std::shared_ptr<Cancellation> cancellation = std::make_shared<Cancellation>(),
+            Overlap overlap = Overlap::kNone);
   // Does the same as Post(), for callers that end a call if this fails. `work` is any function that Work can hold.
   // Errors: RESOURCE_EXHAUSTED (OUT_OF_MEMORY); `work` is then not called.
   template <typename Function>
@@ -102,11 +115,12 @@ class SlowExecutor {
  private:
   // Ends the work in OrCancelled().
   class Ended : public std::exception {};
+  enum class Place { kRunning, kLong, kOverlapping };
   // The item that runs on the present thread, from its construction to its destruction.
   class RunningItem : public Yielder {
    public:
-    RunningItem(SlowExecutor& executor, std::shared_ptr<Cancellation> cancellation)
-        : executor_(executor), cancellation_(std::move(cancellation)) {
+    RunningItem(SlowExecutor& executor, std::shared_ptr<Cancellation> cancellation, Place place)
+        : executor_(executor), cancellation_(std::move(cancellation)), place_(place) {
       running_ = this;
     }
     ~RunningItem() override { running_ = outer_; }
@@ -115,47 +129,52 @@ class SlowExecutor {
 
     void Yield() override;
     const Cancellation& cancellation() const { return *cancellation_; }
-    bool has_left_place() const { return has_left_place_; }
+    Place place() const { return place_; }
 
    private:
     SlowExecutor& executor_;
     const std::shared_ptr<Cancellation> cancellation_;
     RunningItem* const outer_ = running_;  // for tests, whose items run others
     std::chrono::steady_clock::time_point long_at_ = std::chrono::steady_clock::now() + kLongItem;
-    bool has_left_place_ = false;
+    Place place_;
   };
   struct Item {
     Work work;
     std::shared_ptr<Cancellation> cancellation;
+    Overlap overlap = Overlap::kNone;
   };
+  using Items = std::list<Item>;
   struct Queue {
-    std::deque<Item> waiting;  // the first one may be about to run
-    std::shared_ptr<Cancellation> running;
-    bool has_thread = false;  // an item runs, or is about to
+    Items waiting;
+    Items running;            // with those that are about to
+    bool has_thread = false;  // one of them has, or had, the tenant's place; the others overlap
     uint64_t turn = 0;
   };
   using Queues = std::map<std::string, Queue>;
 
-  // Posts Run() for the queues that FindNext() selects, until max_running_ items run or no queue has a waiting item. If
-  // posting fails for lack of memory, the next call of Dispatch() tries again.
+  // Starts the items that have a place, until no place is free or no queue has an item for it. If posting fails for
+  // lack of memory, the next call of Dispatch() tries again.
   void Dispatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  Queues::iterator FindNext() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // The item that is about to run; without `work` if Stop() has rejected it.
-  Item TakeItem(Queues::iterator queue);
-  void Run(Queues::iterator queue);
-  // Gives the place of a long item to the next one. Returns false if there are max_long_ such items.
+  // Returns the queue with the earliest turn and a waiting item for a place of this kind.
+  Queues::iterator FindNext(Place place) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  static Items::iterator FirstOverlapping(Queue& queue);
+  // Posts Run() for an item. Returns false if there is no memory.
+  bool Start(Queues::iterator queue, Items::iterator item, Place place) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // The work of the item that is about to run; null if Stop() has rejected it.
+  Work TakeWork(Items::iterator item);
+  void Run(Queues::iterator queue, Items::iterator item, Place place);
+  // Gives the place of a long item to the next one. Returns false if there are as many of them as permitted.
   bool LeavePlace();
+  int& NumIn(Place place) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status Admission(const Item& item);
-  void Reject(Item item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Reject(Work work) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const boost::asio::any_io_executor threads_;
-  const int max_running_;
-  const int max_long_;
+  const Places places_;
   std::mutex mutex_;
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  Queues queues_ ABSL_GUARDED_BY(mutex_);        // by tenant; removed when they are empty and have no thread
-  int num_running_ ABSL_GUARDED_BY(mutex_) = 0;  // without the long ones
-  int num_long_ ABSL_GUARDED_BY(mutex_) = 0;
+  Queues queues_ ABSL_GUARDED_BY(mutex_);  // by tenant; removed when they are empty and have no thread
+  Places used_ ABSL_GUARDED_BY(mutex_) = {.running = 0};
   uint64_t last_turn_ ABSL_GUARDED_BY(mutex_) = 0;
 
   static inline thread_local constinit RunningItem* running_ = nullptr;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/runtime/slow_executor.h"
 
+#include <algorithm>
 #include <array>
 #include <boost/asio/io_context.hpp>
+#include <functional>
 
 #include "absl/status/statusor.h"
 #include "gmock/gmock.h"
@@ -15,6 +17,7 @@ namespace {
 
 using testing::ElementsAre;
 using testing::IsEmpty;
+using testing::UnorderedElementsAre;
 
 // Runs on the thread of the test, one step at a time.
 class SlowExecutorTest : public testing::Test {
@@ -39,7 +42,7 @@ class SlowExecutorTest : public testing::Test {
   static constexpr char kLongTenant[] = "a name that does not fit into the string itself";
 
   boost::asio::io_context threads_;
-  SlowExecutor slow_{threads_.get_executor(), 2};
+  SlowExecutor slow_{threads_.get_executor(), {.running = 2}};
   std::vector<std::string> ran_, rejected_;
 };
 
@@ -160,7 +163,7 @@ TEST_F(SlowExecutorTest, ElsewhereWorkIsNotCancelled) {
 }
 
 TEST_F(SlowExecutorTest, AnItemThatTakesLongLetsAnotherTenantsItemBegin) {
-  SlowExecutor slow(threads_.get_executor(), /*max_running=*/1, /*max_long=*/1);
+  SlowExecutor slow(threads_.get_executor(), {.running = 1, .long_items = 1});
   slow.Post("mallory", [&](const absl::Status&) {
     const absl::Status status = SlowExecutor::OrCancelled([&] {
       while (threads_.poll_one() == 0) YieldPoint();  // as another thread would
@@ -176,7 +179,7 @@ TEST_F(SlowExecutorTest, AnItemThatTakesLongLetsAnotherTenantsItemBegin) {
 }
 
 TEST_F(SlowExecutorTest, NoMoreItemsTakeLongThanArePermitted) {
-  SlowExecutor slow(threads_.get_executor(), /*max_running=*/1, /*max_long=*/1);
+  SlowExecutor slow(threads_.get_executor(), {.running = 1, .long_items = 1});
   std::vector<std::string> during;
   const auto begin = std::chrono::steady_clock::now();
   slow.Post("mallory", [&](const absl::Status&) {
@@ -203,6 +206,101 @@ TEST_F(SlowExecutorTest, NoMoreItemsTakeLongThanArePermitted) {
   threads_.run();
   EXPECT_THAT(during, ElementsAre("eve"));
   EXPECT_THAT(ran_, ElementsAre("eve", "alice"));
+}
+
+// Posts items that overlap others of their tenant, from an item of mallory that has its thread.
+class OverlappingItemsTest : public SlowExecutorTest {
+ protected:
+  void PostOverlapping(const std::string& tenant, const std::string& name) {
+    slow_.Post(tenant, Note(name), std::make_shared<Cancellation>(), Overlap::kAny);
+  }
+  // Runs `post` in an item of mallory, then what begins beside that item. Returns what has run then.
+  std::vector<std::string> RunsBeside(const std::function<void()>& post) {
+    std::vector<std::string> during;
+    slow_.Post("mallory", [&](const absl::Status&) {
+      post();
+      while (threads_.poll_one() > 0) {  // as other threads would
+      }
+      during = ran_;
+    });
+    threads_.run();
+    return during;
+  }
+
+  SlowExecutor slow_{threads_.get_executor(), {.running = 2, .overlapping = 2}};
+};
+
+TEST_F(OverlappingItemsTest, RunBesideAndBeforeTheOtherItemsOfTheirTenant) {
+  const auto post = [this] {
+    slow_.Post("mallory", Note("m1"));
+    for (const char* const name : {"m2", "m3", "m4"}) PostOverlapping("mallory", name);
+    slow_.Post("mallory", Note("m5"));
+  };
+  EXPECT_THAT(RunsBeside(post), ElementsAre("m2", "m3", "m4"));
+  EXPECT_THAT(ran_, ElementsAre("m2", "m3", "m4", "m1", "m5"));
+}
+
+TEST_F(OverlappingItemsTest, RunAtTheSameTimeUpToTheirNumber) {
+  int num_running = 0, most_running = 0;
+  const auto nested = [&](const absl::Status&) {
+    most_running = std::max(most_running, ++num_running);
+    while (threads_.poll_one() > 0) {
+    }
+    --num_running;
+  };
+  for (int i = 0; i < 6; ++i) slow_.Post("alice", nested, std::make_shared<Cancellation>(), Overlap::kAny);
+  threads_.run();
+  EXPECT_EQ(most_running, 3) << "one with the thread of the tenant, and two beside it";
+}
+
+TEST_F(OverlappingItemsTest, DoNotBeginWhileAnotherTenantWaits) {
+  std::vector<std::string> while_bob_waits;
+  const auto post = [&] {
+    slow_.Post("alice", [&](const absl::Status&) {
+      slow_.Post("bob", Note("b1"));  // mallory and alice have the two threads
+      PostOverlapping("mallory", "m1");
+      PostOverlapping("alice", "a1");
+      while (threads_.poll_one() > 0) {
+      }
+      while_bob_waits = ran_;
+    });
+  };
+  EXPECT_THAT(RunsBeside(post), ElementsAre("b1", "a1", "m1"));
+  EXPECT_THAT(while_bob_waits, IsEmpty());
+}
+
+TEST_F(OverlappingItemsTest, LeaveTheThreadsToTheOtherTenants) {
+  std::vector<std::string> during;
+  const auto last = [&](const absl::Status&) {
+    slow_.Post("alice", Note("a1"));
+    PostOverlapping("mallory", "m1");
+    while (threads_.poll_one() > 0) {
+    }
+    during = ran_;
+  };
+  const auto beside = [&](const absl::Status&) {
+    slow_.Post("mallory", last, std::make_shared<Cancellation>(), Overlap::kAny);
+    threads_.poll_one();
+  };
+  RunsBeside([&] { slow_.Post("mallory", beside, std::make_shared<Cancellation>(), Overlap::kAny); });
+  EXPECT_THAT(during, ElementsAre("a1")) << "three items of mallory run";
+}
+
+TEST_F(OverlappingItemsTest, StopEndsAllOfThem) {
+  const auto running = std::make_shared<Cancellation>();
+  RunsBeside([&] {
+    slow_.Post(
+        "mallory",
+        [&](const absl::Status&) {
+          slow_.Stop();
+          EXPECT_TRUE(running->is_cancelled());
+        },
+        running, Overlap::kAny);
+    PostOverlapping("mallory", "m1");  // a thread is about to run it
+    PostOverlapping("mallory", "m2");
+  });
+  EXPECT_THAT(ran_, IsEmpty());
+  EXPECT_THAT(rejected_, UnorderedElementsAre("m1 UNAVAILABLE DRAINING", "m2 UNAVAILABLE DRAINING"));
 }
 
 // Whichever allocation fails, an item is refused or run, and the one after it is run.

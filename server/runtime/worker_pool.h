@@ -41,20 +41,20 @@ class WorkerPool {
 
   // `slow_threads`: number of items that run at a time in each of slow() and preparations(). With two, another tenant's
   // item is delayed only while two other tenants have a running one; in slow() one that computes for long does not
-  // count (SlowExecutor::kLongItem), up to kMaxLongItems.
+  // count (SlowExecutor::kLongItem), up to kMaxLongItems, and as many items with Overlap::kAny do not.
   explicit WorkerPool(int num_workers, int slow_threads = 2, FairScheduler::Options options = {})
-      : threads_(std::make_unique<Threads>(2 * slow_threads + kMaxLongItems)),
+      : threads_(std::make_unique<Threads>(3 * slow_threads + kMaxLongItems)),
         on_(threads_->executors()),
-        slow_(on_.slow, slow_threads, kMaxLongItems),
-        preparations_(on_.slow, slow_threads),
-        images_(on_.images, 1),
+        slow_(on_.slow, {.running = slow_threads, .long_items = kMaxLongItems, .overlapping = slow_threads}),
+        preparations_(on_.slow, {.running = slow_threads}),
+        images_(on_.images, {.running = 1}),
         scheduler_(num_workers, std::move(options)) {}
   // Uses the caller's executors. The caller keeps them running until all work posted here has finished.
   explicit WorkerPool(Executors executors, FairScheduler::Options options = {})
       : on_(std::move(executors)),
-        slow_(on_.slow, 1),
-        preparations_(on_.slow, 1),
-        images_(on_.images, 1),
+        slow_(on_.slow, {.running = 1}),
+        preparations_(on_.slow, {.running = 1}),
+        images_(on_.images, {.running = 1}),
         scheduler_(on_.work, std::move(options)) {}
   // Work that has not started is discarded.
   ~WorkerPool() {

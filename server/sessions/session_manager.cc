@@ -63,12 +63,12 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Create(const std::strin
   DeleteExpired();
   const Request request(tenant, request_id);
   EVPOSE_RETURN_IF_ERROR(RestoreRequest(request));
-  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
-  std::unique_lock<std::mutex> one_at_a_time(*resume_mutex, std::defer_lock);
-  if (!request_id.empty()) one_at_a_time.lock();  // the same request may arrive twice at the same time
+  KeyedMutexes<Request>::Lock request_lock;  // the same request may arrive twice at the same time
+  if (!request_id.empty()) request_lock = request_mutexes_.LockKey(request);
   EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> known, FindOrReserveSlot(config, request));
   if (known != nullptr) return known;
-  auto session = OrOutOfMemory([&] { return ResumeOrMake(config, request); });
+  SessionLock session_lock;
+  auto session = OrOutOfMemory([&] { return ResumeOrMake(config, request, session_lock); });
   const std::lock_guard lock(mutex_);
   ReleaseSlot(tenant);
   if (!session.ok()) return session.status();
@@ -119,23 +119,18 @@ absl::Status SessionManager::CheckSlotIsFree(const std::string& tenant) const {
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const SessionConfig& config,
-                                                                       const Request& request) {
+                                                                       const Request& request, SessionLock& lock) {
   if (request.second.empty()) return nullptr;
   const auto record = store_.FindRequest(request.first, request.second);
   if (absl::IsNotFound(record.status())) return nullptr;
   if (absl::IsDataLoss(record.status())) return DamagedRequest(request.second, record.status());
   if (!record.ok()) return FromStore(record.status());
   if (record->config != EncodeConfig(config)) return RequestIdReused(request.second, record->name);
+  lock = session_mutexes_.LockKey(record->name);
+  // A stream may have attached to it since the request was searched for.
+  if (auto here = FindOpen(request.first, record->name); here != nullptr) return here;
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(record->name));
   return std::move(taken.session);
-}
-
-std::shared_ptr<std::mutex> SessionManager::ResumeMutexOf(const std::string& tenant) {
-  const std::lock_guard lock(mutex_);
-  std::erase_if(resume_mutexes_, [](const auto& entry) { return entry.second.expired(); });
-  std::shared_ptr<std::mutex> mutex = resume_mutexes_[tenant].lock();
-  if (mutex == nullptr) resume_mutexes_[tenant] = mutex = std::make_shared<std::mutex>();
-  return mutex;
 }
 
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {
@@ -299,8 +294,7 @@ absl::Status SessionManager::Delete(const std::string& tenant, const std::string
   if (removed.session == nullptr) {
     // The mutex is held so that the session is not restored at the same time; it may have been restored while this call
     // waited.
-    const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
-    const std::lock_guard one_at_a_time(*resume_mutex);
+    const SessionLock session_lock = session_mutexes_.LockKey(name);
     removed = remove();
     if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
   }

@@ -21,6 +21,7 @@
 #include "absl/strings/string_view.h"
 #include "absl/time/time.h"
 #include "server/models/model_registry.h"
+#include "server/runtime/keyed_mutexes.h"
 #include "server/runtime/worker_pool.h"
 #include "server/scheduling/load_monitor.h"
 #include "server/sessions/durability/orphan_collector.h"
@@ -122,6 +123,7 @@ class SessionManager {
  private:
   static constexpr uint64_t kNoPoses = INT64_MAX - 1;   // as `after_pose_seq`: no session has so many poses
   using Request = std::pair<std::string, std::string>;  // tenant, request_id
+  using SessionLock = KeyedMutexes<std::string>::Lock;
   struct Entry {
     std::shared_ptr<Session> session;
     Request request;
@@ -135,18 +137,17 @@ class SessionManager {
   absl::Status CheckSlotIsFree(const std::string& tenant) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Reserves a slot, until ReleaseSlot(), if one is free.
   absl::Status ReserveSlot(const std::string& tenant) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Resumes the session that another server created for the same request; null when there is none.
-  absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request);
-  absl::StatusOr<std::shared_ptr<Session>> ResumeOrMake(const SessionConfig& config, const Request& request);
+  // Resumes the session that another server created for the same request, and locks it; null when there is none.
+  absl::StatusOr<std::shared_ptr<Session>> ResumeRequest(const SessionConfig& config, const Request& request,
+                                                         SessionLock& lock);
+  absl::StatusOr<std::shared_ptr<Session>> ResumeOrMake(const SessionConfig& config, const Request& request,
+                                                        SessionLock& lock);
   // Refuses a further session of the tenant while the workers have too little time for it.
   absl::Status CheckLoad(const std::string& tenant) const;
   // Restores the session of the request if it waits to be restored.
   absl::Status RestoreRequest(const Request& request);
   absl::StatusOr<std::shared_ptr<Session>> FindRequest(const SessionConfig& config, const Request& request)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // This mutex is held while a session of the tenant is resumed, or created for a request id, so that only one is at a
-  // time. It is locked before mutex_.
-  std::shared_ptr<std::mutex> ResumeMutexOf(const std::string& tenant);
   bool IsHere(const std::string& name) const;
   // Returns null when this server does not have the session, or it is closed.
   std::shared_ptr<Session> FindOpen(const std::string& tenant, absl::string_view name);
@@ -181,6 +182,10 @@ class SessionManager {
   WorkerPool& pool_;
   const SessionFactory factory_;
   OrphanCollector orphans_;  // used by the server's own slow work only, which runs one item at a time
+  // These are locked before mutex_, in this order: by request while a session is created for it, and by name while a
+  // session is resumed or deleted in the store, until it is in sessions_.
+  KeyedMutexes<Request> request_mutexes_;
+  KeyedMutexes<std::string> session_mutexes_;
   mutable std::mutex mutex_;
   Entries sessions_ ABSL_GUARDED_BY(mutex_);
   WaitingSessions waiting_ ABSL_GUARDED_BY(mutex_);
@@ -190,7 +195,6 @@ class SessionManager {
   std::map<std::string, uint32_t> reserved_slots_by_ ABSL_GUARDED_BY(mutex_);  // tenant; no zeros
   std::map<std::pair<std::string, std::string>, std::weak_ptr<SessionMirror>> mirrors_
       ABSL_GUARDED_BY(mutex_);  // by tenant and name; replicas without watchers are removed by the next search
-  std::map<std::string, std::weak_ptr<std::mutex>> resume_mutexes_ ABSL_GUARDED_BY(mutex_);  // by tenant
   bool is_draining_ ABSL_GUARDED_BY(mutex_) = false;
 };
 

@@ -45,8 +45,7 @@ void SessionManager::StopWaiting(const std::string& name) {
 
 void SessionManager::RestoreIfWaiting(const std::string& tenant, const std::string& name) {
   if (!IsWaiting(tenant, name)) return;
-  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
-  const std::lock_guard one_at_a_time(*resume_mutex);
+  const SessionLock session_lock = session_mutexes_.LockKey(name);
   if (!IsWaiting(tenant, name)) return;
   const auto session = Resume(name);
   if (session.ok()) return;
@@ -57,14 +56,14 @@ void SessionManager::RestoreIfWaiting(const std::string& tenant, const std::stri
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeOrMake(const SessionConfig& config,
-                                                                      const Request& request) {
-  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> resumed, ResumeRequest(config, request));
+                                                                      const Request& request, SessionLock& lock) {
+  EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<Session> resumed, ResumeRequest(config, request, lock));
   if (resumed != nullptr) return resumed;
   EVPOSE_RETURN_IF_ERROR(CheckLoad(request.first));
   auto made = factory_.MakeNew(request.first, config, request.second);
   if (!absl::IsAlreadyExists(made.status())) return made;
   // Another server has created a session for the same request since it was searched for.
-  EVPOSE_ASSIGN_OR_RETURN(resumed, ResumeRequest(config, request));
+  EVPOSE_ASSIGN_OR_RETURN(resumed, ResumeRequest(config, request, lock));
   if (resumed == nullptr) return FromStore(made.status());
   return resumed;
 }
@@ -74,8 +73,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
                                                                          absl::string_view resume_token) {
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
   RestoreIfWaiting(tenant, name);
-  const std::shared_ptr<std::mutex> resume_mutex = ResumeMutexOf(tenant);
-  const std::lock_guard take_lock(*resume_mutex);
+  const SessionLock session_lock = session_mutexes_.LockKey(name);
   std::shared_ptr<Session> here = FindOpen(tenant, name);
   if (here != nullptr && here->IsTokenValid(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);

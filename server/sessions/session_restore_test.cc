@@ -4,6 +4,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <functional>
+#include <future>
+#include <memory>
+#include <thread>
+#include <utility>
+
 #include "server/sessions/session_restore_testing.h"
 #include "server/telemetry/log_testing.h"
 
@@ -220,7 +227,7 @@ TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
   Kill(two);
 }
 
-// A store that lets a test act while a session is taken.
+// A store that lets a test act while a session is taken, or after the session of a request has been found.
 class StoreThatTakes : public FaultInjectingStore {
  public:
   using FaultInjectingStore::FaultInjectingStore;
@@ -228,7 +235,13 @@ class StoreThatTakes : public FaultInjectingStore {
     if (while_taking) std::exchange(while_taking, nullptr)();
     return FaultInjectingStore::TakeSession(name);
   }
+  absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
+    auto record = FaultInjectingStore::FindRequest(tenant, request_id);
+    if (after_finding) std::exchange(after_finding, nullptr)();
+    return record;
+  }
   std::function<void()> while_taking;
+  mutable std::function<void()> after_finding;
 };
 
 TEST_F(SessionRestoreTest, ASessionThatIsBeingTakenHasItsSlot) {
@@ -249,6 +262,62 @@ TEST_F(SessionRestoreTest, ASessionThatIsBeingTakenHasItsSlot) {
   store.while_taking = [&] { EXPECT_TRUE(store_->DeleteSession(second->name()).ok()); };
   EXPECT_EQ(ReasonOf(take("lab", second)), "SESSION_NOT_FOUND");
   EXPECT_TRUE(two->Create(kTenant, Config(two), "").ok());
+  Kill(one);
+  Kill(two);
+}
+
+TEST_F(SessionRestoreTest, SessionsOfATenantAreResumedAtTheSameTime) {
+  Server one = Open(/*shares_store=*/true);
+  const auto first = Create(one);
+  const auto second = Create(one);
+  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  Server two = Open(/*shares_store=*/true, store);
+  const auto take = [&](const std::shared_ptr<Session>& session) {
+    return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value();
+  };
+  // A mutex of the tenant would be locked twice.
+  store.while_taking = [&] { EXPECT_EQ(take(second)->name(), second->name()); };
+  EXPECT_EQ(take(first)->name(), first->name());
+  EXPECT_EQ(two->num_sessions(), 2u);
+  Kill(one);
+  Kill(two);
+}
+
+TEST_F(SessionRestoreTest, ASessionIsResumedOnceByStreamsThatAttachAtTheSameTime) {
+  Server one = Open(/*shares_store=*/true);
+  const auto session = Create(one);
+  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  Server two = Open(/*shares_store=*/true, store);
+  const auto take = [&] { return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value(); };
+  std::future<std::shared_ptr<Session>> other;
+  std::atomic<bool> has_begun = false;
+  store.while_taking = [&] {
+    other = std::async(std::launch::async, [&] {
+      has_begun = true;
+      return take();
+    });
+    while (!has_begun) std::this_thread::yield();
+    for (int turn = 0; turn < 20; ++turn) std::this_thread::yield();  // the other stream attaches meanwhile
+  };
+  const auto taken = take();
+  EXPECT_EQ(other.get(), taken);
+  EXPECT_TRUE(taken->Watch().status.ok());
+  Kill(one);
+  Kill(two);
+}
+
+TEST_F(SessionRestoreTest, ARepeatedRequestFindsTheSessionThatAStreamHasResumedMeanwhile) {
+  Server one = Open(/*shares_store=*/true);
+  const auto session = Create(one, "request");
+  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  Server two = Open(/*shares_store=*/true, store);
+  std::shared_ptr<Session> taken;
+  store.after_finding = [&] {
+    taken = two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value();
+  };
+  EXPECT_EQ(Create(two, "request"), taken);
+  EXPECT_TRUE(taken->Watch().status.ok());
+  EXPECT_EQ(two->num_sessions(), 1u);
   Kill(one);
   Kill(two);
 }
