@@ -149,9 +149,10 @@ class ModelRegistry {
 
   const Options options_;
   Store& store_;
+  // Of each model that a session loads or prepares. Locked before store_mutex_.
+  KeyedMutexes<Key> loading_;
   // Held during calls of the store about one model, so that store and models_ stay consistent. Locked before mutex_,
   // which is never held while waiting.
-  KeyedMutexes<Key> loading_;  // are locked before store_mutex_
   std::mutex store_mutex_;
   mutable std::mutex mutex_;
   std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);
