@@ -173,7 +173,7 @@ TEST(ProgramTest, ThreadsThatCannotBeCreatedAreOneLine) {
   ASSERT_EQ(setrlimit(RLIMIT_AS, &before), 0);
   EXPECT_EQ(program.Wait(), 1);
   EXPECT_THAT(program.Stderr(),
-              testing::MatchesRegex("evpose-server: only [0-9]+ of 1062 threads [^\n]*fewer --workers[^\n]*\n"));
+              testing::MatchesRegex("evpose-server: only [0-9]+ of 1064 threads [^\n]*fewer --workers[^\n]*\n"));
 }
 
 TEST(ProgramTest, ImagesOfEventsCanBeSwitchedOff) {
